@@ -1,0 +1,166 @@
+"""Plugins as Hydra options, and `compose` for the API and for tests.
+
+Every entry point *is* an option: ``tactileforge train objective=[pixel,diff]`` works for whatever is
+installed. Listing options reads metadata; choosing one imports that one class, whose constructor's
+defaults become the node of the configuration.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from importlib.metadata import entry_points
+from inspect import Parameter
+from typing import Any
+
+from hydra import compose as hydra_compose
+from hydra import initialize_config_module
+from hydra.core.config_search_path import ConfigSearchPath
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.object_type import ObjectType
+from hydra.core.plugins import Plugins
+from hydra.errors import ConfigCompositionException
+from hydra.plugins.config_source import ConfigResult, ConfigSource
+from hydra.plugins.search_path_plugin import SearchPathPlugin
+from omegaconf import MISSING, DictConfig, OmegaConf
+
+from tactileforge import registry
+from tactileforge.errors import ConfigError, PluginError, unknown
+
+#: Hydra group -> kind of plugin
+GROUPS = {
+    "sensor": "sensors",
+    "data": "datasets",
+    "encoder": "encoders",
+    "head": "heads",
+    "objective": "objectives",
+    "text_encoder": "encoders",
+    "image_encoder": "encoders",
+}
+#: Groups that hold several options at once, each under its own name.
+MULTI = {"head", "objective"}
+
+
+class PluginSource(ConfigSource):
+    """Serves each entry point as a config: its name and its constructor's defaults."""
+
+    @staticmethod
+    def scheme() -> str:
+        """The scheme under which Hydra's search path names this source."""
+        return "tactileforge"
+
+    def available(self) -> bool:
+        """Always."""
+        return True
+
+    def is_group(self, config_path: str) -> bool:
+        """Whether a path is a group of plugins."""
+        return config_path == "" or config_path in GROUPS
+
+    def is_config(self, config_path: str) -> bool:
+        """Whether a path is an installed plugin."""
+        group, _, name = config_path.removesuffix(".yaml").rpartition("/")
+        return group in GROUPS and name in registry.names(GROUPS[group])
+
+    def list(self, config_path: str, results_filter: ObjectType | None) -> list[str]:
+        """The options of a group, from metadata."""
+        if config_path == "":
+            return [] if results_filter is ObjectType.CONFIG else sorted(GROUPS)
+        if config_path in GROUPS and results_filter is not ObjectType.GROUP:
+            return registry.names(GROUPS[config_path])
+        return []
+
+    def load_config(self, config_path: str) -> ConfigResult:
+        """Imports one plugin and gives its defaults."""
+        group, _, name = config_path.removesuffix(".yaml").rpartition("/")
+        try:
+            node = node_of(group, name)
+        except PluginError as error:
+            raise ConfigCompositionException(str(error)) from error
+        return ConfigResult(
+            provider=self.provider,
+            path=f"{self.scheme()}://{config_path}",
+            config=OmegaConf.create(node),
+            header={"package": f"{group}.{name}" if group in MULTI else None},
+        )
+
+
+class SearchPath(SearchPathPlugin):
+    """conf/ first, then zoo/, then each plugin's own YAML, then the bare plugins."""
+
+    def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
+        """Appends the places where options are looked for."""
+        search_path.append("tactileforge-zoo", "pkg://tactileforge.zoo")
+        for entry in entry_points(group="tactileforge.conf"):
+            search_path.append(entry.name, f"pkg://{entry.value}")
+        search_path.append("tactileforge-plugins", f"{PluginSource.scheme()}://")
+
+
+def node_of(group: str, name: str) -> dict[str, Any]:
+    """The configuration node of an installed plugin in a group: name, weight, defaults."""
+    defaults = registry.parameters(registry.get(GROUPS[group], name))
+    weight = {"weight": 1.0} if group == "objective" else {}
+    return {"name": name} | weight | {
+        key: MISSING if value is Parameter.empty else value for key, value in defaults.items()
+    }
+
+
+def register() -> None:
+    """Makes plugins known to Hydra in this process; safe to call twice."""
+    Plugins.instance().register(PluginSource)
+    Plugins.instance().register(SearchPath)
+
+
+def compose(
+    recipe: str = "anytouch2", overrides: Sequence[str] = (), verb: str = "train"
+) -> DictConfig:
+    """Composes the configuration of a verb, as the command line does.
+
+    Args:
+        recipe: Name of a recipe in the zoo.
+        overrides: ``key=value`` strings.
+        verb: Name of a YAML in conf/.
+
+    Returns:
+        The finished configuration; see `finish`.
+
+    Example:
+        >>> compose("anytouch2", ["encoder.size=tiny"]).encoder.size
+        'tiny'
+    """
+    register()
+    if GlobalHydra.instance().is_initialized():
+        GlobalHydra.instance().clear()
+    with initialize_config_module("tactileforge.conf", version_base="1.3"):
+        config = hydra_compose(verb, [f"recipe={recipe}", *overrides])
+    return finish(config)
+
+
+def finish(config: DictConfig) -> DictConfig:
+    """Completes a composed configuration: one head for each objective, no more, no fewer.
+
+    A head that no objective uses is dropped, an objective without a head is given the one its class names,
+    and the curriculum keeps the rows of the objectives at hand.
+
+    Raises:
+        ConfigError: No objective, or a curriculum row for something that is not one.
+        PluginError: A plugin is not installed.
+    """
+    objectives: Mapping[str, Any] = config.get("objective") or {}
+    if not objectives:
+        raise ConfigError("no objective: choose some, e.g. objective=[pixel,diff]")
+    heads = config.get("head") or {}
+    chosen = {}
+    for key, node in objectives.items():
+        plugin = registry.get("objectives", node["name"])
+        chosen[key] = heads.get(key) or node_of("head", plugin.head)
+    rows = config.curriculum.get("objective") or {}
+    for key in rows:
+        if key not in objectives and key not in registry.names("objectives"):
+            raise ConfigError(
+                unknown("objective in curriculum.objective", key, registry.names("objectives"))
+            )
+    OmegaConf.set_struct(config, False)
+    config.head = chosen
+    config.curriculum.objective = {key: row for key, row in rows.items() if key in objectives}
+    OmegaConf.set_struct(config, True)
+    return config

@@ -1,0 +1,391 @@
+"""What a sensor, data set, encoder, head and objective is. Plugin authors read this page.
+
+A plugin is a class. Its constructor parameters are explicit, their defaults are plain data (they become
+the plugin's configuration), constructing does no I/O, and the module imports no vendor SDK at top level.
+Parameters named in `CONTEXT` are not configuration: the framework passes them in.
+
+Data flows one way::
+
+    sensor or data set -> Recording -> batch (uint8) -> encoder -> views -> heads -> objectives -> loss
+
+Axes. ``x`` points to the right of the image, ``y`` down the image, ``z`` into the gel. Forces are those
+of the object on the gel, in newton: pressing is positive ``z``, an object that drags the gel to the right
+of the image is positive ``x``.
+
+A batch is a plain dict:
+
+| key | type and shape | meaning |
+|---|---|---|
+| `frames` | uint8 (B, T, 3, H, W) | RGB, oldest first |
+| `background` | uint8 (B, 3, H, W) | no-contact frame of the same recording |
+| `sensor` | list of B names | the encoder maps names to its own rows |
+| `force` | float32 (B, T, 3), `force_valid` bool (B,) | newton |
+| `force_scale` | float32 (B, 3) | newton that count as 1, from the `SensorSpec` |
+| `action` | int64 (B,) | index into `ACTIONS`; -1 unknown |
+| `object` | int64 (B,) | identity across sensors; -1 unknown |
+| `text` | list of B strings | "" where there is none |
+| `image` | uint8 (B, 3, h, w), `image_valid` bool (B,) | paired camera view |
+| `group` | int64 (B,) | samples with one non-negative group were drawn together for matching |
+
+A sample without a label stays out of that objective's loss, and changes nothing in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeAlias, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from torch import Tensor
+
+Batch: TypeAlias = dict[str, Any]
+
+#: The eight atomic actions (paper, section Method), in the order of their labels.
+ACTIONS = (
+    "press",
+    "leave",
+    "slide_left",
+    "slide_right",
+    "slide_up",
+    "slide_down",
+    "rotate_cw",
+    "rotate_ccw",
+)
+
+#: A background of this value, subtracted and offset by 130/255, leaves a frame as it is.
+NEUTRAL_BACKGROUND = 130
+
+#: Constructor parameters that the framework fills in; they never appear in a configuration.
+CONTEXT = frozenset({"encoder", "text_encoder", "image_encoder"})
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorSpec:
+    """A type of sensor, as data. A live driver, a data set and an encoder refer to it by name.
+
+    Attributes:
+        name: The word users type.
+        height: Rows of a frame as the sensor gives it.
+        width: Columns of a frame.
+        fps: Frames per second that really arrive.
+        area_mm: Height and width of the sensing area, mm; None where it is not public.
+        force_scale: Newton per axis (x, y, z) that count as 1; forces are normalised by it.
+        markers: Whether the gel carries markers.
+        dome: Whether the gel is domed (else flat).
+    """
+
+    name: str
+    height: int
+    width: int
+    fps: float
+    area_mm: tuple[float, float] | None
+    force_scale: tuple[float, float, float]
+    markers: bool = False
+    dome: bool = False
+
+
+class Frames(Protocol):
+    """Lazy frames of one recording: nothing is decoded before it is asked for."""
+
+    def __len__(self) -> int:
+        """The number of frames."""
+        ...
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width."""
+        ...
+
+    def read(self, indices: Sequence[int]) -> NDArray[np.uint8]:
+        """Decodes the frames asked for, in that order.
+
+        Args:
+            indices: Frame numbers, each in ``0..len - 1``; repeats are allowed.
+
+        Returns:
+            uint8 (n, H, W, 3), RGB.
+
+        Raises:
+            DataError: A frame cannot be decoded; the message names the file.
+        """
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recording:
+    """One continuous touch by one sensor. It keeps everything that the source had.
+
+    Attributes:
+        key: Unique within its data set.
+        sensor: Name of a `SensorSpec`.
+        frames: Lazy frames.
+        times: float64 (T,), seconds, strictly increasing.
+        no_contact: Frames without contact, whose median is the background; None where the source has
+            none and says so (then nothing is subtracted).
+        force: float32 (T, 3), newton; a row of NaN is a frame without a label.
+        action: int64 (T,), index into `ACTIONS`, -1 unknown.
+        object: Name of what is touched, the same for every sensor that touches it.
+        text: Caption; ``{action}`` in it stands for the action of the clip.
+        image: Paired camera view; frame ``i`` of touch belongs to ``i / T`` of it.
+        labels: Whatever else is known, by name.
+        source: Where the recording comes from.
+        tier: Tier of the tactile dynamic pyramid, 1 (force) to 5 (static).
+        licence: SPDX identifier, or the plain words where there is none.
+    """
+
+    key: str
+    sensor: str
+    frames: Frames
+    times: NDArray[np.float64]
+    no_contact: Frames | None
+    force: NDArray[np.float32] | None = None
+    action: NDArray[np.int64] | None = None
+    object: str | None = None
+    text: str | None = None
+    image: Frames | None = None
+    labels: Mapping[str, str | float] = field(default_factory=dict)
+    source: str = ""
+    tier: int = 5
+    licence: str = ""
+
+    def part(self, start: int, stop: int) -> Recording:
+        """The frames ``start..stop - 1`` as a recording of their own, with the same background."""
+        rows = range(start, stop)
+        image = self.image
+        if image is not None:
+            paired = [i * len(image) // len(self.frames) for i in rows]
+            image = FrameSubset(image, paired)
+        return replace(
+            self,
+            key=f"{self.key}[{start}:{stop}]",
+            frames=FrameSubset(self.frames, list(rows)),
+            times=self.times[start:stop],
+            force=None if self.force is None else self.force[start:stop],
+            action=None if self.action is None else self.action[start:stop],
+            image=image,
+        )
+
+
+@dataclass(frozen=True)
+class FrameSubset:
+    """Some frames of other frames, still lazy.
+
+    Attributes:
+        base: The frames to take from.
+        rows: Which of them, in order.
+    """
+
+    base: Frames
+    rows: Sequence[int]
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width."""
+        return self.base.shape
+
+    def read(self, indices: Sequence[int]) -> NDArray[np.uint8]:
+        """Decodes; see `Frames.read`."""
+        return self.base.read([self.rows[i] for i in indices])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Frame:
+    """One frame of a live sensor.
+
+    Attributes:
+        array: uint8 (H, W, 3), RGB.
+        time: Monotonic seconds at which it was taken.
+    """
+
+    array: NDArray[np.uint8]
+    time: float
+
+
+@runtime_checkable
+class Sensor(Protocol):
+    """A live sensor. Use it as a context manager; it closes on an exception."""
+
+    spec: SensorSpec
+
+    def discover(self) -> list[str]:
+        """Addresses of the attached devices; [] where there are none."""
+        ...
+
+    def open(self) -> None:
+        """Claims the device."""
+        ...
+
+    def read(self, timeout: float = 1.0) -> Frame:
+        """The next unseen frame.
+
+        Raises:
+            TactileForgeError: The sensor is not open.
+            TimeoutError: No new frame within ``timeout`` seconds.
+            EOFError: A finite source has ended.
+        """
+        ...
+
+    def close(self) -> None:
+        """Releases the device; a second call does nothing."""
+        ...
+
+    def __enter__(self) -> Sensor: ...
+
+    def __exit__(self, *error: object) -> None: ...
+
+
+@runtime_checkable
+class Dataset(Protocol):
+    """A reader: yields recordings, and says what they carry.
+
+    ``provides`` holds batch keys: of `force`, `action`, `object`, `text`, `image`.
+    ``skipped`` grows as `recordings` meets files it cannot read: one line each, which names the file.
+    """
+
+    provides: frozenset[str]
+    skipped: list[str]
+
+    def recordings(self, split: str) -> Iterable[Recording]:
+        """The recordings of a split (``train`` or ``val``), in an order that never changes.
+
+        Raises:
+            DataNotFoundError: Something is missing; names the folder and the fix.
+            DataError: Labels contradict the files.
+        """
+        ...
+
+    def plot(self, recording: Recording) -> Figure:
+        """A figure of one recording."""
+        ...
+
+
+@dataclass(frozen=True)
+class Features:
+    """What an encoder makes of a full view.
+
+    Attributes:
+        tokens: float (B, L, width), the last hidden state; prefix tokens first, patches after.
+        cls: float (B, projected), the projected class token.
+        prefix: Number of tokens before the patches.
+        grid: Temporal slots, rows, columns of the patches.
+    """
+
+    tokens: Tensor
+    cls: Tensor
+    prefix: int
+    grid: tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class MaskedFeatures:
+    """What an encoder makes of a view in which tubes are masked.
+
+    Attributes:
+        tokens: float (B, prefix + slots * K, projected), projected visible tokens.
+        kept: int64 (B, K), spatial positions that are visible, the same in every slot.
+        masked: int64 (B, M), the other positions, ascending.
+        prefix: Number of tokens before the patches.
+        grid: Temporal slots, rows, columns.
+    """
+
+    tokens: Tensor
+    kept: Tensor
+    masked: Tensor
+    prefix: int
+    grid: tuple[int, int, int]
+
+
+class Views(Protocol):
+    """One batch seen by an encoder; each view is computed once, when first asked for."""
+
+    @property
+    def patches(self) -> Tensor:
+        """float (B, slots, N, 3 * tube * patch * patch): the normalised frames, in patches."""
+        ...
+
+    @property
+    def full(self) -> Features:
+        """Every patch is seen."""
+        ...
+
+    @property
+    def masked(self) -> MaskedFeatures:
+        """Masked patches are not embedded."""
+        ...
+
+
+class Encoder(Protocol):
+    """A touch encoder (a ``torch.nn.Module``). It owns its preprocessing and its sensor table.
+
+    Attributes:
+        width: Size of a token.
+        projected: Size of a projected token.
+        frames: Frames of a clip (T).
+        image_size: Height and width of its input.
+        tube: Frames of a patch.
+        patch: Rows and columns of a patch.
+        prefix: Tokens before the patches.
+        grid: Temporal slots, rows, columns.
+        sensors: Row of each sensor name in the sensor table.
+    """
+
+    width: int
+    projected: int
+    frames: int
+    image_size: tuple[int, int]
+    tube: int
+    patch: int
+    prefix: int
+    grid: tuple[int, int, int]
+    sensors: dict[str, int]
+
+    def views(self, batch: Batch, universal: float = 0.0) -> Views:
+        """Starts the views of a batch; nothing is computed yet.
+
+        Args:
+            batch: See the table above.
+            universal: Chance that a sample is given the universal sensor tokens.
+        """
+        ...
+
+    def __call__(self, frames: Tensor, background: Tensor, sensor: Tensor) -> tuple[Tensor, Tensor]:
+        """Tokens (B, L, width) and projected class tokens (B, projected) of a full view.
+
+        Args:
+            frames: uint8 (B, T, 3, H, W), any H and W.
+            background: uint8 (B, 3, H, W).
+            sensor: int64 (B,), rows of the sensor table.
+        """
+        ...
+
+
+class Head(Protocol):
+    """Features to a prediction (a ``torch.nn.Module``); ``head.K`` feeds ``objective.K``."""
+
+    def __call__(self, views: Views, batch: Batch) -> Any:
+        """The prediction: whatever the objective of the same name understands."""
+        ...
+
+
+class Objective(Protocol):
+    """A prediction and a batch to a loss (a ``torch.nn.Module``).
+
+    ``head`` names the head it is used with unless the configuration says otherwise. ``needs`` lists
+    labels among `Dataset.provides`; ``"text|image"`` asks for at least one of the two. The framework
+    checks them against the data before the first step.
+    """
+
+    head: ClassVar[str]
+    needs: ClassVar[frozenset[str]]
+
+    def __call__(self, prediction: Any, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
+        """The loss (a scalar), and further scalars to log by name."""
+        ...

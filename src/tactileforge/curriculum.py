@@ -1,0 +1,107 @@
+"""The curriculum: a pure function from the step to the weight of each objective. No torch.
+
+Paper, section Training Recipe: ``weight(i) = max(0, i - start) / (total - start) * max`` for align, match
+and force; pixel and diff are constant; the chance of the universal sensor token rises linearly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from tactileforge.errors import ConfigError, unknown
+
+Unit = Literal["fraction", "epoch", "step"]
+
+
+@dataclass(frozen=True)
+class Ramp:
+    """A linear rise, in steps.
+
+    Attributes:
+        start: Last step at which the value is still ``low``.
+        end: First step at which it is ``high``; with ``end <= start`` it jumps after ``start``.
+        low: Value until ``start``.
+        high: Value from ``end`` on.
+    """
+
+    start: float = 0.0
+    end: float = 0.0
+    low: float = 0.0
+    high: float = 1.0
+
+    def __call__(self, step: int) -> float:
+        """The value at a step."""
+        if step < self.start or (step == self.start and self.end > self.start):
+            return self.low
+        if step >= self.end:
+            return self.high
+        share = (step - self.start) / (self.end - self.start)
+        return self.low + share * (self.high - self.low)
+
+
+@dataclass(frozen=True)
+class Curriculum:
+    """Weights of objectives, and the chance of the universal sensor token.
+
+    Attributes:
+        ramps: One for each objective; ``high`` is its largest weight.
+        universal: Chance that a sample takes the universal sensor tokens.
+
+    Example:
+        >>> plan = Curriculum({"pixel": Ramp(), "force": Ramp(start=50, end=100, high=0.1)})
+        >>> plan.weights(75)
+        {'pixel': 1.0, 'force': 0.05}
+    """
+
+    ramps: Mapping[str, Ramp]
+    universal: Ramp = field(default_factory=lambda: Ramp(high=0.0))
+
+    def weights(self, step: int) -> dict[str, float]:
+        """Weight of each objective at an optimiser step; 0 means it is not computed."""
+        return {name: ramp(step) for name, ramp in self.ramps.items()}
+
+
+def from_config(
+    config: Mapping[str, Any], weights: Mapping[str, float], total: int, epoch: int
+) -> Curriculum:
+    """Reads a curriculum from its configuration.
+
+    Args:
+        config: ``unit`` (``fraction`` of the run, ``epoch`` or ``step``), ``objective`` (for each
+            objective ``start`` and ``end``; None as end is the end of the run; an objective without a row
+            has its weight from the first step), ``universal`` (``start``, ``end``, ``low``, ``high``).
+        weights: Largest weight of each objective.
+        total: Steps of the run.
+        epoch: Steps of an epoch.
+
+    Raises:
+        ConfigError: An unknown unit or key, or a ramp that ends before it starts.
+    """
+    units = {"fraction": total, "epoch": epoch, "step": 1}
+    unit = config.get("unit", "fraction")
+    if unit not in units:
+        raise ConfigError(unknown("curriculum.unit", unit, units))
+
+    def ramp(where: str, row: Mapping[str, Any], low: float, high: float) -> Ramp:
+        for key in row:
+            if key not in ("start", "end", "low", "high"):
+                raise ConfigError(unknown(f"key in {where}", key, ("start", "end", "low", "high")))
+        start = float(row.get("start") or 0) * units[unit]
+        end = row.get("end")
+        stop = total if end is None else float(end) * units[unit]
+        if stop < start:
+            raise ConfigError(f"{where}: the ramp ends (step {stop:g}) before it starts ({start:g})")
+        return Ramp(start, stop, low, high)
+
+    rows = config.get("objective") or {}
+    ramps = {
+        name: ramp(f"curriculum.objective.{name}", rows[name], 0.0, weight)
+        if name in rows
+        else Ramp(low=weight, high=weight)
+        for name, weight in weights.items()
+    }
+    row = config.get("universal") or {"high": 0.0}
+    low, high = float(row.get("low", 0.0)), float(row.get("high", 0.0))
+    return Curriculum(ramps, ramp("curriculum.universal", row, low, high))

@@ -1,0 +1,79 @@
+"""Arithmetic over ranks: written so that N processes do what one would with the joint batch."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+import torch.distributed as dist
+from torch import Tensor
+
+
+def world() -> tuple[int, int]:
+    """This process's rank and the number of processes; (0, 1) outside a process group."""
+    if dist.is_available() and dist.is_initialized():
+        return dist.get_rank(), dist.get_world_size()
+    return 0, 1
+
+
+def rand_rows(rows: int, *columns: int, device: torch.device) -> Tensor:
+    """Uniform numbers (rows, *columns) for this rank's rows of the joint batch.
+
+    Every rank draws for the joint batch from a generator in the same state and keeps its own rows, so a
+    sample is treated alike whether it is alone or shared out.
+    """
+    rank, size = world()
+    return torch.rand(size * rows, *columns, device=device)[rank * rows : (rank + 1) * rows]
+
+
+class _Gather(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, x: Tensor) -> Tensor:
+        parts = [torch.empty_like(x) for _ in range(dist.get_world_size())]
+        dist.all_gather(parts, x.contiguous())
+        ctx.rows = len(x)
+        return torch.cat(parts)
+
+    @staticmethod
+    def backward(ctx: Any, *grads: Tensor) -> Tensor:
+        grad = grads[0].contiguous()
+        dist.all_reduce(grad)
+        start = dist.get_rank() * ctx.rows
+        return grad[start : start + ctx.rows]
+
+
+def gather(x: Tensor) -> Tensor:
+    """Rows of every rank, in rank order, with gradients; ``x`` itself in a single process.
+
+    Every rank must give as many rows.
+    """
+    if world()[1] == 1:
+        return x
+    out: Tensor = _Gather.apply(x)  # type: ignore[no-untyped-call]
+    return out
+
+
+def masked_mean(losses: Tensor, valid: Tensor) -> Tensor:
+    """Mean of the valid samples' losses over all ranks; 0 where there is none.
+
+    DDP averages gradients over ranks that may hold different numbers of labelled samples. Each rank's sum
+    is divided by the joint count and multiplied by the number of ranks, so that average is the joint mean.
+
+    Args:
+        losses: float (B,), one a sample.
+        valid: bool (B,).
+
+    Returns:
+        A scalar, connected to the graph even when nothing is valid.
+
+    Example:
+        >>> import torch
+        >>> masked_mean(torch.tensor([1.0, 5.0, 3.0]), torch.tensor([True, False, True]))
+        tensor(2.)
+    """
+    total = torch.where(valid, losses, torch.zeros_like(losses)).sum()
+    count = valid.sum().to(losses.dtype)
+    size = world()[1]
+    if size > 1:
+        dist.all_reduce(count)
+    return total * size / count.clamp(min=1)

@@ -1,0 +1,62 @@
+"""A small image tower for the paired camera view: trained from scratch, nothing to download."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from tactileforge.encoders.tactile_vit import CLIP_MEAN, CLIP_STD
+from tactileforge.encoders.transformer import Transformer, init_weights, size_of
+
+
+class ImageViT(nn.Module):
+    """Camera images to one vector each; resizing and normalisation included.
+
+    Args:
+        size: ``tiny``, ``small`` or ``base``; see `TactileViT`.
+        depth: Blocks; None takes the size's.
+        image_size: Height and width the images are resized to.
+        patch: Rows and columns of a patch; it divides ``image_size``.
+
+    Example:
+        >>> import torch
+        >>> ImageViT(depth=1)(torch.zeros(2, 3, 48, 64, dtype=torch.uint8)).shape
+        torch.Size([2, 192])
+    """
+
+    modality = "image"
+
+    def __init__(
+        self,
+        size: Literal["tiny", "small", "base"] = "tiny",
+        depth: int | None = 4,
+        image_size: int = 96,
+        patch: int = 16,
+    ) -> None:
+        super().__init__()
+        self.width, blocks, heads = size_of(size)
+        self.image_size = image_size
+        self.embed = nn.Conv2d(3, self.width, patch, patch)
+        self.class_token = nn.Parameter(torch.empty(self.width))
+        self.position = nn.Parameter(torch.empty((image_size // patch) ** 2, self.width))
+        self.transformer = Transformer(self.width, depth or blocks, heads)
+        self.norm = nn.LayerNorm(self.width)
+        self.register_buffer("mean", torch.tensor(CLIP_MEAN).view(3, 1, 1), persistent=False)
+        self.register_buffer("std", torch.tensor(CLIP_STD).view(3, 1, 1), persistent=False)
+        self.mean: Tensor
+        self.std: Tensor
+        self.apply(init_weights)
+        nn.init.normal_(self.class_token, std=0.02)
+        nn.init.normal_(self.position, std=0.02)
+
+    def forward(self, images: Tensor) -> Tensor:
+        """uint8 (B, 3, h, w) to (B, width)."""
+        x = images.float() / 255
+        x = F.interpolate(x, (self.image_size, self.image_size), mode="bilinear", antialias=True)
+        x = self.embed((x - self.mean) / self.std).flatten(2).transpose(1, 2) + self.position
+        x = torch.cat([self.class_token.expand(len(x), 1, -1), x], dim=1)
+        out: Tensor = self.norm(self.transformer(x)[:, 0])
+        return out

@@ -1,0 +1,40 @@
+"""The errors that users meet. Each says what is wrong, where, and the fix."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+class TactileForgeError(Exception):
+    """Base of every error the package raises on purpose; the CLI prints it without a traceback."""
+
+
+class PluginError(TactileForgeError):
+    """A plugin is not installed, is ambiguous, or cannot be imported."""
+
+
+class ConfigError(TactileForgeError):
+    """The configuration contradicts itself, or the data it is to run on."""
+
+
+class DataError(TactileForgeError):
+    """A file of a data set is unreadable, or contradicts its labels."""
+
+
+class DataNotFoundError(DataError):
+    """A folder or file of a data set does not exist."""
+
+
+def unknown(what: str, name: str, known: Iterable[str], fix: str = "") -> str:
+    """Says that a name is unknown, which names are known, and the nearest one.
+
+    Example:
+        >>> unknown("sensor", "digitt", ["digit", "gelsight"])
+        "unknown sensor 'digitt'; did you mean 'digit'? Known: digit, gelsight"
+    """
+    names = sorted(known)
+    near = get_close_matches(name, names, n=1)
+    hint = f"; did you mean {near[0]!r}?" if near else "."
+    text = f"unknown {what} {name!r}{hint} Known: {', '.join(names) or '(none)'}"
+    return f"{text}. {fix}" if fix else text

@@ -1,0 +1,1 @@
+"""Built-in heads: one class a file, registered by entry point like anyone's."""

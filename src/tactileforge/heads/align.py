@@ -1,0 +1,77 @@
+"""The head that brings touch, text and camera images into one space."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+from tactileforge.contracts import Batch, Encoder, Views
+
+
+@dataclass(frozen=True)
+class Aligned:
+    """Vectors of one batch in the shared space; a row is meaningful where its mask is True.
+
+    Attributes:
+        touch: float (B, d).
+        text: float (B, d), or None without a text tower; ``text_valid`` bool (B,).
+        image: float (B, d), or None without an image tower; ``image_valid`` bool (B,).
+        scale: The inverse temperature, a scalar.
+    """
+
+    touch: Tensor
+    text: Tensor | None
+    text_valid: Tensor
+    image: Tensor | None
+    image_valid: Tensor
+    scale: Tensor
+
+
+class AlignHead(nn.Module):
+    """Projects text and images into the space of the encoder's projected class token.
+
+    Args:
+        encoder: The touch encoder (given by the framework).
+        text_encoder: Tower for captions, or None (given by the framework).
+        image_encoder: Tower for camera images, or None (given by the framework).
+        temperature: Its initial value; it is learned, and never falls below 0.01.
+    """
+
+    def __init__(
+        self,
+        encoder: Encoder,
+        text_encoder: nn.Module | None,
+        image_encoder: nn.Module | None,
+        temperature: float = 0.07,
+    ) -> None:
+        super().__init__()
+        self.text_encoder = text_encoder
+        self.image_encoder = image_encoder
+        self.text_project = self._projection(text_encoder, encoder)
+        self.image_project = self._projection(image_encoder, encoder)
+        self.log_scale = nn.Parameter(torch.tensor(-math.log(temperature)))
+
+    @staticmethod
+    def _projection(tower: nn.Module | None, encoder: Encoder) -> nn.Linear | None:
+        if tower is None:
+            return None
+        width: int = tower.width  # type: ignore[assignment]
+        return nn.Linear(width, encoder.projected, bias=False)
+
+    def forward(self, views: Views, batch: Batch) -> Aligned:
+        """The batch in the shared space; each distinct caption is encoded once."""
+        touch = views.full.cls
+        text = image = None
+        if self.text_encoder is not None and self.text_project is not None:
+            lines = list(dict.fromkeys(batch["text"]))
+            where = {line: i for i, line in enumerate(lines)}
+            rows = torch.tensor([where[line] for line in batch["text"]]).to(touch.device)
+            text = self.text_project(self.text_encoder(lines))[rows]
+        if self.image_encoder is not None and self.image_project is not None:
+            image = self.image_project(self.image_encoder(batch["image"]))
+        text_valid = torch.tensor([line != "" for line in batch["text"]]).to(touch.device)
+        scale = self.log_scale.clamp(max=math.log(100)).exp()
+        return Aligned(touch, text, text_valid, image, batch["image_valid"], scale)

@@ -1,0 +1,100 @@
+"""The decoder that reconstructs masked tubes; pixel and diff each have one of their own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+from tactileforge.contracts import Encoder, MaskedFeatures
+from tactileforge.encoders.transformer import Transformer, init_weights
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """Masked tubes as predicted and as they are, frame by frame.
+
+    Attributes:
+        predicted: float (B, M, n, 3 * patch * patch), of n frames.
+        target: The same shape.
+        masked: int64 (B, M), spatial positions of the tubes.
+    """
+
+    predicted: Tensor
+    target: Tensor
+    masked: Tensor
+
+
+class MaskedDecoder(nn.Module):
+    """Visible tokens and mask tokens to the pixels of the masked tubes.
+
+    A token's place is given by fixed sines and cosines of its slot, row and column. (Positions of row and
+    column alone would make the two slots of a masked tube the same.) The order of tokens carries no
+    meaning, so mask tokens simply follow the visible ones, and only they are predicted.
+
+    Args:
+        encoder: Whose masked view is decoded.
+        width: Width of the decoder.
+        depth: Blocks.
+        heads: Attention heads.
+    """
+
+    def __init__(self, encoder: Encoder, width: int, depth: int, heads: int) -> None:
+        super().__init__()
+        self.tube = encoder.tube
+        self.embed = nn.Linear(encoder.projected, width)
+        self.mask_token = nn.Parameter(torch.empty(width))
+        self.transformer = Transformer(width, depth, heads)
+        self.norm = nn.LayerNorm(width)
+        self.predict = nn.Linear(width, 3 * encoder.tube * encoder.patch**2)
+        self.register_buffer("position", sincos(encoder.grid, width), persistent=False)
+        self.position: Tensor
+        self.apply(init_weights)
+        nn.init.normal_(self.mask_token, std=0.02)
+
+    def forward(self, features: MaskedFeatures) -> Tensor:
+        """The masked view to float (B, slots, M, 3 * tube * patch * patch)."""
+        slots = features.grid[0]
+        visible = self.embed(features.tokens)
+        prefix, patches = visible.split(
+            [features.prefix, visible.shape[1] - features.prefix], dim=1
+        )
+        place = self.position.flatten(1, 2)
+        kept, masked = (place[:, rows].transpose(0, 1) for rows in (features.kept, features.masked))
+        x = torch.cat(
+            [prefix, patches + kept.flatten(1, 2), self.mask_token + masked.flatten(1, 2)], dim=1
+        )
+        x = self.transformer(x)[:, visible.shape[1] :]
+        out: Tensor = self.predict(self.norm(x)).unflatten(1, (slots, -1))
+        return out
+
+    def frames(self, patches: Tensor) -> Tensor:
+        """(B, slots, M, 3 * tube * P) to (B, M, slots * tube, 3 * P): frames in their order."""
+        x = patches.unflatten(-1, (3, self.tube, -1)).permute(0, 2, 1, 4, 3, 5)
+        return x.flatten(4).flatten(2, 3)
+
+
+def masked_patches(patches: Tensor, features: MaskedFeatures) -> Tensor:
+    """The patches (B, slots, N, P) at the masked positions: (B, slots, M, P)."""
+    index = features.masked[:, None, :, None].expand(-1, patches.shape[1], -1, patches.shape[-1])
+    return patches.gather(2, index)
+
+
+def sincos(grid: tuple[int, int, int], width: int) -> Tensor:
+    """Fixed positions (slots, rows, columns, width): sines and cosines of each coordinate.
+
+    A quarter of the width codes the slot, the rest is shared by row and column; frequencies fall
+    geometrically from 1 to 1/10000 (Vaswani et al. 2017, Attention Is All You Need).
+    """
+    slot = width // 8 * 2
+    row = (width - slot) // 4 * 2
+    parts = []
+    for axis, (count, size) in enumerate(zip(grid, (slot, row, width - slot - row), strict=True)):
+        half = (size + 1) // 2
+        angle = torch.arange(count)[:, None] / 10000 ** (torch.arange(half) / half)
+        code = torch.cat([angle.sin(), angle.cos()], dim=1)[:, :size]
+        shape = [1, 1, 1, size]
+        shape[axis] = count
+        parts.append(code.view(shape).expand(*grid, size))
+    return torch.cat(parts, dim=-1)

@@ -1,0 +1,30 @@
+"""The head that reconstructs masked frame differences."""
+
+from __future__ import annotations
+
+from torch import nn
+
+from tactileforge.contracts import Batch, Encoder, Views
+from tactileforge.heads.decoder import MaskedDecoder, Reconstruction, masked_patches
+
+
+class DiffHead(nn.Module):
+    """Predicts how frames 2..T of the masked tubes differ from frame 1.
+
+    Args:
+        encoder: The touch encoder (given by the framework).
+        width: Width of the decoder.
+        depth: Blocks.
+        heads: Attention heads.
+    """
+
+    def __init__(self, encoder: Encoder, width: int = 512, depth: int = 6, heads: int = 8) -> None:
+        super().__init__()
+        self.decoder = MaskedDecoder(encoder, width, depth, heads)
+
+    def forward(self, views: Views, batch: Batch) -> Reconstruction:
+        """Predicted and true differences D_n = T_n - T_1, n = 2..T, of the masked tubes."""
+        features = views.masked
+        predicted = self.decoder.frames(self.decoder(features))[:, :, 1:]
+        frames = self.decoder.frames(masked_patches(views.patches, features))
+        return Reconstruction(predicted, frames[:, :, 1:] - frames[:, :, :1], features.masked)

@@ -1,0 +1,30 @@
+"""The head that reconstructs masked frames."""
+
+from __future__ import annotations
+
+from torch import nn
+
+from tactileforge.contracts import Batch, Encoder, Views
+from tactileforge.heads.decoder import MaskedDecoder, Reconstruction, masked_patches
+
+
+class PixelHead(nn.Module):
+    """Predicts every frame of the masked tubes.
+
+    Args:
+        encoder: The touch encoder (given by the framework).
+        width: Width of the decoder.
+        depth: Blocks.
+        heads: Attention heads.
+    """
+
+    def __init__(self, encoder: Encoder, width: int = 512, depth: int = 6, heads: int = 8) -> None:
+        super().__init__()
+        self.decoder = MaskedDecoder(encoder, width, depth, heads)
+
+    def forward(self, views: Views, batch: Batch) -> Reconstruction:
+        """Predicted and true frames 1..T of the masked tubes."""
+        features = views.masked
+        predicted = self.decoder.frames(self.decoder(features))
+        target = self.decoder.frames(masked_patches(views.patches, features))
+        return Reconstruction(predicted, target, features.masked)

@@ -1,0 +1,69 @@
+"""Touch is aligned with camera images and with text."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from tactileforge.contracts import Batch
+from tactileforge.distributed import gather
+from tactileforge.heads.align import Aligned
+
+
+class Align(nn.Module):
+    """Symmetric InfoNCE of touch-vision and touch-language, each over the samples that have the pair.
+
+    Features are gathered over ranks, with gradients. Source: AnyTouch 2, appendix Multi-modal Aligning loss.
+
+    Args:
+        alpha_tv: Strength of touch-vision.
+        alpha_tl: Strength of touch-language.
+    """
+
+    head: ClassVar[str] = "align"
+    needs: ClassVar[frozenset[str]] = frozenset({"text|image"})
+
+    def __init__(self, alpha_tv: float = 0.2, alpha_tl: float = 0.2) -> None:
+        super().__init__()
+        self.alpha_tv = alpha_tv
+        self.alpha_tl = alpha_tl
+
+    def forward(self, prediction: Aligned, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
+        """The loss; logs both parts, unweighted."""
+        touch = gather(F.normalize(prediction.touch, dim=-1))
+        loss = touch.sum() * 0 + prediction.scale * 0
+        logs = {}
+        for name, alpha, other, valid in (
+            ("touch_image", self.alpha_tv, prediction.image, prediction.image_valid),
+            ("touch_text", self.alpha_tl, prediction.text, prediction.text_valid),
+        ):
+            if other is None:
+                continue
+            pair = gather(F.normalize(other, dim=-1))
+            part = info_nce(touch, pair, gather(valid), prediction.scale)
+            loss = loss + alpha * part
+            logs[name] = part.detach()
+        return loss, logs
+
+
+def info_nce(a: Tensor, b: Tensor, valid: Tensor, scale: Tensor) -> Tensor:
+    """Mean of the two directions of InfoNCE over the valid rows; 0 where there is none.
+
+    Args:
+        a: float (B, d), unit vectors.
+        b: float (B, d), unit vectors; row i belongs to row i of ``a``.
+        valid: bool (B,).
+        scale: The inverse temperature.
+    """
+    logits = scale * a @ b.T
+    lowest = torch.finfo(logits.dtype).min
+    target = torch.arange(len(a), device=a.device)
+    losses = (
+        F.cross_entropy(side.masked_fill(~valid[None, :], lowest), target, reduction="none")
+        for side in (logits, logits.T)
+    )
+    rows = torch.where(valid, sum(losses, torch.zeros_like(logits[0])) / 2, 0.0)
+    return rows.sum() / valid.sum().clamp(min=1)

@@ -1,0 +1,145 @@
+"""Plugins by name: the only code that touches entry points.
+
+Listing reads metadata only, imports nothing and never fails. Using a plugin fails loudly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from inspect import Parameter, signature
+from typing import Any
+
+from tactileforge.contracts import CONTEXT
+from tactileforge.errors import ConfigError, PluginError, unknown
+
+KINDS = ("sensors", "datasets", "encoders", "heads", "objectives")
+
+
+@dataclass(frozen=True)
+class PluginInfo:
+    """One installed plugin, from metadata alone.
+
+    Attributes:
+        name: The word users type.
+        kind: One of `KINDS`.
+        target: ``module:Class``.
+        distribution: The package that installed it, "" if unknown.
+        version: Version of that package.
+        status: ``ok``, or ``conflict`` when another distribution claims the same name.
+    """
+
+    name: str
+    kind: str
+    target: str
+    distribution: str
+    version: str
+    status: str
+
+
+@cache
+def _entries(kind: str) -> dict[str, list[EntryPoint]]:
+    if kind not in KINDS:
+        raise PluginError(unknown("kind of plugin", kind, KINDS))
+    found: dict[str, dict[tuple[str, str], EntryPoint]] = {}
+    for entry in entry_points(group=f"tactileforge.{kind}"):
+        owner = entry.dist.name if entry.dist else ""
+        found.setdefault(entry.name, {}).setdefault((owner, entry.value), entry)
+    return {name: list(found[name].values()) for name in sorted(found)}
+
+
+def names(kind: str) -> list[str]:
+    """The installed names of a kind, sorted; imports nothing."""
+    return list(_entries(kind))
+
+
+def list_plugins() -> list[PluginInfo]:
+    """Every installed plugin, by kind and name; imports nothing and never fails.
+
+    Example:
+        >>> "tactile_vit" in [plugin.name for plugin in list_plugins()]
+        True
+    """
+    return [
+        PluginInfo(
+            name,
+            kind,
+            entry.value,
+            entry.dist.name if entry.dist else "",
+            entry.dist.version if entry.dist else "",
+            "ok" if len(entries) == 1 else "conflict",
+        )
+        for kind in KINDS
+        for name, entries in _entries(kind).items()
+        for entry in entries
+    ]
+
+
+def _describe(kind: str, entry: EntryPoint) -> str:
+    dist = f", from {entry.dist.name} {entry.dist.version}" if entry.dist else ""
+    return f"{kind.removesuffix('s')} {entry.name!r} ({entry.value}{dist})"
+
+
+def get(kind: str, name: str) -> type[Any]:
+    """Imports one plugin class.
+
+    Raises:
+        PluginError: Not installed (names the nearest), claimed twice (names both), or broken.
+    """
+    entries = _entries(kind).get(name, [])
+    if not entries:
+        fix = f"Install the package that provides it, e.g. pip install tactileforge-{name}"
+        raise PluginError(unknown(kind.removesuffix("s"), name, names(kind), fix))
+    if len(entries) > 1:
+        claims = " and ".join(_describe(kind, entry) for entry in entries)
+        raise PluginError(f"{claims} claim one name: uninstall one of the two packages")
+    try:
+        loaded: type[Any] = entries[0].load()
+    except Exception as error:
+        raise PluginError(
+            f"{_describe(kind, entries[0])} cannot be loaded: {type(error).__name__}: {error}"
+        ) from error
+    return loaded
+
+
+def parameters(plugin: type[Any]) -> dict[str, Any]:
+    """The configuration of a plugin: its constructor's parameters and their defaults.
+
+    Parameters in `contracts.CONTEXT` are left out; one without a default maps to `inspect.Parameter.empty`.
+    """
+    return {
+        parameter.name: parameter.default
+        for parameter in signature(plugin).parameters.values()
+        if parameter.name not in CONTEXT
+        and parameter.kind in (Parameter.POSITIONAL_OR_KEYWORD, Parameter.KEYWORD_ONLY)
+    }
+
+
+def build(kind: str, config: Mapping[str, Any], **context: Any) -> Any:
+    """Builds a plugin from its configuration: ``name`` and constructor arguments.
+
+    Args:
+        kind: One of `KINDS`.
+        config: ``{"name": ..., **arguments}``.
+        context: Values for constructor parameters in `contracts.CONTEXT`; those the plugin does not name
+            are not passed.
+
+    Raises:
+        PluginError: See `get`.
+        ConfigError: An argument the constructor does not have, or a missing one.
+    """
+    arguments = dict(config)
+    name = str(arguments.pop("name"))
+    plugin = get(kind, name)
+    known = parameters(plugin)
+    what = f"{kind.removesuffix('s')} {name!r}"
+    for key in arguments:
+        if key not in known:
+            raise ConfigError(unknown(f"option of {what}", key, known))
+    for key, default in known.items():
+        if default is Parameter.empty and key not in arguments:
+            raise ConfigError(f"{what} needs {key!r}: set {key}=...")
+    wanted = signature(plugin).parameters
+    return plugin(**arguments, **{k: v for k, v in context.items() if k in wanted})

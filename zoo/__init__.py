@@ -1,0 +1,1 @@
+"""Recipes and their cards, shipped with the package as ``tactileforge.zoo``."""
