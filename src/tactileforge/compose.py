@@ -138,29 +138,37 @@ def compose(
 def finish(config: DictConfig) -> DictConfig:
     """Completes a composed configuration: one head for each objective, no more, no fewer.
 
-    A head that no objective uses is dropped, an objective without a head is given the one its class names,
-    and the curriculum keeps the rows of the objectives at hand.
+    Rows that a recipe writes for objectives that are not chosen are left out, and so are heads that no
+    objective uses. An objective without a head is given the one its class names.
 
     Raises:
-        ConfigError: No objective, or a curriculum row for something that is not one.
+        ConfigError: No objective, or a row for something that is not one.
         PluginError: A plugin is not installed.
     """
-    objectives: Mapping[str, Any] = config.get("objective") or {}
-    if not objectives:
+    chosen = _chosen("objective", config)
+    if not chosen:
         raise ConfigError("no objective: choose some, e.g. objective=[pixel,diff]")
-    heads = config.get("head") or {}
-    chosen = {}
-    for key, node in objectives.items():
-        plugin = registry.get("objectives", node["name"])
-        chosen[key] = heads.get(key) or node_of("head", plugin.head)
-    rows = config.curriculum.get("objective") or {}
+    heads = _chosen("head", config)
+    rows: Mapping[str, Any] = config.curriculum.get("objective") or {}
     for key in rows:
-        if key not in objectives and key not in registry.names("objectives"):
-            raise ConfigError(
-                unknown("objective in curriculum.objective", key, registry.names("objectives"))
-            )
+        if key not in chosen and key not in registry.names("objectives"):
+            known = {*chosen, *registry.names("objectives")}
+            raise ConfigError(unknown("objective in curriculum.objective", key, known))
     OmegaConf.set_struct(config, False)
-    config.head = chosen
-    config.curriculum.objective = {key: row for key, row in rows.items() if key in objectives}
+    config.objective = chosen
+    config.head = {
+        key: heads.get(key) or node_of("head", registry.get("objectives", node["name"]).head)
+        for key, node in chosen.items()
+    }
+    config.curriculum.objective = {key: row for key, row in rows.items() if key in chosen}
     OmegaConf.set_struct(config, True)
     return config
+
+
+def _chosen(group: str, config: DictConfig) -> dict[str, Any]:
+    """The nodes of a group that name a plugin; the others must at least be named like one."""
+    nodes: Mapping[str, Any] = config.get(group) or {}
+    for key, node in nodes.items():
+        if "name" not in node and key not in registry.names(GROUPS[group]):
+            raise ConfigError(unknown(group, key, registry.names(GROUPS[group])))
+    return {key: node for key, node in nodes.items() if "name" in node}

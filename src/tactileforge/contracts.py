@@ -380,7 +380,8 @@ class Objective(Protocol):
 
     ``head`` names the head it is used with unless the configuration says otherwise. ``needs`` lists
     labels among `Dataset.provides`; ``"text|image"`` asks for at least one of the two. The framework
-    checks them against the data before the first step.
+    checks them against the data before the first step. An objective with ``pairs = True`` asks for a share
+    of each batch to be drawn in pairs of one ``group``.
     """
 
     head: ClassVar[str]

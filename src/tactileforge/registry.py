@@ -117,13 +117,18 @@ def parameters(plugin: type[Any]) -> dict[str, Any]:
     }
 
 
-def build(kind: str, config: Mapping[str, Any], **context: Any) -> Any:
+def context(plugin: type[Any]) -> set[str]:
+    """The constructor parameters of a plugin that the framework fills in."""
+    return CONTEXT & set(signature(plugin).parameters)
+
+
+def build(kind: str, config: Mapping[str, Any], **given: Any) -> Any:
     """Builds a plugin from its configuration: ``name`` and constructor arguments.
 
     Args:
         kind: One of `KINDS`.
         config: ``{"name": ..., **arguments}``.
-        context: Values for constructor parameters in `contracts.CONTEXT`; those the plugin does not name
+        given: Values for constructor parameters in `contracts.CONTEXT`; those the plugin does not name
             are not passed.
 
     Raises:
@@ -141,5 +146,5 @@ def build(kind: str, config: Mapping[str, Any], **context: Any) -> Any:
     for key, default in known.items():
         if default is Parameter.empty and key not in arguments:
             raise ConfigError(f"{what} needs {key!r}: set {key}=...")
-    wanted = signature(plugin).parameters
-    return plugin(**arguments, **{k: v for k, v in context.items() if k in wanted})
+    wanted = context(plugin)
+    return plugin(**arguments, **{key: given[key] for key in wanted if key in given})

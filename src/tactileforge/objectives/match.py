@@ -23,6 +23,7 @@ class Match(nn.Module):
 
     head: ClassVar[str] = "match"
     needs: ClassVar[frozenset[str]] = frozenset({"object|action"})
+    pairs: ClassVar[bool] = True
 
     def forward(self, prediction: PairScores, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
         """The loss; logs both parts."""

@@ -1,0 +1,5 @@
+"""``python -m tactileforge``."""
+
+from tactileforge.cli import main
+
+main()

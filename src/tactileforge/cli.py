@@ -1,0 +1,125 @@
+"""The command line: a verb, and ``key=value`` for everything else. No logic lives here."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tactileforge.errors import ConfigError, TactileForgeError
+
+if TYPE_CHECKING:
+    from omegaconf import DictConfig
+
+USAGE = """\
+tactileforge: train, compare and run encoders of touch
+
+  tactileforge train [key=value ...]      train a recipe; --help shows every key, --cfg job the result
+  tactileforge report RUN                 write the report of a run again
+  tactileforge plugins list|check|new     what is installed, does it work, start your own
+  tactileforge --version
+
+  tactileforge train scale=demo                                   a small model on generated touch
+  tactileforge train recipe=anytouch2 data=recordings data.root=DIR
+  tactileforge train resume=RUN                                   go on with a run that was stopped
+"""
+
+
+def main() -> None:
+    """Entry point of ``tactileforge``; exits with 1 for an error and 130 when stopped."""
+    sys.exit(run(sys.argv[1:]))
+
+
+def run(argv: Sequence[str]) -> int:
+    """Runs one command and gives its exit status."""
+    verb, *rest = argv or ["--help"]
+    try:
+        if verb in ("-h", "--help", "help"):
+            print(USAGE)
+            return 0
+        if verb == "--version":
+            from tactileforge import __version__
+
+            print(__version__)
+            return 0
+        if verb == "plugins":
+            from tactileforge.plugins import main as plugins
+
+            return plugins(rest)
+        if verb == "report":
+            return _report(rest)
+        if verb == "train":
+            return _train(rest)
+        raise ConfigError(f"unknown verb {verb!r}\n\n{USAGE}")
+    except TactileForgeError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt as stop:
+        print(f"{stop or 'stopped'}; go on with: tactileforge train resume=RUN", file=sys.stderr)
+        return 130
+
+
+def _report(argv: Sequence[str]) -> int:
+    if len(argv) != 1:
+        raise ConfigError("give the folder of a run: tactileforge report RUN")
+    from tactileforge.report import report_of_run
+
+    print(f"report: {report_of_run(Path(argv[0]))}")
+    return 0
+
+
+def _train(argv: Sequence[str]) -> int:
+    import hydra
+    from hydra.core.hydra_config import HydraConfig
+
+    from tactileforge.compose import finish, register
+
+    register()
+    os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # errors of ours pass through, and are printed above
+    command = sys.argv
+
+    def task(config: DictConfig) -> None:
+        sys.argv = command  # processes that Lightning starts for DDP repeat the whole command
+        from tactileforge.train import train
+
+        resume = config.get("resume")
+        train(_resumed(resume) if resume else finish(config), Path(HydraConfig.get().run.dir))
+
+    sys.argv = ["tactileforge", *argv, *_resume_overrides(argv)]
+    try:
+        hydra.main(version_base="1.3", config_path="pkg://tactileforge.conf", config_name="train")(
+            task
+        )()
+    finally:
+        sys.argv = command
+    return 0
+
+
+def _resume_overrides(argv: Sequence[str]) -> list[str]:
+    """A resumed run stays in its folder; nothing else may be given with it."""
+    folders = [word.partition("=")[2] for word in argv if word.startswith("resume=")]
+    if not folders or folders[-1] in ("", "null"):
+        return []
+    given = [word for word in argv if not word.startswith(("resume=", "hydra.", "-"))]
+    if given:
+        raise ConfigError(
+            f"resume= goes on with the same run, so {' '.join(given)} cannot be given with it; "
+            "init= starts a new run from its weights"
+        )
+    return [f"hydra.run.dir={folders[-1]}", "hydra.output_subdir=null"]
+
+
+def _resumed(folder: str) -> DictConfig:
+    from omegaconf import DictConfig, OmegaConf
+
+    from tactileforge.errors import DataNotFoundError
+
+    path = Path(folder) / "config.yaml"
+    if not path.is_file():
+        raise DataNotFoundError(f"resume={folder}: no config.yaml there; give the folder of a run")
+    config = OmegaConf.load(path)
+    assert isinstance(config, DictConfig)
+    config.resume = folder
+    return config

@@ -1,0 +1,79 @@
+"""The conformance suite: does a plugin keep the contract of its kind?
+
+Plugin authors call it in their own tests, and ``tactileforge plugins check`` on the command line::
+
+    from tactileforge.testing import check
+
+    def test_conformance():
+        assert not [result for result in check("sensor", "my_sensor") if result.status == "failed"]
+
+A check that a plugin cannot pass for a good reason is named in the class attribute
+``expected_failures``, a dict of check to reason. It is then reported as ``expected``, and as
+``failed`` on the day it passes.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from inspect import isclass
+from typing import Any
+
+import torch
+
+from tactileforge import registry
+from tactileforge.errors import PluginError, unknown
+from tactileforge.testing import general
+from tactileforge.testing.batches import batch
+from tactileforge.testing.results import Check, Result, Subject, run
+
+__all__ = ["Result", "batch", "check"]
+
+
+def check(kind: str, plugin: Any, *, head: type[Any] | None = None, **options: Any) -> list[Result]:
+    """Checks one plugin against the contract of its kind.
+
+    Args:
+        kind: ``sensor``, ``dataset``, ``encoder``, ``head`` or ``objective``, or its plural.
+        plugin: An installed name, or a class; of a sensor or data set also an instance.
+        head: Class of the head that feeds an objective; None takes the installed head that the
+            objective names.
+        options: Constructor arguments.
+
+    Returns:
+        One result a check, in a fixed order. Check by check, a failure does not stop the others.
+
+    Raises:
+        PluginError: Unknown kind or name, or an instance of something that has to be built anew.
+
+    Example:
+        >>> {result.status for result in check("objective", "force")} <= {"ran", "skipped"}
+        True
+    """
+    kind = kind if kind in registry.KINDS else f"{kind}s"
+    if kind not in registry.KINDS:
+        known = [known.removesuffix("s") for known in registry.KINDS]
+        raise PluginError(unknown("kind of plugin", kind.removesuffix("s"), known))
+    if isinstance(plugin, str) and plugin in registry.names(kind):
+        try:
+            registry.get(kind, plugin)
+        except PluginError as error:
+            return [Result("it can be imported", "failed", str(error))]
+    subject = _subject(kind, plugin, head, options)
+    checks: list[Check] = import_module(f"tactileforge.testing.{kind}").CHECKS
+    with torch.random.fork_rng(devices=[]):
+        return [run(test, subject) for test in (*general.CHECKS, *checks)]
+
+
+def _subject(kind: str, plugin: Any, head: type[Any] | None, options: dict[str, Any]) -> Subject:
+    if isinstance(plugin, str):
+        return Subject(kind, registry.get(kind, plugin), plugin, options, head=head)
+    instance = None if isclass(plugin) else plugin
+    if instance is not None and (kind not in ("sensors", "datasets") or options):
+        raise PluginError(
+            f"checks build {kind} anew: give check() the class {type(plugin).__name__} and its "
+            "options, not an instance"
+        )
+    found = type(plugin) if instance is not None else plugin
+    target = f"{found.__module__}:{found.__qualname__}"
+    installed = (p.name for p in registry.list_plugins() if (p.kind, p.target) == (kind, target))
+    return Subject(kind, found, next(installed, ""), options, instance, head)

@@ -1,0 +1,93 @@
+"""A synthetic batch with every key of the contract."""
+
+from __future__ import annotations
+
+import torch
+
+from tactileforge.contracts import ACTIONS, Batch
+from tactileforge.sensors.specs import spec
+
+_SENSORS = ("gelsight", "digit")
+
+
+def batch(size: int = 8, frames: int = 4, image: int = 32, seed: int = 0) -> Batch:
+    """A synthetic batch: soft dents that grow under rising forces, fully labelled.
+
+    Rows come in twos: one object and one action, touched by two sensors, in a group of their own.
+
+    Args:
+        size: Samples (B).
+        frames: Frames of a clip (T).
+        image: Height and width of frames, background and camera image.
+        seed: The same seed gives the same batch.
+
+    Returns:
+        Every key of the table in `tactileforge.contracts`.
+
+    Example:
+        >>> sorted(batch(size=2))[:4]
+        ['action', 'background', 'force', 'force_scale']
+        >>> batch(size=2)["frames"].shape
+        torch.Size([2, 4, 3, 32, 32])
+    """
+    draw = torch.Generator().manual_seed(seed)
+    sensor = [_SENSORS[i % 2] for i in range(size)]
+    pair = torch.arange(size) // 2
+    scale = torch.tensor([spec(name).force_scale for name in sensor])
+    rise = torch.linspace(0.2, 1, frames)[:, None] * torch.rand(size, 1, 3, generator=draw)
+    background = 100 + 60 * torch.rand(size, 3, 1, 1, generator=draw).expand(-1, -1, image, image)
+    place = torch.rand(size, 2, 1, 1, generator=draw) * 2 - 1
+    y, x = torch.meshgrid(*[torch.linspace(-1, 1, image)] * 2, indexing="ij")
+    dent = torch.exp(-((y - place[:, 0]) ** 2 + (x - place[:, 1]) ** 2) / 0.2)
+    colour = 80 * torch.rand(size, 1, 3, 1, 1, generator=draw)
+    pressed = background[:, None] + colour * rise[:, :, 2, None, None, None] * dent[:, None, None]
+    return {
+        "frames": pressed.to(torch.uint8),
+        "background": background.to(torch.uint8),
+        "sensor": sensor,
+        "force": rise * scale[:, None],
+        "force_valid": torch.ones(size, dtype=torch.bool),
+        "force_scale": scale,
+        "action": pair % len(ACTIONS),
+        "object": pair,
+        "text": [f"a press on object {i}" for i in pair.tolist()],
+        "image": torch.randint(256, (size, 3, image, image), generator=draw).to(torch.uint8),
+        "image_valid": torch.ones(size, dtype=torch.bool),
+        "group": pair.clone(),
+    }
+
+
+def rows_of(batch: Batch, rows: slice) -> Batch:
+    """Some samples of a batch."""
+    return {key: value[rows] for key, value in batch.items()}
+
+
+def half_labelled(need: str) -> Batch:
+    """Six samples of which the last three lack a label; garbage stands where it would be.
+
+    The labelled three leave nothing to chance for a loss that draws partners: two samples of one
+    object and action by two sensors, and one other, all in one group.
+
+    Args:
+        need: An entry of `contracts.Objective.needs`: one label, or several joined by ``|``.
+    """
+    made = batch(size=6)
+    labels = need.split("|")
+    made["group"][:3] = 0
+    made["group"][3:] = 1
+    if "force" in labels:
+        made["force"][3:] = 1e4
+        made["force_valid"][3:] = False
+    if "image" in labels:
+        made["image_valid"][3:] = False
+    if "text" in labels:
+        made["text"][3:] = [""] * 3
+    for label in {"action", "object"} & set(labels):
+        made[label][3:] = -1
+        made["group"][3:] = -1
+    return made
+
+
+def without(batch: Batch, need: str) -> Batch:
+    """A batch that does not have the keys of a need."""
+    return {key: value for key, value in batch.items() if key not in need.split("|")}

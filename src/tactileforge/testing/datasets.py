@@ -1,0 +1,163 @@
+"""The checks of data sets. They look at the first recordings of each split."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from itertools import islice
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from tactileforge import registry
+from tactileforge.contracts import ACTIONS, Recording
+from tactileforge.errors import DataNotFoundError
+from tactileforge.sensors.specs import spec
+from tactileforge.testing.results import Check, Skip, Subject, Violation, require
+
+_LABELS = ("force", "action", "object", "text", "image")
+_SPLITS = ("train", "val")
+_MOST = 1000
+
+
+def _first(dataset: Any, split: str, most: int = 8) -> list[Recording]:
+    try:
+        return list(islice(dataset.recordings(split), most))
+    except DataNotFoundError as error:
+        raise Skip(f"its data is not here: {error}") from error
+
+
+def _both(dataset: Any) -> list[Recording]:
+    return [recording for split in _SPLITS for recording in _first(dataset, split)]
+
+
+def keys_are_what_it_provides(subject: Subject) -> None:
+    """Nothing promised that no recording has, nothing carried that is not promised."""
+    dataset = subject.build()
+    provides = dataset.provides
+    require(isinstance(provides, frozenset), f"provides is {provides!r}, not a frozenset")
+    require(isinstance(dataset.skipped, list), f"skipped is {dataset.skipped!r}, not a list")
+    require(provides <= set(_LABELS), f"provides {sorted(provides)}; labels are {_LABELS}")
+    found = {
+        label for one in _both(dataset) for label in _LABELS if getattr(one, label) is not None
+    }
+    provides = dataset.provides
+    require(found <= provides, f"recordings carry {sorted(found - provides)}, not in provides")
+    require(provides <= found, f"no recording seen has {sorted(provides - found)}, in provides")
+
+
+def recordings_are_whole(subject: Subject) -> None:
+    """Times, labels and frames agree in number, type and order; the sensor is a known one."""
+    for split in _SPLITS:
+        found = _first(subject.build(), split)
+        require(split != "train" or bool(found), "the split 'train' has no recording")
+        for recording in found:
+            try:
+                _require_whole(recording)
+            except Violation as wrong:
+                raise Violation(f"recording {recording.key!r}: {wrong}") from wrong
+
+
+def _require_whole(recording: Recording) -> None:
+    spec(recording.sensor)
+    count, times = len(recording.frames), recording.times
+    require(count > 0, "it has no frame")
+    require(times.shape == (count,), f"{count} frames, times of shape {times.shape}")
+    require(times.dtype == np.float64, f"times are {times.dtype}, not float64")
+    require(bool((np.diff(times) > 0).all()), "times do not strictly increase")
+    frame = recording.frames.read([count - 1])
+    want = (1, *recording.frames.shape, 3)
+    good = frame.dtype == np.uint8 and frame.shape == want
+    require(good, f"a frame is {frame.dtype} {frame.shape}, not uint8 {want}")
+    if recording.force is not None:
+        good = recording.force.dtype == np.float32 and recording.force.shape == (count, 3)
+        require(good, f"force is {recording.force.dtype} {recording.force.shape}")
+    if recording.action is not None:
+        good = recording.action.dtype == np.int64 and recording.action.shape == (count,)
+        require(good, f"action is {recording.action.dtype} {recording.action.shape}")
+        inside = (recording.action >= -1) & (recording.action < len(ACTIONS))
+        require(bool(inside.all()), f"an action is outside -1..{len(ACTIONS) - 1}")
+
+
+def same_index_same_sample(subject: Subject) -> None:
+    """Read twice, and from a second reader: the same recordings in the same order."""
+    dataset = subject.build()
+    for split in _SPLITS:
+        first = _first(dataset, split)
+        for again in (_first(dataset, split), _first(subject.build(), split)):
+            keys = [[one.key for one in found] for found in (first, again)]
+            require(keys[0] == keys[1], f"{split}: {keys[0]}, then {keys[1]}")
+            for one, two in zip(first, again, strict=True):
+                last = [len(one.frames) - 1]
+                same = np.array_equal(one.frames.read(last), two.frames.read(last))
+                require(same, f"{split}: recording {one.key!r} has other frames the second time")
+
+
+def splits_are_disjoint(subject: Subject) -> None:
+    """No frame of a source is in both splits; keys are unique.
+
+    Parts of one recording (`Recording.part`) may be shared out if their times do not overlap.
+    """
+    dataset = subject.build()
+    train, val = (_first(dataset, split, _MOST) for split in _SPLITS)
+    keys = [one.key for one in (*train, *val)]
+    twice = {key for key in keys if keys.count(key) > 1}
+    require(not twice, f"several recordings have the key {sorted(twice)[:3]}")
+    spans: dict[str, list[Recording]] = {}
+    for one in train:
+        spans.setdefault(_source(one), []).append(one)
+    for two in val:
+        for one in spans.get(_source(two), []):
+            apart = one.times[-1] < two.times[0] or two.times[-1] < one.times[0]
+            require(bool(apart), f"{one.key!r} and {two.key!r} share frames across the splits")
+
+
+def _source(recording: Recording) -> str:
+    return re.sub(r"(\[\d+:\d+\])+$", "", recording.key)
+
+
+def missing_data_names_the_folder_and_the_fix(subject: Subject) -> None:
+    """A `DataNotFoundError`, of a data set that reads from a folder ``root``."""
+    if "root" not in registry.parameters(subject.plugin):
+        raise Skip("it has no option 'root'")
+    if subject.instance is not None:
+        raise Skip("an instance was given; give the class and its options to check this")
+    with TemporaryDirectory() as empty:
+        dataset = replace(subject, options={**subject.options, "root": empty}).build()
+        try:
+            found = list(islice(dataset.recordings("train"), 1))
+        except DataNotFoundError as error:
+            text = str(error)
+        else:
+            raise Violation(f"an empty folder gives {len(found)} recordings, and no error")
+    require(empty in text, f"the error does not name the folder: {text}")
+    fix = re.search(r"root|set |give |download|https?://", text.replace(empty, ""))
+    require(fix is not None, f"the error does not say what to do: {text}")
+
+
+def plot_gives_a_figure(subject: Subject) -> None:
+    """With something drawn on it."""
+    from matplotlib import pyplot
+    from matplotlib.figure import Figure
+
+    dataset = subject.build()
+    found = _both(dataset)
+    if not found:
+        raise Skip("there is no recording to plot")
+    figure = dataset.plot(found[0])
+    try:
+        require(isinstance(figure, Figure), f"plot gives a {type(figure).__name__}, not a Figure")
+        require(any(axes.has_data() for axes in figure.axes), "the figure is empty")
+    finally:
+        pyplot.close(figure)
+
+
+CHECKS: list[Check] = [
+    keys_are_what_it_provides,
+    recordings_are_whole,
+    same_index_same_sample,
+    splits_are_disjoint,
+    missing_data_names_the_folder_and_the_fix,
+    plot_gives_a_figure,
+]

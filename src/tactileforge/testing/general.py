@@ -1,0 +1,201 @@
+"""The checks of every kind of plugin."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import sys
+import threading
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from functools import cache
+from importlib.metadata import PackageNotFoundError, packages_distributions, requires
+from importlib.util import find_spec, resolve_name
+from inspect import Parameter, signature
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from torch import nn
+
+from tactileforge import registry
+from tactileforge.testing.modules import context
+from tactileforge.testing.results import Check, Skip, Subject, require
+
+
+def name_is_snake_case(subject: Subject) -> None:
+    """The word users type: lower case, digits, single underscores."""
+    if not subject.name:
+        raise Skip("the class is not installed as a plugin, so it has no name")
+    good = re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", subject.name)
+    require(good is not None, f"{subject.name!r} is not snake_case")
+
+
+def parameters_are_explicit(subject: Subject) -> None:
+    """Every parameter has a name of its own: they become the configuration."""
+    if subject.plugin.__init__ is nn.Module.__init__:
+        return
+    for parameter in signature(subject.plugin).parameters.values():
+        explicit = parameter.kind in (Parameter.POSITIONAL_OR_KEYWORD, Parameter.KEYWORD_ONLY)
+        require(explicit, f"constructor has {parameter}: name each parameter")
+
+
+def defaults_are_plain_data(subject: Subject) -> None:
+    """Defaults can be written in YAML."""
+    for key, value in registry.parameters(subject.plugin).items():
+        plain = value is Parameter.empty or _plain(value)
+        require(plain, f"default of {key!r} is {value!r}: use None, numbers, strings, lists, dicts")
+
+
+def _plain(value: Any) -> bool:
+    if isinstance(value, list | tuple):
+        return all(map(_plain, value))
+    if isinstance(value, dict):
+        return all(isinstance(key, str) and _plain(item) for key, item in value.items())
+    return value is None or type(value) in (bool, int, float, str)
+
+
+def constructing_does_no_io(subject: Subject) -> None:
+    """Files, devices, processes and threads wait until they are asked for."""
+    given = context() if subject.kind in ("heads", "objectives") else {}
+    if subject.instance is not None:
+        raise Skip("an instance was given; give the class and its options to check this")
+    before = _handles()
+    with _watched() as events:
+        built = subject.build(**given)
+    require(not events, f"the constructor does I/O: {'; '.join(events[:3])}")
+    require(_handles() <= before, "the constructor leaves a file or device open")
+    del built  # kept until here: a handle dies with its owner
+
+
+def _handles() -> int:
+    folder = Path("/dev/fd")
+    return len(os.listdir(folder)) if folder.is_dir() else 0
+
+
+_IO = (
+    "open",
+    "os.",
+    "glob.",
+    "shutil.",
+    "tempfile.",
+    "socket.",
+    "subprocess.",
+    "sqlite3.",
+    "_thread.",
+)
+_local = threading.local()
+
+
+def _hear(event: str, arguments: tuple[Any, ...]) -> None:
+    events: list[str] | None = getattr(_local, "events", None)
+    if events is None or not event.startswith(_IO):
+        return
+    frame: FrameType | None = sys._getframe()
+    while frame := frame.f_back if frame else None:
+        if frame.f_code.co_filename.startswith("<frozen importlib"):
+            return  # a lazy import reads files, and may
+    events.append(f"{event} {arguments[0]!r}" if arguments else event)
+
+
+@cache
+def _listen() -> None:
+    sys.addaudithook(_hear)
+
+
+@contextmanager
+def _watched() -> Iterator[list[str]]:
+    _listen()
+    _local.events = []
+    try:
+        yield _local.events
+    finally:
+        _local.events = None
+
+
+def module_imports_no_vendor_sdk(subject: Subject) -> None:
+    """Options can be listed and read where the vendor's software is not installed.
+
+    At top level a sensor's package may import what ``pip install tactileforge`` brings; other kinds
+    also what their own distribution requires.
+    """
+    module = subject.plugin.__module__
+    root = module.partition(".")[0]
+    allowed = _closure("tactileforge")
+    if subject.kind != "sensors":
+        for plugin in registry.list_plugins():
+            if plugin.target.startswith(f"{module}:"):
+                allowed = allowed | _closure(plugin.distribution)
+    parts = module.split(".")
+    seen: set[str] = set()
+    found = [_imports(".".join(parts[:i]), seen) for i in range(1, len(parts) + 1)]
+    if not seen:
+        raise Skip(f"no source of module {module!r} to read")
+    owners = packages_distributions()
+    for name in sorted(set().union(*found) - sys.stdlib_module_names - {root, "tactileforge"}):
+        fine = any(_canonical(owner) in allowed for owner in owners.get(name, ()))
+        require(fine, f"{module} imports {name!r} at top level: import it where it is used")
+
+
+def _imports(module: str, seen: set[str]) -> set[str]:
+    """Packages that a module, and what it imports of its own package, imports at top level."""
+    try:
+        spec = None if module in seen else find_spec(module)
+    except (ImportError, ValueError):
+        spec = None
+    if spec is None or not spec.origin or not spec.origin.endswith(".py"):
+        return set()
+    seen.add(module)
+    root = module.partition(".")[0]
+    found = set()
+    tree = ast.parse(Path(spec.origin).read_text("utf-8"))
+    for name in _top_level(tree.body, spec.parent or ""):
+        top = name.partition(".")[0]
+        found |= _imports(name, seen) if top == root else {top}
+    return found
+
+
+def _top_level(nodes: Iterable[ast.AST], package: str) -> Iterator[str]:
+    for node in nodes:
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = resolve_name("." * node.level + (node.module or ""), package)
+            yield base
+            yield from (f"{base}.{alias.name}" for alias in node.names)
+        elif isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+            yield from _top_level(node.orelse, package)
+        elif not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
+            yield from _top_level(ast.iter_child_nodes(node), package)
+
+
+def _canonical(name: str) -> str:
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+@cache
+def _closure(distribution: str) -> frozenset[str]:
+    """A distribution and all that it requires, extras left out."""
+    seen: set[str] = set()
+    todo = [distribution]
+    while todo:
+        name = _canonical(todo.pop())
+        if name in seen:
+            continue
+        seen.add(name)
+        try:
+            lines = requires(name) or []
+        except PackageNotFoundError:
+            continue
+        todo += [re.split(r"[^\w.-]", line)[0] for line in lines if "extra ==" not in line]
+    return frozenset(seen)
+
+
+CHECKS: list[Check] = [
+    name_is_snake_case,
+    parameters_are_explicit,
+    defaults_are_plain_data,
+    constructing_does_no_io,
+    module_imports_no_vendor_sdk,
+]

@@ -1,0 +1,139 @@
+"""What the checks of encoders, heads and objectives share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from tactileforge import registry
+from tactileforge.contracts import Batch, Features, MaskedFeatures, Views
+from tactileforge.testing.results import require
+
+
+def context(seed: int = 0, frames: int = 4, image: int = 32) -> dict[str, Any]:
+    """A small touch encoder and the small towers, as the framework would give them."""
+    torch.manual_seed(seed)
+    touch = {"name": "tactile_vit", "size": "tiny", "frames": frames, "image_size": image}
+    return {
+        "encoder": registry.build("encoders", touch),
+        "text_encoder": registry.build("encoders", {"name": "byte"}),
+        "image_encoder": registry.build("encoders", {"name": "vit"}),
+    }
+
+
+@dataclass(frozen=True)
+class FrozenViews:
+    """Views that are computed, cut from their encoder, and can be taken apart by samples."""
+
+    patches: Tensor
+    full: Features
+    masked: MaskedFeatures
+
+    @classmethod
+    def of(cls, views: Views) -> FrozenViews:
+        """Computes the views of a batch, without gradients."""
+        with torch.no_grad():
+            return cls(views.patches, views.full, views.masked)
+
+    def rows(self, rows: slice) -> FrozenViews:
+        """Some samples of the batch."""
+        return self.with_tensors({key: value[rows] for key, value in self.tensors().items()})
+
+    def tensors(self) -> dict[str, Tensor]:
+        """All tensors, each with one row a sample."""
+        return {
+            "patches": self.patches,
+            "tokens": self.full.tokens,
+            "cls": self.full.cls,
+            "visible": self.masked.tokens,
+            "kept": self.masked.kept,
+            "masked": self.masked.masked,
+        }
+
+    def with_tensors(self, of: Mapping[str, Tensor]) -> FrozenViews:
+        """The same views made of other tensors; see `tensors`."""
+        full = replace(self.full, tokens=of["tokens"], cls=of["cls"])
+        masked = replace(self.masked, tokens=of["visible"], kept=of["kept"], masked=of["masked"])
+        return FrozenViews(of["patches"], full, masked)
+
+
+def views_of(encoder: Any, batch: Batch) -> FrozenViews:
+    """The views of a batch; the same for the same encoder and batch."""
+    torch.manual_seed(0)
+    return FrozenViews.of(encoder.views(batch))
+
+
+def leaves(value: Any) -> list[Tensor]:
+    """The tensors in a prediction: of dataclasses, dicts, lists and tuples, in order."""
+    if isinstance(value, Tensor):
+        return [value]
+    if is_dataclass(value):
+        value = [getattr(value, field.name) for field in fields(value)]
+    if isinstance(value, Mapping):
+        value = list(value.values())
+    if isinstance(value, list | tuple):
+        return [leaf for item in value for leaf in leaves(item)]
+    return []
+
+
+def finite(values: list[Tensor]) -> bool:
+    """Whether every number is finite."""
+    return all(bool(torch.isfinite(value).all()) for value in values)
+
+
+def require_equal(first: list[Tensor], second: list[Tensor], message: str) -> None:
+    """Fails unless the tensors are the same, bit by bit."""
+    same = len(first) == len(second) and all(map(torch.equal, first, second))
+    require(bool(first) and same, message)
+
+
+def require_close(first: list[Tensor], second: list[Tensor], message: str) -> None:
+    """Fails unless shapes are the same and numbers agree within 1e-4, relative to the largest."""
+    require(bool(first) and len(first) == len(second), f"{message}: other outputs")
+    for one, two in zip(first, second, strict=True):
+        require(one.shape == two.shape, f"{message}: {tuple(one.shape)}, not {tuple(two.shape)}")
+        gap = float((one.double() - two.double()).abs().max()) if one.numel() else 0.0
+        size = float(two.double().abs().max()) if two.numel() else 0.0
+        require(gap <= 1e-4 * max(1.0, size), f"{message}: they differ by {gap:.2g}")
+
+
+def require_row(four: list[Tensor], one: list[Tensor]) -> None:
+    """Fails unless a batch of one gives what the first row of a larger batch gives.
+
+    Axes along which a prediction grows with the batch (pairs have two) are cut to their first
+    entry.
+    """
+    message = "a batch of 1 and the same row in a batch of 4"
+    require(bool(one) and len(four) == len(one), f"{message}: other outputs")
+    cut = [
+        large[tuple(map(slice, small.shape))] if large.ndim == small.ndim else large
+        for large, small in zip(four, one, strict=True)
+    ]
+    require_close(one, cut, message)
+
+
+def reloaded(source: nn.Module, target: nn.Module) -> None:
+    """Saves one module as safetensors and loads it strictly into the other."""
+    from safetensors.torch import load, save
+
+    state = {key: value.contiguous() for key, value in source.state_dict().items()}
+    target.load_state_dict(load(save(state)), strict=True)
+
+
+def require_export(module: nn.Module, arguments: tuple[Any, ...]) -> None:
+    """Fails unless ``torch.export`` takes a module and its program gives the same numbers."""
+    import warnings
+
+    module.eval()
+    with torch.no_grad(), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of torch.export itself
+        program = torch.export.export(module, arguments)
+        torch.manual_seed(0)
+        exported = leaves(program.module()(*arguments))
+        torch.manual_seed(0)
+        eager = leaves(module(*arguments))
+    require_close(exported, eager, "the exported program and the module")

@@ -1,0 +1,172 @@
+"""The checks of objectives, each fed by its head on a small encoder."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from tactileforge import registry
+from tactileforge.contracts import Batch, Views
+from tactileforge.testing.batches import batch, half_labelled, rows_of, without
+from tactileforge.testing.modules import context, views_of
+from tactileforge.testing.results import Check, Skip, Subject, Violation, construct, require
+
+_LABELS = {"force", "action", "object", "text", "image"}
+
+
+@dataclass(frozen=True)
+class _Parts:
+    encoder: Any
+    head: Any
+    objective: Any
+
+    @property
+    def modules(self) -> nn.ModuleList:
+        return nn.ModuleList([self.encoder, self.head, self.objective])
+
+    def __call__(self, made: Batch) -> tuple[Tensor, dict[str, Tensor]]:
+        torch.manual_seed(0)
+        return self.of_views(self.encoder.views(made), made)
+
+    def of_views(self, views: Views, made: Batch) -> tuple[Tensor, dict[str, Tensor]]:
+        loss, logs = self.objective(self.head(views, made), made)
+        return loss, logs
+
+
+def _parts(subject: Subject) -> _Parts:
+    given = context()
+    if subject.head is None:
+        head = registry.build("heads", {"name": subject.plugin.head}, **given)
+    else:
+        head = construct(subject.head, {}, given)
+    return _Parts(given["encoder"], head, subject.build(**given))
+
+
+def head_and_needs_are_declared(subject: Subject) -> None:
+    """``head`` names an installed head, ``needs`` lists labels."""
+    head = getattr(subject.plugin, "head", None)
+    require(isinstance(head, str), "the class attribute 'head' does not name a head")
+    if subject.head is None:
+        registry.get("heads", str(head))
+    needs = getattr(subject.plugin, "needs", None)
+    require(isinstance(needs, frozenset), "the class attribute 'needs' is not a frozenset")
+    for need in needs or ():
+        odd = set(need.split("|")) - _LABELS
+        require(not odd, f"needs lists {sorted(odd)}; labels are {sorted(_LABELS)}")
+
+
+def loss_is_a_finite_scalar(subject: Subject) -> None:
+    """So are the logs."""
+    loss, logs = _parts(subject)(batch())
+    for name, value in {"loss": loss, **logs}.items():
+        require(value.ndim == 0, f"{name} has shape {tuple(value.shape)}: it must be a scalar")
+        require(bool(torch.isfinite(value)), f"{name} is {value.item()}")
+
+
+def every_own_parameter_gets_gradient(subject: Subject) -> None:
+    """Of head and objective; three steps, as a layer may start at zero and hide those before it."""
+    parts = _parts(subject)
+    shared = {id(parameter) for parameter in parts.encoder.parameters()}
+    own = {
+        name: parameter
+        for part in (parts.head, parts.objective)
+        for name, parameter in part.named_parameters(type(part).__name__)
+        if parameter.requires_grad and id(parameter) not in shared
+    }
+    reached = set()
+    optimizer = torch.optim.SGD(parts.modules.parameters(), lr=1e-2)
+    for _ in range(3):
+        optimizer.zero_grad()
+        torch.autograd.backward(parts(batch())[0])
+        reached |= {n for n, p in own.items() if p.grad is not None and bool(p.grad.any())}
+        optimizer.step()
+    idle = sorted(set(own) - reached)
+    require(not idle, f"no gradient reaches {', '.join(idle)}")
+
+
+def twenty_steps_lower_the_loss(subject: Subject) -> None:
+    """On one batch, with encoder and head."""
+    parts = _parts(subject)
+    optimizer = torch.optim.AdamW(parts.modules.parameters(), lr=5e-4)
+    losses = []
+    for _ in range(21):
+        optimizer.zero_grad()
+        loss, _ = parts(batch())
+        losses.append(float(loss.detach()))
+        torch.autograd.backward(loss)
+        optimizer.step()
+    require(losses[-1] < losses[0], f"it was {losses[0]:.4g} and is {losses[-1]:.4g}")
+
+
+def same_seed_same_loss(subject: Subject) -> None:
+    """Built twice, computed twice."""
+    first, second = (float(_parts(subject)(batch())[0].detach()) for _ in range(2))
+    require(first == second, f"{first!r}, then {second!r}")
+
+
+def bf16_autocast_works(subject: Subject) -> None:
+    """The loss is within 10 % of that in fp32, gradients are finite."""
+    parts = _parts(subject)
+    full = float(parts(batch())[0].detach())
+    with torch.autocast("cpu", torch.bfloat16):
+        loss, _ = parts(batch())
+    torch.autograd.backward(loss)
+    gap = abs(float(loss.detach()) - full)
+    require(gap <= 0.1 * abs(full) + 0.02, f"the loss is {loss.item():.4g}, in fp32 {full:.4g}")
+    gradients = [p.grad for p in parts.modules.parameters() if p.grad is not None]
+    require(all(bool(torch.isfinite(g).all()) for g in gradients), "a gradient is not finite")
+
+
+def unlabelled_samples_change_nothing(subject: Subject) -> None:
+    """The loss of a half labelled batch is that of its labelled half; none labelled is fine too."""
+    needs = sorted(subject.plugin.needs)
+    if not needs:
+        raise Skip("it needs no labels")
+    parts = _parts(subject)
+    for need in needs:
+        made = half_labelled(need)
+        views = views_of(parts.encoder, made)
+        losses = []
+        for rows in (slice(3), slice(6), slice(3, 6)):
+            torch.manual_seed(0)
+            with torch.no_grad():
+                loss, _ = parts.of_views(views.rows(rows), rows_of(made, rows))
+            losses.append(float(loss))
+        labelled, half, none = losses
+        require(
+            abs(labelled - half) <= 1e-5 * max(1.0, abs(labelled)),
+            f"with 3 samples that have {need!r} it is {labelled:.6g}, with 3 more that lack it "
+            f"{half:.6g}",
+        )
+        require(none == none and abs(none) != float("inf"), f"with no {need!r} at all it is {none}")
+
+
+def missing_key_is_named(subject: Subject) -> None:
+    """A batch without what the objective needs is an error that says what is missing."""
+    needs = sorted(subject.plugin.needs)
+    if not needs:
+        raise Skip("it needs no labels")
+    parts = _parts(subject)
+    for need in needs:
+        try:
+            parts(without(batch(), need))
+        except Exception as error:
+            named = any(key in str(error) for key in need.split("|"))
+            require(named, f"without {need!r} it raises {type(error).__name__}: {error}")
+        else:
+            raise Violation(f"it needs {need!r}, and gives a loss without")
+
+
+CHECKS: list[Check] = [
+    head_and_needs_are_declared,
+    loss_is_a_finite_scalar,
+    every_own_parameter_gets_gradient,
+    twenty_steps_lower_the_loss,
+    same_seed_same_loss,
+    bf16_autocast_works,
+    unlabelled_samples_change_nothing,
+    missing_key_is_named,
+]

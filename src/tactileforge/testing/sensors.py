@@ -1,0 +1,130 @@
+"""The checks of sensors. Those that need an open device are skipped where it cannot be opened."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+from tactileforge.contracts import Frame, Sensor, SensorSpec
+from tactileforge.errors import TactileForgeError
+from tactileforge.testing.results import Check, Skip, Subject, Violation, require
+
+_TIMEOUT = 5.0
+
+
+@contextmanager
+def _opened(subject: Subject) -> Iterator[Sensor]:
+    sensor: Sensor = subject.build()
+    try:
+        sensor.open()
+    except (OSError, ImportError, TactileForgeError) as error:
+        if sensor.discover():
+            raise
+        raise Skip(f"it cannot be opened, and no device is found: {error}") from error
+    try:
+        yield sensor
+    finally:
+        sensor.close()
+
+
+def _require_closed(sensor: Sensor, when: str) -> None:
+    try:
+        sensor.read(_TIMEOUT)
+    except TactileForgeError:
+        return
+    except Exception as error:
+        name = type(error).__name__
+        raise Violation(f"read {when} raises {name}, not a TactileForgeError: {error}") from error
+    raise Violation(f"read {when} gives a frame")
+
+
+def spec_is_a_sensor_spec(subject: Subject) -> None:
+    """A live sensor says what its frames are before it is opened."""
+    sensor = subject.build()
+    require(isinstance(sensor, Sensor), "it lacks a method or the attribute 'spec' of a Sensor")
+    require(isinstance(sensor.spec, SensorSpec), f"spec is {sensor.spec!r}, not a SensorSpec")
+
+
+def discover_with_nothing_attached_gives_nothing(subject: Subject) -> None:
+    """An empty list, not an error."""
+    found = subject.build().discover()
+    good = isinstance(found, list) and all(isinstance(address, str) for address in found)
+    require(good, f"discover() gives {found!r}, not a list of addresses")
+    if found:
+        raise Skip(f"attached: {', '.join(found)}")
+
+
+def read_before_open_raises(subject: Subject) -> None:
+    """A `TactileForgeError`."""
+    _require_closed(subject.build(), "before open")
+
+
+def close_twice_does_nothing(subject: Subject) -> None:
+    """Also where it was never open."""
+    sensor = subject.build()
+    sensor.close()
+    sensor.close()
+
+
+def frames_are_as_specified(subject: Subject) -> None:
+    """uint8 RGB of the spec's height and width."""
+    with _opened(subject) as sensor:
+        frame = sensor.read(_TIMEOUT)
+        require(isinstance(frame, Frame), f"read gives a {type(frame).__name__}, not a Frame")
+        require(frame.array.dtype == np.uint8, f"frames are {frame.array.dtype}, not uint8")
+        want = (sensor.spec.height, sensor.spec.width, 3)
+        require(frame.array.shape == want, f"frames are {frame.array.shape}, its spec says {want}")
+
+
+def time_strictly_increases(subject: Subject) -> None:
+    """Over five frames, or as many as a finite source has."""
+    with _opened(subject) as sensor:
+        times: list[float] = []
+        try:
+            for _ in range(5):
+                times.append(sensor.read(_TIMEOUT).time)
+        except EOFError:
+            pass
+        require(len(times) > 1, f"{len(times)} frame is too few to tell")
+        require(all(np.diff(times) > 0), f"times are {times}")
+
+
+def closes_for_good(subject: Subject) -> None:
+    """After close, read raises; a second close does nothing."""
+    with _opened(subject) as sensor:
+        sensor.close()
+        sensor.close()
+        _require_closed(sensor, "after close")
+
+
+def closes_on_exception(subject: Subject) -> None:
+    """As a context manager, which opens it; the exception goes on."""
+    with _opened(subject) as sensor:
+        sensor.close()
+
+    class Planned(Exception):
+        pass
+
+    sensor = subject.build()
+    try:
+        with sensor:
+            sensor.read(_TIMEOUT)
+            raise Planned
+    except Planned:
+        _require_closed(sensor, "after an exception in its with block")
+        return
+    raise Violation("an exception in its with block is swallowed")
+
+
+CHECKS: list[Check] = [
+    spec_is_a_sensor_spec,
+    discover_with_nothing_attached_gives_nothing,
+    read_before_open_raises,
+    close_twice_does_nothing,
+    frames_are_as_specified,
+    time_strictly_increases,
+    closes_for_good,
+    closes_on_exception,
+]

@@ -1,0 +1,170 @@
+"""``tactileforge train``: one run, from a finished configuration to a report."""
+
+from __future__ import annotations
+
+import json
+import logging
+import platform
+import sys
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import lightning as L
+import torch
+from lightning.pytorch.callbacks import TQDMProgressBar
+from lightning.pytorch.loggers import CSVLogger, Logger
+from omegaconf import DictConfig, OmegaConf
+
+from tactileforge import checkpoints, registry
+from tactileforge.data.datamodule import TouchData
+from tactileforge.errors import ConfigError
+from tactileforge.module import TouchModule
+from tactileforge.sensors.specs import spec
+
+log = logging.getLogger(__name__)
+
+#: Packages whose versions a run keeps.
+_PACKAGES = ("tactileforge", "torch", "lightning", "hydra-core", "kornia", "numpy")
+
+
+def train(config: DictConfig, folder: Path) -> TouchModule:
+    """Trains, and leaves a report.
+
+    In ``folder``: ``config.yaml`` (resolved), ``versions.json``, ``metrics/*/metrics.csv``,
+    ``checkpoints/last.ckpt`` and ``report.html``.
+
+    Args:
+        config: Finished; see `compose.finish`. With ``resume``, ``folder`` is that of the run to go on with.
+        folder: Folder of the run.
+
+    Returns:
+        The trained module.
+
+    Raises:
+        TactileForgeError: Something is wrong that could be known beforehand; says what and the fix.
+        KeyboardInterrupt: The run was stopped and saved; ``resume=`` goes on with it.
+    """
+    resume = checkpoints.find(folder) if config.get("resume") else None
+    plain: dict[str, Any] = OmegaConf.to_container(config, resolve=True)  # type: ignore[assignment]
+    L.seed_everything(plain["seed"], verbose=False)
+    data = build_data(plain)
+    plain["encoder"] = with_sensors(plain["encoder"], data)
+    module = TouchModule.from_config(plain, data.train.has() if data.train else set())
+    if plain.get("init") and not resume:
+        state = checkpoints.read(plain["init"])["state_dict"]
+        log.info(checkpoints.initialise(module, state))
+    trainer, saver = build_trainer(plain, folder)
+    if trainer.is_global_zero and not resume:
+        _keep(plain, folder)
+    trainer.fit(module, data, ckpt_path=resume, weights_only=True)
+    if saver.interrupted:
+        raise KeyboardInterrupt(f"stopped at step {trainer.global_step}")
+    if trainer.is_global_zero:
+        from tactileforge.report import write_report
+
+        print(f"report: {write_report(folder, module, data)}")
+    return module
+
+
+def build_data(config: Mapping[str, Any]) -> TouchData:
+    """The data of a run, indexed, and checked against what the objectives need."""
+    dataset = registry.build("datasets", config["data"])
+    encoder = registry.build("encoders", config["encoder"])
+    batch = dict(config["batch"])
+    objectives = {
+        key: registry.get("objectives", node["name"]) for key, node in config["objective"].items()
+    }
+    if not any(getattr(plugin, "pairs", False) for plugin in objectives.values()):
+        batch["match"] = 0.0
+    data = TouchData(
+        dataset,
+        frames=encoder.frames,
+        size=encoder.image_size,
+        batch_size=batch.pop("size"),
+        seed=config["seed"],
+        **batch,
+    )
+    for key, plugin in objectives.items():
+        data.check(key, plugin.needs)
+    data.setup()
+    for key, plugin in objectives.items():
+        data.check(key, plugin.needs)
+    for line in data.skipped:
+        log.warning("skipped: %s", line)
+    return data
+
+
+def with_sensors(config: Mapping[str, Any], data: TouchData) -> dict[str, Any]:
+    """The encoder's configuration with a row for every sensor of the data.
+
+    Sensors that the encoder does not know yet take the free rows in alphabetical order, and the resolved
+    configuration says so.
+    """
+    names = data.train.sensors if data.train else []
+    encoder = registry.build("encoders", config)
+    table = dict(encoder.sensors)
+    free = (row for row in range(len(table) + len(names) + 1) if row not in table.values())
+    for name in names:
+        if name not in table:
+            table[spec(name).name] = next(free)
+    return {**config, "sensors": table}
+
+
+def build_trainer(config: Mapping[str, Any], folder: Path) -> tuple[L.Trainer, checkpoints.Checkpoints]:
+    """The Lightning trainer of a run, and the callback that keeps its checkpoints."""
+    options = dict(config["trainer"])
+    saver = checkpoints.Checkpoints(folder, options.pop("save_every"))
+    if options["precision"] == "auto":
+        options["precision"] = "bf16-mixed" if torch.cuda.is_available() else "32-true"
+    if options["strategy"] == "auto" and options["devices"] not in (1, "1", "auto"):
+        # an objective that starts late, or meets no label on one rank, leaves parameters unused
+        options["strategy"] = "ddp_find_unused_parameters_true"
+    trainer = L.Trainer(
+        **options,
+        default_root_dir=folder,
+        logger=build_loggers(config["logger"], folder),
+        callbacks=[saver, TQDMProgressBar(refresh_rate=10)],
+        plugins=[checkpoints.AtomicCheckpointIO()],
+        gradient_clip_val=config["optim"].get("clip"),
+        use_distributed_sampler=False,
+        enable_checkpointing=False,
+        enable_model_summary=False,
+        num_sanity_val_steps=0,
+        deterministic=True if not torch.cuda.is_available() else "warn",
+    )
+    return trainer, saver
+
+
+def build_loggers(config: Mapping[str, Any], folder: Path) -> list[Logger]:
+    """A CSV logger, which starts a new file when a run is resumed, and the one that is asked for."""
+    loggers: list[Logger] = [CSVLogger(folder, name="metrics", flush_logs_every_n_steps=50)]
+    name, project = config["name"], config.get("project", "tactileforge")
+    if name == "tensorboard":
+        from lightning.pytorch.loggers import TensorBoardLogger
+
+        loggers.append(TensorBoardLogger(folder, name="tensorboard"))
+    elif name == "wandb":
+        from lightning.pytorch.loggers import WandbLogger
+
+        loggers.append(WandbLogger(project=project, save_dir=folder))
+    elif name == "mlflow":
+        from lightning.pytorch.loggers import MLFlowLogger
+
+        loggers.append(MLFlowLogger(project, save_dir=str(folder / "mlflow")))
+    elif name != "csv":
+        raise ConfigError(f"unknown logger {name!r}: csv, tensorboard, wandb or mlflow")
+    return loggers
+
+
+def _keep(config: Mapping[str, Any], folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    OmegaConf.save(OmegaConf.create(dict(config)), folder / "config.yaml")
+    versions = {name: version(name) for name in _PACKAGES} | {"python": platform.python_version()}
+    plugins = {
+        f"{plugin.kind}/{plugin.name}": f"{plugin.distribution} {plugin.version}"
+        for plugin in registry.list_plugins()
+    }
+    kept = {"command": sys.argv, "versions": versions, "plugins": plugins}
+    (folder / "versions.json").write_text(json.dumps(kept, indent=2))
