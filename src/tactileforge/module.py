@@ -160,7 +160,6 @@ class TouchModule(L.LightningModule):
             raise ConfigError(
                 f"no objective has a weight above 0 at step {self.global_step}; let one start at 0"
             )
-        self.log("loss", total.detach(), prog_bar=True, logger=False)
         if (self.global_step + 1) % self.trainer.log_every_n_steps == 0:
             self._log_step(total.detach(), logs, weights, universal)
         return total
@@ -168,7 +167,11 @@ class TouchModule(L.LightningModule):
     def validation_step(self, batch: Batch, batch_idx: int) -> None:
         """Losses on held-out clips, with the same masks each time."""
         self._reseed(batch_idx, -1)
-        _, logs = self.losses(batch, self.current_weights())
+        weights = self.current_weights()
+        if not bool((batch["group"] >= 0).any()):
+            paired = [k for k, v in self.objectives.items() if getattr(v, "pairs", False)]
+            weights |= dict.fromkeys(paired, 0.0)
+        _, logs = self.losses(batch, weights)
         size = len(batch["frames"])
         self.log_dict({f"val/{k}": v for k, v in logs.items()}, batch_size=size, on_epoch=True)
 
@@ -228,7 +231,7 @@ class TouchModule(L.LightningModule):
             )
         optimizer: Any = self.optimizers()
         row = {f"train/{key}": value for key, value in logs.items()} | {"train/loss": total}
-        self.log_dict(row, prog_bar=False)
+        self.log_dict(row)
         settings = {f"weight/{key}": value for key, value in weights.items()}
         settings |= {"universal": universal, "lr": float(optimizer.param_groups[0]["lr"])}
         self.log_dict(settings)

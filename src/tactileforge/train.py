@@ -6,6 +6,7 @@ import json
 import logging
 import platform
 import sys
+import warnings
 from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
@@ -13,7 +14,6 @@ from typing import Any
 
 import lightning as L
 import torch
-from lightning.pytorch.callbacks import TQDMProgressBar
 from lightning.pytorch.loggers import CSVLogger, Logger
 from omegaconf import DictConfig, OmegaConf
 
@@ -21,12 +21,21 @@ from tactileforge import checkpoints, registry
 from tactileforge.data.datamodule import TouchData
 from tactileforge.errors import ConfigError
 from tactileforge.module import TouchModule
+from tactileforge.progress import Progress
 from tactileforge.sensors.specs import spec
 
 log = logging.getLogger(__name__)
 
 #: Packages whose versions a run keeps.
 _PACKAGES = ("tactileforge", "torch", "lightning", "hydra-core", "kornia", "numpy")
+
+#: What Lightning warns of although it is meant to be so.
+_EXPECTED = (
+    r".*isinstance\(treespec, LeafSpec\).*",
+    r"You have overridden `on_before_batch_transfer`.*",
+    r"The number of training batches .* is smaller than the logging interval.*",
+    r"The '\w+_dataloader' does not have many workers.*",
+)
 
 
 def train(config: DictConfig, folder: Path) -> TouchModule:
@@ -46,6 +55,7 @@ def train(config: DictConfig, folder: Path) -> TouchModule:
         TactileForgeError: Something is wrong that could be known beforehand; says what and the fix.
         KeyboardInterrupt: The run was stopped and saved; ``resume=`` goes on with it.
     """
+    logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
     resume = checkpoints.find(folder) if config.get("resume") else None
     plain: dict[str, Any] = OmegaConf.to_container(config, resolve=True)  # type: ignore[assignment]
     L.seed_everything(plain["seed"], verbose=False)
@@ -58,7 +68,10 @@ def train(config: DictConfig, folder: Path) -> TouchModule:
     trainer, saver = build_trainer(plain, folder)
     if trainer.is_global_zero and not resume:
         _keep(plain, folder)
-    trainer.fit(module, data, ckpt_path=resume, weights_only=True)
+    with warnings.catch_warnings():
+        for message in _EXPECTED:
+            warnings.filterwarnings("ignore", message)
+        trainer.fit(module, data, ckpt_path=resume, weights_only=True)
     if saver.interrupted:
         raise KeyboardInterrupt(f"stopped at step {trainer.global_step}")
     if trainer.is_global_zero:
@@ -125,12 +138,13 @@ def build_trainer(config: Mapping[str, Any], folder: Path) -> tuple[L.Trainer, c
         **options,
         default_root_dir=folder,
         logger=build_loggers(config["logger"], folder),
-        callbacks=[saver, TQDMProgressBar(refresh_rate=10)],
+        callbacks=[saver, Progress()],
         plugins=[checkpoints.AtomicCheckpointIO()],
         gradient_clip_val=config["optim"].get("clip"),
         use_distributed_sampler=False,
         enable_checkpointing=False,
         enable_model_summary=False,
+        enable_progress_bar=False,
         num_sanity_val_steps=0,
         deterministic=True if not torch.cuda.is_available() else "warn",
     )

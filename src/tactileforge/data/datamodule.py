@@ -156,23 +156,26 @@ class TouchData(L.LightningDataModule):
             multiple=accumulate,
             position=lambda: trainer.global_step * accumulate if trainer else 0,
         )
-        return self._loader(self.train, batch_sampler=batches)
+        return self._loader(self.train, batches)
 
-    def val_dataloader(self) -> DataLoader[dict[str, Any]] | list[Any]:
-        """The held-out clips in their order; [] where the data holds none out."""
+    def val_dataloader(self) -> Loader | list[Loader]:
+        """The held-out clips, in the same batches each time; [] where the data holds none out."""
         if self.val is None:
             return []
-        return self._loader(self.val, batch_size=self.batch_size)
+        pairs = Pairs(*self.val.labels()) if self.match else None
+        return self._loader(
+            self.val, Batches(len(self.val), self.batch_size, self.seed, pairs, self.match)
+        )
 
-    def _loader(self, clips: Clips, **options: Any) -> Loader:
+    def _loader(self, clips: Clips, batches: Batches) -> Loader:
         return Loader(
             clips,
+            batch_sampler=batches,
             collate_fn=collate,
             num_workers=self.workers,
             persistent_workers=self.workers > 0,
             pin_memory=torch.cuda.is_available(),
             worker_init_fn=_one_thread,
-            **options,
         )
 
 

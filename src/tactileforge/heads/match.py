@@ -36,9 +36,9 @@ class MatchHead(nn.Module):
         super().__init__()
         self.object = nn.Linear(encoder.projected, 1)
         self.action = nn.Linear(encoder.projected, 1)
-        # entries of a product of unit vectors are about 1/d: start as their cosine, scaled
-        for linear in (self.object, self.action):
+        for linear in (self.object, self.action):  # starts as 5 (cosine - 1): undecided when alike
             nn.init.constant_(linear.weight, 5.0)
+            nn.init.constant_(linear.bias, -5.0)
 
     def forward(self, views: Views, batch: Batch) -> PairScores:
         """Scores of every pair of the batch."""

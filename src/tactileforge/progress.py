@@ -1,0 +1,50 @@
+"""One progress bar for the whole run."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import lightning as L
+from lightning.pytorch.callbacks import Callback
+from tqdm import tqdm
+
+
+class Progress(Callback):
+    """Steps done and to do, time left, and the losses of the objectives that are awake.
+
+    Losses are shown as they were last logged, so no step waits for them.
+    """
+
+    def __init__(self) -> None:
+        self.bar: tqdm[Any] | None = None
+
+    def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Draws the bar, from the step at which the run goes on."""
+        if trainer.is_global_zero:
+            total = int(trainer.estimated_stepping_batches)
+            self.bar = tqdm(total=total, initial=trainer.global_step, desc="train", unit="step")
+
+    def on_train_batch_end(
+        self,
+        trainer: L.Trainer,
+        pl_module: L.LightningModule,
+        outputs: Any,
+        batch: Any,
+        batch_idx: int,
+    ) -> None:
+        """Moves the bar."""
+        if self.bar is None:
+            return
+        if trainer.global_step % trainer.log_every_n_steps == 0:
+            losses = {
+                name.removeprefix("train/"): f"{float(value):.3g}"
+                for name, value in trainer.logged_metrics.items()
+                if name.startswith("train/") and name.count("/") == 1
+            }
+            self.bar.set_postfix(losses, refresh=False)
+        self.bar.update(trainer.global_step - self.bar.n)
+
+    def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Closes the bar."""
+        if self.bar is not None:
+            self.bar.close()
