@@ -22,7 +22,7 @@ LAST = Path("checkpoints") / "last.ckpt"
 
 
 class AtomicCheckpointIO(TorchCheckpointIO):
-    """Writes to ``.part`` in the same folder, then renames: a killed run keeps its last checkpoint."""
+    """Writes to ``.part`` beside the file, then renames: a killed run keeps its last checkpoint."""
 
     def save_checkpoint(
         self, checkpoint: dict[str, Any], path: str | Path, storage_options: Any = None
@@ -41,8 +41,8 @@ class AtomicCheckpointIO(TorchCheckpointIO):
 class Checkpoints(Callback):
     """Saves ``last.ckpt`` every so many steps, at the end, and when the run is asked to stop.
 
-    The first Ctrl-C (or SIGTERM) lets the step finish, saves and ends the run in order; the second ends it
-    at once.
+    The first Ctrl-C (or SIGTERM) lets the step finish, saves and ends the run in order; the second
+    ends it at once.
 
     Args:
         folder: Folder of the run.
@@ -139,7 +139,7 @@ def initialise(module: nn.Module, state: Mapping[str, torch.Tensor]) -> str:
         ConfigError: Encoder tensors are missing, left over, or of another shape; names them.
     """
     own = module.state_dict()
-    fits = {key: value for key, value in state.items() if key in own and own[key].shape == value.shape}
+    fits = {k: v for k, v in state.items() if k in own and own[k].shape == v.shape}
     wrong = [
         f"{key} ({tuple(state[key].shape) if key in state else 'missing'} in the checkpoint, "
         f"{tuple(own[key].shape) if key in own else 'absent'} here)"
@@ -147,7 +147,8 @@ def initialise(module: nn.Module, state: Mapping[str, torch.Tensor]) -> str:
         if key.startswith("encoder.") and key not in fits
     ]
     if wrong:
-        raise ConfigError(f"init: the encoder does not fit: {'; '.join(wrong[:5])} ({len(wrong)} in all)")
+        some = "; ".join(wrong[:5])
+        raise ConfigError(f"init: the encoder does not fit: {some} ({len(wrong)} in all)")
     module.load_state_dict(fits, strict=False)
     fresh = sorted({key.rsplit(".", 1)[0] for key in own.keys() - fits.keys()})
     left = sorted({key.rsplit(".", 1)[0] for key in state.keys() - fits.keys()})

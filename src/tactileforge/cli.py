@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 USAGE = """\
 tactileforge: train, compare and run encoders of touch
 
-  tactileforge train [key=value ...]      train a recipe; --help shows every key, --cfg job the result
-  tactileforge report RUN                 write the report of a run again
+  tactileforge train [key=value ...]      train a recipe; --help shows every key, --cfg job the
+  result tactileforge report RUN                 write the report of a run again
   tactileforge plugins list|check|new     what is installed, does it work, start your own
   tactileforge --version
 
@@ -77,7 +77,7 @@ def _train(argv: Sequence[str]) -> int:
     from tactileforge.compose import finish, register
 
     register()
-    os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # errors of ours pass through, and are printed above
+    os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # our errors pass through Hydra to run()
     command = sys.argv
 
     def task(config: DictConfig) -> None:

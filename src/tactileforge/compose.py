@@ -1,8 +1,8 @@
 """Plugins as Hydra options, and `compose` for the API and for tests.
 
-Every entry point *is* an option: ``tactileforge train objective=[pixel,diff]`` works for whatever is
-installed. Listing options reads metadata; choosing one imports that one class, whose constructor's
-defaults become the node of the configuration.
+Every entry point *is* an option: ``tactileforge train objective=[pixel,diff]`` works for whatever
+is installed. Listing options reads metadata; choosing one imports that one class, whose
+constructor's defaults become the node of the configuration.
 """
 
 from __future__ import annotations
@@ -99,9 +99,11 @@ def node_of(group: str, name: str) -> dict[str, Any]:
     """The configuration node of an installed plugin in a group: name, weight, defaults."""
     defaults = registry.parameters(registry.get(GROUPS[group], name))
     weight = {"weight": 1.0} if group == "objective" else {}
-    return {"name": name} | weight | {
-        key: MISSING if value is Parameter.empty else value for key, value in defaults.items()
-    }
+    return (
+        {"name": name}
+        | weight
+        | {key: MISSING if value is Parameter.empty else value for key, value in defaults.items()}
+    )
 
 
 def register() -> None:
@@ -138,8 +140,8 @@ def compose(
 def finish(config: DictConfig) -> DictConfig:
     """Completes a composed configuration: one head for each objective, no more, no fewer.
 
-    Rows that a recipe writes for objectives that are not chosen are left out, and so are heads that no
-    objective uses. An objective without a head is given the one its class names.
+    Rows that a recipe writes for objectives that are not chosen are left out, and so are heads that
+    no objective uses. An objective without a head is given the one its class names.
 
     Raises:
         ConfigError: No objective, or a row for something that is not one.

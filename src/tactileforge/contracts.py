@@ -1,16 +1,17 @@
 """What a sensor, data set, encoder, head and objective is. Plugin authors read this page.
 
-A plugin is a class. Its constructor parameters are explicit, their defaults are plain data (they become
-the plugin's configuration), constructing does no I/O, and the module imports no vendor SDK at top level.
-Parameters named in `CONTEXT` are not configuration: the framework passes them in.
+A plugin is a class. Its constructor parameters are explicit, their defaults are plain data (they
+become the plugin's configuration), constructing does no I/O, and the module imports no vendor SDK
+at top level. Parameters named in `CONTEXT` are not configuration: the framework passes them in.
 
 Data flows one way::
 
-    sensor or data set -> Recording -> batch (uint8) -> encoder -> views -> heads -> objectives -> loss
+    sensor or data set -> Recording -> batch (uint8) -> encoder -> views -> heads -> objectives ->
+    loss
 
-Axes. ``x`` points to the right of the image, ``y`` down the image, ``z`` into the gel. Forces are those
-of the object on the gel, in newton: pressing is positive ``z``, an object that drags the gel to the right
-of the image is positive ``x``.
+Axes. ``x`` points to the right of the image, ``y`` down the image, ``z`` into the gel. Forces are
+those of the object on the gel, in newton: pressing is positive ``z``, an object that drags the gel
+to the right of the image is positive ``x``.
 
 A batch is a plain dict:
 
@@ -125,8 +126,8 @@ class Recording:
         sensor: Name of a `SensorSpec`.
         frames: Lazy frames.
         times: float64 (T,), seconds, strictly increasing.
-        no_contact: Frames without contact, whose median is the background; None where the source has
-            none and says so (then nothing is subtracted).
+        no_contact: Frames without contact, whose median is the background; None where the source
+            has none and says so (then nothing is subtracted).
         force: float32 (T, 3), newton; a row of NaN is a frame without a label.
         action: int64 (T,), index into `ACTIONS`, -1 unknown.
         object: Name of what is touched, the same for every sensor that touches it.
@@ -247,7 +248,8 @@ class Dataset(Protocol):
     """A reader: yields recordings, and says what they carry.
 
     ``provides`` holds batch keys: of `force`, `action`, `object`, `text`, `image`.
-    ``skipped`` grows as `recordings` meets files it cannot read: one line each, which names the file.
+    ``skipped`` grows as `recordings` meets files it cannot read: one line each, which names the
+    file.
     """
 
     provides: frozenset[str]
@@ -308,7 +310,7 @@ class Views(Protocol):
 
     @property
     def patches(self) -> Tensor:
-        """float (B, slots, N, 3 * tube * patch * patch): the normalised frames, in patches."""
+        """Float (B, slots, N, 3 * tube * patch * patch): the normalised frames, in patches."""
         ...
 
     @property
@@ -379,9 +381,9 @@ class Objective(Protocol):
     """A prediction and a batch to a loss (a ``torch.nn.Module``).
 
     ``head`` names the head it is used with unless the configuration says otherwise. ``needs`` lists
-    labels among `Dataset.provides`; ``"text|image"`` asks for at least one of the two. The framework
-    checks them against the data before the first step. An objective with ``pairs = True`` asks for a share
-    of each batch to be drawn in pairs of one ``group``.
+    labels among `Dataset.provides`; ``"text|image"`` asks for at least one of the two. The
+    framework checks them against the data before the first step. An objective with ``pairs = True``
+    asks for a share of each batch to be drawn in pairs of one ``group``.
     """
 
     head: ClassVar[str]

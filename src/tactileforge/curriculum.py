@@ -1,7 +1,8 @@
 """The curriculum: a pure function from the step to the weight of each objective. No torch.
 
-Paper, section Training Recipe: ``weight(i) = max(0, i - start) / (total - start) * max`` for align, match
-and force; pixel and diff are constant; the chance of the universal sensor token rises linearly.
+Paper, section Training Recipe: ``weight(i) = max(0, i - start) / (total - start) * max`` for align,
+match and force; pixel and diff are constant; the chance of the universal sensor token rises
+linearly.
 """
 
 from __future__ import annotations
@@ -70,8 +71,9 @@ def from_config(
 
     Args:
         config: ``unit`` (``fraction`` of the run, ``epoch`` or ``step``), ``objective`` (for each
-            objective ``start`` and ``end``; None as end is the end of the run; an objective without a row
-            has its weight from the first step), ``universal`` (``start``, ``end``, ``low``, ``high``).
+            objective ``start`` and ``end``; None as end is the end of the run; an objective without
+            a row has its weight from the first step), ``universal`` (``start``, ``end``, ``low``,
+            ``high``).
         weights: Largest weight of each objective.
         total: Steps of the run.
         epoch: Steps of an epoch.
@@ -92,7 +94,7 @@ def from_config(
         end = row.get("end")
         stop = total if end is None else float(end) * units[unit]
         if stop < start:
-            raise ConfigError(f"{where}: the ramp ends (step {stop:g}) before it starts ({start:g})")
+            raise ConfigError(f"{where}: ends at step {stop:g}, before it starts ({start:g})")
         return Ramp(start, stop, low, high)
 
     rows = config.get("objective") or {}

@@ -19,8 +19,8 @@ def world() -> tuple[int, int]:
 def rand_rows(rows: int, *columns: int, device: torch.device) -> Tensor:
     """Uniform numbers (rows, *columns) for this rank's rows of the joint batch.
 
-    Every rank draws for the joint batch from a generator in the same state and keeps its own rows, so a
-    sample is treated alike whether it is alone or shared out.
+    Every rank draws for the joint batch from a generator in the same state and keeps its own rows,
+    so a sample is treated alike whether it is alone or shared out.
     """
     rank, size = world()
     return torch.rand(size * rows, *columns, device=device)[rank * rows : (rank + 1) * rows]
@@ -56,8 +56,9 @@ def gather(x: Tensor) -> Tensor:
 def masked_mean(losses: Tensor, valid: Tensor) -> Tensor:
     """Mean of the valid samples' losses over all ranks; 0 where there is none.
 
-    DDP averages gradients over ranks that may hold different numbers of labelled samples. Each rank's sum
-    is divided by the joint count and multiplied by the number of ranks, so that average is the joint mean.
+    DDP averages gradients over ranks that may hold different numbers of labelled samples. Each
+    rank's sum is divided by the joint count and multiplied by the number of ranks, so that average
+    is the joint mean.
 
     Args:
         losses: float (B,), one a sample.

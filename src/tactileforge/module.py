@@ -1,4 +1,4 @@
-"""The Lightning module: an encoder, heads and objectives under a curriculum. It knows nothing tactile."""
+"""The Lightning module: an encoder, heads and objectives under a curriculum."""
 
 from __future__ import annotations
 
@@ -24,8 +24,9 @@ class TouchModule(L.LightningModule):
     """Trains an encoder with several objectives at once.
 
     A step asks the encoder for at most one pass of each view, however many objectives there are. An
-    objective whose weight is 0 is not computed, nor a view that only it needs. All randomness of a step is a
-    function of (seed, batch number, rank): a run that is resumed goes on exactly as it would have.
+    objective whose weight is 0 is not computed, nor a view that only it needs. All randomness of a
+    step is a function of (seed, batch number, rank): a run that is resumed goes on exactly as it
+    would have.
 
     Args:
         encoder: A touch encoder.
@@ -33,8 +34,8 @@ class TouchModule(L.LightningModule):
         objectives: By name.
         weights: Largest weight of each objective.
         curriculum: See `curriculum.from_config`.
-        optim: ``lr``, ``weight_decay``, ``betas``, and ``warmup``, the share of the run in which the
-            learning rate rises; it falls linearly to 0 afterwards.
+        optim: ``lr``, ``weight_decay``, ``betas``, and ``warmup``, the share of the run in which
+            the learning rate rises; it falls linearly to 0 afterwards.
         augment: Changes clips and their labels, or None.
         seed: Seed of the run.
     """
@@ -160,7 +161,7 @@ class TouchModule(L.LightningModule):
             raise ConfigError(
                 f"no objective has a weight above 0 at step {self.global_step}; let one start at 0"
             )
-        if (self.global_step + 1) % self.trainer.log_every_n_steps == 0:
+        if (self.global_step + 1) % log_interval(self.trainer) == 0:
             self._log_step(total.detach(), logs, weights, universal)
         return total
 
@@ -175,9 +176,10 @@ class TouchModule(L.LightningModule):
         size = len(batch["frames"])
         self.log_dict({f"val/{k}": v for k, v in logs.items()}, batch_size=size, on_epoch=True)
 
-    def configure_optimizers(self) -> dict[str, Any]:
+    def configure_optimizers(self) -> Any:
         """AdamW without decay of vectors; linear warm-up, then linear decay to 0."""
-        matrices, vectors = [], []
+        matrices: list[nn.Parameter] = []
+        vectors: list[nn.Parameter] = []
         for parameter in self.parameters():
             if parameter.requires_grad:
                 (matrices if parameter.ndim > 1 else vectors).append(parameter)
@@ -226,8 +228,8 @@ class TouchModule(L.LightningModule):
         if not torch.isfinite(total):
             bad = [key for key, value in logs.items() if not torch.isfinite(value)]
             raise TactileForgeError(
-                f"the loss is not finite at step {self.global_step} ({', '.join(bad)}); lower optim.lr, "
-                "or train with trainer.precision=32"
+                f"the loss is not finite at step {self.global_step} ({', '.join(bad)}); lower "
+                "optim.lr, or train with trainer.precision=32"
             )
         optimizer: Any = self.optimizers()
         row = {f"train/{key}": value for key, value in logs.items()} | {"train/loss": total}
@@ -235,6 +237,12 @@ class TouchModule(L.LightningModule):
         settings = {f"weight/{key}": value for key, value in weights.items()}
         settings |= {"universal": universal, "lr": float(optimizer.param_groups[0]["lr"])}
         self.log_dict(settings)
+
+
+def log_interval(trainer: L.Trainer) -> int:
+    """Steps between two logged ones."""
+    every: int = trainer.log_every_n_steps  # type: ignore[attr-defined]
+    return every
 
 
 def tower(config: Mapping[str, Any], kind: str) -> nn.Module:

@@ -8,6 +8,8 @@ import lightning as L
 from lightning.pytorch.callbacks import Callback
 from tqdm import tqdm
 
+from tactileforge.module import log_interval
+
 
 class Progress(Callback):
     """Steps done and to do, time left, and the losses of the objectives that are awake.
@@ -35,7 +37,7 @@ class Progress(Callback):
         """Moves the bar."""
         if self.bar is None:
             return
-        if trainer.global_step % trainer.log_every_n_steps == 0:
+        if trainer.global_step % log_interval(trainer) == 0:
             losses = {
                 name.removeprefix("train/"): f"{float(value):.3g}"
                 for name, value in trainer.logged_metrics.items()

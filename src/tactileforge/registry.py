@@ -107,7 +107,8 @@ def get(kind: str, name: str) -> type[Any]:
 def parameters(plugin: type[Any]) -> dict[str, Any]:
     """The configuration of a plugin: its constructor's parameters and their defaults.
 
-    Parameters in `contracts.CONTEXT` are left out; one without a default maps to `inspect.Parameter.empty`.
+    Parameters in `contracts.CONTEXT` are left out; one without a default maps to
+    `inspect.Parameter.empty`.
     """
     return {
         parameter.name: parameter.default
@@ -117,7 +118,7 @@ def parameters(plugin: type[Any]) -> dict[str, Any]:
     }
 
 
-def context(plugin: type[Any]) -> set[str]:
+def context(plugin: type[Any]) -> frozenset[str]:
     """The constructor parameters of a plugin that the framework fills in."""
     return CONTEXT & set(signature(plugin).parameters)
 
@@ -128,8 +129,8 @@ def build(kind: str, config: Mapping[str, Any], **given: Any) -> Any:
     Args:
         kind: One of `KINDS`.
         config: ``{"name": ..., **arguments}``.
-        given: Values for constructor parameters in `contracts.CONTEXT`; those the plugin does not name
-            are not passed.
+        given: Values for constructor parameters in `contracts.CONTEXT`; those the plugin does not
+            name are not passed.
 
     Raises:
         PluginError: See `get`.

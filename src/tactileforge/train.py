@@ -45,7 +45,8 @@ def train(config: DictConfig, folder: Path) -> TouchModule:
     ``checkpoints/last.ckpt`` and ``report.html``.
 
     Args:
-        config: Finished; see `compose.finish`. With ``resume``, ``folder`` is that of the run to go on with.
+        config: Finished; see `compose.finish`. With ``resume``, ``folder`` is that of the run to go
+            on with.
         folder: Folder of the run.
 
     Returns:
@@ -112,8 +113,8 @@ def build_data(config: Mapping[str, Any]) -> TouchData:
 def with_sensors(config: Mapping[str, Any], data: TouchData) -> dict[str, Any]:
     """The encoder's configuration with a row for every sensor of the data.
 
-    Sensors that the encoder does not know yet take the free rows in alphabetical order, and the resolved
-    configuration says so.
+    Sensors that the encoder does not know yet take the free rows in alphabetical order, and the
+    resolved configuration says so.
     """
     names = data.train.sensors if data.train else []
     encoder = registry.build("encoders", config)
@@ -125,7 +126,9 @@ def with_sensors(config: Mapping[str, Any], data: TouchData) -> dict[str, Any]:
     return {**config, "sensors": table}
 
 
-def build_trainer(config: Mapping[str, Any], folder: Path) -> tuple[L.Trainer, checkpoints.Checkpoints]:
+def build_trainer(
+    config: Mapping[str, Any], folder: Path
+) -> tuple[L.Trainer, checkpoints.Checkpoints]:
     """The Lightning trainer of a run, and the callback that keeps its checkpoints."""
     options = dict(config["trainer"])
     saver = checkpoints.Checkpoints(folder, options.pop("save_every"))
@@ -152,7 +155,7 @@ def build_trainer(config: Mapping[str, Any], folder: Path) -> tuple[L.Trainer, c
 
 
 def build_loggers(config: Mapping[str, Any], folder: Path) -> list[Logger]:
-    """A CSV logger, which starts a new file when a run is resumed, and the one that is asked for."""
+    """A CSV logger, which starts a new file when a run is resumed, and the one asked for."""
     loggers: list[Logger] = [CSVLogger(folder, name="metrics", flush_logs_every_n_steps=50)]
     name, project = config["name"], config.get("project", "tactileforge")
     if name == "tensorboard":

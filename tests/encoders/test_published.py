@@ -1,7 +1,7 @@
 """The architecture is AnyTouch 2's: the published model's outputs for deterministic weights.
 
-The numbers were made with the authors' own classes, whose weights were filled by the formula below; they
-are facts about the published architecture, not weights.
+The numbers were made with the authors' own classes, whose weights were filled by the formula below;
+they are facts about the published architecture, not weights.
 """
 
 import pytest

@@ -1,7 +1,7 @@
 """Augmentation that keeps labels true: a mirrored touch has a mirrored force.
 
-Which clips are flipped is drawn on the host, where labels and captions are changed with them; the pixels
-follow on the device.
+Which clips are flipped is drawn on the host, where labels and captions are changed with them; the
+pixels follow on the device.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ def _swap(pairs: tuple[tuple[str, str], ...]) -> Tensor:
 def flip_labels(batch: Batch, horizontal: Tensor, vertical: Tensor) -> None:
     """Changes forces and actions of flipped clips, in place.
 
-    A horizontal flip negates the x shear and swaps left with right, a vertical one negates the y shear and
-    swaps up with down; either swaps clockwise with counter-clockwise.
+    A horizontal flip negates the x shear and swaps left with right, a vertical one negates the y
+    shear and swaps up with down; either swaps clockwise with counter-clockwise.
 
     Args:
         batch: On the host.
@@ -76,9 +76,7 @@ class Augment(nn.Module):
         jitter: Largest relative change of brightness, contrast and saturation; 0 for none.
     """
 
-    def __init__(
-        self, horizontal: float = 0.5, vertical: float = 0.5, jitter: float = 0.0
-    ) -> None:
+    def __init__(self, horizontal: float = 0.5, vertical: float = 0.5, jitter: float = 0.0) -> None:
         super().__init__()
         self.horizontal = horizontal
         self.vertical = vertical

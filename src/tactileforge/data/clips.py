@@ -23,12 +23,13 @@ _MAX_FAILURES = 20
 class Clips(Dataset[dict[str, Any]]):
     """Every clip that can be cut from some recordings.
 
-    A clip is cut by time: ``frames`` frames, ``spacing`` seconds apart, rounded to whole frames of the
-    recording (every second frame at 30 Hz and every frame at 18 Hz for 1/15 s). Clips that would span a gap
-    in time are left out. Where a recording is shorter than a clip, its first frame is repeated.
+    A clip is cut by time: ``frames`` frames, ``spacing`` seconds apart, rounded to whole frames of
+    the recording (every second frame at 30 Hz and every frame at 18 Hz for 1/15 s). Clips that
+    would span a gap in time are left out. Where a recording is shorter than a clip, its first frame
+    is repeated.
 
-    The index is two integers a clip; frames are read, resized to ``size`` and kept in a cache of bounded
-    size, so memory does not grow with the number of recordings.
+    The index is two integers a clip; frames are read, resized to ``size`` and kept in a cache of
+    bounded size, so memory does not grow with the number of recordings.
 
     Args:
         recordings: What to cut.
@@ -114,7 +115,8 @@ class Clips(Dataset[dict[str, Any]]):
             item: The clip, or the clip and its matching group.
 
         Returns:
-            One row of a batch (see `tactileforge.contracts`); ``skipped`` lists what could not be read.
+            One row of a batch (see `tactileforge.contracts`); ``skipped`` lists what could not be
+            read.
 
         Raises:
             DataError: Many recordings in a row cannot be read.
@@ -142,7 +144,7 @@ class Clips(Dataset[dict[str, Any]]):
             row = int(rows[-1]) * len(recording.image) // len(recording.frames)
             image = self._frames(("image", number), recording.image, [row], (height, width))[0]
         return {
-            "frames": _tensor(self._frames(("touch", number), recording.frames, rows, self.size)),
+            "frames": _tensor(self._frames(("touch", number), recording.frames, rows.tolist(), self.size)),
             "background": _tensor(self._background(number)),
             "sensor": recording.sensor,
             "force": torch.from_numpy(np.nan_to_num(force)),
@@ -166,8 +168,8 @@ class Clips(Dataset[dict[str, Any]]):
             else:
                 if recording.no_contact.shape != recording.frames.shape:
                     raise DataError(
-                        f"{recording.key}: the background is {recording.no_contact.shape}, the frames "
-                        f"are {recording.frames.shape}; give a background of the same size"
+                        f"{recording.key}: the background is {recording.no_contact.shape}, the "
+                        f"frames are {recording.frames.shape}; give a background of the same size"
                     )
                 still = recording.no_contact.read(range(len(recording.no_contact)))
                 found = _resize(np.median(still, axis=0).astype(np.uint8), self.size)
@@ -177,13 +179,13 @@ class Clips(Dataset[dict[str, Any]]):
     def _frames(
         self, key: tuple[str, int], frames: Frames, rows: Sequence[int], size: tuple[int, int]
     ) -> NDArray[np.uint8]:
-        found = {int(row): self._cache.get((*key, int(row))) for row in rows}
+        found = {row: self._cache.get((*key, row)) for row in rows}
         missing = [row for row, frame in found.items() if frame is None]
         if missing:
             for row, frame in zip(missing, frames.read(missing), strict=True):
-                found[row] = _resize(frame, size)
-                self._cache.put((*key, row), found[row])
-        return np.stack([found[int(row)] for row in rows])  # type: ignore[misc]
+                found[row] = small = _resize(frame, size)
+                self._cache.put((*key, row), small)
+        return np.stack([found[row] for row in rows])  # type: ignore[misc]
 
 
 class _Cache:

@@ -44,8 +44,8 @@ class Loader(DataLoader[dict[str, Any]]):
         for key, now in self.state_dict().items():
             if state[key] != now:
                 raise ConfigError(
-                    f"resume: {key} was {state[key]} and is {now}; a resumed run goes on with the same "
-                    "data, batches and processes (init= starts a new run from its weights)"
+                    f"resume: {key} was {state[key]} and is {now}; a resumed run goes on with the "
+                    "same data, batches and processes (init= starts a new run from its weights)"
                 )
 
 
@@ -114,8 +114,9 @@ class TouchData(L.LightningDataModule):
             self.pairs = Pairs(*self.train.labels())
             if not self.pairs:
                 raise ConfigError(
-                    "matching needs two objects, one of them touched by two sensors, or two actions, each "
-                    "shown twice; the data has neither. Leave match out of objective=[...]"
+                    "matching needs two objects, one of them touched by two sensors, or two "
+                    "actions, each shown twice; the data has neither. Leave match out of "
+                    "objective=[...]"
                 )
         if held_out := list(self.dataset.recordings("val")):
             self.val = Clips(held_out, **self.cut)  # type: ignore[arg-type]
@@ -134,9 +135,9 @@ class TouchData(L.LightningDataModule):
         for need in sorted(needs):
             if not provides & set(need.split("|")):
                 raise ConfigError(
-                    f"objective {key!r} needs {need.replace('|', ' or ')}, which the data does not have "
-                    f"(it has: {', '.join(sorted(provides)) or 'frames only'}). Leave the objective out "
-                    f"(objective=[...] without {key}), or use data that has it"
+                    f"objective {key!r} needs {need.replace('|', ' or ')}, which the data does not "
+                    f"have (it has: {', '.join(sorted(provides)) or 'frames only'}). Leave the "
+                    f"objective out (objective=[...] without {key}), or use data that has it"
                 )
 
     def train_dataloader(self) -> Loader:
@@ -181,4 +182,3 @@ class TouchData(L.LightningDataModule):
 
 def _one_thread(_: int) -> None:
     cv2.setNumThreads(0)
-

@@ -56,8 +56,8 @@ class Pairs:
 class Batches(Sampler[list[Item]]):
     """Batches of a run, each a pure function of its number.
 
-    A fixed share of every batch is drawn in pairs for matching. The rest goes through all clips in an order
-    shuffled anew each epoch. All batches have one size, on every rank.
+    A fixed share of every batch is drawn in pairs for matching. The rest goes through all clips in
+    an order shuffled anew each epoch. All batches have one size, on every rank.
 
     Args:
         clips: Number of clips.
@@ -68,8 +68,8 @@ class Batches(Sampler[list[Item]]):
         rank: This process.
         world: Number of processes.
         multiple: The number of batches of an epoch is a multiple of this.
-        position: Batches of the run that are already done; an iteration goes on from there to the end of
-            the epoch.
+        position: Batches of the run that are already done; an iteration goes on from there to the
+            end of the epoch.
     """
 
     def __init__(

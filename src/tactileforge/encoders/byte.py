@@ -51,4 +51,5 @@ class ByteEncoder(nn.Module):
         x = self.embed(ids) + self.position[:longest]
         x = self.norm(self.transformer(x, seen[:, None, None, :]))
         weight = seen[..., None].to(x.dtype)
-        return (x * weight).sum(1) / weight.sum(1)
+        mean: Tensor = (x * weight).sum(1) / weight.sum(1)
+        return mean

@@ -16,8 +16,8 @@ from tactileforge.errors import PluginError
 class ClipTower(nn.Module):
     """One tower of a CLIP model in the layout of ``transformers``.
 
-    Weights are read as safetensors only. Unlike other plugins this one reads its files when it is built,
-    because their configuration gives its sizes.
+    Weights are read as safetensors only. Unlike other plugins this one reads its files when it is
+    built, because their configuration gives its sizes.
 
     Args:
         path: Folder, or name on the model hub, e.g. ``laion/CLIP-ViT-B-16-DataComp.XL-s13B-b90K``.
@@ -45,7 +45,7 @@ class ClipTower(nn.Module):
         try:
             self.model: nn.Module = kind.from_pretrained(path, use_safetensors=True)
             self.tokenizer = transformers.CLIPTokenizerFast.from_pretrained(path) if text else None
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, RuntimeError) as error:
             raise PluginError(f"{tower}_encoder.path={path}: cannot load CLIP: {error}") from error
         self.modality = tower
         self.frozen = frozen
@@ -67,9 +67,9 @@ class ClipTower(nn.Module):
         with torch.set_grad_enabled(torch.is_grad_enabled() and not self.frozen):
             if isinstance(batch, Tensor):
                 size = (self.image_size, self.image_size)
-                x = F.interpolate(
-                    batch.float() / 255, size, mode="bicubic", antialias=True
-                ).clamp(0, 1)
+                x = F.interpolate(batch.float() / 255, size, mode="bicubic", antialias=True).clamp(
+                    0, 1
+                )
                 out: Tensor = self.model(pixel_values=(x - self.mean) / self.std).image_embeds
                 return out
             tokens = self.tokenizer(  # type: ignore[misc]

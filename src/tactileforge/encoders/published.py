@@ -1,4 +1,4 @@
-"""Published weights under our names: a key map for each published layout, and nothing left random."""
+"""Published weights under our names: a key map for each layout, and nothing left random."""
 
 from __future__ import annotations
 

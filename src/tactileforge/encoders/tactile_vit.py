@@ -15,7 +15,8 @@ from tactileforge.distributed import rand_rows
 from tactileforge.encoders.transformer import Transformer, init_weights, size_of
 from tactileforge.errors import ConfigError, unknown
 
-#: Rows of the published sensor table (AnyTouch 2). The last row of the table is the universal sensor.
+#: Rows of the published sensor table (AnyTouch 2). The last row of the table is the universal
+# sensor.
 PUBLISHED_SENSORS = {
     "gelsight": 0,
     "digit": 1,
@@ -31,9 +32,10 @@ CLIP_STD = (0.26862954, 0.26130258, 0.27577711)
 class TactileViT(nn.Module):
     """Touch clips to tokens; preprocessing included, so frames go in as uint8.
 
-    The sequence is one class token, ``sensor_tokens`` tokens of the sensor, and the patches of every
-    temporal slot in (slot, row, column) order. Patches are tubes of ``tube`` frames, embedded linearly,
-    with one learned position each. Blocks are pre-norm with a norm before the first (CLIP's).
+    The sequence is one class token, ``sensor_tokens`` tokens of the sensor, and the patches of
+    every temporal slot in (slot, row, column) order. Patches are tubes of ``tube`` frames, embedded
+    linearly, with one learned position each. Blocks are pre-norm with a norm before the first
+    (CLIP's).
     Source: AnyTouch 2, sections Method and Implementation Details, and its published weights.
 
     Args:
@@ -95,8 +97,8 @@ class TactileViT(nn.Module):
         for name, row in self.sensors.items():
             if not 0 <= row < sensor_rows - 1:
                 raise ConfigError(
-                    f"encoder: sensor {name!r} has row {row} of {sensor_rows}, of which the last is "
-                    "universal; raise sensor_rows"
+                    f"encoder: sensor {name!r} has row {row} of {sensor_rows}, of which the last "
+                    "is universal; raise sensor_rows"
                 )
         self.width, depth, heads = size_of(size)
         self.projected = projected
@@ -157,18 +159,14 @@ class TactileViT(nn.Module):
         """
         x = (frames.float() - background[:, None].float() + 130).clamp(0, 255) / 255
         if x.shape[-2:] != self.image_size:
-            batch = x.shape[:2]
-            x = F.interpolate(
-                x.flatten(0, 1), self.image_size, mode="bilinear", antialias=True
-            ).unflatten(0, batch)
+            flat = F.interpolate(x.flatten(0, 1), self.image_size, mode="bilinear", antialias=True)
+            x = flat.view(*x.shape[:3], *self.image_size)
         return (x - self.mean) / self.std
 
     def patchify(self, x: Tensor) -> Tensor:
         """(B, T, 3, height, width) to (B, slots, N, 3 * tube * patch * patch)."""
         slots, rows, columns = self.grid
-        x = x.unflatten(1, (slots, self.tube))
-        x = x.unflatten(4, (rows, self.patch)).unflatten(6, (columns, self.patch))
-        # (B, slots, tube, 3, rows, patch, columns, patch)
+        x = x.reshape(len(x), slots, self.tube, 3, rows, self.patch, columns, self.patch)
         x = x.permute(0, 1, 4, 6, 3, 2, 5, 7)
         return x.flatten(4).flatten(2, 3)
 
@@ -215,8 +213,8 @@ class TactileViT(nn.Module):
 class TactileViews:
     """The views of one batch, each computed once, when first asked for.
 
-    Random choices (which tubes are kept, which samples take the universal sensor tokens) are drawn at
-    once, so they do not depend on which view is asked for first.
+    Random choices (which tubes are kept, which samples take the universal sensor tokens) are drawn
+    at once, so they do not depend on which view is asked for first.
 
     Args:
         encoder: Whose views.
@@ -238,7 +236,7 @@ class TactileViews:
 
     @cached_property
     def patches(self) -> Tensor:
-        """float (B, slots, N, P): the normalised frames, in patches."""
+        """Float (B, slots, N, P): the normalised frames, in patches."""
         pixels = self.encoder.preprocess(self.batch["frames"], self.batch["background"])
         return self.encoder.patchify(pixels)
 

@@ -10,6 +10,11 @@ from torch.nn import functional as F
 SIZES = {"tiny": (192, 6, 3), "small": (384, 12, 6), "base": (768, 12, 12)}
 
 
+def mlp(width: int) -> nn.Sequential:
+    """Two layers, four times as wide between them."""
+    return nn.Sequential(nn.Linear(width, 4 * width), nn.GELU(), nn.Linear(4 * width, width))
+
+
 class Attention(nn.Module):
     """Multi-head self-attention with one fused projection for query, key and value."""
 
@@ -37,7 +42,9 @@ class Block(nn.Module):
         self.norm1 = nn.LayerNorm(width, eps)
         self.attention = Attention(width, heads)
         self.norm2 = nn.LayerNorm(width, eps)
-        self.mlp = nn.Sequential(nn.Linear(width, 4 * width), nn.GELU(), nn.Linear(4 * width, width))
+        self.mlp = nn.Sequential(
+            nn.Linear(width, 4 * width), nn.GELU(), nn.Linear(4 * width, width)
+        )
 
     def forward(self, x: Tensor, mask: Tensor | None = None) -> Tensor:
         """(B, L, width) to the same."""
@@ -63,7 +70,8 @@ class Transformer(nn.Module):
 class AttentivePooler(nn.Module):
     """Learned queries that read tokens through one cross-attention block.
 
-    The queries enter un-normed, keys and values are normed; block as in the published probe of AnyTouch 2.
+    The queries enter un-normed, keys and values are normed; block as in the published probe of
+    AnyTouch 2.
 
     Args:
         width: Size of a token, and of what is read.
@@ -80,7 +88,9 @@ class AttentivePooler(nn.Module):
         self.kv = nn.Linear(width, 2 * width)
         self.out = nn.Linear(width, width)
         self.norm2 = nn.LayerNorm(width)
-        self.mlp = nn.Sequential(nn.Linear(width, 4 * width), nn.GELU(), nn.Linear(4 * width, width))
+        self.mlp = nn.Sequential(
+            nn.Linear(width, 4 * width), nn.GELU(), nn.Linear(4 * width, width)
+        )
         self.apply(init_weights)
         nn.init.trunc_normal_(self.queries, std=0.02)
 

@@ -29,9 +29,9 @@ class Reconstruction:
 class MaskedDecoder(nn.Module):
     """Visible tokens and mask tokens to the pixels of the masked tubes.
 
-    A token's place is given by fixed sines and cosines of its slot, row and column. (Positions of row and
-    column alone would make the two slots of a masked tube the same.) The order of tokens carries no
-    meaning, so mask tokens simply follow the visible ones, and only they are predicted.
+    A token's place is given by fixed sines and cosines of its slot, row and column. (Positions of
+    row and column alone would make the two slots of a masked tube the same.) The order of tokens
+    carries no meaning, so mask tokens simply follow the visible ones, and only they are predicted.
 
     Args:
         encoder: Whose masked view is decoded.
@@ -66,8 +66,8 @@ class MaskedDecoder(nn.Module):
             [prefix, patches + kept.flatten(1, 2), self.mask_token + masked.flatten(1, 2)], dim=1
         )
         x = self.transformer(x)[:, visible.shape[1] :]
-        out: Tensor = self.predict(self.norm(x)).unflatten(1, (slots, -1))
-        return out
+        x = self.predict(self.norm(x))
+        return x.view(len(x), slots, -1, x.shape[-1])
 
     def frames(self, patches: Tensor) -> Tensor:
         """(B, slots, M, 3 * tube * P) to (B, M, slots * tube, 3 * P): frames in their order."""

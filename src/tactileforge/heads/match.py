@@ -26,22 +26,28 @@ class PairScores:
 class MatchHead(nn.Module):
     """Linear scores of the element-wise product of two normalised class tokens.
 
-    All pairs at once: ``w . (a * b) = (w * a) . b`` is one matrix product.
+    All pairs at once: ``w . (a * b) = (w * a) . b`` is one matrix product. Scores start as
+    ``gain * (cosine - 1)``: undecided where two tokens are alike.
 
     Args:
         encoder: The touch encoder (given by the framework).
+        gain: Fixed factor of the scores; products of unit vectors are small, so it sets the pace.
     """
 
-    def __init__(self, encoder: Encoder) -> None:
+    def __init__(self, encoder: Encoder, gain: float = 10.0) -> None:
         super().__init__()
+        self.gain = gain
         self.object = nn.Linear(encoder.projected, 1)
         self.action = nn.Linear(encoder.projected, 1)
-        for linear in (self.object, self.action):  # starts as 5 (cosine - 1): undecided when alike
-            nn.init.constant_(linear.weight, 5.0)
-            nn.init.constant_(linear.bias, -5.0)
+        for linear in (self.object, self.action):
+            nn.init.ones_(linear.weight)
+            nn.init.constant_(linear.bias, -1.0)
 
     def forward(self, views: Views, batch: Batch) -> PairScores:
         """Scores of every pair of the batch."""
         cls = F.normalize(views.full.cls, dim=-1)
-        scores = [(cls * part.weight) @ cls.T + part.bias for part in (self.object, self.action)]
+        scores = [
+            self.gain * ((cls * part.weight) @ cls.T + part.bias)
+            for part in (self.object, self.action)
+        ]
         return PairScores(*scores)

@@ -14,9 +14,10 @@ from tactileforge.heads.align import Aligned
 
 
 class Align(nn.Module):
-    """Symmetric InfoNCE of touch-vision and touch-language, each over the samples that have the pair.
+    """Symmetric InfoNCE of touch-vision and touch-language, each over the samples that have both.
 
-    Features are gathered over ranks, with gradients. Source: AnyTouch 2, appendix Multi-modal Aligning loss.
+    Features are gathered over ranks, with gradients. Source: AnyTouch 2, appendix Multi-modal
+    Aligning loss.
 
     Args:
         alpha_tv: Strength of touch-vision.

@@ -13,7 +13,8 @@ from tactileforge.heads.decoder import Reconstruction
 class Diff(nn.Module):
     """Squared error on masked tubes of D_n = T_n - T_1, n = 2..N, summed over n and divided by N.
 
-    Source: AnyTouch 2, section Pixel-Level Dynamic Details, L_rec of the differences. A divisor of N for
+    Source: AnyTouch 2, section Pixel-Level Dynamic Details, L_rec of the differences. A divisor of
+        N for
     N - 1 differences is the paper's.
     """
 

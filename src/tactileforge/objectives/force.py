@@ -14,8 +14,8 @@ from tactileforge.heads.force import Forces
 class Force(nn.Module):
     """L1 on the force of frames 2..N and on its change from the frame before.
 
-    Forces are normalised by the sensor's force scale. Source: AnyTouch 2, section Physical-Level Dynamic
-    Properties.
+    Forces are normalised by the sensor's force scale. Source: AnyTouch 2, section Physical-Level
+    Dynamic Properties.
 
     Args:
         delta: Strength of the change of force.
@@ -38,6 +38,7 @@ class Force(nn.Module):
         loss = masked_mean((of_force + self.delta * of_delta).mean((1, 2)), valid)
         milli = 1000 * (of_force.detach() * scale).mean(1)
         logs = {
-            f"mae_{axis}_mN": masked_mean(milli[:, i], valid) for i, axis in enumerate(("x", "y", "z"))
+            f"mae_{axis}_mN": masked_mean(milli[:, i], valid)
+            for i, axis in enumerate(("x", "y", "z"))
         }
         return loss, logs

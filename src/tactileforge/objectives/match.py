@@ -16,9 +16,9 @@ from tactileforge.heads.match import PairScores
 class Match(nn.Module):
     """Binary cross-entropy of a positive and a negative for every clip that was drawn for matching.
 
-    Positives share the anchor's ``group``, and its object with another sensor, or its action. Negatives are
-    any clips of the batch with another known object or action. Source: AnyTouch 2, section Semantic-Level
-    Tactile Features, L_obj + L_act.
+    Positives share the anchor's ``group``, and its object with another sensor, or its action.
+    Negatives are any clips of the batch with another known object or action. Source: AnyTouch 2,
+    section Semantic-Level Tactile Features, L_obj + L_act.
     """
 
     head: ClassVar[str] = "match"

@@ -1,8 +1,8 @@
 """The published optical sensors, as data.
 
-Sizes, rates and areas are those of the frames in public data sets, None where nothing is published. Force
-scales of ``digit``, ``gelsight_mini`` and ``duragel`` are those of ToucHD's benchmark (AnyTouch 2, its
-``max_abs``); for the others none is published, and they take the Mini's.
+Sizes, rates and areas are those of the frames in public data sets, None where nothing is published.
+Force scales of ``digit``, ``gelsight_mini`` and ``duragel`` are those of ToucHD's benchmark
+(AnyTouch 2, its ``max_abs``); for the others none is published, and they take the Mini's.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from copy import deepcopy
 from dataclasses import dataclass
-from inspect import Parameter, signature
+from inspect import Parameter
 from typing import Any, Literal, TypeAlias
 
 from tactileforge import registry
@@ -82,8 +82,8 @@ class Subject:
 
 def construct(plugin: type[Any], options: Mapping[str, Any], context: Mapping[str, Any]) -> Any:
     """Builds a class with its options, and with what its constructor names of the context."""
-    wanted = signature(plugin).parameters
-    return plugin(**options, **{key: value for key, value in context.items() if key in wanted})
+    wanted = registry.context(plugin)
+    return plugin(**options, **{key: context[key] for key in wanted if key in context})
 
 
 Check: TypeAlias = Callable[[Subject], None]

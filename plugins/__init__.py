@@ -1,0 +1,1 @@
+"""Packages of plugins; the example is shipped, `tactileforge plugins new` starts from it."""

@@ -1,0 +1,18 @@
+import numpy as np
+from tactileforge_example.sensor import Dummy
+
+from tactileforge.testing import check
+
+
+def test_conformance():
+    results = check("sensor", "dummy")
+    assert {result.status for result in results} == {"ran"}, results
+
+
+def test_gain_scales_contrast():
+    def contrast(gain):
+        sensor = Dummy(gain=gain)
+        return np.ptp(sensor._draw(0.5).astype(int))
+
+    assert contrast(0.0) == 20  # the gel's own colour
+    assert contrast(0.5) < contrast(1.0)

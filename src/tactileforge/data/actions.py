@@ -1,0 +1,110 @@
+"""Actions from forces: segments in which the forces change smoothly, named by their direction.
+
+After AnyTouch 2, appendix "Force Data". Rotations are not among them: torque is not known.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import ACTIONS
+
+#: Half the window in which a rate of change is fitted, s.
+_HALF_WINDOW = 0.15
+#: Normal force that counts as contact, as a share of the largest.
+_CONTACT = 0.05
+#: Rate of change that counts as an action, as a share of the largest force, 1/s.
+_RATE = 0.15
+#: The same, as a multiple of what the noise alone would give.
+_NOISE = 4.0
+#: Share of the rate that lies on one axis (a cosine), so that the direction is clear.
+_CLEAR = 0.8
+#: Shortest segment, s.
+_SHORTEST = 0.15
+
+#: Action of a rising and of a falling force, by axis.
+_NAMES = (("slide_right", "slide_left"), ("slide_down", "slide_up"), ("press", "leave"))
+_LABELS = np.array([[ACTIONS.index(name) for name in pair] for pair in _NAMES])
+
+
+def label_actions(times: NDArray[np.float64], force: NDArray[np.floating]) -> NDArray[np.int64]:
+    """Labels each frame with what the forces do around it.
+
+    A rate of change is fitted to 0.3 s of each component. A frame is labelled if there is contact (5 % of
+    the largest normal force), if the rate is clear (15 % of the largest force in a second, and four times
+    what the noise gives) and if it lies on one axis (within 37 degrees): normal force that rises is
+    ``press``, that falls ``leave``; shear that changes is a slide in the direction of the change. Segments
+    shorter than 0.15 s are dropped.
+
+    Args:
+        times: float64 (T,), seconds, strictly increasing.
+        force: float (T, 3), newton, axes as in `tactileforge.contracts`; NaN where unknown.
+
+    Returns:
+        int64 (T,), index into `contracts.ACTIONS`; -1 where there is no contact, no clear action, or no
+        force.
+    """
+    actions = np.full(len(times), -1, np.int64)
+    known = np.isfinite(force).all(axis=1)
+    if not known.any():
+        return actions
+    largest = float(np.linalg.norm(force[known], axis=1).max())
+    contact = _CONTACT * float(force[known, 2].max())
+    for rows in _runs(known):
+        if len(rows) > 2 and largest > 0:
+            actions[rows] = _label(times[rows], force[rows].astype(np.float64), largest, contact)
+    for rows in _runs(actions):
+        if times[rows[-1]] - times[rows[0]] < _SHORTEST:
+            actions[rows] = -1
+    return actions
+
+
+def _label(
+    times: NDArray[np.float64], force: NDArray[np.float64], largest: float, contact: float
+) -> NDArray[np.int64]:
+    level, rate, error = _fit(times, force)
+    speed = np.linalg.norm(rate, axis=1)
+    axis = np.abs(rate).argmax(axis=1)
+    along = np.take_along_axis(rate, axis[:, None], axis=1)[:, 0]
+    noise = np.take_along_axis(error, axis[:, None], axis=1)[:, 0]
+    clear = (np.abs(along) > np.maximum(_RATE * largest, _NOISE * noise)) & (
+        np.abs(along) >= _CLEAR * speed
+    )
+    touching = level[:, 2] > max(contact, 0.0)
+    return np.where(clear & touching, _LABELS[axis, (along < 0).astype(int)], -1)
+
+
+def _fit(
+    times: NDArray[np.float64], force: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Level, slope and standard error of the slope of a line fitted around each frame, (T, 3) each."""
+    first = np.searchsorted(times, times - _HALF_WINDOW - 1e-9)
+    last = np.searchsorted(times, times + _HALF_WINDOW + 1e-9)
+    # At least three frames, where the rate of the recording is low.
+    row = np.arange(len(times))
+    first = np.clip(np.minimum(first, row - 1), 0, len(times) - 3)
+    last = np.clip(np.maximum(last, row + 2), 3, len(times))
+
+    def window(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        total = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
+        out: NDArray[np.float64] = total[last] - total[first]
+        return out
+
+    clock = times[:, None] - times[0]
+    count = (last - first)[:, None].astype(np.float64)
+    mean_time, mean = window(clock) / count, window(force) / count
+    spread = window(clock**2) - count * mean_time**2
+    slope = (window(clock * force) - count * mean_time * mean) / spread
+    level = mean + slope * (clock - mean_time)
+    # Second differences see the noise and not the motion; their variance is six times that of the noise.
+    bends = np.abs(np.diff(force, n=2, axis=0))
+    sigma = np.median(bends, axis=0) / (0.6745 * np.sqrt(6.0))
+    return level, slope, sigma / np.sqrt(spread)
+
+
+def _runs(values: NDArray[np.bool_] | NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """Rows of each stretch of one value that is labelled or true."""
+    stretches = np.split(np.arange(len(values)), np.flatnonzero(np.diff(values)) + 1)
+    unset = False if values.dtype == bool else -1
+    return [rows for rows in stretches if len(rows) and values[rows[0]] != unset]

@@ -1,0 +1,72 @@
+"""Frames of which a part may be shown; shared by videos and images."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from typing import Self, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.errors import DataError
+
+#: Left, top, width and height of a part of a frame, in pixels.
+Crop: TypeAlias = tuple[int, int, int, int]
+
+
+class Cropped:
+    """Frames of one size, of which a part may be shown.
+
+    Args:
+        name: The file, for messages.
+        size: Height and width of a full frame.
+        crop: What to show; None shows everything.
+
+    Raises:
+        DataError: The crop lies outside the frame.
+    """
+
+    def __init__(self, name: str, size: tuple[int, int], crop: Crop | None) -> None:
+        self._name = name
+        self.full_shape = size
+        self._crop = _checked(crop, size, name)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width."""
+        _, _, width, height = self._crop
+        return height, width
+
+    def crop(self, box: Crop) -> Self:
+        """The same frames, of which another part of the full frame is shown; nothing is read."""
+        other = copy.copy(self)
+        other._crop = _checked(box, self.full_shape, self._name)
+        return other
+
+    def _show(self, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        left, top, width, height = self._crop
+        return frame[top : top + height, left : left + width]
+
+
+def _checked(crop: Crop | None, size: tuple[int, int], name: str) -> Crop:
+    height, width = size
+    left, top, wide, high = crop or (0, 0, width, height)
+    if min(left, top) < 0 or min(wide, high) < 1 or left + wide > width or top + high > height:
+        raise DataError(
+            f"{name}: the crop {list(crop or ())} (left, top, width, height) lies outside its "
+            f"{as_text(size)} pixels; correct the crop"
+        )
+    return left, top, wide, high
+
+
+def check_range(indices: Sequence[int], count: int, name: str) -> None:
+    """Raises an `IndexError` where a frame number is not in ``0..count - 1``."""
+    for i in indices:
+        if not 0 <= i < count:
+            raise IndexError(f"{name}: frame {i} of {count}")
+
+
+def as_text(shape: Sequence[int]) -> str:
+    """Width x height of a (height, width), as people say it."""
+    return f"{shape[1]}x{shape[0]}"

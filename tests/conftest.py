@@ -1,0 +1,79 @@
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+import torch
+
+from tactileforge import registry
+from tactileforge.contracts import Batch
+from tactileforge.encoders.tactile_vit import TactileViT
+
+
+@pytest.fixture(autouse=True)
+def _seeded() -> None:
+    torch.manual_seed(0)
+
+
+@pytest.fixture
+def encoder() -> TactileViT:
+    return TactileViT("tiny", frames=4, image_size=32)
+
+
+@pytest.fixture
+def batch() -> Batch:
+    """Eight clips: four objects, each by two sensors in one group; half have force."""
+    rng = torch.Generator().manual_seed(1)
+    return {
+        "frames": torch.randint(0, 256, (8, 4, 3, 32, 32), dtype=torch.uint8, generator=rng),
+        "background": torch.randint(90, 160, (8, 3, 32, 32), dtype=torch.uint8, generator=rng),
+        "sensor": ["digit", "gelsight"] * 4,
+        "force": torch.randn(8, 4, 3, generator=rng),
+        "force_valid": torch.tensor([True, False] * 4),
+        "force_scale": torch.tensor([[5.25, 10.61, 14.14], [6.84, 9.87, 8.52]] * 4),
+        "action": torch.tensor([0, 0, 1, 1, 2, 2, -1, -1]),
+        "object": torch.tensor([0, 0, 1, 1, 2, 2, 3, 3]),
+        "text": ["a ball", "a ball", "", "a bar", "", "a ring", "a cross", "a nut"],
+        "image": torch.randint(0, 256, (8, 3, 96, 96), dtype=torch.uint8, generator=rng),
+        "image_valid": torch.tensor([True, True, False, True, True, False, True, True]),
+        "group": torch.tensor([0, 0, 1, 1, 2, 2, 3, 3]),
+        "skipped": [],
+    }
+
+
+@pytest.fixture(scope="session")
+def realdata() -> Path:
+    """The folder of public recordings; tests that ask for it are skipped where it is absent."""
+    beside = Path(__file__).parents[1] / ".." / "shared" / "realdata"
+    folder = Path(os.environ.get("TACTILEFORGE_REALDATA", beside)).resolve()
+    if not folder.is_dir():
+        pytest.skip("no real recordings here: set TACTILEFORGE_REALDATA")
+    return folder
+
+
+@pytest.fixture
+def installed(
+    tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Callable[..., None]]:
+    """Makes a folder look like an installed distribution that has entry points."""
+
+    def install(distribution: str, entries: dict[str, str], modules: dict[str, str]) -> None:
+        site = tmp_path_factory.mktemp("site")
+        info = site / f"{distribution.replace('-', '_')}-1.0.dist-info"
+        info.mkdir()
+        (info / "METADATA").write_text(
+            f"Metadata-Version: 2.1\nName: {distribution}\nVersion: 1.0\n"
+        )
+        groups = (
+            f"[tactileforge.{key.split(':')[0]}]\n{key.split(':')[1]} = {target}\n"
+            for key, target in entries.items()
+        )
+        (info / "entry_points.txt").write_text("".join(groups))
+        for path, source in modules.items():
+            (site / path).parent.mkdir(parents=True, exist_ok=True)
+            (site / path).write_text(source)
+        monkeypatch.syspath_prepend(site)
+        registry._entries.cache_clear()
+
+    yield install
+    registry._entries.cache_clear()
