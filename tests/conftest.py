@@ -57,21 +57,14 @@ def installed(
 ) -> Iterator[Callable[..., None]]:
     """Makes a folder look like an installed distribution that has entry points."""
 
-    def install(distribution: str, entries: dict[str, str], modules: dict[str, str]) -> None:
+    def install(name: str, entry_points: str, modules: dict[str, str]) -> None:
         site = tmp_path_factory.mktemp("site")
-        info = site / f"{distribution.replace('-', '_')}-1.0.dist-info"
-        info.mkdir()
-        (info / "METADATA").write_text(
-            f"Metadata-Version: 2.1\nName: {distribution}\nVersion: 1.0\n"
-        )
-        groups = (
-            f"[tactileforge.{key.split(':')[0]}]\n{key.split(':')[1]} = {target}\n"
-            for key, target in entries.items()
-        )
-        (info / "entry_points.txt").write_text("".join(groups))
-        for path, source in modules.items():
+        metadata = f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n"
+        info = f"{name.replace('-', '_')}-1.0.dist-info"
+        files = {f"{info}/METADATA": metadata, f"{info}/entry_points.txt": entry_points, **modules}
+        for path, text in files.items():
             (site / path).parent.mkdir(parents=True, exist_ok=True)
-            (site / path).write_text(source)
+            (site / path).write_text(text)
         monkeypatch.syspath_prepend(site)
         registry._entries.cache_clear()
 

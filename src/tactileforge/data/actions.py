@@ -31,19 +31,18 @@ _LABELS = np.array([[ACTIONS.index(name) for name in pair] for pair in _NAMES])
 def label_actions(times: NDArray[np.float64], force: NDArray[np.floating]) -> NDArray[np.int64]:
     """Labels each frame with what the forces do around it.
 
-    A rate of change is fitted to 0.3 s of each component. A frame is labelled if there is contact (5 % of
-    the largest normal force), if the rate is clear (15 % of the largest force in a second, and four times
-    what the noise gives) and if it lies on one axis (within 37 degrees): normal force that rises is
-    ``press``, that falls ``leave``; shear that changes is a slide in the direction of the change. Segments
-    shorter than 0.15 s are dropped.
+    A rate of change is fitted to 0.3 s of each component. A frame is labelled if there is contact
+    (5 % of the largest normal force), if the rate is clear (15 % of the largest force in a second,
+    and four times what the noise gives) and if it lies on one axis (within 37 degrees). Normal force
+    that rises is ``press``, that falls ``leave``; shear that changes is a slide in the direction of
+    the change. Segments shorter than 0.15 s are dropped.
 
     Args:
         times: float64 (T,), seconds, strictly increasing.
         force: float (T, 3), newton, axes as in `tactileforge.contracts`; NaN where unknown.
 
     Returns:
-        int64 (T,), index into `contracts.ACTIONS`; -1 where there is no contact, no clear action, or no
-        force.
+        int64 (T,), index into `contracts.ACTIONS`; -1 without contact, clear action or force.
     """
     actions = np.full(len(times), -1, np.int64)
     known = np.isfinite(force).all(axis=1)
@@ -78,7 +77,7 @@ def _label(
 def _fit(
     times: NDArray[np.float64], force: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Level, slope and standard error of the slope of a line fitted around each frame, (T, 3) each."""
+    """Level, slope and standard error of the slope of a line around each frame, (T, 3) each."""
     first = np.searchsorted(times, times - _HALF_WINDOW - 1e-9)
     last = np.searchsorted(times, times + _HALF_WINDOW + 1e-9)
     # At least three frames, where the rate of the recording is low.
@@ -97,7 +96,7 @@ def _fit(
     spread = window(clock**2) - count * mean_time**2
     slope = (window(clock * force) - count * mean_time * mean) / spread
     level = mean + slope * (clock - mean_time)
-    # Second differences see the noise and not the motion; their variance is six times that of the noise.
+    # Second differences see the noise, not the motion; their variance is six times its variance.
     bends = np.abs(np.diff(force, n=2, axis=0))
     sigma = np.median(bends, axis=0) / (0.6745 * np.sqrt(6.0))
     return level, slope, sigma / np.sqrt(spread)

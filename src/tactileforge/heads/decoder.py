@@ -67,12 +67,14 @@ class MaskedDecoder(nn.Module):
         )
         x = self.transformer(x)[:, visible.shape[1] :]
         x = self.predict(self.norm(x))
-        return x.view(len(x), slots, -1, x.shape[-1])
+        out: Tensor = x.view(len(x), slots, -1, x.shape[-1])
+        return out
 
     def frames(self, patches: Tensor) -> Tensor:
         """(B, slots, M, 3 * tube * P) to (B, M, slots * tube, 3 * P): frames in their order."""
-        x = patches.unflatten(-1, (3, self.tube, -1)).permute(0, 2, 1, 4, 3, 5)
-        return x.flatten(4).flatten(2, 3)
+        batch, slots, count, size = patches.shape
+        x = patches.reshape(batch, slots, count, 3, self.tube, size // (3 * self.tube))
+        return x.permute(0, 2, 1, 4, 3, 5).flatten(4).flatten(2, 3)
 
 
 def masked_patches(patches: Tensor, features: MaskedFeatures) -> Tensor:

@@ -46,7 +46,8 @@ def read_metrics(folder: Path) -> dict[str, Curve]:
     kept: list[tuple[int, dict[str, str]]] = []
     for path in sorted(folder.glob("metrics/version_*/metrics.csv"), key=_version):
         with path.open(newline="") as file:
-            rows = [(int(row["step"]), row) for row in csv.DictReader(file)]
+            whole = (row for row in csv.DictReader(file) if None not in row.values())
+            rows = [(int(row["step"]), row) for row in whole]  # a killed process may cut its last row
         if rows:
             first = min(step for step, _ in rows)
             kept = [(step, row) for step, row in kept if step < first] + rows

@@ -1,0 +1,166 @@
+"""What a trained module makes of some clips: embeddings, forces, reconstructions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from tactileforge.contracts import Batch, Recording
+from tactileforge.data.augment import fill_captions
+from tactileforge.data.clips import Clips, collate
+from tactileforge.heads.force import Forces
+from tactileforge.module import TouchModule
+
+_BATCH = 16
+
+
+@dataclass(frozen=True)
+class ForceReading:
+    """Forces of labelled clips, frames 2..T.
+
+    Attributes:
+        measured: float32 (n, T - 1, 3), newton.
+        predicted: float32 (n, T - 1, 3), newton.
+        clips: int64 (n,), which clips.
+    """
+
+    measured: NDArray[np.float32]
+    predicted: NDArray[np.float32]
+    clips: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Look:
+    """Clips as the encoder sees them.
+
+    Attributes:
+        clips: int64 (n,), which clips.
+        cls: float32 (n, projected), projected class tokens.
+        moved: float32 (n,), mean change from the first frame, in grey levels.
+    """
+
+    clips: NDArray[np.int64]
+    cls: NDArray[np.float32]
+    moved: NDArray[np.float32]
+
+
+@contextmanager
+def quiet(module: TouchModule, seed: int = 0) -> Iterator[None]:
+    """Evaluation mode without gradients; the same random numbers each time, and none used up outside."""
+    devices = [module.device] if module.device.type == "cuda" else []
+    training = module.training
+    module.eval()
+    with torch.no_grad(), torch.random.fork_rng(devices):
+        torch.manual_seed(seed)
+        yield
+    module.train(training)
+
+
+def spread(
+    clips: Clips, count: int, keep: Callable[[Recording], bool] = lambda _: True
+) -> list[int]:
+    """At most ``count`` clips, shared out evenly over the recordings that are kept."""
+    which = clips.index[:, 0]
+    numbers = [int(n) for n in np.unique(which) if keep(clips.recordings[n])]
+    if len(numbers) > count:
+        numbers = [numbers[i] for i in np.linspace(0, len(numbers) - 1, count).round().astype(int)]
+    chosen: list[int] = []
+    for place, number in enumerate(numbers):
+        own = np.flatnonzero(which == number)
+        share = (count - len(chosen)) // (len(numbers) - place)
+        chosen += own[_even(len(own), share)].tolist()
+    return chosen
+
+
+def _even(length: int, count: int) -> NDArray[np.int64]:
+    """``count`` places spread over ``0..length - 1``: the middles of equal parts."""
+    count = min(length, count)
+    return ((np.arange(count) + 0.5) * length / max(1, count)).astype(np.int64)
+
+
+def batches(module: TouchModule, clips: Clips, which: Sequence[int]) -> Iterator[Batch]:
+    """Small batches of clips, on the module's device, as the encoder gets them in validation."""
+    for start in range(0, len(which), _BATCH):
+        batch = collate([clips[clip] for clip in which[start : start + _BATCH]])
+        fill_captions(batch)
+        yield {k: v.to(module.device) if isinstance(v, Tensor) else v for k, v in batch.items()}
+
+
+def look(
+    module: TouchModule, clips: Clips, which: Sequence[int], skipped: dict[str, None]
+) -> Look:
+    """Embeds clips; one that cannot be read is left out, and ``skipped`` grows by a line.
+
+    Args:
+        module: The trained module.
+        clips: Where the clips come from.
+        which: Clips to embed.
+        skipped: Recordings that could not be read.
+    """
+    rows, moved, numbers = [], [], []
+    with quiet(module):
+        for batch in batches(module, clips, which):
+            skipped |= dict.fromkeys(batch["skipped"])
+            rows.append(module.encoder.views(batch).full.cls.float().cpu().numpy())
+            change = batch["frames"].float() - batch["frames"][:, :1].float()
+            moved.append(change.abs().mean((1, 2, 3, 4)).cpu().numpy())
+            numbers.append(batch["clip"].cpu().numpy())
+    found, first = np.unique(np.concatenate(numbers), return_index=True)
+    return Look(found, np.concatenate(rows)[first], np.concatenate(moved)[first])
+
+
+def liveliest(clips: Clips, seen: Look, count: int) -> list[int]:
+    """The clips that change most, of different recordings, sensors in turn."""
+    queues: dict[str, list[int]] = {}
+    used: set[int] = set()
+    for clip in seen.clips[np.argsort(-seen.moved, kind="stable")].tolist():
+        recording = int(clips.index[clip, 0])
+        if recording not in used:
+            used.add(recording)
+            queues.setdefault(clips.recordings[recording].sensor, []).append(clip)
+    chosen: list[int] = []
+    while len(chosen) < count and any(queues.values()):
+        chosen += [queue.pop(0) for _, queue in sorted(queues.items()) if queue]
+    return chosen[:count]
+
+
+def predictions(
+    module: TouchModule, clips: Clips, which: Sequence[int]
+) -> tuple[Tensor, dict[str, Any]]:
+    """The patches of one batch of clips, and what every head makes of them, by objective."""
+    with quiet(module):
+        batch = next(batches(module, clips, which))
+        views = module.encoder.views(batch)
+        return views.patches, {key: head(views, batch) for key, head in module.heads.items()}
+
+
+def read_forces(
+    module: TouchModule, clips: Clips, which: Sequence[int], key: str
+) -> ForceReading | None:
+    """Forces as measured and as one head predicts them; None without a labelled clip.
+
+    Args:
+        module: The trained module.
+        clips: Where the clips come from.
+        which: Clips to read.
+        key: The objective; its head predicts `heads.force.Forces`.
+    """
+    measured, predicted, numbers = [], [], []
+    with quiet(module):
+        for batch in batches(module, clips, which):
+            forces: Forces = module.heads[key](module.encoder.views(batch), batch)
+            valid = batch["force_valid"]
+            scaled = forces.force.float() * batch["force_scale"][:, None]
+            predicted.append(scaled[valid].cpu().numpy())
+            measured.append(batch["force"][:, 1:][valid].cpu().numpy())
+            numbers.append(batch["clip"][valid].cpu().numpy())
+    if not sum(map(len, numbers)):
+        return None
+    return ForceReading(*(np.concatenate(part) for part in (measured, predicted, numbers)))

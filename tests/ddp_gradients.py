@@ -1,0 +1,72 @@
+"""Run by test_ddp.py in every process: gradients of the first step, written to a file.
+
+Usage: python ddp_gradients.py OUT; RANK, WORLD_SIZE, MASTER_ADDR and MASTER_PORT as torch wants them.
+"""
+
+import os
+import sys
+
+import torch
+import torch.distributed as dist
+from torch import Tensor, nn
+from torch.nn.parallel import DistributedDataParallel
+
+from tactileforge.contracts import Batch
+from tactileforge.module import TouchModule
+from tactileforge.testing import batch as make_batch
+
+CONFIG = {
+    "seed": 0,
+    "encoder": {"name": "tactile_vit", "size": "tiny", "image_size": 32},
+    "text_encoder": {"name": "byte", "width": 64, "depth": 1, "heads": 2},
+    "image_encoder": {"name": "vit", "depth": 1},
+    "head": {
+        "pixel": {"name": "pixel", "width": 64, "depth": 1, "heads": 2},
+        "diff": {"name": "diff", "width": 64, "depth": 1, "heads": 2},
+        "align": {"name": "align"},
+        "force": {"name": "force"},
+    },
+    "objective": {name: {"name": name} for name in ("pixel", "diff", "align", "force")},
+    "curriculum": {},
+    "optim": {},
+}
+
+
+class Losses(nn.Module):
+    def __init__(self, module: TouchModule) -> None:
+        super().__init__()
+        self.module = module
+
+    def forward(self, batch: Batch) -> Tensor:
+        weights = dict.fromkeys(self.module.objectives, 1.0)
+        return self.module.losses(batch, weights, universal=0.5)[0]
+
+
+def rows_of(batch: Batch, rows: slice) -> Batch:
+    return {key: value[rows] for key, value in batch.items()}
+
+
+def main() -> None:
+    rank, world = int(os.environ.get("RANK", "0")), int(os.environ.get("WORLD_SIZE", "1"))
+    torch.manual_seed(0)
+    module = TouchModule.from_config(CONFIG, {"text", "image", "force"})
+    batch = make_batch(size=8, frames=4, image=32)
+    batch["force_valid"] = torch.tensor([True, True, True, False, True, False, False, False])
+    batch["text"] = ["a", "b", "", "", "c", "d", "e", ""]
+    batch["image_valid"] = torch.tensor([True, False, False, False, True, True, True, True])
+    torch.manual_seed(7)
+    losses: nn.Module = Losses(module)
+    if world > 1:
+        dist.init_process_group("gloo", rank=rank, world_size=world)
+        losses = DistributedDataParallel(losses, find_unused_parameters=True)
+    share = 8 // world
+    losses(rows_of(batch, slice(rank * share, (rank + 1) * share))).backward()
+    if rank == 0:
+        grads = {k: p.grad for k, p in module.named_parameters() if p.grad is not None}
+        torch.save(grads, sys.argv[1])
+    if world > 1:
+        dist.barrier()
+        dist.destroy_process_group()
+
+
+main()

@@ -1,0 +1,119 @@
+import pytest
+from hydra.errors import ConfigCompositionException
+from omegaconf import MissingMandatoryValue, OmegaConf
+
+from tactileforge.compose import compose, node_of
+from tactileforge.errors import ConfigError
+
+PLUGINS = """
+class Toy:
+    def __init__(self, encoder, gain: float = 1.0, *, port, tags=("a", "b")):
+        pass
+
+class Goal:
+    head = "pixel"
+    needs = frozenset()
+    def __init__(self, strength: float = 2.0):
+        pass
+"""
+ENTRY_POINTS = """
+[tactileforge.sensors]
+toy = toy_compose:Toy
+[tactileforge.objectives]
+goal = toy_compose:Goal
+[tactileforge.datasets]
+broken = toy_compose:Missing
+"""
+
+
+@pytest.fixture
+def toy(installed):
+    installed("toy-compose", ENTRY_POINTS, {"toy_compose.py": PLUGINS})
+
+
+def test_the_default_recipe_has_a_head_for_each_of_its_objectives():
+    config = compose()
+    assert list(config.objective) == ["pixel", "diff", "align", "match", "force"]
+    assert {key: node.name for key, node in config.head.items()} == {k: k for k in config.objective}
+    assert config.objective.match.weight == 0.02
+    assert config.encoder.name == "tactile_vit"
+
+
+def test_choosing_objectives_drops_the_other_heads_and_curriculum_rows():
+    config = compose(overrides=["objective=[pixel,diff]"])
+    assert list(config.objective) == ["pixel", "diff"]
+    assert list(config.head) == ["pixel", "diff"]
+    assert not config.curriculum.objective
+
+
+def test_options_reach_the_node_of_one_plugin():
+    config = compose(overrides=["objective.force.weight=0.2", "head.diff.depth=1", "data=generated"])
+    assert config.objective.force.weight == 0.2
+    assert (config.head.diff.depth, config.head.pixel.depth) == (1, 6)
+    assert config.data.name == "generated"
+
+
+def test_one_plugin_serves_twice_under_two_names():
+    config = compose(overrides=["objective=[pixel]", "+objective@objective.second=diff"])
+    assert {key: node.name for key, node in config.objective.items()} == {
+        "pixel": "pixel",
+        "second": "diff",
+    }
+    assert config.head.second.name == "diff"
+    assert config.objective.second.weight == 1.0
+
+
+def test_a_second_name_can_have_a_head_of_its_own():
+    overrides = ["+objective@objective.second=diff", "+head@head.second=diff", "head.second.depth=2"]
+    config = compose(overrides=overrides)
+    assert (config.head.second.depth, config.head.diff.depth) == (2, 6)
+
+
+def test_typo_in_an_option_lists_what_is_installed():
+    with pytest.raises(ConfigCompositionException) as error:
+        compose(overrides=["objective=[pixle]"])
+    for name in ("align", "diff", "force", "match", "pixel"):
+        assert name in str(error.value)
+
+
+def test_typo_in_a_key_is_an_error():
+    with pytest.raises(ConfigCompositionException, match="wieght"):
+        compose(overrides=["objective.pixel.wieght=2"])
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("objective=[]", r"no objective: choose some, e\.g\. objective=\[pixel,diff\]"),
+        ("+curriculum.objective.pixle.start=0.1", r"'pixle'; did you mean 'pixel'"),
+        ("+head.pixle.depth=1", r"unknown head 'pixle'; did you mean 'pixel'"),
+    ],
+)
+def test_rows_that_contradict_the_plugins(override, message):
+    with pytest.raises(ConfigError, match=message):
+        compose(overrides=[override])
+
+
+def test_a_plugin_is_an_option_as_soon_as_it_is_installed(toy):
+    config = compose(overrides=["+sensor=toy", "sensor.gain=3", "sensor.port=COM1"])
+    expected = {"name": "toy", "gain": 3, "port": "COM1", "tags": ["a", "b"]}
+    assert OmegaConf.to_container(config.sensor) == expected
+
+
+def test_an_option_without_default_has_to_be_given(toy):
+    config = compose(overrides=["+sensor=toy"])
+    with pytest.raises(MissingMandatoryValue, match=r"sensor\.port"):
+        _ = config.sensor.port
+
+
+def test_an_objective_brings_the_head_it_names(toy):
+    config = compose(overrides=["objective=[goal]"])
+    assert config.objective.goal == {"name": "goal", "weight": 1.0, "strength": 2.0}
+    assert config.head.goal == node_of("head", "pixel")
+
+
+def test_a_broken_plugin_breaks_only_the_run_that_names_it(toy):
+    assert compose(overrides=["objective=[goal]"]).data.name == "generated"
+    said = r"dataset 'broken' \(toy_compose:Missing, from toy-compose 1\.0\) cannot be loaded"
+    with pytest.raises(ConfigCompositionException, match=said):
+        compose(overrides=["data=broken"])

@@ -1,0 +1,131 @@
+"""A run that is killed and resumed ends with the weights of one that was not."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import torch
+
+from tactileforge import cli
+from tactileforge.checkpoints import AtomicCheckpointIO, find, initialise, read
+from tactileforge.errors import ConfigError, DataNotFoundError
+
+OPTIONS = ["scale=demo", "encoder.image_size=32", "batch.size=8", "batch.workers=1"]
+OPTIONS += ["trainer.max_steps=40", "trainer.save_every=5", "trainer.val_check_interval=7"]
+OPTIONS += ["data.recordings=8", "data.size=32", "augment.jitter=0.1", "logger=csv"]
+
+
+def start(*words: str) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "tactileforge", "train", *words],
+        env=os.environ | {"OMP_NUM_THREADS": "1"},
+    )
+
+
+def wait_for_checkpoint(folder: Path, process: subprocess.Popen[bytes]) -> None:
+    while not (folder / "checkpoints" / "last.ckpt").exists():
+        assert process.poll() is None, "the run ended before it was to be stopped"
+        time.sleep(0.02)
+
+
+def same(a: object, b: object, where: str = "") -> None:
+    """Everything in two checkpoints is equal to the bit."""
+    if isinstance(a, torch.Tensor):
+        assert isinstance(b, torch.Tensor), where
+        assert torch.equal(a, b), where
+    elif isinstance(a, dict):
+        assert isinstance(b, dict), where
+        assert a.keys() == b.keys(), where
+        for key in a:
+            same(a[key], b[key], f"{where}/{key}")
+    elif isinstance(a, list | tuple):
+        assert isinstance(b, list | tuple), where
+        assert len(a) == len(b), where
+        for i, (x, y) in enumerate(zip(a, b, strict=True)):
+            same(x, y, f"{where}/{i}")
+    else:
+        assert a == b, where
+
+
+@pytest.mark.slow
+def test_a_killed_run_resumes_bit_identically(tmp_path: Path) -> None:
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    assert start(*OPTIONS, f"hydra.run.dir={whole}").wait(timeout=300) == 0
+    run = start(*OPTIONS, f"hydra.run.dir={killed}")
+    wait_for_checkpoint(killed, run)
+    run.kill()
+    assert run.wait() == -signal.SIGKILL
+    assert 5 <= read(killed)["global_step"] < 40
+    assert start(f"resume={killed}").wait(timeout=300) == 0
+    ends = [read(folder) for folder in (whole, killed)]
+    assert ends[0]["global_step"] == ends[1]["global_step"] == 40
+    for part in ("state_dict", "optimizer_states", "lr_schedulers"):
+        same(ends[0][part], ends[1][part], part)
+    assert (killed / "report.html").exists()
+
+
+@pytest.mark.slow
+def test_ctrl_c_leaves_a_checkpoint_that_resumes(tmp_path: Path) -> None:
+    options = [*OPTIONS, "trainer.max_steps=100000", f"hydra.run.dir={tmp_path}"]
+    run = start(*options)
+    wait_for_checkpoint(tmp_path, run)
+    before = read(tmp_path)["global_step"]
+    time.sleep(0.5)
+    run.send_signal(signal.SIGINT)
+    assert run.wait(timeout=60) == 130
+    assert read(tmp_path)["global_step"] >= before
+
+
+def test_nothing_may_change_on_resume(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run(["train", f"resume={tmp_path}", "optim.lr=1"]) == 1
+    assert "optim.lr=1 cannot be given with it" in capsys.readouterr().err
+
+
+def test_a_checkpoint_is_written_beside_and_renamed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "x" / "last.ckpt"
+    AtomicCheckpointIO().save_checkpoint({"a": torch.ones(2)}, path)
+
+    def crash(checkpoint: object, file: object) -> None:
+        file.write(b"half")
+        raise OSError("disk full")
+
+    monkeypatch.setattr(torch, "save", crash)
+    with pytest.raises(OSError, match="disk full"):
+        AtomicCheckpointIO().save_checkpoint({"a": torch.zeros(2)}, path)
+    assert read(path)["a"].tolist() == [1, 1]
+
+
+class Evil:
+    def __reduce__(self) -> tuple[object, tuple[str]]:
+        return os.mkdir, ("executed",)
+
+
+def test_nothing_in_a_checkpoint_is_executed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    torch.save({"state_dict": Evil()}, tmp_path / "evil.ckpt")
+    with pytest.raises(ConfigError, match=r"evil\.ckpt is not a checkpoint"):
+        read(tmp_path / "evil.ckpt")
+    assert not (tmp_path / "executed").exists()
+
+
+def test_a_missing_checkpoint_is_named(tmp_path: Path) -> None:
+    with pytest.raises(DataNotFoundError, match="give the folder of a run"):
+        find(tmp_path)
+
+
+def test_init_takes_what_fits_and_refuses_another_encoder() -> None:
+    module = torch.nn.ModuleDict({"encoder": torch.nn.Linear(2, 3), "heads": torch.nn.Linear(3, 1)})
+    state = {"encoder.weight": torch.ones(3, 2), "encoder.bias": torch.ones(3)}
+    line = initialise(module, state | {"heads.weight": torch.ones(1, 5), "old.bias": torch.ones(1)})
+    assert (module["encoder"].weight == 1).all()
+    assert "2 tensors taken; new: ['heads']; not used: ['heads', 'old']" in line
+    with pytest.raises(ConfigError, match=r"encoder\.bias \(missing in the checkpoint"):
+        initialise(module, {"encoder.weight": torch.ones(3, 2)})
