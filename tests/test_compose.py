@@ -47,7 +47,9 @@ def test_choosing_objectives_drops_the_other_heads_and_curriculum_rows():
 
 
 def test_options_reach_the_node_of_one_plugin():
-    config = compose(overrides=["objective.force.weight=0.2", "head.diff.depth=1", "data=generated"])
+    config = compose(
+        overrides=["objective.force.weight=0.2", "head.diff.depth=1", "data=generated"]
+    )
     assert config.objective.force.weight == 0.2
     assert (config.head.diff.depth, config.head.pixel.depth) == (1, 6)
     assert config.data.name == "generated"
@@ -64,7 +66,11 @@ def test_one_plugin_serves_twice_under_two_names():
 
 
 def test_a_second_name_can_have_a_head_of_its_own():
-    overrides = ["+objective@objective.second=diff", "+head@head.second=diff", "head.second.depth=2"]
+    overrides = [
+        "+objective@objective.second=diff",
+        "+head@head.second=diff",
+        "head.second.depth=2",
+    ]
     config = compose(overrides=overrides)
     assert (config.head.second.depth, config.head.diff.depth) == (2, 6)
 

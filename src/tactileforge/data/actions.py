@@ -33,9 +33,9 @@ def label_actions(times: NDArray[np.float64], force: NDArray[np.floating]) -> ND
 
     A rate of change is fitted to 0.3 s of each component. A frame is labelled if there is contact
     (5 % of the largest normal force), if the rate is clear (15 % of the largest force in a second,
-    and four times what the noise gives) and if it lies on one axis (within 37 degrees). Normal force
-    that rises is ``press``, that falls ``leave``; shear that changes is a slide in the direction of
-    the change. Segments shorter than 0.15 s are dropped.
+    and four times what the noise gives) and if it lies on one axis (within 37 degrees). Normal
+    force that rises is ``press``, that falls ``leave``; shear that changes is a slide in the
+    direction of the change. Segments shorter than 0.15 s are dropped.
 
     Args:
         times: float64 (T,), seconds, strictly increasing.

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omegaconf import OmegaConf
+from yaml import YAMLError
 
 from tactileforge.contracts import Recording
-from tactileforge.datasets.layout import EXAMPLE, Layout, parse
-from tactileforge.datasets.reader import Reader
-from tactileforge.datasets.splits import held_out_parts, is_held_out
+from tactileforge.datasets.layout import EXAMPLE, SPLITS, Layout, parse
+from tactileforge.datasets.node import Node
+from tactileforge.datasets.reader import Reader, Touch
+from tactileforge.datasets.splits import is_held_out, parts
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
 
 if TYPE_CHECKING:
@@ -24,43 +25,42 @@ LAYOUT_FILE = "tactileforge.yaml"
 
 
 class Recordings:
-    """Touch recordings in folders, described by layouts (see `docs/data.md`).
+    """Touch recordings in folders, described by layouts (`docs/data.md` lists their keys).
 
     Args:
         root: Folder of the data.
-        layouts: Layout by name; a layout of None is left out. None reads ``tactileforge.yaml`` in the
-            root, a mapping with the one key ``layouts``.
-        val: Share that is held out for validation where a layout does not say which.
+        layouts: Layout by name; one that is None is left out. Without any, ``tactileforge.yaml`` in
+            the root is read, whose one key is ``layouts``.
+        val: Share that is held out for validation, where the labels do not say what is.
 
     Raises:
-        ConfigError: A layout is wrong: names the layout and the key.
+        ConfigError: A layout is wrong; names it and the key.
 
     Example:
-        >>> data = Recordings("touches", {"a": {
-        ...     "videos": "*.mp4", "sensor": "digit", "background": {"first": 3}}})
-        >>> sorted(data.provides)
-        []
+        >>> cups = {"videos": "*.mp4", "sensor": "digit", "object": "cup", "background": "none"}
+        >>> sorted(Recordings("touches", {"cups": cups}).provides)
+        ['object']
     """
 
     def __init__(
         self, root: str = ".", layouts: Mapping[str, Any] | None = None, val: float = 0.1
     ) -> None:
         if not 0 <= val < 1:
-            raise ConfigError(f"val is {val}; give the share that is held out, 0 to below 1")
+            raise ConfigError(f"val is {val}; give the share that is held out, 0 or more, below 1")
         self.root = Path(root).expanduser()
         self.val = val
         self.skipped: list[str] = []
-        self._given = parse_all(layouts) if layouts else None
+        self._given = _parse_all(layouts) if layouts else None
 
     @cached_property
     def layouts(self) -> list[Layout]:
-        """The layouts, those given or those of the root."""
+        """The layouts that were given, or those of the root."""
         return self._given if self._given is not None else _shipped(self.root)
 
     @cached_property
     def provides(self) -> frozenset[str]:
         """Labels that at least one layout gives."""
-        return frozenset().union(*(layout.provides for layout in self.layouts))
+        return frozenset(label for layout in self.layouts for label in layout.provides)
 
     def recordings(self, split: str) -> Iterator[Recording]:
         """Yields the recordings of a split, layout by layout, files in natural order.
@@ -71,23 +71,82 @@ class Recordings:
             split: ``train`` or ``val``.
 
         Raises:
-            ConfigError: An unknown split, or a value of a label that cannot be used.
             DataNotFoundError: A folder or file is missing.
-            DataError: Labels contradict the files, or no recording can be opened.
+            DataError: Labels contradict the files, or not one recording for training can be opened.
+            ConfigError: An unknown split, or a label that names an unknown sensor or action.
         """
         if split not in ("train", "val"):
             raise ConfigError(unknown("split", split, ("train", "val")))
         opened, failed = 0, []
-        for layout in self.layouts:
-            reader = Reader(layout, self.root)
+        for reader in [Reader(layout, self.root) for layout in self.layouts]:
             for touch in reader.touches():
-                side = self._side(layout, touch.key, touch.group, touch.split)
+                side = _side(reader.layout, touch, self.val)
                 if side not in (split, "time"):
                     continue
                 try:
-                    found = reader.open(touch)
-                except _Unreadable as error:
+                    frames = reader.open(touch)
+                except DataError as error:
                     failed.append(str(error))
+                    self.skipped.extend({str(error)} - {*self.skipped})
                     continue
                 opened += 1
-        ...
+                for recording in reader.label(touch, frames):
+                    if side == "time":
+                        yield from parts(recording, self.val, split)
+                    else:
+                        yield recording
+        if failed and not opened and split == "train":
+            raise DataError(f"not one of {len(failed)} recordings can be opened; {failed[0]}")
+
+    def plot(self, recording: Recording) -> Figure:
+        """A figure of a recording: frames, their difference to the background, forces, actions."""
+        from tactileforge.datasets.figure import plot
+
+        return plot(recording)
+
+
+def _side(layout: Layout, touch: Touch, val: float) -> str:
+    """``train``, ``val``, or ``time`` for a touch of which some frames belong to each."""
+    row = touch.row
+    side = row.fill(layout.split)
+    if side == "recording":
+        return "val" if is_held_out(f"{layout.name}/{touch.name}", val) else "train"
+    if side == "object":
+        name = row.fill(layout.object) if layout.object else None
+        return "val" if is_held_out(name or f"{layout.name}/{touch.name}", val) else "train"
+    if side not in SPLITS:
+        column = layout.split.strip("{}")
+        raise DataError(
+            f"{row.where}: the split is {side or ''!r}, but must be train or val; layout "
+            f'{layout.name!r} can say what it means: words: {{{column}: {{"{side or ""}": train}}}}'
+        )
+    return side
+
+
+def _parse_all(layouts: Mapping[str, Any]) -> list[Layout]:
+    if OmegaConf.is_config(layouts):
+        layouts = OmegaConf.to_container(layouts, resolve=True)  # type: ignore[assignment]
+    plain = {str(name): config for name, config in layouts.items() if config is not None}
+    return [parse(name, _plain(config)) for name, config in plain.items()]
+
+
+def _plain(config: Any) -> Any:
+    return OmegaConf.to_container(config, resolve=True) if OmegaConf.is_config(config) else config
+
+
+def _shipped(root: Path) -> list[Layout]:
+    """The layouts of the file that came with the data."""
+    path = root / LAYOUT_FILE
+    if not root.is_dir():
+        raise DataNotFoundError(f"{root}: no such folder; set data.root to the folder of the data")
+    if not path.is_file():
+        raise DataNotFoundError(
+            f"{path}: no such file, and no layouts are given. Write it, for example:\n{EXAMPLE}"
+        )
+    try:
+        node = Node(_plain(OmegaConf.load(path)), str(path))
+    except YAMLError as error:
+        raise ConfigError(f"{path}: not YAML: {error}") from error
+    layouts = node.need("layouts", dict, "{my_touches: {...}}")
+    node.close()
+    return _parse_all(layouts)

@@ -23,7 +23,7 @@ class Row:
     Attributes:
         where: CSV and line, or the file itself where it has no row.
         cells: Values as the CSV has them.
-        words: The same with ranks turned into words; ``file``, ``stem`` and ``folder`` are there too.
+        words: The same with ranks as words; ``file``, ``stem`` and ``folder`` are there too.
     """
 
     where: str
@@ -93,8 +93,8 @@ def read_force(table: FrameTable, path: Path, times: NDArray[np.float64]) -> NDA
         times: float64 (T,), seconds of the frames.
 
     Returns:
-        float32 (T, 3), newton; a row with an empty cell is NaN, and so is what lies before the first
-        label once the lag is applied.
+        float32 (T, 3), newton; a row with an empty cell is NaN, and so is what lies before the
+        first label once the lag is applied.
 
     Raises:
         DataNotFoundError: There is no such CSV.
@@ -125,9 +125,7 @@ def read_actions(table: FrameTable, path: Path, count: int) -> NDArray[np.int64]
     return actions
 
 
-def _per_frame(
-    table: FrameTable, path: Path, count: int
-) -> list[tuple[int, str, dict[str, str]]]:
+def _per_frame(table: FrameTable, path: Path, count: int) -> list[tuple[int, str, dict[str, str]]]:
     """Frame number, place and the cells asked for of each row of a CSV per frame."""
     needed = [*table.columns, *([table.frame] if table.frame else [])]
     out, seen = [], set()
@@ -139,7 +137,7 @@ def _per_frame(
             raise DataError(f"{where}: frame {text!r} is not a whole number; correct it") from None
         if not 0 <= frame < count:
             raise DataError(
-                f"{where}: frame {frame} does not exist, the recording has frames 0 to {count - 1}; "
+                f"{where}: frame {frame} does not exist, the recording has 0 to {count - 1}; "
                 "remove the row, or give the CSV of this recording"
             )
         if frame in seen:

@@ -47,7 +47,9 @@ def read_metrics(folder: Path) -> dict[str, Curve]:
     for path in sorted(folder.glob("metrics/version_*/metrics.csv"), key=_version):
         with path.open(newline="") as file:
             whole = (row for row in csv.DictReader(file) if None not in row.values())
-            rows = [(int(row["step"]), row) for row in whole]  # a killed process may cut its last row
+            rows = [
+                (int(row["step"]), row) for row in whole
+            ]  # a killed process may cut its last row
         if rows:
             first = min(step for step, _ in rows)
             kept = [(step, row) for step, row in kept if step < first] + rows

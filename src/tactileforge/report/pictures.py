@@ -8,9 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from PIL import Image
 from torch import Tensor
 
@@ -43,7 +41,8 @@ def strips_of(
 ) -> Strips:
     """Rows of pictures of one clip of a batch.
 
-    A reconstruction of T frames is one of the frames, one of T - 1 is one of the differences to the first.
+    A reconstruction of T frames is one of the frames, one of T - 1 one of the differences to the
+    first.
 
     Args:
         encoder: Made the patches.

@@ -53,7 +53,7 @@ class Look:
 
 @contextmanager
 def quiet(module: TouchModule, seed: int = 0) -> Iterator[None]:
-    """Evaluation mode without gradients; the same random numbers each time, and none used up outside."""
+    """Evaluation mode, no gradients, the same random numbers each time; outside, none are used up."""
     devices = [module.device] if module.device.type == "cuda" else []
     training = module.training
     module.eval()
@@ -93,9 +93,7 @@ def batches(module: TouchModule, clips: Clips, which: Sequence[int]) -> Iterator
         yield {k: v.to(module.device) if isinstance(v, Tensor) else v for k, v in batch.items()}
 
 
-def look(
-    module: TouchModule, clips: Clips, which: Sequence[int], skipped: dict[str, None]
-) -> Look:
+def look(module: TouchModule, clips: Clips, which: Sequence[int], skipped: dict[str, None]) -> Look:
     """Embeds clips; one that cannot be read is left out, and ``skipped`` grows by a line.
 
     Args:

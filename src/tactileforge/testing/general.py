@@ -61,11 +61,12 @@ def constructing_does_no_io(subject: Subject) -> None:
     given = context() if subject.kind in ("heads", "objectives") else {}
     if subject.instance is not None:
         raise Skip("an instance was given; give the class and its options to check this")
-    before = _handles()
+    handles, threads = _handles(), threading.active_count()
     with _watched() as events:
         built = subject.build(**given)
     require(not events, f"the constructor does I/O: {'; '.join(events[:3])}")
-    require(_handles() <= before, "the constructor leaves a file or device open")
+    require(_handles() <= handles, "the constructor leaves a file or device open")
+    require(threading.active_count() <= threads, "the constructor leaves a thread running")
     del built  # kept until here: a handle dies with its owner
 
 
@@ -83,7 +84,6 @@ _IO = (
     "socket.",
     "subprocess.",
     "sqlite3.",
-    "_thread.",
 )
 _local = threading.local()
 
@@ -120,12 +120,14 @@ def module_imports_no_vendor_sdk(subject: Subject) -> None:
     At top level a sensor's package may import what ``pip install tactileforge`` brings; other kinds
     also what their own distribution requires.
     """
+    if not subject.name:
+        raise Skip("the class is not installed as a plugin")
     module = subject.plugin.__module__
     root = module.partition(".")[0]
     allowed = _closure("tactileforge")
     if subject.kind != "sensors":
         for plugin in registry.list_plugins():
-            if plugin.target.startswith(f"{module}:"):
+            if (plugin.kind, plugin.name) == (subject.kind, subject.name):
                 allowed = allowed | _closure(plugin.distribution)
     parts = module.split(".")
     seen: set[str] = set()

@@ -1,0 +1,67 @@
+"""Side-by-side timing in one process, and the JSON that results are kept in."""
+
+from __future__ import annotations
+
+import json
+import platform
+import statistics
+import time
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import torch
+
+RESULTS = Path(__file__).parent / "results"
+
+
+def side_by_side(
+    subjects: dict[str, Callable[[], object]], rounds: int, warmup: int = 1
+) -> dict[str, dict[str, float]]:
+    """Times each subject once a round, in turn, so that all meet the same disturbances.
+
+    Args:
+        subjects: What to call, by name.
+        rounds: Timed rounds.
+        warmup: Rounds before them.
+
+    Returns:
+        Minimum, median and maximum seconds of each.
+    """
+    times: dict[str, list[float]] = {name: [] for name in subjects}
+    for number in range(warmup + rounds):
+        for name, subject in subjects.items():
+            start = time.perf_counter()
+            subject()
+            if number >= warmup:
+                times[name].append(time.perf_counter() - start)
+    return {
+        name: {
+            "min_s": min(values),
+            "median_s": statistics.median(values),
+            "max_s": max(values),
+        }
+        for name, values in times.items()
+    }
+
+
+def ratio(times: dict[str, dict[str, float]], ours: str, theirs: str) -> float:
+    """How many times as fast as ``theirs`` we are, by medians; above 1 is faster."""
+    return round(times[theirs]["median_s"] / times[ours]["median_s"], 3)
+
+
+def save(name: str, result: dict[str, Any]) -> None:
+    """Writes a result with what it was measured on, and prints it."""
+    packages = ("torch", "transformers", "opencv-contrib-python-headless")
+    result["machine"] = {
+        "processor": platform.machine(),
+        "threads": torch.get_num_threads(),
+        "device": torch.cuda.get_device_name() if torch.cuda.is_available() else "cpu",
+        "python": platform.python_version(),
+        **{package: version(package) for package in packages},
+    }
+    RESULTS.mkdir(exist_ok=True)
+    text = json.dumps(result, indent=2)
+    (RESULTS / f"{name}.json").write_text(text + "\n")
+    print(text)

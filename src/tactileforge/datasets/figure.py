@@ -1,0 +1,70 @@
+"""The figure of one recording, shared by the data sets."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from tactileforge.contracts import ACTIONS, Recording
+
+_SHOWN = 8
+_AXES = ("x right", "y down", "z into the gel")
+
+
+def plot(recording: Recording) -> Figure:
+    """Frames, their difference to the background, and forces and actions where there are any.
+
+    Args:
+        recording: What to show.
+
+    Returns:
+        A matplotlib figure that belongs to no window.
+
+    Raises:
+        DataError: A frame cannot be decoded.
+    """
+    count = len(recording.frames)
+    rows = np.unique(np.linspace(0, count - 1, min(_SHOWN, count)).round().astype(int))
+    frames = recording.frames.read(rows.tolist())
+    strips = {"frames": frames}
+    if recording.no_contact is not None:
+        still = recording.no_contact.read(range(len(recording.no_contact)))
+        change = frames.astype(np.int16) - np.median(still, axis=0).astype(np.int16)
+        strips["minus background"] = np.clip(128 + change, 0, 255).astype(np.uint8)
+    curves = [name for name in ("force", "action") if getattr(recording, name) is not None]
+    heights = [1.0] * len(strips) + [1.2] * len(curves)
+    figure = Figure(figsize=(12, 1.5 * sum(heights) + 0.8), layout="constrained")
+    panels = figure.subplots(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0]
+    for panel, (name, strip) in zip(panels, strips.items(), strict=False):
+        _strip(panel, name, strip)
+    for panel, name in zip(panels[len(strips) :], curves, strict=True):
+        _force(panel, recording) if name == "force" else _action(panel, recording)
+        panel.set_xlim(recording.times[0], max(recording.times[-1], recording.times[0] + 1e-3))
+        panel.set_xlabel("s")
+    title = f"{recording.key} · {recording.sensor} · {count} frames"
+    figure.suptitle(f"{title}\n{recording.text}" if recording.text else title, fontsize=10)
+    return figure
+
+
+def _strip(panel: Axes, name: str, strip: NDArray[np.uint8]) -> None:
+    panel.imshow(np.concatenate(list(strip), axis=1), aspect="equal")
+    panel.set_ylabel(name, fontsize=8)
+    panel.set_xticks([])
+    panel.set_yticks([])
+
+
+def _force(panel: Axes, recording: Recording) -> None:
+    assert recording.force is not None
+    for values, name in zip(recording.force.T, _AXES, strict=True):
+        panel.plot(recording.times, values, label=name)
+    panel.set_ylabel("force, N", fontsize=8)
+    panel.legend(fontsize=7, loc="upper right")
+
+
+def _action(panel: Axes, recording: Recording) -> None:
+    assert recording.action is not None
+    panel.plot(recording.times, recording.action, ".", markersize=3)
+    panel.set_yticks([-1, *range(len(ACTIONS))], ["unknown", *ACTIONS], fontsize=6)
+    panel.set_ylim(-1.5, len(ACTIONS) - 0.5)

@@ -1,0 +1,42 @@
+"""What is held out for validation."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+
+from tactileforge.contracts import Recording
+
+#: Seconds of a block that is held out of a recording.
+_BLOCK_S = 0.5
+
+
+def is_held_out(name: str, share: float) -> bool:
+    """Whether a name falls into the held-out share: by its hash, whatever other names there are."""
+    digest = hashlib.sha256(name.encode()).digest()
+    return int.from_bytes(digest[:8], "big") < share * 2**64
+
+
+def parts(recording: Recording, share: float, split: str) -> Iterator[Recording]:
+    """Yields the parts of a recording that belong to a split by time.
+
+    Blocks of about half a second, evenly spaced, are held out; training has what lies between. The
+    two share no frame. A recording too short to hold a frame out is training data.
+
+    Args:
+        recording: The whole.
+        share: Share of its frames that is held out.
+        split: ``train`` or ``val``.
+    """
+    count = len(recording.times)
+    seconds = float(recording.times[-1] - recording.times[0])
+    blocks = max(1, round(seconds * share / _BLOCK_S))
+    length = round(count * share / blocks)
+    starts = [round((i + 0.5) * count / blocks - length / 2) for i in range(blocks)]
+    held_out = [(start, start + length) for start in starts] if length else []
+    if split == "val":
+        ranges = held_out
+    else:
+        edges = [0, *(edge for block in held_out for edge in block), count]
+        ranges = list(zip(edges[::2], edges[1::2], strict=True))
+    yield from (recording.part(start, stop) for start, stop in ranges if stop > start)

@@ -1,0 +1,198 @@
+"""The embedding map, and what nearest neighbours read from the embedding."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import ACTIONS
+from tactileforge.data.clips import Clips
+from tactileforge.data.datamodule import TouchData
+from tactileforge.report.figures import scatter_figure
+from tactileforge.report.page import Section, legend, panel, panels, paragraph, percent, table
+from tactileforge.report.samples import Look
+
+_NEIGHBOURS = 5
+_TEMPERATURE = 0.07
+_SHOWN = 12
+
+
+@dataclass(frozen=True)
+class Embedding:
+    """Embedded clips of both splits.
+
+    Attributes:
+        vectors: float64 (n, d), unit length.
+        recordings: Key of the recording of each clip, without the part of it that was cut.
+        held_out: bool (n,), validation clips.
+        labels: By kind (sensor, object, action), the name of each clip's class, "" unknown.
+    """
+
+    vectors: NDArray[np.float64]
+    recordings: list[str]
+    held_out: NDArray[np.bool_]
+    labels: dict[str, list[str]]
+
+
+@dataclass(frozen=True)
+class Score:
+    """How well nearest neighbours in other recordings tell a class.
+
+    Attributes:
+        accuracy: Mean over classes.
+        chance: That of a guess.
+        clips: Clips asked for.
+        classes: Classes they have.
+    """
+
+    accuracy: float
+    chance: float
+    clips: int
+    classes: int
+
+
+def embedding_of(data: TouchData, looks: dict[str, Look]) -> Embedding:
+    """Puts the clips of the splits together.
+
+    Args:
+        data: The data of the run.
+        looks: What was seen, by split: ``train`` and ``val``.
+    """
+    recordings: list[str] = []
+    labels: dict[str, list[str]] = {"sensor": [], "object": [], "action": []}
+    for split, look in looks.items():
+        clips: Clips = getattr(data, split)
+        actions = clips.labels()[2][look.clips]
+        labels["action"] += [ACTIONS[a] if a >= 0 else "" for a in actions.tolist()]
+        for number in clips.index[look.clips, 0].tolist():
+            recording = clips.recordings[number]
+            recordings.append(re.sub(r"(\[\d+:\d+\])+$", "", recording.key))
+            labels["sensor"].append(recording.sensor)
+            labels["object"].append(recording.object or "")
+    vectors = np.concatenate([look.cls for look in looks.values()]).astype(np.float64)
+    vectors /= np.linalg.norm(vectors, axis=1, keepdims=True).clip(1e-12)
+    held_out = np.concatenate([np.full(len(look.clips), s == "val") for s, look in looks.items()])
+    return Embedding(vectors, recordings, held_out, labels)
+
+
+def neighbours(embedding: Embedding, kind: str) -> Score | None:
+    """Leave-one-recording-out k-NN accuracy, by the five nearest clips of other recordings.
+
+    Validation clips are asked for (training clips where there are none), among the clips of both splits. A
+    clip whose class no other recording has cannot be answered and is left out. Votes are weighted by
+    ``exp(cosine / 0.07)``.
+
+    Returns:
+        The score; None where there are less than two classes, or no clip that can be answered.
+    """
+    names = np.array(embedding.labels[kind])
+    known = names != ""
+    recordings = np.array(embedding.recordings)
+    classes, number = np.unique(names[known], return_inverse=True)
+    if len(classes) < 2:
+        return None
+    ask = known & embedding.held_out if embedding.held_out.any() else known
+    right: dict[str, list[bool]] = {}
+    for i in np.flatnonzero(ask):
+        others = recordings[known] != recordings[i]
+        if names[i] not in names[known][others]:
+            continue
+        nearness = np.where(others, embedding.vectors[known] @ embedding.vectors[i], -np.inf)
+        near = np.argsort(-nearness, kind="stable")[: min(_NEIGHBOURS, int(others.sum()))]
+        weights = np.exp((nearness[near] - 1) / _TEMPERATURE)
+        votes = np.bincount(number[near], weights, len(classes))
+        right.setdefault(names[i], []).append(classes[votes.argmax()] == names[i])
+    if not right:
+        return None
+    accuracy = float(np.mean([np.mean(hits) for hits in right.values()]))
+    return Score(accuracy, 1 / len(classes), sum(map(len, right.values())), len(right))
+
+
+def principal(vectors: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Places on the first two principal axes (n, 2), and the share of variance of every axis."""
+    centred = vectors - vectors.mean(0)
+    _, sizes, axes = np.linalg.svd(centred, full_matrices=False)
+    axes *= np.sign(axes[np.arange(len(axes)), np.abs(axes).argmax(1)])[:, None]
+    shares = sizes**2 / max(float((sizes**2).sum()), 1e-12)
+    return centred @ axes[:2].T, shares
+
+
+def section(embedding: Embedding, scores: dict[str, Score | None]) -> Section:
+    """The map, coloured by what is known of the clips, and the scores."""
+    title = "Embedding map"
+    if len(embedding.vectors) < 3:
+        return Section("embedding", title, paragraph("Fewer than three clips: no map."))
+    places, shares = principal(embedding.vectors)
+    if not shares.any():
+        return Section("embedding", title, paragraph("All clips have one and the same embedding."))
+    used = 1 / max(float((shares**2).sum()), 1e-12)
+    parts = [
+        _map(kind, embedding, places, shares, scores[kind])
+        for kind, names in embedding.labels.items()
+        if any(names)
+    ]
+    missing = [kind for kind, names in embedding.labels.items() if not any(names)]
+    split = "validation clips" if embedding.held_out.any() else "training clips"
+    faint = " Training clips are drawn faintly." if embedding.held_out.any() else ""
+    text = (
+        f"Projected class tokens of {len(embedding.vectors)} clips of "
+        f"{len(set(embedding.recordings))} recordings on their first two principal axes.{faint} "
+        f"The map shows {percent(float(shares[:2].sum()))} of the variance, so read the numbers below it: "
+        f"the variance is spread over about {used:.1f} of {embedding.vectors.shape[1]} dimensions."
+    )
+    note = (
+        f"k-NN: the {_NEIGHBOURS} nearest clips of other recordings vote on the class of {split}; the mean over "
+        "classes. A recording never helps to recognise itself."
+    )
+    rows = [_row(kind, scores[kind]) for kind, names in embedding.labels.items() if any(names)]
+    head = ("What is read", "k-NN accuracy", "chance", "clips", "classes")
+    body = paragraph(text) + panels(parts) + table("neighbours", head, rows, note)
+    if missing:
+        body += paragraph(f"Not known of these clips: {', '.join(missing)}.", soft=True)
+    return Section("embedding", title, body)
+
+
+def _map(
+    kind: str,
+    embedding: Embedding,
+    places: NDArray[np.float64],
+    shares: NDArray[np.float64],
+    score: Score | None,
+) -> str:
+    counts = Counter(name for name in embedding.labels[kind] if name)
+    names = [name for name, _ in sorted(counts.items(), key=lambda item: (-item[1], item[0]))]
+    shown = sorted(names[:_SHOWN])
+    which = {name: i for i, name in enumerate(shown)}
+    classes = np.array([which.get(name, -1) for name in embedding.labels[kind]])
+    faint = embedding.held_out.any()
+    groups = [
+        (places[chosen, 0], places[chosen, 1], classes[chosen], strength)
+        for chosen, strength in (
+            (~embedding.held_out, 0.35 if faint else 0.9),
+            (embedding.held_out, 0.95),
+        )
+        if chosen.any()
+    ]
+    axes = (f"axis 1 ({percent(float(shares[0]))})", f"axis 2 ({percent(float(shares[1]))})")
+    left = len(names) - len(shown)
+    others = [f"{left} more"] * (left > 0) + ["unknown"] * ("" in embedding.labels[kind])
+    words = f"k-NN {percent(score.accuracy)}, chance {percent(score.chance)}" if score else ""
+    keys = legend(shown, " or ".join(others) if (classes < 0).any() else "")
+    return panel(f"By {kind}", scatter_figure(groups, axes) + keys, words)
+
+
+def _row(kind: str, score: Score | None) -> Sequence[str]:
+    if score is None:
+        return kind, "text|not answerable: no class is in two recordings, or there is one class", "", "", ""
+    return (
+        kind,
+        percent(score.accuracy),
+        percent(score.chance),
+        str(score.clips),
+        str(score.classes),
+    )

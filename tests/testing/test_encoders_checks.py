@@ -1,0 +1,105 @@
+HEAD
+def small(**changes):
+    return {"size": "tiny", "image_size": 32, "frames": 2, **changes}
+
+
+class Tiny(TactileViT):
+    def __init__(self) -> None:
+        super().__init__(**small())
+
+
+class LiesAboutWidth(Tiny):
+    def __init__(self) -> None:
+        super().__init__()
+        self.width = 200
+
+    def encode(self, patches, sensor, kept=None):
+        return super().encode(patches, sensor, kept) if kept is None else patches
+
+
+class LiesAboutGrid(Tiny):
+    def forward(self, frames, background, sensor):
+        self.grid = (1, 2, 3)
+        return super().forward(frames, background, sensor)
+
+
+class Twice(Tiny):
+    def views(self, batch, universal=0.0):
+        class Views:
+            @property
+            def full(self):
+                return made.full.__class__(**vars(made.full))
+
+            masked = property(lambda self: made.masked)
+            patches = property(lambda self: made.patches)
+
+        made = super().views(batch, universal)
+        return Views()
+
+
+class OverlappingMask(Tiny):
+    def views(self, batch, universal=0.0):
+        made = super().views(batch, universal)
+        made.masked.masked[:, 0] = made.masked.kept[:, 0]
+        return made
+
+
+class Noisy(ByteEncoder):
+    def forward(self, text):
+        return super().forward(text) + torch.rand(1)
+
+
+class LooksAtNeighbours(ByteEncoder):
+    def forward(self, text):
+        out = super().forward(text)
+        return out - out.mean(0)
+
+
+class ForgetsState(ByteEncoder):
+    def __init__(self) -> None:
+        super().__init__()
+        self.shift = torch.rand(1)
+
+    def forward(self, text):
+        return super().forward(text) + self.shift
+
+
+class Branches(Tiny):
+    def preprocess(self, frames, background):
+        x = super().preprocess(frames, background)
+        return x + 1 if x.mean() > 0 else x
+
+
+class DiffersInExport(Tiny):
+    def preprocess(self, frames, background):
+        x = super().preprocess(frames, background)
+        return x + 1 if torch.compiler.is_exporting() else x
+
+
+EXPORT = "torch export matches"
+SAVE = "save and load are bit equal"
+
+
+@pytest.mark.parametrize(
+    ("plugin", "name"),
+    [
+        (LiesAboutWidth, "declared sizes are true"),
+        (LiesAboutGrid, "declared sizes are true"),
+        (Twice, "views are what they declare"),
+        (OverlappingMask, "views are what they declare"),
+        (Noisy, "eval is deterministic"),
+        (LooksAtNeighbours, "batch of one equals a row"),
+        (ForgetsState, SAVE),
+        (Branches, EXPORT),
+        (DiffersInExport, EXPORT),
+    ],
+)
+def test_broken_encoder(failed, plugin, name):
+    assert name in failed("encoder", plugin)
+
+
+@pytest.mark.parametrize(
+    ("name", "options"), [("tactile_vit", small()), ("byte", {}), ("vit", {}), ("clip", {})]
+)
+def test_built_in_encoders(failed, name, options):
+    assert not failed("encoder", name, **options)

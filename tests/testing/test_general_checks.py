@@ -1,0 +1,207 @@
+HEAD
+class Good:
+    """A sensor that is as it should be; the others break one thing."""
+
+    spec = SensorSpec(
+        name="good", height=6, width=8, fps=30, area_mm=None, force_scale=(1.0, 1.0, 1.0)
+    )
+    shape = (6, 8, 3)
+    dtype = np.uint8
+
+    def __init__(self, gain: float = 1.0) -> None:
+        self.is_open = False
+        self.count = 0
+
+    def discover(self):
+        return []
+
+    def open(self):
+        self.is_open = True
+
+    def read(self, timeout=1.0):
+        if not self.is_open:
+            raise TactileForgeError("not open")
+        self.count += 1
+        return Frame(array=np.zeros(self.shape, self.dtype), time=self.time())
+
+    def time(self):
+        return float(self.count)
+
+    def close(self):
+        self.is_open = False
+
+    def __enter__(self):
+        self.open()
+        return self
+
+    def __exit__(self, *error):
+        self.close()
+
+
+def test_good_sensor_passes(statuses):
+    found = statuses("sensor", Good)
+    assert set(found.values()) == {"ran", "skipped"}
+    assert [name for name, status in found.items() if status == "skipped"] == ["name is snake case"]
+
+
+class StarArguments(Good):
+    def __init__(self, **options) -> None:
+        super().__init__()
+
+
+class OddDefault(Good):
+    def __init__(self, folder: Path = Path()) -> None:
+        super().__init__()
+
+
+class OpensAFile(Good):
+    def __init__(self) -> None:
+        super().__init__()
+        with open(os.devnull):
+            pass
+
+
+class StartsAThread(Good):
+    def __init__(self) -> None:
+        super().__init__()
+        threading.Thread(target=str).start()
+
+
+class KeepsAHandle(Good):
+    """Native code opens files that Python does not hear of, as video drivers do."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        import ctypes
+
+        pipe = (ctypes.c_int * 2)()
+        ctypes.CDLL(None).pipe(pipe)
+
+
+class ImportsLazily(Good):
+    def __init__(self) -> None:
+        super().__init__()
+        sys.modules.pop("this_is_imported_late", None)
+        import this_is_imported_late  # noqa: F401
+
+
+class Raises(Good):
+    def __init__(self) -> None:
+        raise RuntimeError("out of order")
+
+
+@pytest.mark.parametrize(
+    ("plugin", "name", "detail"),
+    [
+        (StarArguments, "parameters are explicit", "options"),
+        (OddDefault, "defaults are plain data", "folder"),
+        (OpensAFile, "constructing does no io", "open '/dev/null'"),
+        (StartsAThread, "constructing does no io", "_thread.start_new_thread"),
+        (KeepsAHandle, "constructing does no io", "leaves a file or device open"),
+        (Raises, "constructing does no io", "RuntimeError: out of order"),
+    ],
+)
+def test_constructor(failed, plugin, name, detail):
+    assert detail in failed("sensor", plugin)[name]
+
+
+def test_a_lazy_import_is_no_io(failed, tmp_path, monkeypatch):
+    (tmp_path / "this_is_imported_late.py").write_text("open(__file__).close()")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert not failed("sensor", ImportsLazily)
+
+
+def test_io_is_heard_only_while_constructing(failed):
+    failed("sensor", OpensAFile)
+    with open(os.devnull):
+        pass
+    assert "constructing does no io" not in failed("sensor", Good)
+
+
+SENSOR_MODULE = """
+from importlib.metadata import version
+import numpy
+import torch
+from tactileforge.contracts import SensorSpec
+from {package} import helper
+class Sensor:
+    spec = SensorSpec(name="s", height=6, width=8, fps=30, area_mm=None, force_scale=(1., 1., 1.))
+    def open(self):
+        import acme_sdk
+"""
+GUARDED = "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import acme_sdk\n"
+
+
+@pytest.mark.parametrize(
+    ("helper", "said"),
+    [
+        ("", None),
+        (GUARDED, None),
+        ("try:\n    import acme_sdk.camera as camera\nexcept ImportError: pass", "acme_sdk"),
+        ("class Driver:\n    with __import__('contextlib').suppress(ImportError):\n"
+         "        from acme_sdk import x", "acme_sdk"),
+    ],
+)  # fmt: skip
+def test_vendor_sdk_at_top_level(failed, installed, request, helper, said):
+    package = f"acme_{abs(hash(request.node.name))}"
+    modules = {
+        f"{package}/__init__.py": "",
+        f"{package}/helper.py": helper,
+        f"{package}/device.py": SENSOR_MODULE.format(package=package),
+    }
+    installed("acme", f"[tactileforge.sensors]\nacme = {package}.device:Sensor", modules)
+    found = failed("sensor", "acme").get("module imports no vendor sdk")
+    assert (found is None) == (said is None)
+    assert said is None or f"imports {said!r} at top level" in found
+
+
+def test_name_is_snake_case(failed, installed):
+    modules = {"acme_names.py": "class Sensor: pass"}
+    installed("acme-names", "[tactileforge.sensors]\nMySensor = acme_names:Sensor", modules)
+    assert failed("sensor", "MySensor")["name is snake case"] == "'MySensor' is not snake_case"
+
+
+def test_a_plugin_that_cannot_be_imported_is_a_failure(installed):
+    installed("acme-broken", "[tactileforge.sensors]\nacme_broken = acme_no_module:Sensor", {})
+    (result,) = check("sensor", "acme_broken")
+    assert (result.name, result.status) == ("it can be imported", "failed")
+    assert "ModuleNotFoundError" in result.detail
+
+
+@pytest.mark.parametrize(
+    ("kind", "plugin", "message"),
+    [
+        ("sensro", "replay", r"kind of plugin 'sensro'; did you mean 'sensor'"),
+        ("objective", "pixle", r"'pixle'; did you mean 'pixel'"),
+        ("encoder", nn.Linear(1, 1), r"give check\(\) the class Linear"),
+    ],
+)
+def test_what_cannot_be_checked(kind, plugin, message):
+    with pytest.raises(PluginError, match=message):
+        check(kind, plugin)
+
+
+class KnownFailure(OpensAFile):
+    expected_failures = {"constructing does no io": "the driver reads its licence"}  # noqa: RUF012
+
+
+class NoFailureAnyMore(Good):
+    expected_failures = {"constructing does no io": "the driver reads its licence"}  # noqa: RUF012
+
+
+def test_an_expected_failure_is_reported_as_such():
+    result = next(r for r in check("sensor", KnownFailure) if r.status == "expected")
+    assert result.name == "constructing does no io"
+    assert result.detail.startswith("the driver reads its licence (")
+
+
+def test_an_expected_failure_that_holds_is_a_failure(failed):
+    assert "remove it" in failed("sensor", NoFailureAnyMore)["constructing does no io"]
+
+
+def test_random_numbers_of_the_caller_are_left_alone():
+    torch.manual_seed(3)
+    first = torch.rand(2)
+    torch.manual_seed(3)
+    check("encoder", "byte")
+    assert torch.equal(torch.rand(2), first)

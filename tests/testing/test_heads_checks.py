@@ -1,0 +1,73 @@
+HEAD
+DECODER = {"width": 32, "depth": 1, "heads": 2}
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [("pixel", DECODER), ("diff", DECODER), ("align", {}), ("match", {}), ("force", {})],
+)
+def test_built_in_heads(statuses, name, options):
+    assert set(statuses("head", name, **options).values()) == {"ran"}
+
+
+class Mean(nn.Module):
+    """A head that is as it should be; the others break one thing."""
+
+    def __init__(self, encoder) -> None:
+        super().__init__()
+        self.linear = nn.Linear(encoder.width, 1)
+
+    def forward(self, views, batch):
+        return {"score": self.linear(views.full.tokens.mean(1))}
+
+
+class FixedSize(Mean):
+    def forward(self, views, batch):
+        return views.full.tokens.reshape(-1, 14, 192)
+
+
+class DividesByZero(Mean):
+    def forward(self, views, batch):
+        return super().forward(views, batch)["score"] / 0
+
+
+class NoisyHead(Mean):
+    def forward(self, views, batch):
+        return super().forward(views, batch)["score"] + torch.rand(1)
+
+
+class CentredHead(Mean):
+    def forward(self, views, batch):
+        score = super().forward(views, batch)["score"]
+        return score - score.mean()
+
+
+class BranchingHead(Mean):
+    def forward(self, views, batch):
+        score = super().forward(views, batch)["score"]
+        return score if score.sum() > 0 else -score
+
+
+class ForgetfulHead(Mean):
+    def __init__(self, encoder) -> None:
+        super().__init__(encoder)
+        self.shift = torch.rand(1)
+
+    def forward(self, views, batch):
+        return super().forward(views, batch)["score"] + self.shift
+
+
+@pytest.mark.parametrize(
+    ("plugin", "names"),
+    [
+        (Mean, set()),
+        (FixedSize, {"sizes follow the encoder"}),
+        (DividesByZero, {"sizes follow the encoder", "batch of one equals a row", EXPORT, SAVE}),
+        (NoisyHead, {"eval is deterministic"}),
+        (CentredHead, {"batch of one equals a row"}),
+        (BranchingHead, {EXPORT}),
+        (ForgetfulHead, {SAVE}),
+    ],
+)
+def test_heads(failed, plugin, names):
+    assert set(failed("head", plugin)) == names

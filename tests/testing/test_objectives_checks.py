@@ -1,0 +1,169 @@
+HEAD
+class SmallPixelHead(PixelHead):
+    def __init__(self, encoder) -> None:
+        super().__init__(encoder, **DECODER)
+
+
+class SmallDiffHead(DiffHead):
+    def __init__(self, encoder) -> None:
+        super().__init__(encoder, **DECODER)
+
+
+@pytest.mark.parametrize(
+    ("name", "head"),
+    [
+        ("pixel", SmallPixelHead),
+        ("diff", SmallDiffHead),
+        ("align", None),
+        ("match", None),
+        ("force", None),
+    ],
+)
+def test_built_in_objectives(statuses, name, head):
+    found = statuses("objective", name, head=head)
+    unlabelled = {"unlabelled samples change nothing", "missing key is named"}
+    skipped = {name for name, status in found.items() if status == "skipped"}
+    assert skipped == (unlabelled if name in ("pixel", "diff") else set())
+    assert set(found.values()) <= {"ran", "skipped"}
+
+
+class Push(nn.Module):
+    """Predicts the last normal force; the others break one thing."""
+
+    head = "contact"
+    needs = frozenset({"force"})
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.scale = nn.Parameter(torch.ones(()))
+
+    def errors(self, prediction, batch):
+        target = batch["force"][:, -1:, 2].nan_to_num() / 10
+        return (self.scale * prediction["score"] - target).square()[:, 0]
+
+    def forward(self, prediction, batch):
+        loss = masked_mean(self.errors(prediction, batch), batch["force_valid"])
+        return self.change(loss), {"rmse": loss.detach().sqrt()}
+
+    def change(self, loss):
+        return loss
+
+
+class OddNeeds(Push):
+    needs = frozenset({"force|torque"})
+
+
+class NoHead(Push):
+    head = None
+
+
+class NotAScalar(Push):
+    def change(self, loss):
+        return loss[None]
+
+
+class NotFinite(Push):
+    def change(self, loss):
+        return loss + (loss - loss) / 0
+
+
+class LogsAVector(Push):
+    def forward(self, prediction, batch):
+        return super().forward(prediction, batch)[0], {"rows": prediction["score"]}
+
+
+class IdleParameter(Push):
+    def __init__(self) -> None:
+        super().__init__()
+        self.idle = nn.Parameter(torch.ones(3))
+
+
+class ClimbsUp(Push):
+    def change(self, loss):
+        return 2 * loss.detach() - loss
+
+
+class CountsCalls(Push):
+    calls = 0
+
+    def change(self, loss):
+        CountsCalls.calls += 1
+        return loss * (1 + 0.01 * (CountsCalls.calls % 2))
+
+
+class ThroughNumpy(Push):
+    def errors(self, prediction, batch):
+        prediction["score"].detach().numpy()
+        return super().errors(prediction, batch)
+
+
+class CountsTheUnlabelled(Push):
+    def forward(self, prediction, batch):
+        errors = self.errors(prediction, batch)
+        return (errors * batch["force_valid"]).mean(), {}
+
+
+class UsesGarbage(Push):
+    def forward(self, prediction, batch):
+        return self.errors(prediction, batch).mean(), {}
+
+
+class MeanOfNothing(Push):
+    def forward(self, prediction, batch):
+        return self.errors(prediction, batch)[batch["force_valid"]].mean(), {}
+
+
+class Shrugs(Push):
+    def forward(self, prediction, batch):
+        if "force" not in batch:
+            return prediction["score"].sum() * 0, {}
+        return super().forward(prediction, batch)
+
+
+class Mumbles(Push):
+    def forward(self, prediction, batch):
+        with suppress(KeyError):
+            return super().forward(prediction, batch)
+        raise ValueError("something is missing")
+
+
+UNLABELLED = "unlabelled samples change nothing"
+
+
+@pytest.mark.parametrize(
+    ("plugin", "name", "detail"),
+    [
+        (OddNeeds, "head and needs are declared", "['torque']"),
+        (NoHead, "head and needs are declared", "'head'"),
+        (NotAScalar, "loss is a finite scalar", "(1,)"),
+        (NotFinite, "loss is a finite scalar", "loss is nan"),
+        (LogsAVector, "loss is a finite scalar", "rows has shape (8, 1)"),
+        (IdleParameter, "every own parameter gets gradient", "IdleParameter.idle"),
+        (ClimbsUp, "twenty steps lower the loss", "it was"),
+        (CountsCalls, "same seed same loss", "then"),
+        (ThroughNumpy, "bf16 autocast works", "BFloat16"),
+        (CountsTheUnlabelled, UNLABELLED, "with 3 samples that have 'force'"),
+        (UsesGarbage, UNLABELLED, "with 3 samples that have 'force'"),
+        (MeanOfNothing, UNLABELLED, "with no 'force' at all it is nan"),
+        (Shrugs, "missing key is named", "gives a loss without"),
+        (Mumbles, "missing key is named", "ValueError: something is missing"),
+    ],
+)
+def test_broken_objective(failed, plugin, name, detail):
+    assert detail in failed("objective", plugin, head=Mean)[name]
+
+
+def test_good_objective_passes(failed):
+    assert not failed("objective", Push, head=Mean)
+
+
+def test_an_objective_whose_head_is_not_installed(failed):
+    found = failed("objective", Push)
+    assert "unknown head 'contact'" in found["head and needs are declared"]
+
+
+def test_specs_of_the_batch_are_the_published_ones():
+    scale = batch(size=2)["force_scale"]
+    assert scale.tolist() == pytest.approx(
+        [list(spec(n).force_scale) for n in ("gelsight", "digit")]
+    )

@@ -1,0 +1,107 @@
+HEAD
+class NoSpec(Good):
+    spec = "good"
+
+
+class DiscoverFails(Good):
+    def discover(self):
+        raise OSError("no bus")
+
+
+class DiscoverGivesNone(Good):
+    def discover(self):
+        return None
+
+
+class ReadsUnopened(Good):
+    def __init__(self) -> None:
+        super().__init__()
+        self.is_open = True
+
+
+class RaisesAnything(Good):
+    def read(self, timeout=1.0):
+        if not self.is_open:
+            raise AttributeError("'NoneType' object has no attribute 'read'")
+        return super().read()
+
+
+class ClosesOnce(Good):
+    def close(self):
+        self.handle = None
+        del self.handle
+        if self.count:
+            self.count = None
+        elif self.count is None:
+            raise OSError("closed already")
+
+
+class WrongType(Good):
+    dtype = np.float32
+
+
+class WrongShape(Good):
+    shape = (8, 6, 3)
+
+
+class TimeStands(Good):
+    def time(self):
+        return 1.0
+
+
+class StaysOpen(Good):
+    def close(self):
+        pass
+
+
+class StaysOpenOnException(Good):
+    def __exit__(self, *error):
+        pass
+
+
+class Swallows(Good):
+    def __exit__(self, *error):
+        self.close()
+        return True
+
+
+@pytest.mark.parametrize(
+    ("plugin", "names"),
+    [
+        (NoSpec, {"spec is a sensor spec", "frames are as specified"}),
+        (DiscoverFails, {"discover with nothing attached gives nothing"}),
+        (DiscoverGivesNone, {"discover with nothing attached gives nothing"}),
+        (ReadsUnopened, {"read before open raises"}),
+        (RaisesAnything, {"read before open raises", "closes for good", "closes on exception"}),
+        (ClosesOnce, {"closes for good", "closes on exception"}),
+        (WrongType, {"frames are as specified"}),
+        (WrongShape, {"frames are as specified"}),
+        (TimeStands, {"time strictly increases"}),
+        (StaysOpen, {"closes for good", "closes on exception"}),
+        (StaysOpenOnException, {"closes on exception"}),
+        (Swallows, {"closes on exception"}),
+    ],
+)
+def test_broken_sensor(failed, plugin, names):
+    assert set(failed("sensor", plugin)) == names
+
+
+class NeedsHardware(Good):
+    def open(self):
+        raise OSError("no device /dev/video7")
+
+
+class Attached(NeedsHardware):
+    def discover(self):
+        return ["/dev/video7"]
+
+
+def test_without_hardware_the_rest_is_still_checked(statuses):
+    found = statuses("sensor", NeedsHardware)
+    assert found["read before open raises"] == "ran"
+    assert found["frames are as specified"] == "skipped"
+    assert "failed" not in found.values()
+
+
+def test_a_device_that_is_attached_has_to_open(failed):
+    assert "no device /dev/video7" in failed("sensor", Attached)["frames are as specified"]
