@@ -75,11 +75,19 @@ def test_a_second_name_can_have_a_head_of_its_own():
     assert (config.head.second.depth, config.head.diff.depth) == (2, 6)
 
 
-def test_typo_in_an_option_lists_what_is_installed():
+@pytest.mark.parametrize(
+    ("override", "listed"),
+    [
+        ("objective=[pixle]", ["did you mean 'pixel'?", "align, diff, force, match, pixel"]),
+        ("data=generatd", ["generated", "recordings", "public_samples"]),
+        ("encoder=tactile_vti", ["tactile_vit"]),
+    ],
+)
+def test_typo_in_an_option_lists_what_there_is(override, listed):
     with pytest.raises(ConfigCompositionException) as error:
-        compose(overrides=["objective=[pixle]"])
-    for name in ("align", "diff", "force", "match", "pixel"):
-        assert name in str(error.value)
+        compose(overrides=[override])
+    for words in listed:
+        assert words in str(error.value)
 
 
 def test_typo_in_a_key_is_an_error():

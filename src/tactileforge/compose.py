@@ -57,9 +57,9 @@ class PluginSource(ConfigSource):
         return config_path == "" or config_path in GROUPS
 
     def is_config(self, config_path: str) -> bool:
-        """Whether a path is an installed plugin."""
+        """Whether a path is a plugin; in a group of several, so that an unknown one is named well."""
         group, _, name = config_path.removesuffix(".yaml").rpartition("/")
-        return group in GROUPS and name in registry.names(GROUPS[group])
+        return group in MULTI or (group in GROUPS and name in registry.names(GROUPS[group]))
 
     def list(self, config_path: str, results_filter: ObjectType | None) -> list[str]:
         """The options of a group, from metadata."""

@@ -252,8 +252,12 @@ class Dataset(Protocol):
     file.
     """
 
-    provides: frozenset[str]
     skipped: list[str]
+
+    @property
+    def provides(self) -> frozenset[str]:
+        """Batch keys of the labels that at least one recording may carry."""
+        ...
 
     def recordings(self, split: str) -> Iterable[Recording]:
         """The recordings of a split (``train`` or ``val``), in an order that never changes.

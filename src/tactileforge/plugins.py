@@ -6,7 +6,7 @@ import argparse
 import json
 import keyword
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from importlib.resources import files
 from pathlib import Path
@@ -30,9 +30,12 @@ def main(argv: Sequence[str]) -> int:
         PluginError: A name that is not installed.
         ConfigError: Options that do not fit, or a package that exists already.
     """
-    words = _parser().parse_args(argv)
+    parser = _parser()
+    words, rest = parser.parse_known_args(argv)
     if words.action == "check":
-        return _check(words.words, words.kind)
+        return _check([*words.words, *rest], words.kind)  # argparse leaves words after a flag
+    if rest:
+        parser.error(f"unknown words: {' '.join(rest)}")
     if words.action == "new":
         return _new(words.kind, words.name, words.out)
     return _list(words.json)
@@ -72,12 +75,11 @@ def _list(as_json: bool) -> int:
     return 0
 
 
-def _check(words: Iterable[str], kind: str | None) -> int:
+def _check(words: Sequence[str], kind: str | None) -> int:
     from omegaconf import OmegaConf
 
     from tactileforge.testing import check
 
-    words = list(words)
     names = [word for word in words if "=" not in word]
     settings = [word for word in words if "=" in word]
     plugins = _chosen(names, kind)
@@ -92,7 +94,8 @@ def _check(words: Iterable[str], kind: str | None) -> int:
         print(f"{plugin_kind.removesuffix('s')} {name}", flush=True)
         for result in check(plugin_kind, name, **options):  # type: ignore[arg-type]
             counts[result.status] += 1
-            print(f"  {result.status:<9}{result.name}{': ' * bool(result.detail)}{result.detail}")
+            first, *_ = result.detail.splitlines() or [""]
+            print(f"  {result.status:<9}{result.name}{': ' * bool(first)}{first}")
     print(", ".join(f"{count} {status}" for status, count in counts.items()))
     return 1 if counts["failed"] else 0
 
@@ -121,7 +124,7 @@ def _new(kind: str, name: str, out: Path) -> int:
     if not re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", name) or keyword.iskeyword(class_name):
         raise ConfigError(f"{name!r} is no name for a plugin: use snake_case, e.g. my_{kind}")
     if name in registry.names(f"{kind}s"):
-        raise ConfigError(f"a {kind} {name!r} is installed already: choose another name")
+        raise ConfigError(f"an installed {kind} has the name {name!r}: choose another")
     package = f"tactileforge_{name}"
     folder = out / package.replace("_", "-")
     if folder.exists():
@@ -136,7 +139,7 @@ def _new(kind: str, name: str, out: Path) -> int:
     }
     longest_first = sorted(words, key=len, reverse=True)
     pattern = re.compile("|".join(map(re.escape, longest_first)))
-    source = files("tactileforge.packages") / "tactileforge-example"
+    source = files("tactileforge.example") / "tactileforge-example"
     for path in _paths(kind):
         text = _sections_of(kind, source.joinpath(path).read_text("utf-8"))
         target = folder / path.replace("tactileforge_example", package)

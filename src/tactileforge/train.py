@@ -14,6 +14,7 @@ from typing import Any
 
 import lightning as L
 import torch
+from lightning.pytorch.callbacks import Timer
 from lightning.pytorch.loggers import CSVLogger, Logger
 from omegaconf import DictConfig, OmegaConf
 
@@ -141,7 +142,7 @@ def build_trainer(
         **options,
         default_root_dir=folder,
         logger=build_loggers(config["logger"], folder),
-        callbacks=[saver, Progress()],
+        callbacks=[saver, Progress(), Timer()],  # the report says how long it took
         plugins=[checkpoints.AtomicCheckpointIO()],
         gradient_clip_val=config["optim"].get("clip"),
         use_distributed_sampler=False,

@@ -1,6 +1,9 @@
+from importlib import import_module
+
 import pytest
 
 from tactileforge.testing import check
+from tactileforge.testing.results import Subject, run
 
 
 @pytest.fixture
@@ -20,5 +23,17 @@ def failed():
     def of(kind, plugin, **options):
         results = check(kind, plugin, **options)
         return {result.name: result.detail for result in results if result.status == "failed"}
+
+    return of
+
+
+@pytest.fixture
+def result_of():
+    """Makes one check of a class."""
+
+    def of(kind, plugin, name, **options):
+        checks = import_module(f"tactileforge.testing.{kind}s").CHECKS
+        check = next(check for check in checks if check.__name__ == name.replace(" ", "_"))
+        return run(check, Subject(f"{kind}s", plugin, "", {}, **options))
 
     return of

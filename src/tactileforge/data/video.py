@@ -14,10 +14,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.data.cropped import Crop, Cropped, as_text, check_range
+from tactileforge.data.cropped import Crop, Cropped, check_range
 from tactileforge.errors import DataError, DataNotFoundError
 
 VIDEO_SUFFIXES = frozenset({".avi", ".gif", ".m4v", ".mkv", ".mov", ".mp4", ".mpg", ".ts", ".webm"})
+
+# FFmpeg reads this once, when the process first opens a video. Its messages name no file.
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 #: Containers whose header counts frames; others estimate the count from a duration.
 _COUNTED = frozenset({".avi", ".m4v", ".mov", ".mp4"})
@@ -139,11 +142,6 @@ class _Cursor:
         good, frame = self.capture.retrieve()
         if not good:
             raise self._damaged(wanted)
-        if frame.shape[:2] != self.index.shape:
-            raise DataError(
-                f"{self.path}: frame {wanted} has {as_text(frame.shape)} pixels, the first frame "
-                f"{as_text(self.index.shape)}: frames of a recording have one size; split the file"
-            )
         out: NDArray[np.uint8] = frame
         return out
 
@@ -196,8 +194,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def _open(path: str) -> Any:
-    """Opens a video. FFmpeg's and OpenCV's own messages are silenced: errors are raised here."""
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    """Opens a video without a word from OpenCV: errors are raised here."""
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(0)
     try:

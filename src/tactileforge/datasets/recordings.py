@@ -57,10 +57,13 @@ class Recordings:
         """The layouts that were given, or those of the root."""
         return self._given if self._given is not None else _shipped(self.root)
 
-    @cached_property
+    @property
     def provides(self) -> frozenset[str]:
-        """Labels that at least one layout gives."""
-        return frozenset(label for layout in self.layouts for label in layout.provides)
+        """Labels that at least one layout gives; none where the root says nothing."""
+        try:
+            return frozenset(label for layout in self.layouts for label in layout.provides)
+        except DataNotFoundError:
+            return frozenset()
 
     def recordings(self, split: str) -> Iterator[Recording]:
         """Yields the recordings of a split, layout by layout, files in natural order.
@@ -141,7 +144,8 @@ def _shipped(root: Path) -> list[Layout]:
         raise DataNotFoundError(f"{root}: no such folder; set data.root to the folder of the data")
     if not path.is_file():
         raise DataNotFoundError(
-            f"{path}: no such file, and no layouts are given. Write it, for example:\n{EXAMPLE}"
+            f"{path}: no such file, and no layouts are given. Set data.root to a folder that has "
+            f"it, or write it, for example:\n{EXAMPLE}"
         )
     try:
         node = Node(_plain(OmegaConf.load(path)), str(path))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ from tactileforge.data.clips import Clips
 from tactileforge.data.datamodule import TouchData
 from tactileforge.report.figures import scatter_figure
 from tactileforge.report.page import Section, legend, panel, panels, paragraph, percent, table
-from tactileforge.report.samples import Look
+from tactileforge.report.samples import Look, whole_key
 
 _NEIGHBOURS = 5
 _TEMPERATURE = 0.07
@@ -71,7 +70,7 @@ def embedding_of(data: TouchData, looks: dict[str, Look]) -> Embedding:
         labels["action"] += [ACTIONS[a] if a >= 0 else "" for a in actions.tolist()]
         for number in clips.index[look.clips, 0].tolist():
             recording = clips.recordings[number]
-            recordings.append(re.sub(r"(\[\d+:\d+\])+$", "", recording.key))
+            recordings.append(whole_key(recording))
             labels["sensor"].append(recording.sensor)
             labels["object"].append(recording.object or "")
     vectors = np.concatenate([look.cls for look in looks.values()]).astype(np.float64)
@@ -83,9 +82,9 @@ def embedding_of(data: TouchData, looks: dict[str, Look]) -> Embedding:
 def neighbours(embedding: Embedding, kind: str) -> Score | None:
     """Leave-one-recording-out k-NN accuracy, by the five nearest clips of other recordings.
 
-    Validation clips are asked for (training clips where there are none), among the clips of both splits. A
-    clip whose class no other recording has cannot be answered and is left out. Votes are weighted by
-    ``exp(cosine / 0.07)``.
+    Validation clips are asked for (training clips where there are none), among the clips of both
+    splits. A clip whose class no other recording has cannot be answered and is left out. Votes are
+    weighted by ``exp(cosine / 0.07)``.
 
     Returns:
         The score; None where there are less than two classes, or no clip that can be answered.
@@ -124,37 +123,37 @@ def principal(vectors: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArra
 
 def section(embedding: Embedding, scores: dict[str, Score | None]) -> Section:
     """The map, coloured by what is known of the clips, and the scores."""
-    title = "Embedding map"
+    name, title = "embedding", "Embedding map"
     if len(embedding.vectors) < 3:
-        return Section("embedding", title, paragraph("Fewer than three clips: no map."))
+        return Section(name, title, paragraph("Fewer than three clips: no map."))
     places, shares = principal(embedding.vectors)
     if not shares.any():
-        return Section("embedding", title, paragraph("All clips have one and the same embedding."))
-    used = 1 / max(float((shares**2).sum()), 1e-12)
-    parts = [
-        _map(kind, embedding, places, shares, scores[kind])
-        for kind, names in embedding.labels.items()
-        if any(names)
-    ]
-    missing = [kind for kind, names in embedding.labels.items() if not any(names)]
+        return Section(name, title, paragraph("All clips have one and the same embedding."))
+    known = [kind for kind, names in embedding.labels.items() if any(names)]
+    maps = panels(_map(kind, embedding, places, shares, scores[kind]) for kind in known)
+    rows = [(kind, *_cells(scores[kind])) for kind in known]
     split = "validation clips" if embedding.held_out.any() else "training clips"
-    faint = " Training clips are drawn faintly." if embedding.held_out.any() else ""
-    text = (
-        f"Projected class tokens of {len(embedding.vectors)} clips of "
-        f"{len(set(embedding.recordings))} recordings on their first two principal axes.{faint} "
-        f"The map shows {percent(float(shares[:2].sum()))} of the variance, so read the numbers below it: "
-        f"the variance is spread over about {used:.1f} of {embedding.vectors.shape[1]} dimensions."
-    )
     note = (
-        f"k-NN: the {_NEIGHBOURS} nearest clips of other recordings vote on the class of {split}; the mean over "
-        "classes. A recording never helps to recognise itself."
+        f"k-NN: the {_NEIGHBOURS} nearest clips of other recordings vote on the class of {split}; "
+        "mean over classes. A recording never helps to recognise itself."
     )
-    rows = [_row(kind, scores[kind]) for kind, names in embedding.labels.items() if any(names)]
     head = ("What is read", "k-NN accuracy", "chance", "clips", "classes")
-    body = paragraph(text) + panels(parts) + table("neighbours", head, rows, note)
-    if missing:
+    body = _introduction(embedding, shares) + maps + table("neighbours", head, rows, note)
+    if missing := [kind for kind in embedding.labels if kind not in known]:
         body += paragraph(f"Not known of these clips: {', '.join(missing)}.", soft=True)
-    return Section("embedding", title, body)
+    return Section(name, title, body)
+
+
+def _introduction(embedding: Embedding, shares: NDArray[np.float64]) -> str:
+    count, size = embedding.vectors.shape
+    faint = " Training clips are drawn faintly." if embedding.held_out.any() else ""
+    used = 1 / float((shares**2).sum())
+    return paragraph(
+        f"Projected class tokens of {count} clips of {len(set(embedding.recordings))} recordings "
+        f"on their first two principal axes; outliers are drawn at the edge.{faint} The map shows "
+        f"{percent(float(shares[:2].sum()))} of the variance, which is spread over about "
+        f"{used:.1f} of {size} dimensions: trust the numbers below it more than the picture."
+    )
 
 
 def _map(
@@ -170,8 +169,10 @@ def _map(
     which = {name: i for i, name in enumerate(shown)}
     classes = np.array([which.get(name, -1) for name in embedding.labels[kind]])
     faint = embedding.held_out.any()
+    low, high = np.percentile(places, [1, 99], axis=0)
+    x, y = np.clip(places, low - 0.2 * (high - low), high + 0.2 * (high - low)).T
     groups = [
-        (places[chosen, 0], places[chosen, 1], classes[chosen], strength)
+        (x[chosen], y[chosen], classes[chosen], strength)
         for chosen, strength in (
             (~embedding.held_out, 0.35 if faint else 0.9),
             (embedding.held_out, 0.95),
@@ -182,17 +183,14 @@ def _map(
     left = len(names) - len(shown)
     others = [f"{left} more"] * (left > 0) + ["unknown"] * ("" in embedding.labels[kind])
     words = f"k-NN {percent(score.accuracy)}, chance {percent(score.chance)}" if score else ""
-    keys = legend(shown, " or ".join(others) if (classes < 0).any() else "")
-    return panel(f"By {kind}", scatter_figure(groups, axes) + keys, words)
+    keys = dict(enumerate(shown))
+    if others:
+        keys[-1] = " or ".join(others)
+    return panel(f"By {kind}", scatter_figure(groups, axes) + legend(keys), words)
 
 
-def _row(kind: str, score: Score | None) -> Sequence[str]:
+def _cells(score: Score | None) -> Sequence[str]:
     if score is None:
-        return kind, "text|not answerable: no class is in two recordings, or there is one class", "", "", ""
-    return (
-        kind,
-        percent(score.accuracy),
-        percent(score.chance),
-        str(score.clips),
-        str(score.classes),
-    )
+        return "text|no answer: one class, or no class in two recordings", "", "", ""
+    shares = percent(score.accuracy), percent(score.chance)
+    return *shares, str(score.clips), str(score.classes)

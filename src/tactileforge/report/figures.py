@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from tactileforge.report.metrics import Curve
 
-#: Colours of classes in the light and the dark theme. After Okabe and Ito: the colour-blind tell them
-#: apart.
+#: Colours of classes, light and dark theme. After Okabe and Ito: the colour-blind tell them apart.
 CLASSES = (
     ("#0072b2", "#4ba7e0"),
     ("#d55e00", "#ff8a3d"),
@@ -29,6 +28,8 @@ CLASSES = (
 )
 #: Shapes of classes: with six colours, 18 classes.
 MARKERS = "o^s"
+#: Classes that stand for the splits.
+SPLITS = {"train": 0, "val": 1}
 TRAIN, VAL = CLASSES[0][0], CLASSES[1][0]
 _INK, _LINE, _OTHER, _SHADE = "#010203", "#040506", "#070809", "#0a0b0c"
 _VARIABLES = {
@@ -49,7 +50,8 @@ _STYLE = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.axisbelow": True,
-    "axes.formatter.limits": (-3, 5),
+    "axes.formatter.limits": (-4, 5),
+    "axes.formatter.useoffset": False,
     "grid.color": _LINE,
     "grid.linewidth": 0.6,
     "xtick.color": _LINE,
@@ -60,6 +62,8 @@ _STYLE = {
     "lines.solid_capstyle": "round",
 }
 
+#: Times and values.
+Series = tuple[NDArray[Any], NDArray[Any]]
 #: Points, class of each (-1 for those that have none), and how strongly to draw them.
 Points = tuple[NDArray[Any], NDArray[Any], NDArray[np.int64], float]
 
@@ -88,8 +92,9 @@ def curve_figure(
             axes.plot(thin.steps, thin.values, ".-" if len(thin.steps) < 3 else "-", color=TRAIN)
         if val is not None:
             axes.plot(val.steps, val.values, "o-", color=VAL, markersize=4, linewidth=1.2)
-        values = [curve.values for curve in (train, val) if curve is not None]
-        _log_if_wide(axes, np.concatenate(values or [np.zeros(0)]))
+        if label == "loss":
+            values = [curve.values for curve in (train, val) if curve is not None]
+            _log_if_wide(axes, np.concatenate(values or [np.zeros(0)]))
         axes.set(xlim=(0, max(last_step, 1)), xlabel="step", ylabel=label)
         shaded = ", and the weight of the objective" * (weight is not None)
         return _svg(figure, f"{label} over steps{shaded}")
@@ -102,7 +107,6 @@ def _shade(axes: Any, weight: Curve) -> None:
     top = float(weight.values.max()) or 1.0
     behind.set_ylim(0, 1.05 * top)
     behind.set_yticks([0, top], ["0", f"{top:.2g}"])
-    behind.set_ylabel("weight", labelpad=-8)
     behind.grid(False)
     behind.tick_params(length=0)
 
@@ -110,7 +114,13 @@ def _shade(axes: Any, weight: Curve) -> None:
 def scatter_figure(
     groups: Sequence[Points], labels: tuple[str, str], identity: bool = False
 ) -> str:
-    """Points coloured and shaped by class, on equal axes if they compare like with like."""
+    """Points coloured and shaped by class.
+
+    Args:
+        groups: Drawn one over the other.
+        labels: Of the axes.
+        identity: Both axes have one scale and a line on which they agree; else they have none.
+    """
     with _panel(3.9, 3.6) as (figure, axes):
         for x, y, classes, strength in groups:
             for number in np.unique(classes):
@@ -132,17 +142,28 @@ def scatter_figure(
             ends = (low - room, high + room)
             axes.plot(ends, ends, color=_INK, linewidth=0.8, dashes=(4, 3), zorder=1.5)
             axes.set(xlim=ends, ylim=ends, aspect="equal")
+        else:
+            axes.tick_params(length=0, labelbottom=False, labelleft=False)
         axes.set(xlabel=labels[0], ylabel=labels[1])
         return _svg(figure, f"{labels[1]} against {labels[0]}")
 
 
 def force_curve_figure(
-    times: tuple[NDArray[Any], NDArray[Any]], forces: tuple[NDArray[Any], NDArray[Any]], axis: str
+    measured: Sequence[Series], predicted: Mapping[str, Series], axis: str
 ) -> str:
-    """One axis of the force of a recording: measured as a line, predicted as points, in N."""
-    with _panel(4.2, 2.5) as (figure, axes):
-        axes.plot(times[0], forces[0], color=_INK, linewidth=1.2)
-        axes.plot(times[1], forces[1], "o", color=VAL, markersize=3, markeredgewidth=0)
+    """One axis of the force of a recording over time, in N.
+
+    Args:
+        measured: Lines, one for each part of the recording.
+        predicted: Points, by split.
+        axis: Its name.
+    """
+    with _panel(4.2, 2.4) as (figure, axes):
+        for times, values in measured:
+            axes.plot(times, values, color=_INK, linewidth=1.1)
+        for split, (times, values) in predicted.items():
+            colour = CLASSES[SPLITS[split]][0]
+            axes.plot(times, values, "o", color=colour, markersize=3, markeredgewidth=0)
         axes.set(xlabel="time (s)", ylabel=f"{axis} (N)")
         return _svg(figure, f"measured and predicted force along {axis} over time")
 
@@ -182,7 +203,7 @@ def _svg(figure: Figure, words: str) -> str:
     text = re.sub(r'( id="|href="#|url\(#)', rf"\g<1>{name}-", text)
     text = re.sub(r"<style.*?</style>|<metadata>.*?</metadata>|<!--.*?-->", "", text, flags=re.S)
     text = re.sub(r" font-family: [^;\"]*;?", "", text)
-    text = re.sub(r"(\.\d\d)\d+", r"\1", text)
+    text = re.sub(r"<[^>]+>", lambda m: re.sub(r"(\.\d\d)\d+", r"\1", m[0]), text)
     text = re.sub(r"\s*\n\s*", " ", text)
     for colour, variable in _VARIABLES.items():
         text = text.replace(colour, variable)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from html import escape
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from tactileforge.data.clips import Clips
 from tactileforge.data.datamodule import TouchData
 from tactileforge.heads.force import Forces
 from tactileforge.module import TouchModule
-from tactileforge.report.figures import force_curve_figure, scatter_figure
+from tactileforge.report.figures import SPLITS, force_curve_figure, scatter_figure
 from tactileforge.report.page import (
     NONE,
     Section,
@@ -23,7 +24,7 @@ from tactileforge.report.page import (
     paragraph,
     table,
 )
-from tactileforge.report.samples import ForceReading, read_forces, spread
+from tactileforge.report.samples import ForceReading, even, read_forces, spread, whole_key
 
 AXES = ("x", "y", "z")
 _CLIPS = 200
@@ -52,12 +53,14 @@ class ForceResult:
     Attributes:
         objective: Its name.
         readings: By split, ``val`` first; splits without labelled clips are absent.
-        curve: Split and readings of every clip of one recording.
+        recording: Key of the recording that is shown over time.
+        curve: The readings of its parts, by split.
     """
 
     objective: str
     readings: dict[str, ForceReading]
-    curve: tuple[str, ForceReading] | None
+    recording: str
+    curve: dict[str, ForceReading]
 
     def scores(self, split: str) -> list[AxisScore]:
         """Scores of x, y and z."""
@@ -97,7 +100,16 @@ def force_results(
             reading = read_forces(module, clips, which, key) if clips else None
             if reading:
                 readings[split] = reading
-        results.append(ForceResult(key, readings, _curve(module, data, readings, key)))
+        recording = _liveliest(data, readings)
+        curve = {}
+        for split in readings:
+            clips = getattr(data, split)
+            own = [i for i, r in enumerate(clips.recordings) if whole_key(r) == recording]
+            cut = np.flatnonzero(np.isin(clips.index[:, 0], own))
+            reading = read_forces(module, clips, cut[even(len(cut), _CLIPS)].tolist(), key)
+            if reading:
+                curve[split] = reading
+        results.append(ForceResult(key, readings, recording, curve))
     return results
 
 
@@ -105,20 +117,19 @@ def _has_force(recording: Recording) -> bool:
     return recording.force is not None
 
 
-def _curve(
-    module: TouchModule, data: TouchData, readings: dict[str, ForceReading], key: str
-) -> tuple[str, ForceReading] | None:
-    """All clips of the recording whose force varies most, held out if any is."""
-    for split in readings:
+def _liveliest(data: TouchData, readings: dict[str, ForceReading]) -> str:
+    """The recording whose force varies most, of those that are held out at least in part."""
+    forces: dict[str, list[NDArray[np.float32]]] = {}
+    for split, reading in readings.items():
         clips: Clips = getattr(data, split)
-        numbers = np.unique(clips.index[readings[split].clips, 0]).tolist()
-        ranges = [np.nanstd(clips.recordings[n].force, axis=0).sum() for n in numbers]
-        best = numbers[int(np.argmax(ranges))]
-        own = np.flatnonzero(clips.index[:, 0] == best)[:_CLIPS].tolist()
-        reading = read_forces(module, clips, own, key)
-        if reading and len(reading.clips) > 2:
-            return split, reading
-    return None
+        for row in np.unique(clips.index[reading.clips, 0]).tolist():
+            recording = clips.recordings[row]
+            if split == next(iter(readings)) and recording.force is not None:
+                forces.setdefault(whole_key(recording), []).append(recording.force)
+    varies = {
+        key: float(np.nanstd(np.concatenate(parts), axis=0).sum()) for key, parts in forces.items()
+    }
+    return max(varies, key=lambda key: varies[key], default="")
 
 
 def section(results: list[ForceResult], data: TouchData) -> Section:
@@ -129,8 +140,10 @@ def section(results: list[ForceResult], data: TouchData) -> Section:
     body = ""
     for result in results:
         if len(results) > 1:
-            body += f"<h3>{result.objective}</h3>"
-        body += _result(result, data) if result.readings else paragraph("No clip has a force label.")
+            body += f"<h3>{escape(result.objective)}</h3>"
+        body += (
+            _result(result, data) if result.readings else paragraph("No clip has a force label.")
+        )
     return Section(name, title, body)
 
 
@@ -148,11 +161,13 @@ def _result(result: ForceResult, data: TouchData) -> str:
     )
     faint = " (drawn faintly)" if len(result.readings) > 1 else ""
     text = f"Each point is a frame of {splits}{faint}; on the dashed line the prediction is right."
-    drawings = [panel(f"{axis} (N)", _scatter(result, data, sensors, i)) for i, axis in enumerate(AXES)]
+    drawings = [
+        panel(f"{axis} (N)", _scatter(result, data, sensors, i)) for i, axis in enumerate(AXES)
+    ]
     return (
         paragraph(text)
         + panels(drawings)
-        + legend(sensors)
+        + legend(dict(enumerate(sensors)))
         + _scores(result)
         + _over_time(result, data)
     )
@@ -177,44 +192,38 @@ def _scores(result: ForceResult) -> str:
     rows = [
         (
             f"{axis}, {_SPLITS[split]}",
-            number_of(score.mae),
-            number_of(score.median),
+            milli(score.mae),
+            milli(score.median),
             number(round(score.correlation, 2)),
         )
         for split in result.readings
         for axis, score in zip(AXES, result.scores(split), strict=True)
     ]
-    note = "The last column but one: the error of always giving the median force of the training clips."
+    note = "Median guess: the error of always giving the median force of the training clips."
     head = ("Axis", "MAE (mN)", "median guess (mN)", "correlation")
     return table(f"force-{result.objective}", head, rows, note)
 
 
 def _over_time(result: ForceResult, data: TouchData) -> str:
-    if result.curve is None:
-        return paragraph("No recording has enough labelled clips for a curve over time.", soft=True)
-    split, reading = result.curve
-    clips: Clips = getattr(data, split)
-    recording = clips.recordings[clips.index[reading.clips[0], 0]]
-    assert recording.force is not None
-    times = np.concatenate([recording.times[clips.rows(clip)[1:]] for clip in reading.clips.tolist()])
-    predicted = reading.predicted.reshape(-1, 3)
-    shown = (recording.times <= times.max()) & np.isfinite(recording.force).all(1)
-    drawings = [
-        panel(
-            axis,
-            force_curve_figure(
-                (recording.times[shown], times),
-                (recording.force[shown, i], predicted[:, i]),
-                axis,
-            ),
-        )
-        for i, axis in enumerate(AXES)
-    ]
-    title = f"One {_SPLITS[split]} recording over time: {recording.key} ({recording.sensor})"
-    line = paragraph("Measured as a line, predicted as points.", soft=True)
-    return f"<h3>{_escaped(title)}</h3>" + line + panels(drawings)
+    measured, predicted = [], {}
+    for split, reading in result.curve.items():
+        clips: Clips = getattr(data, split)
+        for row in np.unique(clips.index[reading.clips, 0]).tolist():
+            recording = clips.recordings[row]
+            measured.append((recording.times, recording.force))
+        rows = [(clip, clips.recordings[clips.index[clip, 0]]) for clip in reading.clips.tolist()]
+        times = np.concatenate([part.times[clips.rows(clip)[1:]] for clip, part in rows])
+        predicted[split] = (times, reading.predicted.reshape(-1, 3))
+    drawings = []
+    for i, axis in enumerate(AXES):
+        lines = [(times, force[:, i]) for times, force in measured]
+        points = {split: (times, force[:, i]) for split, (times, force) in predicted.items()}
+        drawings.append(panel(f"{axis} (N)", force_curve_figure(lines, points, axis)))
+    names = {SPLITS[split]: f"predicted, {_SPLITS[split]}" for split in predicted}
+    title = f"One recording over time: {result.recording}"
+    return f"<h3>{escape(title)}</h3>" + legend(names, line="measured") + panels(drawings)
 
 
-def number_of(milli: float) -> str:
+def milli(value: float) -> str:
     """Millinewton, whole above ten."""
-    return NONE if milli != milli else f"{milli:.0f}" if milli >= 10 else f"{milli:.2g}"
+    return NONE if value != value else f"{value:.0f}" if value >= 10 else f"{value:.2g}"

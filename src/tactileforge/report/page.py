@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 
-from tactileforge.report.figures import CLASSES, TRAIN, VAL, marker_of
+from tactileforge.report.figures import CLASSES, marker_of
 
 MINUS = "\N{MINUS SIGN}"
 NONE = "\N{EN DASH}"
@@ -20,18 +20,20 @@ _CSS = """
 html{scroll-padding-top:3.5rem;-webkit-text-size-adjust:100%}
 body{margin:0;background:var(--paper);color:var(--ink);
 font:16px/1.5 system-ui,-apple-system,"Segoe UI",Roboto,sans-serif}
+section:first-of-type h2{border:0;margin-top:.6rem}
 main,header>div,nav>div{max-width:1120px;margin:auto;padding:0 1.1rem}
 header{padding-top:1.6rem}
 h1{font-size:1.7rem;line-height:1.2;margin:0 0 .3rem}
 h2{font-size:1.3rem;margin:2.8rem 0 .4rem;padding-top:1.1rem;border-top:1px solid var(--line)}
 h3{font-size:1rem;margin:1.4rem 0 .4rem}
 p{margin:.4rem 0;max-width:48rem}
-.soft,figcaption,caption{color:var(--soft);font-size:.9rem}
+.soft,figcaption{color:var(--soft);font-size:.9rem}
 nav{position:sticky;top:0;z-index:9;background:var(--paper);border-bottom:1px solid var(--line);
 margin-top:1rem}
 nav>div{display:flex;gap:1.3rem;overflow-x:auto;white-space:nowrap;padding-block:.6rem}
 a{color:var(--c0)}nav a{text-decoration:none}
-dl{display:grid;grid-template-columns:repeat(auto-fit,minmax(11.5rem,1fr));gap:.6rem;margin:1.1rem 0}
+dl{display:grid;grid-template-columns:repeat(auto-fit,minmax(max(9rem,22%),1fr));gap:.6rem;
+margin:1.1rem 0}
 dl div{background:var(--card);border-radius:8px;padding:.55rem .8rem;min-width:0}
 dt{color:var(--soft);font-size:.8rem}dd{margin:0;overflow-wrap:anywhere}
 ul.verdict{list-style:none;padding:0;margin:.9rem 0}
@@ -42,16 +44,16 @@ ul.verdict li::before{position:absolute;left:.2rem;font-weight:700}
 td.good{color:var(--good)}td.bad{color:var(--bad)}td::before{content:none!important}
 .scroll{overflow-x:auto;margin:.9rem 0}
 table{border-collapse:collapse;font-size:.93rem;font-variant-numeric:tabular-nums}
-caption{text-align:left;padding-bottom:.3rem}
 th,td{padding:.32rem .8rem;text-align:right;white-space:nowrap;border-bottom:1px solid var(--line)}
-th:first-child,td:first-child,td.text{text-align:left}
-td.text{white-space:normal;min-width:14rem}
+th:first-child,.text{text-align:left}
+.text,th[scope=row]{white-space:normal;overflow-wrap:anywhere;min-width:9rem}
 thead th{color:var(--soft);font-weight:600;vertical-align:bottom}th[scope=row]{font-weight:600}
 .panels{display:grid;grid-template-columns:repeat(auto-fill,minmax(min(100%,19rem),1fr));
 gap:1rem 1.4rem;margin:1rem 0}
 .panels.wide{grid-template-columns:repeat(auto-fill,minmax(min(100%,26rem),1fr))}
 figure{margin:0;min-width:0}figure>b{display:block;font-size:.95rem}
-figure svg{width:100%;height:auto;display:block}
+figure>b,h1,h3,li{overflow-wrap:anywhere}
+figure>svg{width:100%;height:auto;display:block}
 svg *{stroke-linejoin:round}
 .legend{list-style:none;display:flex;flex-wrap:wrap;gap:.15rem 1rem;padding:0;margin:.5rem 0;
 font-size:.88rem}
@@ -60,6 +62,7 @@ font-size:.88rem}
 .strip{display:grid;gap:3px;margin:.15rem 0 .5rem}
 .strip img{width:100%;height:auto;display:block;border-radius:3px}
 .strip-name{font-size:.83rem;color:var(--soft)}
+@media(max-width:600px){th,td{padding:.3rem .45rem}main,header>div,nav>div{padding:0 .8rem}}
 details{margin:.9rem 0}summary{cursor:pointer}
 pre{background:var(--card);border-radius:8px;padding:.8rem 1rem;overflow-x:auto;font-size:.83rem;
 line-height:1.4}
@@ -107,41 +110,43 @@ def page(title: str, top: str, sections: Sequence[Section]) -> str:
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width,initial-scale=1">'
-        f'<title>{escape(title)}</title><link rel="icon" href="data:,"><style>{css}</style></head>\n'
+        f'<title>{escape(title)}</title><link rel="icon" href="data:,">'
+        f"<style>{css}</style></head>\n"
         f"<body><header><div><h1>{escape(title)}</h1>\n{top}</div></header>\n"
         f'<nav aria-label="Contents"><div>{links}</div></nav>\n<main>{bodies}\n'
-        "<footer>Written by tactileforge. This file needs no network.</footer></main></body></html>\n"
+        "<footer>Written by tactileforge. This file needs no network.</footer></main></body>"
+        "</html>\n"
     )
 
 
-def table(
-    name: str, head: Sequence[str], rows: Iterable[Sequence[str]], caption: str = ""
-) -> str:
+def table(name: str, head: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "") -> str:
     """A table whose first column names the rows.
 
     Args:
         name: Its id.
-        head: Plain text.
-        rows: Plain text; a cell that starts with a class and ``|`` (``good|1.2``) takes that class.
-        caption: Plain text.
+        head: Plain text, as are the rows; a cell may begin with a class (``good|``, ``text|``).
+        rows: One sequence a row.
+        caption: Plain text, above the table.
     """
-    title = f"<caption>{escape(caption)}</caption>" if caption else ""
-    top = "".join(f'<th scope="col">{escape(cell)}</th>' for cell in head)
+    words = f'<p class="soft" id="{name}-note">{escape(caption)}</p>' if caption else ""
+    told = f' aria-describedby="{name}-note"' if caption else ""
+    top = "".join(_cell(cell, 'th scope="col"') for cell in head)
     body = "".join(
         f'<tr><th scope="row">{escape(first)}</th>{"".join(map(_cell, rest))}</tr>'
         for first, *rest in rows
     )
     return (
-        f'<div class="scroll"><table id="{name}">{title}<thead><tr>{top}</tr></thead>'
+        f'{words}<div class="scroll" tabindex="0"><table id="{name}"{told}><thead><tr>{top}</tr></thead>'
         f"<tbody>{body}</tbody></table></div>"
     )
 
 
-def _cell(text: str) -> str:
+def _cell(text: str, tag: str = "td") -> str:
     kind, mark, rest = text.partition("|")
-    if mark and kind in ("good", "bad", "text"):
-        return f'<td class="{kind}">{escape(rest)}</td>'
-    return f"<td>{escape(text)}</td>"
+    if not mark or kind not in ("good", "bad", "text"):
+        kind, rest = "", text
+    given = f' class="{kind}"' if kind else ""
+    return f"<{tag}{given}>{escape(rest)}</{tag[:2]}>"
 
 
 def paragraph(text: str, soft: bool = False) -> str:
@@ -160,30 +165,26 @@ def panels(parts: Iterable[str], wide: bool = False) -> str:
     return f'<div class="panels{" wide" if wide else ""}">{"".join(parts)}</div>'
 
 
-def legend(names: Sequence[str], other: str = "") -> str:
-    """Colour and shape of each class, and of points that have none if ``other`` names them."""
-    numbered = list(enumerate(names)) + ([(-1, other)] if other else [])
-    items = "".join(f"<li>{_key(number)}{escape(name)}</li>" for number, name in numbered)
+def legend(names: Mapping[int, str], line: str = "", area: str = "") -> str:
+    """What the marks of a drawing stand for.
+
+    Args:
+        names: By the number of the class; -1 is grey.
+        line: What a line in the colour of the text stands for.
+        area: What a shaded area stands for.
+    """
+    keys = [
+        (_SHAPES[marker_of(i)], f"var(--c{i % len(CLASSES)})" if i >= 0 else "var(--other)", name)
+        for i, name in names.items()
+    ]
+    keys += [('<path d="M0 4h10v2H0z"/>', "currentColor", line)] * bool(line)
+    keys += [('<path d="M0 0h10v10H0z"/>', "var(--shade)", area)] * bool(area)
+    items = "".join(
+        f'<li><svg viewBox="0 0 10 10" aria-hidden="true" fill="{colour}">{shape}</svg>'
+        f"{escape(name)}</li>"
+        for shape, colour, name in keys
+    )
     return f'<ul class="legend">{items}</ul>'
-
-
-def curve_legend(val: bool, weight: bool) -> str:
-    """What the lines of a curve are."""
-    items = [(f"<circle cx='5' cy='5' r='4.4' fill='{TRAIN}'/>", "training")]
-    if val:
-        items.append((f"<circle cx='5' cy='5' r='4.4' fill='{VAL}'/>", "validation"))
-    if weight:
-        items.append(("<path d='M0 0h10v10H0z' fill='var(--shade)'/>", "weight, right axis"))
-    return '<ul class="legend">' + "".join(
-        f'<li><svg viewBox="0 0 10 10" aria-hidden="true">{shape}</svg>{name}</li>'
-        for shape, name in items
-    ) + "</ul>"
-
-
-def _key(number: int) -> str:
-    colour = f"var(--c{number % len(CLASSES)})" if number >= 0 else "var(--other)"
-    shape = _SHAPES[marker_of(number)]
-    return f'<svg viewBox="0 0 10 10" aria-hidden="true" fill="{colour}">{shape}</svg>'
 
 
 def number(value: float) -> str:

@@ -98,15 +98,17 @@ def jpeg(frame: Tensor) -> tuple[str, int, int]:
 
 def _framewise(patches: Tensor, tube: int) -> Tensor:
     """(slots, N, 3 * tube * P) to (N, slots * tube, 3 * P)."""
-    x = patches.float().cpu().unflatten(-1, (3, tube, -1)).permute(1, 0, 3, 2, 4)
-    return x.flatten(3).flatten(1, 2)
+    slots, count, _ = patches.shape
+    x = patches.float().cpu().view(slots, count, 3, tube, -1).permute(1, 0, 3, 2, 4)
+    return x.reshape(count, slots * tube, -1)
 
 
 def _canvas(encoder: Encoder, x: Tensor) -> Tensor:
     """(N, n, 3 * patch * patch) to (n, 3, H, W)."""
     _, rows, columns = encoder.grid
-    x = x.unflatten(0, (rows, columns)).unflatten(-1, (3, encoder.patch, encoder.patch))
-    return x.permute(2, 3, 0, 4, 1, 5).flatten(4).flatten(2, 3)
+    side = encoder.patch
+    x = x.reshape(rows, columns, -1, 3, side, side).permute(2, 3, 0, 4, 1, 5)
+    return x.reshape(-1, 3, rows * side, columns * side)
 
 
 def _pasted(frames: Tensor, found: Reconstruction, row: int) -> Tensor:
@@ -121,8 +123,8 @@ def _explained(found: Reconstruction, row: int, centre: bool) -> float:
     target, predicted = found.target[row].float(), found.predicted[row].float()
     wrong = (target - predicted).square().sum()
     if centre:
-        channels = target.unflatten(-1, (3, -1))
-        target = (channels - channels.mean((0, 1, 3), keepdim=True)).flatten(-2)
+        target = target.reshape(*target.shape[:2], 3, -1)
+        target = target - target.mean((0, 1, 3), keepdim=True)
     return float(1 - wrong / target.square().sum().clamp(min=1e-12))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -53,7 +54,7 @@ class Look:
 
 @contextmanager
 def quiet(module: TouchModule, seed: int = 0) -> Iterator[None]:
-    """Evaluation mode, no gradients, the same random numbers each time; outside, none are used up."""
+    """Evaluation mode, no gradients, the same random numbers each time; none used up outside."""
     devices = [module.device] if module.device.type == "cuda" else []
     training = module.training
     module.eval()
@@ -75,11 +76,16 @@ def spread(
     for place, number in enumerate(numbers):
         own = np.flatnonzero(which == number)
         share = (count - len(chosen)) // (len(numbers) - place)
-        chosen += own[_even(len(own), share)].tolist()
+        chosen += own[even(len(own), share)].tolist()
     return chosen
 
 
-def _even(length: int, count: int) -> NDArray[np.int64]:
+def whole_key(recording: Recording) -> str:
+    """Key of the recording that a part was cut from (see `Recording.part`), or its own."""
+    return re.sub(r"(\[\d+:\d+\])+$", "", recording.key)
+
+
+def even(length: int, count: int) -> NDArray[np.int64]:
     """``count`` places spread over ``0..length - 1``: the middles of equal parts."""
     count = min(length, count)
     return ((np.arange(count) + 0.5) * length / max(1, count)).astype(np.int64)
@@ -115,17 +121,33 @@ def look(module: TouchModule, clips: Clips, which: Sequence[int], skipped: dict[
 
 
 def liveliest(clips: Clips, seen: Look, count: int) -> list[int]:
-    """The clips that change most, of different recordings, sensors in turn."""
-    queues: dict[str, list[int]] = {}
+    """Clips that change much, of different recordings: sensors in turn, and new objects first.
+
+    A clip of a new object is taken before one that changes up to four times as much.
+    """
+    queues: dict[str, list[tuple[float, int]]] = {}
     used: set[int] = set()
-    for clip in seen.clips[np.argsort(-seen.moved, kind="stable")].tolist():
+    for place in np.argsort(-seen.moved, kind="stable").tolist():
+        clip = int(seen.clips[place])
         recording = int(clips.index[clip, 0])
         if recording not in used:
             used.add(recording)
-            queues.setdefault(clips.recordings[recording].sensor, []).append(clip)
+            queue = queues.setdefault(clips.recordings[recording].sensor, [])
+            queue.append((float(seen.moved[place]), clip))
     chosen: list[int] = []
+    shown: set[str | None] = set()
     while len(chosen) < count and any(queues.values()):
-        chosen += [queue.pop(0) for _, queue in sorted(queues.items()) if queue]
+        for _, queue in sorted(queues.items()):
+            names = [clips.recordings[clips.index[clip, 0]].object for _, clip in queue]
+            fresh = (
+                i
+                for i, (moved, _) in enumerate(queue)
+                if names[i] not in shown and moved >= queue[0][0] / 4
+            )
+            if queue:
+                place = next(fresh, 0)
+                shown.add(names[place])
+                chosen.append(queue.pop(place)[1])
     return chosen[:count]
 
 

@@ -1,4 +1,58 @@
-HEAD
+"""Each class breaks one thing, and its checks see it."""
+
+import numpy as np
+import pytest
+
+from tactileforge.contracts import Frame, SensorSpec
+from tactileforge.errors import TactileForgeError
+
+
+class Good:
+    """A sensor that is as it should be; the others break one thing."""
+
+    spec = SensorSpec(
+        name="good", height=6, width=8, fps=30, area_mm=None, force_scale=(1.0, 1.0, 1.0)
+    )
+    shape = (6, 8, 3)
+    dtype = np.uint8
+
+    def __init__(self, gain: float = 1.0) -> None:
+        self.is_open = False
+        self.count = 0
+
+    def discover(self):
+        return []
+
+    def open(self):
+        self.is_open = True
+
+    def read(self, timeout=1.0):
+        if not self.is_open:
+            raise TactileForgeError("not open")
+        self.count += 1
+        return Frame(array=np.zeros(self.shape, self.dtype), time=self.time())
+
+    def time(self):
+        return float(self.count)
+
+    def close(self):
+        self.is_open = False
+
+    def __enter__(self):
+        self.open()
+        return self
+
+    def __exit__(self, *error):
+        self.close()
+
+
+def test_good_sensor_passes(statuses):
+    found = statuses("sensor", Good)
+    assert set(found.values()) == {"ran", "skipped"}
+    skipped = {name for name, status in found.items() if status == "skipped"}
+    assert skipped == {"name is snake case", "module imports no vendor sdk"}
+
+
 class NoSpec(Good):
     spec = "good"
 

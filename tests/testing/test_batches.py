@@ -1,4 +1,10 @@
-HEAD
+import pytest
+import torch
+
+from tactileforge.sensors.specs import spec
+from tactileforge.testing import batch
+
+
 def test_batch_has_every_key_of_the_contract():
     made = batch(size=6, frames=2, image=24)
     shapes = {key: tuple(value.shape) for key, value in made.items() if not isinstance(value, list)}
@@ -25,3 +31,9 @@ def test_batch_presses_deeper_as_the_force_rises():
     change = (made["frames"].float() - made["background"][:, None].float()).abs().mean((2, 3, 4))
     assert (change.diff(dim=1) > 0).all()
     assert (made["force"][..., 2].diff(dim=1) > 0).all()
+
+
+def test_force_scales_are_those_of_the_sensors():
+    scale = batch(size=2)["force_scale"]
+    for row, name in zip(scale.tolist(), ("gelsight", "digit"), strict=True):
+        assert row == pytest.approx(spec(name).force_scale)

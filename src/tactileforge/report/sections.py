@@ -1,0 +1,184 @@
+"""The sections on losses, frames, data and recipe."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactileforge.contracts import Recording
+from tactileforge.data.clips import Clips
+from tactileforge.data.datamodule import LABELS, TouchData
+from tactileforge.report.figures import SPLITS, curve_figure
+from tactileforge.report.metrics import Curve
+from tactileforge.report.page import (
+    Section,
+    duration,
+    legend,
+    panel,
+    panels,
+    paragraph,
+    percent,
+    table,
+)
+from tactileforge.report.pictures import Strips, jpeg
+
+_ROW_NOTES = {
+    "Masked": "what the encoder is given; dark tubes are hidden in every frame",
+    "Reconstructed": "hidden tubes as predicted, among the visible ones",
+    "Difference": "to the first frame, amplified",
+    "Difference, reconstructed": "the same, hidden tubes as predicted",
+}
+_FRAMES = 6
+
+
+def losses(curves: Mapping[str, Curve], objectives: Sequence[str], last_step: int) -> Section:
+    """A panel an objective; then the learning rate and the chance of the universal token."""
+    if not any(key.startswith("train/") for key in curves):
+        text = (
+            "No metrics were logged; lower trainer.log_every_n_steps to see curves of short runs."
+        )
+        return Section("losses", "Losses", paragraph(text))
+    parts = []
+    for key in objectives:
+        found = [curves.get(f"{kind}/{key}") for kind in ("train", "val", "weight")]
+        asleep = "" if found[0] else "never computed: its weight was 0 whenever metrics were logged"
+        parts.append(panel(key, curve_figure("loss", last_step, *found), asleep))
+    for key, title in (
+        ("lr", "learning rate"),
+        ("universal", "chance of the universal sensor token"),
+    ):
+        if key in curves:
+            label = {"lr": "learning rate", "universal": "chance"}[key]
+            parts.append(panel(title, curve_figure(label, last_step, curves[key])))
+    details = [
+        panel(
+            key,
+            curve_figure("value", last_step, curves.get(f"train/{key}"), curves.get(f"val/{key}")),
+        )
+        for key in sorted({name.partition("/")[2] for name in curves if name.count("/") == 2})
+    ]
+    val = any(key.startswith("val/") for key in curves)
+    splits = {SPLITS["train"]: "training"} | ({SPLITS["val"]: "validation"} if val else {})
+    body = legend(splits, area="weight of the objective, right axis") + panels(parts)
+    if not val:
+        body += paragraph("There is no validation loss: the data holds nothing out.", soft=True)
+    if details:
+        body += f"<details><summary>Parts of the losses</summary>{panels(details)}</details>"
+    return Section("losses", "Losses", body)
+
+
+def frames(clips: Clips, shown: Sequence[int], strips: Sequence[Strips], split: str) -> Section:
+    """Pictures of a few clips, row by row."""
+    cards = [_card(clips, clip, strip) for clip, strip in zip(shown, strips, strict=True)]
+    kinds = sorted({kind for strip in strips for kind in strip.explained}, reverse=True)
+    text = (
+        f"The {split} clips that move most, of different sensors, objects and recordings. "
+        "The background is subtracted: what nothing touches is grey. "
+    )
+    if not kinds:
+        text += "No objective reconstructs."
+    elif len(kinds) == 1:
+        text += f"Only {kinds[0]} are reconstructed: no objective reconstructs the rest."
+    return Section("frames", "Frames", paragraph(text) + panels(cards, wide=True))
+
+
+def _card(clips: Clips, clip: int, strip: Strips) -> str:
+    recording = clips.recordings[clips.index[clip, 0]]
+    title = " · ".join(filter(None, (recording.sensor, recording.object, recording.key)))
+    count = len(strip.rows["Input"])
+    columns = np.unique(np.linspace(0, count - 1, min(count, _FRAMES)).round().astype(int)).tolist()
+    body = ""
+    for name, pictures in strip.rows.items():
+        note = _ROW_NOTES.get(name, "")
+        if name == "Difference":
+            note += f" {strip.gain:.2g} times"
+        label = f"{escape(name)}{f': {escape(note)}' if note else ''}"
+        missing = count - len(pictures)  # differences begin with frame 2
+        images = [
+            _image(pictures[i - missing], f"{name}, frame {i + 1}")
+            if i >= missing
+            else "<span></span>"
+            for i in columns
+        ]
+        grid = f'style="grid-template-columns:repeat({len(columns)},1fr)"'
+        body += f'<div class="strip-name">{label}</div>'
+        body += f'<div class="strip" {grid}>{"".join(images)}</div>'
+    explained = ", ".join(f"{percent(share)} ({kind})" for kind, share in strip.explained.items())
+    explained = f"Explained variance of hidden pixels: {explained}" if explained else ""
+    below = f"<figcaption>{explained}</figcaption>" if explained else ""
+    return f'<figure class="clip"><b>{escape(title)}</b>{body}{below}</figure>'
+
+
+def _image(picture: Any, words: str) -> str:
+    url, width, height = jpeg(picture)
+    return f'<img src="{url}" width="{width}" height="{height}" alt="{escape(words)}">'
+
+
+def data_section(data: TouchData, skipped: Sequence[str]) -> Section:
+    """What was trained on, where it comes from, and what could not be read."""
+    rows = []
+    for split, clips in (("training", data.train), ("validation", data.val)):
+        if clips is None:
+            continue
+        per_recording = Counter(clips.index[:, 0].tolist())
+        for sensor in clips.sensors:
+            own = [i for i, r in enumerate(clips.recordings) if r.sensor == sensor]
+            recordings = [clips.recordings[i] for i in own]
+            count = sum(per_recording[i] for i in own)
+            rows.append((f"{sensor}, {split}", str(len(own)), str(count), *_row(recordings)))
+    head = ("Sensor", "recordings", "clips", "time", *(f"with {label}" for label in LABELS))
+    body = table("data", head, rows, "Recordings with a label are counted, whole or in part.")
+    if data.val is None:
+        body += paragraph("No recordings are held out for validation.", soft=True)
+    sources = Counter(
+        (r.source, r.licence, r.tier) for c in (data.train, data.val) if c for r in c.recordings
+    )
+    lines = [
+        (source or "not given", f"text|{licence or 'not given'}", str(tier), str(count))
+        for (source, licence, tier), count in sorted(sources.items())
+    ]
+    body += table("sources", ("Source", "text|licence", "tier", "recordings"), lines)
+    if not skipped:
+        return Section("data", "Data", body + paragraph("Skipped recordings: none."))
+    items = "".join(f"<li>{escape(line)}</li>" for line in skipped)
+    title = f"Skipped recordings: {len(skipped)}"
+    body += f"<details open><summary>{title}</summary><ul>{items}</ul></details>"
+    return Section("data", "Data", body)
+
+
+def _row(recordings: Sequence[Recording]) -> list[str]:
+    seconds = sum(_seconds(recording) for recording in recordings)
+    counts = [sum(getattr(r, label) is not None for r in recordings) for label in LABELS]
+    return [duration(seconds), *(str(count) if count else "none" for count in counts)]
+
+
+def _seconds(recording: Recording) -> float:
+    """From the first frame to the end of the last; a single frame lasts no time."""
+    times = recording.times
+    return float(times[-1] - times[0] + np.median(np.diff(times))) if len(times) > 1 else 0.0
+
+
+def recipe(folder: Path) -> Section:
+    """The resolved recipe, the versions and the command."""
+    body = _details("The resolved recipe (config.yaml)", (folder / "config.yaml").read_text())
+    path = folder / "versions.json"
+    if not path.is_file():
+        return Section("recipe", "Recipe", body + paragraph("versions.json is not there."))
+    kept = json.loads(path.read_text())
+    program, *words = kept["command"]
+    command = shlex.join([Path(program).name, *words])
+    versions = "\n".join(f"{name} {version}" for name, version in kept["versions"].items())
+    plugins = "\n".join(f"{name}: {package}" for name, package in kept["plugins"].items())
+    body = f"<pre>{escape(command)}</pre>{body}{_details('Versions', versions)}"
+    return Section("recipe", "Recipe", body + _details("Installed plugins", plugins))
+
+
+def _details(title: str, text: str) -> str:
+    return f"<details><summary>{escape(title)}</summary><pre>{escape(text)}</pre></details>"

@@ -1,0 +1,57 @@
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+
+MakeVideo = Callable[..., Path]
+
+
+def _picture(i: int, size: tuple[int, int]) -> NDArray[np.uint8]:
+    """A grey picture whose level says its number: 7 i."""
+    return np.full((*size, 3), min(7 * i, 255), np.uint8)
+
+
+@pytest.fixture
+def make_video(tmp_path: Path) -> MakeVideo:
+    """Writes a video whose frame ``i`` is of grey level 7 i; the path is from tmp_path."""
+
+    def make(name: str, count: int = 30, size: tuple[int, int] = (32, 48), fps: float = 30) -> Path:
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), fps, size[::-1])
+        for i in range(count):
+            writer.write(_picture(i, size))
+        writer.release()
+        return path
+
+    return make
+
+
+@pytest.fixture
+def make_image(tmp_path: Path) -> MakeVideo:
+    """Writes an image of grey level 7 i; the path is from tmp_path."""
+
+    def make(name: str, i: int = 0, size: tuple[int, int] = (32, 48)) -> Path:
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        Image.fromarray(_picture(i, size)).save(path)
+        return path
+
+    return make
+
+
+@pytest.fixture
+def write(tmp_path: Path) -> Callable[[str, str], Path]:
+    """Writes a text file; the path is from tmp_path."""
+
+    def make(name: str, text: str) -> Path:
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+        return path
+
+    return make

@@ -1,0 +1,43 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib import pyplot
+
+from tactileforge.contracts import Recording
+from tactileforge.datasets.generated import Generated
+
+
+@pytest.fixture
+def touch() -> Recording:
+    return next(iter(Generated(recordings=1, size=32).recordings("train")))
+
+
+def test_a_panel_for_everything_that_there_is(touch: Recording) -> None:
+    figure = Generated().plot(touch)
+    assert [panel.get_ylabel() for panel in figure.axes] == [
+        "frames",
+        "minus background",
+        "force, N",
+        "",
+    ]
+    strip = figure.axes[0].images[0].get_array()
+    assert strip is not None
+    assert strip.shape == (32, 8 * 32, 3)
+    curves = np.array([line.get_ydata() for line in figure.axes[2].lines])
+    np.testing.assert_array_equal(curves.T, touch.force)
+    np.testing.assert_array_equal(figure.axes[3].lines[0].get_ydata(), touch.action)
+    assert pyplot.get_fignums() == []
+
+
+def test_the_background_is_grey_where_nothing_changes(touch: Recording) -> None:
+    strip = Generated().plot(touch).axes[1].images[0].get_array()
+    assert strip is not None
+    np.testing.assert_allclose(np.asarray(strip)[:, :32].mean(), 128, atol=1)
+
+
+def test_a_still_without_labels(touch: Recording) -> None:
+    bare = replace(touch.part(0, 1), no_contact=None, force=None, action=None, text=None)
+    figure = Generated().plot(bare)
+    assert len(figure.axes) == 1
+    figure.canvas.draw()

@@ -1,0 +1,372 @@
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from omegaconf import OmegaConf
+
+from tactileforge.contracts import ACTIONS, Dataset, Frames, Recording
+from tactileforge.datasets.recordings import Recordings
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError
+
+MakeFile = Callable[..., Path]
+VIDEO = {"videos": "*.avi", "sensor": "digit", "background": {"first": 3}}
+IMAGES = {"images": "*.png", "each": "touch", "sensor": "digit", "background": "none"}
+
+
+def read(root: Path, split: str = "train", **layout: Any) -> list[Recording]:
+    """The recordings of one layout, none held out."""
+    return list(Recordings(str(root), {"a": layout}, val=0).recordings(split))
+
+
+def levels(frames: Frames | None) -> list[int]:
+    """The numbers that the frames show."""
+    assert frames is not None
+    shown: NDArray[np.uint8] = frames.read(range(len(frames)))
+    return [round(float(frame.mean()) / 7) for frame in shown]
+
+
+def test_videos(tmp_path: Path, make_video: MakeFile) -> None:
+    for name in ("b/10.avi", "b/9.avi", "a.avi"):
+        make_video(name, count=12, fps=20)
+    more = {"source": "us", "licence": "MIT", "tier": 4, "videos": "**/*.avi"}
+    found = read(tmp_path, **VIDEO | more)
+    assert [one.key for one in found] == ["a/a.avi", "a/b/9.avi", "a/b/10.avi"], "natural order"
+    one = found[0]
+    assert (one.sensor, one.source, one.licence, one.tier) == ("digit", "us", "MIT", 4)
+    assert (len(one.frames), one.frames.shape) == (12, (32, 48))
+    np.testing.assert_allclose(one.times, np.arange(12) / 20)
+    assert levels(one.frames) == list(range(12))
+    assert levels(one.no_contact) == [0, 1, 2]
+    assert one.force is one.action is one.object is one.text is one.image is None
+    assert levels(pickle.loads(pickle.dumps(one)).frames) == list(range(12))
+
+
+def test_fps_overrides_a_video(tmp_path: Path, make_video: MakeFile) -> None:
+    make_video("a.avi", count=4, fps=30)
+    np.testing.assert_allclose(read(tmp_path, **VIDEO | {"fps": 10})[0].times, [0, 0.1, 0.2, 0.3])
+
+
+def test_images_that_are_touches(tmp_path: Path, make_image: MakeFile) -> None:
+    for i in (10, 2, 1):
+        make_image(f"{i}.png", i)
+    make_image("still.png", 30)
+    found = read(tmp_path, **IMAGES | {"background": {"file": "still.png"}})
+    assert [one.key for one in found] == ["a/1.png", "a/2.png", "a/10.png"]
+    assert [levels(one.frames) for one in found] == [[1], [2], [10]]
+    assert levels(found[0].no_contact) == [30], "the background itself is no touch"
+    assert found[0].times.tolist() == [0]
+
+
+def test_image_sequences(tmp_path: Path, make_image: MakeFile) -> None:
+    for folder in ("x", "y"):
+        for i in range(11):
+            make_image(f"{folder}/f{i}.png", i)
+    layout = IMAGES | {"images": "*/*.png", "each": "sequence", "fps": 25}
+    found = read(tmp_path, **layout)
+    assert [one.key for one in found] == ["a/x", "a/y"]
+    assert levels(found[0].frames) == list(range(11))
+    np.testing.assert_allclose(found[0].times, np.arange(11) / 25)
+
+
+@pytest.mark.parametrize(
+    ("background", "want"),
+    [
+        ({"first": 2}, [0, 1]),
+        ({"last": 2}, [27, 28]),
+        ({"median": True}, list(range(0, 29, 2))),
+        ({"file": "still.png"}, [33]),
+        ({"file": "other/b.avi", "last": 3}, [6, 7, 8]),
+    ],
+)
+def test_backgrounds(
+    tmp_path: Path,
+    make_video: MakeFile,
+    make_image: MakeFile,
+    background: dict[str, Any],
+    want: list[int],
+) -> None:
+    make_video("a.avi", count=29)
+    make_video("other/b.avi", count=9)
+    make_image("still.png", 33)
+    assert levels(read(tmp_path, **VIDEO | {"background": background})[0].no_contact) == want
+
+
+def test_no_background_is_said_and_then_nothing_is_subtracted(
+    tmp_path: Path, make_video: MakeFile
+) -> None:
+    make_video("a.avi")
+    assert read(tmp_path, **VIDEO | {"background": "none"})[0].no_contact is None
+
+
+def test_a_background_that_does_not_fit(
+    tmp_path: Path, make_video: MakeFile, make_image: MakeFile
+) -> None:
+    make_video("a.avi")
+    make_image("still.png", size=(30, 48))
+    with pytest.raises(DataError, match=r"still\.png: the background has 48x30 .*a\.avi 48x32"):
+        read(tmp_path, **VIDEO | {"background": {"file": "still.png"}})
+    with pytest.raises(DataNotFoundError, match=r"gone\.png: no such file"):
+        read(tmp_path, **VIDEO | {"background": {"file": "gone.png"}})
+    make_video("b.mov.avi", count=3)
+    with pytest.raises(DataError, match=r"b\.mov\.avi: a video as background: say which frames"):
+        read(tmp_path, **VIDEO | {"background": {"file": "b.mov.avi"}})
+
+
+def test_a_background_for_each_file(tmp_path: Path, make_image: MakeFile) -> None:
+    for i in (1, 2):
+        make_image(f"{i}/touch.png", i)
+        make_image(f"{i}/still.png", 10 * i)
+    layout = {"images": "*/touch.png", "background": {"file": "{folder}/still.png"}}
+    found = read(tmp_path, **IMAGES | layout)
+    assert [levels(one.no_contact) for one in found] == [[10], [20]]
+
+
+def test_crops_are_recordings_of_their_own(
+    tmp_path: Path, make_video: MakeFile, make_image: MakeFile
+) -> None:
+    make_video("a.avi", count=5)
+    make_image("still.png", 9)
+    crops = {
+        "left": {"box": [0, 0, 20, 32], "sensor": "gelsight"},
+        "right": {"box": [20, 2, 28, 30]},
+    }
+    layout = VIDEO | {"crops": crops, "object": "cup", "background": {"file": "still.png"}}
+    left, right = read(tmp_path, **layout)
+    assert (left.key, left.sensor, left.frames.shape) == ("a/a.avi#left", "gelsight", (32, 20))
+    assert (right.key, right.sensor, right.frames.shape) == ("a/a.avi#right", "digit", (30, 28))
+    assert left.object == right.object == "cup"
+    assert right.no_contact is not None
+    assert right.no_contact.shape == right.frames.shape
+
+
+def test_labels(tmp_path: Path, make_video: MakeFile, write: MakeFile) -> None:
+    for name in ("a.avi", "b.avi", "c.avi"):
+        make_video(name, count=4)
+    write(
+        "labels.csv",
+        "file,thing,hard,rough,with,do\na.avi,red_cup,2,0.5,gelsight,press\nb.avi,ball,,,digit,\n",
+    )
+    layout = VIDEO | {
+        "labels": {"file": "labels.csv"},
+        "words": {"hard": {2: "hard"}},
+        "object": "{thing}",
+        "text": ["{action} a {thing}", "{hard}"],
+        "sensor": "digit",
+        "action": "{do}",
+    }
+    a, b, c = read(tmp_path, **layout)
+    assert (a.object, b.object, c.object) == ("red_cup", "ball", None)
+    assert (a.text, b.text, c.text) == ("{action} a red cup, hard", "{action} a ball", None)
+    assert a.labels["hard"] == 2
+    assert a.labels["rough"] == 0.5
+    assert a.labels["thing"] == "red_cup"
+    assert b.labels == {"file": "b.avi", "thing": "ball", "with": "digit"}
+    assert a.action is not None
+    assert b.action is not None
+    assert a.action.tolist() == [ACTIONS.index("press")] * 4
+    assert b.action.tolist() == [-1] * 4
+
+
+def test_the_sensor_may_be_a_column(tmp_path: Path, make_video: MakeFile, write: MakeFile) -> None:
+    for name in ("a.avi", "b.avi"):
+        make_video(name, count=4)
+    labels = VIDEO | {"labels": {"file": "l.csv"}, "sensor": "{with}"}
+    write("l.csv", "file,with\na.avi,gelsight\nb.avi,digit\n")
+    assert [one.sensor for one in read(tmp_path, **labels)] == ["gelsight", "digit"]
+    write("l.csv", "file,with\na.avi,gelsight\nb.avi,digitt\n")
+    with pytest.raises(ConfigError, match=r"l\.csv, row 3: unknown sensor 'digitt'.*'digit'"):
+        read(tmp_path, **labels)
+    write("l.csv", "file,with\na.avi,gelsight\nb.avi,\n")
+    with pytest.raises(DataError, match=r"l\.csv, row 3: no sensor; fill in"):
+        read(tmp_path, **labels)
+
+
+def test_a_row_that_names_no_file(tmp_path: Path, make_video: MakeFile, write: MakeFile) -> None:
+    make_video("a.avi", count=4)
+    write("l.csv", "file,kind\na.avi,cup\nb.avi,ball\n")
+    with pytest.raises(DataError, match=r"l\.csv, row 3: 'b\.avi' names no file in .*'a\.avi'"):
+        read(tmp_path, **VIDEO | {"labels": {"file": "l.csv"}})
+
+
+FORCE = {"file": "{stem}.csv", "columns": ["x", "y", "z"], "sign": [1, 1, -1]}
+
+
+def test_force_and_its_actions(tmp_path: Path, make_video: MakeFile, write: MakeFile) -> None:
+    make_video("a.avi", count=60)
+    write("a.csv", "x,y,z\n" + "".join(f"0,0,{-0.1 * i}\n" for i in range(60)))
+    (one,) = read(tmp_path, **VIDEO | {"force": FORCE})
+    assert one.force is not None
+    assert one.action is not None
+    np.testing.assert_allclose(one.force[:, 2], 0.1 * np.arange(60), rtol=1e-6)
+    assert set(one.action[10:]) == {ACTIONS.index("press")}
+    (silent,) = read(tmp_path, **VIDEO | {"force": FORCE, "action": "none"})
+    assert silent.action is None
+    with pytest.raises(DataNotFoundError, match=r"gone\.csv: no such CSV"):
+        read(tmp_path, **VIDEO | {"force": FORCE | {"file": "gone.csv"}})
+
+
+def test_nan_forces_are_an_error(tmp_path: Path, make_video: MakeFile, write: MakeFile) -> None:
+    make_video("a.avi", count=4)
+    write("a.csv", "x,y,z\n0,0,1\n0,nan,1\n")
+    with pytest.raises(DataError, match=r"a\.csv, row 3, column 'y': 'nan' is no finite number"):
+        read(tmp_path, **VIDEO | {"force": FORCE})
+
+
+def test_actions(tmp_path: Path, make_video: MakeFile, write: MakeFile) -> None:
+    make_video("a.avi", count=5)
+    press, leave = ACTIONS.index("press"), ACTIONS.index("leave")
+
+    def actions(given: object) -> list[int]:
+        (one,) = read(tmp_path, **VIDEO | {"action": given})
+        assert one.action is not None
+        return one.action.tolist()
+
+    assert actions("press") == [press] * 5
+    ranges = [{"frames": [0, 2], "action": "press"}, {"frames": [4, 5], "action": "leave"}]
+    assert actions(ranges) == [press, press, -1, -1, leave]
+    write("a.csv", "frame,what\n3,leave\n")
+    per_frame = {"file": "{stem}.csv", "frame": "frame", "column": "what"}
+    assert actions(per_frame) == [-1, -1, -1, leave, -1]
+    with pytest.raises(DataError, match=r"a\.avi: it has 5 frames, .* to \[4, 9\]"):
+        actions([{"frames": [4, 9], "action": "press"}])
+
+
+def test_camera_views(tmp_path: Path, make_video: MakeFile, make_image: MakeFile) -> None:
+    make_video("a.avi", count=4)
+    make_image("a.png", 7, size=(20, 20))
+    make_video("cam/a.avi", count=9, size=(16, 24))
+    for i in range(3):
+        make_image(f"a/{i}.png", i)
+    for pattern, want in (("{stem}.png", [7]), ("cam/{stem}.avi", list(range(9)))):
+        assert levels(read(tmp_path, **VIDEO | {"image": pattern})[0].image) == want
+    assert levels(read(tmp_path, **VIDEO | {"image": "{stem}/*.png"})[0].image) == [0, 1, 2]
+    with pytest.raises(DataNotFoundError, match=r"no camera view of a\.avi matches 'a\.jpg'"):
+        read(tmp_path, **VIDEO | {"image": "{stem}.jpg"})
+
+
+def test_a_corrupt_recording_is_left_out_and_listed(tmp_path: Path, make_video: MakeFile) -> None:
+    for i in range(3):
+        make_video(f"{i}.avi")
+    path = tmp_path / "1.avi"
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    data = Recordings(str(tmp_path), {"a": VIDEO}, val=0)
+    for _ in range(2):
+        assert [one.key for one in data.recordings("train")] == ["a/0.avi", "a/2.avi"]
+    (line,) = data.skipped
+    assert "1.avi" in line
+    assert "truncated" in line
+
+
+def test_a_recording_that_is_all_background_is_left_out(
+    tmp_path: Path, make_video: MakeFile
+) -> None:
+    make_video("a.avi", count=3)
+    make_video("b.avi", count=4)
+    data = Recordings(str(tmp_path), {"a": VIDEO}, val=0)
+    assert [one.key for one in data.recordings("train")] == ["a/b.avi"]
+    assert "a.avi: 3 frames, all of them background" in data.skipped[0]
+
+
+def test_sizes_that_differ_inside_a_sequence(tmp_path: Path, make_image: MakeFile) -> None:
+    for i in range(3):
+        make_image(f"x/{i}.png")
+        make_image(f"y/{i}.png")
+    make_image("y/2.png", size=(30, 48))
+    layout = IMAGES | {"images": "*/*.png", "each": "sequence", "fps": 25}
+    data = Recordings(str(tmp_path), {"a": layout}, val=0)
+    assert [one.key for one in data.recordings("train")] == ["a/x"]
+    assert "one size" in data.skipped[0]
+
+
+def test_nothing_but_corrupt_recordings(tmp_path: Path) -> None:
+    for i in range(3):
+        (tmp_path / f"{i}.avi").write_bytes(b"no video")
+    with pytest.raises(DataError, match=r"not one of 3 recordings can be opened; .*0\.avi: not a"):
+        read(tmp_path, **VIDEO)
+
+
+def test_missing_data_names_the_folder_and_the_fix(tmp_path: Path) -> None:
+    with pytest.raises(DataNotFoundError, match=r"gone/sub: no such folder; set data\.root"):
+        read(tmp_path / "gone", **VIDEO | {"path": "sub"})
+    with pytest.raises(DataNotFoundError, match=r"no file matches '\*\.avi'; set data\.root"):
+        read(tmp_path, **VIDEO)
+    with pytest.raises(DataNotFoundError, match=r"gone: no such folder; set data\.root"):
+        list(Recordings(str(tmp_path / "gone")).recordings("train"))
+
+
+def test_without_a_layout_the_error_shows_one_that_works(
+    tmp_path: Path, make_video: MakeFile
+) -> None:
+    make_video("a.mp4.avi")
+    data = Recordings(str(tmp_path))
+    assert data.provides == frozenset()
+    with pytest.raises(DataNotFoundError, match=r"tactileforge\.yaml: no such file") as caught:
+        list(data.recordings("train"))
+    shown = str(caught.value).split("for example:\n")[1]
+    (tmp_path / "tactileforge.yaml").write_text(shown.replace("*.mp4", "*.avi"))
+    assert len(list(Recordings(str(tmp_path), val=0).recordings("train"))) == 1
+
+
+def test_a_layout_that_ships_with_the_data(
+    tmp_path: Path, make_video: MakeFile, write: MakeFile
+) -> None:
+    make_video("a.avi")
+    write(
+        "tactileforge.yaml",
+        'layouts: {x: {videos: "*.avi", sensor: digit, object: cup, background: {first: 1}}}',
+    )
+    data = Recordings(str(tmp_path), val=0)
+    assert data.provides == {"object"}
+    assert [one.key for one in data.recordings("train")] == ["x/a.avi"]
+    write("tactileforge.yaml", "layout: {}")
+    with pytest.raises(ConfigError, match=r"tactileforge\.yaml: layouts is missing"):
+        list(Recordings(str(tmp_path)).recordings("train"))
+    write("tactileforge.yaml", "layouts: [")
+    with pytest.raises(ConfigError, match=r"tactileforge\.yaml: not YAML"):
+        list(Recordings(str(tmp_path)).recordings("train"))
+
+
+def test_configurations_of_hydra(tmp_path: Path, make_video: MakeFile) -> None:
+    make_video("a.avi")
+    config = OmegaConf.create({"layouts": {"x": VIDEO, "off": None}})
+    for layouts in (config.layouts, {"x": config.layouts.x, "off": None}):
+        data = Recordings(str(tmp_path), layouts, val=0)
+        assert [layout.name for layout in data.layouts] == ["x"]
+        assert len(list(data.recordings("train"))) == 1
+
+
+def test_constructing_reads_nothing_and_checks_what_it_can(tmp_path: Path) -> None:
+    data = Recordings(str(tmp_path / "gone"), {"a": VIDEO | {"object": "cup"}})
+    assert isinstance(data, Dataset)
+    assert data.provides == {"object"}
+    with pytest.raises(ConfigError, match="layout 'a', key sensor: unknown sensor 'digits'"):
+        Recordings(str(tmp_path / "gone"), {"a": VIDEO | {"sensor": "digits"}})
+    with pytest.raises(ConfigError, match="val is 1"):
+        Recordings(val=1)
+    with pytest.raises(ConfigError, match="unknown split 'test'"):
+        list(data.recordings("test"))
+
+
+def test_240_videos_are_indexed_within_two_seconds(tmp_path: Path, make_video: MakeFile) -> None:
+    from time import perf_counter
+
+    data = make_video("0.avi", count=40).read_bytes()
+    for i in range(1, 240):
+        (tmp_path / f"{i}.avi").write_bytes(data)
+    start = perf_counter()
+    assert len(read(tmp_path, **VIDEO)) == 240
+    assert perf_counter() - start < 2
+
+
+def test_conformance(tmp_path: Path, make_video: MakeFile) -> None:
+    from tactileforge.testing import check
+
+    for i in range(8):
+        make_video(f"{i}.avi", count=60)
+    layouts = {"a": VIDEO | {"split": "time", "object": "cup"}}
+    results = check("dataset", "recordings", root=str(tmp_path), layouts=layouts)
+    assert {one.name: one.detail for one in results if one.status != "ran"} == {}

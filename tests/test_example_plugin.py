@@ -1,0 +1,135 @@
+"""The example package, installed for real: found, listed, checked, an option of every command."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from importlib.metadata import distribution
+from pathlib import Path
+
+import pytest
+
+from tactileforge import registry
+from tactileforge.compose import compose
+from tactileforge.sensors.specs import spec
+from tactileforge.testing import check
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The folder that pip installed the example into, beside the sources it was built from."""
+    work = tmp_path_factory.mktemp("example")
+    source = shutil.copytree(ROOT / "plugins/tactileforge-example", work / "source")
+    command = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation"]
+    command += ["--target", str(work / "site"), str(source)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return work / "site"
+
+
+@pytest.fixture
+def example(site, monkeypatch):
+    monkeypatch.syspath_prepend(site)
+    registry._entries.cache_clear()
+    yield
+    registry._entries.cache_clear()
+
+
+def run(site, *command, cwd=None):
+    path = os.pathsep.join(filter(None, [str(site), os.environ.get("PYTHONPATH", "")]))
+    return subprocess.run(
+        [sys.executable, "-m", *command],
+        cwd=cwd,
+        env=os.environ | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
+        capture_output=True,
+        text=True,
+    )
+
+
+def test_it_is_listed_by_the_command_line(site):
+    done = run(site, "tactileforge", "plugins", "list", "--json")
+    assert done.returncode == 0, done.stderr
+    version = distribution("tactileforge").version
+    rows = [row for row in json.loads(done.stdout) if row["distribution"] == "tactileforge-example"]
+    assert {(row["kind"], row["name"], row["status"]) for row in rows} == {
+        ("sensor", "dummy", "ok"),
+        ("dataset", "dummy_presses", "ok"),
+        ("head", "contact_area", "ok"),
+        ("objective", "contact_area", "ok"),
+    }
+    assert {row["version"] for row in rows} == {version}
+
+
+def test_it_is_checked_by_the_command_line(site):
+    names = ("dummy", "dummy_presses", "contact_area")
+    done = run(site, "tactileforge", "plugins", "check", *names)
+    assert done.returncode == 0, done.stdout
+    summary = done.stdout.splitlines()[-1]
+    assert ", 0 failed, 0 expected, " in summary
+    assert int(summary.split()[0]) > 30
+
+
+@pytest.mark.slow
+def test_its_own_tests_pass(site):
+    done = run(site, "pytest", "-q", "-p", "no:cacheprovider", cwd=site.parent / "source")
+    assert done.returncode == 0, done.stdout
+    assert " passed" in done.stdout
+
+
+def test_every_check_of_the_sensor_is_made(example):
+    assert {result.status for result in check("sensor", "dummy", gain=3)} == {"ran"}
+
+
+def test_its_type_of_sensor_is_known_to_data_and_encoder(example):
+    assert (spec("dummy").height, spec("dummy").width) == (120, 160)
+    recording = next(registry.build("datasets", {"name": "dummy_presses"}).recordings("train"))
+    assert recording.sensor == "dummy"
+    assert recording.frames.shape == (120, 160)
+    with_row = registry.build(
+        "encoders",
+        {"name": "tactile_vit", "size": "tiny", "image_size": 32, "sensors": {"dummy": 0}},
+    )
+    assert with_row.rows(["dummy"]).tolist() == [0]
+
+
+def test_it_is_an_option_of_every_command(example):
+    config = compose(
+        overrides=[
+            *("+sensor=dummy", "sensor.gain=3"),
+            *("data=dummy_presses", "data.count=4"),
+            *("objective=[pixel,contact_area]", "objective.contact_area.threshold=5"),
+        ]
+    )
+    assert config.sensor == {"name": "dummy", "gain": 3}
+    assert config.data == {
+        "name": "dummy_presses",
+        "sensor": "dummy",
+        "count": 4,
+        "frames": 40,
+        "seed": 0,
+    }
+    assert config.head.contact_area == {"name": "contact_area"}
+    assert config.objective.contact_area.threshold == 5
+
+
+def test_the_sensor_keeps_real_time(example):
+    """Thirty frames a second, and frames that nobody read are lost."""
+    with registry.build("sensors", {"name": "dummy"}) as sensor:
+        start = time.monotonic()
+        times = [sensor.read().time for _ in range(4)]
+        assert time.monotonic() - start >= 3 / 30
+        time.sleep(0.2)
+        late = sensor.read().time
+        with pytest.raises(TimeoutError):
+            sensor.read(timeout=0.0)
+    frames = [(seconds - times[0]) * 30 for seconds in (*times, late)]
+    assert frames == pytest.approx([round(frame) for frame in frames], abs=1e-3)
+    assert late - times[-1] > 5 / 30
+
+
+def test_it_is_not_left_behind():
+    assert "dummy" not in registry.names("sensors")

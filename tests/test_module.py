@@ -1,0 +1,125 @@
+import pytest
+import torch
+
+from tactileforge.compose import compose
+from tactileforge.contracts import Batch
+from tactileforge.errors import ConfigError
+from tactileforge.module import TouchModule
+from tactileforge.train import build_data, with_sensors
+
+SMALL = ["scale=demo", "encoder.image_size=32"]
+TINY_DATA = ["data.recordings=8", "data.size=32"]
+
+
+def plain(*overrides: str) -> dict:
+    from omegaconf import OmegaConf
+
+    data = [] if any(word.startswith("data=") for word in overrides) else TINY_DATA
+    return OmegaConf.to_container(compose("anytouch2", [*SMALL, *data, *overrides]), resolve=True)
+
+
+@pytest.fixture
+def module() -> TouchModule:
+    return TouchModule.from_config(plain(), {"text", "image"})
+
+
+ALL = dict.fromkeys(("pixel", "diff", "align", "match", "force"), 1.0)
+
+
+def test_the_loss_is_the_weighted_sum(module: TouchModule, batch: Batch) -> None:
+    weights = {"pixel": 1.0, "diff": 0.5, "align": 2.0, "match": 0.02, "force": 0.1}
+    total, logs = module.losses(batch, weights)
+    expected = sum(weights[key] * logs[key].item() for key in weights)
+    assert total.item() == pytest.approx(expected, rel=1e-5)
+
+
+def test_at_most_one_pass_a_view(
+    module: TouchModule, batch: Batch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    passes = []
+    encode = module.encoder.encode
+    monkeypatch.setattr(
+        module.encoder, "encode", lambda *a, **k: passes.append(len(a)) or encode(*a, **k)
+    )
+    module.losses(batch, ALL)
+    assert sorted(passes) == [2, 3]  # one full view, one masked
+    passes.clear()
+    module.losses(batch, ALL | {"align": 0.0, "match": 0.0, "force": 0.0})
+    assert passes == [3]  # the full view is not computed
+
+
+def test_an_objective_of_weight_0_is_not_computed(
+    module: TouchModule, batch: Batch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def called(*_: object) -> None:
+        raise AssertionError("computed")
+
+    monkeypatch.setattr(module.heads["force"], "forward", called)
+    monkeypatch.setattr(module.objectives["force"], "forward", called)
+    total, logs = module.losses(batch, ALL | {"force": 0.0})
+    total.backward()
+    assert "force" not in logs
+    assert all(p.grad is None for p in module.heads["force"].parameters())
+
+
+def test_a_step_does_not_wait_for_a_number(
+    module: TouchModule, batch: Batch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On an accelerator each of these would stop the host until the device is done."""
+
+    def waits(*_: object) -> None:
+        raise AssertionError("the step waits for the device")
+
+    for name in ("item", "tolist", "__bool__", "__float__", "__int__", "nonzero", "numpy"):
+        monkeypatch.setattr(torch.Tensor, name, waits)
+    module.losses(batch, ALL)[0].backward()
+
+
+def test_samples_without_a_label_change_nothing(module: TouchModule, batch: Batch) -> None:
+    """Force, text and image of the labelled alone, and among others that have none."""
+    nothing = torch.zeros(8, dtype=torch.bool)
+    changed = batch | {
+        "force": torch.where(batch["force_valid"][:, None, None], batch["force"], 1e6),
+        "image": torch.where(batch["image_valid"][:, None, None, None], batch["image"], 7),
+    }
+    for name in ("force", "align"):
+        torch.manual_seed(0)
+        one = module.losses(batch, {name: 1.0})[0]
+        torch.manual_seed(0)
+        assert module.losses(changed, {name: 1.0})[0].item() == one.item() > 0
+    bare = batch | {"force_valid": nothing, "image_valid": nothing, "text": [""] * 8}
+    bare |= {"group": torch.full((8,), -1)}
+    assert module.losses(bare, {"force": 1.0, "align": 1.0, "match": 1.0})[0].item() == 0
+
+
+def test_towers_are_built_for_what_the_data_has() -> None:
+    module = TouchModule.from_config(plain(), {"text"})
+    assert module.heads["align"].image_encoder is None
+    assert module.heads["align"].text_encoder is not None
+
+
+def test_a_text_tower_is_no_touch_encoder() -> None:
+    with pytest.raises(ConfigError, match="encoder=byte encodes text, not touch"):
+        TouchModule.from_config(plain() | {"encoder": {"name": "byte"}}, set())
+    with pytest.raises(ConfigError, match="text_encoder=vit encodes image, not text"):
+        TouchModule.from_config(plain() | {"text_encoder": {"name": "vit"}}, {"text"})
+
+
+def test_a_label_that_the_data_does_not_have_is_an_error_before_training(tmp_path) -> None:
+    import cv2
+    import numpy as np
+
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((32, 32, 3), np.uint8))
+    (tmp_path / "tactileforge.yaml").write_text(
+        "stills: {images: '*.png', each: touch, sensor: digit, background: none}\n"
+    )
+    config = plain("data=recordings", f"data.root={tmp_path}", "objective=[pixel,force]")
+    with pytest.raises(ConfigError, match="objective 'force' needs force, which the data does not"):
+        build_data(config)
+
+
+def test_sensors_of_the_data_get_rows_and_the_configuration_says_so() -> None:
+    config = plain("+encoder.sensors={digit: 4}")
+    table = with_sensors(config["encoder"], build_data(config))["sensors"]
+    assert table["digit"] == 4
+    assert len(set(table.values())) == len(table) == 3

@@ -1,0 +1,171 @@
+import json
+import os
+import subprocess
+import sys
+import time
+import tomllib
+from fnmatch import fnmatch
+from pathlib import Path
+
+import pytest
+
+from tactileforge import plugins
+from tactileforge.errors import ConfigError, PluginError
+
+ROOT = Path(__file__).parents[1]
+
+TOYS = """
+from tactileforge.contracts import SensorSpec
+class Good:
+    spec = SensorSpec(name="g", height=6, width=8, fps=30, area_mm=None, force_scale=(1., 1., 1.))
+    def __init__(self, gain: float = 1.0, size: int = 1):
+        if gain > 2: raise ValueError("too loud")
+    def discover(self): return []
+    def open(self): raise OSError("no device")
+    def read(self, timeout=1.0): raise NotImplementedError
+    def close(self): pass
+    def __enter__(self): return self
+    def __exit__(self, *error): pass
+"""
+ENTRY_POINTS = "[tactileforge.sensors]\ntoy = toy_plugins:Good"
+
+
+@pytest.fixture
+def toy(installed):
+    source = TOYS.replace("raise NotImplementedError", "raise TactileForgeError('closed')")
+    source = "from tactileforge.errors import TactileForgeError\n" + source
+    installed("toy-plugins", ENTRY_POINTS, {"toy_plugins.py": source})
+
+
+def test_list_aligns_its_columns(toy, capsys):
+    assert plugins.main(["list"]) == 0
+    header, *rows = capsys.readouterr().out.splitlines()
+    assert header.split() == ["name", "kind", "distribution", "version", "status"]
+    row = next(row for row in rows if row.startswith("toy "))
+    assert row.split() == ["toy", "sensor", "toy-plugins", "1.0", "ok"]
+    assert row.index("toy-plugins") == header.index("distribution")
+    assert row.index("ok") == header.index("status")
+
+
+def test_list_as_json(toy, capsys):
+    assert plugins.main(["list", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert {
+        "name": "toy",
+        "kind": "sensor",
+        "target": "toy_plugins:Good",
+        "distribution": "toy-plugins",
+        "version": "1.0",
+        "status": "ok",
+    } in rows
+    assert [row["name"] for row in rows if row["kind"] == "objective"][:2] == ["align", "diff"]
+
+
+def test_list_imports_no_torch_and_answers_in_half_a_second():
+    code = (
+        "import sys; from tactileforge.cli import run; assert run(['plugins', 'list']) == 0;"
+        "heavy = {'torch', 'lightning', 'hydra', 'omegaconf', 'cv2'} & set(sys.modules);"
+        "assert not heavy, heavy"
+    )
+    seconds = []
+    for _ in range(5):
+        start = time.perf_counter()
+        subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
+        seconds.append(time.perf_counter() - start)
+    assert min(seconds) < 0.5
+
+
+def test_check_prints_each_result_and_the_sum(toy, capsys):
+    assert plugins.main(["check", "toy"]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("sensor toy\n  ran      name is snake case\n")
+    assert "  skipped  frames are as specified: it cannot be opened, and no device is found" in out
+    assert out.endswith("9 ran, 0 failed, 0 expected, 4 skipped\n")
+
+
+def test_check_passes_options_on_and_fails_by_exit_code(toy, capsys):
+    assert plugins.main(["check", "toy", "--kind", "sensor", "gain=3.5"]) == 1
+    assert "failed   constructing does no io: ValueError: too loud" in capsys.readouterr().out
+
+
+def test_check_takes_every_kind_that_has_the_name(capsys):
+    assert plugins.main(["check", "clip", "replay"]) == 0
+    lines = [line for line in capsys.readouterr().out.splitlines() if not line.startswith("  ")]
+    assert lines[:2] == ["sensor replay", "encoder clip"]
+
+
+@pytest.mark.parametrize(
+    ("argv", "error", "message"),
+    [
+        (["check", "pixle"], PluginError, r"unknown plugin 'pixle'; did you mean 'pixel'"),
+        (["check", "pixel", "--kind", "sensor"], PluginError, "unknown sensor 'pixel'"),
+        (["check", "pixel", "a=1"], ConfigError, "a=1 is an option of one plugin, and 2"),
+        (["new", "sensor", "MySensor"], ConfigError, "use snake_case, e.g. my_sensor"),
+        (["new", "sensor", "none"], ConfigError, "'none' is no name"),
+        (["new", "objective", "pixel"], ConfigError, "an installed objective has the name 'pixel'"),
+    ],
+)
+def test_words_that_do_not_fit(argv, error, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(error, match=message):
+        plugins.main(argv)
+    assert not list(tmp_path.iterdir())
+
+
+def test_new_refuses_to_overwrite(tmp_path):
+    assert plugins.main(["new", "sensor", "my_sensor", "--out", str(tmp_path)]) == 0
+    kept = tmp_path / "tactileforge-my-sensor/README.md"
+    kept.write_text("mine")
+    with pytest.raises(ConfigError, match="tactileforge-my-sensor exists"):
+        plugins.main(["new", "sensor", "my_sensor", "--out", str(tmp_path)])
+    assert kept.read_text() == "mine"
+
+
+FILES = {
+    "sensor": {"sensor.py", "synthetic.py", "test_sensor.py"},
+    "dataset": {"dataset.py", "synthetic.py", "test_dataset.py"},
+    "objective": {"objective.py", "head.py", "test_objective.py"},
+}
+
+
+@pytest.mark.parametrize("kind", FILES)
+def test_what_new_copies_is_shipped(kind):
+    setuptools = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
+    shipped = setuptools["package-data"]["tactileforge.example"]
+    for path in plugins._paths(kind):
+        name = f"tactileforge-example/{path}"
+        assert (ROOT / "plugins" / name).is_file()
+        assert any(fnmatch(name, pattern) for pattern in shipped)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", FILES)
+def test_new_package_passes_its_own_tests_once_installed(kind, tmp_path, capsys):
+    assert plugins.main(["new", kind, "shiny_thing", "--out", str(tmp_path)]) == 0
+    folder = tmp_path / "tactileforge-shiny-thing"
+    assert f"pip install -e {folder}" in capsys.readouterr().out
+    files = {path.name for path in folder.rglob("*") if path.is_file()}
+    assert files == {"pyproject.toml", "README.md", "__init__.py"} | FILES[kind]
+    text = "".join(path.read_text() for path in folder.rglob("*") if path.is_file())
+    for old in ("tactileforge-example", "tactileforge_example", "dummy", "Dummy", "contact_area"):
+        assert old not in text
+    groups = tomllib.loads((folder / "pyproject.toml").read_text())["project"]["entry-points"]
+    expected = {"heads", "objectives"} if kind == "objective" else {f"{kind}s"}
+    assert set(groups) == {f"tactileforge.{group}" for group in expected}
+
+    site = tmp_path / "site"
+    pip = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation"]
+    done = subprocess.run(
+        [*pip, "--target", str(site), str(folder)], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    path = os.pathsep.join(filter(None, [str(site), os.environ.get("PYTHONPATH", "")]))
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"],
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stdout
+    assert " passed" in done.stdout
