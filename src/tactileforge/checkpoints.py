@@ -121,7 +121,9 @@ def read(path: str | Path) -> dict[str, Any]:
     """
     file = find(path)
     try:
-        checkpoint: dict[str, Any] = torch.load(file, map_location="cpu", weights_only=True)
+        checkpoint: dict[str, Any] = torch.load(
+            file, map_location="cpu", weights_only=True, mmap=True
+        )
     except Exception as error:
         raise ConfigError(f"{file} is not a checkpoint that can be read: {error}") from error
     return checkpoint

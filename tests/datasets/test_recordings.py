@@ -65,11 +65,12 @@ def test_image_sequences(tmp_path: Path, make_image: MakeFile) -> None:
     for folder in ("x", "y"):
         for i in range(11):
             make_image(f"{folder}/f{i}.png", i)
-    layout = IMAGES | {"images": "*/*.png", "each": "sequence", "fps": 25}
-    found = read(tmp_path, **layout)
-    assert [one.key for one in found] == ["a/x", "a/y"]
-    assert levels(found[0].frames) == list(range(11))
-    np.testing.assert_allclose(found[0].times, np.arange(11) / 25)
+        make_image(f"{folder}/f3/0.png", 0)
+    layout = IMAGES | {"images": "**/*.png", "each": "sequence", "fps": 25}
+    found = {one.key: one for one in read(tmp_path, **layout)}
+    assert sorted(found) == ["a/x", "a/x/f3", "a/y", "a/y/f3"]
+    assert levels(found["a/x"].frames) == list(range(11))
+    np.testing.assert_allclose(found["a/x"].times, np.arange(11) / 25)
 
 
 @pytest.mark.parametrize(

@@ -42,6 +42,9 @@ class VideoFrames(Cropped):
     forward inside the codec, and seeks where that saves work; a seek counts only if the time of the
     frame that it lands on proves its number, else the video is read from its start.
 
+    An mp4 that was trimmed without coding it anew hides some frames and still counts them: reading
+    the last ones is then an error.
+
     Args:
         path: The file.
         crop: Left, top, width, height in pixels; None shows everything.

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import groupby
 from pathlib import Path
 from typing import TypeAlias
 
@@ -78,11 +77,10 @@ class Reader:
                 f"{self.folder}: no file matches {self.layout.glob!r}; set data.root to the folder "
                 f"of the data, or correct the pattern of layout {self.layout.name!r}"
             )
-        if self.layout.each == "sequence":
-            found = {folder: list(group) for folder, group in groupby(files, lambda p: p.parent)}
-        else:
-            found = {path: [path] for path in files}
-        named = {path.relative_to(self.folder).as_posix(): paths for path, paths in found.items()}
+        named: dict[str, list[Path]] = {}
+        for path in files:
+            touch = path.parent if self.layout.each == "sequence" else path
+            named.setdefault(touch.relative_to(self.folder).as_posix(), []).append(path)
         labels = read_labels(self.layout, self.folder)
         for name, row in labels.items():
             if name not in named and not (self.folder / name).exists():

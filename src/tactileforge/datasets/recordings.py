@@ -90,7 +90,8 @@ class Recordings:
                     frames = reader.open(touch)
                 except DataError as error:
                     failed.append(str(error))
-                    self.skipped.extend({str(error)} - {*self.skipped})
+                    if str(error) not in self.skipped:
+                        self.skipped.append(str(error))
                     continue
                 opened += 1
                 for recording in reader.label(touch, frames):

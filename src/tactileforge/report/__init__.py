@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,17 +11,11 @@ from omegaconf import OmegaConf
 from tactileforge import checkpoints
 from tactileforge.data.datamodule import TouchData
 from tactileforge.errors import ConfigError, DataNotFoundError
-from tactileforge.heads.decoder import Reconstruction
 from tactileforge.module import TouchModule
 from tactileforge.report import embedding, forces, sections, summary
+from tactileforge.report.findings import find
 from tactileforge.report.metrics import Curve, read_metrics
-from tactileforge.report.page import Section, page
-from tactileforge.report.pictures import strips_of
-from tactileforge.report.samples import liveliest, look, predictions, spread
-
-#: Clips of a split that are embedded, and clips that are shown.
-_CLIPS = 200
-_SHOWN = 6
+from tactileforge.report.page import page
 
 
 def report_of_run(folder: Path) -> Path:
@@ -70,56 +63,25 @@ def write_report(folder: Path, module: TouchModule, data: TouchData) -> Path:
     config = _config(folder)
     curves = read_metrics(folder)
     steps, seconds = _progress(folder, curves)
-    head, parts = _contents(folder, config, module, data, curves, steps)
-    path = folder / "versions.json"
-    versions = json.loads(path.read_text())["versions"] if path.is_file() else {}
-    facts = summary.top(config, module, data, steps, seconds, versions)
-    title = f"Touch encoder, trained with {', '.join(config['objective'])}"
-    html = page(title, facts + head, parts)
-    report = folder / "report.html"
-    part = report.with_name("report.html.part")
-    part.write_text(html, encoding="utf-8")
-    part.replace(report)
-    return report
-
-
-def _contents(
-    folder: Path,
-    config: Mapping[str, Any],
-    module: TouchModule,
-    data: TouchData,
-    curves: Mapping[str, Curve],
-    steps: int,
-) -> tuple[str, list[Section]]:
-    """The verdict, and the sections."""
-    splits = {"val": data.val, "train": data.train}
-    skipped = dict.fromkeys([*data.skipped, *module.skipped])
-    looks = {
-        split: look(module, clips, spread(clips, _CLIPS), skipped)
-        for split, clips in splits.items()
-        if clips is not None
-    }
-    split = next(iter(looks))
-    clips = splits[split]
-    assert clips is not None
-    shown = liveliest(clips, looks[split], _SHOWN)
-    patches, predicted = predictions(module, clips, shown)
-    rebuilt = [value for value in predicted.values() if isinstance(value, Reconstruction)]
-    strips = [strips_of(module.encoder, patches, rebuilt, row) for row in range(len(shown))]
-    results = forces.force_results(module, data, predicted)
-    embedded = embedding.embedding_of(data, looks)
-    scores = {kind: embedding.neighbours(embedded, kind) for kind in embedded.labels}
-    name = {"val": "validation", "train": "training"}[split]
+    found = find(module, data)
     weights = {key: float(node["weight"]) for key, node in config["objective"].items()}
+    versions = sections.kept_versions(folder).get("versions", {})
+    top = summary.facts(config, module, data, steps, seconds, versions)
+    top += summary.verdict(curves, weights, found)
     parts = [
         sections.losses(curves, list(weights), steps),
-        sections.frames(clips, shown, strips, name),
-        forces.section(results, data),
-        embedding.section(embedded, scores),
-        sections.data_section(data, list(skipped)),
+        sections.frames(found),
+        forces.section(found.forces, data),
+        embedding.section(found.embedding, found.scores),
+        sections.data_section(data, found.skipped),
         sections.recipe(folder),
     ]
-    return summary.verdict(curves, weights, results, scores, list(skipped)), parts
+    report = folder / "report.html"
+    part = report.with_name("report.html.part")
+    title = f"Touch encoder, trained with {', '.join(weights)}"
+    part.write_text(page(title, top, parts), encoding="utf-8")
+    part.replace(report)
+    return report
 
 
 def _config(folder: Path) -> dict[str, Any]:

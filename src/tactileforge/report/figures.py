@@ -138,7 +138,7 @@ def scatter_figure(
         if identity:
             everything = np.concatenate([part for x, y, *_ in groups for part in (x, y)])
             low, high = float(everything.min()), float(everything.max())
-            room = 0.05 * max(high - low, 1e-3)
+            room = max(0.05 * (high - low), 0.1 - (high - low) / 2)
             ends = (low - room, high + room)
             axes.plot(ends, ends, color=_INK, linewidth=0.8, dashes=(4, 3), zorder=1.5)
             axes.set(xlim=ends, ylim=ends, aspect="equal")
@@ -164,7 +164,9 @@ def force_curve_figure(
         for split, (times, values) in predicted.items():
             colour = CLASSES[SPLITS[split]][0]
             axes.plot(times, values, "o", color=colour, markersize=3, markeredgewidth=0)
-        axes.set(xlabel="time (s)", ylabel=f"{axis} (N)")
+        low, high = axes.get_ylim()
+        room = max(0.0, 0.1 - (high - low) / 2)
+        axes.set(xlabel="time (s)", ylabel=f"{axis} (N)", ylim=(low - room, high + room))
         return _svg(figure, f"measured and predicted force along {axis} over time")
 
 

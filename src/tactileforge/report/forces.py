@@ -16,6 +16,7 @@ from tactileforge.module import TouchModule
 from tactileforge.report.figures import SPLITS, force_curve_figure, scatter_figure
 from tactileforge.report.page import (
     NONE,
+    SPLIT_WORDS,
     Section,
     legend,
     number,
@@ -28,7 +29,6 @@ from tactileforge.report.samples import ForceReading, even, read_forces, spread,
 
 AXES = ("x", "y", "z")
 _CLIPS = 200
-_SPLITS = {"val": "validation", "train": "training"}
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ def force_results(
     results = []
     for key in (key for key, value in predictions.items() if isinstance(value, Forces)):
         readings: dict[str, ForceReading] = {}
-        for split in _SPLITS:
+        for split in SPLIT_WORDS:
             clips: Clips | None = getattr(data, split)
             which = spread(clips, _CLIPS, _has_force) if clips else []
             reading = read_forces(module, clips, which, key) if clips else None
@@ -148,7 +148,6 @@ def section(results: list[ForceResult], data: TouchData) -> Section:
 
 
 def _result(result: ForceResult, data: TouchData) -> str:
-    assert data.train is not None
     sensors = sorted(
         {
             sensor
@@ -157,7 +156,8 @@ def _result(result: ForceResult, data: TouchData) -> str:
         }
     )
     splits = " and ".join(
-        f"{len(reading.clips)} {_SPLITS[split]} clips" for split, reading in result.readings.items()
+        f"{len(reading.clips)} {SPLIT_WORDS[split]} clips"
+        for split, reading in result.readings.items()
     )
     faint = " (drawn faintly)" if len(result.readings) > 1 else ""
     text = f"Each point is a frame of {splits}{faint}; on the dashed line the prediction is right."
@@ -191,10 +191,10 @@ def _scatter(result: ForceResult, data: TouchData, sensors: list[str], axis: int
 def _scores(result: ForceResult) -> str:
     rows = [
         (
-            f"{axis}, {_SPLITS[split]}",
+            f"{axis}, {SPLIT_WORDS[split]}",
             milli(score.mae),
             milli(score.median),
-            number(round(score.correlation, 2)),
+            number(round(score.correlation, 2) + 0.0),
         )
         for split in result.readings
         for axis, score in zip(AXES, result.scores(split), strict=True)
@@ -219,7 +219,7 @@ def _over_time(result: ForceResult, data: TouchData) -> str:
         lines = [(times, force[:, i]) for times, force in measured]
         points = {split: (times, force[:, i]) for split, (times, force) in predicted.items()}
         drawings.append(panel(f"{axis} (N)", force_curve_figure(lines, points, axis)))
-    names = {SPLITS[split]: f"predicted, {_SPLITS[split]}" for split in predicted}
+    names = {SPLITS[split]: f"predicted, {SPLIT_WORDS[split]}" for split in predicted}
     title = f"One recording over time: {result.recording}"
     return f"<h3>{escape(title)}</h3>" + legend(names, line="measured") + panels(drawings)
 

@@ -10,6 +10,7 @@ from tactileforge.report.figures import CLASSES, marker_of
 
 MINUS = "\N{MINUS SIGN}"
 NONE = "\N{EN DASH}"
+SPLIT_WORDS = {"val": "validation", "train": "training"}
 
 _CSS = """
 :root{color-scheme:light dark;--ink:#1b1f27;--soft:#5a6270;--paper:#fff;--card:#f6f7f9;
@@ -136,8 +137,8 @@ def table(name: str, head: Sequence[str], rows: Iterable[Sequence[str]], caption
         for first, *rest in rows
     )
     return (
-        f'{words}<div class="scroll" tabindex="0"><table id="{name}"{told}><thead><tr>{top}</tr></thead>'
-        f"<tbody>{body}</tbody></table></div>"
+        f'{words}<div class="scroll" tabindex="0"><table id="{name}"{told}>'
+        f"<thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>"
     )
 
 
@@ -197,8 +198,8 @@ def percent(share: float, signed: bool = False) -> str:
     value = 100 * share
     if value != value:
         return NONE
-    digits = 1 if abs(value) < 9.95 else 0
-    return f"{value:{'+' if signed else ''}.{digits}f} %".replace("-", MINUS)
+    text = f"{value:{'+' if signed else ''}.{1 if abs(value) < 9.95 else 0}f}"
+    return f"{text.lstrip('+-') if float(text) == 0 else text} %".replace("-", MINUS)
 
 
 def duration(seconds: float) -> str:

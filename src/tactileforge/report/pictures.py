@@ -36,13 +36,38 @@ class Strips:
     explained: dict[str, float]
 
 
+def kind_of(found: Reconstruction, frames: int) -> str:
+    """What was reconstructed: T frames, T - 1 differences to the first frame, or something else."""
+    return {frames: "frames", frames - 1: "differences"}.get(found.target.shape[2], "")
+
+
+def residuals(found: Reconstruction, kind: str) -> Tensor:
+    """Squared error and variance of hidden pixels, summed for each clip: float (B, 2).
+
+    Frames vary around the mean of each channel of the clip's hidden pixels, differences around 0.
+    """
+    target = found.target.float()
+    wrong = (target - found.predicted.float()).square().sum((1, 2, 3))
+    if kind == "frames":
+        channels = target.reshape(*target.shape[:3], 3, -1)
+        target = (channels - channels.mean((1, 2, 4), keepdim=True)).flatten(3)
+    return torch.stack([wrong, target.square().sum((1, 2, 3))], dim=1).cpu()
+
+
+def share(residual: Tensor) -> float:
+    """Share of the variance that is explained; NaN where nothing varies.
+
+    Args:
+        residual: float (2,), see `residuals`.
+    """
+    wrong, variance = residual.tolist()
+    return 1 - wrong / variance if variance > 1e-9 else float("nan")
+
+
 def strips_of(
     encoder: Encoder, patches: Tensor, predictions: Sequence[Reconstruction], row: int
 ) -> Strips:
     """Rows of pictures of one clip of a batch.
-
-    A reconstruction of T frames is one of the frames, one of T - 1 one of the differences to the
-    first.
 
     Args:
         encoder: Made the patches.
@@ -52,31 +77,27 @@ def strips_of(
     """
     frames = _framewise(patches[row], encoder.tube)
     count = frames.shape[1]
-    whole = next((p for p in predictions if p.target.shape[2] == count), None)
-    change = next((p for p in predictions if p.target.shape[2] == count - 1 > 0), None)
+    found = {kind_of(value, count): value for value in reversed(predictions)}
+    explained: dict[str, float] = {
+        kind: share(residuals(found[kind], kind)[row])
+        for kind in ("frames", "differences")
+        if kind in found
+    }
     rows = {"Input": _colour(encoder, _canvas(encoder, frames))}
-    explained = {}
     if predictions:
-        hidden = predictions[0].masked[row]
-        shown = rows["Input"].clone()
-        where = torch.zeros(len(frames), 1, 1, dtype=torch.bool)
-        where[hidden.cpu()] = True
-        mask = _canvas(encoder, where.expand_as(frames).float()) > 0
-        colour = torch.tensor(_HIDDEN).view(3, 1, 1).expand_as(shown)
-        rows["Masked"] = torch.where(mask, colour, shown)
-    if whole is not None:
-        rows["Reconstructed"] = _colour(encoder, _canvas(encoder, _pasted(frames, whole, row)))
-        explained["frames"] = _explained(whole, row, centre=True)
-    gain = 1.0
-    if count > 1:
-        true = frames[:, 1:] - frames[:, :1]
-        drawn = _canvas(encoder, true) * _spread(encoder)
-        gain = 0.5 / max(float(drawn.abs().quantile(0.995)), 2 / 255)
-        rows["Difference"] = (0.5 + gain * drawn).clamp(0, 1)
-        if change is not None:
-            drawn = _canvas(encoder, _pasted(true, change, row)) * _spread(encoder)
-            rows["Difference, reconstructed"] = (0.5 + gain * drawn).clamp(0, 1)
-            explained["differences"] = _explained(change, row, centre=False)
+        rows["Masked"] = _masked(encoder, rows["Input"], predictions[0].masked[row].cpu())
+    if "frames" in found:
+        pasted = _pasted(frames, found["frames"], row)
+        rows["Reconstructed"] = _colour(encoder, _canvas(encoder, pasted))
+    if count == 1:
+        return Strips(rows, 1.0, explained)
+    true = frames[:, 1:] - frames[:, :1]
+    drawn = _canvas(encoder, true) * _spread(encoder)
+    gain = 0.5 / max(float(drawn.abs().quantile(0.995)), 2 / 255)
+    rows["Difference"] = (0.5 + gain * drawn).clamp(0, 1)
+    if "differences" in found:
+        pasted = _canvas(encoder, _pasted(true, found["differences"], row))
+        rows["Difference, reconstructed"] = (0.5 + gain * pasted * _spread(encoder)).clamp(0, 1)
     return Strips(rows, gain, explained)
 
 
@@ -118,14 +139,14 @@ def _pasted(frames: Tensor, found: Reconstruction, row: int) -> Tensor:
     return out
 
 
-def _explained(found: Reconstruction, row: int, centre: bool) -> float:
-    """1 - squared error / variance; around 0, or around the mean of each channel."""
-    target, predicted = found.target[row].float(), found.predicted[row].float()
-    wrong = (target - predicted).square().sum()
-    if centre:
-        target = target.reshape(*target.shape[:2], 3, -1)
-        target = target - target.mean((0, 1, 3), keepdim=True)
-    return float(1 - wrong / target.square().sum().clamp(min=1e-12))
+def _masked(encoder: Encoder, frames: Tensor, hidden: Tensor) -> Tensor:
+    """The frames (n, 3, H, W) with the hidden positions painted over."""
+    _, rows, columns = encoder.grid
+    where = torch.zeros(rows * columns, dtype=torch.bool)
+    where[hidden] = True
+    side = encoder.patch
+    mask = where.view(rows, columns).repeat_interleave(side, 0).repeat_interleave(side, 1)
+    return torch.where(mask, torch.tensor(_HIDDEN).view(3, 1, 1), frames)
 
 
 def _spread(encoder: Any) -> Tensor:

@@ -16,8 +16,10 @@ from torch import Tensor
 from tactileforge.contracts import Batch, Recording
 from tactileforge.data.augment import fill_captions
 from tactileforge.data.clips import Clips, collate
+from tactileforge.heads.decoder import Reconstruction
 from tactileforge.heads.force import Forces
 from tactileforge.module import TouchModule
+from tactileforge.report.pictures import kind_of, residuals, share
 
 _BATCH = 16
 
@@ -56,12 +58,15 @@ class Look:
 def quiet(module: TouchModule, seed: int = 0) -> Iterator[None]:
     """Evaluation mode, no gradients, the same random numbers each time; none used up outside."""
     devices = [module.device] if module.device.type == "cuda" else []
-    training = module.training
+    modes = [(part, part.training) for part in module.modules()]
     module.eval()
-    with torch.no_grad(), torch.random.fork_rng(devices):
-        torch.manual_seed(seed)
-        yield
-    module.train(training)
+    try:
+        with torch.no_grad(), torch.random.fork_rng(devices):
+            torch.manual_seed(seed)
+            yield
+    finally:
+        for part, training in modes:
+            part.training = training
 
 
 def spread(
@@ -75,8 +80,8 @@ def spread(
     chosen: list[int] = []
     for place, number in enumerate(numbers):
         own = np.flatnonzero(which == number)
-        share = (count - len(chosen)) // (len(numbers) - place)
-        chosen += own[even(len(own), share)].tolist()
+        quota = (count - len(chosen)) // (len(numbers) - place)
+        chosen += own[even(len(own), quota)].tolist()
     return chosen
 
 
@@ -159,6 +164,28 @@ def predictions(
         batch = next(batches(module, clips, which))
         views = module.encoder.views(batch)
         return views.patches, {key: head(views, batch) for key, head in module.heads.items()}
+
+
+def explained(
+    module: TouchModule, clips: Clips, which: Sequence[int], keys: Sequence[str]
+) -> dict[str, float]:
+    """Share of the variance of hidden pixels that reconstructions explain over all clips, by kind.
+
+    Args:
+        module: The trained module.
+        clips: Where the clips come from.
+        which: Clips to reconstruct.
+        keys: Objectives whose heads predict `heads.decoder.Reconstruction`.
+    """
+    sums: dict[str, Tensor] = {}
+    with quiet(module):
+        for batch in batches(module, clips, which if keys else []):
+            views = module.encoder.views(batch)
+            for key in keys:
+                found: Reconstruction = module.heads[key](views, batch)
+                if kind := kind_of(found, module.encoder.frames):
+                    sums[kind] = sums.get(kind, torch.zeros(2)) + residuals(found, kind).sum(0)
+    return {kind: share(residual) for kind, residual in sums.items()}
 
 
 def read_forces(

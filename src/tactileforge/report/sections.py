@@ -11,13 +11,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from torch import Tensor
 
 from tactileforge.contracts import Recording
 from tactileforge.data.clips import Clips
 from tactileforge.data.datamodule import LABELS, TouchData
 from tactileforge.report.figures import SPLITS, curve_figure
+from tactileforge.report.findings import Findings
 from tactileforge.report.metrics import Curve
 from tactileforge.report.page import (
+    SPLIT_WORDS,
     Section,
     duration,
     legend,
@@ -68,18 +71,22 @@ def losses(curves: Mapping[str, Curve], objectives: Sequence[str], last_step: in
     splits = {SPLITS["train"]: "training"} | ({SPLITS["val"]: "validation"} if val else {})
     body = legend(splits, area="weight of the objective, right axis") + panels(parts)
     if not val:
-        body += paragraph("There is no validation loss: the data holds nothing out.", soft=True)
+        body += paragraph("There is no validation loss.", soft=True)
     if details:
         body += f"<details><summary>Parts of the losses</summary>{panels(details)}</details>"
     return Section("losses", "Losses", body)
 
 
-def frames(clips: Clips, shown: Sequence[int], strips: Sequence[Strips], split: str) -> Section:
+def frames(found: Findings) -> Section:
     """Pictures of a few clips, row by row."""
-    cards = [_card(clips, clip, strip) for clip, strip in zip(shown, strips, strict=True)]
-    kinds = sorted({kind for strip in strips for kind in strip.explained}, reverse=True)
+    cards = [
+        _card(found.clips, clip, strip)
+        for clip, strip in zip(found.shown, found.strips, strict=True)
+    ]
+    kinds = list(found.explained)
     text = (
-        f"The {split} clips that move most, of different sensors, objects and recordings. "
+        f"The {SPLIT_WORDS[found.split]} clips that move most, of different sensors, objects and "
+        "recordings. "
         "The background is subtracted: what nothing touches is grey. "
     )
     if not kinds:
@@ -116,7 +123,7 @@ def _card(clips: Clips, clip: int, strip: Strips) -> str:
     return f'<figure class="clip"><b>{escape(title)}</b>{body}{below}</figure>'
 
 
-def _image(picture: Any, words: str) -> str:
+def _image(picture: Tensor, words: str) -> str:
     url, width, height = jpeg(picture)
     return f'<img src="{url}" width="{width}" height="{height}" alt="{escape(words)}">'
 
@@ -124,7 +131,8 @@ def _image(picture: Any, words: str) -> str:
 def data_section(data: TouchData, skipped: Sequence[str]) -> Section:
     """What was trained on, where it comes from, and what could not be read."""
     rows = []
-    for split, clips in (("training", data.train), ("validation", data.val)):
+    for split in ("train", "val"):
+        clips: Clips | None = getattr(data, split)
         if clips is None:
             continue
         per_recording = Counter(clips.index[:, 0].tolist())
@@ -132,9 +140,11 @@ def data_section(data: TouchData, skipped: Sequence[str]) -> Section:
             own = [i for i, r in enumerate(clips.recordings) if r.sensor == sensor]
             recordings = [clips.recordings[i] for i in own]
             count = sum(per_recording[i] for i in own)
-            rows.append((f"{sensor}, {split}", str(len(own)), str(count), *_row(recordings)))
+            rows.append(
+                (f"{sensor}, {SPLIT_WORDS[split]}", str(len(own)), str(count), *_row(recordings))
+            )
     head = ("Sensor", "recordings", "clips", "time", *(f"with {label}" for label in LABELS))
-    body = table("data", head, rows, "Recordings with a label are counted, whole or in part.")
+    body = table("recordings", head, rows, "Recordings with a label are counted, whole or in part.")
     if data.val is None:
         body += paragraph("No recordings are held out for validation.", soft=True)
     sources = Counter(
@@ -165,13 +175,18 @@ def _seconds(recording: Recording) -> float:
     return float(times[-1] - times[0] + np.median(np.diff(times))) if len(times) > 1 else 0.0
 
 
+def kept_versions(folder: Path) -> dict[str, Any]:
+    """What ``versions.json`` of a run says; nothing where it is absent."""
+    path = folder / "versions.json"
+    return json.loads(path.read_text()) if path.is_file() else {}
+
+
 def recipe(folder: Path) -> Section:
     """The resolved recipe, the versions and the command."""
     body = _details("The resolved recipe (config.yaml)", (folder / "config.yaml").read_text())
-    path = folder / "versions.json"
-    if not path.is_file():
+    kept = kept_versions(folder)
+    if not kept:
         return Section("recipe", "Recipe", body + paragraph("versions.json is not there."))
-    kept = json.loads(path.read_text())
     program, *words = kept["command"]
     command = shlex.join([Path(program).name, *words])
     versions = "\n".join(f"{name} {version}" for name, version in kept["versions"].items())

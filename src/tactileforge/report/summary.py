@@ -9,10 +9,15 @@ from typing import Any
 from tactileforge.data.datamodule import TouchData
 from tactileforge.module import TouchModule
 from tactileforge.report.embedding import Score
+from tactileforge.report.findings import Findings
 from tactileforge.report.forces import AXES, ForceResult, milli
 from tactileforge.report.metrics import Curve
-from tactileforge.report.page import NONE, duration, number, percent, table
+from tactileforge.report.page import NONE, SPLIT_WORDS, duration, number, percent, table
 
+#: A loss that changes by less has not changed; a reconstruction that explains less shows nothing.
+_LEAST = 0.01
+_LEARNT = 0.05
+_NAMED = ("tactileforge", "torch")
 _HEAD = (
     "Objective",
     "training: first",
@@ -25,7 +30,7 @@ _HEAD = (
 )
 
 
-def top(
+def facts(
     config: Mapping[str, Any],
     module: TouchModule,
     data: TouchData,
@@ -35,12 +40,13 @@ def top(
 ) -> str:
     """What was trained, on what, for how long."""
     encoder = config["encoder"]
+    name = " ".join(filter(None, (encoder["name"], encoder.get("size"))))
     size = sum(parameter.numel() for parameter in module.encoder.parameters()) / 1e6
     height, width = module.encoder.image_size
     assert data.train is not None
     held_out = len(data.val) if data.val else 0
-    facts = {
-        "Encoder": f"{encoder['name']} {encoder.get('size', '')}, {size:.3g} M parameters",
+    about = {
+        "Encoder": f"{name}, {size:.3g} M parameters",
         "Input": f"{module.encoder.frames} frames, {height} x {width} pixels",
         "Data": config["data"]["name"],
         "Clips": f"{len(data.train)} training, {held_out} validation",
@@ -48,36 +54,31 @@ def top(
         "Steps": f"{steps}, each of {config['batch']['size']} clips",
         "Time": "not kept" if seconds is None else duration(seconds),
         "Versions": ", ".join(
-            f"{name} {versions[name]}" for name in ("tactileforge", "torch") if name in versions
-        )
-        or "not kept",
+            f"{k} {versions[k]}" for k in ("tactileforge", "torch") if k in versions
+        ),
     }
-    cells = (f"<div><dt>{k}</dt><dd>{escape(v.strip())}</dd></div>" for k, v in facts.items())
+    cells = (f"<div><dt>{k}</dt><dd>{escape(v)}</dd></div>" for k, v in about.items() if v)
     return f"<dl>{''.join(cells)}</dl>"
 
 
 def verdict(
     curves: Mapping[str, Curve],
     weights: Mapping[str, float],
-    forces: Sequence[ForceResult],
-    scores: Mapping[str, Score | None],
-    skipped: Sequence[str],
+    found: Findings,
 ) -> str:
     """The run in a few sentences, each marked as good, bad or plain; then the losses as a table."""
-    lines = [_fell(curves, weights, split) for split in ("train", "val")]
-    lines += [line for result in forces for line in _force(result)]
-    read = [
-        f"{kind} {percent(score.accuracy)} (chance {percent(score.chance)})"
-        for kind, score in scores.items()
-        if score
-    ]
-    if read:
-        better = all(score.accuracy > score.chance for score in scores.values() if score)
-        lines.append(("good" if better else "bad", f"Nearest neighbours read {', '.join(read)}."))
-    count = len(skipped)
+    lines = [_fell(curves, weights, "train")]
+    if found.split == "val":
+        lines.append(_fell(curves, weights, "val"))
+    else:
+        lines.append(("plain", "No validation: the data holds nothing out."))
+    lines += _rebuilt(found.explained)
+    lines += [line for result in found.forces for line in _force(result)]
+    lines += _read(found.scores)
+    count = len(found.skipped)
     lines.append(
         ("bad", f"{count} recording{'s' * (count > 1)} could not be read; see Data.")
-        if skipped
+        if count
         else ("good", "No recording was skipped.")
     )
     items = "".join(f'<li class="{kind}">{escape(text)}</li>' for kind, text in lines)
@@ -96,17 +97,45 @@ def ends(curve: Curve) -> tuple[float, float]:
 
 
 def _fell(curves: Mapping[str, Curve], weights: Mapping[str, float], split: str) -> tuple[str, str]:
-    name = {"train": "Training", "val": "Validation"}[split]
+    name = SPLIT_WORDS[split].capitalize()
     known = {key: curves[f"{split}/{key}"] for key in weights if f"{split}/{key}" in curves}
     compared = {key: ends(curve) for key, curve in known.items() if len(curve.values) > 1}
     if not compared:
         return "plain", f"{name} loss was logged less than twice: nothing to compare."
-    risen = [key for key, (first, last) in compared.items() if not last < first]
-    text = f"{name} loss fell for {len(compared) - len(risen)} of {len(compared)} objectives"
-    text += f" (not {', '.join(risen)})" if risen else ""
+    stuck = [
+        key for key, (first, last) in compared.items() if not first - last > _LEAST * abs(first)
+    ]
+    text = f"{name} loss fell by more than {percent(_LEAST)} for {len(compared) - len(stuck)} of "
+    text += f"{len(compared)} objectives{f' (not {_and(stuck)})' if stuck else ''}"
     left = [key for key in weights if key not in compared]
-    text += f"; logged less than twice: {', '.join(left)}" if left else ""
-    return "bad" if risen else "good", f"{text}."
+    text += f"; {_and(left)} logged less than twice" if left else ""
+    return "bad" if stuck else "good", f"{text}."
+
+
+def _rebuilt(explained: Mapping[str, float]) -> list[tuple[str, str]]:
+    if not explained:
+        return []
+    shares = _and([f"{percent(share)} of {kind}" for kind, share in explained.items()])
+    learnt = [share > _LEARNT for share in explained.values()]
+    mark = "good" if all(learnt) else "plain" if any(learnt) else "bad"
+    text = f"Reconstruction explains this share of the variance of hidden pixels: {shares}."
+    return [(mark, text)]
+
+
+def _read(scores: Mapping[str, Score | None]) -> list[tuple[str, str]]:
+    known = {kind: score for kind, score in scores.items() if score}
+    if not known:
+        return []
+    words = _and(
+        [f"{k} {percent(s.accuracy)} (chance {percent(s.chance)})" for k, s in known.items()]
+    )
+    learnt = [score.accuracy > 1.5 * score.chance for score in known.values()]
+    mark = "good" if all(learnt) else "plain" if any(learnt) else "bad"
+    return [(mark, f"Nearest neighbours in the embedding tell {words}.")]
+
+
+def _and(words: Sequence[str]) -> str:
+    return " and ".join(filter(None, (", ".join(words[:-1]), *words[-1:])))
 
 
 def _force(result: ForceResult) -> list[tuple[str, str]]:
@@ -115,10 +144,9 @@ def _force(result: ForceResult) -> list[tuple[str, str]]:
         errors = ", ".join(f"{axis} {milli(score.mae)}" for axis, score in scores.items())
         guesses = ", ".join(f"{axis} {milli(score.median)}" for axis, score in scores.items())
         better = [axis for axis, score in scores.items() if score.mae < score.median]
-        where = {"val": "validation", "train": "training"}[split]
         text = (
-            f"Force error on {len(reading.clips)} {where} clips: {errors} mN; always guessing the "
-            f"median: {guesses} mN. Better than the guess along {', '.join(better) or 'no axis'}."
+            f"Force error on {len(reading.clips)} {SPLIT_WORDS[split]} clips: {errors} mN; always "
+            f"guessing the median: {guesses} mN. Better than the guess along {_and(better) or 'no axis'}."
         )
         return [("good" if len(better) == 3 else "plain" if better else "bad", text)]
     return []
@@ -135,6 +163,7 @@ def _row(key: str, weight: float, curves: Mapping[str, Curve]) -> list[str]:
         change = NONE
         if len(curve.values) > 1 and first:
             share = (last - first) / abs(first)
-            change = f"{'good' if last < first else 'bad'}|{percent(share, signed=True)}"
+            mark = "" if abs(share) < _LEAST else "good|" if share < 0 else "bad|"
+            change = f"{mark}{percent(share, signed=True)}"
         row += [number(first), number(last), change]
     return [*row, number(weight)]

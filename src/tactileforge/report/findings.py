@@ -1,0 +1,83 @@
+"""What a trained module makes of its data: everything that the report shows beside the metrics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tactileforge.data.clips import Clips
+from tactileforge.data.datamodule import TouchData
+from tactileforge.errors import DataError
+from tactileforge.heads.decoder import Reconstruction
+from tactileforge.module import TouchModule
+from tactileforge.report.embedding import Embedding, Score, embedding_of, neighbours
+from tactileforge.report.forces import ForceResult, force_results
+from tactileforge.report.pictures import Strips, strips_of
+from tactileforge.report.samples import explained, liveliest, look, predictions, spread
+
+#: Clips of a split that are embedded, clips that are reconstructed, and clips that are shown.
+_CLIPS = 200
+_REBUILT = 64
+_SHOWN = 6
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What the report shows of a module.
+
+    Attributes:
+        split: Where the clips that are shown come from: ``val``, or ``train`` without validation.
+        clips: The clips of that split.
+        shown: Which of them are shown.
+        strips: Their pictures.
+        explained: Share of the variance of hidden pixels that is explained, by kind.
+        forces: One for each head that predicts force.
+        embedding: Of both splits.
+        scores: What nearest neighbours tell, by kind.
+        skipped: Recordings that could not be read, one line each.
+    """
+
+    split: str
+    clips: Clips
+    shown: list[int]
+    strips: list[Strips]
+    explained: dict[str, float]
+    forces: list[ForceResult]
+    embedding: Embedding
+    scores: dict[str, Score | None]
+    skipped: list[str]
+
+
+def find(module: TouchModule, data: TouchData) -> Findings:
+    """Runs a module on some clips of its data.
+
+    Raises:
+        DataError: The data is not set up.
+    """
+    splits = {"val": data.val, "train": data.train}
+    present = {split: clips for split, clips in splits.items() if clips is not None}
+    if "train" not in present:
+        raise DataError("setup() has not been called")
+    skipped = dict.fromkeys([*data.skipped, *module.skipped])
+    looks = {
+        split: look(module, clips, spread(clips, _CLIPS), skipped)
+        for split, clips in present.items()
+    }
+    split, clips = next(iter(present.items()))
+    shown = liveliest(clips, looks[split], _SHOWN)
+    patches, given = predictions(module, clips, shown)
+    rebuilt = {key: value for key, value in given.items() if isinstance(value, Reconstruction)}
+    embedding = embedding_of(data, looks)
+    return Findings(
+        split=split,
+        clips=clips,
+        shown=shown,
+        strips=[
+            strips_of(module.encoder, patches, list(rebuilt.values()), row)
+            for row in range(len(shown))
+        ],
+        explained=explained(module, clips, spread(clips, _REBUILT), list(rebuilt)),
+        forces=force_results(module, data, given),
+        embedding=embedding,
+        scores={kind: neighbours(embedding, kind) for kind in embedding.labels},
+        skipped=list(skipped),
+    )
