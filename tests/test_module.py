@@ -111,7 +111,7 @@ def test_a_label_that_the_data_does_not_have_is_an_error_before_training(tmp_pat
 
     cv2.imwrite(str(tmp_path / "a.png"), np.zeros((32, 32, 3), np.uint8))
     (tmp_path / "tactileforge.yaml").write_text(
-        "stills: {images: '*.png', each: touch, sensor: digit, background: none}\n"
+        "layouts: {s: {images: '*.png', each: touch, sensor: digit, background: none}}\n"
     )
     config = plain("data=recordings", f"data.root={tmp_path}", "objective=[pixel,force]")
     with pytest.raises(ConfigError, match="objective 'force' needs force, which the data does not"):

@@ -47,7 +47,7 @@ td.good{color:var(--good)}td.bad{color:var(--bad)}td::before{content:none!import
 table{border-collapse:collapse;font-size:.93rem;font-variant-numeric:tabular-nums}
 th,td{padding:.32rem .8rem;text-align:right;white-space:nowrap;border-bottom:1px solid var(--line)}
 th:first-child,.text{text-align:left}
-.text,th[scope=row]{white-space:normal;overflow-wrap:anywhere;min-width:9rem}
+.text,#sources th[scope=row]{white-space:normal;overflow-wrap:anywhere;min-width:9rem}
 thead th{color:var(--soft);font-weight:600;vertical-align:bottom}th[scope=row]{font-weight:600}
 .panels{display:grid;grid-template-columns:repeat(auto-fill,minmax(min(100%,19rem),1fr));
 gap:1rem 1.4rem;margin:1rem 0}

@@ -146,7 +146,7 @@ def _force(result: ForceResult) -> list[tuple[str, str]]:
         better = [axis for axis, score in scores.items() if score.mae < score.median]
         text = (
             f"Force error on {len(reading.clips)} {SPLIT_WORDS[split]} clips: {errors} mN; always "
-            f"guessing the median: {guesses} mN. Better than the guess along {_and(better) or 'no axis'}."
+            f"guessing the median: {guesses} mN. Better than it along {_and(better) or 'no axis'}."
         )
         return [("good" if len(better) == 3 else "plain" if better else "bad", text)]
     return []
