@@ -131,3 +131,11 @@ def test_a_broken_plugin_breaks_only_the_run_that_names_it(toy):
     said = r"dataset 'broken' \(toy_compose:Missing, from toy-compose 1\.0\) cannot be loaded"
     with pytest.raises(ConfigCompositionException, match=said):
         compose(overrides=["data=broken"])
+
+
+def test_a_package_may_ship_presets(installed):
+    preset = "defaults: [generated, _self_]\nrecordings: 7\n"
+    modules = {"toy_conf/__init__.py": "", "toy_conf/data/toy_preset.yaml": preset}
+    installed("toy-conf", "[tactileforge.conf]\ntoy = toy_conf", modules)
+    data = compose(overrides=["data=toy_preset"]).data
+    assert (data.name, data.recordings) == ("generated", 7)

@@ -57,7 +57,7 @@ class PluginSource(ConfigSource):
         return config_path == "" or config_path in GROUPS
 
     def is_config(self, config_path: str) -> bool:
-        """Whether a path is a plugin; in a group of several, so that an unknown one is named well."""
+        """Whether a path is a plugin; a group of several takes any, to name an unknown one well."""
         group, _, name = config_path.removesuffix(".yaml").rpartition("/")
         return group in MULTI or (group in GROUPS and name in registry.names(GROUPS[group]))
 

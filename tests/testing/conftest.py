@@ -1,9 +1,18 @@
 from importlib import import_module
 
 import pytest
+import torch
 
 from tactileforge.testing import check
 from tactileforge.testing.results import Subject, run
+
+
+@pytest.fixture(autouse=True)
+def _one_thread():
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
 
 
 @pytest.fixture

@@ -14,6 +14,8 @@ A check that a plugin cannot pass for a good reason is named in the class attrib
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from inspect import isclass
 from typing import Any
@@ -60,8 +62,19 @@ def check(kind: str, plugin: Any, *, head: type[Any] | None = None, **options: A
             return [Result("it can be imported", "failed", str(error))]
     subject = _subject(kind, plugin, head, options)
     checks: list[Check] = import_module(f"tactileforge.testing.{kind}").CHECKS
-    with torch.random.fork_rng(devices=[]):
+    with torch.random.fork_rng(devices=[]), _one_thread():
         return [run(test, subject) for test in (*general.CHECKS, *checks)]
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """The models are tiny: on a busy machine, several threads would mostly wait for each other."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 def _subject(kind: str, plugin: Any, head: type[Any] | None, options: dict[str, Any]) -> Subject:
