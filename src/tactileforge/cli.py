@@ -56,9 +56,19 @@ def run(argv: Sequence[str]) -> int:
     except TactileForgeError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
+    except _hydra_error() as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
     except KeyboardInterrupt as stop:
         print(f"{stop or 'stopped'}; go on with: tactileforge train resume=RUN", file=sys.stderr)
         return 130
+
+
+def _hydra_error() -> type[Exception]:
+    """What Hydra raises for a wrong override; evaluated only when something was raised."""
+    from hydra.errors import HydraException
+
+    return HydraException
 
 
 def _report(argv: Sequence[str]) -> int:

@@ -57,7 +57,8 @@ def test_pixels_move_the_way_the_labels_say(axis: int, shift: tuple[float, float
     force[..., axis] = 1.0
     augment = Augment(horizontal=float(axis == 0), vertical=float(axis == 1))
     frames = moving_blob(shift)[None]
-    batch = augment.labels({"action": torch.tensor([ACTIONS.index(name)]), "force": force})
+    labels = {"action": torch.tensor([ACTIONS.index(name)]), "force": force}
+    batch = augment.labels(labels | {"group": torch.tensor([-1])})
     batch = augment(batch | {"frames": frames, "background": frames[:, 0]})
     away = moving_blob((-shift[0], -shift[1]))[None]
     torch.testing.assert_close(batch["frames"], away)
@@ -67,7 +68,7 @@ def test_pixels_move_the_way_the_labels_say(axis: int, shift: tuple[float, float
 
 def test_flipping_twice_changes_nothing() -> None:
     augment = Augment(1.0, 1.0)
-    start = {"action": torch.arange(8), "force": torch.randn(8, 4, 3)}
+    start = {"action": torch.arange(8), "force": torch.randn(8, 4, 3), "group": torch.arange(8)}
     frames = torch.randint(0, 256, (8, 4, 3, 16, 16), dtype=torch.uint8)
     batch = start | {"frames": frames, "background": frames[:, 0]}
     for _ in range(2):
@@ -77,10 +78,19 @@ def test_flipping_twice_changes_nothing() -> None:
 
 
 def test_flips_come_with_the_chance_asked_for() -> None:
-    batch = {"action": torch.zeros(4000, dtype=torch.long), "force": torch.zeros(4000, 4, 3)}
+    alone = torch.full((4000,), -1)
+    batch = {"action": alone, "force": torch.zeros(4000, 4, 3), "group": alone}
     flip = Augment(0.3, 0.0).labels(batch)["flip"]
     assert flip[:, 0].float().mean().item() == pytest.approx(0.3, abs=0.03)
     assert not flip[:, 1].any()
+
+
+def test_a_group_is_flipped_alike() -> None:
+    group = torch.tensor([0, 0, 1, 1] * 50) + torch.arange(50).repeat_interleave(4) * 2
+    batch = {"action": torch.zeros(200, dtype=torch.long), "force": torch.zeros(200, 4, 3)}
+    flip = Augment(0.5, 0.5).labels(batch | {"group": group})["flip"].view(100, 2, 2)
+    assert torch.equal(flip[:, 0], flip[:, 1])
+    assert 0.3 < flip.float().mean() < 0.7
 
 
 def test_jitter_treats_frames_and_background_alike() -> None:

@@ -93,10 +93,14 @@ class Augment(nn.Module):
     def labels(self, batch: Batch) -> Batch:
         """Draws the flips, on the host, and changes the labels with them.
 
-        Adds ``flip``, bool (B, 2): horizontal, vertical.
+        Clips of one matching group are flipped alike: a pair of one action stays one. Adds
+        ``flip``, bool (B, 2): horizontal, vertical.
         """
-        chance = torch.tensor([self.horizontal, self.vertical])
-        flip = torch.rand(len(batch["action"]), 2) < chance
+        group = batch["group"]
+        draw = torch.rand(len(group), 2)
+        first = (group[:, None] == group).int().argmax(dim=1)
+        draw = torch.where((group >= 0)[:, None], draw[first], draw)
+        flip = draw < torch.tensor([self.horizontal, self.vertical])
         flip_labels(batch, flip[:, 0], flip[:, 1])
         return batch | {"flip": flip}
 

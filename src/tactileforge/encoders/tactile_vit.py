@@ -127,7 +127,6 @@ class TactileViT(nn.Module):
         self.apply(init_weights)
         for parameter in (self.class_token, self.sensor_table, self.position):
             nn.init.normal_(parameter, std=0.02)
-        nn.init.normal_(self.project.weight, std=self.width**-0.5)
 
     def rows(self, sensor: Sequence[str]) -> Tensor:
         """Rows of the sensor table, int64 (B,).

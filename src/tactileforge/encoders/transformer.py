@@ -111,9 +111,13 @@ class AttentivePooler(nn.Module):
 
 
 def init_weights(module: nn.Module) -> None:
-    """Truncated normal (0.02) for linear weights, zero biases; for ``Module.apply``."""
+    """Linear weights keep the variance of what they read; biases are 0. For ``Module.apply``.
+
+    A standard deviation of 0.02, usual at a width of 768, makes narrow encoders blind: at 192 the
+    class tokens of different touches start with a cosine of 0.9998, and stay there for long.
+    """
     if isinstance(module, nn.Linear):
-        nn.init.trunc_normal_(module.weight, std=0.02)
+        nn.init.normal_(module.weight, std=module.in_features**-0.5)
         if module.bias is not None:
             nn.init.zeros_(module.bias)
 

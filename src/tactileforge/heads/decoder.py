@@ -52,6 +52,7 @@ class MaskedDecoder(nn.Module):
         self.position: Tensor
         self.apply(init_weights)
         nn.init.normal_(self.mask_token, std=0.02)
+        nn.init.normal_(self.predict.weight, std=0.02)
 
     def forward(self, features: MaskedFeatures) -> Tensor:
         """The masked view to float (B, slots, M, 3 * tube * patch * patch)."""

@@ -29,9 +29,9 @@ class ForceDecoder(nn.Module):
     def __init__(self, width: int, frames: int, heads: int) -> None:
         super().__init__()
         self.pooler = AttentivePooler(width, frames, heads)
-        self.probe = nn.Sequential(
-            nn.Linear(width, width // 4), nn.ReLU(), nn.Linear(width // 4, 3)
-        )
+        last = nn.Linear(width // 4, 3)
+        self.probe = nn.Sequential(nn.Linear(width, width // 4), nn.ReLU(), last)
+        nn.init.normal_(last.weight, std=0.02)
 
     def forward(self, tokens: Tensor) -> Tensor:
         """(B, L, width) to (B, frames, 3)."""
