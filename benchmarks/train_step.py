@@ -74,7 +74,7 @@ def stepper(module: nn.Module, loss: Callable[[], torch.Tensor]) -> tuple[Callab
 
     def step() -> None:
         optimizer.zero_grad()
-        loss().backward()
+        torch.autograd.backward(loss())
         optimizer.step()
 
     return step, sum(p.numel() for p in module.parameters())

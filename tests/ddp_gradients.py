@@ -1,6 +1,6 @@
 """Run by test_ddp.py in every process: gradients of the first step, written to a file.
 
-Usage: python ddp_gradients.py OUT; RANK, WORLD_SIZE, MASTER_ADDR and MASTER_PORT as torch wants them.
+Usage: python ddp_gradients.py OUT; RANK, WORLD_SIZE, MASTER_ADDR, MASTER_PORT as torch wants them.
 """
 
 import os

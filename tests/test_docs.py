@@ -1,7 +1,7 @@
 """Every code block on every page runs.
 
-Python blocks of a page share one namespace; bash blocks run with ``bash -e``. Both run in one temporary
-folder a page, from top to bottom. A block after ``<!-- no-run: reason -->`` is left out.
+Python blocks of a page share one namespace; bash blocks run with ``bash -e``. Both run in one
+temporary folder a page, from top to bottom. A block after ``<!-- no-run: reason -->`` is left out.
 """
 
 import contextlib

@@ -1,5 +1,6 @@
 """The example package, installed for real: found, listed, checked, an option of every command."""
 
+import csv
 import json
 import os
 import shutil
@@ -133,3 +134,17 @@ def test_the_sensor_keeps_real_time(example):
 
 def test_it_is_not_left_behind():
     assert "dummy" not in registry.names("sensors")
+
+
+@pytest.mark.slow
+def test_it_trains(site, tmp_path):
+    """Data set, objective and head of the package; the sensor's row is in the configuration."""
+    words = ["scale=demo", "data=dummy_presses", "objective=[contact_area]", "batch.workers=0"]
+    words += ["trainer.max_steps=30", "encoder.image_size=32", "trainer.val_check_interval=5"]
+    done = run(site, "tactileforge", "train", *words, f"hydra.run.dir={tmp_path}")
+    assert done.returncode == 0, done.stderr
+    rows = list(csv.DictReader((tmp_path / "metrics/version_0/metrics.csv").open()))
+    losses = [float(row["train/contact_area"]) for row in rows if row["train/contact_area"]]
+    assert losses[-1] < 0.2 * losses[0]
+    assert "dummy: 6" in (tmp_path / "config.yaml").read_text()
+    assert (tmp_path / "report.html").exists()

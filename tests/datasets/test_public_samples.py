@@ -9,7 +9,7 @@ from tactileforge.contracts import ACTIONS, Recording
 from tactileforge.datasets.recordings import Recordings
 from tactileforge.errors import DataNotFoundError
 
-CONFIG = OmegaConf.load(Path(__file__).parents[2] / "conf/data/public_samples.yaml")
+CONFIG = OmegaConf.load(Path(__file__).parents[2] / "conf/data/public_samples.yaml").data
 
 
 def test_every_layout_says_where_it_is_from() -> None:

@@ -144,7 +144,9 @@ class Clips(Dataset[dict[str, Any]]):
             row = int(rows[-1]) * len(recording.image) // len(recording.frames)
             image = self._frames(("image", number), recording.image, [row], (height, width))[0]
         return {
-            "frames": _tensor(self._frames(("touch", number), recording.frames, rows.tolist(), self.size)),
+            "frames": _tensor(
+                self._frames(("touch", number), recording.frames, rows.tolist(), self.size)
+            ),
             "background": _tensor(self._background(number)),
             "sensor": recording.sensor,
             "force": torch.from_numpy(np.nan_to_num(force)),

@@ -1,0 +1,101 @@
+"""The command line: light verbs are light, and mistakes are one line that says the fix."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tactileforge import cli
+from tactileforge.sensors.specs import SPECS
+
+
+def error_of(capsys: pytest.CaptureFixture[str], *words: str) -> str:
+    assert cli.run(words) == 1
+    err = capsys.readouterr().err
+    assert err.startswith("error: ")
+    assert "Traceback" not in err
+    return err
+
+
+@pytest.mark.parametrize("words", [["--help"], ["--version"], ["plugins", "list"]])
+def test_light_verbs_import_neither_torch_nor_lightning(words: list[str]) -> None:
+    code = (
+        "import sys; from tactileforge.cli import run; status = run(sys.argv[1:]); "
+        "heavy = {'torch', 'lightning', 'hydra', 'cv2'} & set(sys.modules); "
+        "sys.exit(f'imports {heavy}' if heavy else status)"
+    )
+    done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_an_unknown_verb_shows_the_usage(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "unknown verb 'trian'" in error_of(capsys, "trian")
+
+
+@pytest.mark.parametrize(
+    ("word", "message"),
+    [
+        ("data=recordngs", "recordings"),
+        ("objective=[pixl]", "did you mean 'pixel'"),
+        ("recipe=anytouch3", "anytouch2"),
+        ("encoder=tactile_vitt", "tactile_vit"),
+        ("encoder.sise=tiny", "encoder.sise"),
+        ("curriculum.unit=epochs", "did you mean 'epoch'"),
+        ("+curriculum.objective.forse.start=0.1", "did you mean 'force'"),
+        ("encoder.frames=3", "change frames, image_size, tube or patch"),
+        ("data.recordings=0", "recordings"),
+        ("init=/nowhere", "no checkpoint at /nowhere"),
+        ("logger.name=csvv", "csv, tensorboard, wandb or mlflow"),
+        ("encoder=byte", "tactile_vit"),
+        ("text_encoder=vit", "text_encoder=vit encodes image, not text"),
+    ],
+)
+def test_mistakes_are_named_before_training(
+    word: str,
+    message: str,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert message in error_of(capsys, "train", "scale=demo", "debug=steps", word)
+
+
+def test_resume_of_nothing_says_what_to_give(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert "give the folder of a run" in error_of(capsys, "train", "resume=nothing")
+
+
+@pytest.mark.parametrize(
+    ("layout", "message"),
+    [
+        (None, "layouts"),
+        ("{images: '*.png', each: touch, sensor: digitt, background: none}", "'digit'"),
+        ("{images: '*.png', each: touch, sensor: digit}", "background"),
+        ("{images: '*.jpg', each: touch, sensor: digit, background: none}", "*.jpg"),
+        ("{images: '*.png', eech: touch, sensor: digit, background: none}", "'each'"),
+    ],
+)
+def test_layouts_at_fault_are_named(
+    layout: str | None,
+    message: str,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    import cv2
+    import numpy as np
+
+    monkeypatch.chdir(tmp_path)
+    cv2.imwrite("a.png", np.zeros((32, 32, 3), np.uint8))
+    if layout:
+        Path("tactileforge.yaml").write_text(f"layouts: {{mine: {layout}}}\n")
+    words = ["scale=demo", "debug=steps", "data=recordings", f"data.root={tmp_path}"]
+    assert message in error_of(capsys, "train", *words, "objective=[pixel]")
+
+
+def test_the_published_sensors_are_known() -> None:
+    assert set(SPECS) == {"gelsight", "digit", "gelslim", "gelsight_mini", "duragel", "dm"}
