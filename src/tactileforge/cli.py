@@ -87,15 +87,20 @@ def _train(argv: Sequence[str]) -> int:
     from tactileforge.compose import finish, register
 
     register()
-    os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # our errors pass through Hydra to run()
+    os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # its errors are raised, and printed by run()
     command = sys.argv
+
+    ended: list[BaseException] = []  # Hydra would print an account of its own
 
     def task(config: DictConfig) -> None:
         sys.argv = command  # processes that Lightning starts for DDP repeat the whole command
         from tactileforge.train import train
 
         resume = config.get("resume")
-        train(_resumed(resume) if resume else finish(config), Path(HydraConfig.get().run.dir))
+        try:
+            train(_resumed(resume) if resume else finish(config), Path(HydraConfig.get().run.dir))
+        except (TactileForgeError, KeyboardInterrupt) as error:
+            ended.append(error)
 
     sys.argv = ["tactileforge", *argv, *_resume_overrides(argv)]
     try:
@@ -104,6 +109,8 @@ def _train(argv: Sequence[str]) -> int:
         )()
     finally:
         sys.argv = command
+    if ended:
+        raise ended[0]
     return 0
 
 
