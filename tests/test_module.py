@@ -1,11 +1,11 @@
 import pytest
 import torch
 
+from tactileforge.assemble import build_data, with_sensors
 from tactileforge.compose import compose
 from tactileforge.contracts import Batch
 from tactileforge.errors import ConfigError
 from tactileforge.module import TouchModule
-from tactileforge.train import build_data, with_sensors
 
 SMALL = ["scale=demo", "encoder.image_size=32"]
 TINY_DATA = ["data.recordings=8", "data.size=32"]

@@ -8,7 +8,7 @@ from PIL import Image
 
 from tactileforge.errors import ConfigError, DataNotFoundError, TactileForgeError
 from tactileforge.sensors.replay import Replay
-from tactileforge.sensors.specs import spec
+from tactileforge.specs import spec
 from tactileforge.testing import check
 
 FPS = 20

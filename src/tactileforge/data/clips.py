@@ -14,7 +14,7 @@ from torch.utils.data import Dataset
 
 from tactileforge.contracts import NEUTRAL_BACKGROUND, Batch, Frames, Recording
 from tactileforge.errors import ConfigError, DataError
-from tactileforge.sensors.specs import spec
+from tactileforge.specs import spec
 
 #: Recordings that may fail one after another before reading gives up.
 _MAX_FAILURES = 20

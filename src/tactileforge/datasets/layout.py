@@ -14,7 +14,7 @@ from tactileforge.contracts import ACTIONS
 from tactileforge.data.frames import Crop
 from tactileforge.datasets.node import Node
 from tactileforge.errors import ConfigError, unknown
-from tactileforge.sensors.specs import spec
+from tactileforge.specs import spec
 
 SPLITS = ("recording", "object", "time", "train", "val")
 

@@ -32,7 +32,7 @@ def report_of_run(folder: Path) -> Path:
         DataNotFoundError: The folder is not that of a run, or the data is gone.
         ConfigError: The checkpoint does not fit the configuration.
     """
-    from tactileforge.train import build_data
+    from tactileforge.assemble import build_data
 
     config = _config(folder)
     state = checkpoints.read(folder)

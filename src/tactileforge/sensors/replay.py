@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tactileforge.contracts import Frame, Frames
 from tactileforge.data.frames import ImageFrames, VideoFrames
 from tactileforge.errors import ConfigError, DataNotFoundError, TactileForgeError
-from tactileforge.sensors.specs import spec
+from tactileforge.specs import spec
 
 _IMAGES = {".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp"}
 
@@ -26,7 +26,7 @@ class Replay:
 
     Args:
         path: A video file, or a folder of images.
-        type: Type of sensor that made it; see `tactileforge.sensors.specs`.
+        type: Type of sensor that made it; see `tactileforge.specs`.
         realtime: Whether to wait until a frame is due.
         loop: Whether to start again at the end.
         fps: Frames per second; None takes a video's own times, and for images the rate of the type.

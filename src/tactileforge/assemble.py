@@ -1,0 +1,57 @@
+"""From a finished configuration to the data of a run, and the encoder that fits it."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from typing import Any
+
+from tactileforge import registry
+from tactileforge.data.datamodule import TouchData
+from tactileforge.specs import spec
+
+log = logging.getLogger(__name__)
+
+
+def build_data(config: Mapping[str, Any]) -> TouchData:
+    """The data of a run, indexed, and checked against what the objectives need."""
+    dataset = registry.build("datasets", config["data"])
+    encoder = registry.build("encoders", config["encoder"])
+    batch = dict(config["batch"])
+    objectives = {
+        key: registry.get("objectives", node["name"]) for key, node in config["objective"].items()
+    }
+    if not any(getattr(plugin, "pairs", False) for plugin in objectives.values()):
+        batch["match"] = 0.0
+    data = TouchData(
+        dataset,
+        frames=encoder.frames,
+        size=encoder.image_size,
+        batch_size=batch.pop("size"),
+        seed=config["seed"],
+        **batch,
+    )
+    for key, plugin in objectives.items():
+        data.check(key, plugin.needs)
+    data.setup()
+    for key, plugin in objectives.items():
+        data.check(key, plugin.needs)
+    for line in data.skipped:
+        log.warning("skipped: %s", line)
+    return data
+
+
+def with_sensors(config: Mapping[str, Any], data: TouchData) -> dict[str, Any]:
+    """The encoder's configuration with a row for every sensor of the data.
+
+    Sensors that the encoder does not know yet take the free rows in alphabetical order, and the
+    resolved configuration says so.
+    """
+    names = data.train.sensors if data.train else []
+    encoder = registry.build("encoders", config)
+    table = dict(encoder.sensors)
+    free = (row for row in range(len(table) + len(names) + 1) if row not in table.values())
+    for name in names:
+        if name not in table:
+            table[spec(name).name] = next(free)
+    return {**config, "sensors": table}
