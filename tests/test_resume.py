@@ -23,6 +23,7 @@ def start(*words: str) -> subprocess.Popen[bytes]:
     return subprocess.Popen(
         [sys.executable, "-m", "tactileforge", "train", *words],
         env=os.environ | {"OMP_NUM_THREADS": "1"},
+        start_new_session=True,
     )
 
 
@@ -75,7 +76,7 @@ def test_ctrl_c_leaves_a_checkpoint_that_resumes(tmp_path: Path) -> None:
     wait_for_checkpoint(tmp_path, run)
     before = read(tmp_path)["global_step"]
     time.sleep(0.5)
-    run.send_signal(signal.SIGINT)
+    os.killpg(run.pid, signal.SIGINT)  # as a terminal does: the run and its readers
     assert run.wait(timeout=60) == 130
     assert read(tmp_path)["global_step"] >= before
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from typing import Any
 
 import cv2
@@ -176,9 +177,11 @@ class TouchData(L.LightningDataModule):
             num_workers=self.workers,
             persistent_workers=self.workers > 0,
             pin_memory=torch.cuda.is_available(),
-            worker_init_fn=_one_thread,
+            worker_init_fn=_start_worker,
         )
 
 
-def _one_thread(_: int) -> None:
+def _start_worker(_: int) -> None:
+    """Ctrl-C reaches every process of a terminal; the run, not its readers, answers it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     cv2.setNumThreads(0)
