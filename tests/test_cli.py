@@ -47,7 +47,6 @@ def test_an_unknown_verb_shows_the_usage(capsys: pytest.CaptureFixture[str]) -> 
         ("data.recordings=0", "recordings"),
         ("init=/nowhere", "no checkpoint at /nowhere"),
         ("logger.name=csvv", "csv, tensorboard, wandb or mlflow"),
-        ("encoder=byte", "tactile_vit"),
         ("text_encoder=vit", "text_encoder=vit encodes image, not text"),
     ],
 )
@@ -76,7 +75,7 @@ def test_resume_of_nothing_says_what_to_give(
         ("{images: '*.png', each: touch, sensor: digitt, background: none}", "'digit'"),
         ("{images: '*.png', each: touch, sensor: digit}", "background"),
         ("{images: '*.jpg', each: touch, sensor: digit, background: none}", "*.jpg"),
-        ("{images: '*.png', eech: touch, sensor: digit, background: none}", "'each'"),
+        ("{images: '*.png', eech: touch, sensor: digit, background: none}", "is 'eech' a slip?"),
     ],
 )
 def test_layouts_at_fault_are_named(

@@ -47,8 +47,10 @@ def test_two_processes_train_across_the_start_of_an_objective(tmp_path: Path) ->
     command = [sys.executable, "-m", "tactileforge", "train", "scale=demo", "debug=steps"]
     command += ["trainer.devices=2", "trainer.accelerator=cpu", "trainer.max_steps=6"]
     command += ["encoder.image_size=32", "batch.size=8", f"hydra.run.dir={tmp_path}"]
+    command += ["curriculum.objective.force.start=0.5", "curriculum.objective.force.end=1.0"]
     subprocess.run(command, check=True, timeout=300, env=os.environ | {"OMP_NUM_THREADS": "1"})
-    rows = list(csv.DictReader((tmp_path / "metrics/version_0/metrics.csv").open()))
+    text = (tmp_path / "metrics/version_0/metrics.csv").read_text()
+    rows = list(csv.DictReader(text.splitlines()))
     force = {int(r["step"]): r["train/force"] for r in rows if r["train/pixel"]}
     assert sorted(force) == list(range(6))
     assert [bool(force[step]) for step in range(6)] == [False] * 4 + [True] * 2

@@ -9,9 +9,9 @@ from importlib import import_module
 from typing import Any
 
 __version__ = "0.1.0"
-__all__ = ["__version__", "compose", "list_plugins"]
+__all__ = ["__version__", "list_plugins"]
 
-_HOMES = {"compose": "tactileforge.compose", "list_plugins": "tactileforge.registry"}
+_HOMES = {"list_plugins": "tactileforge.registry"}
 
 
 def __getattr__(name: str) -> Any:

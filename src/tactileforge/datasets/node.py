@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
 from typing import Any
 
 from tactileforge.errors import ConfigError, unknown
@@ -45,7 +46,9 @@ class Node:
     def need(self, key: str, kind: type | tuple[type, ...], example: str) -> Any:
         """A value that must be given."""
         if not self.has(key):
-            raise ConfigError(f"{self.where}: {key} is missing; for example {key}: {example}")
+            near = get_close_matches(key, self._value.keys() - {key}, n=1)
+            typo = f" (is {near[0]!r} a slip?)" if near else ""
+            raise ConfigError(f"{self.where}: {key} is missing{typo}; for example {key}: {example}")
         return self.take(key, kind)
 
     def numbers(self, key: str, count: int, default: Iterable[float] | None = None) -> list[float]:
