@@ -140,7 +140,7 @@ def test_it_is_not_left_behind():
 def test_it_trains(site, tmp_path):
     """Data set, objective and head of the package; the sensor's row is in the configuration."""
     words = ["scale=demo", "data=dummy_presses", "objective=[contact_area]", "batch.workers=0"]
-    words += ["trainer.max_steps=30", "encoder.image_size=32", "trainer.val_check_interval=5"]
+    words += ["trainer.max_steps=30", "encoder.image_size=32", "trainer.log_every_n_steps=1"]
     done = run(site, "tactileforge", "train", *words, f"hydra.run.dir={tmp_path}")
     assert done.returncode == 0, done.stderr
     text = (tmp_path / "metrics/version_0/metrics.csv").read_text()

