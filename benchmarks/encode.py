@@ -55,7 +55,7 @@ def main() -> None:
     for name, (_, tokens) in built.items():
         assert str(tokens) in name
     with torch.inference_mode():
-        times = side_by_side({name: call for name, (call, _) in built.items()}, rounds=15, warmup=2)
+        times = side_by_side({name: call for name, (call, _) in built.items()}, rounds=9, warmup=1)
     save(
         "encode",
         {

@@ -89,7 +89,7 @@ def main() -> None:
         "pixel": our_step(["pixel"]),
         "all five": our_step(five),
     }
-    times = side_by_side({name: step for name, (step, _) in built.items()}, rounds=7)
+    times = side_by_side({name: step for name, (step, _) in built.items()}, rounds=5)
     save(
         "train_step",
         {
