@@ -1,0 +1,213 @@
+"""The gel: an elastic layer bonded to a rigid back, and how its surface yields to traction.
+
+Source: K. L. Johnson, *Contact Mechanics* (1985); the half-space is the limit of a thick layer.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import torch
+from torch import Tensor
+
+from tactileforge.errors import ConfigError
+
+#: Beyond this product of wave number and thickness a layer is a half-space.
+_THICK = 30.0
+#: Points a side of the largest grid that a kernel is computed on.
+_LARGEST = 4096
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gel:
+    """An elastic layer bonded to a rigid back.
+
+    The defaults are those of a GelSight Mini (FEATS: 4 mm, 3 G = 0.435 MPa).
+
+    Attributes:
+        thickness: mm.
+        modulus: Young's modulus, MPa.
+        poisson: Poisson's ratio; gels are nearly incompressible.
+        friction: Coulomb's coefficient between gel and object.
+        dome: Radius of curvature of the surface at rest, mm; None for a flat gel.
+        viscosity: Relaxation time of the viscous part of the pressure, s.
+
+    Raises:
+        ConfigError: A number is outside its limits; says which, and the limit.
+    """
+
+    thickness: float = 4.0
+    modulus: float = 0.435
+    poisson: float = 0.49
+    friction: float = 1.0
+    dome: float | None = None
+    viscosity: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("thickness", "modulus", "dome"):
+            value = getattr(self, name)
+            if value is not None and not (value > 0 and math.isfinite(value)):
+                raise ConfigError(f"gel: {name} is {value}, but must be greater than 0")
+        if not 0 <= self.poisson < 0.5:
+            raise ConfigError(f"gel: poisson is {self.poisson}, but must be in 0 to below 0.5")
+        for name in ("friction", "viscosity"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise ConfigError(f"gel: {name} is {getattr(self, name)}, but must not be < 0")
+
+    @property
+    def shear_modulus(self) -> float:
+        """G, MPa."""
+        return self.modulus / (2 * (1 + self.poisson))
+
+    def rest(self, x: Tensor, y: Tensor) -> Tensor:
+        """How far the surface at rest lies below its apex, mm, at places in mm from the centre."""
+        if self.dome is None:
+            return torch.zeros_like(x)
+        return (x**2 + y**2) / (2 * self.dome)
+
+
+@dataclass(frozen=True)
+class Compliance:
+    """Displacement of the surface for unit traction, per wave number.
+
+    Attributes:
+        normal: Depth for pressure, mm/MPa.
+        along: Displacement along the wave for traction along it.
+        across: The same across the wave.
+        coupling: Displacement along the wave (times i) for pressure; negative means outwards.
+    """
+
+    normal: Tensor
+    along: Tensor
+    across: Tensor
+    coupling: Tensor
+
+
+def compliance(gel: Gel, wave: Tensor) -> Compliance:
+    """The compliance of a gel at wave numbers.
+
+    Args:
+        gel: The layer.
+        wave: float64, rad/mm, not negative.
+
+    Returns:
+        Four tensors of the shape of ``wave``, mm/MPa.
+    """
+    nu, shear, h = gel.poisson, gel.shear_modulus, gel.thickness
+    still = wave == 0
+    q = torch.where(still, 1.0, wave)
+    k = (q * h).clamp(max=_THICK)
+    kappa = 3 - 4 * nu
+    below = 2 * kappa * torch.cosh(2 * k) + 4 * k**2 + 1 + kappa**2
+    sinh = 2 * kappa * torch.sinh(2 * k)
+    mixed = 2 * kappa * (kappa - 1) * (torch.cosh(2 * k) - 1) - 8 * k**2
+    confined = h * (1 - 2 * nu) / (2 * shear * (1 - nu))
+    return Compliance(
+        normal=torch.where(still, confined, (1 - nu) / (shear * q) * (sinh - 4 * k) / below),
+        along=torch.where(still, h / shear, (1 - nu) / (shear * q) * (sinh + 4 * k) / below),
+        across=torch.where(still, h / shear, torch.tanh(k) / (shear * q)),
+        coupling=torch.where(still, 0.0, mixed / (4 * shear * q * below)),
+    )
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """The compliance of a gel on a square grid, ready for convolution.
+
+    A field of ``points`` x ``points`` is padded to twice that, so that nothing wraps around.
+
+    Attributes:
+        points: Points a side of the grid of traction.
+        spacing: mm between points.
+        normal: float32 (2 n, n + 1), for pressure to depth.
+        tangent: float32 (3, 2 n, n + 1), the parts xx, xy, yy for shear to lateral displacement.
+        coupling: float32 (2, 2 n, n + 1), x and y, for pressure to lateral displacement, times i.
+    """
+
+    points: int
+    spacing: float
+    normal: Tensor
+    tangent: Tensor
+    coupling: Tensor
+
+    def spectrum(self, traction: Tensor) -> Tensor:
+        """Fourier transform of a field (..., n, n), padded."""
+        out: Tensor = torch.fft.rfft2(traction, s=(2 * self.points, 2 * self.points))
+        return out
+
+    def back(self, spectrum: Tensor) -> Tensor:
+        """The field (..., n, n) of a spectrum."""
+        n = self.points
+        out: Tensor = torch.fft.irfft2(spectrum, s=(2 * n, 2 * n))[..., :n, :n]
+        return out
+
+    def press(self, pressure: Tensor) -> Tensor:
+        """Depth (mm) of the surface under a pressure (MPa), both (..., n, n)."""
+        return self.back(self.normal * self.spectrum(pressure))
+
+    def drag(self, shear: Tensor) -> Tensor:
+        """Lateral displacement (mm) of the surface under shear traction (MPa): (..., 2, n, n)."""
+        return self.back(self.dragged(self.spectrum(shear)))
+
+    def dragged(self, shear: Tensor) -> Tensor:
+        """The spectrum of the lateral displacement, for one of the traction: (..., 2, 2n, n+1)."""
+        xx, xy, yy = self.tangent
+        x, y = shear.unbind(-3)
+        return torch.stack([xx * x + xy * y, xy * x + yy * y], -3)
+
+
+def kernel(gel: Gel, points: int, spacing: float, device: str = "cpu") -> Kernel:
+    """The kernel of a gel on a grid; it is computed once, and does not depend on the modulus.
+
+    Args:
+        gel: The layer.
+        points: Points a side.
+        spacing: mm.
+        device: Where the tensors live.
+
+    Raises:
+        ConfigError: The grid has no points or no spacing.
+    """
+    if points < 2 or not spacing > 0:
+        raise ConfigError(f"a grid of {points} points, {spacing} mm apart; give 2 or more, and > 0")
+    return _kernel(gel.thickness, gel.modulus, gel.poisson, points, spacing, device)
+
+
+@lru_cache(maxsize=16)
+def _kernel(
+    thickness: float, modulus: float, poisson: float, points: int, spacing: float, device: str
+) -> Kernel:
+    gel = Gel(thickness=thickness, modulus=modulus, poisson=poisson)
+    # The answer to a point load on a plate so large that its neighbours do not matter, cut to size.
+    large = 2 * points
+    while large * spacing < 16 * thickness and large < _LARGEST:
+        large *= 2
+    qx = 2 * math.pi * torch.fft.rfftfreq(large, spacing, dtype=torch.float64)
+    qy = 2 * math.pi * torch.fft.fftfreq(large, spacing, dtype=torch.float64)[:, None]
+    wave = torch.hypot(qx, qy)
+    x, y = (q / wave.clamp(min=1e-12) for q in (qx, qy))
+    of = compliance(gel, wave)
+    more = of.along - of.across
+    even = torch.stack([of.normal, of.across + more * x**2, more * x * y, of.across + more * y**2])
+    even = _cut(even.to(torch.complex128), points).real
+    odd = _cut(1j * torch.stack([of.coupling * x, of.coupling * y]), points).imag
+    normal, tangent = even[0], even[1:]
+    return Kernel(
+        points,
+        spacing,
+        *(part.to(torch.float32).contiguous().to(device) for part in (normal, tangent, odd)),
+    )
+
+
+def _cut(spectrum: Tensor, points: int) -> Tensor:
+    """The spectrum of the same kernel, on 2 ``points`` a side instead of many."""
+    large = spectrum.shape[-2]
+    if large == 2 * points:
+        return spectrum
+    field = torch.fft.irfft2(spectrum, s=(large, large))
+    rows = torch.arange(-points, points) % large
+    part = field[..., rows, :][..., rows]
+    out: Tensor = torch.fft.rfft2(torch.fft.ifftshift(part, dim=(-2, -1)))
+    return out

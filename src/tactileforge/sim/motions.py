@@ -1,0 +1,188 @@
+"""Motions of an object against a gel: where it is, frame by frame, and which action that is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import ACTIONS
+from tactileforge.errors import ConfigError, unknown
+
+#: What a phase of a path can be: an action, or to stay.
+_STAY = "stay"
+#: Direction of each action: x, y (of its length, mm), angle (of its turn, rad), depth.
+_WAYS = {
+    "press": (0, 0, 0, 1),
+    "leave": (0, 0, 0, -1),
+    "slide_left": (-1, 0, 0, 0),
+    "slide_right": (1, 0, 0, 0),
+    "slide_up": (0, -1, 0, 0),
+    "slide_down": (0, 1, 0, 0),
+    "rotate_cw": (0, 0, 1, 0),
+    "rotate_ccw": (0, 0, -1, 0),
+    _STAY: (0, 0, 0, 0),
+}
+#: The trials of the paper's force collection: press, slide forth and back, right and left, lift.
+FORCE_TRIAL = ("press", "slide_up", "slide_down", "slide_left", "slide_right", "leave")
+
+
+@dataclass(frozen=True)
+class Path:
+    """Where an object is, at any time; between its knots it starts and stops smoothly.
+
+    Attributes:
+        times: float64 (K,), seconds, strictly increasing; the first is 0.
+        poses: float64 (K, 6): x and y (mm, from the centre of the picture, right and down), angle
+            (rad, clockwise in the picture), depth (mm beyond the first touch), tilt along x and
+            along y (slope).
+        actions: One for each phase, that is K - 1; ``stay`` is none.
+    """
+
+    times: NDArray[np.float64]
+    poses: NDArray[np.float64]
+    actions: tuple[str, ...]
+
+    @property
+    def seconds(self) -> float:
+        """Duration."""
+        return float(self.times[-1])
+
+    def pose(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Poses (T, 6) at times; before the start and after the end it stands still."""
+        phase = self._phase(times)
+        start, length = self.times[phase], np.diff(self.times)[phase]
+        x = np.clip((times - start) / length, 0, 1)[:, None]
+        before = self.poses[phase]
+        out: NDArray[np.float64] = before + x * x * (3 - 2 * x) * (self.poses[phase + 1] - before)
+        return out
+
+    def action(self, times: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Actions (T,) at times, as indices into `ACTIONS`; -1 for none."""
+        index = np.array([ACTIONS.index(a) if a in ACTIONS else -1 for a in self.actions])
+        out = index[self._phase(times)]
+        return np.where((times < 0) | (times > self.seconds), -1, out).astype(np.int64)
+
+    def mirrored(self) -> Path:
+        """The path in a mirror that swaps left and right."""
+        swap = {"slide_left": "slide_right", "rotate_cw": "rotate_ccw"}
+        swap |= {new: old for old, new in swap.items()}
+        poses = self.poses * np.array([-1, 1, -1, 1, -1, 1])
+        return replace(self, poses=poses, actions=tuple(swap.get(a, a) for a in self.actions))
+
+    def _phase(self, times: NDArray[np.float64]) -> NDArray[np.intp]:
+        found = np.searchsorted(self.times, times, side="right") - 1
+        return np.clip(found, 0, len(self.actions) - 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Speeds:
+    """Sizes and speeds of a motion.
+
+    Attributes:
+        depth: mm that a press goes in.
+        slide: mm that a slide goes.
+        turn: rad that a rotation turns.
+        seconds: Duration of one action.
+        rest: Seconds of no contact at the start and at the end.
+    """
+
+    depth: float = 0.8
+    slide: float = 3.0
+    turn: float = 0.35
+    seconds: float = 0.8
+    rest: float = 0.3
+
+
+def chain(actions: Sequence[str], start: Sequence[float], speeds: Speeds) -> Path:
+    """One action after the other.
+
+    Args:
+        actions: Of `ACTIONS`, or ``stay``; depth starts at no contact, so ``press`` comes first.
+        start: x, y, angle, tilt along x, tilt along y of the first touch.
+        speeds: Sizes and speeds.
+
+    Raises:
+        ConfigError: An action that is none; lists them.
+    """
+    size = np.array([speeds.slide, speeds.slide, speeds.turn, speeds.depth])
+    x, y, angle, *tilt = start
+    pose = np.array([x, y, angle, 0.0, *tilt])
+    clear = pose - np.array([0, 0, 0, 0.3, 0, 0])
+    times, poses, phases = [0.0, speeds.rest], [clear, clear], [_STAY]
+    for action in actions:
+        if action not in _WAYS:
+            raise ConfigError(unknown("action", action, _WAYS))
+        step = np.zeros(6)
+        step[:4] = size * _WAYS[action]
+        # A press starts from the clear, and a lift ends there.
+        pose = clear + step if action == "press" and pose[3] <= 0 else pose + step
+        if action == "press":
+            pose[3] = speeds.depth
+        if action == "leave":
+            pose = pose.copy()
+            pose[3] = clear[3]
+        times.append(times[-1] + speeds.seconds)
+        poses.append(pose)
+        phases.append(action)
+    if speeds.rest > 0:
+        times.append(times[-1] + speeds.rest)
+        poses.append(pose)
+        phases.append(_STAY)
+    first = 0 if speeds.rest > 0 else 1
+    return Path(np.array(times[first:]), np.stack(poses[first:]), tuple(phases[first:]))
+
+
+def atomic(action: str, start: Sequence[float], speeds: Speeds) -> Path:
+    """Press, the action, and lift: what is slid or turned is centred on the start.
+
+    ``press`` and ``leave`` are a press and a lift with a pause between.
+
+    Raises:
+        ConfigError: An action that is none.
+    """
+    if action not in _WAYS:
+        raise ConfigError(unknown("action", action, _WAYS))
+    back = 0.5 * np.array(_WAYS[action][:3]) * (speeds.slide, speeds.slide, speeds.turn)
+    if action in ("press", "leave"):
+        return chain(("press", _STAY, "leave"), start, speeds)
+    x, y, angle, *tilt = start
+    moved = (x - back[0], y - back[1], angle - back[2], *tilt)
+    return chain(("press", action, "leave"), moved, speeds)
+
+
+def force_trial(start: Sequence[float], speeds: Speeds) -> Path:
+    """The paper's force collection: press, slide in four directions, lift."""
+    return chain(FORCE_TRIAL, start, speeds)
+
+
+def manipulation(start: Sequence[float], speeds: Speeds, rng: np.random.Generator) -> Path:
+    """A touch as in handling things: presses, slips, turns and tilts at random, six phases long.
+
+    Every motion has several components, so only its press and its lift are named actions.
+    """
+    x, y, angle, *tilt = start
+    pose = np.array([x, y, angle, -0.3, *tilt])
+    times, poses, phases = [0.0, max(speeds.rest, 1e-3)], [pose, pose], [_STAY]
+    spread = np.array([speeds.slide / 2, speeds.slide / 2, speeds.turn, 0, 0.02, 0.02])
+    for phase in ("press", _STAY, _STAY, _STAY, _STAY, "leave"):
+        depth = -0.3 if phase == "leave" else speeds.depth * rng.uniform(0.5, 1)
+        target = np.array([x, y, angle, depth, *tilt]) + spread * rng.uniform(-1, 1, 6)
+        if phase != _STAY:
+            target[[0, 1, 2, 4, 5]] = poses[-1][[0, 1, 2, 4, 5]]
+        times.append(times[-1] + speeds.seconds * rng.uniform(0.5, 1.5))
+        poses.append(target)
+        phases.append(phase)
+    return Path(np.array(times), np.stack(poses), tuple(phases))
+
+
+Motion = Callable[[Sequence[float], Speeds, np.random.Generator], Path]
+
+#: What a scene can be asked to do, by name.
+MOTIONS: dict[str, Motion] = {
+    **{a: lambda start, speeds, _, a=a: atomic(a, start, speeds) for a in ACTIONS},  # type: ignore[misc]
+    "force_trial": lambda start, speeds, _: force_trial(start, speeds),
+    "manipulation": manipulation,
+}
