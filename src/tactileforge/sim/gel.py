@@ -17,7 +17,7 @@ from tactileforge.errors import ConfigError
 #: Beyond this product of wave number and thickness a layer is a half-space.
 _THICK = 30.0
 #: Points a side of the largest grid that a kernel is computed on.
-_LARGEST = 4096
+_LARGEST = 2048
 
 
 @dataclass(frozen=True, kw_only=True)
