@@ -1,11 +1,16 @@
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from PIL import Image
+
+from tactileforge.contracts import Frames
+from tactileforge.testing import check
 
 MakeVideo = Callable[..., Path]
 
@@ -55,3 +60,52 @@ def write(tmp_path: Path) -> Callable[[str, str], Path]:
         return path
 
     return make
+
+
+@pytest.fixture
+def make_images(make_image: MakeVideo) -> Callable[..., None]:
+    """Writes numbered images; image i is of grey level 7 i."""
+
+    def make(pattern: str, numbers: Iterable[int], size: tuple[int, int] = (24, 32)) -> None:
+        for i in numbers:
+            make_image(pattern.format(i), i, size)
+
+    return make
+
+
+@pytest.fixture
+def levels() -> Callable[[Frames | None], list[int]]:
+    """Reads frames and gives the numbers that they show."""
+
+    def read(frames: Frames | None) -> list[int]:
+        assert frames is not None
+        return [round(float(one.mean()) / 7) for one in frames.read(range(len(frames)))]
+
+    return read
+
+
+@pytest.fixture
+def encoded() -> Callable[..., bytes]:
+    """A PNG with room to spare, of grey level 7 i, or of a colour."""
+
+    def make(i: int, size: tuple[int, int] = (24, 32), colour: Any = None) -> bytes:
+        picture = _picture(i, size)
+        if colour is not None:
+            picture[:] = colour
+        buffer = BytesIO()
+        Image.fromarray(picture).save(buffer, "PNG")
+        return buffer.getvalue() + bytes(300)  # readers of images stop at the end of the PNG
+
+    return make
+
+
+@pytest.fixture
+def conforms() -> Callable[..., None]:
+    """Runs the conformance suite on a data set and its options."""
+
+    def run(dataset: type, **options: Any) -> None:
+        results = check("dataset", dataset, **options)
+        assert [one for one in results if one.status == "failed"] == []
+        assert sum(one.status == "ran" for one in results) >= 8
+
+    return run

@@ -1,0 +1,116 @@
+"""The data set ``cloth``: a robot grasps clothing with a GelSight."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from tactileforge.contracts import FrameSubset, Recording
+from tactileforge.datasets.official import ALL, ANYTOUCH2_CLOTH, CLOTH_OFFICIAL
+from tactileforge.datasets.published import Item, Numbered, Published, seconds
+from tactileforge.errors import DataError
+
+_LISTS = {
+    CLOTH_OFFICIAL.name: ("train_data.json", "test_data.json"),
+    ANYTOUCH2_CLOTH.name: ("train_data_new.json", "test_data_new.json"),
+}
+
+
+class Cloth(Published):
+    """Active Clothing: each grasp is a recording, whose first frame is without contact.
+
+    `cloth_metadata.json` has eleven integers a cloth; the last is its class of textile, one of 20.
+    They are kept as ``attribute_0`` to ``attribute_9`` and ``class``.
+
+    Args:
+        root: The folder ``Data_ICRA18``.
+        split: One of ``splits``; all but `all` read their lists from the root.
+        val: Share of the cloths that is held out.
+        fps: Frames per second; it is not published.
+
+    Raises:
+        ConfigError: See `Published`.
+    """
+
+    name = "cloth"
+    sensors = ("gelsight",)
+    tier = 5
+    citation = "Yuan et al., Active Clothing Material Perception, ICRA 2018"
+    url = "http://data.csail.mit.edu/active_clothing/Data_ICRA18.tar"
+    tree = """ROOT/
+  cloth_metadata.json
+  train_data.json, test_data.json          (those of AnyTouch 2 end in _new.json)
+  Data/12/3/gelsight_frame/0001.png ...    (cloth, trial)"""
+    splits = (CLOTH_OFFICIAL, ANYTOUCH2_CLOTH, ALL)
+    provides = frozenset({"object"})
+
+    def __init__(
+        self, root: str = ".", split: str = "cloth-official", val: float = 0.1, fps: float = 30.0
+    ) -> None:
+        super().__init__(root, split, val)
+        self.fps = fps
+
+    def _items(self) -> Iterator[Item]:
+        data = self._folder("Data")
+        sides = self._sides()
+        classes = self._read("cloth_metadata.json")
+        folders = sorted(data.glob("*/*/gelsight_frame"))
+        if not folders:
+            raise self._missing(f"no folder CLOTH/TRIAL/gelsight_frame in {data}")
+        for folder in folders:
+            cloth, trial = folder.parts[-3:-1]
+            key = f"{cloth}/{trial}"
+            opened = partial(self._open, key, folder, classes.get(_plain(cloth), []))
+            side = sides.get((_plain(cloth), _plain(trial)), "")
+            yield Item(key, opened, {"list": side}, group=cloth)
+
+    def _open(self, key: str, folder: Path, classes: list[Any]) -> Recording:
+        touch = Numbered(folder, r"\d+")
+        frames = touch.frames()
+        labels = {f"attribute_{i}": float(value) for i, value in enumerate(classes[:-1])}
+        if classes:
+            labels["class"] = float(classes[-1])
+        return self._recording(
+            key,
+            sensor="gelsight",
+            frames=frames,
+            times=seconds(list(touch.files), self.fps),
+            no_contact=FrameSubset(frames, [0]),
+            object=f"cloth_{_plain(key.split('/')[0])}",
+            labels=labels,
+        )
+
+    def _sides(self) -> dict[tuple[str, str], str]:
+        """Side by cloth and trial, as the lists of the split have it."""
+        found = {}
+        for side, name in zip(("train", "test"), _LISTS.get(self.split, ()), strict=False):
+            for entry in self._read(name).values():
+                try:
+                    place = _plain(entry["cloth_index"]), _plain(entry["trial_index"])
+                except (KeyError, TypeError) as error:
+                    raise DataError(
+                        f"{self.root / name}: {entry!r} has no cloth_index and trial_index; "
+                        "download it again"
+                    ) from error
+                found[place] = side
+        return found
+
+    def _read(self, name: str) -> Mapping[str, Any]:
+        """A JSON object below the root whose keys are plain numbers."""
+        path = self.root / name
+        if not path.is_file():
+            raise self._missing(f"no file {path}")
+        try:
+            found = json.loads(path.read_text(encoding="utf-8"))
+            return {_plain(key): value for key, value in found.items()}
+        except (AttributeError, ValueError) as error:
+            raise DataError(f"{path}: not a JSON object: {error}; download it again") from error
+
+
+def _plain(number: Any) -> str:
+    """A number without leading zeros: folders and lists write them in different ways."""
+    text = str(number)
+    return str(int(text)) if text.isdigit() else text

@@ -1,0 +1,86 @@
+"""The data set ``objectfolder_real``: a robot presses a GelSlim on a hundred objects."""
+
+from __future__ import annotations
+
+import csv
+from collections import defaultdict
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+from tactileforge.contracts import FrameSubset, Recording
+from tactileforge.data.frames import ImageFrames
+from tactileforge.datasets.published import Item, Numbered, Published, seconds
+
+
+class ObjectFolderReal(Published):
+    """ObjectFolder Real: a folder ``gelsight`` is a recording, its first frame the background.
+
+    The names of the camera views are not those of the touches: `contact_text_obj.csv` of TacQuad
+    pairs them (touch, vision, number of a text). Without it, recordings have no view.
+
+    Args:
+        root: Folder with ``tactile``, or that folder itself.
+        split: One of ``splits``.
+        val: Share of the recordings that is held out.
+        fps: Frames per second; the rate of the files is not published.
+
+    Raises:
+        ConfigError: See `Published`.
+    """
+
+    name = "objectfolder_real"
+    sensors = ("gelslim",)
+    tier = 5
+    citation = "Gao et al., The ObjectFolder Benchmark, CVPR 2023"
+    url = "https://objectfolder.stanford.edu/objectfolder-real-download"
+    tree = """ROOT/
+  contact_text_obj.csv         (from https://huggingface.co/datasets/xxuan01/TacQuad)
+  tactile/1/CONTACT/gelsight/0.png ..."""
+    provides = frozenset({"object", "image"})
+
+    def __init__(
+        self, root: str = ".", split: str = "all", val: float = 0.1, fps: float = 30.0
+    ) -> None:
+        super().__init__(root, split, val)
+        self.fps = fps
+
+    def _items(self) -> Iterator[Item]:
+        tactile = self._folder("tactile", "real/tactile", ".")
+        views = _views(tactile)
+        folders = sorted(path for path in tactile.rglob("gelsight") if path.is_dir())
+        if not folders:
+            raise self._missing(f"no folder gelsight in {tactile}")
+        for folder in folders:
+            place = folder.parent.relative_to(tactile)
+            key = place.as_posix()
+            yield Item(key, partial(self._open, key, place.parts[0], folder, views[folder]))
+
+    def _open(self, key: str, name: str, folder: Path, views: list[Path]) -> Recording:
+        touch = Numbered(folder, r"\d+")
+        frames = touch.frames()
+        return self._recording(
+            key,
+            sensor="gelslim",
+            frames=frames,
+            times=seconds(list(touch.files), self.fps),
+            no_contact=FrameSubset(frames, [0]),
+            object=f"objectfolder_{name}",
+            image=ImageFrames(views) if views else None,
+        )
+
+
+def _views(tactile: Path) -> dict[Path, list[Path]]:
+    """The camera views of each folder of touches, in the order of its frames."""
+    pairs: dict[Path, dict[int, Path]] = defaultdict(dict)
+    index = tactile.parent / "contact_text_obj.csv"
+    if index.is_file():
+        with index.open(newline="", encoding="utf-8") as file:
+            for row in csv.reader(file):
+                touch, view = tactile / row[0], tactile / row[1]
+                if touch.stem.isdigit() and view.is_file():
+                    pairs[touch.parent][int(touch.stem)] = view
+    found: dict[Path, list[Path]] = defaultdict(list)
+    for folder, by_number in pairs.items():
+        found[folder] = list(dict.fromkeys(by_number[number] for number in sorted(by_number)))
+    return found

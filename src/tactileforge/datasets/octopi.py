@@ -1,0 +1,117 @@
+"""The data set ``octopi``: PhysiCLeAR, objects pressed and rubbed by hand with a GelSight Mini."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from tactileforge.contracts import FrameSubset, Recording
+from tactileforge.data.frames import VideoFrames
+from tactileforge.datasets.official import ALL, OCTOPI_OFFICIAL
+from tactileforge.datasets.published import Item, Published
+from tactileforge.errors import DataError
+
+_PREFIX = "physiclear_"
+_PROPERTIES = ("hardness", "roughness", "texture")
+_SIDES = {"TRAIN_OBJECTS": "train", "VAL_OBJECTS": "val", "TEST_OBJECTS": "test"}
+
+
+class Octopi(Published):
+    """Octopi: each video is a recording; its first frames are without contact.
+
+    Ranks and words of three properties, and the official split, come from `constants.py` of
+    Octopi's code. It is read as data, not run. Without it there are no ranks; objects that it does
+    not name have none either, and the official split leaves them out.
+
+    Args:
+        root: Checkout of Octopi, or the folder of the videos.
+        split: One of ``splits``.
+        val: Share of the objects that is held out, where the split names none.
+
+    Raises:
+        ConfigError: See `Published`.
+    """
+
+    name = "octopi"
+    sensors = ("gelsight_mini",)
+    tier = 4
+    licence = "none stated, do not redistribute"
+    citation = "Yu et al., Octopi, RSS 2024"
+    url = "https://github.com/clear-nus/octopi"
+    tree = """ROOT/
+  utils/constants.py           (for ranks, and for the split octopi-official)
+  dataset/aluminium_foil_0.mov ..."""
+    splits = (ALL, OCTOPI_OFFICIAL)
+    provides = frozenset({"object", "text"})
+
+    def _items(self) -> Iterator[Item]:
+        folder = self._folder("dataset", ".")
+        videos = sorted(folder.glob("*.mov"), key=_place)
+        if not videos:
+            raise self._missing(f"no file *.mov in {folder}")
+        constants = _constants(self.root)
+        sides = {str(name): side for key, side in _SIDES.items() for name in constants.get(key, ())}
+        if not sides and self.split == OCTOPI_OFFICIAL.name:
+            raise self._missing(f"no list of objects in {self.root / 'utils' / 'constants.py'}")
+        for path in videos:
+            name = _place(path)[0]
+            opened = partial(self._open, path, name, _ranks(_PREFIX + name, constants))
+            yield Item(path.stem, opened, {"list": sides.get(_PREFIX + name, "")}, group=name)
+
+    def _open(self, path: Path, name: str, ranks: dict[str, tuple[float, str]]) -> Recording:
+        frames = VideoFrames(path)
+        still = max(1, min(3, len(frames) // 2))
+        phrases = [f"{{action}} {name}".replace("_", " "), *(word for _, word in ranks.values())]
+        return self._recording(
+            path.stem,
+            sensor="gelsight_mini",
+            frames=frames,
+            times=frames.times,
+            no_contact=FrameSubset(frames, range(still)),
+            object=name,
+            text=", ".join(phrases),
+            labels={key: rank for key, (rank, _) in ranks.items()},
+        )
+
+
+def _place(path: Path) -> tuple[str, int]:
+    """Object and number of a video; one without a number is the first."""
+    name, _, number = path.stem.rpartition("_")
+    return (name, int(number)) if name and number.isdigit() else (path.stem, 0)
+
+
+def _constants(root: Path) -> dict[str, Any]:
+    """The literals of Octopi's constants, by name; {} where the file is not there."""
+    places = (root / "utils", root / "src" / "utils", root.parent / "utils", root)
+    path = next((p / "constants.py" for p in places if (p / "constants.py").is_file()), None)
+    if path is None:
+        return {}
+    try:
+        body = ast.parse(path.read_text(encoding="utf-8")).body
+    except (SyntaxError, ValueError) as error:
+        raise DataError(f"{path}: not the constants of Octopi: {error}; download it") from error
+    found = {}
+    for node in body:
+        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
+            name = node.targets[0].id
+            if re.fullmatch(r"\w+_(OBJECTS|RANK|MAP)", name):
+                try:
+                    found[name] = ast.literal_eval(node.value)
+                except ValueError as error:
+                    raise DataError(f"{path}: {name} is no literal; download it again") from error
+    return found
+
+
+def _ranks(name: str, constants: dict[str, Any]) -> dict[str, tuple[float, str]]:
+    """Rank and word of each property of an object; {} where it has none."""
+    ranks = {}
+    for key in _PROPERTIES:
+        rank = constants.get(f"{key.upper()}_RANK", {}).get(name)
+        word = constants.get(f"{key.upper()}_MAP", {}).get(rank)
+        if rank is not None and word is not None:
+            ranks[key] = (float(rank), str(word))
+    return ranks

@@ -1,0 +1,164 @@
+"""The splits that papers report on, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+_NONE: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True)
+class Split:
+    """Which recordings are for training, validation and test, by one fact that is known of each.
+
+    Attributes:
+        name: What users write.
+        about: Where it comes from.
+        fact: The fact that decides; its values are below.
+        train: Values of training; None stands for every value that is not named elsewhere.
+        test: Values of test.
+        val: Values of validation. Without any, a share of the training is held out.
+
+    Example:
+        >>> split = Split("mine", "", "object", train=None, test=frozenset({"cup"}))
+        >>> split.side({"object": "cup"}), split.side({"object": "mug"})
+        ('test', 'train')
+    """
+
+    name: str
+    about: str
+    fact: str = ""
+    train: frozenset[str] | None = None
+    test: frozenset[str] = _NONE
+    val: frozenset[str] = _NONE
+
+    def side(self, facts: Mapping[str, str]) -> str | None:
+        """``train``, ``val`` or ``test``; None for what the split leaves out."""
+        value = facts.get(self.fact, "")
+        for side, values in (("test", self.test), ("val", self.val)):
+            if value in values:
+                return side
+        return "train" if self.train is None or value in self.train else None
+
+
+def _named(*values: str | int) -> frozenset[str]:
+    return frozenset(map(str, values))
+
+
+def _lists(name: str, about: str) -> Split:
+    """A split that lists shipped with the data say; the reader gives the list as a fact."""
+    return Split(name, about, "list", _named("train"), _named("test"), _named("val"))
+
+
+ALL = Split("all", "everything is for training")
+
+TAG_MATERIAL = _lists("tag-material", "train.txt and test.txt of Touch and Go: 20 materials")
+TAG_ROUGH = _lists("tag-rough", "train_rough.txt and test_rough.txt of Touch and Go: two classes")
+ANYTOUCH2_MATERIAL = _lists(
+    "anytouch2-material", "train_bg.txt and test_bg.txt of AnyTouch 2: materials, with backgrounds"
+)
+ANYTOUCH2_ROUGH = _lists(
+    "anytouch2-rough", "train_rough_bg.txt and test_rough_bg.txt of AnyTouch 2, with backgrounds"
+)
+TVL_OFFICIAL = _lists("tvl-official", "train.csv and test.csv of TVL")
+OCTOPI_OFFICIAL = _lists("octopi-official", "objects in utils/constants.py of Octopi")
+CLOTH_OFFICIAL = _lists("cloth-official", "train_data.json and test_data.json of the data set")
+ANYTOUCH2_CLOTH = _lists(
+    "anytouch2-official", "train_data_new.json and test_data_new.json of AnyTouch 2"
+)
+
+_BENCH_TRAIN = _named(6, 41, 52, 53, 59, 69, 70)
+_BENCH_TEST = _named(18, 22, 61)
+TOUCHD_BENCH = Split(
+    "anytouch2-official",
+    "ToucHD Bench: seven indenters to train a probe, three to test it",
+    "indenter",
+    _BENCH_TRAIN,
+    _BENCH_TEST,
+)
+TOUCHD_PRETRAIN = Split(
+    "anytouch2-pretrain",
+    "the ten indenters of ToucHD Bench are kept out of the training",
+    "indenter",
+    None,
+    _BENCH_TRAIN | _BENCH_TEST,
+)
+
+# Those of Sparsh's tasks by sensor; the fact is ``PROBE/batch_N``.
+_FORCE_OFFICIAL = {
+    "digit": Split(
+        "sparsh-official",
+        "T1 of Sparsh",
+        "batch",
+        _named("sphere/batch_1", "sharp/batch_1", "flat/batch_2"),
+        _named("flat/batch_1"),
+    ),
+    "gelsight_mini": Split(
+        "sparsh-official",
+        "T1 of Sparsh",
+        "batch",
+        _named("sphere/batch_1", "sphere/batch_2", "sharp/batch_1", "sharp/batch_2"),
+        _named("flat/batch_1"),
+    ),
+}
+_FORCE_PORT = {
+    "digit": Split(
+        "anytouch2-port",
+        "T1 as AnyTouch 2 ports it",
+        "batch",
+        _named("sphere/batch_2", "sharp/batch_2"),
+        _named("flat/batch_1"),
+    ),
+    "gelsight_mini": Split(
+        "anytouch2-port",
+        "T1 as AnyTouch 2 ports it",
+        "batch",
+        _named(*(f"sphere/batch_{i}" for i in range(1, 5)), "sharp/batch_1", "sharp/batch_2"),
+        _named("flat/batch_1", "flat/batch_2"),
+    ),
+}
+_SPHERE2 = _named("sphere2/batch_1", "sphere2/batch_2", "sphere2/batch_3")
+_SLIP_OFFICIAL = {
+    "digit": Split(
+        "sparsh-official", "T2 of Sparsh", "batch", _SPHERE2, _named("sphere2/batch_test")
+    ),
+    "gelsight_mini": Split(
+        "sparsh-official",
+        "T2 of Sparsh; its test batch is not on Hugging Face",
+        "batch",
+        _named(*(f"sphere/batch_{i}" for i in (1, 3, 4, 5, 6))),
+        _named("sphere/batch_test"),
+    ),
+}
+_SLIP_PORT = {
+    "digit": Split(
+        "anytouch2-port",
+        "T2 as AnyTouch 2 ports it",
+        "batch",
+        _SPHERE2,
+        _named("sphere2/batch_test"),
+    ),
+    "gelsight_mini": Split(
+        "anytouch2-port",
+        "T2 as AnyTouch 2 ports it: batch 6 is test",
+        "batch",
+        _named(*(f"sphere/batch_{i}" for i in (1, 3, 4, 5))),
+        _named("sphere/batch_6"),
+    ),
+}
+POSE_OFFICIAL = Split(
+    "sparsh-official",
+    "T3 of Sparsh: its folders train and test",
+    "folder",
+    _named("train"),
+    _named("test"),
+)
+
+#: Splits by sensor.
+FORCE_SPLITS = {
+    sensor: (_FORCE_OFFICIAL[sensor], _FORCE_PORT[sensor], ALL) for sensor in _FORCE_OFFICIAL
+}
+SLIP_SPLITS = {
+    sensor: (_SLIP_OFFICIAL[sensor], _SLIP_PORT[sensor], ALL) for sensor in _SLIP_OFFICIAL
+}

@@ -1,0 +1,82 @@
+"""The data set ``ssvtp``: a robot presses a DIGIT on textiles and photographs them."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from tactileforge.contracts import Recording
+from tactileforge.data.frames import ImageFrames
+from tactileforge.datasets.official import ALL, TVL_OFFICIAL
+from tactileforge.datasets.published import Item, Numbered, Published
+
+
+class Ssvtp(Published):
+    """SSVTP, as TVL ships it with captions: each press is one frame, without a background.
+
+    Args:
+        root: Folder with ``images_tac``, or the folder above it.
+        split: One of ``splits``.
+        val: Share of the presses that is held out.
+
+    Raises:
+        ConfigError: See `Published`.
+    """
+
+    name = "ssvtp"
+    sensors = ("digit",)
+    tier = 5
+    licence = "none stated"
+    citation = "Kerr et al., Self-Supervised Visuo-Tactile Pretraining to Locate Garments, RSS 2023"
+    url = "https://huggingface.co/datasets/mlfu7/Touch-Vision-Language-Dataset"
+    tree = """ROOT/ssvtp/
+  train.csv, test.csv          (images_rgb/image_12_rgb.jpg, caption)
+  images_tac/image_12_tac.jpg ...
+  images_rgb/image_12_rgb.jpg ...
+  text/labels_12.txt ..."""
+    splits = (TVL_OFFICIAL, ALL)
+    provides = frozenset({"text", "image"})
+
+    def __init__(self, root: str = ".", split: str = "tvl-official", val: float = 0.1) -> None:
+        super().__init__(root, split, val)
+
+    def _items(self) -> Iterator[Item]:
+        touch = self._folder("images_tac", "ssvtp/images_tac", "tvl_dataset/ssvtp/images_tac")
+        tests = _numbers(touch.parent / "test.csv")
+        views = Numbered(touch.parent / "images_rgb", r"image_\d+_rgb")
+        for number, path in Numbered(touch, r"image_\d+_tac").files.items():
+            opened = partial(self._open, str(number), path, views.files.get(number))
+            side = "test" if number in tests else "train"
+            yield Item(str(number), opened, {"list": side})
+
+    def _open(self, key: str, path: Path, view: Path | None) -> Recording:
+        caption = path.parents[1] / "text" / f"labels_{key}.txt"
+        return self._recording(
+            key,
+            sensor="digit",
+            frames=ImageFrames([path]),
+            times=np.zeros(1),
+            no_contact=None,
+            text=_first_line(caption) or None,
+            image=ImageFrames([view]) if view else None,
+        )
+
+
+def _first_line(path: Path) -> str:
+    if not path.is_file():
+        return ""
+    return path.read_text(encoding="utf-8").strip().partition("\n")[0].strip()
+
+
+def _numbers(path: Path) -> set[int]:
+    """Numbers of the images that a list names; none where there is no list."""
+    if not path.is_file():
+        return set()
+    with path.open(newline="", encoding="utf-8") as file:
+        names = [re.search(r"image_(\d+)_rgb", row[0]) for row in csv.reader(file) if row]
+    return {int(found[1]) for found in names if found}

@@ -1,0 +1,123 @@
+"""The data set ``tacquad``: the same objects touched by four sensors, three of them optical."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+from tactileforge.contracts import Frames, FrameSubset, Recording
+from tactileforge.data.frames import ImageFrames
+from tactileforge.datasets.published import Item, Numbered, Published, rate, seconds
+from tactileforge.errors import DataError
+
+#: Sensor by folder, in the order of the columns of the index.
+_SENSORS = {"gelsight": "gelsight_mini", "digit": "digit", "duragel": "duragel"}
+#: Items that the index and the folders may call by different names, and the one that is kept.
+_ALIASES = {"yumaoqiu": "shuttlecock"}
+
+
+class TacQuad(Published):
+    """TacQuad: a contact of one item and one optical sensor is a recording.
+
+    The contacts are those of the index, both ends included. Camera and touch have different numbers
+    of frames: touch frame ``t`` of ``n`` is paired with view ``int(t / n * m)`` of ``m``. Frames
+    before the contact are the background; where the contact begins at once there is none.
+
+    Args:
+        root: Folder of the data.
+        split: One of ``splits``.
+        val: Share of the items that is held out.
+        fps: Frames per second; None takes those of the sensor. It is not published.
+
+    Raises:
+        ConfigError: See `Published`.
+    """
+
+    name = "tacquad"
+    sensors = ("gelsight_mini", "digit", "duragel")
+    tier = 4
+    citation = "Feng et al., AnyTouch, ICLR 2025"
+    url = "https://huggingface.co/datasets/xxuan01/TacQuad"
+    tree = """ROOT/
+  contact_indoor.csv, contact_outdoor.csv   (item, then first and last frame of each sensor)
+  data_indoor/ITEM/                         (data_outdoor alike)
+    gelsight/0.png ...     img_gelsight/0.png ...
+    digit/0.png ...        img_digit/0.png ...
+    duragel/0.png ...      img_duragel/0.png ..."""
+    provides = frozenset({"object", "text", "image"})
+
+    def __init__(
+        self, root: str = ".", split: str = "all", val: float = 0.1, fps: float | None = None
+    ) -> None:
+        super().__init__(root, split, val)
+        self.fps = fps
+
+    def _items(self) -> Iterator[Item]:
+        root = self.root / "tacquad" if (self.root / "tacquad").is_dir() else self.root
+        found = False
+        for area in ("indoor", "outdoor"):
+            index = root / f"contact_{area}.csv"
+            if not index.is_file():
+                continue
+            found = True
+            for i, (name, ranges) in enumerate(_read(index)):
+                item = f"{area}/{i}_{name}"
+                for folder, contact in zip(_SENSORS, ranges, strict=True):
+                    key = f"{item}/{folder}"
+                    place = root / f"data_{area}"
+                    yield Item(key, partial(self._open, key, place, name, contact), group=item)
+        if not found:
+            raise self._missing(f"no index {root / 'contact_indoor.csv'}")
+
+    def _open(self, key: str, place: Path, name: str, contact: tuple[int, int]) -> Recording:
+        item, folder = _named(place, name), key.rpartition("/")[2]
+        touch, sensor = Numbered(item / folder, r"\d+"), _SENSORS[folder]
+        first, last = contact
+        numbers = [number for number in touch.files if first <= number <= last]
+        if not numbers:
+            raise DataError(
+                f"{touch.folder}: no image from {first} to {last}, as the index says; download it "
+                "again"
+            )
+        before = [path for number, path in touch.files.items() if number < first][:3]
+        return self._recording(
+            key,
+            sensor=sensor,
+            frames=ImageFrames([touch.files[number] for number in numbers]),
+            times=seconds(numbers, rate(sensor, self.fps)),
+            no_contact=ImageFrames(before) if before else None,
+            object=key.rpartition("/")[0],
+            text=f"{{action}} {name}".replace("_", " "),
+            image=_views(item / f"img_{folder}", numbers, len(touch.files)),
+        )
+
+
+def _read(index: Path) -> Iterator[tuple[str, list[tuple[int, int]]]]:
+    """Item, and first and last frame of the contact for each sensor, of each row."""
+    with index.open(newline="", encoding="utf-8-sig") as file:
+        for i, row in enumerate(csv.reader(file), start=1):
+            if len(row) < 7 or not all(cell.strip().isdigit() for cell in row[1:7]):
+                raise DataError(
+                    f"{index}, line {i}: {row} is not an item and six numbers; download it again"
+                )
+            name, numbers = row[0].strip(), [int(cell) for cell in row[1:7]]
+            yield _ALIASES.get(name, name), list(zip(numbers[::2], numbers[1::2], strict=True))
+
+
+def _named(place: Path, name: str) -> Path:
+    """The folder of an item, also where it goes by its other name."""
+    others = (other for other, kept in _ALIASES.items() if kept == name)
+    for candidate in (name, *others):
+        if (place / candidate).is_dir():
+            return place / candidate
+    raise DataError(f"{place / name}: no such folder, although the index names it; download it")
+
+
+def _views(folder: Path, numbers: list[int], touches: int) -> Frames | None:
+    views = Numbered(folder, r"\d+").files
+    if not views:
+        return None
+    rows = [min(int(number / touches * len(views)), len(views) - 1) for number in numbers]
+    return FrameSubset(ImageFrames(list(views.values())), rows)

@@ -1,0 +1,100 @@
+"""The data set ``touchd_mani``: manipulation with two tactile fingers, filmed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from tactileforge.contracts import Recording
+from tactileforge.datasets.layout import check_sensor
+from tactileforge.datasets.published import Item, Numbered, Published, rate, seconds, still
+from tactileforge.errors import DataError
+
+
+class TouchdMani(Published):
+    """ToucHD (Mani), in a neutral layout: that of the release is not public.
+
+    Bring your copy into this form. Each folder with `episode.json` is an episode, each finger that
+    it names is a recording::
+
+        {"task": "insert a usb plug", "object": "usb_plug", "fps": 30,
+         "fingers": {"left": "digit", "right": "gelsight_mini"}}
+
+    ``fingers`` is needed. The images of a finger lie in a folder of its name, numbered; the camera
+    views, if there are any, in ``camera``, in any number. A background is ``FINGER_background.png``
+    beside them; without it nothing is subtracted.
+
+    Args:
+        root: Folder of the episodes.
+        split: One of ``splits``.
+        val: Share of the episodes that is held out.
+
+    Raises:
+        ConfigError: See `Published`.
+    """
+
+    name = "touchd_mani"
+    sensors = ("digit", "gelsight_mini", "duragel")
+    tier = 2
+    licence = "that of the form on its page"
+    citation = "Feng et al., AnyTouch 2, ICLR 2026"
+    url = "https://huggingface.co/datasets/BAAI/ToucHD-Mani"
+    tree = """ROOT/EPISODE/                  (a neutral layout, see the class)
+  episode.json
+  left/0.png ...       left_background.png
+  right/0.png ...      right_background.png
+  camera/0.png ..."""
+    provides = frozenset({"object", "text", "image"})
+
+    def _items(self) -> Iterator[Item]:
+        files = sorted(self._folder(".").rglob("episode.json"))
+        if not files:
+            raise self._missing(f"no folder with episode.json in {self.root}")
+        for path in files:
+            place = path.parent.relative_to(self.root).as_posix()
+            try:
+                episode = _read(path)
+            except DataError as error:
+                self._skip(str(error))
+                continue
+            for finger, sensor in episode["fingers"].items():
+                key = f"{place}/{finger}"
+                opened = partial(self._open, key, path.parent, finger, sensor, episode)
+                yield Item(key, opened, group=place)
+
+    def _open(
+        self, key: str, place: Path, finger: str, sensor: str, episode: dict[str, Any]
+    ) -> Recording:
+        touch, views = Numbered(place / finger), Numbered(place / "camera")
+        frames = touch.frames()
+        return self._recording(
+            key,
+            sensor=sensor,
+            frames=frames,
+            times=seconds(list(touch.files), rate(sensor, episode.get("fps"))),
+            no_contact=still(place / f"{finger}_background.png", frames),
+            object=episode.get("object"),
+            text=episode.get("task"),
+            image=views.frames() if views.files else None,
+        )
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """An episode whose fields have their types and whose sensors are known."""
+    try:
+        episode = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise DataError(f"{path}: not JSON: {error}; correct it") from error
+    kinds: dict[str, Any] = {"fingers": dict, "task": str, "object": str, "fps": int | float}
+    for key, kind in kinds.items():
+        value: Any = episode.get(key) if isinstance(episode, dict) else None
+        if value is None and key != "fingers":
+            continue
+        if not isinstance(value, kind) or (key == "fps" and not value > 0):
+            raise DataError(f"{path}: {key} is {value!r}; see the layout of touchd_mani")
+    for sensor in episode["fingers"].values():
+        check_sensor(str(sensor), str(path))
+    return dict(episode)

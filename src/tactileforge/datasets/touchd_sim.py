@@ -1,0 +1,74 @@
+"""The data set ``touchd_sim``: simulated motions of a thousand objects on five sensors."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from tactileforge.contracts import ACTIONS, Recording
+from tactileforge.datasets.published import Item, Numbered, Published, seconds, still
+from tactileforge.errors import DataError, unknown
+
+_FPS = 30.0
+
+
+class TouchdSim(Published):
+    """ToucHD (Sim), in a neutral layout: that of the release is not public.
+
+    Bring your copy into this form: ``OBJECT/ACTION/SENSOR/NUMBER.png``. An action is one of
+    `contracts.ACTIONS`; a sensor is one of ``sensors``, with a number behind it where a type has
+    several units (``digit_2``); ``background.png`` lies beside the frames, and without it nothing
+    is subtracted. One object may be touched again: ``OBJECT/ACTION-2/...``. The paper turns slides
+    to the left and right by a quarter to have them up and down; that is not done here.
+
+    Args:
+        root: Folder of the objects.
+        split: One of ``splits``.
+        val: Share of the objects that is held out.
+
+    Raises:
+        ConfigError: See `Published`.
+    """
+
+    name = "touchd_sim"
+    sensors = ("gelsight", "digit", "gelsight_mini", "gelslim", "duragel")
+    tier = 3
+    licence = "that of the form on its page"
+    citation = "Feng et al., AnyTouch 2, ICLR 2026"
+    url = "https://huggingface.co/collections/BAAI/touchd"
+    tree = """ROOT/OBJECT/slide_left/digit_1/    (a neutral layout, see the class)
+  0.png ...
+  background.png"""
+    provides = frozenset({"action", "object", "text"})
+
+    def _items(self) -> Iterator[Item]:
+        folders = sorted(path for path in self._folder(".").glob("*/*/*") if path.is_dir())
+        if not folders:
+            raise self._missing(f"no folder OBJECT/ACTION/SENSOR in {self.root}")
+        for folder in folders:
+            key = folder.relative_to(self.root).as_posix()
+            yield Item(key, partial(self._open, key, folder), group=key.split("/")[0])
+
+    def _open(self, key: str, folder: Path) -> Recording:
+        name, action, unit = key.split("/")
+        action = re.sub(r"-\d+$", "", action)
+        sensor = re.sub(r"_\d+$", "", unit)
+        for what, value, known in (("action", action, ACTIONS), ("sensor", sensor, self.sensors)):
+            if value not in known:
+                raise DataError(f"{folder}: {unknown(what, value, known, 'Rename the folder')}")
+        touch = Numbered(folder, r"\d+")
+        frames = touch.frames()
+        return self._recording(
+            key,
+            sensor=sensor,
+            frames=frames,
+            times=seconds(list(touch.files), _FPS),
+            no_contact=still(folder / "background.png", frames),
+            action=np.full(len(frames), ACTIONS.index(action), np.int64),
+            object=name,
+            text=f"{{action}} {name}".replace("_", " "),
+        )

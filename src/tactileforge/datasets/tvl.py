@@ -1,0 +1,144 @@
+"""The data set ``tvl``: a hand-held DIGIT and a camera in the wild, with captions (HCT of TVL)."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from collections.abc import Iterator
+from functools import partial
+from itertools import groupby
+from pathlib import Path
+from typing import NamedTuple
+
+from tactileforge.contracts import Recording
+from tactileforge.data.frames import ImageFrames
+from tactileforge.datasets.official import ALL, TVL_OFFICIAL
+from tactileforge.datasets.published import Item, Published, runs, seconds, still
+from tactileforge.errors import DataError
+
+
+class _Row(NamedTuple):
+    """A pair of frames: paths from the folder of the part, and what they feel like."""
+
+    touch: str
+    vision: str
+    background: str
+    caption: str
+    side: str
+
+    @property
+    def number(self) -> int:
+        """The number of the frame: files are ``NUMBER-SECONDS.jpg``."""
+        found = re.match(r"\d+", Path(self.touch).name)
+        if not found:
+            raise DataError(f"{self.touch}: its name begins with no number; download it again")
+        return int(found[0])
+
+
+class Tvl(Published):
+    """TVL without SSVTP (that is ``ssvtp``): runs of frames in contact with one caption.
+
+    The captions of a run stay the same, so do those of `train.csv` and `test.csv`; where they are
+    missing, `contact.json` says what is in contact. In the first release the folders ``tactile``
+    and ``vision`` were swapped: of the two images, the smaller is taken as the touch. A background
+    that is missing is replaced by ``digit_background.png`` of the part, or left out.
+
+    Args:
+        root: Folder with ``hct`` or ``data1`` to ``data3``.
+        split: One of ``splits``.
+        val: Share of the touches that is held out.
+        fps: Frames per second; it is not published.
+
+    Raises:
+        ConfigError: See `Published`.
+    """
+
+    name = "tvl"
+    sensors = ("digit",)
+    tier = 5
+    licence = "none stated"
+    citation = "Fu et al., A Touch Vision and Language Dataset for Multimodal Alignment, ICML 2024"
+    url = "https://huggingface.co/datasets/mlfu7/Touch-Vision-Language-Dataset"
+    tree = """ROOT/hct/data1/              (data2, data3 alike)
+  train.csv, test.csv          (vision, tactile, background, caption)
+  contact.json
+  digit_background.png
+  RECORDING/tactile/12-0.034.jpg ...
+  RECORDING/vision/12-0.034.jpg ..."""
+    splits = (TVL_OFFICIAL, ALL)
+    provides = frozenset({"text", "image"})
+
+    def __init__(
+        self, root: str = ".", split: str = "tvl-official", val: float = 0.1, fps: float = 30.0
+    ) -> None:
+        super().__init__(root, split, val)
+        self.fps = fps
+
+    def _items(self) -> Iterator[Item]:
+        parts = sorted(self._folder("hct", "tvl_dataset/hct", ".").glob("data[0-9]*"))
+        if not parts:
+            raise self._missing(f"no folder data1 in {self.root}")
+        for part in parts:
+            rows = {(row.side, _folder(row), row.number): row for row in self._rows(part)}
+            for (side, folder), group in groupby(sorted(rows), lambda place: place[:2]):
+                found = [rows[place] for place in group]
+                for run in runs([row.number for row in found], [row.caption for row in found]):
+                    key = f"{part.name}/{folder}/{side}_{found[run][0].number}"
+                    opened = partial(self._open, key, part, found[run])
+                    yield Item(key, opened, {"list": side}, group=f"{part.name}/{folder}")
+
+    def _rows(self, part: Path) -> list[_Row]:
+        found = []
+        for side in ("train", "test"):
+            path = part / f"{side}.csv"
+            if path.is_file():
+                with path.open(newline="", encoding="utf-8") as file:
+                    for i, cells in enumerate(list(csv.reader(file))[1:], start=2):
+                        if len(cells) != 4:
+                            raise DataError(
+                                f"{path}, line {i}: {len(cells)} cells, where vision, tactile, "
+                                "background and caption belong; download it again"
+                            )
+                        vision, touch, background, caption = map(str.strip, cells)
+                        found.append(_Row(touch, vision, background, caption, side))
+        return found or self._in_contact(part / "contact.json")
+
+    def _in_contact(self, path: Path) -> list[_Row]:
+        if not path.is_file():
+            raise self._missing(f"neither {path.with_name('train.csv')} nor {path}")
+        try:
+            lists = json.loads(path.read_text(encoding="utf-8"))
+            touches = lists["tactile"]
+            nothing = [""] * len(touches)
+            backgrounds = lists.get("background") or nothing
+            rows = zip(touches, lists["vision"], backgrounds, nothing, strict=True)
+            return [_Row(str(t), str(v), str(b), c, "train") for t, v, b, c in rows]
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            raise DataError(
+                f"{path}: not lists of equal length under tactile and vision ({error!r}); "
+                "download it again"
+            ) from error
+
+    def _open(self, key: str, part: Path, rows: list[_Row]) -> Recording:
+        numbers = [row.number for row in rows]
+        frames = ImageFrames([part / row.touch for row in rows])
+        views = [part / row.vision for row in rows]
+        image = ImageFrames(views) if all(path.is_file() for path in views) else None
+        if image and image.shape[0] * image.shape[1] < frames.shape[0] * frames.shape[1]:
+            frames, image = image, frames
+        own = part / rows[0].background
+        background = own if own.is_file() else part / "digit_background.png"
+        return self._recording(
+            key,
+            sensor="digit",
+            frames=frames,
+            times=seconds(numbers, self.fps),
+            no_contact=still(background, frames),
+            text=rows[0].caption or None,
+            image=image,
+        )
+
+
+def _folder(row: _Row) -> str:
+    return Path(row.touch).parent.parent.as_posix()

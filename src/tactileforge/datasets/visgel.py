@@ -1,0 +1,59 @@
+"""The data set ``visgel``: a robot pokes objects with a GelSight, filmed by a camera."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+
+from tactileforge.contracts import FrameSubset, Recording
+from tactileforge.datasets.published import Item, Numbered, Published, seconds
+
+
+class VisGel(Published):
+    """VisGel: each sequence is a recording, whose first frame is without contact.
+
+    Args:
+        root: Folder with ``images``, or with ``touch`` and ``vision``.
+        split: One of ``splits``.
+        val: Share of the sequences that is held out.
+        fps: Frames per second; it is not published.
+
+    Raises:
+        ConfigError: See `Published`.
+    """
+
+    name = "visgel"
+    sensors = ("gelsight",)
+    tier = 5
+    citation = "Li et al., Connecting Touch and Vision via Cross-Modal Prediction, CVPR 2019"
+    url = "https://github.com/YunzhuLi/VisGel"
+    tree = """ROOT/images/
+  touch/SEQUENCE/frame0000.jpg ...
+  vision/SEQUENCE/frame0000.jpg ..."""
+    provides = frozenset({"image"})
+
+    def __init__(
+        self, root: str = ".", split: str = "all", val: float = 0.1, fps: float = 30.0
+    ) -> None:
+        super().__init__(root, split, val)
+        self.fps = fps
+
+    def _items(self) -> Iterator[Item]:
+        touch = self._folder("images/touch", "touch")
+        for folder in sorted(path for path in touch.rglob("*") if path.is_dir()):
+            files = Numbered(folder, r"frame\d+")
+            if files.files:
+                key = folder.relative_to(touch).as_posix()
+                vision = Numbered(touch.parent / "vision" / key, r"frame\d+")
+                yield Item(key, partial(self._open, key, files, vision))
+
+    def _open(self, key: str, touch: Numbered, vision: Numbered) -> Recording:
+        frames, numbers = touch.frames(), list(touch.files)
+        return self._recording(
+            key,
+            sensor="gelsight",
+            frames=frames,
+            times=seconds(numbers, self.fps),
+            no_contact=FrameSubset(frames, [0]),
+            image=vision.nearest(numbers),
+        )

@@ -1,0 +1,46 @@
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tactileforge.datasets.objectfolder_real import ObjectFolderReal
+
+Make = Callable[..., Any]
+
+
+@pytest.fixture
+def root(tmp_path: Path, make_images: Make, write: Make) -> Path:
+    for contact in ("1/0", "1/1", "2/0"):
+        make_images(f"tactile/{contact}/gelsight/{{}}.png", range(11))
+    make_images("tactile/1/0/camera/{}.png", (4, 9), (60, 80))
+    rows = [f"1/0/gelsight/{i}.png,1/0/camera/{4 if i < 6 else 9}.png,17\n" for i in (10, 5, 3)]
+    gone = "2/0/gelsight/3.png,2/0/camera/0.png,18\n"
+    write("contact_text_obj.csv", "".join(rows) + gone)
+    return tmp_path
+
+
+def test_recordings(root: Path, levels: Make) -> None:
+    found = {one.key: one for one in ObjectFolderReal(str(root), val=0).recordings("train")}
+    assert sorted(found) == [f"objectfolder_real/{place}" for place in ("1/0", "1/1", "2/0")]
+    one = found["objectfolder_real/1/0"]
+    assert levels(one.frames) == list(range(11)), "by number: 10 after 9"
+    assert (levels(one.no_contact), levels(one.image)) == ([0], [4, 9])
+    assert (one.object, one.sensor) == ("objectfolder_1", "gelslim")
+    assert found["objectfolder_real/2/0"].image is None, "its view is not there"
+
+
+def test_without_the_index_there_are_no_views(root: Path) -> None:
+    (root / "contact_text_obj.csv").unlink()
+    assert all(one.image is None for one in ObjectFolderReal(str(root), val=0).recordings("train"))
+
+
+def test_a_damaged_recording_is_named(root: Path) -> None:
+    (root / "tactile/1/1/gelsight/7.png").write_bytes(b"\x89PNG")
+    data = ObjectFolderReal(str(root), val=0)
+    assert len(list(data.recordings("train"))) == 2
+    assert "1/1/gelsight/7.png" in data.skipped[0]
+
+
+def test_conformance(root: Path, conforms: Make) -> None:
+    conforms(ObjectFolderReal, root=str(root), val=0.0)

@@ -1,0 +1,102 @@
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from tactileforge.datasets.octopi import Octopi
+from tactileforge.errors import DataError, DataNotFoundError
+
+Make = Callable[..., Any]
+CONSTANTS = """
+import os
+os.mkdir("executed")
+TRAIN_OBJECTS = ["physiclear_leather_book", "physiclear_cup"]
+VAL_OBJECTS = ["physiclear_pen"]
+TEST_OBJECTS = ["physiclear_orange"]
+HARDNESS_RANK = {"physiclear_leather_book": 2, "physiclear_pen": 9}
+HARDNESS_MAP = {0: "soft", 1: "moderately hard", 2: "hard"}
+ROUGHNESS_RANK = {"physiclear_leather_book": 0}
+ROUGHNESS_MAP = {0: "smooth"}
+"""
+
+
+def video(path: Path, count: int) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 25, (48, 32))
+    for i in range(count):
+        writer.write(np.full((32, 48, 3), 7 * i, np.uint8))
+    writer.release()
+
+
+@pytest.fixture
+def root(tmp_path: Path, write: Make) -> Path:
+    for name in ("leather_book_2", "leather_book_10", "cup_0", "pen_0", "orange_0", "pear_0"):
+        video(tmp_path / "dataset" / f"{name}.mov", 8)
+    write("utils/constants.py", CONSTANTS)
+    return tmp_path
+
+
+def test_videos_and_ranks(root: Path, levels: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(root)
+    found = {one.key: one for one in Octopi(str(root), val=0).recordings("train")}
+    names = [key.removeprefix("octopi/") for key in found]
+    want = ["cup_0", "leather_book_2", "leather_book_10", "orange_0", "pear_0", "pen_0"]
+    assert names == want, "2 before 10"
+    book = found["octopi/leather_book_2"]
+    assert (book.object, book.sensor, book.tier) == ("leather_book", "gelsight_mini", 4)
+    assert book.text == "{action} leather book, hard, smooth"
+    assert book.labels == {"hardness": 2.0, "roughness": 0.0}
+    assert levels(book.no_contact) == [0, 1, 2]
+    np.testing.assert_allclose(book.times, np.arange(8) / 25)
+    assert found["octopi/pen_0"].text == "{action} pen", "there is no word for rank 9"
+    assert not (root / "executed").exists(), "constants are read, not run"
+
+
+def test_the_official_split(root: Path) -> None:
+    data = Octopi(str(root), split="octopi-official", val=0.5)
+    sides = {side: {one.object for one in data.recordings(side)} for side in ("train", "val")}
+    assert sides == {"train": {"leather_book", "cup"}, "val": {"pen"}}
+    assert {one.object for one in data.recordings("test")} == {"orange"}
+    (root / "utils/constants.py").unlink()
+    with pytest.raises(DataNotFoundError, match=r"no list of objects in .*constants\.py"):
+        list(data.recordings("train"))
+
+
+def test_defects(root: Path, write: Make, levels: Make) -> None:
+    video(root / "dataset/sponge.mov", 3)
+    write("dataset/pen_1.mov", "no video")
+    data = Octopi(str(root), val=0)
+    found = {one.object: one for one in data.recordings("train")}
+    assert levels(found["sponge"].no_contact) == [0], "three frames, two of them left to learn from"
+    assert len(data.skipped) == 1
+    assert "pen_1.mov" in data.skipped[0]
+    write("utils/constants.py", "HARDNESS_RANK = load()")
+    with pytest.raises(DataError, match=r"constants\.py: HARDNESS_RANK is no literal"):
+        list(data.recordings("train"))
+
+
+def test_conformance(root: Path, conforms: Make) -> None:
+    conforms(Octopi, root=str(root))
+
+
+@pytest.mark.realdata
+def test_real_videos(realdata: Path, conforms: Make) -> None:
+    folder = realdata / "octopi_physiclear"
+    data = Octopi(str(folder))
+    sides = {side: list(data.recordings(side)) for side in ("train", "val")}
+    found = sides["train"] + sides["val"]
+    assert data.skipped == []
+    assert (len(found), len({one.object for one in found})) == (240, 80)
+    assert not {one.object for one in sides["train"]} & {one.object for one in sides["val"]}
+    assert {one.frames.shape for one in found} == {(240, 320)}
+    rates = Counter(round(1 / float(np.median(np.diff(one.times)))) for one in found)
+    assert set(rates) == {10, 25}
+    (foil,) = (one for one in found if one.key == "octopi/aluminium_foil_0")
+    still = np.median(foil.no_contact.read(range(3)), axis=0) if foil.no_contact else None
+    change = np.abs(foil.frames.read([1, len(foil.frames) // 2]) - still).mean(axis=(1, 2, 3))
+    assert change[1] > 3 * change[0], "the first frames are without contact"
+    conforms(Octopi, root=str(folder))
