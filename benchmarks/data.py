@@ -1,7 +1,7 @@
 """Reading: how much is decoded, how much memory recordings cost, how fast clips come.
 
 - Frames decoded against frames that clips asked for, on a video that is made here.
-- Resident memory with 1,000 and with 20,000 recordings of the data set `generated`, after reading
+- Resident memory with 1,000 and with 20,000 recordings of noise, after reading
   the same number of clips from each, in a process of its own.
 - Clips a second from one process, cold and from the cache.
 
@@ -16,14 +16,15 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 from common import save
+from numpy.typing import NDArray
 
-from tactileforge import registry
 from tactileforge.contracts import Recording
 from tactileforge.data.clips import Clips
 from tactileforge.data.frames import VideoFrames
@@ -31,11 +32,37 @@ from tactileforge.data.frames import VideoFrames
 CUT: dict[str, Any] = {"frames": 4, "spacing": 1 / 15, "hop": 0.2, "size": (224, 224)}
 
 
+class Noise:
+    """Frames that are made when they are read."""
+
+    shape = (64, 64)
+
+    def __len__(self) -> int:
+        return 90
+
+    def read(self, indices: Sequence[int]) -> NDArray[np.uint8]:
+        """Makes; see `contracts.Frames.read`."""
+        return np.random.default_rng(0).integers(0, 256, (len(indices), 64, 64, 3), np.uint8)
+
+
+def noise(number: int) -> Recording:
+    """A recording of three seconds, with the labels of a force trial."""
+    return Recording(
+        key=f"noise/{number}",
+        sensor="digit",
+        frames=Noise(),
+        times=np.arange(90) / 30,
+        no_contact=None,
+        force=np.zeros((90, 3), np.float32),
+        action=np.zeros(90, np.int64),
+        object=f"object {number % 50}",
+        text="{action} it",
+    )
+
+
 def memory(recordings: int) -> dict[str, float]:
     """Megabytes after indexing, and after reading 2,000 clips with a cache of 64 MB."""
-    config = {"name": "generated", "recordings": recordings, "size": 64}
-    dataset = registry.build("datasets", config)
-    clips = Clips(dataset.recordings("train"), **CUT, cache_mb=64)
+    clips = Clips(map(noise, range(recordings)), **CUT, cache_mb=64)
     indexed = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     for clip in np.random.default_rng(0).integers(len(clips), size=2000):
         clips[int(clip)]

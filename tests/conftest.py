@@ -10,6 +10,14 @@ from tactileforge.contracts import Batch
 from tactileforge.encoders.tactile_vit import TactileViT
 
 
+@pytest.fixture(autouse=True, scope="session")
+def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Touches that tests simulate are kept for the other tests, and thrown away after them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TACTILEFORGE_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
 @pytest.fixture(autouse=True)
 def _seeded() -> None:
     torch.manual_seed(0)

@@ -44,7 +44,7 @@ def test_an_unknown_verb_shows_the_usage(capsys: pytest.CaptureFixture[str]) -> 
         ("curriculum.unit=epochs", "did you mean 'epoch'"),
         ("+curriculum.objective.forse.start=0.1", "did you mean 'force'"),
         ("encoder.frames=3", "change frames, image_size, tube or patch"),
-        ("data.recordings=0", "recordings"),
+        ("data.scenes=0", "scenes=0"),
         ("init=/nowhere", "no checkpoint at /nowhere"),
         ("logger.name=csvv", "csv, tensorboard, wandb or mlflow"),
         ("text_encoder=vit", "text_encoder=vit encodes image, not text"),

@@ -47,12 +47,10 @@ def test_choosing_objectives_drops_the_other_heads_and_curriculum_rows():
 
 
 def test_options_reach_the_node_of_one_plugin():
-    config = compose(
-        overrides=["objective.force.weight=0.2", "head.diff.depth=1", "data=generated"]
-    )
+    config = compose(overrides=["objective.force.weight=0.2", "head.diff.depth=1", "data=sim"])
     assert config.objective.force.weight == 0.2
     assert (config.head.diff.depth, config.head.pixel.depth) == (1, 6)
-    assert config.data.name == "generated"
+    assert config.data.name == "sim"
 
 
 def test_one_plugin_serves_twice_under_two_names():
@@ -79,7 +77,7 @@ def test_a_second_name_can_have_a_head_of_its_own():
     ("override", "listed"),
     [
         ("objective=[pixle]", ["did you mean 'pixel'?", "align, diff, force, match, pixel"]),
-        ("data=generatd", ["generated", "recordings", "public_samples"]),
+        ("data=simm", ["sim", "recordings", "public_samples"]),
         ("encoder=tactile_vti", ["tactile_vit"]),
     ],
 )
@@ -127,15 +125,15 @@ def test_an_objective_brings_the_head_it_names(toy):
 
 
 def test_a_broken_plugin_breaks_only_the_run_that_names_it(toy):
-    assert compose(overrides=["objective=[goal]"]).data.name == "generated"
+    assert compose(overrides=["objective=[goal]"]).data.name == "sim"
     said = r"dataset 'broken' \(toy_compose:Missing, from toy-compose 1\.0\) cannot be loaded"
     with pytest.raises(ConfigCompositionException, match=said):
         compose(overrides=["data=broken"])
 
 
 def test_a_package_may_ship_presets(installed):
-    preset = "defaults: [generated, _self_]\nrecordings: 7\n"
+    preset = "defaults: [sim, _self_]\nscenes: 7\n"
     modules = {"toy_conf/__init__.py": "", "toy_conf/data/toy_preset.yaml": preset}
     installed("toy-conf", "[tactileforge.conf]\ntoy = toy_conf", modules)
     data = compose(overrides=["data=toy_preset"]).data
-    assert (data.name, data.recordings) == ("generated", 7)
+    assert (data.name, data.scenes) == ("sim", 7)

@@ -8,7 +8,7 @@ from tactileforge.errors import ConfigError
 from tactileforge.module import TouchModule
 
 SMALL = ["scale=demo", "encoder.image_size=32"]
-TINY_DATA = ["data.recordings=8", "data.size=32"]
+TINY_DATA = ["data.scenes=3", "data.val=1", "data.size=32"]
 
 
 def plain(*overrides: str) -> dict:

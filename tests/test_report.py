@@ -152,7 +152,7 @@ def write(tmp_path: Path) -> Write:
     return build
 
 
-RUN = ["data.recordings=6", "data.val=3", f"data.size={SIZE}", "batch.size=8"]
+RUN = ["data.scenes=2", "data.val=1", f"data.size={SIZE}", "batch.size=8"]
 RUN += ["trainer.max_steps=8", "trainer.log_every_n_steps=1", "trainer.val_check_interval=4"]
 
 

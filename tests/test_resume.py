@@ -16,7 +16,7 @@ from tactileforge.errors import ConfigError, DataNotFoundError
 
 OPTIONS = ["scale=demo", "encoder.image_size=32", "batch.size=8", "batch.workers=1"]
 OPTIONS += ["trainer.max_steps=40", "trainer.save_every=5", "trainer.val_check_interval=7"]
-OPTIONS += ["data.recordings=8", "data.size=32", "augment.jitter=0.1", "logger=csv"]
+OPTIONS += ["data.scenes=3", "data.val=1", "data.size=32", "augment.jitter=0.1", "logger=csv"]
 
 
 def start(*words: str) -> subprocess.Popen[bytes]:

@@ -18,10 +18,11 @@ tactileforge: train, compare and run encoders of touch
 
   tactileforge train [key=value ...]      train a recipe; --help shows every key, --cfg job the
   result tactileforge report RUN                 write the report of a run again
+  tactileforge sim out=DIR [key=value ...]  simulate touch and write it as shards; --help: keys
   tactileforge plugins list|check|new     what is installed, does it work, start your own
   tactileforge --version
 
-  tactileforge train scale=demo                                   a small model on generated touch
+  tactileforge train scale=demo                                   a small model on simulated touch
   tactileforge train recipe=anytouch2 data=recordings data.root=DIR
   tactileforge train resume=RUN                                   go on with a run that was stopped
 """
@@ -52,6 +53,8 @@ def run(argv: Sequence[str]) -> int:
             return _report(rest)
         if verb == "train":
             return _train(rest)
+        if verb == "sim":
+            return _sim(rest)
         raise ConfigError(f"unknown verb {verb!r}\n\n{USAGE}")
     except TactileForgeError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -69,6 +72,34 @@ def _hydra_error() -> type[Exception]:
     from hydra.errors import HydraException
 
     return HydraException
+
+
+def _sim(argv: Sequence[str]) -> int:
+    from tactileforge import settings
+
+    if argv in (["--help"], ["-h"]):
+        print(settings.text("sim"))
+        return 0
+    config = settings.load("sim", argv)
+    from tactileforge.sim.record import Config, write_seconds
+
+    given = Config(
+        sensors=tuple(config.sensors),
+        indenters=config.indenters if isinstance(config.indenters, str) else (*config.indenters,),
+        motions=config.motions if isinstance(config.motions, str) else (*config.motions,),
+        size=config.size,
+        seconds=config.action_seconds,
+        force=tuple(config.force),
+        markers=config.markers,
+        viscosity=config.viscosity,
+        seed=config.seed,
+        codec=config.codec,
+    )
+    folder = Path(config.out)
+    train, val = write_seconds(given, folder, config.seconds, config.val, config.processes)
+    print(f"{train} touches for training and {val} for validation: {folder}")
+    print(f"train on them: tactileforge train data=shards data.root={folder}")
+    return 0
 
 
 def _report(argv: Sequence[str]) -> int:

@@ -5,16 +5,28 @@ import pytest
 from matplotlib import pyplot
 
 from tactileforge.contracts import Recording
-from tactileforge.datasets.generated import Generated
+from tactileforge.data.frames import ArrayFrames
+from tactileforge.datasets.figure import plot
 
 
 @pytest.fixture
 def touch() -> Recording:
-    return next(iter(Generated(recordings=1, size=32).recordings("train")))
+    rng = np.random.default_rng(0)
+    frames = rng.integers(0, 256, (20, 32, 32, 3), np.uint8)
+    return Recording(
+        key="one",
+        sensor="digit",
+        frames=ArrayFrames(frames),
+        times=np.arange(20) / 30,
+        no_contact=ArrayFrames(frames[:1]),
+        force=rng.normal(size=(20, 3)).astype(np.float32),
+        action=rng.integers(-1, 8, 20),
+        text="press a ball",
+    )
 
 
 def test_a_panel_for_everything_that_there_is(touch: Recording) -> None:
-    figure = Generated().plot(touch)
+    figure = plot(touch)
     assert [panel.get_ylabel() for panel in figure.axes] == [
         "frames",
         "minus background",
@@ -31,13 +43,13 @@ def test_a_panel_for_everything_that_there_is(touch: Recording) -> None:
 
 
 def test_the_background_is_grey_where_nothing_changes(touch: Recording) -> None:
-    strip = Generated().plot(touch).axes[1].images[0].get_array()
+    strip = plot(touch).axes[1].images[0].get_array()
     assert strip is not None
     np.testing.assert_allclose(np.asarray(strip)[:, :32].mean(), 128, atol=1)
 
 
 def test_a_still_without_labels(touch: Recording) -> None:
     bare = replace(touch.part(0, 1), no_contact=None, force=None, action=None, text=None)
-    figure = Generated().plot(bare)
+    figure = plot(bare)
     assert len(figure.axes) == 1
     figure.canvas.draw()

@@ -25,6 +25,8 @@ _WAYS = {
     "rotate_ccw": (0, 0, -1, 0),
     _STAY: (0, 0, 0, 0),
 }
+#: Distance from the gel, mm, before a press and after a lift.
+_CLEAR = 0.05
 #: The trials of the paper's force collection: press, slide forth and back, right and left, lift.
 FORCE_TRIAL = ("press", "slide_up", "slide_down", "slide_left", "slide_right", "leave")
 
@@ -110,7 +112,7 @@ def chain(actions: Sequence[str], start: Sequence[float], speeds: Speeds) -> Pat
     size = np.array([speeds.slide, speeds.slide, speeds.turn, speeds.depth])
     x, y, angle, *tilt = start
     pose = np.array([x, y, angle, 0.0, *tilt])
-    clear = pose - np.array([0, 0, 0, 0.3, 0, 0])
+    clear = pose - np.array([0, 0, 0, _CLEAR, 0, 0])
     times, poses, phases = [0.0, speeds.rest], [clear, clear], [_STAY]
     for action in actions:
         if action not in _WAYS:
@@ -164,11 +166,11 @@ def manipulation(start: Sequence[float], speeds: Speeds, rng: np.random.Generato
     Every motion has several components, so only its press and its lift are named actions.
     """
     x, y, angle, *tilt = start
-    pose = np.array([x, y, angle, -0.3, *tilt])
+    pose = np.array([x, y, angle, -_CLEAR, *tilt])
     times, poses, phases = [0.0, max(speeds.rest, 1e-3)], [pose, pose], [_STAY]
     spread = np.array([speeds.slide / 2, speeds.slide / 2, speeds.turn, 0, 0.02, 0.02])
     for phase in ("press", _STAY, _STAY, _STAY, _STAY, "leave"):
-        depth = -0.3 if phase == "leave" else speeds.depth * rng.uniform(0.5, 1)
+        depth = -_CLEAR if phase == "leave" else speeds.depth * rng.uniform(0.5, 1)
         target = np.array([x, y, angle, depth, *tilt]) + spread * rng.uniform(-1, 1, 6)
         if phase != _STAY:
             target[[0, 1, 2, 4, 5]] = poses[-1][[0, 1, 2, 4, 5]]

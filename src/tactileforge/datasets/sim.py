@@ -1,0 +1,130 @@
+"""The data set ``sim``: simulated touch, made on demand from a seed and kept on disk."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tactileforge.contracts import Recording
+from tactileforge.data import shards
+from tactileforge.errors import ConfigError, unknown
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from tactileforge.sim.record import Config
+
+
+class Sim:
+    """Objects pressed, slid or turned, and lifted, on several sensors at once.
+
+    Forces are exact; see `docs/simulator.md`. The first use simulates, and keeps the touches in
+    the folder ``cache``; whatever changes them has a folder of its own there.
+
+    Args:
+        scenes: Number of touches for training; each is one recording a sensor.
+        val: Number of touches for validation.
+        sensors: Types of sensors, of `sim.devices.DEVICES`.
+        indenters: ``pretrain``, ``bench`` (validation has indenters of its own), ``textures``,
+            ``all``, or names of shapes.
+        motions: ``atomic``, ``force_trial``, ``manipulation``, ``all``, or names of motions.
+        size: Rows or columns of a frame, whichever are fewer.
+        seconds: Mean duration of one action.
+        force: Lowest and highest of the largest normal forces, N.
+        markers: Whether the gels have markers; None as their types have.
+        viscosity: Relaxation time of the gels, s; forces then lead pictures.
+        seed: Another seed, other touches.
+        cache: Folder that keeps them; None for ``$TACTILEFORGE_CACHE``, or the user's cache.
+        processes: Processes that simulate; None for one a core.
+
+    Raises:
+        ConfigError: A number of touches is negative, or not positive for training.
+    """
+
+    provides = frozenset({"force", "action", "object", "text", "image"})
+
+    def __init__(
+        self,
+        scenes: int = 40,
+        val: int = 8,
+        sensors: Sequence[str] = ("digit", "gelsight", "gelsight_mini"),
+        indenters: str | Sequence[str] = "pretrain",
+        motions: str | Sequence[str] = "atomic",
+        size: int = 112,
+        seconds: float = 0.6,
+        force: Sequence[float] = (0.5, 8.0),
+        markers: bool | None = None,
+        viscosity: float = 0.0,
+        seed: int = 0,
+        cache: str | None = None,
+        processes: int | None = None,
+    ) -> None:
+        if scenes < 1 or val < 0:
+            raise ConfigError(f"sim: scenes={scenes} and val={val}; give 1 or more, and 0 or more")
+        self.scenes, self.val = scenes, val
+        self.cache, self.processes = cache, processes
+        self.skipped: list[str] = []
+        self._given = {
+            "sensors": tuple(sensors),
+            "indenters": indenters if isinstance(indenters, str) else tuple(indenters),
+            "motions": motions if isinstance(motions, str) else tuple(motions),
+            "size": size,
+            "seconds": seconds,
+            "force": tuple(force),
+            "markers": markers,
+            "viscosity": viscosity,
+            "seed": seed,
+        }
+
+    @property
+    def config(self) -> Config:
+        """What is simulated.
+
+        Raises:
+            ConfigError: An unknown sensor, indenter or motion.
+        """
+        from tactileforge.sim.record import Config
+
+        return Config(**self._given)  # type: ignore[arg-type]
+
+    @property
+    def folder(self) -> Path:
+        """Where the touches of this configuration are kept."""
+        return _cache(self.cache) / "sim" / self.config.digest()
+
+    def recordings(self, split: str) -> Iterator[Recording]:
+        """Yields the recordings of a split; simulates those that are not there yet.
+
+        Neighbouring recordings are one touch on several sensors.
+
+        Args:
+            split: ``train`` or ``val``.
+
+        Raises:
+            ConfigError: An unknown split, sensor, indenter or motion.
+        """
+        from tactileforge.sim.record import FIRST_VAL, path_of, write
+
+        numbers = {"train": range(self.scenes), "val": range(FIRST_VAL, FIRST_VAL + self.val)}
+        if split not in numbers:
+            raise ConfigError(unknown("split", split, numbers))
+        folder = self.folder
+        write(self.config, folder, numbers[split], self.processes)
+        for number in numbers[split]:
+            yield from shards.read(path_of(folder, number))
+
+    def plot(self, recording: Recording) -> Figure:
+        """A figure of a recording."""
+        from tactileforge.datasets.figure import plot
+
+        return plot(recording)
+
+
+def _cache(given: str | None) -> Path:
+    """The folder given, or the one the environment names, or the user's own."""
+    if given := given or os.environ.get("TACTILEFORGE_CACHE"):
+        return Path(given).expanduser()
+    home = os.environ.get("XDG_CACHE_HOME")
+    return (Path(home) if home else Path.home() / ".cache") / "tactileforge"

@@ -1,0 +1,1 @@
+"""Touch simulated: shapes, contact mechanics, motions and optics."""

@@ -1,0 +1,149 @@
+"""What the light of a tactile sensor reacts to: features of the gel's surface.
+
+Powers of the surface's normal at the picture's resolution; and on a coarse grid what happens to
+light on its way through the gel: it scatters (slopes and bulges of the blurred dent) and is blocked
+(shadows). All features are 0 where nothing is pressed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+#: Exponents of nx and ny in the features at full resolution.
+POWERS = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
+#: Size of a cell of the coarse grid, and standard deviations of its blurs, mm.
+CELL = 0.25
+BLURS = (0.3, 1.0, 2.0)
+#: Where a shadow looks for what blocks the light, mm; the slope of the light's path; and how far
+#: (mm) below a shadow's edge it is two thirds dark.
+REACH = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
+LIGHT_SLOPE = 0.2
+EDGE = 0.3
+
+
+def exponents(degree: int) -> list[tuple[int, int]]:
+    """Exponents of x and y of the polynomials of the place, in the order of `places`."""
+    return [(i, j) for i in range(degree + 1) for j in range(degree + 1 - i)]
+
+
+def places(height: int, width: int, degree: int) -> Tensor:
+    """The polynomials x^i y^j of the place in a picture, x and y from -1 to 1.
+
+    Returns:
+        float32 (P, H, W), in the order of `exponents`.
+    """
+    x = (2 * torch.arange(width) + 1) / width - 1
+    y = (2 * torch.arange(height) + 1) / height - 1
+    return torch.stack([y[:, None] ** j * x**i for i, j in exponents(degree)])
+
+
+def normals(dent: Tensor, spacing: float, steepest: float = 1.0) -> tuple[Tensor, Tensor]:
+    """The lateral parts of the surface's unit normal, by central differences.
+
+    Args:
+        dent: float32 (B, H, W), mm into the gel.
+        spacing: mm per pixel.
+        steepest: Length that steep slopes tend to; 1 for unit normals. The lights of a sensor that
+            was only seen on gentle slopes are taken to saturate.
+
+    Returns:
+        nx and ny, (B, H, W): positive where the dent grows deeper to the right, and downwards.
+    """
+    wide = F.pad(dent[:, None], (1, 1, 1, 1), mode="replicate")[:, 0]
+    x = (wide[:, 1:-1, 2:] - wide[:, 1:-1, :-2]).mul_(0.5 / spacing)
+    y = (wide[:, 2:, 1:-1] - wide[:, :-2, 1:-1]).mul_(0.5 / spacing)
+    shorten = (x * x).addcmul_(y, y).mul_(steepest**-2).add_(1).rsqrt_()
+    return x.mul_(shorten), y.mul_(shorten)
+
+
+def fine(x: Tensor, y: Tensor) -> list[Tensor]:
+    """The features of normals at full resolution, in the order of `POWERS`."""
+    xx, xy, yy = x * x, x * y, y * y
+    return [x, y, xx, xy, yy, xx * x, xx * y, yy * x, yy * y]
+
+
+class Coarse:
+    """The coarse features of dents of one size: three per blur, and a shadow per light."""
+
+    def __init__(
+        self,
+        size: tuple[int, int],
+        spacing: float,
+        lights: Sequence[float],
+        device: str | torch.device = "cpu",
+    ) -> None:
+        """Prepares the grid.
+
+        Args:
+            size: Height and width of the picture.
+            spacing: mm per pixel.
+            lights: Where each light is, seen from the centre: rad, clockwise from the right.
+            device: Where the dents live.
+        """
+        shrink = max(1, round(CELL / spacing))
+        height, width = (math.ceil(n / shrink) for n in size)
+        down, right = size[0] * spacing / height, size[1] * spacing / width
+        self.size = height, width
+        self._rows = [_blur(height, blur / down).to(device) for blur in BLURS]
+        self._columns = [_blur(width, blur / right).T.contiguous().to(device) for blur in BLURS]
+        self._down = _difference(height, down).to(device)
+        self._right = _difference(width, right).T.contiguous().to(device)
+        self._taller = _enlarge(height, size[0]).to(device)
+        self._wider = _enlarge(width, size[1]).T.contiguous().to(device)
+        self._paths = [
+            [(round(r * math.sin(a) / down), round(r * math.cos(a) / right), r) for r in REACH]
+            for a in lights
+        ]
+
+    def __call__(self, dent: Tensor) -> Tensor:
+        """The features of dents (B, H, W) in mm: (B, K, h, w)."""
+        sharp = F.interpolate(dent[:, None], self.size, mode="area")[:, 0]
+        found = []
+        before = sharp
+        for rows, columns in zip(self._rows, self._columns, strict=True):
+            blurred = rows @ sharp @ columns
+            found += [blurred @ self._right, self._down @ blurred, before - blurred]
+            before = blurred
+        return torch.stack(found + [self._shadow(sharp, path) for path in self._paths], 1)
+
+    def enlarge(self, field: Tensor) -> Tensor:
+        """A field (..., h, w) of the grid at the picture's resolution, (..., H, W)."""
+        return self._taller @ (field @ self._wider)
+
+    def _shadow(self, sharp: Tensor, path: list[tuple[int, int, float]]) -> Tensor:
+        """How dark the surface is in the shadow of a light, 0 to 1."""
+        height, width = self.size
+        margin = max(max(abs(y), abs(x)) for y, x, _ in path)
+        wide = F.pad(sharp[:, None], (margin,) * 4, mode="replicate")[:, 0]
+        dark = torch.zeros_like(sharp)
+        for y, x, far in path:
+            blocking = wide[:, margin + y :, margin + x :][:, :height, :width]
+            dark = torch.maximum(dark, blocking - sharp - far * LIGHT_SLOPE)
+        return 1 - torch.exp(-dark / EDGE)
+
+
+def _blur(points: int, sigma: float) -> Tensor:
+    """The matrix of a Gaussian blur; edges are repeated."""
+    steps = torch.arange(-math.ceil(4 * sigma), math.ceil(4 * sigma) + 1)
+    weights = torch.softmax(-0.5 * (steps / sigma) ** 2, 0)
+    columns = (torch.arange(points)[:, None] + steps).clamp(0, points - 1)
+    return torch.zeros(points, points).scatter_add_(1, columns, weights.expand(points, -1))
+
+
+def _difference(points: int, spacing: float) -> Tensor:
+    """The matrix of central differences; edges are repeated."""
+    rows = torch.arange(points)
+    matrix = torch.zeros(points, points)
+    matrix[rows, (rows + 1).clamp(max=points - 1)] += 0.5 / spacing
+    matrix[rows, (rows - 1).clamp(min=0)] -= 0.5 / spacing
+    return matrix
+
+
+def _enlarge(points: int, more: int) -> Tensor:
+    """The matrix (more, points) of linear interpolation."""
+    return F.interpolate(torch.eye(points)[None, None], (more, points), mode="bilinear")[0, 0]

@@ -1,0 +1,205 @@
+import hashlib
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactileforge.contracts import ACTIONS, Dataset, Recording
+from tactileforge.data.actions import label_actions
+from tactileforge.datasets.shards import Shards
+from tactileforge.datasets.sim import Sim
+from tactileforge.errors import ConfigError, DataNotFoundError, TactileForgeError
+from tactileforge.sim import record
+from tactileforge.testing import check
+
+SMALL = {"scenes": 3, "val": 1, "size": 32}
+
+
+@pytest.fixture(scope="module")
+def touches() -> list[Recording]:
+    return list(Sim(scenes=12, val=0, size=48).recordings("train"))
+
+
+def digest(folder: Path) -> dict[str, str]:
+    return {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in folder.glob("*.tar")}
+
+
+def test_conformance() -> None:
+    assert isinstance(Sim(), Dataset)
+    results = check("dataset", Sim(**SMALL))
+    assert [one for one in results if one.status == "failed"] == []
+
+
+def test_what_matching_needs_is_there(touches: list[Recording]) -> None:
+    assert len({one.key for one in touches}) == 36
+    for trio in zip(*[iter(touches)] * 3, strict=True):
+        assert [one.sensor for one in trio] == ["digit", "gelsight", "gelsight_mini"]
+        assert len({one.object for one in trio}) == 1
+    assert len({one.object for one in touches}) == 12
+    seen = {ACTIONS[i] for one in touches if one.action is not None for i in set(one.action) - {-1}}
+    assert {"press", "leave", "slide_left"} < seen
+
+
+def test_a_recording_has_everything(touches: list[Recording]) -> None:
+    one = touches[2]
+    assert one.sensor == "gelsight_mini"
+    np.testing.assert_allclose(np.diff(one.times), 1 / 18)
+    assert one.frames.shape == (48, 64)
+    assert one.force is not None
+    assert one.force.shape == (len(one.times), 3) == (len(one.frames), 3)
+    assert one.image is not None
+    assert one.image.read([0]).shape == (1, 48, 48, 3)
+    assert one.text is not None
+    assert one.text.startswith("{action} a ")
+    assert one.tier == 3
+    assert one.licence == "CC0-1.0"
+    assert touches[0].frames.shape == (64, 48)
+
+
+def test_forces_obey_coulomb(touches: list[Recording]) -> None:
+    for one in touches:
+        assert one.force is not None
+        shear, normal = np.linalg.norm(one.force[:, :2], axis=1), one.force[:, 2]
+        assert (normal >= 0).all()
+        assert 0.1 < normal.max() < 12
+        assert (shear <= 1.4 * normal + 1e-5).all()
+        assert normal[0] == normal[-1] == 0
+
+
+def test_actions_agree_with_those_read_from_the_force(touches: list[Recording]) -> None:
+    same = both = 0
+    for one in touches:
+        assert one.force is not None
+        assert one.action is not None
+        if any(i >= ACTIONS.index("rotate_cw") for i in one.action):
+            continue
+        read = label_actions(one.times, one.force)
+        known = (read >= 0) & (one.action >= 0)
+        both += int(known.sum())
+        same += int((read == one.action)[known].sum())
+    assert both > 200
+    assert same / both > 0.85
+
+
+def test_pictures_change_with_contact_and_only_then(touches: list[Recording]) -> None:
+    for one in touches[:6]:
+        assert one.force is not None
+        pictures = one.frames.read(range(len(one.frames))).astype(int)
+        change = np.abs(pictures - pictures[0]).max((1, 2, 3))
+        free = one.force[:, 2] == 0
+        assert change[free].max() < 30
+        assert change[one.force[:, 2].argmax()] > change[free].max()
+
+
+def test_the_same_numbers_give_the_same_bytes_however_they_are_made(tmp_path: Path) -> None:
+    config = {"scenes": 4, "val": 0, "size": 32, "sensors": ["digit"]}
+    alone, together = tmp_path / "alone", tmp_path / "together"
+    folders = []
+    for cache, processes in ((alone, 1), (together, 2)):
+        data = Sim(**config, cache=str(cache), processes=processes)
+        assert len(list(data.recordings("train"))) == 4
+        folders.append(data.folder)
+    assert digest(folders[0]) == digest(folders[1])
+    assert len(digest(folders[0])) == 4
+    other = Sim(**config, cache=str(alone), seed=1)
+    assert other.folder != folders[0]
+
+
+def test_a_killed_run_goes_on_where_it_was(tmp_path: Path) -> None:
+    data = Sim(scenes=2, val=0, size=32, sensors=["digit"], cache=str(tmp_path))
+    list(data.recordings("train"))
+    whole = digest(data.folder)
+    kept = data.folder / "train-000000.tar"
+    before = kept.stat().st_mtime_ns
+    (data.folder / "train-000001.tar").rename(data.folder / "train-000001.tar.part")
+    assert len(list(data.recordings("train"))) == 2
+    assert digest(data.folder) == whole
+    assert kept.stat().st_mtime_ns == before
+
+
+def test_validation_does_not_depend_on_the_number_of_scenes() -> None:
+    few, many = (next(iter(Sim(scenes=n, val=1, size=32).recordings("val"))) for n in (1, 30))
+    assert few.key == many.key
+
+
+def test_bench_holds_out_the_papers_indenters() -> None:
+    config = Sim(indenters="bench").config
+    train = {config.scene(i).shape.index for i in range(14)}
+    held_out = {config.scene(record.FIRST_VAL + i).shape.index for i in range(6)}
+    assert train == {62, 65, 66, 67, 68, 70, 71}
+    assert held_out == {63, 64, 69}
+
+
+def test_pretraining_never_sees_the_bench() -> None:
+    config = Sim().config
+    shapes = [config.scene(i).shape for i in range(61)]
+    assert len({shape.index for shape in shapes}) == 61
+    assert not {shape.index for shape in shapes} & set(range(62, 72))
+
+
+def test_mistakes_are_named() -> None:
+    with pytest.raises(ConfigError, match="scenes=0 and val=8"):
+        Sim(scenes=0)
+    with pytest.raises(ConfigError, match="unknown split 'test'"):
+        next(Sim().recordings("test"))
+    for wrong, said in (
+        ({"sensors": ["digitt"]}, "did you mean 'digit'"),
+        ({"sensors": []}, "sensors="),
+        ({"indenters": "hexagonall"}, "did you mean 'hexagonal'"),
+        ({"motions": "slide"}, "unknown motion 'slide'"),
+        ({"size": 2}, "size is 2 pixels"),
+        ({"force": (3, 1)}, "force="),
+    ):
+        with pytest.raises(ConfigError, match=said):
+            next(Sim(**wrong, scenes=1).recordings("train"))
+
+
+def test_an_error_of_a_process_reaches_the_caller(tmp_path: Path) -> None:
+    data = Sim(scenes=5, val=0, size=4, cache=str(tmp_path), processes=2)
+    with pytest.raises(TactileForgeError, match="size is 4 pixels"):
+        next(data.recordings("train"))
+
+
+def tactileforge(*words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "tactileforge", *words],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | {"OMP_NUM_THREADS": "1"},
+    )
+
+
+def test_the_verb_writes_what_shards_reads(tmp_path: Path) -> None:
+    words = [f"out={tmp_path}/touch", "sensors=[digit,gelsight_mini]", "indenters=bench"]
+    words += ["seconds=6", "size=32", "val=0.4", "codec=png"]
+    done = tactileforge("sim", *words)
+    assert done.returncode == 0, done.stderr
+    assert f"data.root={tmp_path}/touch" in done.stdout
+    data = Shards(f"{tmp_path}/touch")
+    both = [list(data.recordings(split)) for split in ("train", "val")]
+    assert all(both)
+    for sensor in ("digit", "gelsight_mini"):
+        assert sum(t.times[-1] for split in both for t in split if t.sensor == sensor) > 5.5
+    before = digest(tmp_path / "touch")
+    again = tactileforge("sim", *words)
+    assert again.returncode == 0
+    assert digest(tmp_path / "touch") == before
+    other = tactileforge("sim", *words, "seed=3")
+    assert other.returncode == 1
+    assert "other seed" in other.stderr
+
+
+def test_shards_that_are_damaged_or_missing(tmp_path: Path) -> None:
+    with pytest.raises(DataNotFoundError, match=r"no train-\*\.tar"):
+        list(Shards(str(tmp_path)).recordings("train"))
+    data = Sim(scenes=2, val=0, size=32, sensors=["digit"], cache=str(tmp_path))
+    list(data.recordings("train"))
+    (data.folder / "train-000000.tar").write_bytes(b"x" * 2000)
+    there = Shards(str(data.folder))
+    assert len(list(there.recordings("train"))) == 1
+    (line,) = there.skipped
+    assert "train-000000.tar: not a whole shard" in line
