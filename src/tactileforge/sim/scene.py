@@ -23,8 +23,8 @@ from tactileforge.sim.touch import Contact, contacts
 from tactileforge.sim.units import draw as draw_unit
 from tactileforge.specs import spec
 
-#: The solver's grid: points a side, mm between them. It is 14 mm wide.
-POINTS, SPACING = 64, 0.22
+#: The solver's grid: points a side, mm between them. It is 14.4 mm wide.
+POINTS, SPACING = 72, 0.2
 #: Frames that are rendered at a time.
 _CHUNK = 8
 #: Depths (mm) at which the force of a shape is sounded.
