@@ -92,6 +92,7 @@ def _sim(argv: Sequence[str]) -> int:
         force=tuple(config.force),
         markers=config.markers,
         viscosity=config.viscosity,
+        lag=config.lag,
         seed=config.seed,
         codec=config.codec,
     )

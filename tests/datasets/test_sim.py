@@ -88,10 +88,10 @@ def test_pictures_change_with_contact_and_only_then(touches: list[Recording]) ->
     for one in touches[:6]:
         assert one.force is not None
         pictures = one.frames.read(range(len(one.frames))).astype(int)
-        change = np.abs(pictures - pictures[0]).max((1, 2, 3))
+        change = np.abs(pictures - pictures[0]).mean((1, 2, 3))
         free = one.force[:, 2] == 0
-        assert change[free].max() < 30
-        assert change[one.force[:, 2].argmax()] > change[free].max()
+        assert change[free].max() < 3
+        assert change[one.force[:, 2].argmax()] > 1.1 * change[free].max()
 
 
 def test_the_same_numbers_give_the_same_bytes_however_they_are_made(tmp_path: Path) -> None:
@@ -106,6 +106,15 @@ def test_the_same_numbers_give_the_same_bytes_however_they_are_made(tmp_path: Pa
     assert len(digest(folders[0])) == 4
     other = Sim(**config, cache=str(alone), seed=1)
     assert other.folder != folders[0]
+
+
+def test_pictures_may_come_late(tmp_path: Path) -> None:
+    config = {"scenes": 1, "val": 0, "size": 16, "sensors": ["digit"], "cache": str(tmp_path)}
+    (now,), (late,) = (list(Sim(**config, lag=lag).recordings("train")) for lag in (0.0, 0.1))
+    assert now.force is not None
+    assert late.force is not None
+    np.testing.assert_array_equal(late.force[:-3], now.force[3:])
+    np.testing.assert_array_equal(late.frames.read([20]), now.frames.read([20]))
 
 
 def test_a_killed_run_goes_on_where_it_was(tmp_path: Path) -> None:

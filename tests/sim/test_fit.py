@@ -9,8 +9,8 @@ import torch
 
 from tactileforge.errors import DataError, DataNotFoundError
 from tactileforge.sim import fit, lighting
-from tactileforge.sim.fit import Presses
 from tactileforge.sim.optics import Optics
+from tactileforge.sim.presses import Presses, ball_profile, find_circle, read_presses
 from tactileforge.sim.units import Unit
 
 SIZE = (120, 160)
@@ -63,7 +63,7 @@ def test_noise_is_measured():
 
 @pytest.mark.parametrize("radius", [0.7, 1.2, 1.7])
 def test_gel_takes_the_balls_shape_in_the_contact_and_flattens_outside(radius):
-    far, depth = fit.ball_profile(2.0, 4.0, radius)
+    far, depth = ball_profile(2.0, 4.0, radius)
     half = np.interp(radius / 2, far, depth)
     fall = 2 - math.sqrt(4 - radius**2 / 4)
     assert depth[0] - half == pytest.approx(fall, rel=0.03, abs=0.005)
@@ -86,7 +86,7 @@ def test_circle_is_found():
     disc = torch.hypot(x - 70.0, y - 40.0) < 18
     speck = torch.hypot(x - 20.0, y - 70.0) < 3
     picture = ground + 80.0 * disc - 60.0 * speck
-    assert fit.find_circle(picture, ground) == pytest.approx((70, 40, 18), abs=1.5)
+    assert find_circle(picture, ground) == pytest.approx((70, 40, 18), abs=1.5)
 
 
 def test_saved_calibration_is_the_one_that_is_loaded(tmp_path):
@@ -109,8 +109,8 @@ def test_presses_are_read_with_and_without_annotations(tmp_path):
         cv2.imwrite(str(tmp_path / name), picture)
     rows = "file,center_x_px,center_y_px,radius_px\npress2.png,50,25,9\n"
     (tmp_path / "known.csv").write_text(rows)
-    known = fit.read_presses(tmp_path, "still.png", 0.1, "known.csv")
-    found = fit.read_presses(tmp_path, "still.png", 0.1, pictures="press*.png", share=0.5)
+    known = read_presses(tmp_path, "still.png", 0.1, "known.csv")
+    found = read_presses(tmp_path, "still.png", 0.1, pictures="press*.png", share=0.5)
     assert known.background[:, 0, 0].tolist() == [150, 120, 90]  # RGB
     assert len(known) == 1
     assert len(found) == 2
@@ -120,7 +120,7 @@ def test_presses_are_read_with_and_without_annotations(tmp_path):
 
 def test_missing_and_broken_pictures_are_named(tmp_path):
     with pytest.raises(DataNotFoundError, match=r"still\.png does not exist"):
-        fit.read_presses(tmp_path, "still.png", 0.1)
+        read_presses(tmp_path, "still.png", 0.1)
     (tmp_path / "still.png").write_text("nothing")
     with pytest.raises(DataError, match=r"still\.png is no picture"):
-        fit.read_presses(tmp_path, "still.png", 0.1)
+        read_presses(tmp_path, "still.png", 0.1)

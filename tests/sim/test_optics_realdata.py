@@ -7,6 +7,7 @@ import torch
 from tactileforge.sim import fit, lighting
 from tactileforge.sim.features import places
 from tactileforge.sim.optics import Optics
+from tactileforge.sim.presses import KNOWN, read_known
 from tactileforge.sim.units import Unit
 
 ROOT = Path(__file__).parents[2]
@@ -41,7 +42,7 @@ def linear(train, test):
 
 
 def test_crop_is_the_one_of_the_published_baseline():
-    test = fit.read_known("gelsight", DATA).part(slice(1, None, 2))
+    test = read_known("gelsight", DATA).part(slice(1, None, 2))
     assert psnr(test, [test.background] * len(test)) == pytest.approx(21.55, abs=0.01)
 
 
@@ -50,7 +51,7 @@ def test_crop_is_the_one_of_the_published_baseline():
     [("gelsight", 32.0), ("gelsight_mini", 33.0), ("gelsight_fots", 28.0), ("digit", 27.5)],
 )
 def test_held_out_presses_are_met_better_than_by_simpler_models(name, least):
-    presses = fit.read_known(name, DATA)
+    presses = read_known(name, DATA)
     train, test = presses.part(slice(0, None, 4)), presses.part(slice(1, None, 8))
     ours = psnr(test, rendered(test, fit.fit(train)))
     assert ours > least
@@ -58,9 +59,9 @@ def test_held_out_presses_are_met_better_than_by_simpler_models(name, least):
     assert ours > psnr(test, linear(train, test)) + 2
 
 
-@pytest.mark.parametrize("name", fit.KNOWN)
+@pytest.mark.parametrize("name", KNOWN)
 def test_shipped_numbers_are_those_of_the_pictures(name):
-    presses = fit.read_known(name, DATA).part(slice(0, None, 6))
+    presses = read_known(name, DATA).part(slice(0, None, 6))
     how = lighting.load(name)
     assert psnr(presses, rendered(presses, how)) > 29.5
     ground = lighting.background(how.backgrounds[0], *presses.size)

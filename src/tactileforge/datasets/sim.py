@@ -35,6 +35,7 @@ class Sim:
         force: Lowest and highest of the largest normal forces, N.
         markers: Whether the gels have markers; None as their types have.
         viscosity: Relaxation time of the gels, s; forces then lead pictures.
+        lag: Seconds by which pictures come later than forces, as from a real camera.
         seed: Another seed, other touches.
         cache: Folder that keeps them; None for ``$TACTILEFORGE_CACHE``, or the user's cache.
         processes: Processes that simulate; None for one a core.
@@ -57,6 +58,7 @@ class Sim:
         force: Sequence[float] = (0.5, 8.0),
         markers: bool | None = None,
         viscosity: float = 0.0,
+        lag: float = 0.0,
         seed: int = 0,
         cache: str | None = None,
         processes: int | None = None,
@@ -75,6 +77,7 @@ class Sim:
             "force": tuple(force),
             "markers": markers,
             "viscosity": viscosity,
+            "lag": lag,
             "seed": seed,
         }
 

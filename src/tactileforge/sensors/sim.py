@@ -89,6 +89,7 @@ class SimSensor:
             force=(1.0, 8.0),
             markers=None,
             viscosity=0.0,
+            lag=0.0,
             seed=self.seed,
         )
         self._fps = frame_rate(self.spec.name)

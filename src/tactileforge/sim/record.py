@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 from tactileforge.contracts import Recording
@@ -61,6 +62,7 @@ class Config:
         force: Range of the largest normal force, N.
         markers: Whether the gels have markers; None as their types have.
         viscosity: Relaxation time of the gels, s.
+        lag: Seconds by which pictures come later than forces, as from a real camera.
         seed: Another seed, other touches.
         codec: How pictures are stored, see `data.shards.CODECS`.
     """
@@ -73,6 +75,7 @@ class Config:
     force: tuple[float, float]
     markers: bool | None
     viscosity: float
+    lag: float
     seed: int
     codec: str = "jpg"
 
@@ -83,6 +86,8 @@ class Config:
             device(sensor)
         self.shapes("train")
         self.moves(False)
+        if not 0 <= self.lag < 1:
+            raise ConfigError(f"sim: lag is {self.lag} s; give 0 or more, below 1")
         if self.codec not in shards.CODECS:
             raise ConfigError(unknown("codec", self.codec, shards.CODECS))
 
@@ -177,7 +182,7 @@ def recordings(config: Config, number: int) -> list[shards.Packed]:
             frames=_NONE,
             times=times,
             no_contact=None,
-            force=np.concatenate(forces),
+            force=_ahead(np.concatenate(forces), round(config.lag * frame_rate(sensor))),
             action=scene.path.action(times),
             object=scene.shape.name,
             text=f"{{action}} a {scene.shape.words} {kind}",
@@ -189,6 +194,11 @@ def recordings(config: Config, number: int) -> list[shards.Packed]:
         # The path starts clear of the gel.
         out.append(shards.Packed(shards.head(about), config.codec, encoded, encoded[:1], [photo]))
     return out
+
+
+def _ahead(force: NDArray[np.float32], frames: int) -> NDArray[np.float32]:
+    """Forces of so many frames later; a path ends clear of the gel."""
+    return np.concatenate([force[frames:], np.zeros_like(force[:frames])])
 
 
 _NONE = ArrayFrames(np.zeros((1, 1, 1, 3), np.uint8))

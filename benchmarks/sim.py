@@ -1,0 +1,117 @@
+"""Simulated touch: frames a second, the cost of five sensors, memory.
+
+- Finished frames a second at 320 x 240 (mechanics, optics, force): slides of four indenters on one
+  sensor, in one process, and with one process for each core as the data set does it.
+- What one contact costs on five sensors, against one.
+- Resident memory while one touch goes on and on.
+
+Run: python benchmarks/sim.py
+"""
+
+from __future__ import annotations
+
+import resource
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import numpy as np
+import torch
+from common import save, side_by_side
+
+from tactileforge.sim.motions import MOTIONS, Path, Speeds
+from tactileforge.sim.scene import Scene, play
+from tactileforge.sim.shapes import shape
+
+NAMES = ("small_sphere", "pentagram", "small_square_array", "cylindrical")
+FIVE = ("digit", "gelsight", "gelsight_mini", "gelslim", "duragel")
+SPEEDS = Speeds(depth=0.5, slide=3.0, seconds=0.8, rest=0.1)
+
+
+def slide(name: str) -> Scene:
+    """A press, a slide and a lift."""
+    path = MOTIONS["slide_right"]((0, 0, 0.3, 0, 0), SPEEDS, np.random.default_rng(0))
+    return Scene(seed=0, shape=shape(name), path=path, motion="slide_right")
+
+
+def frames(name: str, sensors: tuple[str, ...]) -> int:
+    """Plays a slide; the number of finished frames."""
+    return sum(len(shots.pictures) for shots in play(slide(name), sensors, 240))
+
+
+def rate(sensors: tuple[str, ...]) -> dict[str, float]:
+    """Frames a second of each indenter, after a first round."""
+    out = {}
+    for name in NAMES:
+        frames(name, sensors)
+        start = time.perf_counter()
+        out[name] = round(frames(name, sensors) / (time.perf_counter() - start), 1)
+    return out
+
+
+def two_processes() -> float:
+    """Frames a second of two processes with one thread each, by their slower one."""
+    code = (
+        "import torch; torch.set_num_threads(1); from sim import *; r = rate(('digit',));"
+        "print(len(NAMES) / sum(1 / v for v in r.values()))"
+    )
+    running = [
+        subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+        for _ in range(2)
+    ]
+    return round(2 * min(float(p.communicate()[0]) for p in running), 1)
+
+
+def memory() -> dict[str, float]:
+    """Megabytes after a short and after a long touch."""
+    out = {}
+    base = slide("small_sphere")
+    for repeats in (1, 20):
+        times = np.concatenate(
+            [base.path.times + i * base.path.seconds * 1.01 for i in range(repeats)]
+        )
+        poses = np.concatenate([base.path.poses] * repeats)
+        actions = (*base.path.actions, *(("stay", *base.path.actions) * (repeats - 1)))
+        touch = replace(base, path=Path(times, poses, actions))
+        count = sum(len(shots.pictures) for shots in play(touch, ["digit"], 240))
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        out[f"{count} frames"] = round(peak, 1)
+    return out
+
+
+def main() -> None:
+    memory_mb = memory()
+    times = side_by_side(
+        {
+            f"{name}, {len(sensors)}": lambda name=name, sensors=sensors: frames(name, sensors)  # type: ignore[misc]
+            for name in NAMES
+            for sensors in (("digit",), FIVE)
+        },
+        rounds=3,
+    )
+    costs = {
+        name: round(times[f"{name}, 5"]["median_s"] / times[f"{name}, 1"]["median_s"], 2)
+        for name in NAMES
+    }
+    save(
+        "sim",
+        {
+            "what": __doc__,
+            "frames a second, one process": rate(("digit",)),
+            "frames a second, two processes of one thread": two_processes(),
+            "five sensors against one": costs,
+            "five sensors against one, all": round(
+                sum(times[f"{n}, 5"]["median_s"] for n in NAMES)
+                / sum(times[f"{n}, 1"]["median_s"] for n in NAMES),
+                2,
+            ),
+            "peak memory, MB": memory_mb,
+            "times": times,
+            "threads of one process": torch.get_num_threads(),
+        },
+    )
+
+
+if __name__ == "__main__":
+    main()
