@@ -19,9 +19,9 @@ import taxim  # type: ignore[import-not-found]
 HERE = Path(taxim.__file__).parent / "calib"
 
 
-def balls(about: dict[str, np.ndarray], shape: tuple[int, int], share: float) -> list[Any]:
+def balls(about: dict[str, Any], shape: tuple[int, int], ball: float, share: float) -> list[Any]:
     """Height map (mm) and depth of each press, for contacts of ``share`` of the circles."""
-    spacing, ball = float(about["spacing"]), float(about["ball"])
+    spacing = float(about["spacing"])
     found = []
     for x, y, seen in about["circles"]:
         far = np.hypot(*np.ogrid[-y : shape[0] - y, -x : shape[1] - x]) * spacing
@@ -40,21 +40,22 @@ def main() -> None:
     gel = np.load(folder / "gelmap.npy") * simulator.sensor_params.pixmm
     out: dict[str, np.ndarray] = {"version": np.array(version("taxim"))}
     flat = np.full(shape, 10.0, np.float32)
-    for share, on_dome, shadow in product(np.unique(about["shares"]), (0, 1), (0, 1)):
+    ways = product(np.unique(about["balls"]), np.unique(about["shares"]), (0, 1), (0, 1))
+    for ball, share, on_dome, shadow in ways:
         if on_dome and np.ptp(gel) < 0.01:
             continue
         pictures = []
         for (height, depth), (x, y, _) in zip(
-            balls(about, shape, share), about["circles"], strict=True
+            balls(about, shape, ball, share), about["circles"], strict=True
         ):
             low = gel.max() - gel[int(y), int(x)] if on_dome else 0.0
             shot = simulator.render(height, with_shadow=bool(shadow), press_depth=depth + low)
             pictures.append(np.rint(255 * np.clip(shot, 0, 1)).astype(np.uint8))
-        name = f"contact {share:g} of the circle, dome {on_dome}, shadow {shadow}"
+        name = f"ball {ball:g} mm, contact {share:g} of the circle, dome {on_dome}, shadow {shadow}"
         out[name] = np.stack(pictures).transpose(0, 3, 1, 2)
     still = simulator.render(flat, with_shadow=False)
     out["still"] = np.rint(255 * np.clip(still, 0, 1)).astype(np.uint8).transpose(2, 0, 1)
-    height, depth = balls(about, shape, 1.0)[0]
+    height, depth = balls(about, shape, 2.0, 1.0)[0]
     for name, step in (("640x480", 1), ("320x240", 2)):
         small = np.ascontiguousarray(height[::step, ::step])
         for shadow in (True, False):
