@@ -18,7 +18,7 @@ from lightning.pytorch.callbacks import Timer
 from lightning.pytorch.loggers import CSVLogger, Logger
 from omegaconf import DictConfig, OmegaConf
 
-from tactileforge import checkpoints, registry
+from tactileforge import checkpoints, curriculum, registry
 from tactileforge.assemble import build_data, with_sensors
 from tactileforge.errors import ConfigError
 from tactileforge.module import TouchModule
@@ -60,11 +60,16 @@ def train(config: DictConfig, folder: Path) -> TouchModule:
     resume = checkpoints.find(folder) if config.get("resume") else None
     plain: dict[str, Any] = OmegaConf.to_container(config, resolve=True)  # type: ignore[assignment]
     L.seed_everything(plain["seed"], verbose=False)
+    # Mistakes are named before data is made or read; the length of the run is not known yet.
+    weights = {key: node["weight"] for key, node in plain["objective"].items()}
+    curriculum.from_config(plain["curriculum"], weights, total=sys.maxsize, epoch=1)
+    state = None
+    if plain.get("init") and not resume:
+        state = checkpoints.read(plain["init"])["state_dict"]
     data = build_data(plain)
     plain["encoder"] = with_sensors(plain["encoder"], data)
     module = TouchModule.from_config(plain, data.train.has() if data.train else set())
-    if plain.get("init") and not resume:
-        state = checkpoints.read(plain["init"])["state_dict"]
+    if state is not None:
         log.info(checkpoints.initialise(module, state))
     trainer, saver = build_trainer(plain, folder)
     if trainer.is_global_zero and not resume:
