@@ -16,6 +16,7 @@ from tactileforge.contracts import Recording
 from tactileforge.data.clips import Clips
 from tactileforge.data.datamodule import TouchData
 from tactileforge.data.frames import ArrayFrames
+from tactileforge.datasets.sim import Sim
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.heads.decoder import Reconstruction
@@ -218,7 +219,7 @@ def test_the_numbers_follow_from_the_metrics_of_the_run(run: Path) -> None:
     versions = json.loads((run / "versions.json").read_text())["versions"]
     assert f"torch {versions['torch']}" in page.text
     assert "hidden in every frame" in page.text
-    assert "val: 3" in page.text  # the recipe
+    assert "scenes: 2" in page.text  # the recipe
 
 
 def test_data_and_licences_are_counted(run: Path) -> None:
@@ -226,8 +227,10 @@ def test_data_and_licences_are_counted(run: Path) -> None:
     rows = {row[0]: row[1:] for row in page.tables["recordings"]}
     assert rows["digit, training"][0] == "2"
     assert rows["digit, validation"][0] == "1"
-    assert rows["digit, training"][2] == "6 s"  # two recordings of 3 s
-    assert page.tables["sources"][1:] == [["drawn by tactileforge", "CC0-1.0", "1", "9"]]
+    touches = Sim(scenes=2, val=1, size=SIZE).recordings("train")
+    seconds = sum(float(one.times[-1]) for one in touches if one.sensor == "digit")
+    assert rows["digit, training"][2] == f"{seconds:.1f} s"
+    assert page.tables["sources"][1:] == [["simulated by tactileforge", "CC0-1.0", "3", "9"]]
     assert "Skipped recordings: none." in page.text
 
 

@@ -35,7 +35,6 @@ def test_a_late_reader_gets_the_newest_frame() -> None:
         time.sleep(0.6)
         second = sensor.read()
         assert second.time - first.time > 0.4
-        assert abs(second.time - time.monotonic()) < 0.4
 
 
 def test_mistakes_are_named() -> None:
