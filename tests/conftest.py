@@ -45,7 +45,7 @@ def batch() -> Batch:
         "image": torch.randint(0, 256, (8, 3, 96, 96), dtype=torch.uint8, generator=rng),
         "image_valid": torch.tensor([True, True, False, True, True, False, True, True]),
         "group": torch.tensor([0, 0, 1, 1, 2, 2, 3, 3]),
-        "skipped": [],
+        "skipped": {},
     }
 
 

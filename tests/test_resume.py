@@ -13,10 +13,12 @@ import torch
 from tactileforge import cli
 from tactileforge.checkpoints import AtomicCheckpointIO, find, initialise, read
 from tactileforge.errors import ConfigError, DataNotFoundError
+from tactileforge.sim.record import Config, write_seconds
 
 OPTIONS = ["scale=demo", "encoder.image_size=32", "batch.size=8", "batch.workers=1"]
 OPTIONS += ["trainer.max_steps=40", "trainer.save_every=5", "trainer.val_check_interval=7"]
-OPTIONS += ["data.scenes=3", "data.val=1", "data.size=32", "augment.jitter=0.1", "logger=csv"]
+OPTIONS += ["augment.jitter=0.1", "logger=csv"]
+SMALL = ["data.scenes=3", "data.val=1", "data.size=32"]
 
 
 def start(*words: str) -> subprocess.Popen[bytes]:
@@ -52,11 +54,37 @@ def same(a: object, b: object, where: str = "") -> None:
         assert a == b, where
 
 
+def options_of(data: str, folder: Path) -> list[str]:
+    """A small data set that is sampled as a whole, or two that are read window by window."""
+    if data == "whole":
+        return [*OPTIONS, *SMALL]
+    for number in range(2):
+        config = Config(
+            sensors=("digit", "gelsight_mini"),
+            indenters="pretrain",
+            motions="atomic",
+            size=32,
+            seconds=0.6,
+            force=(0.5, 8.0),
+            markers=None,
+            viscosity=0.0,
+            lag=0.0,
+            seed=number,
+        )
+        write_seconds(config, folder / str(number), seconds=8, val=0.2)
+    mixed = [f"+data@data.sources.{name}=shards" for name in "ab"]
+    mixed += [f"data.sources.{name}.root={folder / str(i)}" for i, name in enumerate("ab")]
+    windows = ["batch.window=2", "batch.workers=2", "batch.shares.force=0.25"]
+    return [*OPTIONS, "data=mixture", *mixed, *windows]
+
+
 @pytest.mark.slow
-def test_a_killed_run_resumes_bit_identically(tmp_path: Path) -> None:
+@pytest.mark.parametrize("data", ["whole", "windows"])
+def test_a_killed_run_resumes_bit_identically(tmp_path: Path, data: str) -> None:
     whole, killed = tmp_path / "whole", tmp_path / "killed"
-    assert start(*OPTIONS, f"hydra.run.dir={whole}").wait(timeout=300) == 0
-    run = start(*OPTIONS, f"hydra.run.dir={killed}")
+    options = options_of(data, tmp_path / "shards")
+    assert start(*options, f"hydra.run.dir={whole}").wait(timeout=300) == 0
+    run = start(*options, f"hydra.run.dir={killed}")
     wait_for_checkpoint(killed, run)
     run.kill()
     assert run.wait() == -signal.SIGKILL
@@ -71,7 +99,7 @@ def test_a_killed_run_resumes_bit_identically(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_ctrl_c_leaves_a_checkpoint_that_resumes(tmp_path: Path) -> None:
-    options = [*OPTIONS, "trainer.max_steps=100000", f"hydra.run.dir={tmp_path}"]
+    options = [*OPTIONS, *SMALL, "trainer.max_steps=100000", f"hydra.run.dir={tmp_path}"]
     run = start(*options)
     wait_for_checkpoint(tmp_path, run)
     before = read(tmp_path)["global_step"]

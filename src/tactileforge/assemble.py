@@ -15,7 +15,9 @@ log = logging.getLogger(__name__)
 
 def build_data(config: Mapping[str, Any]) -> TouchData:
     """The data of a run, indexed, and checked against what the objectives need."""
-    dataset = registry.build("datasets", config["data"])
+    node = dict(config["data"])
+    max_bad = node.pop("max_bad")
+    dataset = registry.build("datasets", node)
     encoder = registry.build("encoders", config["encoder"])
     batch = dict(config["batch"])
     objectives = {
@@ -29,6 +31,7 @@ def build_data(config: Mapping[str, Any]) -> TouchData:
         size=encoder.image_size,
         batch_size=batch.pop("size"),
         seed=config["seed"],
+        max_bad=max_bad,
         **batch,
     )
     for key, plugin in objectives.items():
@@ -36,8 +39,6 @@ def build_data(config: Mapping[str, Any]) -> TouchData:
     data.setup()
     for key, plugin in objectives.items():
         data.check(key, plugin.needs)
-    for line in data.skipped:
-        log.warning("skipped: %s", line)
     return data
 
 
@@ -47,7 +48,7 @@ def with_sensors(config: Mapping[str, Any], data: TouchData) -> dict[str, Any]:
     Sensors that the encoder does not know yet take the free rows in alphabetical order, and the
     resolved configuration says so.
     """
-    names = data.train.sensors if data.train else []
+    names = data.summary("train").sensors
     encoder = registry.build("encoders", config)
     table = dict(encoder.sensors)
     free = (row for row in range(len(table) + len(names) + 1) if row not in table.values())

@@ -132,7 +132,9 @@ class Recording:
         action: int64 (T,), index into `ACTIONS`, -1 unknown.
         object: Name of what is touched, the same for every sensor that touches it.
         text: Caption; ``{action}`` in it stands for the action of the clip.
-        image: Paired camera view; frame ``i`` of touch belongs to ``i / T`` of it.
+        image: Paired camera view.
+        image_times: float64, seconds on the clock of ``times``, ascending, one for each view; None
+            where they are spread evenly over the recording.
         labels: Whatever else is known, by name.
         source: Where the recording comes from.
         tier: Tier of the tactile dynamic pyramid, 1 (force) to 5 (static).
@@ -149,6 +151,7 @@ class Recording:
     object: str | None = None
     text: str | None = None
     image: Frames | None = None
+    image_times: NDArray[np.float64] | None = None
     labels: Mapping[str, str | float] = field(default_factory=dict)
     source: str = ""
     tier: int = 5
@@ -158,7 +161,7 @@ class Recording:
         """The frames ``start..stop - 1`` as a recording of their own, with the same background."""
         rows = range(start, stop)
         image = self.image
-        if image is not None:
+        if image is not None and self.image_times is None:
             paired = [i * len(image) // len(self.frames) for i in rows]
             image = FrameSubset(image, paired)
         return replace(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
+from collections.abc import Set as AbstractSet
 from typing import Any
 
 import lightning as L
@@ -15,7 +16,7 @@ from tactileforge import registry
 from tactileforge.contracts import Batch
 from tactileforge.curriculum import Curriculum, from_config
 from tactileforge.data.augment import Augment, fill_captions
-from tactileforge.errors import ConfigError, TactileForgeError
+from tactileforge.errors import ConfigError, DataError, TactileForgeError
 
 log = logging.getLogger(__name__)
 
@@ -38,6 +39,10 @@ class TouchModule(L.LightningModule):
             the learning rate rises; it falls linearly to 0 afterwards.
         augment: Changes clips and their labels, or None.
         seed: Seed of the run.
+
+    Attributes:
+        skipped: What could not be read so far: lines, and how many recordings each costs.
+        allowed: How many recordings may be skipped before the run stops; None for any number.
     """
 
     def __init__(
@@ -61,10 +66,11 @@ class TouchModule(L.LightningModule):
         self.augment = augment
         self.seed = seed
         self.plan: Curriculum | None = None
-        self.skipped: dict[str, None] = {}
+        self.skipped: dict[str, int] = {}
+        self.allowed: int | None = None
 
     @classmethod
-    def from_config(cls, config: Mapping[str, Any], provides: set[str]) -> TouchModule:
+    def from_config(cls, config: Mapping[str, Any], provides: AbstractSet[str]) -> TouchModule:
         """Builds every part from a finished configuration (see `compose.finish`).
 
         Args:
@@ -142,10 +148,7 @@ class TouchModule(L.LightningModule):
             if self.augment:
                 batch = self.augment.labels(batch)
         fill_captions(batch)
-        for line in batch["skipped"]:
-            if line not in self.skipped:
-                self.skipped[line] = None
-                log.warning("skipped: %s", line)
+        self.skip(batch["skipped"])
         return batch
 
     def training_step(self, batch: Batch, batch_idx: int) -> Tensor:
@@ -204,11 +207,32 @@ class TouchModule(L.LightningModule):
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Keeps what was skipped, for the report of a resumed run."""
-        checkpoint["skipped"] = list(self.skipped)
+        checkpoint["skipped"] = dict(self.skipped)
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """See `on_save_checkpoint`."""
-        self.skipped = dict.fromkeys(checkpoint.get("skipped", ()))
+        self.skipped = dict(checkpoint["skipped"])
+
+    def skip(self, lines: Mapping[str, int]) -> None:
+        """Notes what could not be read.
+
+        Args:
+            lines: What, and how many recordings it costs.
+
+        Raises:
+            DataError: More is lost than `allowed`; lists it.
+        """
+        for line, count in lines.items():
+            if line not in self.skipped:
+                self.skipped[line] = count
+                log.warning("skipped: %s", line)
+        lost = sum(self.skipped.values())
+        if lines and self.allowed is not None and lost > self.allowed:
+            listed = "\n  ".join(self.skipped)
+            raise DataError(
+                f"{lost} recordings cannot be read, and data.max_bad allows {self.allowed}; mend "
+                f"them, or raise data.max_bad:\n  {listed}"
+            )
 
     def _batch_number(self) -> int:
         return self.trainer.fit_loop.total_batch_idx

@@ -68,7 +68,9 @@ def train(config: DictConfig, folder: Path) -> TouchModule:
         state = checkpoints.read(plain["init"])["state_dict"]
     data = build_data(plain)
     plain["encoder"] = with_sensors(plain["encoder"], data)
-    module = TouchModule.from_config(plain, data.train.has() if data.train else set())
+    module = TouchModule.from_config(plain, data.summary("train").labels)
+    module.allowed = data.allowed
+    module.skip(data.skipped)
     if state is not None:
         log.info(checkpoints.initialise(module, state))
     trainer, saver = build_trainer(plain, folder)

@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tactileforge.contracts import NEUTRAL_BACKGROUND, Recording
-from tactileforge.data.clips import Clips, collate
+from tactileforge.data.clips import Clips, collate, object_id
 from tactileforge.errors import ConfigError, DataError
 
 
@@ -96,11 +96,22 @@ def test_a_clip_carries_everything_its_recording_has() -> None:
     np.testing.assert_array_equal(row["force"], force[[12, 14, 16, 18]])
     assert row["force_valid"]
     assert row["force_scale"].tolist() == pytest.approx([5.25, 10.61, 14.14])
-    assert (row["action"], row["object"], row["text"]) == (0, 0, "{action} a ball")
+    assert (row["action"], row["text"]) == (0, "{action} a ball")
+    assert row["object"] == object_id("ball") == cut[0]["object"] >= 0
+    assert object_id("bell") != object_id("ball")
     assert row["image"].shape == (3, 10, 10)
     assert row["image"][0, 0, 0] == 1  # frame 18 of 40 is 1 of 4
     assert cut[3]["action"] == -1  # ends at 24, begins at 18: two actions
     assert (row["background"] == NEUTRAL_BACKGROUND).all()
+
+
+def test_the_camera_view_is_the_nearest_in_time() -> None:
+    times = np.array([0.0, 0.1, 0.5, 0.59, 1.3])
+    cut = clips(recording(image=Counted(5), image_times=times))
+    ends = [cut.rows(clip)[-1] / 30 for clip in range(len(cut))]  # 0.2, 0.4, 0.6, ...
+    seen = [int(cut[clip]["image"][0, 0, 0]) for clip in range(len(cut))]
+    assert seen == [int(np.abs(times - end).argmin()) for end in ends]
+    assert seen[:3] == [1, 2, 3]
 
 
 def test_an_unlabelled_recording_says_so() -> None:
@@ -124,13 +135,13 @@ def test_the_background_is_the_median_of_the_no_contact_frames() -> None:
 def test_a_background_of_another_size_is_named_and_skipped() -> None:
     bad = recording(no_contact=Counted(1, size=(3, 3)), key="bad")
     row = clips(bad, recording(key="good"))[0]
-    assert "bad: the background is (3, 3), the frames are (12, 16)" in row["skipped"][0]
+    assert "bad: the background is (3, 3), the frames are (12, 16)" in next(iter(row["skipped"]))
 
 
 def test_a_corrupt_recording_is_replaced_and_listed() -> None:
     cut = clips(recording(frames=Counted(40, broken=True)), recording(frames=Counted(40)))
     batch = collate([cut[(0, 3)], cut[(7, 3)]])
-    assert batch["skipped"] == ["broken.mp4: cannot be decoded"]
+    assert batch["skipped"] == {"broken.mp4: cannot be decoded": 1}
     assert batch["group"].tolist() == [-1, 3]  # the replacement is not what was paired
     assert batch["frames"].shape == (2, 4, 3, 8, 8)
 

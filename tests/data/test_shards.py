@@ -1,5 +1,8 @@
 import json
+import struct
 import tarfile
+import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +31,7 @@ def touch() -> Recording:
         object="cup",
         text="{action} a cup, plainly",
         image=ArrayFrames(frames[3:]),
+        image_times=np.array([0.1, 0.3]),
         labels={"hardness": 0.3, "place": "rim"},
         source="here",
         tier=1,
@@ -58,6 +62,7 @@ def test_a_recording_comes_back_as_it_went(touch: Recording, tmp_path: Path) -> 
         np.testing.assert_array_equal(back.times, touch.times)
         np.testing.assert_array_equal(back.force, touch.force)
         np.testing.assert_array_equal(back.action, touch.action)
+        np.testing.assert_array_equal(back.image_times, touch.image_times)
         for name in ("frames", "no_contact", "image"):
             there, here = getattr(back, name), getattr(touch, name)
             np.testing.assert_array_equal(there.read(range(len(here))), here.array)
@@ -123,30 +128,140 @@ def test_a_stopped_write_leaves_no_shard(touch: Recording, tmp_path: Path) -> No
 
     with pytest.raises(KeyboardInterrupt):
         shards.write(tmp_path / "a.tar", broken())
-    assert not (tmp_path / "a.tar").exists()
+    assert list(tmp_path.iterdir()) == []
 
 
-def test_damage_is_named(touch: Recording, tmp_path: Path) -> None:
-    whole = tmp_path / "whole.tar"
-    shards.write(whole, [packed(touch)])
-    raw = whole.read_bytes()
-    cut = tmp_path / "cut.tar"
-    cut.write_bytes(raw[: len(raw) // 2])
-    with pytest.raises(DataError, match=r"cut\.tar"):
-        list(shards.read(cut))
-    (tmp_path / "no.tar").write_bytes(b"no tar at all" * 100)
-    with pytest.raises(DataError, match=r"no\.tar: not a whole shard"):
-        list(shards.read(tmp_path / "no.tar"))
-    newer = packed(touch)
-    newer.head["version"] = 99
-    shards.write(tmp_path / "newer.tar", [newer])
-    with pytest.raises(DataError, match="shard version 99, but this tactileforge reads up to 1"):
-        list(shards.read(tmp_path / "newer.tar"))
-    newer.head["version"] = 1
-    del newer.head["sensor"]
-    shards.write(tmp_path / "bad.tar", [newer])
-    with pytest.raises(DataError, match=r"bad\.tar:cups/7.*damaged \(KeyError\('sensor'\)\)"):
-        list(shards.read(tmp_path / "bad.tar"))
+def _three(touch: Recording, path: Path) -> list[Recording]:
+    """A shard of three recordings, called 0, 1, 2."""
+    touches = [replace(touch, key=str(number)) for number in range(3)]
+    shards.write(path, [packed(one) for one in touches])
+    return touches
+
+
+def _kept(path: Path) -> tuple[list[str], list[str]]:
+    said: list[str] = []
+    kept = [one.key for one in shards.read(path, lambda error: said.append(str(error)))]
+    return kept, said
+
+
+def test_of_a_shard_that_is_cut_off_the_whole_recordings_are_kept(
+    touch: Recording, tmp_path: Path
+) -> None:
+    path = tmp_path / "a.tar"
+    _three(touch, path)
+    whole = path.read_bytes()
+    *_, last = shards.read(path)
+    assert isinstance(last.frames, shards.PackedFrames)
+    for size in (int(last.frames.starts[-1]) + 512, int(last.frames.starts[0])):
+        path.write_bytes(whole[:size])
+        kept, said = _kept(path)
+        assert kept == ["0", "1"]
+        assert said == [f"{path}: cut off at byte {size}; download or pack it again"]
+    with pytest.raises(DataError, match="cut off"):
+        list(shards.read(path))
+
+
+def test_a_flipped_byte_is_found_where_it_lies(touch: Recording, tmp_path: Path) -> None:
+    path = tmp_path / "a.tar"
+    _three(touch, path)
+    _, second, _ = shards.read(path)
+    assert isinstance(second.frames, shards.PackedFrames)
+    raw = bytearray(path.read_bytes())
+    raw[int(second.frames.starts[3]) + 512 + 100] ^= 1
+    path.write_bytes(raw)
+    first, second, third = shards.read(path)
+    with pytest.raises(DataError, match=r"000001\.0003\.png of .*a\.tar:1 is damaged"):
+        second.frames.read([3])
+    for good in (first.frames.read([3]), third.frames.read([3]), second.frames.read([2])):
+        assert good.shape == (1, 24, 32, 3)
+
+
+def test_a_flipped_byte_in_a_description_costs_that_recording(
+    touch: Recording, tmp_path: Path
+) -> None:
+    path = tmp_path / "a.tar"
+    _three(touch, path)
+    raw = path.read_bytes()
+    place = raw.index(b"a cup, plainly", raw.index(b'"key": "1"'))
+    path.write_bytes(raw[:place] + b"e" + raw[place + 1 :])
+    kept, said = _kept(path)
+    assert kept == ["0", "2"]
+    assert said == [
+        f"{path}:000001.json: damaged (its checksum is another); download or pack it again"
+    ]
+
+
+def test_a_picture_that_is_not_there_is_named(touch: Recording, tmp_path: Path) -> None:
+    path, other = tmp_path / "a.tar", tmp_path / "b.tar"
+    _three(touch, path)
+    with tarfile.open(path) as tar, tarfile.open(other, "w", format=tarfile.USTAR_FORMAT) as out:
+        for member in tar:
+            if member.name != "000001.background.0001.png":
+                out.addfile(member, tar.extractfile(member))
+    found = {one.key: one for one in shards.read(other, lambda error: None)}
+    background = found["1"].no_contact
+    assert background is not None
+    with pytest.raises(DataError, match=r"000001\.background\.0001\.png of .* is not there"):
+        background.read([1])
+
+
+def test_what_is_no_shard_is_named(touch: Recording, tmp_path: Path) -> None:
+    path = tmp_path / "a.tar"
+    path.write_bytes(b"no tar at all" * 100)
+    with pytest.raises(DataError, match=r"a\.tar: no tar at byte 0"):
+        list(shards.read(path))
+    with pytest.raises(DataError, match=r"gone\.tar: cannot be read"):
+        list(shards.read(tmp_path / "gone.tar"))
+    with tarfile.open(path, "w") as tar:
+        tar.addfile(tarfile.TarInfo("../../outside.json"))
+    with pytest.raises(DataError, match=r"called '\.\./\.\./outside\.json'"):
+        list(shards.read(path))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"version": 99}, "shard version 99, but this tactileforge reads 2"),
+        ({"sensor": 3}, "sensor is 3, not a string"),
+        ({"times": [0.0]}, "5 frames and 1 rows of times"),
+        ({"times": ["a"] * 5}, "could not convert string to float"),
+        ({"force": [[1.0, 2.0]] * 5}, "cannot reshape"),
+        ({"labels": 7}, "not iterable"),
+        ({"tier": None}, "NoneType"),
+        ({"text": ["a"]}, "neither a string nor null"),
+    ],
+)
+def test_wrong_descriptions_are_named(
+    change: dict[str, object], message: str, touch: Recording, tmp_path: Path
+) -> None:
+    path = tmp_path / "a.tar"
+    wrong = packed(touch)
+    wrong.head.update(change)
+    shards.write(path, [wrong])
+    with pytest.raises(DataError, match=message):
+        list(shards.read(path))
+
+
+def test_a_picture_of_a_thousand_million_pixels_is_refused(
+    touch: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A PNG of one grey value is small in bytes, whatever it would be in memory."""
+    path = tmp_path / "a.tar"
+    side = 31623
+    head = struct.pack(">II5B", side, side, 8, 2, 0, 0, 0)
+    bomb = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + b"IHDR" + head
+    bomb += struct.pack(">I", zlib.crc32(b"IHDR" + head))
+    frames = replace(packed(touch), frames=[bomb] * 5)
+    monkeypatch.setattr(shards, "_shape", lambda picture: (side, side))
+    shards.write(path, [frames])
+    with pytest.raises(DataError, match="31623 x 31623 pixels"):
+        list(shards.read(path))
+    monkeypatch.setattr(shards, "_shape", lambda picture: (24, 32))
+    shards.write(path, [frames])
+    monkeypatch.undo()
+    (back,) = shards.read(path)
+    with pytest.raises(DataError, match="frames 0"):
+        back.frames.read([0])
 
 
 def test_impossible_codecs_are_named() -> None:

@@ -1,62 +1,160 @@
-"""The data set ``shards``: tar files of recordings, as `tactileforge sim` writes them."""
+"""The data set ``shards``: tar files of recordings, as `tactileforge data pack` writes them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from tactileforge.cache import cache_folder
 from tactileforge.contracts import Recording
-from tactileforge.data import shards
+from tactileforge.data import index, shards
+from tactileforge.data.fetch import Folder
+from tactileforge.data.index import Entry, Index
+from tactileforge.data.sources import Bad, Opened, Source
+from tactileforge.data.summary import Summary
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+_SPLITS = ("train", "val")
+
 
 class Shards:
-    """Shards of a folder: ``train-*.tar`` and ``val-*.tar`` (`docs/shards.md`).
+    """Shards of a folder, with ``index.json`` (`docs/shards.md`).
+
+    They may be on this machine or behind a URL; then they are fetched when they are needed,
+    checked and kept. A folder of this machine may be without an index: its ``train-*.tar`` and
+    ``val-*.tar`` are then opened at once.
 
     Args:
-        root: Folder of the shards.
+        root: Folder of the shards, or its URL.
+        cache: Where shards of a URL are kept; None for the folder of the user.
+        cache_gb: What they may take, GB; None for no limit. It must hold what all readers read at
+            a time.
     """
 
-    #: What shards may carry; what they do carry shows when they are read.
+    #: What shards may carry; what they do carry is in the index.
     provides = frozenset({"force", "action", "object", "text", "image"})
 
-    def __init__(self, root: str = ".") -> None:
-        self.root = Path(root).expanduser()
+    def __init__(
+        self, root: str = ".", cache: str | None = None, cache_gb: float | None = None
+    ) -> None:
+        self.root = root
+        self.cache = cache
+        self.cache_gb = cache_gb
         self.skipped: list[str] = []
 
-    def recordings(self, split: str) -> Iterator[Recording]:
-        """Yields the recordings of a split, in the order of the files' names.
+    @property
+    def folder(self) -> Folder:
+        """Where the shards are."""
+        return Folder(self.root, cache_folder(self.cache) / "shards", self.cache_gb)
 
-        A shard that is damaged is left out and listed in ``skipped``.
+    def index(self) -> Index | None:
+        """The index; None for a folder of this machine that has none.
+
+        Raises:
+            DataNotFoundError: There is neither an index nor a shard.
+            DataError: The index is damaged, or cannot be fetched.
+        """
+        folder = self.folder
+        if folder.remote or (folder.path / index.NAME).exists():
+            return index.parse(folder.text(index.NAME), f"{self.root}/{index.NAME}")
+        if not any(folder.path.glob("train-*.tar")):
+            raise DataNotFoundError(
+                f"{folder.path}: neither {index.NAME} nor train-*.tar here; set data.root to a "
+                f"folder of shards, or make one: tactileforge data pack data=NAME out={self.root}"
+            )
+        return None
+
+    def sources(self, split: str) -> list[Source]:
+        """One source, of one part a shard; see `data.sources.Parted`.
 
         Args:
             split: ``train`` or ``val``.
 
         Raises:
-            DataNotFoundError: The folder has no shard for training.
+            DataNotFoundError: There are no shards.
             ConfigError: An unknown split.
         """
-        if split not in ("train", "val"):
-            raise ConfigError(unknown("split", split, ("train", "val")))
-        found = sorted(self.root.glob(f"{split}-*.tar"))
-        if not found and split == "train":
-            raise DataNotFoundError(
-                f"{self.root}: no train-*.tar here; set data.root to a folder of shards, or make "
-                f"one: tactileforge sim out={self.root}"
-            )
-        for path in found:
-            try:
-                yield from list(shards.read(path))
-            except DataError as error:
-                if str(error) not in self.skipped:
-                    self.skipped.append(str(error))
+        if split not in _SPLITS:
+            raise ConfigError(unknown("split", split, _SPLITS))
+        found, folder = self.index(), self.folder
+        if found is None:
+            return self._unindexed(split)
+        entries = found.splits.get(split, [])
+        summary = Summary()
+        for entry in entries:
+            summary.merge(entry.summary)
+        parts = [_Shard(folder, entry) for entry in entries]
+        return [Source(found.name, parts, summary)] if summary.recordings else []
+
+    def recordings(self, split: str) -> Iterator[Recording]:
+        """Yields the recordings of a split, shard after shard.
+
+        What is damaged is left out and listed in ``skipped``.
+
+        Args:
+            split: ``train`` or ``val``.
+
+        Raises:
+            DataNotFoundError: There are no shards.
+            ConfigError: An unknown split.
+        """
+        for source in self.sources(split):
+            for part in source.parts:
+                yield from part.open(self._note)
 
     def plot(self, recording: Recording) -> Figure:
         """A figure of a recording."""
         from tactileforge.datasets.figure import plot
 
         return plot(recording)
+
+    def _unindexed(self, split: str) -> list[Source]:
+        content: list[Recording] = []
+        for path in sorted(self.folder.path.glob(f"{split}-*.tar")):
+            try:
+                content += shards.read(path, lambda error: self._note(str(error), 1))
+            except DataError as error:
+                self._note(str(error), 1)
+        summary = Summary.of(content)
+        return [Source("", [Opened(content, summary.seconds)], summary)] if content else []
+
+    def _note(self, line: str, count: int) -> None:
+        if line not in self.skipped:
+            self.skipped.append(line)
+
+
+@dataclass(frozen=True)
+class _Shard:
+    """A shard as a part of its source."""
+
+    folder: Folder
+    entry: Entry
+
+    @property
+    def recordings(self) -> int:
+        """How many there are."""
+        return self.entry.summary.recordings
+
+    @property
+    def seconds(self) -> float:
+        """How long they last together."""
+        return self.entry.summary.seconds
+
+    def open(self, bad: Bad) -> Iterator[Recording]:
+        """Fetches the shard if need be and yields its recordings; see `data.sources.Part`."""
+        left, lines = self.recordings, []
+        try:
+            path = self.folder.get(self.entry.file, self.entry.bytes, self.entry.sha256)
+            for one in shards.read(path, lambda error: lines.append(str(error))):
+                left -= 1
+                yield one
+        except DataError as error:
+            lines.append(str(error))
+        for line in lines[1:]:
+            bad(line, 1)
+        if lines:
+            bad(lines[0], max(1, left - len(lines) + 1))

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tactileforge.cache import cache_folder
 from tactileforge.contracts import Recording
 from tactileforge.data import shards
 from tactileforge.errors import ConfigError, unknown
@@ -95,7 +95,7 @@ class Sim:
     @property
     def folder(self) -> Path:
         """Where the touches of this configuration are kept."""
-        return _cache(self.cache) / "sim" / self.config.digest()
+        return cache_folder(self.cache) / "sim" / self.config.digest()
 
     def recordings(self, split: str) -> Iterator[Recording]:
         """Yields the recordings of a split; simulates those that are not there yet.
@@ -123,11 +123,3 @@ class Sim:
         from tactileforge.datasets.figure import plot
 
         return plot(recording)
-
-
-def _cache(given: str | None) -> Path:
-    """The folder given, or the one the environment names, or the user's own."""
-    if given := given or os.environ.get("TACTILEFORGE_CACHE"):
-        return Path(given).expanduser()
-    home = os.environ.get("XDG_CACHE_HOME")
-    return (Path(home) if home else Path.home() / ".cache") / "tactileforge"

@@ -37,7 +37,7 @@ def report_of_run(folder: Path) -> Path:
     config = _config(folder)
     state = checkpoints.read(folder)
     data = build_data(config)
-    module = TouchModule.from_config(config, data.train.has() if data.train else set())
+    module = TouchModule.from_config(config, data.summary("train").labels)
     try:
         module.load_state_dict(state["state_dict"])
     except RuntimeError as error:

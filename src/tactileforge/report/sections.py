@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from torch import Tensor
 
-from tactileforge.contracts import Recording
 from tactileforge.data.clips import Clips
-from tactileforge.data.datamodule import LABELS, TouchData
+from tactileforge.data.datamodule import TouchData
+from tactileforge.data.summary import LABELS, Count
 from tactileforge.report.figures import SPLITS, curve_figure
 from tactileforge.report.findings import Findings
 from tactileforge.report.metrics import Curve
@@ -131,25 +131,18 @@ def _image(picture: Tensor, words: str) -> str:
 def data_section(data: TouchData, skipped: Sequence[str]) -> Section:
     """What was trained on, where it comes from, and what could not be read."""
     rows = []
+    sources: Counter[tuple[str, str, int]] = Counter()
     for split in ("train", "val"):
-        clips: Clips | None = getattr(data, split)
-        if clips is None:
-            continue
-        per_recording = Counter(clips.index[:, 0].tolist())
-        for sensor in clips.sensors:
-            own = [i for i, r in enumerate(clips.recordings) if r.sensor == sensor]
-            recordings = [clips.recordings[i] for i in own]
-            count = sum(per_recording[i] for i in own)
-            rows.append(
-                (f"{sensor}, {SPLIT_WORDS[split]}", str(len(own)), str(count), *_row(recordings))
-            )
-    head = ("Sensor", "recordings", "clips", "time", *(f"with {label}" for label in LABELS))
+        summary = data.summary(split)
+        for sensor in summary.sensors:
+            counts = [count for kind, count in summary.items() if kind.sensor == sensor]
+            rows.append((f"{sensor}, {SPLIT_WORDS[split]}", *_row(counts)))
+        for kind, count in summary.items():
+            sources[kind.source, kind.licence, kind.tier] += count.recordings
+    head = ("Sensor", "recordings", "frames", "time", *(f"with {label}" for label in LABELS))
     body = table("recordings", head, rows, "Recordings with a label are counted, whole or in part.")
     if data.val is None:
         body += paragraph("No recordings are held out for validation.", soft=True)
-    sources = Counter(
-        (r.source, r.licence, r.tier) for c in (data.train, data.val) if c for r in c.recordings
-    )
     lines = [
         (source or "not given", f"text|{licence or 'not given'}", str(tier), str(count))
         for (source, licence, tier), count in sorted(sources.items())
@@ -163,16 +156,14 @@ def data_section(data: TouchData, skipped: Sequence[str]) -> Section:
     return Section("data", "Data", body)
 
 
-def _row(recordings: Sequence[Recording]) -> list[str]:
-    seconds = sum(_seconds(recording) for recording in recordings)
-    counts = [sum(getattr(r, label) is not None for r in recordings) for label in LABELS]
-    return [duration(seconds), *(str(count) if count else "none" for count in counts)]
-
-
-def _seconds(recording: Recording) -> float:
-    """From the first frame to the end of the last; a single frame lasts no time."""
-    times = recording.times
-    return float(times[-1] - times[0] + np.median(np.diff(times))) if len(times) > 1 else 0.0
+def _row(counts: Sequence[Count]) -> list[str]:
+    total = [sum(count.labels[label] for count in counts) for label in LABELS]
+    return [
+        str(sum(count.recordings for count in counts)),
+        str(sum(count.frames for count in counts)),
+        duration(sum(count.seconds for count in counts)),
+        *(str(number) if number else "none" for number in total),
+    ]
 
 
 def kept_versions(folder: Path) -> dict[str, Any]:

@@ -43,14 +43,14 @@ def facts(
     name = " ".join(filter(None, (encoder["name"], encoder.get("size"))))
     size = sum(parameter.numel() for parameter in module.encoder.parameters()) / 1e6
     height, width = module.encoder.image_size
-    assert data.train is not None
+    clips = sum(track.size for track in data.stream().tracks)
     held_out = len(data.val) if data.val else 0
     about = {
         "Encoder": f"{name}, {size:.3g} M parameters",
         "Input": f"{module.encoder.frames} frames, {height} x {width} pixels",
         "Data": config["data"]["name"],
-        "Clips": f"{len(data.train)} training, {held_out} validation",
-        "Sensors": ", ".join(data.train.sensors),
+        "Clips": f"{clips:.0f} training, {held_out} validation",
+        "Sensors": ", ".join(data.summary("train").sensors),
         "Steps": f"{steps}, each of {config['batch']['size']} clips",
         "Time": "not kept" if seconds is None else duration(seconds),
         "Versions": ", ".join(

@@ -24,6 +24,7 @@ from tqdm import tqdm
 from tactileforge.contracts import Recording
 from tactileforge.data import shards
 from tactileforge.data.frames import ArrayFrames
+from tactileforge.data.index import Entry, Index
 from tactileforge.errors import ConfigError, TactileForgeError, unknown
 from tactileforge.sim.devices import DEVICES, device
 from tactileforge.sim.motions import MOTIONS
@@ -119,7 +120,7 @@ class Config:
 
     def digest(self) -> str:
         """Names what is simulated, and the code that does it."""
-        text = json.dumps(asdict(self), sort_keys=True) + _code()
+        text = json.dumps([asdict(self), shards.VERSION], sort_keys=True) + _code()
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def scene(self, number: int) -> Scene:
@@ -306,6 +307,11 @@ def write_seconds(
         numbers.append(FIRST_VAL + held_out if to_val else train)
         total += config.scene(numbers[-1]).path.seconds
     write(config, folder, numbers, processes)
+    splits = {
+        split: [Entry.of(path_of(folder, n)) for n in sorted(numbers) if (n < FIRST_VAL) == train]
+        for split, train in (("train", True), ("val", False))
+    }
+    Index("sim", splits, made=json.loads(json.dumps(asdict(config)))).save(folder)
     held_out = sum(n >= FIRST_VAL for n in numbers)
     return len(numbers) - held_out, held_out
 

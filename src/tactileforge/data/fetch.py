@@ -1,0 +1,121 @@
+"""Files of a folder that may be anywhere: on this machine, or behind any URL webdataset opens."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote, urlparse
+
+from tactileforge.errors import DataError
+
+_CHUNK = 1 << 20
+
+
+class Folder:
+    """A folder of shards.
+
+    Args:
+        root: A path, or a URL (``https://...``, ``hf://...``, ``gs://...``).
+        cache: Where files of a URL are kept.
+        cache_gb: What they may take together, GB; None for no limit. Files used longest ago go
+            first.
+    """
+
+    def __init__(self, root: str, cache: Path, cache_gb: float | None = None) -> None:
+        parts = urlparse(root)
+        self.remote = (
+            bool(re.fullmatch(r"[a-z][a-z0-9+]+", parts.scheme)) and parts.scheme != "file"
+        )
+        if parts.scheme == "pipe":
+            raise DataError(f"{root}: a command is never run to get data; give a path or a URL")
+        self.root = root.rstrip("/")
+        self.path = Path(unquote(parts.path) if parts.scheme == "file" else root).expanduser()
+        self.cache_gb = cache_gb
+        if self.remote:
+            self.path = cache / hashlib.sha256(self.root.encode()).hexdigest()[:16]
+
+    def text(self, name: str) -> bytes:
+        """A small file, as it is now.
+
+        Raises:
+            DataError: It cannot be read.
+        """
+        try:
+            if not self.remote:
+                return (self.path / name).read_bytes()
+            with _open(f"{self.root}/{name}") as stream:
+                found: bytes = stream.read()
+                return found
+        except _UNREACHABLE as error:
+            raise DataError(f"{self.root}/{name}: cannot be read ({error})") from error
+
+    def get(self, name: str, size: int, sha256: str) -> Path:
+        """A file on this machine; what has to be fetched is checked, then kept.
+
+        Args:
+            name: Its name in the folder.
+            size: Its size in bytes.
+            sha256: Its checksum.
+
+        Raises:
+            DataError: It is not there, or is another file than was asked for.
+        """
+        path = self.path / name
+        if self.remote and not path.exists():
+            self._fetch(path, size, sha256)
+        try:
+            found = path.stat().st_size
+            if self.remote:
+                os.utime(path)
+        except OSError as error:
+            raise DataError(f"{path}: listed in the index, but not there ({error})") from error
+        if not self.remote and found > size:
+            raise DataError(f"{path}: {found} bytes, but {size} in the index; pack it again")
+        return path
+
+    def _fetch(self, path: Path, size: int, sha256: str) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._make_room(size)
+        part = path.with_name(f"{path.name}.{os.getpid()}.part")
+        digest, held = hashlib.sha256(), 0
+        url = f"{self.root}/{path.name}"
+        try:
+            with _open(url) as stream, part.open("wb") as out:
+                while chunk := stream.read(_CHUNK):
+                    digest.update(chunk)
+                    held += len(chunk)
+                    out.write(chunk)
+            if digest.hexdigest() != sha256:
+                raise DataError(
+                    f"{url}: {held} bytes with SHA-256 {digest.hexdigest()[:12]}..., but the index "
+                    f"says {size} with {sha256[:12]}...; upload the shard again"
+                )
+            part.replace(path)
+        except _UNREACHABLE as error:
+            raise DataError(f"{url}: cannot be fetched ({error})") from error
+        finally:
+            part.unlink(missing_ok=True)
+
+    def _make_room(self, size: int) -> None:
+        if self.cache_gb is None:
+            return
+        held = sorted(self.path.glob("*.tar"), key=lambda path: path.stat().st_mtime)
+        total = sum(path.stat().st_size for path in held) + size
+        for path in held:
+            if total <= self.cache_gb * 1e9:
+                break
+            total -= path.stat().st_size
+            path.unlink(missing_ok=True)
+
+
+#: What opening a URL may raise: commands that fail say so with an OSError or a ValueError.
+_UNREACHABLE = (OSError, ValueError)
+
+
+def _open(url: str) -> Any:
+    from webdataset.gopen import gopen
+
+    return gopen(url)

@@ -1,0 +1,147 @@
+"""What a set of recordings holds, in numbers: kept in indices, shown in reports."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from tactileforge.contracts import Recording
+
+#: Labels of a batch that objectives may need.
+LABELS = ("force", "action", "object", "text", "image")
+
+
+@dataclass(frozen=True, order=True)
+class Kind:
+    """Recordings that are counted together.
+
+    Attributes:
+        sensor: Name of the sensor.
+        source: Where they come from.
+        licence: As `contracts.Recording` says it.
+        tier: 1 to 5.
+    """
+
+    sensor: str
+    source: str
+    licence: str
+    tier: int
+
+
+@dataclass
+class Count:
+    """How much there is of a kind.
+
+    Attributes:
+        recordings: Recordings.
+        frames: Frames.
+        seconds: From the first frame of each to the end of the last; a still lasts no time.
+        labels: Recordings that carry each of `LABELS`, whole or in part.
+    """
+
+    recordings: int = 0
+    frames: int = 0
+    seconds: float = 0.0
+    labels: Counter[str] = field(default_factory=Counter)
+
+
+class Summary(dict[Kind, Count]):
+    """Counts of each kind of recording.
+
+    Example:
+        >>> Summary().recordings, Summary().sensors
+        (0, [])
+    """
+
+    @classmethod
+    def of(cls, recordings: Iterable[Recording]) -> Summary:
+        """Counts recordings; decodes nothing."""
+        found = cls()
+        for one in recordings:
+            found.add(one)
+        return found
+
+    def add(self, recording: Recording) -> None:
+        """Counts one more."""
+        kind = Kind(recording.sensor, recording.source, recording.licence, recording.tier)
+        count = self.setdefault(kind, Count())
+        count.recordings += 1
+        count.frames += len(recording.frames)
+        count.seconds += seconds(recording)
+        count.labels.update(key for key in LABELS if getattr(recording, key) is not None)
+
+    def merge(self, other: Mapping[Kind, Count]) -> None:
+        """Adds the counts of another summary."""
+        for kind, theirs in other.items():
+            count = self.setdefault(kind, Count())
+            count.recordings += theirs.recordings
+            count.frames += theirs.frames
+            count.seconds += theirs.seconds
+            count.labels.update(theirs.labels)
+
+    @property
+    def recordings(self) -> int:
+        """Their number."""
+        return sum(count.recordings for count in self.values())
+
+    @property
+    def frames(self) -> int:
+        """Number of frames of all."""
+        return sum(count.frames for count in self.values())
+
+    @property
+    def seconds(self) -> float:
+        """Duration of all."""
+        return sum(count.seconds for count in self.values())
+
+    @property
+    def sensors(self) -> list[str]:
+        """Names of the sensors, sorted."""
+        return sorted({kind.sensor for kind in self})
+
+    @property
+    def labels(self) -> frozenset[str]:
+        """The labels that at least one recording carries."""
+        return frozenset(key for count in self.values() for key, n in count.labels.items() if n)
+
+    def to_json(self) -> list[dict[str, Any]]:
+        """As plain data; see `from_json`."""
+        return [
+            {
+                "sensor": kind.sensor,
+                "source": kind.source,
+                "licence": kind.licence,
+                "tier": kind.tier,
+                "recordings": count.recordings,
+                "frames": count.frames,
+                "seconds": round(count.seconds, 6),
+                "labels": {key: count.labels[key] for key in LABELS if count.labels[key]},
+            }
+            for kind, count in sorted(self.items())
+        ]
+
+    @classmethod
+    def from_json(cls, rows: Iterable[Mapping[str, Any]]) -> Summary:
+        """The summary that `to_json` wrote.
+
+        Raises:
+            KeyError: A row lacks a value.
+            TypeError: A value is of the wrong type.
+        """
+        found = cls()
+        for row in rows:
+            kind = Kind(row["sensor"], row["source"], row["licence"], int(row["tier"]))
+            labels = Counter({key: int(n) for key, n in row["labels"].items() if key in LABELS})
+            count = Count(int(row["recordings"]), int(row["frames"]), float(row["seconds"]), labels)
+            found.merge({kind: count})
+        return found
+
+
+def seconds(recording: Recording) -> float:
+    """From the first frame to the end of the last; a still lasts no time."""
+    times = recording.times
+    return float(times[-1] - times[0] + np.median(np.diff(times))) if len(times) > 1 else 0.0

@@ -1,0 +1,121 @@
+"""The data set ``mixture``: several data sets at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+from tactileforge import registry
+from tactileforge.contracts import Dataset, Recording
+from tactileforge.data.sources import Bad, Part, Source, sources_of
+from tactileforge.errors import ConfigError, unknown
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+class Mixture:
+    """Several data sets; every batch holds a fixed share of each.
+
+    Objects are told apart by data set: ``cup`` of one is not the ``cup`` of another. On the command
+    line: ``data=mixture +data@data.sources.a=sim +data@data.sources.b=octopi data.weights.b=2``.
+
+    Args:
+        sources: Configuration of each data set, by the name it has here: ``name`` is the plugin.
+        weights: Share of a batch relative to the others, by that name; those that are left out
+            take their share of all clips.
+    """
+
+    def __init__(
+        self,
+        sources: dict[str, dict[str, Any]] | None = None,
+        weights: dict[str, float] | None = None,
+    ) -> None:
+        self.given = dict(sources or {})
+        self.weights = dict(weights or {})
+        for name in self.weights:
+            if name not in self.given:
+                raise ConfigError(unknown("source in data.weights", name, self.given))
+
+    @cached_property
+    def datasets(self) -> dict[str, Dataset]:
+        """The data sets, by name.
+
+        Raises:
+            ConfigError: There is none, or one is a mixture itself.
+        """
+        if not self.given:
+            raise ConfigError(
+                "data=mixture has no sources; add some: +data@data.sources.a=sim "
+                "+data@data.sources.b=shards data.sources.b.root=DIR"
+            )
+        nodes: Mapping[str, Mapping[str, Any]] = self.given
+        if any(node.get("name") == "mixture" for node in nodes.values()):
+            raise ConfigError("a source of data=mixture is a mixture; list its sources instead")
+        return {name: registry.build("datasets", node) for name, node in nodes.items()}
+
+    @property
+    def provides(self) -> frozenset[str]:
+        """What any of the data sets provides."""
+        return frozenset[str]().union(*(data.provides for data in self.datasets.values()))
+
+    @property
+    def skipped(self) -> list[str]:
+        """What could not be read, of all data sets."""
+        return [line for data in self.datasets.values() for line in data.skipped]
+
+    def sources(self, split: str) -> list[Source]:
+        """The sources of all data sets; see `data.sources.Parted`."""
+        return [
+            replace(
+                source,
+                name=name,
+                parts=[_Named(name, part) for part in source.parts],
+                weight=self.weights.get(name),
+            )
+            for name, data in self.datasets.items()
+            for source in sources_of(data, split)
+        ]
+
+    def recordings(self, split: str) -> Iterator[Recording]:
+        """Yields the recordings of a split, data set after data set."""
+        for name, data in self.datasets.items():
+            for recording in data.recordings(split):
+                yield _named(name, recording)
+
+    def plot(self, recording: Recording) -> Figure:
+        """A figure of a recording."""
+        from tactileforge.datasets.figure import plot
+
+        return plot(recording)
+
+
+@dataclass(frozen=True)
+class _Named:
+    """A part whose recordings carry the name of their data set."""
+
+    name: str
+    part: Part
+
+    @property
+    def recordings(self) -> int:
+        """How many there are."""
+        return self.part.recordings
+
+    @property
+    def seconds(self) -> float:
+        """How long they last together."""
+        return self.part.seconds
+
+    def open(self, bad: Bad) -> Iterator[Recording]:
+        """Opens them; see `data.sources.Part`."""
+        for recording in self.part.open(bad):
+            yield _named(self.name, recording)
+
+
+def _named(name: str, recording: Recording) -> Recording:
+    given = recording.object
+    whole = None if given is None else f"{name}/{given}"
+    return replace(recording, key=f"{name}/{recording.key}", object=whole)
