@@ -4,7 +4,7 @@ import torch
 from tactileforge.assemble import build_data, with_sensors
 from tactileforge.compose import compose
 from tactileforge.contracts import Batch
-from tactileforge.errors import ConfigError
+from tactileforge.errors import ConfigError, DataError
 from tactileforge.module import TouchModule
 
 SMALL = ["scale=demo", "encoder.image_size=32"]
@@ -90,6 +90,15 @@ def test_samples_without_a_label_change_nothing(module: TouchModule, batch: Batc
     bare = batch | {"force_valid": nothing, "image_valid": nothing, "text": [""] * 8}
     bare |= {"group": torch.full((8,), -1)}
     assert module.losses(bare, {"force": 1.0, "align": 1.0, "match": 1.0})[0].item() == 0
+
+
+def test_a_run_stops_with_a_list_of_what_it_cannot_read(module: TouchModule) -> None:
+    module.allowed = 3
+    module.skip({"a.tar: cut off": 2})
+    module.skip({"a.tar: cut off": 2, "b.mp4: damaged": 1})
+    assert module.skipped == {"a.tar: cut off": 2, "b.mp4: damaged": 1}
+    with pytest.raises(DataError, match=r"4 recordings .* allows 3(.|\n)*a\.tar(.|\n)*c\.png"):
+        module.skip({"c.png: no picture": 1})
 
 
 def test_towers_are_built_for_what_the_data_has() -> None:

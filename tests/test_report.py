@@ -22,13 +22,13 @@ from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.heads.decoder import Reconstruction
 from tactileforge.heads.force import Forces
 from tactileforge.module import TouchModule
-from tactileforge.report import report_of_run, write_report
 from tactileforge.report.embedding import Embedding, neighbours, principal
 from tactileforge.report.figures import curve_figure
 from tactileforge.report.forces import ForceResult
 from tactileforge.report.metrics import Curve, read_metrics
 from tactileforge.report.page import MINUS, NONE, duration, number, percent
 from tactileforge.report.pictures import strips_of
+from tactileforge.report.run import report_of_run, write_report
 from tactileforge.report.samples import (
     ForceReading,
     Look,

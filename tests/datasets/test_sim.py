@@ -142,8 +142,15 @@ def test_bench_holds_out_the_papers_indenters() -> None:
     assert held_out == {63, 64, 69}
 
 
-def test_pretraining_never_sees_the_bench() -> None:
+def test_by_default_every_shape_of_validation_is_one_of_training() -> None:
     config = Sim().config
+    train = {config.scene(i).shape.name for i in range(40)}
+    assert len(train) == 12
+    assert {config.scene(record.FIRST_VAL + i).shape.name for i in range(8)} <= train
+
+
+def test_pretraining_never_sees_the_bench() -> None:
+    config = Sim(indenters="pretrain").config
     shapes = [config.scene(i).shape for i in range(61)]
     assert len({shape.index for shape in shapes}) == 61
     assert not {shape.index for shape in shapes} & set(range(62, 72))

@@ -114,6 +114,25 @@ def test_start_of_the_frame_before_changes_nothing_but_the_time() -> None:
         assert float(found.sum()) == pytest.approx(float(wanted.sum()), rel=2e-3)
 
 
+def test_a_start_that_leads_nowhere_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A corner that all but leaves the gel, from a start a thousand times too high."""
+    gel = Gel()
+    x, y = plane(48, 0.2)
+    corner = 0.0112 - 0.05 * (x + y + 2.2).abs() - 0.02 * (x - y).abs()
+    settled, _ = press(gel, corner[None], 0.2)
+    solver, steps = kernel(gel, 48, 0.2), contact._STEPS
+    tried = []
+    first = contact._first
+    monkeypatch.setattr(contact, "_first", lambda *given: tried.append(1) or first(*given))
+    monkeypatch.setattr(contact, "_STEPS", 1)
+    with pytest.raises(contact.NotConverged, match="did not settle in 1 steps"):
+        contact.press(solver, corner[None], 1e3 * torch.ones(1, 48, 48), tolerance=1e-12)
+    assert len(tried) == 2
+    monkeypatch.setattr(contact, "_STEPS", steps)
+    again = contact.press(solver, corner[None], 1e3 * torch.ones(1, 48, 48))
+    assert torch.allclose(again, settled, atol=0.02 * float(settled.max()))
+
+
 def test_batch_equals_single() -> None:
     grid = kernel(Gel(), 32, 0.3)
     overlap = sphere(4.0, torch.tensor([0.2, 0.9, -1.0]), 32, 0.3)

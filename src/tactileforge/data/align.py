@@ -11,6 +11,8 @@ from tactileforge.errors import DataError
 
 #: Frames that both signals must share at a lag for their correlation there to count.
 _LEAST_SHARED = 8
+#: Step in time, as a multiple of the usual one, that is a gap.
+_GAP = 2.5
 #: A signal whose spread is below this share of its size does not move (rounding, not touch).
 _STILL = 1e-6
 
@@ -68,7 +70,8 @@ def estimate_lag(
     The size of the normal force, which makes the imprint, is correlated with how much the picture
     differs from the background, at every shift of whole frames within ``reach``; a parabola through
     the best three gives the fraction of a frame. (Measured on two recordings of known lag: shear
-    added to the normal force, or rates of change, are off by 20 ms to 100 ms.)
+    added to the normal force, or rates of change, are off by 20 ms to 100 ms.) Of a recording with
+    gaps in time, the longest stretch without one is used.
 
     Args:
         times: float64 (T,), seconds, ascending; the rate may vary.
@@ -77,7 +80,8 @@ def estimate_lag(
         reach: Largest lag that is looked for, s, either way.
 
     Returns:
-        The lag; all NaN where force or picture do not move, or labels are too few.
+        The lag; all NaN where force or picture do not move, labels are too few, or times do not
+        increase.
 
     Raises:
         DataError: The arrays differ in length.
@@ -86,9 +90,13 @@ def estimate_lag(
         raise DataError(
             f"{len(times)} times, {len(force)} forces and {len(change)} frames: give one a frame"
         )
-    if len(times) < _LEAST_SHARED:
+    steps = np.diff(times)
+    if len(times) < _LEAST_SHARED or not (steps > 0).all():
         return _NO_LAG
-    period = float(np.median(np.diff(times)))
+    period = float(np.median(steps))
+    stretches = np.split(np.arange(len(times)), np.flatnonzero(steps > _GAP * period) + 1)
+    longest = max(stretches, key=len)
+    times, force, change = times[longest], force[longest], change[longest]
     clock = np.arange(times[0], times[-1] + period / 2, period)
     pressed = _resampled(clock, times, np.abs(force[:, 2]))
     seen = _resampled(clock, times, np.asarray(change, np.float64))

@@ -172,7 +172,8 @@ class Clips(Dataset[dict[str, Any]]):
                         f"frames are {recording.frames.shape}; give a background of the same size"
                     )
                 still = recording.no_contact.read(range(len(recording.no_contact)))
-                found = _resize(np.median(still, axis=0).astype(np.uint8), self.size)
+                one = still[0] if len(still) == 1 else np.median(still, axis=0).astype(np.uint8)
+                found = _resize(one, self.size)
             self._cache.put(("background", number), found)
         return found
 
@@ -262,7 +263,10 @@ def collate(rows: Sequence[dict[str, Any]]) -> Batch:
     batch: Batch = {}
     for key, first in rows[0].items():
         values = [row[key] for row in rows]
-        if isinstance(first, torch.Tensor):
+        if isinstance(first, torch.Tensor) and first.dtype == torch.uint8:
+            # pictures keep the order they have in memory, channels last: no transposition here
+            batch[key] = torch.stack([v.movedim(-3, -1) for v in values]).movedim(-1, -3)
+        elif isinstance(first, torch.Tensor):
             batch[key] = torch.stack(values)
         elif isinstance(first, str):
             batch[key] = values

@@ -157,7 +157,14 @@ def _name(group: str, number: int, codec: str) -> str:
 
 
 def _shape(picture: bytes) -> tuple[int, int]:
-    with Image.open(io.BytesIO(picture)) as opened:  # reads the header alone
+    """Height and width, from the header alone."""
+    if picture[:2] == b"\xff\xd8":  # JPEG: go from segment to segment to the start of frame
+        place = 2
+        while len(segment := picture[place : place + 9]) == 9:
+            if 0xC0 <= segment[1] <= 0xCF and segment[1] not in (0xC4, 0xC8, 0xCC):
+                return int.from_bytes(segment[5:7]), int.from_bytes(segment[7:9])
+            place += 2 + int.from_bytes(segment[2:4])
+    with Image.open(io.BytesIO(picture)) as opened:
         return opened.height, opened.width
 
 

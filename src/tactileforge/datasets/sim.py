@@ -27,8 +27,8 @@ class Sim:
         scenes: Number of touches for training; each is one recording a sensor.
         val: Number of touches for validation.
         sensors: Types of sensors, of `sim.devices.DEVICES`.
-        indenters: ``pretrain``, ``bench`` (validation has indenters of its own), ``textures``,
-            ``all``, or names of shapes.
+        indenters: ``few`` (twelve for pretraining), ``pretrain`` (all 61), ``bench`` (validation
+            has indenters of its own), ``textures``, ``all``, or names of shapes.
         motions: ``atomic``, ``force_trial``, ``manipulation``, ``all``, or names of motions.
         size: Rows or columns of a frame, whichever are fewer.
         seconds: Mean duration of one action.
@@ -51,7 +51,7 @@ class Sim:
         scenes: int = 40,
         val: int = 8,
         sensors: Sequence[str] = ("digit", "gelsight", "gelsight_mini"),
-        indenters: str | Sequence[str] = "pretrain",
+        indenters: str | Sequence[str] = "few",
         motions: str | Sequence[str] = "atomic",
         size: int = 112,
         seconds: float = 0.6,

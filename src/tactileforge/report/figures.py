@@ -31,19 +31,19 @@ MARKERS = "o^s"
 #: Classes that stand for the splits.
 SPLITS = {"train": 0, "val": 1}
 TRAIN, VAL = CLASSES[0][0], CLASSES[1][0]
-_INK, _LINE, _OTHER, _SHADE = "#010203", "#040506", "#070809", "#0a0b0c"
+INK, _LINE, _OTHER, SHADE = "#010203", "#040506", "#070809", "#0a0b0c"
 _VARIABLES = {
-    _INK: "currentColor",
+    INK: "currentColor",
     _LINE: "var(--line)",
     _OTHER: "var(--other)",
-    _SHADE: "var(--shade)",
+    SHADE: "var(--shade)",
 } | {light: f"var(--c{i})" for i, (light, _) in enumerate(CLASSES)}
 _STYLE = {
     "svg.fonttype": "none",
     "svg.hashsalt": "tactileforge",
     "font.size": 10,
-    "text.color": _INK,
-    "axes.labelcolor": _INK,
+    "text.color": INK,
+    "axes.labelcolor": INK,
     "axes.edgecolor": _LINE,
     "axes.facecolor": "none",
     "axes.grid": True,
@@ -56,8 +56,8 @@ _STYLE = {
     "grid.linewidth": 0.6,
     "xtick.color": _LINE,
     "ytick.color": _LINE,
-    "xtick.labelcolor": _INK,
-    "ytick.labelcolor": _INK,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
     "lines.linewidth": 1.8,
     "lines.solid_capstyle": "round",
 }
@@ -84,7 +84,7 @@ def curve_figure(
         val: Points, joined.
         weight: Weight of the objective, a shaded area on an axis of its own.
     """
-    with _panel(4.2, 2.4) as (figure, axes):
+    with drawing(4.2, 2.4) as (figure, axes):
         if weight is not None:
             _shade(axes, weight)
         if train is not None:
@@ -97,13 +97,13 @@ def curve_figure(
             _log_if_wide(axes, np.concatenate(values or [np.zeros(0)]))
         axes.set(xlim=(0, max(last_step, 1)), xlabel="step", ylabel=label)
         shaded = ", and the weight of the objective" * (weight is not None)
-        return _svg(figure, f"{label} over steps{shaded}")
+        return svg(figure, f"{label} over steps{shaded}")
 
 
 def _shade(axes: Any, weight: Curve) -> None:
     behind = axes.twinx()
     axes.set_zorder(behind.get_zorder() + 1)
-    behind.fill_between(weight.steps, weight.values, color=_SHADE, linewidth=0)
+    behind.fill_between(weight.steps, weight.values, color=SHADE, linewidth=0)
     top = float(weight.values.max()) or 1.0
     behind.set_ylim(0, 1.05 * top)
     behind.set_yticks([0, top], ["0", f"{top:.2g}"])
@@ -121,7 +121,7 @@ def scatter_figure(
         labels: Of the axes.
         identity: Both axes have one scale and a line on which they agree; else they have none.
     """
-    with _panel(3.9, 3.6) as (figure, axes):
+    with drawing(3.9, 3.6) as (figure, axes):
         for x, y, classes, strength in groups:
             for number in np.unique(classes):
                 chosen = classes == number
@@ -140,12 +140,12 @@ def scatter_figure(
             low, high = float(everything.min()), float(everything.max())
             room = max(0.05 * (high - low), 0.1 - (high - low) / 2)
             ends = (low - room, high + room)
-            axes.plot(ends, ends, color=_INK, linewidth=0.8, dashes=(4, 3), zorder=1.5)
+            axes.plot(ends, ends, color=INK, linewidth=0.8, dashes=(4, 3), zorder=1.5)
             axes.set(xlim=ends, ylim=ends, aspect="equal")
         else:
             axes.tick_params(length=0, labelbottom=False, labelleft=False)
         axes.set(xlabel=labels[0], ylabel=labels[1])
-        return _svg(figure, f"{labels[1]} against {labels[0]}")
+        return svg(figure, f"{labels[1]} against {labels[0]}")
 
 
 def force_curve_figure(
@@ -158,16 +158,16 @@ def force_curve_figure(
         predicted: Points, by split.
         axis: Its name.
     """
-    with _panel(4.2, 2.4) as (figure, axes):
+    with drawing(4.2, 2.4) as (figure, axes):
         for times, values in measured:
-            axes.plot(times, values, color=_INK, linewidth=1.1)
+            axes.plot(times, values, color=INK, linewidth=1.1)
         for split, (times, values) in predicted.items():
             colour = CLASSES[SPLITS[split]][0]
             axes.plot(times, values, "o", color=colour, markersize=3, markeredgewidth=0)
         low, high = axes.get_ylim()
         room = max(0.0, 0.1 - (high - low) / 2)
         axes.set(xlabel="time (s)", ylabel=f"{axis} (N)", ylim=(low - room, high + room))
-        return _svg(figure, f"measured and predicted force along {axis} over time")
+        return svg(figure, f"measured and predicted force along {axis} over time")
 
 
 def marker_of(number: int) -> str:
@@ -176,7 +176,7 @@ def marker_of(number: int) -> str:
 
 
 @contextmanager
-def _panel(width: float, height: float) -> Iterator[tuple[Figure, Any]]:
+def drawing(width: float, height: float) -> Iterator[tuple[Figure, Any]]:
     """A figure with one pair of axes, in inches; the page scales it."""
     with mpl.rc_context(_STYLE):
         figure = Figure((width, height), layout="constrained", facecolor="none")
@@ -191,7 +191,7 @@ def _log_if_wide(axes: Any, values: NDArray[np.float64]) -> None:
         axes.set_yscale("log")
 
 
-def _svg(figure: Figure, words: str) -> str:
+def svg(figure: Figure, words: str) -> str:
     """Inline SVG without size, fonts and colours of its own; its ids are in no other figure."""
     file = io.StringIO()
     figure.savefig(

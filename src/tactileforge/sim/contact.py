@@ -73,6 +73,8 @@ def press(
         before = torch.where(changed, 0.0, square)
         pressure = stepped
         misfit = kernel.press(pressure) - overlap
+    if start is not None:  # what is all but clear of the gel may be far from the frame before
+        return press(kernel, overlap, None, tolerance)
     raise NotConverged(
         f"contact {int((worst / limit).argmax())} of {len(depth)} did not settle in {_STEPS} steps:"
         f" misfit {float((worst / depth.clamp(min=1e-9)).max()):.2g} of the depth"

@@ -33,6 +33,21 @@ from tactileforge.sim.shapes import INDENTERS, Shape, shape
 from tactileforge.sim.textures import TEXTURES
 from tactileforge.sim.view import view
 
+#: Indenters that a small data set shows several times each.
+FEW = (
+    "small_sphere",
+    "cylindrical",
+    "square_prism",
+    "regular_triangular",
+    "cross_shaped",
+    "ring_shaped",
+    "t_shaped",
+    "star_shaped_holes",
+    "small_sphere_array",
+    "rectangular_bar_array",
+    "wavy_cylindrical",
+    "crescent_shaped",
+)
 #: Validation has numbers of its own: it does not change with the number of scenes.
 FIRST_VAL = 300_000
 #: What a group of motions stands for.
@@ -54,8 +69,8 @@ class Config:
 
     Attributes:
         sensors: Types of sensors; each scene is felt by all of them.
-        indenters: ``pretrain``, ``bench`` (training and validation have indenters of their own, as
-            in the paper), ``textures``, ``all``, or names of shapes.
+        indenters: ``pretrain``, ``few`` (twelve of them), ``bench`` (training and validation have
+            indenters of their own, as in the paper), ``textures``, ``all``, or names of shapes.
         motions: ``atomic`` (slides and turns), ``force_trial``, ``manipulation``, ``all``, or
             names of motions.
         size: Rows or columns of a picture, whichever are fewer.
@@ -103,6 +118,8 @@ class Config:
             return [s for s in known if s.split == wanted]
         if chosen == "pretrain":
             return [s for s in known if s.split == "pretrain"]
+        if chosen == "few":
+            return [shape(name) for name in FEW]
         if chosen in ("textures", "all"):
             return [*(known if chosen == "all" else []), *TEXTURES.values()]
         return [shape(chosen)]

@@ -1,0 +1,56 @@
+"""A data set on one page, before anything is trained on it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tactileforge.contracts import Dataset
+from tactileforge.errors import ConfigError
+from tactileforge.inspection import sections, trouble
+from tactileforge.inspection.findings import Findings, Reason, Suspect, Total
+from tactileforge.inspection.survey import survey
+from tactileforge.report.page import page
+
+__all__ = ["Findings", "Reason", "Suspect", "Total", "inspect"]
+
+
+def inspect(
+    dataset: Dataset, name: str, path: Path, limit: int = 400, progress: bool = True
+) -> Findings:
+    """Writes a page on a data set: what it holds, how it looks, and what is wrong with it.
+
+    All recordings are counted, and ``limit`` of them, spread over the sensors, are looked at:
+    at most 24 frames each, and all frames of ten recordings with force. Memory does not grow with
+    the number of recordings.
+
+    Args:
+        dataset: The data set; its splits ``train`` and ``val`` are read.
+        name: What the page calls it.
+        path: The page, one HTML file that needs no network. It appears once it is whole.
+        limit: How many recordings are looked at.
+        progress: Whether to show progress bars.
+
+    Returns:
+        What was found; printed, it is a summary of a few lines.
+
+    Raises:
+        ConfigError: Fewer than one recording would be looked at.
+        DataNotFoundError: The data is not there.
+        DataError: Not one recording can be opened.
+    """
+    if limit < 1:
+        raise ConfigError(f"limit={limit}: look at 1 recording or more")
+    found = survey(dataset, limit, progress)
+    parts = [
+        sections.totals(found),
+        sections.sheets(found),
+        sections.strips(found),
+        sections.labels(found),
+        trouble.duplicates(found),
+        trouble.suspicious(found),
+    ]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f"{path.name}.part")
+    part.write_text(page(f"Data set {name}", trouble.top(name, found), parts), encoding="utf-8")
+    part.replace(path)
+    return found.findings

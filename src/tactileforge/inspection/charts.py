@@ -1,0 +1,117 @@
+"""Charts of a data set, in the style of the report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+
+import numpy as np
+from matplotlib.ticker import FuncFormatter, MaxNLocator
+from numpy.typing import NDArray
+
+from tactileforge.contracts import ACTIONS, Recording
+from tactileforge.inspection.tally import DURATIONS, Histogram
+from tactileforge.report.figures import CLASSES, SHADE, drawing, svg
+
+#: Points of a force curve.
+_POINTS = 400
+#: Share of the time axis that a name of an action needs, a letter.
+_LETTER = 0.022
+#: Longest name of a bar, letters.
+_NAME = 28
+
+
+def force_curve(recording: Recording, shown: Sequence[float]) -> str:
+    """Force over time along x, y and z; stretches of one action are shaded and named.
+
+    Args:
+        recording: With force, or with actions.
+        shown: Times of the frames that are shown above, s; marked on the axis.
+    """
+    times = recording.times
+    with drawing(5.2, 0.9 if recording.force is None else 1.9) as (figure, axes):
+        if recording.force is not None:
+            rows = np.unique(np.linspace(0, len(times) - 1, _POINTS).round().astype(int))
+            for i, values in enumerate(recording.force[rows].T):
+                axes.plot(times[rows], values, color=CLASSES[i][0], linewidth=1.4)
+            axes.set_ylabel("N")
+        else:
+            axes.set_yticks([])
+            axes.set_ylim(0, 1)
+        low, high = axes.get_ylim()
+        room = max(0.0, 0.1 - (high - low) / 2)
+        axes.set(ylim=(low - room, high + room), xlabel="time (s)")
+        axes.set_xlim(times[0], times[-1])
+        axes.plot(
+            shown, [0] * len(shown), "|", transform=axes.get_xaxis_transform(), clip_on=False,
+            color="#010203", markersize=7,
+        )  # fmt: skip
+        if recording.action is not None:
+            for name, start, stop in _stretches(recording.action, times):
+                axes.axvspan(start, stop, color=SHADE, linewidth=0, zorder=0)
+                if (stop - start) > _LETTER * len(name) * (times[-1] - times[0]):
+                    place = dict(x=(start + stop) / 2, y=1.0, s=name, ha="center", va="bottom")
+                    axes.text(**place, transform=axes.get_xaxis_transform(), fontsize=8)
+        what = "force" if recording.force is not None else "actions"
+        return svg(figure, f"{what} over time")
+
+
+def _stretches(
+    action: NDArray[np.int64], times: NDArray[np.float64]
+) -> list[tuple[str, float, float]]:
+    """Name, start and end of each stretch of one known action, with a gap between neighbours."""
+    edges = [0, *(np.flatnonzero(np.diff(action)) + 1).tolist(), len(action)]
+    gap = 0.002 * float(times[-1] - times[0])
+    return [
+        (ACTIONS[action[a]].replace("_", " "), float(times[a]) + gap, float(times[b - 1]) - gap)
+        for a, b in pairwise(edges)
+        if 0 <= action[a] < len(ACTIONS) and times[b - 1] - times[a] > 2 * gap
+    ]
+
+
+def force_histogram(sensors: Sequence[Histogram], axis: str) -> str:
+    """Shares of the frames of each sensor by force along one axis, on a logarithmic scale."""
+    widest = max(sensors, key=lambda one: one.reach)
+    counts = [one.over(widest.reach) for one in sensors]
+    kept = np.flatnonzero(sum(counts))
+    with drawing(4.2, 2.4) as (figure, axes):
+        for i, own in enumerate(counts if len(kept) else []):
+            shares = own[kept[0] : kept[-1] + 1] / max(1, own.sum())
+            edges = widest.edges[kept[0] : kept[-1] + 2]
+            axes.stairs(shares, edges, color=CLASSES[i % len(CLASSES)][0], linewidth=1.6)
+        axes.set(yscale="log", xlabel=f"{axis} (N)", ylabel="share of frames")
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda share, _: f"{100 * share:g} %"))
+        axes.yaxis.set_minor_formatter(FuncFormatter(lambda share, _: ""))
+        return svg(figure, f"shares of frames by force along {axis}")
+
+
+def bars(counts: Mapping[str, int], words: str) -> str:
+    """Counts by name, the first at the top."""
+    with drawing(5.2, 0.5 + 0.24 * max(2, len(counts))) as (figure, axes):
+        names = [name if len(name) <= _NAME else f"{name[: _NAME - 1]}…" for name in counts]
+        axes.barh(range(len(names)), counts.values(), height=0.72, color=CLASSES[0][0], linewidth=0)
+        axes.set_yticks(range(len(names)), names, parse_math=False)
+        for place, count in enumerate(counts.values()):
+            axes.annotate(
+                f"{count:,}", (count, place), (3, 0), textcoords="offset points", va="center",
+                fontsize=8,
+            )  # fmt: skip
+        axes.set(ylim=(max(2, len(names)) - 0.5, -0.5), xlim=(0, 1.12 * max(counts.values())))
+        axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
+        axes.grid(visible=False, axis="y")
+        axes.tick_params(axis="y", length=0)
+        return svg(figure, words)
+
+
+def durations(counts: NDArray[np.int64]) -> str:
+    """Recordings by their duration, on a logarithmic axis."""
+    with drawing(5.2, 2.4) as (figure, axes):
+        axes.stairs(counts, DURATIONS, fill=True, color=CLASSES[0][0])
+        kept = np.flatnonzero(counts)
+        first, last = max(0, int(kept[0]) - 4), min(len(counts), int(kept[-1]) + 5)
+        axes.set(xscale="log", xlabel="duration (s)", ylabel="recordings")
+        axes.set_xlim(DURATIONS[first], DURATIONS[last])
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axes.xaxis.set_minor_formatter(FuncFormatter(lambda value, _: ""))
+        axes.yaxis.set_major_locator(MaxNLocator(5, integer=True))
+        return svg(figure, "recordings by duration")

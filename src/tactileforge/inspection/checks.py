@@ -1,0 +1,204 @@
+"""What makes a recording suspicious. Each check gives a number, and says it in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactileforge.contracts import Recording
+from tactileforge.data.align import Lag, estimate_lag
+from tactileforge.errors import ConfigError
+from tactileforge.inspection.findings import Reason
+from tactileforge.inspection.look import Look, changes
+from tactileforge.report.page import number, percent
+from tactileforge.specs import spec
+
+#: Step in time, as a multiple of the usual one, that counts as a gap: a clip across it is not cut.
+GAP = 2.5
+#: Grey levels. Noise of real videos reaches 1.8 here, and the faintest touches 2.5 (a sponge on a
+#: GelSight Mini, 0.5 N of simulated force).
+NO_CONTACT = 2.0
+#: Grey levels. Touch is local: real videos whose background fits stay below 2, and 0.5 in the air.
+NEW_GROUND = 6.0
+#: Share of the picture. Real sensors that are not overexposed stay below 0.04.
+SATURATED = 0.05
+#: Seconds; the noise of a live sensor makes any two of its frames differ.
+FROZEN = 1.0
+#: Seconds and frames of lag that count, and how sure the estimate must be. Estimates on
+#: recordings without lag are off by up to 0.05 s.
+LAG = 0.05
+LAG_FRAMES = 1.5
+LAG_CORRELATION = 0.8
+LAG_PROMINENCE = 0.1
+#: Force, as a multiple of the sensor's scale, that is out of its range: heads predict about -1..1.
+RANGE = 1.5
+#: Share of the scale of the normal force, and of the largest one here, that counts as pulling.
+PULL = 0.05
+#: Frames that the lag is estimated on, at least and at most.
+LAG_LEAST, LAG_MOST = 30, 1000
+
+REASONS = {
+    "no_background": Reason(
+        "No background",
+        "Nothing is subtracted, so the encoder also sees the light of the sensor. Name a frame "
+        "without contact, if there is one.",
+    ),
+    "never_in_contact": Reason(
+        "Never in contact",
+        f"In no frame that was looked at does the strongest 1 % of the picture differ by "
+        f"{NO_CONTACT:g} grey levels from the background. There is nothing to learn from.",
+        "grey levels",
+        worst=-1,
+    ),
+    "background_changed": Reason(
+        "The background has changed",
+        f"Even in the frame of least change, half of the picture differs by {NEW_GROUND:g} grey "
+        "levels or more: the light or exposure is another one, or the background is that of "
+        "another sensor. Stills, and flat objects that cover the gel, can look like that too.",
+        "grey levels",
+    ),
+    "saturated": Reason(
+        "Saturated",
+        f"In the worst frame, more than {percent(SATURATED)} of the pixels have a channel at 0 or "
+        "255, where touch leaves no trace.",
+    ),
+    "frozen": Reason(
+        "Frozen",
+        f"Frames do not change at all for more than {FROZEN:g} s: the camera, or the program that "
+        "recorded, had stopped.",
+        "s",
+    ),
+    "lag": Reason(
+        "Pictures and forces do not fit in time",
+        f"By cross-correlation of the normal force with the change of the picture, by more than "
+        f"{LAG:g} s and {LAG_FRAMES:g} frames. Shift the forces (layouts have lag_s).",
+        "s",
+    ),
+    "gaps_in_time": Reason(
+        "Gaps in time",
+        f"A step of more than {GAP:g} usual ones, or times that do not increase. No clip is cut "
+        "across a gap.",
+        "usual steps",
+    ),
+    "force_out_of_range": Reason(
+        "Force out of range",
+        f"More than {RANGE:g} times what the sensor's force scale is: wrong unit, or sensor?",
+        "times the scale",
+    ),
+    "pulling_force": Reason(
+        "Pulling",
+        "The normal force is negative, but an object cannot pull the gel: pressing has to be "
+        "positive, and the sensor of force tared.",
+        "N",
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Flag:
+    """That a recording is suspicious.
+
+    Attributes:
+        reason: One of `REASONS`.
+        value: The measured number, in the unit of the reason.
+        words: The same in words.
+    """
+
+    reason: str
+    value: float
+    words: str
+
+
+def of_labels(recording: Recording) -> Iterator[Flag]:
+    """What can be told without a pixel."""
+    if recording.no_contact is None:
+        yield Flag("no_background", 0.0, "no frame without contact")
+    yield from _times(recording)
+    yield from _force(recording)
+
+
+def of_pixels(recording: Recording, seen: Look) -> Iterator[Flag]:
+    """What some frames tell."""
+    if recording.no_contact is not None:
+        if seen.contact < NO_CONTACT:
+            yield Flag(
+                "never_in_contact", seen.contact, f"differs by {seen.contact:.2g} grey levels"
+            )
+        if seen.ground > NEW_GROUND:
+            words = f"half of the picture differs by {seen.ground:.2g} grey levels"
+            yield Flag("background_changed", seen.ground, words)
+    if seen.saturated > SATURATED:
+        yield Flag("saturated", seen.saturated, f"{percent(seen.saturated)} of the pixels")
+    if seen.frozen > FROZEN:
+        yield Flag("frozen", seen.frozen, f"the same picture for {seen.frozen:.3g} s")
+
+
+def of_lag(recording: Recording, lag: Lag) -> Iterator[Flag]:
+    """What the lag tells that was estimated on a recording."""
+    late = abs(lag.seconds)
+    step = float(np.median(np.diff(recording.times)))
+    if is_sure(lag) and late > max(LAG, LAG_FRAMES * step):
+        side = "after" if lag.seconds > 0 else "before"
+        words = f"pictures come {late:.2g} s {side} forces (correlation {lag.correlation:.2g})"
+        yield Flag("lag", late, words)
+
+
+def is_sure(lag: Lag) -> bool:
+    """Whether the recording tells its lag: force and picture must change, and fit at one lag."""
+    return lag.correlation >= LAG_CORRELATION and lag.prominence >= LAG_PROMINENCE
+
+
+def lag_of(recording: Recording) -> Lag | None:
+    """The lag of a recording with force, on the stretch around its largest force.
+
+    Returns:
+        None where there is no force, or too few frames.
+
+    Raises:
+        DataError: A frame cannot be decoded.
+    """
+    force, count = recording.force, len(recording.frames)
+    if force is None or count < LAG_LEAST or not np.isfinite(force[:, 2]).any():
+        return None
+    middle = int(np.nanargmax(np.abs(force[:, 2])))
+    start = min(max(0, middle - LAG_MOST // 2), max(0, count - LAG_MOST))
+    stretch = slice(start, min(count, start + LAG_MOST))
+    change = changes(recording, range(count)[stretch])
+    return estimate_lag(recording.times[stretch], force[stretch], change)
+
+
+def _times(recording: Recording) -> Iterator[Flag]:
+    times, count = recording.times, len(recording.frames)
+    if len(times) != count:
+        yield Flag("gaps_in_time", float("inf"), f"{len(times)} times for {count} frames")
+        return
+    steps = np.diff(times)
+    usual = float(np.median(steps)) if len(steps) else 1.0
+    if len(steps) and (not np.isfinite(times).all() or steps.min() <= 0):
+        yield Flag("gaps_in_time", float("inf"), "times do not increase")
+    elif len(steps) and steps.max() > GAP * usual:
+        gaps = int((steps > GAP * usual).sum())
+        words = f"{gaps} gap{'s' * (gaps > 1)}, up to {steps.max():.3g} s (usual {usual:.3g} s)"
+        yield Flag("gaps_in_time", float(steps.max() / usual), words)
+
+
+def _force(recording: Recording) -> Iterator[Flag]:
+    force = recording.force
+    if force is None or not np.isfinite(force).all(axis=1).any():
+        return
+    scale = np.ones(3)
+    with suppress(ConfigError):  # a sensor that is not installed here
+        scale = np.array(spec(recording.sensor).force_scale)
+        largest = np.nanmax(np.abs(force), axis=0)
+        axis = int((largest / scale).argmax())
+        times = float(largest[axis] / scale[axis])
+        if times > RANGE:
+            words = f"{largest[axis]:.3g} N along {'xyz'[axis]}, {times:.2g} times the scale"
+            yield Flag("force_out_of_range", times, words)
+    normal = force[:, 2]
+    pull = -float(np.nanmin(normal))
+    if pull > PULL * max(scale[2], float(np.nanmax(np.abs(normal)))):
+        yield Flag("pulling_force", pull, f"down to {number(-pull)} N along z")

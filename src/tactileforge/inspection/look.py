@@ -1,0 +1,211 @@
+"""The pixels of one recording, at a few frames, made small."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import Frames, Recording
+from tactileforge.data.cropped import as_text
+from tactileforge.errors import DataError
+
+#: Frames of a recording that are looked at, and those of them that a strip shows.
+FRAMES = 24
+STRIP = 8
+#: Width of small frames, pixels; their noise is averaged out, so that contact shows.
+_WIDTH = 128
+#: Frames of the background of which the median is taken.
+_BACKGROUND = 15
+#: Frames in memory at once.
+_CHUNK = 8
+#: Height and width of the pictures by which recordings are compared.
+_SIGNATURE = (24, 32)
+_NOTHING = np.empty((0, 1, 1, 3), np.uint8)
+
+
+@dataclass(frozen=True)
+class Look:
+    """What some frames of a recording show.
+
+    Differences are absolute, from the background or, where there is none, from the median of the
+    frames; in grey levels of 255, the mean of the three channels.
+
+    Attributes:
+        rows: int64 (n,), which frames, evenly spread.
+        shape: Height and width of a frame.
+        change: float64 (n,), mean difference of each frame.
+        contact: What the strongest 1 % of the picture differs by, in the frame of largest change,
+            noise smoothed away.
+        ground: Median difference in the frame of least change.
+        saturated: Share of pixels with a channel at 0 or 255, in the worst frame.
+        frozen: Longest time in which the frames looked at are identical, s.
+        digest: Of the pixels of all frames.
+        signature: int16 (STRIP, 24, 32), grey frames to compare with.
+        frame: uint8 (h, w, 3), the frame of largest change, small.
+        difference: uint8 (h, w, 3), the same minus the background, around mid-grey and amplified;
+            None without background.
+        strip: uint8 (STRIP or fewer, h, w, 3), frames over time; empty if not asked for.
+        strip_difference: The same minus the background; empty without background.
+        strip_rows: Their frame numbers.
+    """
+
+    rows: NDArray[np.int64]
+    shape: tuple[int, int]
+    change: NDArray[np.float64]
+    contact: float
+    ground: float
+    saturated: float
+    frozen: float
+    digest: bytes
+    signature: NDArray[np.int16]
+    frame: NDArray[np.uint8]
+    difference: NDArray[np.uint8] | None
+    strip: NDArray[np.uint8]
+    strip_difference: NDArray[np.uint8]
+    strip_rows: list[int]
+
+
+def look(recording: Recording, strip: bool = False) -> Look:
+    """Decodes at most `FRAMES` frames and the background.
+
+    Args:
+        recording: What to look at.
+        strip: Whether to keep frames over time.
+
+    Raises:
+        DataError: A frame cannot be decoded, there are more or fewer times than frames, or the
+            background has another size.
+    """
+    if len(recording.times) != len(recording.frames):
+        raise DataError(
+            f"{recording.key}: {len(recording.times)} times for {len(recording.frames)} frames"
+        )
+    background = background_of(recording)
+    rows = evenly(len(recording.frames), FRAMES)
+    small, saturated, digests = [], 0.0, []
+    for chunk in _chunks(recording.frames, rows.tolist()):
+        for frame in chunk:
+            saturated = max(saturated, _saturated(frame))
+            digests.append(hashlib.blake2b(frame.tobytes(), digest_size=16).digest())
+            small.append(shrunk(frame))
+    frames = np.stack(small)
+    still = np.median(frames, axis=0) if background is None else background
+    away = np.abs(frames - still).mean(axis=-1)
+    change = away.mean(axis=(1, 2))
+    most, least = int(change.argmax()), int(change.argmin())
+    shown = evenly(len(rows), STRIP)
+    return Look(
+        rows=rows,
+        shape=recording.frames.shape,
+        change=change.astype(np.float64),
+        contact=_strongest(frames[most] - still),
+        ground=float(np.median(away[least])),
+        saturated=saturated,
+        frozen=_frozen(digests, recording.times[rows]),
+        digest=hashlib.blake2b(b"".join(digests), digest_size=16).digest(),
+        signature=_signature(frames[shown]),
+        frame=frames[most].round().astype(np.uint8),
+        difference=None if background is None else amplified(frames[most] - still),
+        strip=frames[shown].round().astype(np.uint8) if strip else _NOTHING,
+        strip_difference=amplified(frames[shown] - still)
+        if strip and background is not None
+        else _NOTHING,
+        strip_rows=rows[shown].tolist(),
+    )
+
+
+def changes(recording: Recording, rows: Sequence[int]) -> NDArray[np.float64]:
+    """Mean difference of each of some frames from the background, or else from the first of them.
+
+    Args:
+        recording: What to look at.
+        rows: Frame numbers.
+
+    Raises:
+        DataError: A frame cannot be decoded.
+    """
+    still = background_of(recording)
+    found = []
+    for chunk in _chunks(recording.frames, rows):
+        for frame in chunk:
+            small = shrunk(frame)
+            still = small if still is None else still
+            found.append(float(np.abs(small - still).mean()))
+    return np.array(found)
+
+
+def background_of(recording: Recording) -> NDArray[np.float32] | None:
+    """The background, small: float32 (h, w, 3); None where there is none.
+
+    Raises:
+        DataError: It cannot be decoded, or its size is not that of the frames.
+    """
+    still = recording.no_contact
+    if still is None:
+        return None
+    if still.shape != recording.frames.shape:
+        raise DataError(
+            f"{recording.key}: the background has {as_text(still.shape)} pixels, the frames "
+            f"{as_text(recording.frames.shape)}; give a background of the same size"
+        )
+    rows = evenly(len(still), _BACKGROUND).tolist()
+    small = [shrunk(frame) for chunk in _chunks(still, rows) for frame in chunk]
+    return np.median(small, axis=0).astype(np.float32)
+
+
+def evenly(length: int, count: int) -> NDArray[np.int64]:
+    """At most ``count`` different numbers spread over ``0..length - 1``, with both ends."""
+    return np.unique(np.linspace(0, length - 1, min(length, count)).round().astype(np.int64))
+
+
+def shrunk(frame: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """A frame of small width, each pixel the mean of those it stands for."""
+    height, width = frame.shape[:2]
+    if width > _WIDTH:
+        size = (_WIDTH, max(1, round(height * _WIDTH / width)))
+        frame = cv2.resize(frame, size, interpolation=cv2.INTER_AREA)
+    return frame.astype(np.float32)
+
+
+def amplified(difference: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """A difference as a picture around mid-grey, so strong that 0.5 % of it is clipped."""
+    gain = 127 / max(float(np.quantile(np.abs(difference), 0.995)), 8.0)
+    out: NDArray[np.uint8] = np.clip(128 + gain * difference, 0, 255).astype(np.uint8)
+    return out
+
+
+def _chunks(frames: Frames, rows: Sequence[int]) -> Iterator[NDArray[np.uint8]]:
+    for start in range(0, len(rows), _CHUNK):
+        yield frames.read(rows[start : start + _CHUNK])
+
+
+def _strongest(difference: NDArray[np.float32]) -> float:
+    smooth = cv2.GaussianBlur(difference, (0, 0), 1.0)
+    return float(np.quantile(np.abs(smooth).mean(axis=-1), 0.99))
+
+
+def _saturated(frame: NDArray[np.uint8]) -> float:
+    ends = (frame == 0) | (frame == 255)
+    return float((ends[..., 0] | ends[..., 1] | ends[..., 2]).mean())
+
+
+def _frozen(digests: Sequence[bytes], times: NDArray[np.float64]) -> float:
+    longest, start = 0.0, 0
+    for i in range(1, len(digests)):
+        if digests[i] != digests[i - 1]:
+            start = i
+        longest = max(longest, float(times[i] - times[start]))
+    return longest
+
+
+def _signature(frames: NDArray[np.float32]) -> NDArray[np.int16]:
+    size = _SIGNATURE[::-1]
+    grey = [cv2.resize(frame.mean(-1), size, interpolation=cv2.INTER_AREA) for frame in frames]
+    rows = np.linspace(0, len(grey) - 1, STRIP).round().astype(int)
+    out: NDArray[np.int16] = np.round(grey).astype(np.int16)[rows]
+    return out

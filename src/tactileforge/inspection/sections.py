@@ -1,0 +1,226 @@
+"""The parts of the page that tell what there is: totals, pictures, labels."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from html import escape
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from tactileforge.contracts import ACTIONS
+from tactileforge.data.cropped import as_text
+from tactileforge.inspection import charts
+from tactileforge.inspection.checks import LAG_CORRELATION, LAG_PROMINENCE, is_sure
+from tactileforge.inspection.findings import Total
+from tactileforge.inspection.look import evenly
+from tactileforge.inspection.survey import Seen, Survey
+from tactileforge.inspection.tally import LABELS, sources
+from tactileforge.report.page import (
+    MINUS,
+    NONE,
+    SPLIT_WORDS,
+    Section,
+    duration,
+    legend,
+    number,
+    panel,
+    panels,
+    paragraph,
+    table,
+)
+from tactileforge.report.pictures import jpeg
+
+AXES = ("x", "y", "z")
+_SHEET = 24
+_OBJECTS = 30
+_SOURCES = 20
+
+
+def totals(found: Survey) -> Section:
+    """Recordings, frames, time and labels of each sensor and split; where they come from."""
+    shapes: dict[str, Counter[str]] = {}
+    for one in found.seen:
+        shape = shapes.setdefault(one.of.recording.sensor, Counter())
+        shape[as_text(one.look.shape)] += 1
+    sizes = {sensor: [size for size, _ in shape.most_common()] for sensor, shape in shapes.items()}
+    rows = [
+        (f"{sensor}, {SPLIT_WORDS[split]}", *_row(total, sizes.get(sensor, [])))
+        for (split, sensor), total in sorted(found.tally.totals.items(), key=lambda row: row[0][1])
+    ]
+    head = ("Sensor", "recordings", "frames", "time", "Hz", "text|pixels", *LABELS, "background")
+    note = "Under a label, and under background, the number of recordings that have it."
+    names, _ = found.tally.names.number("source")
+    lines = [
+        (source or "not given", f"text|{licence or 'not given'}", tier, f"{count:,}")
+        for source, licence, tier, count in sources(found.tally.names, _SOURCES)
+    ]
+    body = table("recordings", head, rows, note)
+    body += table("sources", ("Source", "text|licence", "tier", "recordings"), lines)
+    if names > _SOURCES:
+        body += paragraph(f"And {names - _SOURCES} more sources.", soft=True)
+    return Section("totals", "Contents", body)
+
+
+def _row(total: Total, sizes: Sequence[str]) -> list[str]:
+    low, high = round(total.slowest, 1), round(total.fastest, 1)
+    rate = NONE if low != low else f"{low:g} to {high:g}" if high > low else f"{low:g}"
+    more = f" and {len(sizes) - 3} more" if len(sizes) > 3 else ""
+    counts = (total.carrying.get(label, 0) for label in (*LABELS, "background"))
+    return [
+        f"{total.recordings:,}",
+        f"{total.frames:,}",
+        duration(total.seconds) if total.seconds else "stills",
+        rate,
+        f"text|{', '.join(sizes[:3]) or NONE}{more}",
+        *(f"{count:,}" if count else "none" for count in counts),
+    ]
+
+
+def sheets(found: Survey) -> Section:
+    """For each sensor, the frame of largest contact of some recordings."""
+    by_sensor: dict[str, list[Seen]] = {}
+    for one in found.seen:
+        by_sensor.setdefault(one.of.recording.sensor, []).append(one)
+    body = paragraph(
+        "The frame that differs most from the background, and the difference around mid-grey, "
+        "amplified; no difference where a recording has no background."
+    )
+    for sensor, seen in sorted(by_sensor.items()):
+        cards = [card(seen[i]) for i in evenly(len(seen), _SHEET)]
+        body += f"<h3>{escape(sensor)}</h3>{grid(cards)}"
+    return Section("contact", "Contact", body)
+
+
+def grid(cards: Iterable[str], rem: float = 11) -> str:
+    """Cards beside each other, as many as fit."""
+    columns = f"repeat(auto-fill,minmax(min(47%,{rem}rem),1fr))"
+    return (
+        f'<div style="display:grid;gap:.8rem;grid-template-columns:{columns};margin:.8rem 0">'
+        f"{''.join(cards)}</div>"
+    )
+
+
+def card(one: Seen, words: str = "") -> str:
+    """The frame of largest contact, the difference, and the key or what is said."""
+    pictures = [one.look.frame]
+    if one.look.difference is not None:
+        pictures.append(one.look.difference)
+    key = one.of.recording.key
+    return figure(pictures, words or key, key, 2)
+
+
+def figure(pictures: Sequence[NDArray[np.uint8]], caption: str, alt: str, columns: int) -> str:
+    """Pictures in a row, and a line below."""
+    images = "".join(image(picture, alt) for picture in pictures)
+    return (
+        f'<figure><div class="strip" style="grid-template-columns:repeat({columns},1fr);'
+        f'margin:0">{images}</div><figcaption style="font-size:.75rem;line-height:1.3;'
+        f'overflow-wrap:anywhere">{escape(caption)}</figcaption></figure>'
+    )
+
+
+def image(picture: NDArray[np.uint8], alt: str) -> str:
+    """A picture, uint8 (H, W, 3), that is part of the page."""
+    url, width, height = jpeg(torch.from_numpy(picture).permute(2, 0, 1) / 255)
+    return f'<img src="{url}" width="{width}" height="{height}" alt="{escape(alt)}" loading="lazy">'
+
+
+def strips(found: Survey) -> Section:
+    """Recordings over time, with their forces and actions."""
+    if not found.strips:
+        text = "Every recording that was looked at is a still: there is nothing to show over time."
+        return Section("clips", "Over time", paragraph(text))
+    body = paragraph(
+        "Recordings spread over the sensors, frames spread over their time (marked on the axis); "
+        "below them the difference from the background, amplified. "
+        "Forces are those of the object on the gel: x to the right of the image, y down, z into "
+        "the gel."
+    )
+    if any(one.of.recording.force is not None for one in found.strips):
+        body += legend({i: f"{axis} (N)" for i, axis in enumerate(AXES)}, area="a labelled action")
+    return Section("clips", "Over time", body + panels(map(_strip, found.strips), wide=True))
+
+
+def _strip(one: Seen) -> str:
+    recording = one.of.recording
+    title = " · ".join(filter(None, (recording.sensor, recording.object)))
+    count = len(one.look.strip)
+    images = "".join(
+        image(picture, f"frame {row}{words}")
+        for pictures, words in ((one.look.strip, ""), (one.look.strip_difference, ", difference"))
+        for picture, row in zip(pictures, one.look.strip_rows, strict=False)
+    )
+    drawing = ""
+    if recording.force is not None or recording.action is not None:
+        drawing = charts.force_curve(recording, recording.times[one.look.strip_rows].tolist())
+        drawing = drawing.replace("<svg", '<svg style="width:100%;height:auto;display:block"', 1)
+    rate = 1 / float(np.median(np.diff(recording.times)))
+    seconds = float(recording.times[-1] - recording.times[0])
+    below = f"{recording.key} · {len(recording.frames)} frames, {seconds:.3g} s, {rate:.3g} Hz"
+    if recording.text:
+        below += f" · “{recording.text}”"
+    return (
+        f'<figure class="clip"><b>{escape(title)}</b><div class="strip" '
+        f'style="grid-template-columns:repeat({count},1fr)">{images}</div>{drawing}'
+        f'<figcaption style="overflow-wrap:anywhere">{escape(below)}</figcaption></figure>'
+    )
+
+
+def labels(found: Survey) -> Section:
+    """Histograms of forces, actions, objects and durations."""
+    tally, parts = found.tally, []
+    body = ""
+    if tally.forces:
+        sensors = dict(sorted(tally.forces.items()))
+        drawings = [
+            panel(
+                f"Force along {axis}",
+                charts.force_histogram([one[i] for one in sensors.values()], axis),
+            )
+            for i, axis in enumerate(AXES)
+        ]
+        body += legend(dict(enumerate(sensors))) + panels(drawings)
+    actions = dict(tally.names.top("action", len(ACTIONS) + 1))
+    if actions:
+        names = {name.replace("_", " "): count for name, count in actions.items()}
+        parts.append(panel("Frames by action", charts.bars(names, "frames by action")))
+    if tally.durations.sum():
+        stills = f"{tally.stills:,} stills are left out." if tally.stills else ""
+        parts.append(panel("Durations", charts.durations(tally.durations), stills))
+    objects = tally.names.top("object", _OBJECTS)
+    if objects:
+        kinds, counted = tally.names.number("object")
+        rest = counted - sum(count for _, count in objects)
+        more = f"{kinds - len(objects):,} more objects have {rest:,} recordings."
+        drawing = charts.bars(dict(objects), "recordings by object")
+        title = f"Recordings by object ({kinds:,})"
+        parts.append(panel(title, drawing, more if kinds > len(objects) else ""))
+    if not body and not parts:
+        body = paragraph("Stills without labels.")
+    return Section("labels", "Labels", body + panels(parts, wide=True) + _lags(found))
+
+
+def _lags(found: Survey) -> str:
+    if not found.lags:
+        return ""
+    rows = [
+        (
+            one.recording.sensor,
+            f"text|{one.recording.key}",
+            f"{1000 * lag.seconds:.0f}".replace("-", MINUS) if is_sure(lag) else "not sure",
+            number(lag.correlation),
+            number(lag.prominence),
+        )
+        for one, lag in found.lags
+    ]
+    head = ("Sensor", "text|recording", "lag (ms)", "correlation", "prominence")
+    words = (
+        "By how much pictures come after forces, from all frames of a few recordings: the normal "
+        "force is correlated with the change of the picture. Where the correlation, or its "
+        f"prominence over other lags, is below {LAG_CORRELATION:g} or {LAG_PROMINENCE:g}, the "
+        "recording does not tell."
+    )
+    return "<h3>Forces and pictures in time</h3>" + table("lags", head, rows, words)

@@ -1,0 +1,232 @@
+"""A data set, read once: everything is counted, some of it is looked at."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from tqdm import tqdm
+
+from tactileforge.contracts import Dataset
+from tactileforge.data.align import Lag
+from tactileforge.errors import DataError, DataNotFoundError
+from tactileforge.inspection import duplicates
+from tactileforge.inspection.checks import REASONS, Flag, lag_of, of_labels, of_lag, of_pixels
+from tactileforge.inspection.findings import Findings, Suspect
+from tactileforge.inspection.look import Look, evenly, look
+from tactileforge.inspection.tally import Sample, Sampled, Tally, duration_of
+
+SPLITS = ("train", "val")
+#: Suspicious recordings of one reason that are kept, recordings shown as strips, and recordings
+#: whose every frame is read to estimate a lag.
+_WORST = 12
+_STRIPS = 9
+_LAGS = 10
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A recording that was looked at."""
+
+    of: Sampled
+    look: Look
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What the page shows.
+
+    Attributes:
+        tally: Counts of all recordings.
+        seen: The recordings that were looked at, in order.
+        strips: Those of them that are shown over time.
+        lags: Those whose lag was estimated.
+        same: Groups of ``seen`` with the same pixels.
+        similar: Pairs of ``seen`` that are nearly the same.
+        findings: The result.
+    """
+
+    tally: Tally
+    seen: list[Seen]
+    strips: list[Seen]
+    lags: list[tuple[Sampled, Lag]]
+    same: list[list[int]]
+    similar: list[tuple[int, int, float]]
+    findings: Findings
+
+
+class Suspects:
+    """Suspicious recordings: all are counted, the worst are kept."""
+
+    def __init__(self) -> None:
+        self.counts = dict.fromkeys(REASONS, 0)
+        self._kept: dict[str, list[tuple[float, int, Suspect, Sampled]]] = {}
+
+    def add(self, flag: Flag, one: Sampled) -> None:
+        """Counts a recording, and keeps it if it is among the worst."""
+        self.counts[flag.reason] += 1
+        recording = one.recording
+        suspect = Suspect(
+            flag.reason,
+            flag.value,
+            flag.words,
+            recording.key,
+            one.split,
+            recording.sensor,
+            one.order,
+        )
+        heap = self._kept.setdefault(flag.reason, [])
+        heapq.heappush(heap, (REASONS[flag.reason].worst * flag.value, -one.order, suspect, one))
+        if len(heap) > _WORST:
+            heapq.heappop(heap)
+
+    def kept(self) -> list[Sampled]:
+        """The recordings that are kept."""
+        return [entry[3] for heap in self._kept.values() for entry in heap]
+
+    def worst(self, seen: list[Seen]) -> dict[str, list[Suspect]]:
+        """The worst by reason, worst first, with the pictures of those that were looked at."""
+        pictures = {one.of.order: one.look.frame for one in seen}
+        return {
+            reason: [
+                replace(entry[2], picture=pictures.get(entry[2].order))
+                for entry in sorted(self._kept[reason], key=lambda e: e[:2], reverse=True)
+            ]
+            for reason in REASONS
+            if reason in self._kept
+        }
+
+
+def survey(dataset: Dataset, limit: int, progress: bool) -> Survey:
+    """Reads a data set.
+
+    Args:
+        dataset: The data set.
+        limit: How many recordings to look at.
+        progress: Whether to show progress bars.
+
+    Raises:
+        DataNotFoundError: The data is not there.
+        DataError: It holds no recording that can be opened.
+    """
+    tally, suspects, sample = Tally(), Suspects(), Sample(limit)
+    unreadable: list[str] = []
+    listed = _listed(dataset, unreadable)
+    for one in tqdm(listed, desc="count", unit="recording", disable=not progress):
+        tally.add(one.recording, one.split)
+        for flag in of_labels(one.recording):
+            suspects.add(flag, one)
+        sample.offer(one)
+    if not tally.totals:
+        problems = [*dataset.skipped, *unreadable, "the data set is empty"]
+        raise DataError(f"no recording to look at; {problems[0]}")
+    drawn = sample.drawn()
+    orders = {one.order: one for one in [*drawn, *suspects.kept()]}
+    chosen = [orders[order] for order in sorted(orders)]
+    stripped = {one.order for one in _strips(drawn)}
+    seen = _look(chosen, stripped, suspects, unreadable, progress)
+    readable = {one.of.order for one in seen}
+    lags = _lags([one for one in drawn if one.order in readable], suspects, unreadable, progress)
+    looks = [one.look for one in seen]
+    same, similar = duplicates.same(looks), duplicates.similar(looks)
+    keys = [one.of.recording.key for one in seen]
+    findings = Findings(
+        totals=tally.totals,
+        looked=len(seen),
+        counts=suspects.counts,
+        worst=suspects.worst(seen),
+        duplicates=[tuple(keys[i] for i in group) for group in same],
+        similar=[(keys[i], keys[j], level) for i, j, level in similar],
+        repeated=[key for key, count in tally.names.top("key", _WORST) if count > 1],
+        unreadable=list(dict.fromkeys([*dataset.skipped, *unreadable])),
+    )
+    strips = [one for one in seen if one.of.order in stripped]
+    return Survey(tally, seen, strips, lags, same, similar, findings)
+
+
+def _listed(dataset: Dataset, unreadable: list[str]) -> Iterator[Sampled]:
+    """The recordings of both splits; where the list breaks off, that is noted."""
+    order = 0
+    for split in SPLITS:
+        try:
+            for recording in dataset.recordings(split):
+                yield Sampled(recording, split, order)
+                order += 1
+        except DataNotFoundError:
+            raise
+        except DataError as error:
+            unreadable.append(f"{split}: the list of recordings breaks off: {error}")
+
+
+def _look(
+    chosen: list[Sampled],
+    stripped: set[int],
+    suspects: Suspects,
+    unreadable: list[str],
+    progress: bool,
+) -> list[Seen]:
+    seen = []
+    for one in tqdm(chosen, desc="look", unit="recording", disable=not progress):
+        try:
+            found = look(one.recording, one.order in stripped)
+        except DataError as error:
+            unreadable.append(f"{one.recording.key}: {error}")
+            continue
+        seen.append(Seen(one, found))
+        for flag in of_pixels(one.recording, found):
+            suspects.add(flag, one)
+    return seen
+
+
+def _lags(
+    drawn: list[Sampled], suspects: Suspects, unreadable: list[str], progress: bool
+) -> list[tuple[Sampled, Lag]]:
+    able = [one for one in drawn if one.recording.force is not None]
+    able = _over_sensors(able, _LAGS)
+    found = []
+    for one in tqdm(able, desc="lag", unit="recording", disable=not progress or not able):
+        try:
+            lag = lag_of(one.recording)
+        except DataError as error:
+            unreadable.append(f"{one.recording.key}: {error}")
+            continue
+        if lag is not None:
+            found.append((one, lag))
+            for flag in of_lag(one.recording, lag):
+                suspects.add(flag, one)
+    return found
+
+
+def _strips(drawn: list[Sampled]) -> list[Sampled]:
+    """Recordings to show over time: long ones, with labels over time if a sensor has any."""
+    moving = [
+        one
+        for one in drawn
+        if duration_of(one.recording) > 0 and (np.diff(one.recording.times) > 0).all()
+    ]
+    labelled = {one.recording.sensor for one in moving if _has_curve(one)}
+    kept = [one for one in moving if _has_curve(one) or one.recording.sensor not in labelled]
+    frames: dict[str, list[int]] = {}
+    for one in kept:
+        frames.setdefault(one.recording.sensor, []).append(len(one.recording.frames))
+    usual = {sensor: float(np.median(counts)) for sensor, counts in frames.items()}
+    long = [one for one in kept if len(one.recording.frames) >= usual[one.recording.sensor]]
+    return _over_sensors(long, _STRIPS)
+
+
+def _has_curve(one: Sampled) -> bool:
+    return one.recording.force is not None or one.recording.action is not None
+
+
+def _over_sensors(candidates: list[Sampled], count: int) -> list[Sampled]:
+    """Some of them, spread over the sensors and over the order."""
+    queues: dict[str, list[Sampled]] = {}
+    for one in candidates:
+        queues.setdefault(one.recording.sensor, []).append(one)
+    chosen: list[Sampled] = []
+    for place, queue in enumerate(sorted(queues.values(), key=len)):
+        share = -(-(count - len(chosen)) // (len(queues) - place))
+        chosen += [queue[i] for i in evenly(len(queue), share)] if share else []
+    return chosen

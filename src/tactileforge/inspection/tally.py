@@ -1,0 +1,206 @@
+"""Counting recordings one after the other, in memory that does not grow with their number."""
+
+from __future__ import annotations
+
+import heapq
+import sqlite3
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import ACTIONS, Recording
+from tactileforge.inspection.findings import Total
+
+#: Labels that recordings may carry.
+LABELS = ("force", "action", "object", "text", "image")
+#: Edges of the durations that are told apart, s: eight a decade.
+DURATIONS = np.geomspace(0.01, 1e5, 57)
+#: Bins on each side of 0.
+_BINS = 24
+
+
+class Names:
+    """Counts of names of several kinds, exact, in a temporary database that spills to disk."""
+
+    def __init__(self) -> None:
+        # Without a name, SQLite keeps a private file that it deletes, and 2 MB of it in memory.
+        self._base = sqlite3.connect("", isolation_level=None)
+        self._base.execute(
+            "CREATE TABLE names (kind, name, count, PRIMARY KEY (kind, name)) WITHOUT ROWID"
+        )
+
+    def add(self, kind: str, name: str, count: int = 1) -> None:
+        """Counts a name."""
+        self._base.execute(
+            "INSERT INTO names VALUES (?, ?, ?) ON CONFLICT DO UPDATE "
+            "SET count = count + excluded.count",
+            (kind, name, count),
+        )
+
+    def top(self, kind: str, most: int) -> list[tuple[str, int]]:
+        """The names counted most often, and how often."""
+        query = "SELECT name, count FROM names WHERE kind = ? ORDER BY count DESC, name LIMIT ?"
+        return [(str(name), int(count)) for name, count in self._base.execute(query, (kind, most))]
+
+    def number(self, kind: str) -> tuple[int, int]:
+        """How many names of a kind there are, and the sum of their counts."""
+        query = "SELECT COUNT(*), COALESCE(SUM(count), 0) FROM names WHERE kind = ?"
+        names, total = self._base.execute(query, (kind,)).fetchone()
+        return int(names), int(total)
+
+
+class Histogram:
+    """Counts of values around 0; bins double in width when a value lies beyond them.
+
+    Args:
+        reach: Where the outermost bins end at first.
+    """
+
+    def __init__(self, reach: float = 1.0) -> None:
+        self.reach = reach
+        self.counts = np.zeros(2 * _BINS, np.int64)
+
+    @property
+    def edges(self) -> NDArray[np.float64]:
+        """Edges of the bins, one more than there are bins."""
+        return np.linspace(-self.reach, self.reach, 2 * _BINS + 1)
+
+    def add(self, values: NDArray[np.floating]) -> None:
+        """Counts values; those that are no finite numbers are left out."""
+        values = values[np.isfinite(values)].astype(np.float64)
+        if not len(values):
+            return
+        while np.abs(values).max() >= self.reach:
+            self.counts = self.over(2 * self.reach)
+            self.reach *= 2
+        self.counts += np.histogram(values, self.edges)[0]
+
+    def over(self, reach: float) -> NDArray[np.int64]:
+        """The counts in as many bins that end at ``reach``, a power of 2 times where they end."""
+        counts = self.counts
+        for _ in range(round(np.log2(reach / self.reach))):
+            counts = np.pad(counts.reshape(-1, 2).sum(axis=1), _BINS // 2)
+        return counts
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """A recording that was drawn.
+
+    Attributes:
+        recording: The recording.
+        split: Its split.
+        order: Its place among all recordings.
+    """
+
+    recording: Recording
+    split: str
+    order: int
+
+
+class Sample:
+    """At most ``limit`` recordings, drawn evenly, each sensor with its fair share.
+
+    Each recording draws a number; those with the lowest stay. So one pass is enough, whatever the
+    number of recordings is. The same recordings in the same order give the same sample.
+
+    Args:
+        limit: How many are wanted.
+    """
+
+    def __init__(self, limit: int) -> None:
+        self.limit = limit
+        self._random = np.random.default_rng(0)
+        self._heaps: dict[str, list[tuple[float, int, Sampled]]] = {}
+
+    def offer(self, one: Sampled) -> None:
+        """Draws for a recording."""
+        heap = self._heaps.setdefault(one.recording.sensor, [])
+        entry = (-float(self._random.random()), one.order, one)
+        if len(heap) < self.limit:
+            heapq.heappush(heap, entry)
+        else:
+            heapq.heappushpop(heap, entry)
+
+    def drawn(self) -> list[Sampled]:
+        """The sample, in the order of the recordings."""
+        heaps = sorted(self._heaps.values(), key=len)
+        left, chosen = self.limit, list[Sampled]()
+        for place, heap in enumerate(heaps):
+            share = min(len(heap), -(-left // (len(heaps) - place)))
+            left -= share
+            chosen += [one for *_, one in heapq.nlargest(share, heap)]
+        return sorted(chosen, key=lambda one: one.order)
+
+
+class Tally:
+    """Everything that is counted over all recordings; decodes nothing."""
+
+    def __init__(self) -> None:
+        self.totals: dict[tuple[str, str], Total] = {}
+        self.names = Names()
+        self.forces: dict[str, list[Histogram]] = {}
+        self.durations = np.zeros(len(DURATIONS) - 1, np.int64)
+        self.stills = 0
+
+    def add(self, recording: Recording, split: str) -> None:
+        """Counts a recording."""
+        total = self.totals.setdefault((split, recording.sensor), Total())
+        total.recordings += 1
+        total.frames += len(recording.frames)
+        total.seconds += duration_of(recording)
+        self._clock(total, recording)
+        for label in LABELS:
+            if getattr(recording, label) is not None:
+                total.carrying[label] = total.carrying.get(label, 0) + 1
+        if recording.no_contact is not None:
+            total.carrying["background"] = total.carrying.get("background", 0) + 1
+        self._labels(recording)
+        self.names.add("key", recording.key)
+
+    def _clock(self, total: Total, recording: Recording) -> None:
+        seconds = duration_of(recording)
+        if seconds <= 0:
+            self.stills += 1
+            total.stills += 1
+            return
+        rate = 1 / float(np.median(np.diff(recording.times)))
+        total.slowest = float(np.fmin(total.slowest, rate))
+        total.fastest = float(np.fmax(total.fastest, rate))
+        place = np.searchsorted(DURATIONS, seconds, side="right") - 1
+        self.durations[int(np.clip(place, 0, len(self.durations) - 1))] += 1
+
+    def _labels(self, recording: Recording) -> None:
+        self.names.add("source", _line(recording))
+        if recording.object is not None:
+            self.names.add("object", recording.object)
+        if recording.action is not None:
+            for label, count in zip(*np.unique(recording.action, return_counts=True), strict=True):
+                name = ACTIONS[label] if 0 <= label < len(ACTIONS) else "unknown"
+                self.names.add("action", name, int(count))
+        if recording.force is not None:
+            axes = self.forces.setdefault(recording.sensor, [Histogram() for _ in range(3)])
+            for axis, values in zip(axes, recording.force.T, strict=True):
+                axis.add(values)
+
+
+def duration_of(recording: Recording) -> float:
+    """From the first frame to the end of the last, s; 0 for a still, or times that stand still."""
+    times = recording.times
+    if len(times) < 2:
+        return 0.0
+    step = float(np.median(np.diff(times)))
+    return float(times[-1] - times[0] + step) if step > 0 else 0.0
+
+
+def sources(names: Names, most: int) -> Iterable[tuple[str, str, str, int]]:
+    """Source, licence, tier and number of recordings, the largest first."""
+    for line, count in names.top("source", most):
+        source, licence, tier = line.split("\0")
+        yield source, licence, tier, count
+
+
+def _line(recording: Recording) -> str:
+    return f"{recording.source}\0{recording.licence}\0{recording.tier}"

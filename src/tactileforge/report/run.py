@@ -1,0 +1,102 @@
+"""Writes the report of a run: one HTML file that tells in a minute whether it went well."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from omegaconf import OmegaConf
+
+from tactileforge import checkpoints
+from tactileforge.data.datamodule import TouchData
+from tactileforge.errors import ConfigError, DataNotFoundError
+from tactileforge.module import TouchModule
+from tactileforge.report import embedding, forces, sections, summary
+from tactileforge.report.findings import find
+from tactileforge.report.metrics import Curve, read_metrics
+from tactileforge.report.page import page
+
+
+def report_of_run(folder: Path) -> Path:
+    """Writes the report of a run again, from what the run left in its folder.
+
+    Args:
+        folder: Folder of the run, with ``config.yaml`` and ``checkpoints/last.ckpt``. The data that
+            it was trained on must still be where it was.
+
+    Returns:
+        The report.
+
+    Raises:
+        DataNotFoundError: The folder is not that of a run, or the data is gone.
+        ConfigError: The checkpoint does not fit the configuration.
+    """
+    from tactileforge.assemble import build_data
+
+    config = _config(folder)
+    state = checkpoints.read(folder)
+    data = build_data(config)
+    module = TouchModule.from_config(config, data.summary("train").labels)
+    try:
+        module.load_state_dict(state["state_dict"])
+    except RuntimeError as error:
+        raise ConfigError(f"{folder}: the checkpoint does not fit config.yaml: {error}") from error
+    module.on_load_checkpoint(state)
+    return write_report(folder, module, data)
+
+
+def write_report(folder: Path, module: TouchModule, data: TouchData) -> Path:
+    """Writes ``report.html`` of a run that has ended.
+
+    The report depends on the weights, the data and the files of the run alone: written twice, it is
+    the same. It uses up no random numbers, and leaves the module as it was.
+
+    Args:
+        folder: Folder of the run.
+        module: Trained.
+        data: Set up.
+
+    Returns:
+        The report.
+    """
+    config = _config(folder)
+    curves = read_metrics(folder)
+    steps, seconds = _progress(folder, curves)
+    found = find(module, data)
+    weights = {key: float(node["weight"]) for key, node in config["objective"].items()}
+    versions = sections.kept_versions(folder).get("versions", {})
+    top = summary.facts(config, module, data, steps, seconds, versions)
+    top += summary.verdict(curves, weights, found)
+    parts = [
+        sections.losses(curves, list(weights), steps),
+        sections.frames(found),
+        forces.section(found.forces, data),
+        embedding.section(found.embedding, found.scores),
+        sections.data_section(data, found.skipped),
+        sections.recipe(folder),
+    ]
+    report = folder / "report.html"
+    part = report.with_name("report.html.part")
+    title = f"Touch encoder, trained with {', '.join(weights)}"
+    part.write_text(page(title, top, parts), encoding="utf-8")
+    part.replace(report)
+    return report
+
+
+def _config(folder: Path) -> dict[str, Any]:
+    path = folder / "config.yaml"
+    if not path.is_file():
+        raise DataNotFoundError(f"{folder}: no config.yaml there; give the folder of a run")
+    config: dict[str, Any] = OmegaConf.to_container(OmegaConf.load(path))  # type: ignore[assignment]
+    return config
+
+
+def _progress(folder: Path, curves: Mapping[str, Curve]) -> tuple[int, float | None]:
+    """Steps done, and seconds of training over all of a run's processes where they were kept."""
+    if not (folder / checkpoints.LAST).is_file():
+        return max((int(curve.steps[-1]) + 1 for curve in curves.values()), default=0), None
+    state = checkpoints.read(folder)
+    timer = state.get("callbacks", {}).get("Timer", {})
+    seconds = timer.get("time_elapsed", {}).get("train")
+    return int(state["global_step"]), seconds

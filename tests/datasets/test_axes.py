@@ -1,0 +1,135 @@
+"""Every reader that provides force gives newton, with x right, y down and z into the gel."""
+
+import json
+import pickle
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tactileforge import registry
+from tactileforge.contracts import ACTIONS, Dataset, Recording
+from tactileforge.datasets.recordings import Recordings
+from tactileforge.datasets.shards import Shards
+from tactileforge.datasets.sim import Sim
+from tactileforge.datasets.sparsh_force import SparshForce
+from tactileforge.datasets.sparsh_slip import SparshSlip
+from tactileforge.datasets.touchd_force import TouchdForce
+from tactileforge.sim.record import path_of
+
+Make = Callable[..., Any]
+PAGE = Path(__file__).parents[2] / "docs/datasets.md"
+
+
+def simulated(motion: str) -> Sim:
+    return Sim(scenes=1, val=0, sensors=("digit",), motions=motion, size=48, processes=1)
+
+
+@pytest.fixture
+def touchd_force(tmp_path: Path, make_images: Make, write: Make) -> Dataset:
+    """A session in which Fz is negative when pressing, as in the published index."""
+    rows = [[i, 0.1, 0.2, -0.5 * i] for i in range(2, 12)]
+    index = {"obj030_speed1": {name: rows for name in ("digit", "gelsight", "duragel")}}
+    write("all_data_direction.json", json.dumps(index))
+    for name in ("digit", "gelsight", "duragel"):
+        make_images(f"obj030_speed1/{name}/image_{{}}.png", range(1, 12))
+    return TouchdForce(str(tmp_path), "all", val=0)
+
+
+@pytest.fixture
+def sparsh(tmp_path: Path, encoded: Make) -> Path:
+    """Batches of both signs of Fz: which one a batch has is not published."""
+    for number, sign in ((1, 1), (2, -1)):
+        folder = tmp_path / f"sphere/batch_{number}"
+        folder.mkdir(parents=True)
+        images = [encoded(i) for i in range(10)]
+        (folder / "dataset_digit_00.pkl").write_bytes(pickle.dumps(images))
+        one = {
+            "indexes": np.arange(2, 10),
+            "forces": np.linspace([0, 0, 0], [0.3, -0.2, 2.0 * sign], 8),
+            "slip_label": np.zeros(8, int),
+        }
+        labels = {"in_contact": [0, 0] + [1] * 8, "trajectories": {0: one}}
+        (folder / "dataset_slip_forces.pkl").write_bytes(pickle.dumps(labels))
+    return tmp_path
+
+
+@pytest.fixture
+def recordings(make_video: Make, write: Make) -> Dataset:
+    """A layout whose signs turn the source's axes into ours, and its millinewton into newton."""
+    video = make_video("a.avi", count=10)
+    write("a.csv", "fz,fx,fy\n" + "".join(f"{-500 * i},0,0\n" for i in range(10)))
+    layout = {
+        "videos": "*.avi",
+        "sensor": "digit",
+        "background": {"first": 1},
+        "split": "train",
+        "force": {"file": "{stem}.csv", "columns": ["fx", "fy", "fz"], "sign": [1, 1, -0.001]},
+    }
+    return Recordings(str(video.parent), {"mine": layout})
+
+
+@pytest.fixture
+def shards(tmp_path: Path) -> Dataset:
+    made = simulated("press")
+    list(made.recordings("train"))
+    (tmp_path / "train-000000.tar").write_bytes(path_of(made.folder, 0).read_bytes())
+    return Shards(str(tmp_path))
+
+
+@pytest.fixture
+def force_readers(
+    touchd_force: Dataset, sparsh: Path, recordings: Dataset, shards: Dataset
+) -> dict[str, Dataset]:
+    return {
+        "touchd_force": touchd_force,
+        "sparsh_force": SparshForce(str(sparsh), split="all", val=0),
+        "sparsh_slip": SparshSlip(str(sparsh), split="all", val=0),
+        "recordings": recordings,
+        "shards": shards,
+        "sim": simulated("press"),
+    }
+
+
+def with_force(dataset: Dataset) -> Iterator[Recording]:
+    return (one for one in dataset.recordings("train") if one.force is not None)
+
+
+def test_pressing_is_positive_in_every_reader(force_readers: dict[str, Dataset]) -> None:
+    for name, dataset in force_readers.items():
+        found = list(with_force(dataset))
+        assert found, name
+        for one in found:
+            assert one.force is not None
+            assert one.force.shape == (len(one.frames), 3)
+            assert one.force[:, 2].min() >= 0, one.key
+            assert 0.5 < one.force[:, 2].max() < 20, f"{one.key}: newton"
+
+
+def test_no_reader_of_forces_is_left_out(force_readers: dict[str, Dataset]) -> None:
+    """A reader that is added has to be tested here, and named on the page."""
+    names = set(registry.names("datasets")) - {"mixture"}  # passes on what others give
+    classes = {name: registry.get("datasets", name) for name in names}
+    providing = {
+        name
+        for name, made in classes.items()
+        if made.__module__.startswith("tactileforge.") and "force" in made().provides
+    }
+    assert providing | {"recordings"} == set(force_readers)
+    section = PAGE.read_text().partition("## Axes and lag\n")[2].partition("\n## ")[0]
+    for name in force_readers:
+        assert f"| `{name}`" in section, name
+
+
+@pytest.mark.parametrize(
+    ("motion", "axis", "sign"),
+    [("slide_right", 0, 1), ("slide_left", 0, -1), ("slide_down", 1, 1), ("slide_up", 1, -1)],
+)
+def test_simulated_shear_points_where_the_object_goes(motion: str, axis: int, sign: int) -> None:
+    (one,) = simulated(motion).recordings("train")
+    assert one.force is not None
+    assert one.action is not None
+    sliding = one.force[one.action == ACTIONS.index(motion)].mean(axis=0)
+    assert sign * sliding[axis] > 3 * abs(sliding[1 - axis])

@@ -1,0 +1,174 @@
+"""Each detector fires on the recording that has its fault, alone, and not on a good one."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tactileforge.contracts import Recording
+from tactileforge.data.align import Lag
+from tactileforge.data.frames import ArrayFrames
+from tactileforge.inspection.checks import (
+    REASONS,
+    Flag,
+    is_sure,
+    lag_of,
+    of_labels,
+    of_lag,
+    of_pixels,
+)
+from tactileforge.inspection.look import look
+
+Touch = Callable[..., Recording]
+
+
+def flags(recording: Recording) -> dict[str, Flag]:
+    """Everything that is found, by reason."""
+    found = [*of_labels(recording), *of_pixels(recording, look(recording))]
+    lag = lag_of(recording)
+    found += of_lag(recording, lag) if lag else []
+    assert len({one.reason for one in found}) == len(found)
+    assert {one.reason for one in found} <= set(REASONS)
+    return {one.reason: one for one in found}
+
+
+def without(array: Any, rows: slice) -> None:
+    """Repeats the frame before some rows, bit by bit."""
+    array[rows] = array[rows.start - 1]
+
+
+def overexposed(array: Any, share: float = 0.12) -> None:
+    array[36:44, : int(share * array.shape[1])] = 255
+
+
+def scaled(factor: float, axis: int = 2) -> dict[str, Any]:
+    force = np.zeros((90, 3), np.float32)
+    force[:, axis] = np.linspace(0, factor, 90)
+    return {"force": force}
+
+
+def gapped(step: float) -> dict[str, Any]:
+    times = np.arange(90) / 30.0
+    times[50:] += step - 1 / 30
+    return {"times": times, "force": None}
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_good_recording_raises_no_flag(touch: Touch, seed: int) -> None:
+    assert flags(touch(seed)) == {}
+
+
+def test_a_good_still_raises_no_flag(touch: Touch) -> None:
+    assert flags(touch(count=1)) == {}
+
+
+FAULTS: dict[str, tuple[dict[str, Any], float, str]] = {
+    "never_in_contact": ({"height": 0.0}, 0.6, "grey levels"),
+    "background_changed": ({"edit": lambda a: np.add(a, 25, out=a, casting="unsafe")}, 25, "25 "),
+    "saturated": ({"edit": overexposed}, 5 / 48, "10 % of the pixels"),
+    "frozen": ({"edit": lambda a: without(a, slice(31, 75))}, 1.33, "the same picture for 1."),
+    "lag": ({"lag": 0.2}, 0.2, "pictures come 0.2 s after forces"),
+    "gaps_in_time": (gapped(0.5), 15, "1 gap, up to 0.5 s (usual 0.0333 s)"),
+    "force_out_of_range": (scaled(30), 30 / 14.14, "30 N along z, 2.1 times the scale"),
+    "pulling_force": (scaled(-2), 2, "down to \N{MINUS SIGN}2 N along z"),
+    "no_background": ({"no_contact": None}, 0, "no frame without contact"),
+}
+
+
+@pytest.mark.parametrize("reason", FAULTS)
+def test_each_fault_is_found_alone_and_measured(touch: Touch, reason: str) -> None:
+    fields, value, words = FAULTS[reason]
+    found = flags(touch(3, **fields))
+    assert set(found) == {reason}
+    assert found[reason].value == pytest.approx(value, rel=0.25)
+    assert words in found[reason].words
+
+
+def test_every_reason_has_a_fault() -> None:
+    assert set(FAULTS) == set(REASONS)
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"height": 12.0},
+        {"edit": lambda a: np.add(a, 3, out=a, casting="unsafe")},
+        {"edit": lambda a: overexposed(a, 0.04)},
+        {"edit": lambda a: without(a, slice(31, 46))},
+        {"lag": 0.04},
+        gapped(2 / 30),
+        scaled(20),
+        scaled(5.25 * 1.4, axis=0),
+        scaled(-0.3),
+    ],
+    ids=["faint", "light", "glint", "half a second", "lag", "one frame", "z", "x", "tare"],
+)
+def test_just_below_the_threshold_nothing_is_flagged(touch: Touch, fields: Any) -> None:
+    assert flags(touch(3, **fields)) == {}
+
+
+def test_pictures_before_forces_are_a_lag_too(touch: Touch) -> None:
+    assert "0.2 s before forces" in flags(touch(3, lag=-0.2))["lag"].words
+
+
+def test_a_lag_needs_frames_and_forces_that_move(touch: Touch) -> None:
+    assert lag_of(touch(force=None)) is None
+    assert lag_of(touch(count=29)) is None
+    assert lag_of(touch(force=np.full((90, 3), np.nan, np.float32))) is None
+    still = lag_of(touch(force=np.ones((90, 3), np.float32)))
+    assert still is not None
+    assert not is_sure(still)
+    assert not list(of_lag(touch(), still))
+    assert not is_sure(Lag(0.3, 0.95, 0.01)), "a ramp"
+
+
+def test_only_the_stretch_around_the_largest_force_is_read(touch: Touch) -> None:
+    base = touch()
+    count = 3000
+    read: list[int] = []
+
+    class Spy:
+        shape = base.frames.shape
+
+        def __len__(self) -> int:
+            return count
+
+        def read(self, indices: Any) -> Any:
+            read.extend(indices)
+            return base.frames.read([min(i, 89) for i in indices])
+
+    force = np.zeros((count, 3), np.float32)
+    force[2800, 2] = 5
+    lag_of(touch(frames=Spy(), times=np.arange(count) / 30, force=force))
+    assert read == list(range(2000, 3000))
+
+
+@pytest.mark.parametrize("times", [[0.0, 0.1, 0.1, 0.2], [0.0, 0.1, np.nan, 0.2], [0.0, 0.1]])
+def test_times_that_stand_still_or_are_missing(touch: Touch, times: list[float]) -> None:
+    (flag,) = of_labels(touch(count=4, times=np.array(times), force=None))
+    assert flag.reason == "gaps_in_time"
+    assert flag.value == np.inf
+
+
+def test_a_sensor_that_is_not_installed_has_no_range(touch: Touch) -> None:
+    assert list(of_labels(touch(sensor="new", **scaled(500)))) == []
+
+
+def test_missing_labels_are_no_fault(touch: Touch) -> None:
+    force = np.full((90, 3), np.nan, np.float32)
+    assert list(of_labels(touch(force=force))) == []
+    force[40] = [0, 0, 3]
+    assert list(of_labels(touch(force=force))) == []
+
+
+def test_without_a_background_contact_cannot_be_told(touch: Touch) -> None:
+    assert set(flags(touch(no_contact=None, height=0.0, force=None))) == {"no_background"}
+
+
+def test_other_sizes_are_errors_that_name_the_recording(touch: Touch) -> None:
+    small = ArrayFrames(np.zeros((1, 24, 64, 3), np.uint8))
+    with pytest.raises(Exception, match=r"made/0: the background has 64x24 pixels.*64x48"):
+        look(touch(no_contact=small))
+    with pytest.raises(Exception, match="made/0: 3 times for 90 frames"):
+        look(touch(times=np.arange(3.0)))

@@ -1,0 +1,264 @@
+import re
+import tracemalloc
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+from tactileforge.contracts import Recording
+from tactileforge.data.frames import ImageFrames
+from tactileforge.datasets.sim import Sim
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError
+from tactileforge.inspection import Findings, inspect
+from tactileforge.inspection.survey import survey
+
+Touch = Callable[..., Recording]
+VOID = {"meta", "link", "img", "br", "path", "circle", "use"}
+
+
+class Checked(HTMLParser):
+    """Raises where tags are not closed in order; gathers ids and links."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.ids: list[str] = []
+        self.sources: list[str] = []
+        self.feed(text)
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attrs: Any) -> None:
+        given = dict(attrs)
+        self.ids += [given["id"]] if "id" in given else []
+        self.sources += [given[key] for key in ("src", "href") if given.get(key)]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: Any) -> None:
+        given = dict(attrs)
+        self.ids += [given["id"]] if "id" in given else []
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in VOID:
+            assert self.open.pop() == tag
+
+
+def written(dataset: Any, path: Path, **options: Any) -> tuple[Findings, str]:
+    found = inspect(dataset, "made <here>", path, progress=False, **options)
+    return found, path.read_text()
+
+
+def words_of(text: str) -> str:
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", text.partition("<nav")[2]))
+
+
+def test_the_page_is_whole_and_needs_no_network(touch: Touch, listed: Any, tmp_path: Path) -> None:
+    action = np.repeat([0, 1, 3], 30)
+    train = [touch(i, action=action, object=f"object {i}") for i in range(4)]
+    train += [touch(10 + i, sensor="gelsight", text="a <b>cup</b>") for i in range(3)]
+    found, text = written(listed(train, [touch(20)]), tmp_path / "new/page.html")
+    page = Checked(text)
+    ids = [one for one in page.ids if not re.match(r"[0-9a-f]{8}-", one)]  # equal drawings share
+    assert len(ids) == len(set(ids))
+    assert all(source.startswith(("data:", "#")) for source in page.sources)
+    assert "<b>cup</b>" not in text
+    assert "made &lt;here&gt;" in text
+    assert list((tmp_path / "new").iterdir()) == [tmp_path / "new/page.html"]
+    anchors = [source[1:] for source in page.sources if source.startswith("#")]
+    assert {"totals", "contact", "clips", "labels", "duplicates", "suspicious"} <= set(anchors)
+    assert set(anchors) <= set(page.ids)
+    assert (found.recordings, found.frames, found.looked) == (8, 720, 8)
+    assert found.seconds == pytest.approx(24)
+    assert not any(found.counts.values())
+    assert "No recording is suspicious" in text
+    assert "Pictures and forces fit in time in 8 recordings" in text
+    # Frame and difference of each on the sheets; 8 frames and differences of each strip.
+    assert text.count("<img") == 8 * 2 + 8 * 2 * 8
+    assert written(listed(train, [touch(20)]), tmp_path / "again.html")[1] == text
+
+
+def test_faults_are_counted_and_the_worst_come_first(
+    touch: Touch, listed: Any, tmp_path: Path
+) -> None:
+    def frozen(seconds: float) -> Callable[[Any], None]:
+        def edit(array: Any) -> None:
+            array[10 : 10 + round(30 * seconds)] = array[9]
+
+        return edit
+
+    train = [touch(i) for i in range(3)]
+    train += [touch(10 + i, edit=frozen(1.3 + 0.4 * i), force=None) for i in range(3)]
+    train += [touch(20 + i, no_contact=None) for i in range(15)]
+    found, text = written(listed(train), tmp_path / "page.html")
+    assert {k: n for k, n in found.counts.items() if n} == {"no_background": 15, "frozen": 3}
+    assert [one.key for one in found.worst["frozen"]] == ["made/12", "made/11", "made/10"]
+    values = [one.value for one in found.worst["frozen"]]
+    np.testing.assert_allclose(values, [2.1, 1.7, 1.3], atol=0.2)
+    assert all(one.picture is not None for one in found.worst["frozen"])
+    assert [one.key for one in found.worst["no_background"]] == [f"made/{i}" for i in range(20, 32)]
+    words = words_of(text)
+    assert "Frozen: 3 of 21 recordings that were looked at" in words
+    assert words.index("made/12, digit, training") < words.index("made/10, digit, training")
+    assert str(found).splitlines() == [
+        "21 recordings, 1890 frames, 63 s, of digit; 21 looked at",
+        "15 no background",
+        "3 frozen",
+    ]
+
+
+def test_what_cannot_be_read_is_named_and_never_fatal(
+    touch: Touch, listed: Any, make_broken: Callable[[], ImageFrames], tmp_path: Path
+) -> None:
+    bad = touch(1, count=2, frames=make_broken(), no_contact=None, force=None)
+    short = touch(2, times=np.arange(4) / 30, force=None)
+    breaks = DataError("index.csv, row 9: no such touch")
+    dataset = listed([touch(0), bad, short], skipped=["gone.mp4: truncated"], breaks=breaks)
+    found, text = written(dataset, tmp_path / "page.html")
+    first, list_broke, broken, wrong = found.unreadable
+    assert first == "gone.mp4: truncated"
+    assert "index.csv, row 9" in list_broke
+    assert "made/1: " in broken
+    assert "1.png: not a readable image" in broken
+    assert "made/2: 4 times for 90 frames" in wrong
+    assert (found.recordings, found.looked) == (3, 1)
+    assert "4 recordings could not be read" in text
+    assert "1.png: not a readable image" in text
+    assert found.counts["gaps_in_time"] == 1
+    assert "4 times for 90 frames" in words_of(text)
+    found, text = written(listed([bad]), tmp_path / "none.html")
+    Checked(text)
+    assert (found.recordings, found.looked, len(found.unreadable)) == (1, 0, 1)
+
+
+@pytest.fixture
+def make_broken(tmp_path: Path) -> Callable[[], ImageFrames]:
+    """Two images, of which the second is cut off after its header was read."""
+    import cv2
+
+    def make() -> ImageFrames:
+        for i in range(2):
+            cv2.imwrite(str(tmp_path / f"{i}.png"), np.full((48, 64, 3), 90, np.uint8))
+        frames = ImageFrames([tmp_path / "0.png", tmp_path / "1.png"])
+        (tmp_path / "1.png").write_bytes((tmp_path / "1.png").read_bytes()[:60])
+        return frames
+
+    return make
+
+
+def test_duplicates_across_splits_and_keys(touch: Touch, listed: Any, tmp_path: Path) -> None:
+    train = [touch(0), touch(1), touch(1, key="made/copy")]
+    dataset = listed(train, [touch(0, key="made/leak"), touch(5, key="made/1")])
+    found, text = written(dataset, tmp_path / "page.html")
+    assert found.duplicates == [("made/0", "made/leak"), ("made/1", "made/copy")]
+    assert found.similar == []
+    assert found.repeated == ["made/1"]
+    words = words_of(text)
+    assert "IN BOTH SPLITS: made/0, made/leak" in words
+    assert "IN BOTH SPLITS: made/1" not in words
+    assert "2 groups of recordings with the same pixels" in text
+
+
+def test_stills_without_anything(touch: Touch, listed: Any, tmp_path: Path) -> None:
+    bare: dict[str, Any] = {"count": 1, "force": None, "no_contact": None}
+    found, text = written(listed([touch(i, **bare) for i in range(3)]), tmp_path / "page.html")
+    Checked(text)
+    assert (found.recordings, found.seconds) == (3, 0)
+    assert found.counts["no_background"] == 3
+    assert "Every recording that was looked at is a still" in text
+    assert "Stills without labels" in text
+    assert "NaN" not in text
+    assert "nan" not in words_of(text)
+
+
+def test_times_that_stand_still(touch: Touch, listed: Any, tmp_path: Path) -> None:
+    found, text = written(listed([touch(0, times=np.zeros(90)), touch(1)]), tmp_path / "page.html")
+    Checked(text)
+    assert found.counts["gaps_in_time"] == 1
+
+
+def test_few_are_looked_at_and_all_are_counted(touch: Touch, listed: Any, tmp_path: Path) -> None:
+    decoded: set[str] = set()
+
+    def spied(seed: int) -> Recording:
+        one = touch(seed, count=3, force=None, key=f"made/{seed}")
+
+        class Spy:
+            shape = one.frames.shape
+
+            def __len__(self) -> int:
+                return 3
+
+            def read(self, indices: Any) -> Any:
+                decoded.add(one.key)
+                return one.frames.read(indices)
+
+        return touch(seed, count=3, force=None, frames=Spy())
+
+    found, _ = written(listed([spied(i) for i in range(40)]), tmp_path / "page.html", limit=7)
+    assert (found.recordings, found.looked) == (40, 7)
+    assert len(decoded) == 7
+
+
+def test_memory_does_not_grow_with_the_number_of_recordings(touch: Touch, tmp_path: Path) -> None:
+    base = touch(count=1, force=None)
+
+    class Many:
+        skipped: ClassVar[list[str]] = []
+        provides = frozenset[str]()
+
+        def __init__(self, count: int) -> None:
+            self.count = count
+
+        def recordings(self, split: str) -> Iterator[Recording]:
+            for i in range(self.count if split == "train" else 0):
+                yield replace(base, key=f"made/{i}", object=f"object {i}", times=np.zeros(1))
+
+        def plot(self, recording: Recording) -> Any:
+            raise NotImplementedError
+
+    def peak(count: int) -> int:
+        tracemalloc.start()
+        assert survey(Many(count), 10, progress=False).findings.recordings == count
+        found = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return found
+
+    peak(10)
+    assert peak(4000) < peak(400) + 50_000, "bytes; one key and object a recording are 400,000"
+
+
+def test_names_are_shown_as_they_are(touch: Touch, listed: Any, tmp_path: Path) -> None:
+    names = ["a$b$c", "<i>", "same beginning, and a different end 1"]
+    names += [f"{names[-1][:-1]}{i}" for i in (2, 3)]
+    train = [touch(i, object=name) for i, name in enumerate(names)]
+    _, text = written(listed(train), tmp_path / "page.html")
+    Checked(text)
+    bars = text.partition("Recordings by object (5)")[2].partition("</figure>")[0]
+    assert ">a$b$c<" in bars
+    assert "&lt;i&gt;" in bars
+    assert bars.count("same beginning, and a diffe…") == 3
+
+
+def test_errors_that_are_the_users(touch: Touch, listed: Any, tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    with pytest.raises(ConfigError, match="limit=0"):
+        inspect(listed([touch()]), "made", page, limit=0)
+    with pytest.raises(DataError, match="no recording to look at; gone: truncated"):
+        inspect(listed([], skipped=["gone: truncated"]), "made", page, progress=False)
+    missing = DataNotFoundError("touches: no such folder")
+    with pytest.raises(DataNotFoundError, match="no such folder"):
+        inspect(listed([], breaks=missing), "made", page, progress=False)
+    assert not page.exists()
+
+
+def test_simulated_touch_is_not_suspicious(tmp_path: Path) -> None:
+    data = Sim(scenes=1, val=0, size=64, processes=1, motions="slide_right")
+    found, text = written(data, tmp_path / "page.html")
+    Checked(text)
+    assert found.recordings == 3
+    assert not any(found.counts.values())
+    assert "slide right" in text
