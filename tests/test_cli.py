@@ -18,7 +18,10 @@ def error_of(capsys: pytest.CaptureFixture[str], *words: str) -> str:
     return err
 
 
-@pytest.mark.parametrize("words", [["--help"], ["--version"], ["plugins", "list"]])
+@pytest.mark.parametrize(
+    "words",
+    [["--help"], ["--version"], ["plugins", "list"], ["zoo", "list"], ["zoo", "show", "mae"]],
+)
 def test_light_verbs_import_neither_torch_nor_lightning(words: list[str]) -> None:
     code = (
         "import sys; from tactileforge.cli import run; status = run(sys.argv[1:]); "

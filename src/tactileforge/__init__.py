@@ -6,12 +6,20 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from tactileforge.hub.loading import list_models, load
+    from tactileforge.registry import list_plugins
 
 __version__ = "0.1.0"
-__all__ = ["__version__", "list_plugins"]
+__all__ = ["__version__", "list_models", "list_plugins", "load"]
 
-_HOMES = {"list_plugins": "tactileforge.registry"}
+_HOMES = {
+    "list_models": "tactileforge.hub.loading",
+    "list_plugins": "tactileforge.registry",
+    "load": "tactileforge.hub.loading",
+}
 
 
 def __getattr__(name: str) -> Any:

@@ -16,10 +16,13 @@ if TYPE_CHECKING:
 USAGE = """\
 tactileforge: train, compare and run encoders of touch
 
-  tactileforge train [key=value ...]      train a recipe; --help shows every key, --cfg job the
-  result tactileforge report RUN                 write the report of a run again
+  tactileforge train [key=value ...]      train a recipe; --help shows every key
+  tactileforge report RUN                 write the report of a run again
   tactileforge sim out=DIR [key=value ...]  simulate touch and write it as shards; --help: keys
+  tactileforge data pack|filter|inspect data=NAME   to shards; what a filter keeps; a page on it
   tactileforge plugins list|check|new     what is installed, does it work, start your own
+  tactileforge zoo list|show|get|pack     models by name; import your download, pack your run
+  tactileforge export model=NAME format=onnx|torch_export   a model as a file that runs elsewhere
   tactileforge --version
 
   tactileforge train scale=demo                                   a small model on simulated touch
@@ -49,6 +52,18 @@ def run(argv: Sequence[str]) -> int:
             from tactileforge.plugins import main as plugins
 
             return plugins(rest)
+        if verb == "data":
+            from tactileforge.data_verbs import main as data
+
+            return data(rest)
+        if verb == "zoo":
+            from tactileforge.zoo_verbs import main as zoo
+
+            return zoo(rest)
+        if verb == "export":
+            from tactileforge.export.verb import main as export
+
+            return export(rest)
         if verb == "report":
             return _report(rest)
         if verb == "train":
@@ -63,7 +78,8 @@ def run(argv: Sequence[str]) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt as stop:
-        print(f"{stop or 'stopped'}; go on with: tactileforge train resume=RUN", file=sys.stderr)
+        again = "tactileforge train resume=RUN" if verb == "train" else "the same command again"
+        print(f"{stop or 'stopped'}; go on with: {again}", file=sys.stderr)
         return 130
 
 
@@ -106,7 +122,7 @@ def _sim(argv: Sequence[str]) -> int:
 def _report(argv: Sequence[str]) -> int:
     if len(argv) != 1:
         raise ConfigError("give the folder of a run: tactileforge report RUN")
-    from tactileforge.report import report_of_run
+    from tactileforge.report.run import report_of_run
 
     print(f"report: {report_of_run(Path(argv[0]))}")
     return 0

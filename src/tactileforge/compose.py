@@ -129,12 +129,24 @@ def compose(
         >>> compose("anytouch2", ["encoder.size=tiny"]).encoder.size
         'tiny'
     """
+    return finish(settings(verb, [f"recipe={recipe}", *overrides]))
+
+
+def settings(verb: str, overrides: Sequence[str] = ()) -> DictConfig:
+    """Composes the configuration of a verb that needs no recipe.
+
+    Args:
+        verb: Name of a YAML in conf/.
+        overrides: ``key=value`` strings.
+
+    Raises:
+        HydraException: An override that does not fit.
+    """
     register()
     if GlobalHydra.instance().is_initialized():
         GlobalHydra.instance().clear()
     with initialize_config_module("tactileforge.conf", version_base="1.3"):
-        config = hydra_compose(verb, [f"recipe={recipe}", *overrides])
-    return finish(config)
+        return hydra_compose(verb, list(overrides))
 
 
 def finish(config: DictConfig) -> DictConfig:

@@ -136,6 +136,7 @@ class Recording:
         image_times: float64, seconds on the clock of ``times``, ascending, one for each view; None
             where they are spread evenly over the recording.
         labels: Whatever else is known, by name.
+        tracks: Whatever else is known per frame: arrays (T, ...) by name.
         source: Where the recording comes from.
         tier: Tier of the tactile dynamic pyramid, 1 (force) to 5 (static).
         licence: SPDX identifier, or the plain words where there is none.
@@ -153,6 +154,7 @@ class Recording:
     image: Frames | None = None
     image_times: NDArray[np.float64] | None = None
     labels: Mapping[str, str | float] = field(default_factory=dict)
+    tracks: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     source: str = ""
     tier: int = 5
     licence: str = ""
@@ -172,6 +174,7 @@ class Recording:
             force=None if self.force is None else self.force[start:stop],
             action=None if self.action is None else self.action[start:stop],
             image=image,
+            tracks={name: values[start:stop] for name, values in self.tracks.items()},
         )
 
 
@@ -253,6 +256,9 @@ class Dataset(Protocol):
     ``provides`` holds batch keys: of `force`, `action`, `object`, `text`, `image`.
     ``skipped`` grows as `recordings` meets files it cannot read: one line each, which names the
     file.
+
+    A large data set may also have ``sources(split)``, see `data.sources.Parted`: it is then opened
+    part by part while it is read, and not as a whole.
     """
 
     skipped: list[str]

@@ -7,7 +7,7 @@ import logging
 import platform
 import sys
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from omegaconf import DictConfig, OmegaConf
 from tactileforge import checkpoints, curriculum, registry
 from tactileforge.assemble import build_data, with_sensors
 from tactileforge.errors import ConfigError
+from tactileforge.hub.pack import commit
 from tactileforge.module import TouchModule
 from tactileforge.progress import Progress
 
@@ -75,7 +76,8 @@ def train(config: DictConfig, folder: Path) -> TouchModule:
         log.info(checkpoints.initialise(module, state))
     trainer, saver = build_trainer(plain, folder)
     if trainer.is_global_zero and not resume:
-        _keep(plain, folder)
+        licences = {kind.licence for split in data.sources for kind in data.summary(split)}
+        _keep(plain, folder, sorted(licences))
     with warnings.catch_warnings():
         for message in _EXPECTED:
             warnings.filterwarnings("ignore", message)
@@ -83,7 +85,7 @@ def train(config: DictConfig, folder: Path) -> TouchModule:
     if saver.interrupted:
         raise KeyboardInterrupt(f"stopped at step {trainer.global_step}")
     if trainer.is_global_zero:
-        from tactileforge.report import write_report
+        from tactileforge.report.run import write_report
 
         print(f"report: {write_report(folder, module, data)}")
     return module
@@ -138,7 +140,7 @@ def build_loggers(config: Mapping[str, Any], folder: Path) -> list[Logger]:
     return loggers
 
 
-def _keep(config: Mapping[str, Any], folder: Path) -> None:
+def _keep(config: Mapping[str, Any], folder: Path, licences: Sequence[str]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     OmegaConf.save(OmegaConf.create(dict(config)), folder / "config.yaml")
     versions = {name: version(name) for name in _PACKAGES} | {"python": platform.python_version()}
@@ -146,5 +148,11 @@ def _keep(config: Mapping[str, Any], folder: Path) -> None:
         f"{plugin.kind}/{plugin.name}": f"{plugin.distribution} {plugin.version}"
         for plugin in registry.list_plugins()
     }
-    kept = {"command": sys.argv, "versions": versions, "plugins": plugins}
+    kept = {
+        "command": sys.argv,
+        "versions": versions,
+        "plugins": plugins,
+        "licences": list(licences),  # of the recordings
+        "commit": commit(),
+    }
     (folder / "versions.json").write_text(json.dumps(kept, indent=2))

@@ -49,6 +49,7 @@ def packed(tmp_path: Path) -> Path:
             "text": None,
             "image_times": None,
             "labels": {},
+            "tracks": {},
             "source": "here",
             "tier": 5,
             "licence": "CC0-1.0",

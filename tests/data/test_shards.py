@@ -33,6 +33,10 @@ def touch() -> Recording:
         image=ArrayFrames(frames[3:]),
         image_times=np.array([0.1, 0.3]),
         labels={"hardness": 0.3, "place": "rim"},
+        tracks={
+            "pose": np.arange(20, dtype=np.float32).reshape(5, 2, 2) / 3,
+            "slip": force[:, 0] > 0,
+        },
         source="here",
         tier=1,
         licence="CC0-1.0",
@@ -63,6 +67,9 @@ def test_a_recording_comes_back_as_it_went(touch: Recording, tmp_path: Path) -> 
         np.testing.assert_array_equal(back.force, touch.force)
         np.testing.assert_array_equal(back.action, touch.action)
         np.testing.assert_array_equal(back.image_times, touch.image_times)
+        for name, values in touch.tracks.items():
+            np.testing.assert_array_equal(back.tracks[name], values)
+            assert back.tracks[name].dtype == values.dtype
         for name in ("frames", "no_contact", "image"):
             there, here = getattr(back, name), getattr(touch, name)
             np.testing.assert_array_equal(there.read(range(len(here))), here.array)
@@ -227,6 +234,8 @@ def test_what_is_no_shard_is_named(touch: Recording, tmp_path: Path) -> None:
         ({"times": ["a"] * 5}, "could not convert string to float"),
         ({"force": [[1.0, 2.0]] * 5}, "cannot reshape"),
         ({"labels": 7}, "not iterable"),
+        ({"tracks": {"slip": {"dtype": "O", "values": [0] * 5}}}, "a track of object"),
+        ({"tracks": {"slip": {"dtype": "int8", "values": [0]}}}, "5 frames and 1 rows of slip"),
         ({"tier": None}, "NoneType"),
         ({"text": ["a"]}, "neither a string nor null"),
     ],

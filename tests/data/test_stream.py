@@ -454,4 +454,3 @@ def test_a_run_may_lose_one_in_a_hundred_recordings_and_always_one() -> None:
     assert touch(Memory(20)).allowed == 1
     assert touch(Memory(396)).allowed == 4
     assert touch(Memory(20), max_bad=0.5).allowed == 12
-

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactileforge.datasets.published import Tracked
 from tactileforge.datasets.sparsh_pose import SparshPose
 from tactileforge.errors import ConfigError
 
@@ -35,7 +34,6 @@ def test_bags(root: Path, levels: Make) -> None:
     assert len(one.frames) == 7, "two images have no pose"
     assert one.frames.read([3])[0, 0, 0].tolist() == [200, 20, 13], "stored blue first"
     assert levels(one.no_contact) == [30]
-    assert isinstance(one, Tracked)
     np.testing.assert_array_equal(one.tracks["relative_pose"][4], 5 * np.eye(4))
     (test,) = SparshPose(str(root)).recordings("test")
     assert test.key == "sparsh_pose/test/sugar/bag_00"

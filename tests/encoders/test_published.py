@@ -1,127 +1,156 @@
-"""The architecture is AnyTouch 2's: the published model's outputs for deterministic weights.
+"""Imported encoders are the published ones: their outputs for deterministic weights.
 
-The numbers were made with the authors' own classes, whose weights were filled by the formula below;
-they are facts about the published architecture, not weights.
+The numbers were made with the authors' own classes, whose weights were filled by the formula in
+`conftest.fill`; they are facts about the published architectures, not weights.
 """
+
+from types import ModuleType
 
 import pytest
 import torch
 from torch import Tensor
 
-from tactileforge.encoders.published import anytouch2
-from tactileforge.encoders.tactile_vit import TactileViT
+from tactileforge.encoders.published import convert, force_head
+from tactileforge.heads.force import ForceDecoder
 
-# mean, standard deviation, largest magnitude, first four and last four values of each output
+# mean, standard deviation, largest magnitude; first four and last four values of each output
 GOLDEN = {
-    (4, "hidden"): (-0.15698135, 3.38284322, 16.67404366),
-    (4, "proj"): (0.03835790, 1.02856356, 4.83310986),
-    (4, "cls"): (0.05033021, 1.02644145, 3.05182052),
-    (2, "cls"): (0.03539060, 1.01444157, 3.08700037),
+    "anytouch2_4f/hidden": (-0.15698135, 3.38284322, 16.67404366),
+    "anytouch2_4f/proj": (0.03835790, 1.02856357, 4.83310986),
+    "anytouch2_4f/cls": (0.05032957, 1.02644145, 3.05182052),
+    "anytouch2_2f/cls": (0.03539060, 1.01444157, 3.08700061),
+    "head_ours_force": (0.12084184, 0.49959788, 0.96057224),
+    "anytouch1_static_cls": (0.01099422, 1.00025002, 3.95438671),
+    "sparsh_dino_base": (-0.00172082, 1.00001885, 5.46429825),
+    "sparsh_mae_base": (-0.00174171, 1.00001831, 5.45244598),
+    "sparsh_vjepa_base_sin": (-0.00062736, 1.00016469, 4.90159464),
 }
 ENDS = {
-    (4, "hidden"): (
+    "anytouch2_4f/hidden": (
         [2.29107571, 0.95381176, -1.69061720, 0.12694412],
         [-3.11914277, -0.99548852, -2.92023158, -2.88947296],
     ),
-    (4, "proj"): (
+    "anytouch2_4f/proj": (
         [0.18647230, -0.10319887, 0.92936659, -0.42311314],
         [0.45484516, -1.65833569, 0.87069100, -0.01372290],
     ),
-    (4, "cls"): (
+    "anytouch2_4f/cls": (
         [0.18647240, -0.10319895, 0.92936695, -0.42311352],
         [1.08161473, -0.55890501, 1.53395450, -0.42820340],
     ),
-    (2, "cls"): (
+    "anytouch2_2f/cls": (
         [0.22606251, -0.13682750, 0.76275945, -0.35626930],
         [0.12440503, -0.12099999, 1.65871692, -0.47239960],
+    ),
+    "head_ours_force": (
+        [0.47529706, -0.34661037, -0.18939023, 0.96057224],
+        [-0.18939023, 0.96057224, -0.17604393, 0.00122624],
+    ),
+    "anytouch1_static_cls": (
+        [-1.48833537, 0.35906205, 0.32179344, -0.17756763],
+        [-1.30433250, 0.98421371, 0.06393272, -1.06966364],
+    ),
+    "sparsh_dino_base": (
+        [-0.44002977, 0.76772733, 0.91011709, -0.84207815],
+        [0.21571386, 1.68738024, 0.53462905, -0.82471377],
+    ),
+    "sparsh_mae_base": (
+        [-0.42900917, 0.76581395, 0.90164113, -0.84425404],
+        [0.22063233, 1.67822909, 0.52774853, -0.82657617],
+    ),
+    "sparsh_vjepa_base_sin": (
+        [-0.10939533, 0.06982355, 1.24934030, -1.45333242],
+        [-0.76089847, 1.12277865, 0.15757684, 0.37730941],
     ),
 }
 
 
-def noise(count: int, i: int) -> Tensor:
-    """The fill: frac(sin(12.9898 j + 78.233 i) * 43758.5453) - 0.5 in float64."""
-    j = torch.arange(count, dtype=torch.float64)
-    x = torch.sin(12.9898 * j + 78.233 * i) * 43758.5453
-    return x - x.floor() - 0.5
+def check(case: str, output: Tensor) -> None:
+    x = output.double()
+    mean, std, largest = GOLDEN[case]
+    first, last = ENDS[case]
+    assert x.mean().item() == pytest.approx(mean, abs=1e-5)
+    assert x.std().item() == pytest.approx(std, abs=1e-5)
+    assert x.abs().max().item() == pytest.approx(largest, abs=2e-5)
+    torch.testing.assert_close(x.flatten()[:4].tolist(), first, atol=2e-5, rtol=0)
+    torch.testing.assert_close(x.flatten()[-4:].tolist(), last, atol=2e-5, rtol=0)
 
 
-def published_shapes(frames: int) -> dict[str, tuple[int, ...]]:
-    positions = frames // 2 * 196 + 1
-    shapes: dict[str, tuple[int, ...]] = {
-        "sensor_token": (20, 5, 768),
-        "new_position_ids": (1, positions),
-        "touch_model.embeddings.class_embedding": (768,),
-        "touch_model.embeddings.patch_embedding.weight": (768, 3, 2, 16, 16),
-        "touch_model.embeddings.position_embedding.weight": (positions, 768),
-        "touch_projection.weight": (512, 768),
-    }
-    norms = ["touch_model.pre_layrnorm", "touch_model.post_layernorm"]
-    linears = {}
-    for i in range(12):
-        layer = f"touch_model.encoder.layers.{i}"
-        norms += [f"{layer}.layer_norm1", f"{layer}.layer_norm2"]
-        linears |= {f"{layer}.self_attn.{x}_proj": (768, 768) for x in ("q", "k", "v", "out")}
-        linears |= {f"{layer}.mlp.fc1": (3072, 768), f"{layer}.mlp.fc2": (768, 3072)}
-    for name in norms:
-        shapes |= {f"{name}.weight": (768,), f"{name}.bias": (768,)}
-    for name, shape in linears.items():
-        shapes |= {f"{name}.weight": shape, f"{name}.bias": shape[:1]}
-    return shapes
+def clip(published: ModuleType, *shape: int) -> Tensor:
+    """The published test input: pixels as they are after preprocessing."""
+    count = torch.Size(shape).numel()
+    x: Tensor = (4 * published.noise(count, 1000)).reshape(shape).float()
+    return x
 
 
-def published_state(frames: int) -> dict[str, Tensor]:
-    state = {}
-    for i, (key, shape) in enumerate(sorted(published_shapes(frames).items())):
-        count = torch.Size(shape).numel()
-        if key == "new_position_ids":
-            state[key] = torch.arange(count)[None]
-            continue
-        r = noise(count, i)
-        if key.endswith("weight") and len(shape) > 1 and not key.endswith("embedding.weight"):
-            value = r * (12 / (count / shape[0])) ** 0.5
-        elif len(shape) > 1:
-            value = 0.1 * r
-        else:
-            value = 1 + 0.2 * r if key.endswith("weight") else 0.1 * r
-        state[key] = value.reshape(shape).float()
-    return state
-
-
-def outputs(frames: int) -> dict[str, Tensor]:
-    encoder = TactileViT("base", frames=frames).eval()
-    state = published_state(frames)
+@pytest.mark.parametrize("frames", [pytest.param(4, marks=pytest.mark.slow), 2])
+def test_anytouch2(published: ModuleType, frames: int) -> None:
+    state = published.fill(published.anytouch2(frames))
     assert len(state) == 202
-    encoder.load_state_dict(anytouch2(state), strict=True)
-    shape = (2, frames, 3, 224, 224)
-    clip = (4 * noise(torch.Size(shape).numel(), 1000)).reshape(shape).float()
+    encoder = convert(state).build()
+    pixels = clip(published, 2, frames, 3, 224, 224)
     with torch.no_grad():
-        hidden = encoder.encode(encoder.patchify(clip), torch.tensor([1, 3]))
-        proj = encoder.project(encoder.norm_out(hidden))
-    return {"hidden": hidden, "proj": proj, "cls": proj[:, 0]}
+        hidden = encoder.encode(encoder.patchify(pixels), torch.tensor([1, 3]))
+        check(f"anytouch2_{frames}f/cls", encoder.summary(hidden))
+        if frames == 4:
+            check("anytouch2_4f/hidden", hidden)
+            check("anytouch2_4f/proj", encoder.project(encoder.norm_out(hidden)))
+            assert sum(p.numel() for p in encoder.parameters()) == 87_009_792
 
 
-@pytest.mark.parametrize("frames", [4, 2])
-def test_outputs_are_those_of_the_published_model(frames: int) -> None:
-    made = outputs(frames)
-    for (case, name), (mean, std, absmax) in GOLDEN.items():
-        if case != frames:
-            continue
-        x = made[name].double()
-        first, last = ENDS[case, name]
-        assert x.mean().item() == pytest.approx(mean, abs=1e-4)
-        assert x.std().item() == pytest.approx(std, abs=1e-4)
-        assert x.abs().max().item() == pytest.approx(absmax, abs=1e-4)
-        torch.testing.assert_close(x.flatten()[:4].tolist(), first, atol=1e-4, rtol=0)
-        torch.testing.assert_close(x.flatten()[-4:].tolist(), last, atol=1e-4, rtol=0)
+def test_force_head_of_anytouch2(published: ModuleType) -> None:
+    block = "pooler.cross_attention_block"
+    shapes = published.norms(768, f"{block}.norm1", f"{block}.norm2")
+    shapes |= published.linears(
+        "",
+        {
+            f"{block}.xattn.q": (768, 768),
+            f"{block}.xattn.kv": (1536, 768),
+            f"{block}.xattn.proj": (768, 768),
+            f"{block}.mlp.fc1": (3072, 768),
+            f"{block}.mlp.fc2": (768, 3072),
+            "probe.0": (192, 768),
+            "probe.2": (3, 192),
+        },
+    )
+    shapes = {key.removeprefix("."): shape for key, shape in shapes.items()}
+    state = published.fill(shapes | {"pooler.query_tokens": (1, 1, 768)})
+    assert sum(x.numel() for x in state.values()) == 7_236_867
+    decoder = ForceDecoder(768, 1, 16)
+    decoder.load_state_dict(force_head({f"head.{key}": x for key, x in state.items()}))
+    with torch.no_grad():
+        force = decoder(clip(published, 2, 398, 768))
+    check("head_ours_force", force[:, 0])
 
 
-def test_number_of_parameters_is_the_published_one() -> None:
-    count = sum(p.numel() for p in TactileViT("base", frames=4).parameters())
-    assert count == 87_009_792
+@pytest.mark.slow
+def test_anytouch1(published: ModuleType) -> None:
+    state = published.fill(published.anytouch1())
+    assert len(state) == 393
+    encoder = convert(state).build()
+    del state
+    image = clip(published, 2, 1, 3, 224, 224).expand(-1, 3, -1, -1, -1)
+    with torch.no_grad():
+        hidden = encoder.encode(encoder.patchify(image), torch.tensor([1, 3]))
+        check("anytouch1_static_cls", encoder.summary(hidden))
 
 
-def test_a_missing_tensor_is_named() -> None:
-    state = published_state(2)
-    del state["touch_model.encoder.layers.3.mlp.fc1.bias"]
-    with pytest.raises(KeyError, match=r"layers\.3\.mlp\.fc1\.bias"):
-        anytouch2(state)
+@pytest.mark.parametrize(("method", "registers"), [("dino", 1), ("mae", 0)])
+def test_sparsh_of_two_frames(published: ModuleType, method: str, registers: int) -> None:
+    state = published.fill(published.sparsh(registers=registers))
+    state["pos_embed.frequency_bands"] = published.bands(768, 2)
+    encoder = convert(state).build()
+    newest_first = clip(published, 1, 2, 3, 320, 240)
+    with torch.no_grad():
+        tokens = encoder.encode(encoder.patchify(newest_first.flip(1)), torch.tensor([0]))
+    check(f"sparsh_{method}_base", tokens)
+
+
+def test_sparsh_of_four_frames(published: ModuleType) -> None:
+    state = published.fill(published.sparsh((3, 2, 16, 16)))
+    state["pos_embed.frequency_bands"] = published.bands(768, 3)
+    encoder = convert(state).build()
+    newest_first = clip(published, 1, 3, 4, 320, 240).transpose(1, 2)
+    with torch.no_grad():
+        tokens = encoder.encode(encoder.patchify(newest_first.flip(1)), torch.tensor([0]))
+    check("sparsh_vjepa_base_sin", tokens.unflatten(1, (2, 300)).flip(1).flatten(1, 2))

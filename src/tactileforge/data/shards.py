@@ -109,6 +109,10 @@ def head(recording: Recording) -> dict[str, Any]:
         "text": recording.text,
         "image_times": None if seen is None else seen.tolist(),
         "labels": dict(recording.labels),
+        "tracks": {
+            name: {"dtype": values.dtype.name, "values": values.tolist()}
+            for name, values in recording.tracks.items()
+        },
         "source": recording.source,
         "tier": recording.tier,
         "licence": recording.licence,
@@ -298,7 +302,8 @@ def _recording(path: Path, stem: str, about: Any, place: int) -> tuple[Recording
 def _build(about: dict[str, Any], lazy: dict[str, PackedFrames]) -> Recording:
     times = np.array(about["times"], np.float64)
     force, action, seen = about["force"], about["action"], about["image_times"]
-    columns = {"times": times, "force": force, "action": action}
+    tracks = {name: _track(track) for name, track in about["tracks"].items()}
+    columns = {"times": times, "force": force, "action": action, **tracks}
     for name, column in columns.items():
         if column is not None and len(column) != len(lazy["frames"]):
             raise ValueError(f"{len(lazy['frames'])} frames and {len(column)} rows of {name}")
@@ -323,10 +328,18 @@ def _build(about: dict[str, Any], lazy: dict[str, PackedFrames]) -> Recording:
         image=lazy.get("image"),
         image_times=None if seen is None else np.array(seen, np.float64),
         labels=dict(about["labels"]),
+        tracks=tracks,
         source=about["source"],
         tier=int(about["tier"]),
         licence=about["licence"],
     )
+
+
+def _track(track: Any) -> NDArray[Any]:
+    dtype = np.dtype(track["dtype"])
+    if dtype.kind not in "biuf":
+        raise TypeError(f"a track of {dtype}")
+    return np.array(track["values"], dtype)
 
 
 class PackedFrames:

@@ -39,7 +39,7 @@ class Count:
     Attributes:
         recordings: Recordings.
         frames: Frames.
-        seconds: From the first frame of each to the end of the last; a still lasts no time.
+        seconds: How long the frames last, without gaps between them; a still lasts no time.
         labels: Recordings that carry each of `LABELS`, whole or in part.
     """
 
@@ -142,6 +142,6 @@ class Summary(dict[Kind, Count]):
 
 
 def seconds(recording: Recording) -> float:
-    """From the first frame to the end of the last; a still lasts no time."""
+    """How long its frames last, without gaps between them; a still lasts no time."""
     times = recording.times
-    return float(times[-1] - times[0] + np.median(np.diff(times))) if len(times) > 1 else 0.0
+    return float(len(times) * np.median(np.diff(times))) if len(times) > 1 else 0.0

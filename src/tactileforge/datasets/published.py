@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -27,24 +27,6 @@ if TYPE_CHECKING:
 _IMAGES = frozenset({".bmp", ".jpeg", ".jpg", ".png"})
 #: Frames of a recording of which the median is taken.
 _MEDIAN_FRAMES = 15
-
-
-@dataclass(frozen=True, kw_only=True)
-class Tracked(Recording):
-    """A recording with further values per frame.
-
-    Attributes:
-        tracks: Arrays (T, ...) by name.
-    """
-
-    tracks: Mapping[str, NDArray[Any]] = field(default_factory=dict)
-
-    def part(self, start: int, stop: int) -> Tracked:
-        """See `Recording.part`; the tracks are cut as well."""
-        tracks = {name: values[start:stop] for name, values in self.tracks.items()}
-        whole = super().part(start, stop)
-        assert isinstance(whole, Tracked)
-        return replace(whole, tracks=tracks)
 
 
 @dataclass(frozen=True)
@@ -181,9 +163,8 @@ class Published(ABC):
         raise self._missing(f"no folder {self.root / names[0]}")
 
     def _recording(self, key: str, **fields: Any) -> Recording:
-        """A recording that says where it is from; with ``tracks``, a `Tracked` one."""
-        kind = Tracked if "tracks" in fields else Recording
-        return kind(
+        """A recording that says where it is from."""
+        return Recording(
             key=f"{self.name}/{key}",
             source=f"{self.citation} {self.url}",
             tier=self.tier,

@@ -21,7 +21,7 @@ _FINGERS = ("index", "middle", "ring")
 class SparshPose(Published):
     """T3 of Sparsh, pose estimation: the images of one finger in a bag are a recording.
 
-    Recordings are `Tracked`: ``tracks["relative_pose"]`` is float32 (T, 4, 4), how the object has
+    ``tracks["relative_pose"]`` is float32 (T, 4, 4), how the object has
     moved in the last five frames, seen from the finger, as the source has it. Images without a pose
     are left out. Pickles are read without executing anything; their channels are in the order of
     OpenCV, those of the background images are not.

@@ -9,7 +9,7 @@ from tactileforge.datasets.sparsh import SparshTrajectories
 class SparshSlip(SparshTrajectories):
     """T2 of Sparsh, slip detection: the files of ``sparsh_force``, in splits of its own.
 
-    Recordings are `Tracked`: ``tracks["slip"]`` is int8 (T,), 1 where the probe slips.
+    ``tracks["slip"]`` is int8 (T,), 1 where the probe slips.
 
     Args:
         root: Folder of the probes of one sensor.

@@ -1,19 +1,19 @@
-"""The touch encoder of AnyTouch 2: a CLIP-style vision transformer on spatio-temporal tubes."""
+"""The touch encoder of AnyTouch 2 and of what else is built like CLIP: a ViT on tubes of frames."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import cached_property
-from typing import Literal
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
 
 import torch
 from torch import Tensor, nn
-from torch.nn import functional as F
 
-from tactileforge.contracts import Batch, Features, MaskedFeatures
-from tactileforge.distributed import rand_rows
-from tactileforge.encoders.transformer import Transformer, init_weights, size_of
+from tactileforge.encoders.backbone import Backbone, of_length, visible
+from tactileforge.encoders.pixels import ANYTOUCH2, CLIP_MEAN, CLIP_STD
+from tactileforge.encoders.transformer import Transformer, init_weights
 from tactileforge.errors import ConfigError, unknown
+
+__all__ = ["CLIP_MEAN", "CLIP_STD", "PUBLISHED_SENSORS", "TactileViT"]
 
 #: Rows of the published sensor table (AnyTouch 2). The last row of the table is the universal
 # sensor.
@@ -25,31 +25,38 @@ PUBLISHED_SENSORS = {
     "duragel": 4,
     "dm": 5,
 }
-CLIP_MEAN = (0.48145466, 0.4578275, 0.40821073)
-CLIP_STD = (0.26862954, 0.26130258, 0.27577711)
 
 
-class TactileViT(nn.Module):
+class TactileViT(Backbone):
     """Touch clips to tokens; preprocessing included, so frames go in as uint8.
 
     The sequence is one class token, ``sensor_tokens`` tokens of the sensor, and the patches of
     every temporal slot in (slot, row, column) order. Patches are tubes of ``tube`` frames, embedded
     linearly, with one learned position each. Blocks are pre-norm with a norm before the first
-    (CLIP's).
+    (CLIP's). Tokens are given before the last norm, class tokens after it and projected.
     Source: AnyTouch 2, sections Method and Implementation Details, and its published weights.
 
     Args:
-        size: ``tiny`` (192 wide, 6 deep, 3 heads), ``small`` (384/12/6) or ``base`` (768/12/12).
+        size: ``tiny`` (192 wide, 6 deep, 3 heads), ``small`` (384/12/6), ``base`` (768/12/12) or
+            ``large`` (1024/24/16).
         frames: Frames of a clip; ``tube`` divides it.
         image_size: Height and width the frames are resized to, or one number for both.
         patch: Rows and columns of a patch.
         tube: Frames of a patch.
         projected: Width of the space in which decoding and alignment take place.
         mask_ratio: Share of spatial positions that the masked view hides, the same in every slot.
-        sensor_tokens: Tokens a sensor has.
+        sensor_tokens: Tokens a sensor has; with none, every sensor is welcome.
         sensor_rows: Rows of the sensor table, the universal one included.
         sensors: Row of each sensor; None takes the published table.
         unknown_sensor: What to do with a sensor that has no row: ``error``, or take ``universal``.
+        depth: Blocks; None takes the size's.
+        spacing: Seconds between the frames of a clip that it is trained with; 0 for one frame.
+        activation: ``gelu``, or ``quick_gelu`` for OpenAI's CLIP weights.
+        norm_in: Whether there is a norm before the first block.
+        eps: Of the norms.
+        bias_kv: Whether attention has a learned key and value besides the tokens (ImageBind).
+        length: Projected class tokens are scaled to this length; None leaves them as they are.
+        pixels: Preprocessing, see `pixels.Pixels`.
 
     Attributes:
         width: Size of a token.
@@ -68,11 +75,9 @@ class TactileViT(nn.Module):
         (torch.Size([2, 14, 192]), torch.Size([2, 512]))
     """
 
-    modality = "touch"
-
     def __init__(
         self,
-        size: Literal["tiny", "small", "base"] = "base",
+        size: Literal["tiny", "small", "base", "large"] = "base",
         frames: int = 4,
         image_size: int | Sequence[int] = 224,
         patch: int = 16,
@@ -83,50 +88,44 @@ class TactileViT(nn.Module):
         sensor_rows: int = 20,
         sensors: dict[str, int] | None = None,
         unknown_sensor: Literal["error", "universal"] = "error",
+        depth: int | None = None,
+        spacing: float = 1 / 15,
+        activation: Literal["gelu", "quick_gelu"] = "gelu",
+        norm_in: bool = True,
+        eps: float = 1e-5,
+        bias_kv: bool = False,
+        length: float | None = None,
+        pixels: Mapping[str, Any] = ANYTOUCH2,
     ) -> None:
-        super().__init__()
-        height, width = (image_size, image_size) if isinstance(image_size, int) else image_size
-        if frames % tube or height % patch or width % patch:
-            raise ConfigError(
-                f"encoder: tubes of {tube} frames and {patch} pixels do not divide "
-                f"{frames} frames of {height} x {width}; change frames, image_size, tube or patch"
-            )
-        if not 0 <= mask_ratio < 1:
-            raise ConfigError(f"encoder: mask_ratio is {mask_ratio}; it must be in [0, 1)")
+        super().__init__(size, depth, frames, spacing, image_size, patch, tube, mask_ratio, pixels)
         self.sensors = dict(PUBLISHED_SENSORS if sensors is None else sensors)
+        self.universal = sensor_rows - 1
         for name, row in self.sensors.items():
-            if not 0 <= row < sensor_rows - 1:
+            if sensor_tokens and not 0 <= row < self.universal:
                 raise ConfigError(
                     f"encoder: sensor {name!r} has row {row} of {sensor_rows}, of which the last "
                     "is universal; raise sensor_rows"
                 )
-        self.width, depth, heads = size_of(size)
         self.projected = projected
-        self.frames = frames
-        self.image_size = (height, width)
-        self.patch = patch
-        self.tube = tube
-        self.mask_ratio = mask_ratio
         self.unknown_sensor = unknown_sensor
         self.prefix = 1 + sensor_tokens
-        self.grid = (frames // tube, height // patch, width // patch)
+        self.length = length
         slots, rows, columns = self.grid
 
         self.class_token = nn.Parameter(torch.empty(self.width))
-        self.sensor_table = nn.Parameter(torch.empty(sensor_rows, sensor_tokens, self.width))
+        self.sensor_table = None
+        if sensor_tokens:
+            self.sensor_table = nn.Parameter(torch.empty(sensor_rows, sensor_tokens, self.width))
         self.position = nn.Parameter(torch.empty(1 + slots * rows * columns, self.width))
         self.embed = nn.Linear(3 * tube * patch * patch, self.width, bias=False)
-        self.norm_in = nn.LayerNorm(self.width)
-        self.transformer = Transformer(self.width, depth, heads)
-        self.norm_out = nn.LayerNorm(self.width)
+        self.norm_in = nn.LayerNorm(self.width, eps) if norm_in else nn.Identity()
+        self.transformer = Transformer(self.width, self.depth, self.heads, eps, activation, bias_kv)
+        self.norm_out = nn.LayerNorm(self.width, eps)
         self.project = nn.Linear(self.width, projected, bias=False)
-        self.register_buffer("mean", torch.tensor(CLIP_MEAN).view(3, 1, 1), persistent=False)
-        self.register_buffer("std", torch.tensor(CLIP_STD).view(3, 1, 1), persistent=False)
-        self.mean: Tensor
-        self.std: Tensor
         self.apply(init_weights)
         for parameter in (self.class_token, self.sensor_table, self.position):
-            nn.init.normal_(parameter, std=0.02)
+            if parameter is not None:
+                nn.init.normal_(parameter, std=0.02)
 
     def rows(self, sensor: Sequence[str]) -> Tensor:
         """Rows of the sensor table, int64 (B,).
@@ -134,126 +133,24 @@ class TactileViT(nn.Module):
         Raises:
             ConfigError: A sensor has no row, and ``unknown_sensor`` is ``error``.
         """
-        universal = len(self.sensor_table) - 1
-        if self.unknown_sensor == "error":
+        if self.unknown_sensor == "error" and self.sensor_table is not None:
             for name in sensor:
                 if name not in self.sensors:
                     fix = "Add it to encoder.sensors, or set encoder.unknown_sensor=universal."
                     raise ConfigError(unknown("sensor of the encoder", name, self.sensors, fix))
-        rows = torch.tensor([self.sensors.get(name, universal) for name in sensor])
-        return rows.to(self.sensor_table.device, non_blocking=True)
-
-    def preprocess(self, frames: Tensor, background: Tensor) -> Tensor:
-        """Background difference, resize and normalisation, as published.
-
-        ``clamp(frame - background + 130/255, 0, 1)``, bilinear with anti-aliasing to ``image_size``
-        (the aspect is not kept), CLIP's mean and standard deviation.
-
-        Args:
-            frames: uint8 (B, T, 3, H, W).
-            background: uint8 (B, 3, H, W).
-
-        Returns:
-            float32 (B, T, 3, height, width).
-        """
-        x = (frames.float() - background[:, None].float() + 130).clamp(0, 255) / 255
-        if x.shape[-2:] != self.image_size:
-            flat = F.interpolate(x.flatten(0, 1), self.image_size, mode="bilinear", antialias=True)
-            x = flat.view(*x.shape[:3], *self.image_size)
-        return (x - self.mean) / self.std
-
-    def patchify(self, x: Tensor) -> Tensor:
-        """(B, T, 3, height, width) to (B, slots, N, 3 * tube * patch * patch)."""
-        slots, rows, columns = self.grid
-        x = x.reshape(len(x), slots, self.tube, 3, rows, self.patch, columns, self.patch)
-        x = x.permute(0, 1, 4, 6, 3, 2, 5, 7)
-        return x.flatten(4).flatten(2, 3)
-
-    def forward(self, frames: Tensor, background: Tensor, sensor: Tensor) -> tuple[Tensor, Tensor]:
-        """Tokens before the last norm (B, L, width), and projected class tokens (B, projected).
-
-        Args:
-            frames: uint8 (B, T, 3, H, W), RGB, oldest first.
-            background: uint8 (B, 3, H, W).
-            sensor: int64 (B,), see `rows`.
-        """
-        tokens = self.encode(self.patchify(self.preprocess(frames, background)), sensor)
-        return tokens, self.project(self.norm_out(tokens[:, 0]))
+        rows = torch.tensor([self.sensors.get(name, self.universal) for name in sensor])
+        return rows.to(self.class_token.device, non_blocking=True)
 
     def encode(self, patches: Tensor, sensor: Tensor, kept: Tensor | None = None) -> Tensor:
-        """Last hidden state, before the last norm.
-
-        Args:
-            patches: float (B, slots, N, P).
-            sensor: int64 (B,), rows of the sensor table.
-            kept: int64 (B, K), spatial positions to embed; None embeds all.
-
-        Returns:
-            float (B, prefix + slots * (K or N), width).
-        """
-        batch, slots, count, _ = patches.shape
-        position = self.position[1:].view(1, slots, count, -1)
-        if kept is not None:
-            index = kept[:, None, :, None]
-            patches = patches.gather(2, index.expand(-1, slots, -1, patches.shape[-1]))
-            position = position.expand(batch, -1, -1, -1)
-            position = position.gather(2, index.expand(-1, slots, -1, self.width))
+        """Last hidden state, before the last norm; see `Backbone.encode`."""
+        patches, position = visible(patches, self.position[1:], kept)
         x = (self.embed(patches) + position).flatten(1, 2)
-        head = (self.class_token + self.position[0]).expand(batch, 1, -1)
-        x = torch.cat([head, self.sensor_table[sensor], x], dim=1)
-        hidden: Tensor = self.transformer(self.norm_in(x))
+        head = [(self.class_token + self.position[0]).expand(len(x), 1, -1)]
+        if self.sensor_table is not None:
+            head.append(self.sensor_table[sensor])
+        hidden: Tensor = self.transformer(self.norm_in(torch.cat([*head, x], dim=1)))
         return hidden
 
-    def views(self, batch: Batch, universal: float = 0.0) -> TactileViews:
-        """Starts the views of a batch; see `contracts.Encoder.views`."""
-        return TactileViews(self, batch, universal)
-
-
-class TactileViews:
-    """The views of one batch, each computed once, when first asked for.
-
-    Random choices (which tubes are kept, which samples take the universal sensor tokens) are drawn
-    at once, so they do not depend on which view is asked for first.
-
-    Args:
-        encoder: Whose views.
-        batch: See `tactileforge.contracts`.
-        universal: Chance of the universal sensor tokens.
-    """
-
-    def __init__(self, encoder: TactileViT, batch: Batch, universal: float) -> None:
-        self.encoder = encoder
-        self.batch = batch
-        frames = batch["frames"]
-        _, rows, columns = encoder.grid
-        count = rows * columns
-        noise = rand_rows(len(frames), count + 1, device=frames.device)
-        self.order = noise[:, :count].argsort(dim=1)
-        last = len(encoder.sensor_table) - 1
-        sensor = encoder.rows(batch["sensor"])
-        self.sensor = torch.where(noise[:, count] < universal, last, sensor)
-
-    @cached_property
-    def patches(self) -> Tensor:
-        """Float (B, slots, N, P): the normalised frames, in patches."""
-        pixels = self.encoder.preprocess(self.batch["frames"], self.batch["background"])
-        return self.encoder.patchify(pixels)
-
-    @cached_property
-    def full(self) -> Features:
-        """Every patch is seen."""
-        encoder = self.encoder
-        tokens = encoder.encode(self.patches, self.sensor)
-        cls = encoder.project(encoder.norm_out(tokens[:, 0]))
-        return Features(tokens, cls, encoder.prefix, encoder.grid)
-
-    @cached_property
-    def masked(self) -> MaskedFeatures:
-        """``mask_ratio`` of the spatial positions are hidden, the same in every slot."""
-        encoder = self.encoder
-        count = self.order.shape[1]
-        keep = max(1, round(count * (1 - encoder.mask_ratio)))
-        kept = self.order[:, :keep].sort(dim=1).values
-        masked = self.order[:, keep:].sort(dim=1).values
-        tokens = encoder.project(encoder.encode(self.patches, self.sensor, kept))
-        return MaskedFeatures(tokens, kept, masked, encoder.prefix, encoder.grid)
+    def summary(self, tokens: Tensor) -> Tensor:
+        """The class token, normed and projected: (B, L, width) to (B, projected)."""
+        return of_length(self.project(self.norm_out(tokens[:, 0])), self.length)

@@ -7,58 +7,113 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 #: Width, depth and heads of each size.
-SIZES = {"tiny": (192, 6, 3), "small": (384, 12, 6), "base": (768, 12, 12)}
+SIZES = {
+    "tiny": (192, 6, 3),
+    "small": (384, 12, 6),
+    "base": (768, 12, 12),
+    "large": (1024, 24, 16),
+}
 
 
-def mlp(width: int) -> nn.Sequential:
-    """Two layers, four times as wide between them."""
-    return nn.Sequential(nn.Linear(width, 4 * width), nn.GELU(), nn.Linear(4 * width, width))
+class QuickGELU(nn.Module):
+    """``x * sigmoid(1.702 x)``, the activation of OpenAI's CLIP weights."""
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Any shape to the same."""
+        return x * torch.sigmoid(1.702 * x)
+
+
+ACTIVATIONS = {"gelu": nn.GELU, "quick_gelu": QuickGELU}
 
 
 class Attention(nn.Module):
-    """Multi-head self-attention with one fused projection for query, key and value."""
+    """Multi-head self-attention with one fused projection for query, key and value.
 
-    def __init__(self, width: int, heads: int) -> None:
+    Args:
+        width: Size of a token.
+        heads: Attention heads.
+        bias_kv: Whether a learned key and value are appended to those of the tokens (ImageBind's).
+    """
+
+    def __init__(self, width: int, heads: int, bias_kv: bool = False) -> None:
         super().__init__()
         self.heads = heads
         self.qkv = nn.Linear(width, 3 * width)
         self.out = nn.Linear(width, width)
+        self.bias_kv = nn.Parameter(torch.zeros(2, width)) if bias_kv else None
 
     def forward(self, x: Tensor, mask: Tensor | None = None) -> Tensor:
         """Attends over (B, L, width); ``mask`` is bool (B, 1, 1, L), True where a key is seen."""
         query, key, value = (
             self.qkv(x).unflatten(-1, (3, self.heads, -1)).permute(2, 0, 3, 1, 4).unbind(0)
         )
+        if self.bias_kv is not None:
+            extra = self.bias_kv.view(2, 1, self.heads, 1, -1).expand(-1, len(x), -1, -1, -1)
+            key, value = torch.cat([key, extra[0]], dim=2), torch.cat([value, extra[1]], dim=2)
         x = F.scaled_dot_product_attention(query, key, value, attn_mask=mask)
         out: Tensor = self.out(x.transpose(1, 2).flatten(2))
         return out
 
 
 class Block(nn.Module):
-    """Pre-norm block: attention and a GELU MLP of four times the width, each with a residual."""
+    """Pre-norm block: attention and an MLP of four times the width, each with a residual.
 
-    def __init__(self, width: int, heads: int, eps: float = 1e-5) -> None:
+    Args:
+        width: Size of a token.
+        heads: Attention heads.
+        eps: Of the norms.
+        activation: Of the MLP, a key of `ACTIVATIONS`.
+        bias_kv: See `Attention`.
+        layer_scale: First value of a learned factor per channel on each residual; None has none.
+    """
+
+    def __init__(
+        self,
+        width: int,
+        heads: int,
+        eps: float = 1e-5,
+        activation: str = "gelu",
+        bias_kv: bool = False,
+        layer_scale: float | None = None,
+    ) -> None:
         super().__init__()
         self.norm1 = nn.LayerNorm(width, eps)
-        self.attention = Attention(width, heads)
+        self.attention = Attention(width, heads, bias_kv)
         self.norm2 = nn.LayerNorm(width, eps)
         self.mlp = nn.Sequential(
-            nn.Linear(width, 4 * width), nn.GELU(), nn.Linear(4 * width, width)
+            nn.Linear(width, 4 * width), ACTIVATIONS[activation](), nn.Linear(4 * width, width)
         )
+        self.scale1 = self.scale2 = None
+        if layer_scale is not None:
+            self.scale1 = nn.Parameter(torch.full((width,), layer_scale))
+            self.scale2 = nn.Parameter(torch.full((width,), layer_scale))
 
     def forward(self, x: Tensor, mask: Tensor | None = None) -> Tensor:
         """(B, L, width) to the same."""
-        x = x + self.attention(self.norm1(x), mask)
-        out: Tensor = x + self.mlp(self.norm2(x))
+        change = self.attention(self.norm1(x), mask)
+        x = x + (change if self.scale1 is None else change * self.scale1)
+        change = self.mlp(self.norm2(x))
+        out: Tensor = x + (change if self.scale2 is None else change * self.scale2)
         return out
 
 
 class Transformer(nn.Module):
     """A stack of `Block`."""
 
-    def __init__(self, width: int, depth: int, heads: int, eps: float = 1e-5) -> None:
+    def __init__(
+        self,
+        width: int,
+        depth: int,
+        heads: int,
+        eps: float = 1e-5,
+        activation: str = "gelu",
+        bias_kv: bool = False,
+        layer_scale: float | None = None,
+    ) -> None:
         super().__init__()
-        self.blocks = nn.ModuleList(Block(width, heads, eps) for _ in range(depth))
+        self.blocks = nn.ModuleList(
+            Block(width, heads, eps, activation, bias_kv, layer_scale) for _ in range(depth)
+        )
 
     def forward(self, x: Tensor, mask: Tensor | None = None) -> Tensor:
         """(B, L, width) to the same."""

@@ -151,11 +151,16 @@ def _masked(encoder: Encoder, frames: Tensor, hidden: Tensor) -> Tensor:
 
 def _spread(encoder: Any) -> Tensor:
     """What 1 in normalised pixels is in 0..1; a quarter for an encoder that does not tell."""
-    std: Tensor = getattr(encoder, "std", torch.full((3, 1, 1), 0.25))
-    return std.float().cpu()
+    return _normalisation(encoder, "std", 0.25)
+
+
+def _normalisation(encoder: Any, name: str, otherwise: float) -> Tensor:
+    """Mean or standard deviation of pixels (3, 1, 1); over all sensors where each has its own."""
+    pixels = getattr(encoder, "pixels", None)
+    found: Tensor = getattr(pixels, name, torch.full((3, 1, 1), otherwise))
+    return found.float().cpu().reshape(-1, 3, 1, 1).mean(0)
 
 
 def _colour(encoder: Any, frames: Tensor) -> Tensor:
     """Normalised frames to colours in 0..1."""
-    mean: Tensor = getattr(encoder, "mean", torch.full((3, 1, 1), 0.5))
-    return (frames * _spread(encoder) + mean.float().cpu()).clamp(0, 1)
+    return (frames * _spread(encoder) + _normalisation(encoder, "mean", 0.5)).clamp(0, 1)

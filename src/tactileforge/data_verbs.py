@@ -1,0 +1,79 @@
+"""``tactileforge data pack | filter | inspect``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+
+from tactileforge import registry
+from tactileforge.contracts import Dataset
+from tactileforge.errors import ConfigError, unknown
+
+
+def main(argv: Sequence[str]) -> int:
+    """Runs the verb.
+
+    Args:
+        argv: The words after ``tactileforge data``.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        TactileForgeError: Something is wrong; says the fix.
+    """
+    verbs = {"pack": _pack, "filter": _filter, "inspect": _inspect}
+    action, *words = argv or ["--help"]
+    if action in ("-h", "--help"):
+        print("tactileforge data pack|filter|inspect data=NAME [key=value ...]; --help shows keys")
+        return 0
+    if action not in verbs:
+        raise ConfigError(unknown("action of tactileforge data", action, verbs))
+    if words in (["--help"], ["-h"]):
+        print((files("tactileforge.conf") / f"{action}.yaml").read_text())
+        return 0
+    config = _config(action, words)
+    node: dict[str, Any] = OmegaConf.to_container(config.data, resolve=True)  # type: ignore[assignment]
+    verbs[action](registry.build("datasets", node), node["name"], config)
+    return 0
+
+
+def _config(action: str, words: Sequence[str]) -> DictConfig:
+    from tactileforge.compose import settings
+
+    config = settings(action, words)
+    missing = sorted(map(str, OmegaConf.missing_keys(config)))
+    if missing:
+        raise ConfigError(f"give {' '.join(f'{key}=...' for key in missing)}")
+    return config
+
+
+def _pack(dataset: Dataset, name: str, config: DictConfig) -> None:
+    from tactileforge.packing import Options, pack, summary
+
+    options: dict[str, Any] = OmegaConf.to_container(config.pack)  # type: ignore[assignment]
+    out = Path(config.out)
+    print(summary(pack(dataset, name, out, Options.of(options))))
+    print(f"train on them: tactileforge train data=shards data.root={out}")
+
+
+def _filter(dataset: Dataset, name: str, config: DictConfig) -> None:
+    from tactileforge.packing import Options
+    from tactileforge.packing.preview import preview
+
+    options: dict[str, Any] = OmegaConf.to_container(config.pack)  # type: ignore[assignment]
+    page = preview(
+        dataset, name, Path(config.out), Options.of(options), config.recordings, config.frames
+    )
+    print(f"page: {page}")
+
+
+def _inspect(dataset: Dataset, name: str, config: DictConfig) -> None:
+    from tactileforge.inspection import inspect
+
+    print(inspect(dataset, name, Path(config.out), config.recordings))
+    print(f"page: {config.out}")

@@ -1,0 +1,212 @@
+"""What touch encoders share: their input, their sensor rows, and the views of a batch."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from tactileforge.contracts import Batch, Features, MaskedFeatures
+from tactileforge.distributed import rand_rows
+from tactileforge.encoders.pixels import Pixels
+from tactileforge.encoders.transformer import size_of
+from tactileforge.errors import ConfigError
+
+
+class Backbone(nn.Module):
+    """A touch encoder less its network: preprocessing, patches, views.
+
+    A subclass sets ``prefix``, ``projected``, ``project`` and ``universal``, and says what `rows`,
+    `encode` and `summary` are.
+
+    Args:
+        size: A key of `transformer.SIZES`.
+        depth: Blocks; None takes the size's.
+        frames: Frames of a clip; ``tube`` divides it.
+        spacing: Seconds between them that it is trained with; 0 for one frame.
+        image_size: Height and width the frames are resized to, or one number for both.
+        patch: Rows and columns of a patch.
+        tube: Frames of a patch.
+        mask_ratio: Share of spatial positions that the masked view hides, the same in every slot.
+        pixels: Preprocessing, see `Pixels`.
+
+    Attributes:
+        width: Size of a token.
+        prefix: Tokens before the patches.
+        grid: Temporal slots, rows, columns.
+        universal: Row of the universal sensor; None where there is none.
+
+    Raises:
+        ConfigError: Sizes that the tubes do not divide, or a mask that hides everything.
+    """
+
+    modality = "touch"
+    prefix: int
+    projected: int
+    project: nn.Module
+    sensors: dict[str, int]
+    universal: int | None = None
+
+    def __init__(
+        self,
+        size: str,
+        depth: int | None,
+        frames: int,
+        spacing: float,
+        image_size: int | Sequence[int],
+        patch: int,
+        tube: int,
+        mask_ratio: float,
+        pixels: Mapping[str, Any],
+    ) -> None:
+        super().__init__()
+        height, width = (image_size, image_size) if isinstance(image_size, int) else image_size
+        if frames % tube or height % patch or width % patch:
+            raise ConfigError(
+                f"encoder: tubes of {tube} frames and {patch} pixels do not divide "
+                f"{frames} frames of {height} x {width}; change frames, image_size, tube or patch"
+            )
+        if not 0 <= mask_ratio < 1:
+            raise ConfigError(f"encoder: mask_ratio is {mask_ratio}; it must be in [0, 1)")
+        self.width, blocks, self.heads = size_of(size)
+        self.depth = blocks if depth is None else depth
+        self.frames = frames
+        self.spacing = spacing
+        self.image_size = (height, width)
+        self.patch = patch
+        self.tube = tube
+        self.mask_ratio = mask_ratio
+        self.grid = (frames // tube, height // patch, width // patch)
+        self.pixels = Pixels.of(self.image_size, pixels)
+
+    @abstractmethod
+    def rows(self, sensor: Sequence[str]) -> Tensor:
+        """Rows of the sensor table, int64 (B,)."""
+
+    @abstractmethod
+    def encode(self, patches: Tensor, sensor: Tensor, kept: Tensor | None = None) -> Tensor:
+        """The last hidden state.
+
+        Args:
+            patches: float (B, slots, N, P).
+            sensor: int64 (B,), rows of the sensor table.
+            kept: int64 (B, K), spatial positions to embed; None embeds all.
+
+        Returns:
+            float (B, prefix + slots * (K or N), width).
+        """
+
+    @abstractmethod
+    def summary(self, tokens: Tensor) -> Tensor:
+        """The projected class token, or what stands for it: (B, L, width) to (B, projected)."""
+
+    def preprocess(
+        self, frames: Tensor, background: Tensor, sensor: Tensor | None = None
+    ) -> Tensor:
+        """Float32 (B, T, 3, height, width); see `Pixels`."""
+        out: Tensor = self.pixels(frames, background, sensor)
+        return out
+
+    def patchify(self, x: Tensor) -> Tensor:
+        """(B, T, 3, height, width) to (B, slots, N, 3 * tube * patch * patch)."""
+        slots, rows, columns = self.grid
+        x = x.reshape(len(x), slots, self.tube, 3, rows, self.patch, columns, self.patch)
+        x = x.permute(0, 1, 4, 6, 3, 2, 5, 7)
+        return x.flatten(4).flatten(2, 3)
+
+    def forward(self, frames: Tensor, background: Tensor, sensor: Tensor) -> tuple[Tensor, Tensor]:
+        """Tokens (B, L, width), and projected class tokens (B, projected).
+
+        Args:
+            frames: uint8 (B, T, 3, H, W), RGB, oldest first.
+            background: uint8 (B, 3, H, W).
+            sensor: int64 (B,), see `rows`.
+        """
+        tokens = self.encode(self.patchify(self.preprocess(frames, background, sensor)), sensor)
+        return tokens, self.summary(tokens)
+
+    def views(self, batch: Batch, universal: float = 0.0) -> TactileViews:
+        """Starts the views of a batch; see `contracts.Encoder.views`."""
+        return TactileViews(self, batch, universal)
+
+
+class TactileViews:
+    """The views of one batch, each computed once, when first asked for.
+
+    Random choices (which tubes are kept, which samples take the universal sensor tokens) are drawn
+    at once, so they do not depend on which view is asked for first.
+
+    Args:
+        encoder: Whose views.
+        batch: See `tactileforge.contracts`.
+        universal: Chance of the universal sensor tokens, where the encoder has them.
+    """
+
+    def __init__(self, encoder: Backbone, batch: Batch, universal: float) -> None:
+        self.encoder = encoder
+        self.batch = batch
+        frames = batch["frames"]
+        _, rows, columns = encoder.grid
+        count = rows * columns
+        noise = rand_rows(len(frames), count + 1, device=frames.device)
+        self.order = noise[:, :count].argsort(dim=1)
+        self.sensor = encoder.rows(batch["sensor"])
+        if encoder.universal is not None:
+            self.sensor = torch.where(noise[:, count] < universal, encoder.universal, self.sensor)
+
+    @cached_property
+    def patches(self) -> Tensor:
+        """Float (B, slots, N, P): the normalised frames, in patches."""
+        batch = self.batch
+        pixels = self.encoder.preprocess(batch["frames"], batch["background"], self.sensor)
+        return self.encoder.patchify(pixels)
+
+    @cached_property
+    def full(self) -> Features:
+        """Every patch is seen."""
+        encoder = self.encoder
+        tokens = encoder.encode(self.patches, self.sensor)
+        return Features(tokens, encoder.summary(tokens), encoder.prefix, encoder.grid)
+
+    @cached_property
+    def masked(self) -> MaskedFeatures:
+        """``mask_ratio`` of the spatial positions are hidden, the same in every slot."""
+        encoder = self.encoder
+        count = self.order.shape[1]
+        keep = max(1, round(count * (1 - encoder.mask_ratio)))
+        kept = self.order[:, :keep].sort(dim=1).values
+        masked = self.order[:, keep:].sort(dim=1).values
+        tokens = encoder.project(encoder.encode(self.patches, self.sensor, kept))
+        return MaskedFeatures(tokens, kept, masked, encoder.prefix, encoder.grid)
+
+
+def visible(patches: Tensor, position: Tensor, kept: Tensor | None) -> tuple[Tensor, Tensor]:
+    """The patches that are kept, and their positions.
+
+    Args:
+        patches: float (B, slots, N, P).
+        position: float (slots * N, width).
+        kept: int64 (B, K), spatial positions; None keeps all.
+
+    Returns:
+        float (B, slots, K or N, P), and (1 or B, slots, K or N, width).
+    """
+    batch, slots, count, _ = patches.shape
+    position = position.view(1, slots, count, -1)
+    if kept is None:
+        return patches, position
+    index = kept[:, None, :, None]
+    patches = patches.gather(2, index.expand(-1, slots, -1, patches.shape[-1]))
+    position = position.expand(batch, -1, -1, -1)
+    position = position.gather(2, index.expand(-1, slots, -1, position.shape[-1]))
+    return patches, position
+
+
+def of_length(x: Tensor, length: float | None) -> Tensor:
+    """Vectors (B, D) scaled to a length; None leaves them as they are."""
+    return x if length is None else length * F.normalize(x, dim=-1)

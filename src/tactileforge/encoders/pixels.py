@@ -1,0 +1,163 @@
+"""From uint8 frames to what an encoder reads: background, size and normalisation, as data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from tactileforge.contracts import NEUTRAL_BACKGROUND
+from tactileforge.errors import ConfigError, unknown
+
+CLIP_MEAN = (0.48145466, 0.4578275, 0.40821073)
+CLIP_STD = (0.26862954, 0.26130258, 0.27577711)
+
+#: AnyTouch 2: difference with the background, squashed to size, CLIP's numbers.
+ANYTOUCH2: dict[str, Any] = {
+    "offset": 130,
+    "fit": "squash",
+    "filter": "bilinear",
+    "mean": CLIP_MEAN,
+    "std": CLIP_STD,
+}
+#: Sparsh: difference with the background in whole grey levels, upright, 4:3, no normalisation.
+SPARSH: dict[str, Any] = {
+    "offset": 127,
+    "fit": "portrait",
+    "filter": "bilinear",
+    "mean": (0.0, 0.0, 0.0),
+    "std": (1.0, 1.0, 1.0),
+}
+
+FITS = ("squash", "cover", "portrait", "pad")
+FILTERS = ("bilinear", "bicubic")
+
+
+class Pixels(nn.Module):
+    """The preprocessing of an encoder: uint8 frames of any size to normalised frames of its own.
+
+    Ways to fit a frame to a size, all anti-aliased:
+
+    - ``squash``: resized, the aspect is not kept;
+    - ``cover``: the shorter side resized to ``edge``, then the centre is cut out;
+    - ``portrait``: a wide frame is turned a quarter clockwise, the centre of the right aspect is
+      cut out, then resized (Sparsh);
+    - ``pad``: black bars make it square, then a quarter turn anticlockwise and a resize (TVL).
+
+    Args:
+        size: Height and width of the result.
+        offset: Grey level that a pixel like its background becomes; None subtracts no background.
+        fit: See above.
+        filter: ``bilinear`` or ``bicubic``.
+        mean: Per channel, of values in [0, 1]; or one such row for each row of the sensor table.
+        std: Like ``mean``.
+        edge: Of ``cover``, in pixels; None takes the longer side of ``size``.
+
+    Raises:
+        ConfigError: An unknown way to fit or filter, not three numbers, or too small an edge.
+    """
+
+    def __init__(
+        self,
+        size: tuple[int, int],
+        offset: int | None,
+        fit: str,
+        filter: str,
+        mean: Sequence[float] | Sequence[Sequence[float]],
+        std: Sequence[float] | Sequence[Sequence[float]],
+        edge: int | None = None,
+    ) -> None:
+        super().__init__()
+        for what, name, known in (("fit", fit, FITS), ("filter", filter, FILTERS)):
+            if name not in known:
+                raise ConfigError(unknown(f"encoder.pixels.{what}", name, known))
+        self.size = size
+        self.offset = offset
+        self.fit = fit
+        self.filter = filter
+        self.edge = max(size) if edge is None else edge
+        if self.edge < max(size):
+            raise ConfigError(f"encoder.pixels.edge is {edge}: it must be at least {max(size)}")
+        for name, value in (("mean", mean), ("std", std)):
+            numbers = torch.tensor([list(x) if isinstance(x, Sequence) else x for x in value])
+            if numbers.shape[-1:] != (3,) or numbers.ndim > 2:
+                raise ConfigError(
+                    f"encoder.pixels.{name} has shape {tuple(numbers.shape)}: give three numbers, "
+                    "or three for each row of the sensor table"
+                )
+            self.register_buffer(name, numbers.float()[..., None, None], persistent=False)
+        self.mean: Tensor
+        self.std: Tensor
+
+    @classmethod
+    def of(cls, size: tuple[int, int], options: Mapping[str, Any]) -> Pixels:
+        """From a configuration node.
+
+        Raises:
+            ConfigError: An option that does not exist, or a missing one.
+        """
+        needed = set(ANYTOUCH2)
+        for key in options:
+            if key not in needed | {"edge"}:
+                raise ConfigError(unknown("option of encoder.pixels", key, needed | {"edge"}))
+        if missing := sorted(needed - set(options)):
+            raise ConfigError(f"encoder.pixels lacks {', '.join(missing)}")
+        return cls(size, **options)
+
+    def forward(self, frames: Tensor, background: Tensor, sensor: Tensor | None = None) -> Tensor:
+        """Float32 (B, T, 3, height, width).
+
+        Args:
+            frames: uint8 (B, T, 3, H, W), any H and W.
+            background: uint8 (B, 3, H, W).
+            sensor: int64 (B,), rows of the sensor table, where each has its own mean.
+        """
+        x = self.resize(self.difference(frames, background))
+        mean, std = self.mean, self.std
+        if mean.ndim == 4 and sensor is not None:
+            mean, std = mean[sensor][:, None], std[sensor][:, None]
+        return (x - mean) / std
+
+    def difference(self, frames: Tensor, background: Tensor) -> Tensor:
+        """Values in [0, 1]; a neutral background leaves the frames as they are."""
+        if self.offset is None:
+            return frames.float() / 255
+        still = background[:, None].float()
+        offset: int | Tensor = self.offset
+        if offset != NEUTRAL_BACKGROUND:
+            neutral = (still == NEUTRAL_BACKGROUND).flatten(1).all(1).view(-1, 1, 1, 1, 1)
+            offset = torch.where(neutral, NEUTRAL_BACKGROUND, offset)
+        return (frames.float() - still + offset).clamp(0, 255) / 255
+
+    def resize(self, x: Tensor) -> Tensor:
+        """(B, T, 3, H, W) to (B, T, 3, height, width)."""
+        size = self.size
+        if self.fit == "pad":
+            height, width = x.shape[-2:]
+            side = max(height, width)
+            bars = (side - width) // 2, (side - height) // 2
+            x = F.pad(x, (bars[0], bars[0], bars[1], bars[1])).rot90(1, (-2, -1))
+        elif self.fit == "portrait":
+            x = x.rot90(-1, (-2, -1)) if x.shape[-2] < x.shape[-1] else x
+            height, width = x.shape[-2:]
+            x = _centre(
+                x, min(height, width * size[0] // size[1]), min(width, height * size[1] // size[0])
+            )
+        elif self.fit == "cover":
+            height, width = x.shape[-2:]
+            short = min(height, width)
+            size = (self.edge * height // short, self.edge * width // short)
+        if x.shape[-2:] != size:
+            flat = F.interpolate(x.flatten(0, 1), size, mode=self.filter, antialias=True)
+            x = flat.view(*x.shape[:3], *size)
+            x = x.clamp(0, 1) if self.filter == "bicubic" else x
+        return _centre(x, *self.size) if self.fit == "cover" else x
+
+
+def _centre(x: Tensor, height: int, width: int) -> Tensor:
+    """The central pixels of (..., H, W)."""
+    top, left = round((x.shape[-2] - height) / 2), round((x.shape[-1] - width) / 2)
+    return x[..., top : top + height, left : left + width]

@@ -1,0 +1,244 @@
+"""Touch encoders built like timm's and DINOv2's: Sparsh, T3 and TVL are settings of this one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+import torch
+from torch import Tensor, nn
+
+from tactileforge.encoders.backbone import Backbone, of_length, visible
+from tactileforge.encoders.pixels import SPARSH
+from tactileforge.encoders.tactile_vit import PUBLISHED_SENSORS
+from tactileforge.encoders.transformer import Transformer, init_weights
+from tactileforge.errors import ConfigError, unknown
+
+#: timm's; T3's stems have it though its trunk has torch's.
+_STEM_EPS = 1e-6
+
+
+class Stem(nn.Module):
+    """Patches to tokens: a linear embedding, positions, a class token, and the first blocks.
+
+    Args:
+        patch: Numbers in a patch.
+        width: Size of a token.
+        depth: Blocks.
+        heads: Attention heads.
+        grid: Temporal slots, rows, columns.
+        positions: ``sincos`` (fixed) or ``learned``.
+        class_token: Whether there is a class token; it has a position of its own if they are
+            learned.
+    """
+
+    position: Tensor
+
+    def __init__(
+        self,
+        patch: int,
+        width: int,
+        depth: int,
+        heads: int,
+        grid: tuple[int, int, int],
+        positions: str,
+        class_token: bool,
+    ) -> None:
+        super().__init__()
+        slots, rows, columns = grid
+        self.embed = nn.Linear(patch, width)
+        self.class_token = nn.Parameter(torch.empty(width)) if class_token else None
+        if positions == "sincos":
+            fixed = torch.cat([torch.zeros(int(class_token), width), sincos(grid, width)])
+            self.register_buffer("position", fixed, persistent=False)
+        else:
+            count = int(class_token) + slots * rows * columns
+            self.position = nn.Parameter(torch.empty(count, width))
+        self.transformer = Transformer(width, depth, heads, _STEM_EPS)
+
+    def forward(self, patches: Tensor, kept: Tensor | None) -> Tensor:
+        """(B, slots, N, P) to (B, class token + slots * (K or N), width)."""
+        head = int(self.class_token is not None)
+        patches, position = visible(patches, self.position[head:], kept)
+        x = (self.embed(patches) + position).flatten(1, 2)
+        if self.class_token is not None:
+            first = (self.class_token + self.position[0]).expand(len(x), 1, -1)
+            x = torch.cat([first, x], dim=1)
+        out: Tensor = self.transformer(x)
+        return out
+
+
+class PlainViT(Backbone):
+    """Touch clips to tokens by a plain vision transformer; frames go in as uint8.
+
+    Patches are tubes of ``tube`` frames, embedded linearly with a bias. Pre-norm blocks with
+    LayerScale if wanted follow, and a norm. Register tokens have no position and are dropped at the
+    end. With ``stems`` above 1, each type of sensor has an embedding, positions and first blocks of
+    its own, and all share the other blocks (T3).
+    The defaults are those of Sparsh (MAE, I-JEPA): two frames in one tube, sine positions, no class
+    token. Fixed positions count slots from the newest, as Sparsh sees the newest frame first.
+    Sources: Sparsh, T3 and TVL, their papers and the layouts of their weights.
+
+    Args:
+        size: ``tiny``, ``small``, ``base`` or ``large``; see `TactileViT`.
+        frames: Frames of a clip; ``tube`` divides it.
+        image_size: Height and width the frames are resized to, or one number for both.
+        patch: Rows and columns of a patch.
+        tube: Frames of a patch.
+        depth: Blocks, those of a stem included; None takes the size's.
+        positions: ``sincos`` (fixed) or ``learned``.
+        class_token: Whether there is a class token.
+        registers: Number of register tokens.
+        layer_scale: First value of LayerScale; None has none.
+        stems: Types of sensors with a stem of their own; one stem takes any sensor.
+        stem_depth: Blocks of a stem.
+        sensors: Row (stem) of each sensor; needed with several stems.
+        eps: Of the norms outside the stems.
+        pool: What sums up the tokens: their ``mean``, or the ``class`` token.
+        norm: Whether the last norm is applied to all ``tokens`` or to what is ``pooled``.
+        projected: Width of a last linear layer; None has none.
+        length: Projected class tokens are scaled to this length; None leaves them as they are.
+        mask_ratio: Share of spatial positions that the masked view hides, the same in every slot.
+        spacing: Seconds between the frames of a clip that it is trained with; 0 for one frame.
+        pixels: Preprocessing, see `pixels.Pixels`.
+
+    Attributes:
+        width: Size of a token.
+        prefix: Tokens before the patches: 1 with a class token, else 0.
+        grid: Temporal slots, rows, columns.
+
+    Raises:
+        ConfigError: Sizes that the tubes do not divide, or options that exclude each other.
+
+    Example:
+        >>> import torch
+        >>> encoder = PlainViT("tiny", image_size=(64, 48)).eval()
+        >>> frames = torch.zeros(1, 2, 3, 320, 240, dtype=torch.uint8)
+        >>> tokens, cls = encoder(frames, frames[:, 0], encoder.rows(["digit"]))
+        >>> tokens.shape, cls.shape
+        (torch.Size([1, 12, 192]), torch.Size([1, 192]))
+    """
+
+    def __init__(
+        self,
+        size: Literal["tiny", "small", "base", "large"] = "base",
+        frames: int = 2,
+        image_size: int | Sequence[int] = (320, 240),
+        patch: int = 16,
+        tube: int = 2,
+        depth: int | None = None,
+        positions: Literal["sincos", "learned"] = "sincos",
+        class_token: bool = False,
+        registers: int = 0,
+        layer_scale: float | None = 1.0,
+        stems: int = 1,
+        stem_depth: int = 0,
+        sensors: dict[str, int] | None = None,
+        eps: float = 1e-6,
+        pool: Literal["mean", "class"] = "mean",
+        norm: Literal["tokens", "pooled"] = "tokens",
+        projected: int | None = None,
+        length: float | None = None,
+        mask_ratio: float = 0.75,
+        spacing: float = 5 / 60,
+        pixels: Mapping[str, Any] = SPARSH,
+    ) -> None:
+        super().__init__(size, depth, frames, spacing, image_size, patch, tube, mask_ratio, pixels)
+        if pool == "class" and not class_token:
+            raise ConfigError("encoder: pool=class needs class_token=true")
+        known = dict.fromkeys(PUBLISHED_SENSORS, 0) if stems == 1 else {}
+        self.sensors = dict(known if sensors is None else sensors)
+        if stems > 1 and not (self.sensors and set(self.sensors.values()) <= set(range(stems))):
+            raise ConfigError(
+                f"encoder: {stems} stems need encoder.sensors, a stem (0 to {stems - 1}) for each "
+                f"sensor; it is {self.sensors}"
+            )
+        self.pool = pool
+        self.norm_tokens = norm == "tokens"
+        self.length = length
+        self.prefix = int(class_token)
+        self.projected = projected or self.width
+
+        cells = 3 * tube * patch * patch
+        self.stems = nn.ModuleList(
+            Stem(cells, self.width, stem_depth, self.heads, self.grid, positions, class_token)
+            for _ in range(stems)
+        )
+        self.registers = nn.Parameter(torch.empty(registers, self.width)) if registers else None
+        rest = self.depth - stem_depth
+        self.transformer = Transformer(self.width, rest, self.heads, eps, layer_scale=layer_scale)
+        self.norm_out = nn.LayerNorm(self.width, eps)
+        self.project = nn.Linear(self.width, projected) if projected else nn.Identity()
+        self.apply(init_weights)
+        for name, parameter in self.named_parameters():
+            if name.rpartition(".")[2] in ("class_token", "position", "registers"):
+                nn.init.normal_(parameter, std=0.02)
+
+    def rows(self, sensor: Sequence[str]) -> Tensor:
+        """Stem of each sensor, int64 (B,).
+
+        Raises:
+            ConfigError: Several stems, and none of them is this sensor's.
+        """
+        rows = [0] * len(sensor)
+        if len(self.stems) > 1:
+            for name in sensor:
+                if name not in self.sensors:
+                    fix = "It has no stem: give the name of one, or add it to encoder.sensors."
+                    raise ConfigError(unknown("sensor of the encoder", name, self.sensors, fix))
+            rows = [self.sensors[name] for name in sensor]
+        return torch.tensor(rows).to(self.norm_out.weight.device, non_blocking=True)
+
+    def encode(self, patches: Tensor, sensor: Tensor, kept: Tensor | None = None) -> Tensor:
+        """Last hidden state, normed unless the norm is for what is pooled; see `Backbone`."""
+        x = self._stems(patches, sensor, kept)
+        count = 0
+        if self.registers is not None:
+            count = len(self.registers)
+            x = torch.cat([self.registers.expand(len(x), -1, -1), x], dim=1)
+        x = self.transformer(x)[:, count:]
+        out: Tensor = self.norm_out(x) if self.norm_tokens else x
+        return out
+
+    def _stems(self, patches: Tensor, sensor: Tensor, kept: Tensor | None) -> Tensor:
+        """Each sample through the stem of its sensor."""
+        if len(self.stems) == 1:
+            out: Tensor = self.stems[0](patches, kept)
+            return out
+        if torch.compiler.is_compiling():  # no shapes that depend on data: every stem, then choose
+            every = torch.stack([stem(patches, kept) for stem in self.stems])
+            return every[sensor, torch.arange(len(sensor), device=sensor.device)]
+        parts, order = [], []
+        for row, stem in enumerate(self.stems):  # a stem without samples still gets a gradient
+            index = (sensor == row).nonzero()[:, 0]
+            parts.append(stem(patches[index], None if kept is None else kept[index]))
+            order.append(index)
+        return torch.cat(parts)[torch.cat(order).argsort()]
+
+    def summary(self, tokens: Tensor) -> Tensor:
+        """The class token, or the mean of the patches, projected: (B, projected)."""
+        x = tokens[:, 0] if self.pool == "class" else tokens[:, self.prefix :].mean(dim=1)
+        x = x if self.norm_tokens else self.norm_out(x)
+        return of_length(self.project(x), self.length)
+
+
+def sincos(grid: tuple[int, int, int], width: int) -> Tensor:
+    """Sparsh's fixed positions: sines, then cosines, of each axis of the grid.
+
+    With ``n`` axes, ``b = ceil(width / 2n)`` frequencies ``10000 ** (-k / b)`` per axis; time is
+    left out where there is one slot, and counts from the newest slot.
+
+    Args:
+        grid: Temporal slots, rows, columns.
+        width: Size of a token.
+
+    Returns:
+        float32 (slots * rows * columns, width), in (slot, row, column) order.
+    """
+    slots, rows, columns = grid
+    axes = [torch.arange(slots).flip(0), torch.arange(rows), torch.arange(columns)]
+    places = torch.cartesian_prod(*axes)[:, 0 if slots > 1 else 1 :]
+    count = -(-width // (2 * places.shape[1]))
+    frequency = 10000 ** -(torch.arange(count, dtype=torch.float64) / count)
+    angle = places[:, :, None] * frequency
+    return torch.cat([angle.sin(), angle.cos()], dim=-1).flatten(1)[:, :width].float()

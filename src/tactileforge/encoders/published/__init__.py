@@ -1,0 +1,169 @@
+"""Published touch encoders as ours: read the user's own download, recognise it, convert it.
+
+Nothing is left random and nothing is left over: each tensor of a file is used or named as not
+needed, each tensor of the encoder is filled, or there is an error that lists what is wrong::
+
+    converted = convert(read("checkpoint-4frames.pth"))
+    encoder = converted.build()
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from tactileforge import registry
+from tactileforge.encoders.backbone import Backbone
+from tactileforge.encoders.plain_vit import PlainViT
+from tactileforge.encoders.published import anytouch, clip, sparsh, t3, tvl, unitouch
+from tactileforge.encoders.published.anytouch import force_head
+from tactileforge.encoders.published.files import read
+from tactileforge.encoders.published.layout import Layout, Plan, State, gather, some, sources
+from tactileforge.encoders.tactile_vit import TactileViT
+from tactileforge.errors import ConfigError, unknown
+
+__all__ = ["LAYOUTS", "Converted", "Layout", "convert", "force_head", "read", "recognise"]
+
+#: Every layout that can be imported. The first that fits is taken: AnyTouch's files hold a CLIP.
+LAYOUTS: tuple[Layout, ...] = (
+    *anytouch.LAYOUTS,
+    *sparsh.LAYOUTS,
+    t3.LAYOUT,
+    unitouch.LAYOUT,
+    tvl.LAYOUT,
+    *clip.LAYOUTS,
+)
+_CLASSES: dict[str, type[Backbone]] = {"tactile_vit": TactileViT, "plain_vit": PlainViT}
+
+
+@dataclass(frozen=True)
+class Converted:
+    """A published encoder under our names.
+
+    Attributes:
+        name: Name of its layout, e.g. ``anytouch2``.
+        encoder_config: ``name`` of the encoder plugin, and its constructor's arguments.
+        state: What it loads, strictly.
+        unused: Why tensors of the file are not needed -> their names.
+        head: The published force head, if the file has one: what
+            ``tactileforge.heads.force.ForceDecoder(width, 1, 16)`` loads, strictly.
+    """
+
+    name: str
+    encoder_config: dict[str, Any]
+    state: dict[str, Tensor]
+    unused: dict[str, list[str]]
+    head: dict[str, Tensor] | None = None
+
+    @property
+    def report(self) -> str:
+        """What was taken and what was not, in words."""
+        count = sum(tensor.numel() for tensor in self.state.values()) / 1e6
+        options = self.encoder_config
+        what = f"{options['size']}, {options['depth']} blocks, {options['frames']} frames"
+        lines = [f"{self.name}: {what}; {len(self.state)} tensors, {count:.1f} M numbers"]
+        if self.head is not None:
+            lines.append(f"force head: {len(self.head)} tensors")
+        lines += [f"not needed, {why}: {some(names)}" for why, names in self.unused.items()]
+        return "\n".join(lines)
+
+    def build(self) -> Backbone:
+        """The encoder with its weights, in evaluation mode."""
+        options = {key: value for key, value in self.encoder_config.items() if key != "name"}
+        encoder = _CLASSES[self.encoder_config["name"]](**options)
+        encoder.load_state_dict(self.state, strict=True)
+        return encoder.eval()
+
+
+def recognise(state: State) -> Layout:
+    """Which published layout a file has, by names and shapes of its tensors.
+
+    Args:
+        state: See `read`.
+
+    Raises:
+        ConfigError: None; lists the nearest layouts and what they lack.
+    """
+    found = [(layout, *layout.locate(state)) for layout in LAYOUTS]
+    for layout, _, lost in found:
+        if not lost:
+            return layout
+    if any("head.pooler.query_tokens" in key for key in state):
+        raise ConfigError(
+            "this file holds a force head of AnyTouch 2 but no encoder: import "
+            "checkpoint-4frames.pth, and read the head with published.force_head"
+        )
+    found.sort(key=lambda row: len(row[2]) / len(row[0].marks))
+    near = "; ".join(f"{x.title} lacks {some(lost, 3)}" for x, _, lost in found[:3])
+    raise ConfigError(
+        f"not a published touch encoder that can be imported: it has {some(sorted(state))}. "
+        f"Nearest: {near}"
+    )
+
+
+def convert(state: State, options: Mapping[str, Any] | None = None) -> Converted:
+    """A published file as one of our encoders.
+
+    Args:
+        state: See `read`.
+        options: Constructor arguments of the encoder that replace those inferred, e.g.
+            ``{"activation": "quick_gelu"}`` for OpenAI's CLIP weights.
+
+    Raises:
+        ConfigError: The layout is not known; or tensors are missing, left over, of the wrong shape
+            or not finite: the message lists them.
+    """
+    layout = recognise(state)
+    prefix, _ = layout.locate(state)
+    inner = {k.removeprefix(prefix): v for k, v in state.items() if k.startswith(prefix)}
+    plan = layout.plan(inner)
+    known = registry.parameters(_CLASSES[plan.encoder])
+    for key in options or {}:
+        if key not in known:
+            raise ConfigError(unknown(f"option of encoder {plan.encoder!r}", key, known))
+    plan.options.update(options or {})
+    used = set(sources(plan.keys))
+    unused: dict[str | None, list[str]] = defaultdict(list)
+    for key in sorted(state.keys() - {prefix + key for key in used}):
+        inside = key.startswith(prefix)
+        why = layout.why_unused(key.removeprefix(prefix)) if inside else layout.outside
+        unused[why].append(key)
+    unexpected = unused.pop(None, [])
+    missing = [prefix + key for key in used - inner.keys()]
+    made = {} if missing else gather(plan, inner)
+    _refuse(layout, missing, unexpected, [] if missing else _wrong(plan, made))
+    has_head = {"head.pooler.query_tokens", "head.probe.2.weight"} <= state.keys()
+    return Converted(
+        layout.name,
+        {"name": plan.encoder, **plan.options},
+        made,
+        {why: names for why, names in unused.items() if why},
+        force_head(state) if has_head else None,
+    )
+
+
+def _wrong(plan: Plan, made: dict[str, Tensor]) -> list[str]:
+    """Tensors that the encoder lacks or has in another shape, and numbers that are none."""
+    with torch.device("meta"):
+        own = _CLASSES[plan.encoder](**plan.options).state_dict()
+    wrong = [f"{key} is not filled" for key in own.keys() - made.keys()]
+    for key, tensor in made.items():
+        if key not in own:
+            wrong.append(f"{key} is not in the encoder")
+        elif tensor.shape != own[key].shape:
+            theirs = plan.keys[key]
+            wrong.append(f"{theirs} gives {tuple(tensor.shape)}, not {tuple(own[key].shape)}")
+        elif not torch.isfinite(tensor).all():
+            wrong.append(f"{plan.keys[key]} is not finite")
+    return wrong
+
+
+def _refuse(layout: Layout, missing: list[str], unexpected: list[str], wrong: list[str]) -> None:
+    lists = {"missing": missing, "unexpected": unexpected, "shapes": wrong}
+    if told := [f"{what}: {some(sorted(names))}" for what, names in lists.items() if names]:
+        raise ConfigError(f"not a whole {layout.title} file; {'; '.join(told)}")

@@ -1,0 +1,146 @@
+"""Sparsh: MAE, DINO, DINOv2 and I-JEPA on two frames, V-JEPA on four."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from tactileforge.encoders.pixels import SPARSH
+from tactileforge.encoders.published.layout import (
+    Keys,
+    Layout,
+    Plan,
+    Shape,
+    State,
+    blocks,
+    depth_of,
+    norms,
+    size_of_width,
+)
+from tactileforge.errors import ConfigError
+
+_EMBED = "patch_embed.proj.weight"
+_BANDS = "pos_embed.frequency_bands"
+#: Our module in a block -> that of timm and DINOv2.
+TIMM_BLOCK: dict[str, str | tuple[str, ...]] = {
+    "norm1": "norm1",
+    "attention.qkv": "attn.qkv",
+    "attention.out": "attn.proj",
+    "norm2": "norm2",
+    "mlp.0": "mlp.fc1",
+    "mlp.2": "mlp.fc2",
+}
+#: Patches of a frame -> its size.
+_SIZES = {20 * 15: [320, 240], 14 * 14: [224, 224]}
+
+
+def _plan(state: State) -> Plan:
+    """Their frames come newest first, ours oldest first: weights of frames and slots are turned."""
+    video = state[_EMBED].ndim == 5
+    depth = depth_of(state, "blocks")
+    width = len(state["norm.weight"])
+    slots = 2 if video else 1
+    learned = "pos_embed" in state
+    options: dict[str, Any] = {
+        "size": size_of_width(width, "Sparsh"),
+        "depth": depth,
+        "frames": 2 * slots,
+        # Every fifth frame (V-JEPA: every second), of sensors at 60 Hz.
+        "spacing": 2 / 60 if video else 5 / 60,
+        "image_size": _image_size(state, slots) if learned else _SIZES[300],
+        "patch": state[_EMBED].shape[-1],
+        "positions": "learned" if learned else "sincos",
+        "pixels": dict(SPARSH),
+    }
+    keys: Keys = {"stems.0.embed.weight": _EMBED, "stems.0.embed.bias": "patch_embed.proj.bias"}
+    keys |= norms({"norm_out": "norm"}) | blocks("transformer.blocks", "blocks", depth, TIMM_BLOCK)
+    for i in range(depth):
+        keys |= {f"transformer.blocks.{i}.scale{j}": f"blocks.{i}.ls{j}.gamma" for j in (1, 2)}
+    change: dict[str, Callable[[Tensor], Tensor]] = {
+        "stems.0.embed.weight": _video_patches if video else _image_patches,
+        "registers": lambda x: x[0],
+        "stems.0.position": lambda x: x[0].view(slots, -1, width).flip(0).flatten(0, 1),
+    }
+    if learned:
+        keys["stems.0.position"] = "pos_embed"
+    else:
+        _check_bands(state, width, 3 if video else 2)
+    if (registers := state.get("register_tokens")) is not None and registers.numel():
+        keys["registers"] = "register_tokens"
+        options["registers"] = registers.shape[1]
+    return Plan("plain_vit", options, keys, change)
+
+
+def _image_patches(x: Tensor) -> Tensor:
+    """(width, frames * colours, rows, columns), newest first, to a matrix."""
+    return x.view(len(x), -1, 3, *x.shape[2:]).flip(1).transpose(1, 2).flatten(1)
+
+
+def _video_patches(x: Tensor) -> Tensor:
+    """(width, colours, frames, rows, columns), newest first, to a matrix."""
+    return x.flip(2).flatten(1)
+
+
+def _image_size(state: State, slots: int) -> list[int]:
+    count = state["pos_embed"].shape[1]
+    if count % slots or count // slots not in _SIZES:
+        known = " or ".join(str(slots * size) for size in _SIZES)
+        raise ConfigError(f"Sparsh: pos_embed has {count} positions; expected {known}")
+    return _SIZES[count // slots]
+
+
+def _check_bands(state: State, width: int, axes: int) -> None:
+    """The fixed positions are made anew: they must be those of the file."""
+    bands = state.get(_BANDS)
+    if bands is None:
+        raise ConfigError(f"not a whole Sparsh file; missing: pos_embed or {_BANDS}")
+    count = -(-width // (2 * axes))
+    expected = 10000 ** -(torch.arange(count) / count)
+    if bands.shape != (axes, count) or not torch.allclose(bands.float(), expected.expand(axes, -1)):
+        raise ConfigError(
+            f"Sparsh: {_BANDS} {tuple(bands.shape)} is not 10000 ** (-k / {count}) on {axes} axes: "
+            "its positions are made in another way than the published ones"
+        )
+
+
+def _layout(name: str, title: str, patches: Shape, *prefixes: str, beside: str = "") -> Layout:
+    # Without this mark, a file of DINO that lacks its register would pass for one without any.
+    registers: dict[str, Shape] = {"register_tokens": (1, None, None)}
+    return Layout(
+        name=name,
+        title=title,
+        marks={
+            _EMBED: patches,
+            "blocks.0.attn.qkv.weight": (None, None),
+            "blocks.0.ls1.gamma": (None,),
+            "norm.weight": (None,),
+            **(registers if _TEACHER in prefixes else {}),
+        },
+        plan=_plan,
+        prefixes=prefixes,
+        beside=beside,
+        unused={
+            _BANDS: "fixed positions, made anew",
+            "register_tokens": "there are none",
+            "mask_token": "pre-training",
+        },
+        outside="other networks of pre-training (student, predictor, decoder, heads)",
+    )
+
+
+_IMAGE: Shape = (None, 6, None, None)
+_VIDEO: Shape = (None, 3, 2, None, None)
+_TEACHER = "teacher_encoder.backbone."
+_TARGET = ("target_encoder.backbone.", "target_encoder.")
+_TASK = ("model_encoder.backbone.", "model_encoder.", "")
+LAYOUTS = (
+    _layout("sparsh_ijepa", "Sparsh I-JEPA", _IMAGE, *_TARGET),
+    _layout("sparsh_vjepa", "Sparsh V-JEPA", _VIDEO, *_TARGET, *_TASK),
+    _layout("sparsh_dinov2", "Sparsh DINOv2", _IMAGE, _TEACHER, beside="ibot_patch_loss.center"),
+    _layout("sparsh_dino", "Sparsh DINO", _IMAGE, _TEACHER),
+    _layout("sparsh_mae", "Sparsh MAE", _IMAGE, "encoder.backbone.", "encoder."),
+    _layout("sparsh", "Sparsh (encoder alone)", _IMAGE, *_TASK),
+)

@@ -1,0 +1,7 @@
+"""Models by name: cards, verified files, and encoders that are ready for use.
+
+- `hub.cards`: what the zoo says of each model; needs no torch
+- `hub.store`: where files of weights lie, and how they get there; verified on every load
+- `hub.header`, `hub.files`: the one-file checkpoint
+- `hub.model`, `hub.loading`: `tactileforge.load`
+"""

@@ -1,0 +1,250 @@
+"""Cards: what the zoo says of each model. Reading them needs no torch.
+
+A card is ``zoo/recipe/NAME.md``: YAML front matter, then text. A model is named ``NAME.TAG``, one
+of the weights on the card; ``NAME`` alone means the first of them.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from functools import cache
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+from typing import Any
+
+import yaml
+
+from tactileforge.errors import ConfigError, unknown
+from tactileforge.hub import strict
+
+_Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+#: What is written where nobody states a licence (SPDX).
+NO_LICENCE = "NOASSERTION"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Weight:
+    """One file of weights. It is shipped (``file``), remote (``url``) or imported (``layout``).
+
+    Attributes:
+        tag: The model is called ``card.tag``.
+        licence: SPDX identifier, or `NO_LICENCE`.
+        sha256: Of the one-file checkpoint; imported weights have none before they are imported.
+        bytes: Its size.
+        file: Path inside the zoo, of weights that come with the package.
+        url: Of a one-file checkpoint: ``https://``, ``file://``, or
+            ``hf://OWNER/REPO/FILE@REVISION``.
+        layout: Published layout that the importer has to find in the user's own download.
+        encoder: Options that the imported encoder must have, e.g. ``{size: base}``.
+        frames: Frames of a clip; 0 for the card's.
+        spacing: Seconds between them, where ``frames`` is given.
+        source: Where the published file is to be had.
+        gated: Whether its authors ask for terms to be accepted first.
+    """
+
+    tag: str
+    licence: str
+    sha256: str = ""
+    bytes: int = 0
+    file: str = ""
+    url: str = ""
+    layout: str = ""
+    encoder: dict[str, Any] = field(default_factory=dict)
+    frames: int = 0
+    spacing: float = 0.0
+    source: str = ""
+    gated: bool = False
+
+    @property
+    def kind(self) -> str:
+        """``shipped``, ``remote`` or ``import``."""
+        return "shipped" if self.file else "remote" if self.url else "import"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Result:
+    """One published or measured number.
+
+    Attributes:
+        task: Benchmark, task and sensor.
+        metric: What is measured.
+        value: The number.
+        unit: Of the number; "" for a plain one.
+        model: Which weights gave it.
+        source: Where it can be looked up.
+    """
+
+    task: str
+    metric: str
+    value: float
+    unit: str
+    model: str
+    source: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Card:
+    """A model of the zoo.
+
+    Attributes:
+        name: The word users type.
+        title: Its name in print.
+        licence: SPDX identifier of what its authors published, or `NO_LICENCE`.
+        paper: Title, venue and arXiv number.
+        code: Address of its authors' code; "" if none.
+        sensors: Types of sensors it was trained on.
+        data: Data sets it was trained on.
+        frames: Frames of a clip.
+        spacing: Seconds between them; 0 for one frame.
+        weights: Its weights, the default first.
+        results: Numbers of the paper, or measured.
+        text: The page below the front matter.
+        recipe: Whether the zoo has a recipe that trains it.
+    """
+
+    name: str
+    title: str
+    licence: str
+    paper: str
+    code: str
+    sensors: list[str]
+    data: list[str]
+    frames: int
+    spacing: float
+    weights: list[Weight]
+    results: list[Result]
+    text: str
+    recipe: bool
+
+    def weight(self, tag: str = "") -> Weight:
+        """The weights with a tag, or the first.
+
+        Raises:
+            ConfigError: No weights at all, or none with that tag.
+        """
+        if not self.weights:
+            train = f"train them: tactileforge train recipe={self.name}" if self.recipe else ""
+            raise ConfigError(
+                f"model {self.name!r} has no weights; {train or 'choose another model'}"
+            )
+        for weight in self.weights:
+            if tag in ("", weight.tag):
+                return weight
+        raise ConfigError(unknown(f"weights of {self.name}", tag, (w.tag for w in self.weights)))
+
+    def clip(self, weight: Weight | None) -> tuple[int, float]:
+        """Frames of a clip, and seconds between them, of some weights."""
+        own = weight if weight and weight.frames else self
+        return own.frames, own.spacing
+
+
+def zoo() -> Traversable:
+    """The zoo's folder."""
+    return files("tactileforge.zoo")
+
+
+@cache
+def names() -> tuple[str, ...]:
+    """Names of all cards, sorted."""
+    folder = zoo() / "recipe"
+    return tuple(sorted(p.name[:-3] for p in folder.iterdir() if p.name.endswith(".md")))
+
+
+@cache
+def read(name: str) -> Card:
+    """The card of that name.
+
+    Raises:
+        ConfigError: There is none, or it is not complete.
+    """
+    if name not in names():
+        raise ConfigError(unknown("model", name, names(), "See them: tactileforge zoo list"))
+    folder = zoo() / "recipe"
+    text = (folder / f"{name}.md").read_text("utf-8")
+    return parse(name, text, (folder / f"{name}.yaml").is_file())
+
+
+def find(model: str) -> tuple[Card, Weight]:
+    """The card and the weights that a name means: ``NAME.TAG``, or ``NAME`` for the default.
+
+    Raises:
+        ConfigError: Unknown name or tag, or a card without weights.
+    """
+    name, _, tag = model.partition(".")
+    if name not in names() and ("/" in model or model.endswith((".safetensors", ".ckpt", ".pth"))):
+        raise ConfigError(f"{model!r} looks like a file; say so: file:{model}")
+    card = read(name)
+    return card, card.weight(tag)
+
+
+def models(pattern: str = "*") -> list[tuple[str, Card, Weight | None]]:
+    """The models whose names match: full name, card and weights.
+
+    A card without weights is listed under its own name.
+    """
+    found: list[tuple[str, Card, Weight | None]] = []
+    for card in map(read, names()):
+        found += [(f"{card.name}.{weight.tag}", card, weight) for weight in card.weights]
+        found += [] if card.weights else [(card.name, card, None)]
+    return [row for row in found if fnmatchcase(row[0], pattern)]
+
+
+def parse(name: str, text: str, recipe: bool) -> Card:
+    """Reads a card from its text.
+
+    Args:
+        name: Its name, for errors.
+        text: Front matter between two lines of ``---``, then Markdown.
+        recipe: Whether the zoo has a recipe of that name.
+
+    Raises:
+        ConfigError: A field is missing, unknown or of the wrong type; names it.
+    """
+    where = f"card {name}"
+    match = re.match(r"---\n(.*?)\n---\n(.*)", text, re.S)
+    if not match:
+        raise ConfigError(f"{where}: starts with no front matter between two lines of ---")
+    try:
+        given = yaml.load(match[1], _Loader)
+    except yaml.YAMLError as error:
+        raise ConfigError(f"{where}: {error}") from error
+    given = strict.mapping(where, given)
+    for key, kind in (("weights", Weight), ("results", Result)):
+        rows = given.get(key)
+        if not isinstance(rows, list):
+            raise ConfigError(f"{where}: {key} must be a list")
+        given[key] = [strict.build(kind, f"{where}, {key}[{i}]", row) for i, row in enumerate(rows)]
+    card = strict.build(
+        Card, where, given | {"name": name, "text": match[2].strip(), "recipe": recipe}
+    )
+    _check(card)
+    return card
+
+
+def _check(card: Card) -> None:
+    """What types do not say."""
+    where = f"card {card.name}"
+    tags = [weight.tag for weight in card.weights]
+    for weight in card.weights:
+        place = f"{where}, weights {weight.tag!r}"
+        if not re.fullmatch(r"[a-z0-9][a-z0-9_-]*", weight.tag) or tags.count(weight.tag) > 1:
+            raise ConfigError(f"{place}: tags are lower-case words, each used once")
+        if bool(weight.file) + bool(weight.url) + bool(weight.layout) != 1:
+            raise ConfigError(f"{place}: give one of file, url and layout")
+        if weight.layout and not weight.source:
+            raise ConfigError(f"{place}: say in source where the published file is to be had")
+        verified = re.fullmatch(r"[0-9a-f]{64}", weight.sha256) and weight.bytes > 0
+        if not weight.layout and not verified:
+            raise ConfigError(f"{place}: sha256 (64 hexadecimal digits) and bytes are needed")
+    for row in [None, *card.weights]:
+        frames, spacing = card.clip(row)
+        spaced = 0 < spacing < math.inf if frames > 1 else spacing == 0
+        if frames < 1 or not spaced:
+            raise ConfigError(
+                f"{where}: frames={frames} and spacing={spacing}: one frame has spacing 0, several "
+                "have seconds between them"
+            )

@@ -1,0 +1,208 @@
+"""One-file checkpoints: written beside and renamed, loaded strictly, no code in them."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Literal
+
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save_file
+from torch import Tensor, nn
+
+from tactileforge import registry
+from tactileforge.errors import ConfigError, DataError, PluginError
+from tactileforge.hub.header import FORMAT, Header, read_header
+from tactileforge.hub.store import new_part
+
+DTYPES = {"float32": torch.float32, "float16": torch.float16}
+
+
+def describe(
+    encoder: Any, node: Mapping[str, Any], *, licence: str, spacing: float, **known: Any
+) -> Header:
+    """The header of an encoder: what it says of itself, and what is known besides.
+
+    Args:
+        encoder: A touch encoder.
+        node: Plugin and constructor arguments from which it was built.
+        licence: SPDX identifier of its weights.
+        spacing: Seconds between the frames of a clip; 0 for one frame.
+        known: Further fields of `Header`.
+    """
+    plugin = next((p for p in registry.list_plugins() if _is(p, node["name"])), None)
+    size: Any = encoder.image_size
+    facts: dict[str, Any] = {
+        "pixels": "uint8 RGB, oldest frame first",
+        "frames": encoder.frames,
+        "size": list(size),
+    }
+    steps = getattr(encoder, "pixels", None)
+    for name in ("offset", "fit", "filter", "mean", "std"):
+        value = getattr(steps, name, None)
+        facts[name] = value.squeeze().tolist() if isinstance(value, Tensor) else value
+    return Header(
+        **{"name": "", "dtype": "float32", **known},
+        format=FORMAT,
+        encoder=dict(node),
+        package=plugin.distribution if plugin else "",
+        package_version=plugin.version if plugin else "",
+        sensors=dict(encoder.sensors),
+        input=facts,
+        spacing=float(spacing),
+        licence=licence,
+    )
+
+
+def _is(plugin: registry.PluginInfo, name: str) -> bool:
+    return plugin.kind == "encoders" and plugin.name == name
+
+
+def save(
+    path: str | Path,
+    encoder: nn.Module,
+    header: Header,
+    dtype: Literal["float32", "float16"] = "float32",
+) -> None:
+    """Writes a one-file checkpoint; the same weights and header give the same bytes.
+
+    Args:
+        path: The file.
+        encoder: Its state is kept.
+        header: See `describe`.
+        dtype: Type in which fractions are kept; they are float32 again after loading.
+
+    Raises:
+        ConfigError: An unknown type, a number that is not finite or does not fit it.
+    """
+    if dtype not in DTYPES:
+        raise ConfigError(f"dtype={dtype}: give {' or '.join(DTYPES)}")
+    state = {}
+    for name, tensor in encoder.state_dict().items():
+        kept = tensor.detach().cpu()
+        if kept.is_floating_point():
+            kept = kept.to(DTYPES[dtype])
+            if not torch.isfinite(kept).all():
+                raise ConfigError(
+                    f"{name} has numbers that are not finite in {dtype}: "
+                    + ("pack it with dtype=float32" if tensor.isfinite().all() else "train again")
+                )
+        state[name] = kept.clone(memory_format=torch.contiguous_format)
+    path = Path(path)
+    metadata = replace(header, dtype=dtype).metadata()
+    with new_part(path) as part:
+        save_file(state, part, metadata=metadata)
+        with part.open("rb+") as file:
+            os.fsync(file.fileno())
+        part.replace(path)
+
+
+def open_encoder(path: str | Path, frames: int | None = None) -> tuple[Any, Header]:
+    """Builds the encoder of a one-file checkpoint and fills it, all of it.
+
+    Args:
+        path: The file.
+        frames: Another number of frames: learned positions are interpolated over time.
+
+    Returns:
+        The encoder, float32, in eval mode, on the CPU, and the header.
+
+    Raises:
+        DataError: See `header.read_header`; or its tensors are not those of the encoder.
+        PluginError: The encoder's plugin is not installed; says what to install.
+        ConfigError: The encoder takes no other number of frames.
+    """
+    path = Path(path)
+    header = read_header(path)
+    check_plugin(path, header)
+    node = dict(header.encoder)
+    with torch.random.fork_rng(devices=[]):  # the numbers drawn here are replaced
+        encoder = registry.build("encoders", node)
+        other = frames is not None and frames != encoder.frames
+        if other:
+            before = encoder
+            encoder = _with_frames(node, before.frames, frames)
+    try:
+        state = load_file(path)
+    except SafetensorError as error:
+        raise DataError(f"{path}: damaged: {error}; fetch or write it again") from error
+    if other:
+        fill(before, state, str(path))
+        state = _over_time(before, encoder)
+    fill(encoder, state, str(path))
+    encoder.requires_grad_(False)
+    return encoder.eval(), header
+
+
+def fill(encoder: nn.Module, state: Mapping[str, Tensor], where: str) -> None:
+    """Loads a state strictly; the types of the encoder's own numbers stay.
+
+    Raises:
+        DataError: Tensors are missing, left over or of another shape; lists them.
+    """
+    own = encoder.state_dict()
+    wrong = {
+        "missing": sorted(own.keys() - state.keys()),
+        "unexpected": sorted(state.keys() - own.keys()),
+        "of another shape": [
+            f"{key} ({tuple(state[key].shape)}, expected {tuple(own[key].shape)})"
+            for key in sorted(own.keys() & state.keys())
+            if own[key].shape != state[key].shape
+        ],
+    }
+    if any(wrong.values()):
+        lines = [
+            f"{len(keys)} {what}: {', '.join(keys[:5])}{' ...' * (len(keys) > 5)}"
+            for what, keys in wrong.items()
+            if keys
+        ]
+        raise DataError(f"{where}: these are not the weights of this encoder: {'; '.join(lines)}")
+    encoder.load_state_dict({key: value.to(own[key].dtype) for key, value in state.items()})
+
+
+def check_plugin(path: Path, header: Header) -> None:
+    """Raises a PluginError, with the line that installs it, where the encoder is not installed."""
+    name = header.encoder["name"]
+    if name in registry.names("encoders"):
+        return
+    package = header.package
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]*", package):
+        package = f"tactileforge-{name}"
+    raise PluginError(
+        f"{path} needs the encoder {name!r} of {package} {header.package_version}: "
+        f"pip install {package}"
+    )
+
+
+def _with_frames(node: dict[str, Any], before: int, frames: int | None) -> Any:
+    if "frames" not in registry.parameters(registry.get("encoders", node["name"])):
+        raise ConfigError(
+            f"frames={frames}: the encoder {node['name']!r} takes {before} frames and no other "
+            "number; leave frames out"
+        )
+    return registry.build("encoders", node | {"frames": frames})
+
+
+def _over_time(before: Any, after: Any) -> dict[str, Tensor]:
+    """The state for another number of slots: learned positions are interpolated linearly."""
+    wanted: Mapping[str, Tensor] = after.state_dict()
+    cells = before.grid[1] * before.grid[2]
+    state: dict[str, Tensor] = before.state_dict()
+    changed: dict[str, Tensor] = {}
+    for key, value in state.items():
+        if key not in wanted or wanted[key].shape == value.shape:
+            continue
+        head = len(value) - before.grid[0] * cells
+        length = head + after.grid[0] * cells
+        if value.ndim != 2 or head < 0 or len(wanted[key]) != length:
+            raise ConfigError(f"{key}: cannot be interpolated over time; leave frames out")
+        table = value[head:].view(before.grid[0], cells, -1).permute(1, 2, 0)
+        table = nn.functional.interpolate(table, after.grid[0], mode="linear")
+        changed[key] = torch.cat([value[:head], table.permute(2, 0, 1).flatten(0, 1)])
+    if not changed:
+        raise ConfigError("the encoder has no learned positions over time; leave frames out")
+    return state | changed

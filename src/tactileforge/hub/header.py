@@ -1,0 +1,142 @@
+"""The header of a one-file checkpoint, read and checked without torch.
+
+The file is safetensors: eight bytes with the length of a JSON text, that text, then the numbers.
+Its ``__metadata__`` has one key, ``tactileforge``, which holds `Header` as JSON. One key, because
+the order of several would differ from one writing to the next, and so would the hash of the file.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError
+from tactileforge.hub import strict
+
+#: Version of the format that this package writes and reads.
+FORMAT = 1
+#: Longest JSON text that is read, in bytes: names and shapes of a million tensors are less.
+_LONGEST = 64 << 20
+#: Longest header of ours in it.
+_LONGEST_OWN = 1 << 20
+_KEY = "tactileforge"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Header:
+    """What a one-file checkpoint says of itself; plain data.
+
+    Attributes:
+        format: Version of the format.
+        name: Name of the model; "" if it has none.
+        encoder: Plugin and constructor arguments: ``{"name": ..., ...}``.
+        package: Distribution that provides the plugin.
+        package_version: Its version when the file was written.
+        versions: Versions of the packages that trained or imported the weights.
+        sensors: Row of each sensor in the encoder's table.
+        input: What goes in: frames, height and width, mean and standard deviation.
+        spacing: Seconds between the frames of a clip; 0 for one frame.
+        dtype: Type in which the numbers are kept.
+        licence: SPDX identifier.
+        commit: Of the source that wrote the file; "" if unknown.
+        data: Training data: name of the data set, and the licences of its recordings.
+        recipe: The resolved recipe; empty for imported weights.
+        source: Steps of the run, or the published file and its sha256.
+    """
+
+    format: int
+    name: str
+    encoder: dict[str, Any]
+    package: str
+    package_version: str
+    sensors: dict[str, int]
+    input: dict[str, Any]
+    spacing: float
+    dtype: str
+    licence: str
+    commit: str = ""
+    versions: dict[str, str] = field(default_factory=dict)
+    data: dict[str, Any] = field(default_factory=dict)
+    recipe: dict[str, Any] = field(default_factory=dict)
+    source: dict[str, Any] = field(default_factory=dict)
+
+    def metadata(self) -> dict[str, str]:
+        """The metadata of the safetensors file.
+
+        Raises:
+            ConfigError: It is no plain data, or longer than a reader accepts.
+        """
+        try:
+            text = json.dumps(asdict(self), sort_keys=True, allow_nan=False)
+        except (TypeError, ValueError) as error:
+            raise ConfigError(f"the header of a checkpoint is plain data: {error}") from error
+        if len(text.encode()) > _LONGEST_OWN:
+            raise ConfigError(f"the header of a checkpoint has at most {_LONGEST_OWN} bytes")
+        return {_KEY: text}
+
+
+def read_header(path: str | Path) -> Header:
+    """The header of a one-file checkpoint.
+
+    Raises:
+        DataNotFoundError: There is no such file.
+        DataError: It is truncated, something else, or not one of ours; says what it is.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise DataNotFoundError(f"{path}: no such file; correct the path")
+    with path.open("rb") as file:
+        text = _json_text(path, file)
+    try:
+        table = strict.mapping("its table of tensors", json.loads(text))
+        own = strict.mapping("__metadata__", table.pop("__metadata__", {})).get(_KEY)
+        _check_size(path, 8 + len(text), table)
+        if not isinstance(own, str):
+            raise ConfigError(
+                "safetensors, but not written by tactileforge; for published weights: "
+                "tactileforge zoo get NAME --from FILE"
+            )
+        if len(own) > _LONGEST_OWN:
+            raise ConfigError(f"its header has {len(own)} characters, at most {_LONGEST_OWN} go")
+        return _parse(json.loads(own))
+    except (ConfigError, ValueError, RecursionError) as error:
+        raise DataError(f"{path}: not a checkpoint that can be read: {error}") from error
+
+
+def _parse(given: Any) -> Header:
+    found = strict.mapping("the header", given).get("format")
+    if found != FORMAT:
+        raise ConfigError(f"format {found!r}; this tactileforge reads {FORMAT}: upgrade it")
+    header = strict.build(Header, "the header", given)
+    if not isinstance(header.encoder.get("name"), str):
+        raise ConfigError("the header: encoder has no name")
+    return header
+
+
+def _json_text(path: Path, file: BinaryIO) -> bytes:
+    start, first = file.read(8), file.read(1)
+    if first != b"{" and (start[:2] == b"PK" or start[:1] == b"\x80"):
+        raise DataError(
+            f"{path}: a pickle, whatever its name says; nothing in it was executed. For published "
+            "weights: tactileforge zoo get NAME --from FILE; for a run: tactileforge zoo pack RUN"
+        )
+    length, found = int.from_bytes(start, "little"), path.stat().st_size
+    if found < 9 or (first == b"{" and length > found - 8):
+        raise DataError(f"{path}: truncated, {found} bytes are left; fetch or write it again")
+    if first != b"{" or length > _LONGEST:
+        raise DataError(f"{path}: not a safetensors file; give a one-file checkpoint")
+    return first + file.read(length - 1)
+
+
+def _check_size(path: Path, start: int, table: dict[str, Any]) -> None:
+    ends = [0]
+    for name, entry in table.items():
+        offsets = strict.mapping(f"tensor {name!r}", entry).get("data_offsets")
+        if not (isinstance(offsets, list) and len(offsets) == 2 and isinstance(offsets[1], int)):
+            raise ConfigError(f"tensor {name!r} has no data_offsets")
+        ends.append(offsets[1])
+    expected, found = start + max(ends), path.stat().st_size
+    if found != expected:
+        raise ConfigError(f"{found} bytes, expected {expected}; fetch or write it again")

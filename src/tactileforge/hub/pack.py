@@ -1,0 +1,179 @@
+"""Runs and published files to one-file checkpoints."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from collections.abc import Mapping
+from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import Any, Literal
+
+from omegaconf import OmegaConf
+
+import tactileforge
+from tactileforge import checkpoints, registry
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError
+from tactileforge.hub import cards, files, store
+
+
+def pack(
+    run: str | Path,
+    out: str | Path | None = None,
+    *,
+    dtype: Literal["float32", "float16"] = "float32",
+    name: str = "",
+    licence: str = cards.NO_LICENCE,
+) -> Path:
+    """Makes a one-file checkpoint of the encoder that a run trained.
+
+    Args:
+        run: Folder of the run: its ``config.yaml`` and last checkpoint are read.
+        out: The file; None for ``model.safetensors`` in the run.
+        dtype: Type in which numbers are kept.
+        name: Name of the model.
+        licence: SPDX identifier of the weights.
+
+    Returns:
+        The file.
+
+    Raises:
+        DataNotFoundError: The folder is not that of a run.
+        DataError: Checkpoint and configuration do not fit.
+        ConfigError: See `files.save`.
+    """
+    run = Path(run)
+    path = Path(out) if out is not None else run / "model.safetensors"
+    config = _config(run)
+    versions = run / "versions.json"
+    kept: dict[str, Any] = json.loads(versions.read_text("utf-8")) if versions.is_file() else {}
+    checkpoint = checkpoints.read(run)
+    encoder = registry.build("encoders", config["encoder"])
+    prefix = "encoder."
+    state = {
+        key.removeprefix(prefix): value
+        for key, value in checkpoint["state_dict"].items()
+        if key.startswith(prefix)
+    }
+    files.fill(encoder, state, str(run))
+    header = files.describe(
+        encoder,
+        config["encoder"],
+        licence=licence,
+        spacing=config["batch"]["spacing"] if encoder.frames > 1 else 0.0,
+        name=name,
+        commit=kept.get("commit") or commit(),
+        versions=kept.get("versions", {}),
+        data={"name": config["data"]["name"], "licences": kept.get("licences", [])},
+        recipe=_without_folders(config),
+        source={"steps": checkpoint["global_step"]},
+    )
+    files.save(path, encoder, header, dtype)
+    return path
+
+
+def import_published(model: str, source: str | Path) -> Path:
+    """Imports a published file of the user's own into the cache, as a model of the zoo.
+
+    Args:
+        model: ``NAME.TAG``, or ``NAME``.
+        source: The file as its authors publish it.
+
+    Returns:
+        The one-file checkpoint; `tactileforge.load` finds it by its name from now on.
+
+    Raises:
+        ConfigError: The model is not one that is imported.
+        DataError: The file is not what the model's authors publish; says what it is.
+        DataNotFoundError: There is no such file.
+    """
+    card, weight = cards.find(model)
+    full = f"{card.name}.{weight.tag}"
+    if not weight.layout:
+        raise ConfigError(f"{full} is {weight.kind}, not imported: tactileforge.load({full!r})")
+    source = Path(source)
+    if not source.exists():
+        raise DataNotFoundError(f"{source}: no such file; download it from {weight.source}")
+    from tactileforge.encoders import published
+
+    try:
+        converted = published.convert(published.read(source))
+    except ConfigError as error:
+        raise DataError(f"{source}: {error}") from error
+    node = dict(converted.encoder_config)
+    _check_variant(card, weight, converted.name, node, source)
+    encoder = registry.build("encoders", node)
+    files.fill(encoder, converted.state, str(source))
+    digest = store.sha256(source) if source.is_file() else ""
+    header = files.describe(
+        encoder,
+        node,
+        licence=weight.licence,
+        spacing=encoder.spacing,
+        name=full,
+        commit=commit(),
+        versions={"tactileforge": tactileforge.__version__},
+        data={"name": ", ".join(card.data), "licences": []},
+        source={"file": source.name, "sha256": digest, "layout": converted.name},
+    )
+    with store.new_part(store.folder() / f"{full}.safetensors") as part:
+        files.save(part, encoder, header)
+        return store.keep_import(card, weight, part, source.name, digest)
+
+
+def _check_variant(
+    card: cards.Card, weight: cards.Weight, layout: str, node: Mapping[str, Any], source: Path
+) -> None:
+    """Raises a DataError where the file is that of another model, or of another variant."""
+    wanted = _variant(card, weight)
+    found = {"layout": layout, **{key: node.get(key) for key in wanted if key != "layout"}}
+    if found == wanted:
+        return
+    other = {**node, "layout": layout}
+    fits = [
+        name
+        for name, of, row in cards.models()
+        if row and all(other.get(key) == value for key, value in _variant(of, row).items())
+    ]
+    hint = f"; it fits {' or '.join(fits)}" if fits else ""
+    raise DataError(f"{source} is {found}, but {card.name}.{weight.tag} is {wanted}{hint}")
+
+
+def _variant(card: cards.Card, weight: cards.Weight) -> dict[str, Any]:
+    """What an importer must find for these weights."""
+    return {"layout": weight.layout, "frames": card.clip(weight)[0], **weight.encoder}
+
+
+def commit() -> str:
+    """The commit of the checkout this package runs from, ``-dirty`` if changed; "" if installed."""
+    root = Path(__file__).parents[3]
+    if not (root / ".git").exists() or not (root / "src" / "tactileforge").is_dir():
+        return ""
+    command = ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=40"]
+    try:
+        done = subprocess.run([*command, "--exclude=*"], capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return ""
+    return done.stdout.strip()
+
+
+def _without_folders(value: Any) -> Any:
+    """Absolute paths lose their folders: they mean nothing elsewhere, and name people."""
+    if isinstance(value, Mapping):
+        return {str(key): _without_folders(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_without_folders(item) for item in value]
+    if isinstance(value, str):
+        for kind in (PurePosixPath, PureWindowsPath):
+            if kind(value).is_absolute() or value.startswith("~"):
+                return kind(value).name
+    return value
+
+
+def _config(run: Path) -> dict[str, Any]:
+    path = run / "config.yaml"
+    if not path.is_file():
+        raise DataNotFoundError(f"{run}: no config.yaml there; give the folder of a run")
+    config = OmegaConf.to_container(OmegaConf.load(path), resolve=True)
+    if not isinstance(config, dict) or not {"encoder", "batch", "data"} <= config.keys():
+        raise DataError(f"{path}: not the configuration of a run; give the folder of a run")
+    return {str(key): value for key, value in config.items()}

@@ -1,0 +1,250 @@
+"""Files of weights: where they lie, how they get there, and that they are what they should be.
+
+A file gets its name by a rename, once its hash is known to be right: nothing that is cut short ever
+lies where a model is looked for. It is hashed again on every load.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import time
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
+from http.client import HTTPException
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from uuid import uuid4
+
+from tactileforge.cache import cache_folder
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError
+from tactileforge.hub import cards, strict
+from tactileforge.hub.cards import Card, Weight
+
+#: Seconds without a byte after which a server counts as gone.
+_TIMEOUT = 30.0
+#: Seconds after which a part that nobody writes to is that of a process that was killed.
+_ABANDONED = 3600.0
+_CHUNK = 1 << 20
+
+
+@dataclass(frozen=True, kw_only=True)
+class Import:
+    """What is kept of an import, beside its file.
+
+    Attributes:
+        file: Name of the one-file checkpoint.
+        sha256: Of that file.
+        bytes: Its size.
+        source: Name of the published file.
+        source_sha256: Its hash; "" for a folder.
+    """
+
+    file: str
+    sha256: str
+    bytes: int
+    source: str
+    source_sha256: str
+
+
+def folder() -> Path:
+    """Where downloaded and imported weights are kept: ``models`` in the cache."""
+    return cache_folder() / "models"
+
+
+def sha256(path: Path) -> str:
+    """The hash of a file, in hexadecimal digits."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def available(card: Card, weight: Weight) -> bool:
+    """Whether a model can be loaded now, without a network."""
+    if weight.layout:
+        return _record(card, weight).is_file()
+    return _target(card, weight).is_file()
+
+
+def fetch(card: Card, weight: Weight) -> Path:
+    """The verified file of a model; downloads it where it is missing.
+
+    Raises:
+        DataError: Its hash or size is not the one that is recorded.
+        DataNotFoundError: It is not there, and cannot be had from here; says how to get it.
+        ConfigError: The address is of an unknown kind, or needs a package.
+    """
+    if weight.layout:
+        imported = read_import(card, weight)
+        path = folder() / imported.file
+        fix = f"import it again: {_get(card, weight)}"
+        if not path.is_file():
+            raise DataNotFoundError(f"{path} is missing; {fix}")
+        _verify(path, imported.sha256, imported.bytes, fix)
+        return path
+    path = _target(card, weight)
+    if not path.is_file():
+        if weight.file:
+            raise DataNotFoundError(f"{path} is missing; install tactileforge again")
+        _download(card, weight, path)
+    fix = "install tactileforge again" if weight.file else "remove it, and load the model again"
+    _verify(path, weight.sha256, weight.bytes, fix)
+    return path
+
+
+def read_import(card: Card, weight: Weight) -> Import:
+    """What is kept of an import.
+
+    Raises:
+        DataNotFoundError: Nothing was imported under that name; says how to do it.
+        DataError: The record is damaged.
+    """
+    record = _record(card, weight)
+    if not record.is_file():
+        terms = " (its authors ask for terms to be accepted)" if weight.gated else ""
+        raise DataNotFoundError(
+            f"the weights of {card.name}.{weight.tag} are not ours to ship: download them from "
+            f"{weight.source}{terms}, then: {_get(card, weight)}"
+        )
+    fix = f"import it again: {_get(card, weight)}"
+    try:
+        found = strict.build(Import, str(record), json.loads(record.read_text("utf-8")))
+    except (ValueError, ConfigError) as error:
+        raise DataError(f"{record}: damaged ({error}); {fix}") from error
+    if Path(found.file).name != found.file:
+        raise DataError(f"{record}: damaged (file {found.file!r}); {fix}")
+    return found
+
+
+def keep_import(card: Card, weight: Weight, part: Path, source: str, source_sha256: str) -> Path:
+    """Gives an imported file its place and records it; an import before it is removed at last.
+
+    Args:
+        card: Of the model.
+        weight: Of the model.
+        part: The one-file checkpoint, in `folder`.
+        source: Name of the published file.
+        source_sha256: Its hash.
+
+    Returns:
+        Where the file lies now.
+    """
+    digest = sha256(part)
+    target = folder() / f"{card.name}.{weight.tag}-{digest[:12]}.safetensors"
+    kept = Import(
+        file=target.name,
+        sha256=digest,
+        bytes=part.stat().st_size,
+        source=source,
+        source_sha256=source_sha256,
+    )
+    part.replace(target)
+    with new_part(_record(card, weight)) as record:
+        record.write_text(json.dumps(asdict(kept), indent=2) + "\n", "utf-8")
+        record.replace(_record(card, weight))
+    for old in folder().glob(f"{card.name}.{weight.tag}-{'[0-9a-f]' * 12}.safetensors"):
+        if old != target:
+            old.unlink(missing_ok=True)
+    return target
+
+
+@contextmanager
+def new_part(target: Path) -> Iterator[Path]:
+    """A name beside a file, for the time in which it is written; of this process alone.
+
+    It is removed at the end, if it is still there. Parts that killed processes left are removed
+    when nobody has written to them for an hour.
+    """
+    target.parent.mkdir(parents=True, exist_ok=True)
+    for old in target.parent.glob(f".{target.name}.*.part"):
+        with suppress(FileNotFoundError):  # another process may do the same
+            if time.time() - old.stat().st_mtime > _ABANDONED:
+                old.unlink()
+    part = target.with_name(f".{target.name}.{uuid4().hex}.part")
+    try:
+        yield part
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _get(card: Card, weight: Weight) -> str:
+    return f"tactileforge zoo get {card.name}.{weight.tag} --from FILE"
+
+
+def _record(card: Card, weight: Weight) -> Path:
+    return folder() / f"{card.name}.{weight.tag}.json"
+
+
+def _target(card: Card, weight: Weight) -> Path:
+    if weight.file:
+        return Path(str(cards.zoo() / weight.file))
+    return folder() / f"{card.name}.{weight.tag}-{weight.sha256[:12]}.safetensors"
+
+
+def _verify(path: Path, digest: str, size: int, fix: str) -> None:
+    found = path.stat().st_size
+    if found != size:
+        raise DataError(f"{path}: {found} bytes, expected {size}; {fix}")
+    if (found_digest := sha256(path)) != digest:
+        raise DataError(f"{path}: its sha256 is {found_digest}, expected {digest}; {fix}")
+
+
+def _download(card: Card, weight: Weight, target: Path) -> None:
+    """Fetches into a part; it gets the target's name only if its hash is right."""
+    with new_part(target) as part:
+        try:
+            if weight.url.startswith("hf://"):
+                _from_hugging_face(weight.url, part)
+            else:
+                _from_url(f"{card.name}.{weight.tag}", weight, part)
+        except (OSError, HTTPException) as error:  # OSError: URLError, time-outs, a full disk
+            terms = "; its authors ask for terms to be accepted there" if weight.gated else ""
+            raise DataNotFoundError(
+                f"{card.name}.{weight.tag}: {weight.url} cannot be fetched ({error}){terms}. "
+                f"Without a network: fetch it elsewhere, and put it at {target}"
+            ) from error
+        _verify(
+            part,
+            weight.sha256,
+            weight.bytes,
+            f"what {weight.url} serves is not what the card names; nothing was kept",
+        )
+        part.replace(target)
+
+
+def _from_url(name: str, weight: Weight, part: Path) -> None:
+    scheme = weight.url.partition(":")[0]
+    if scheme not in ("https", "http", "file"):
+        raise ConfigError(f"{name}: {weight.url}: use https://, http://, file:// or hf://")
+    from tqdm import tqdm
+
+    request = urllib.request.Request(weight.url, headers={"User-Agent": "tactileforge"})
+    with (
+        urllib.request.urlopen(request, timeout=_TIMEOUT) as source,
+        part.open("wb") as file,
+        tqdm(desc=name, total=weight.bytes, unit="B", unit_scale=True, disable=None) as bar,
+    ):
+        # One byte more than expected is enough to know that it is another file.
+        while file.tell() <= weight.bytes and (
+            chunk := source.read(min(_CHUNK, weight.bytes + 1 - file.tell()))
+        ):
+            file.write(chunk)
+            bar.update(len(chunk))
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _from_hugging_face(url: str, part: Path) -> None:
+    match = re.fullmatch(r"hf://([^/@]+/[^/@]+)/([^@]+)@([^@]+)", url)
+    if not match:
+        raise ConfigError(f"{url}: write hf://OWNER/REPO/FILE@REVISION")
+    try:
+        from huggingface_hub import hf_hub_download
+    except ImportError as error:
+        raise ConfigError(f"{url} needs: pip install huggingface_hub") from error
+    repo, file, revision = match.groups()
+    with TemporaryDirectory(dir=part.parent, prefix=".hf-") as around:
+        Path(hf_hub_download(repo, file, revision=revision, local_dir=around)).replace(part)

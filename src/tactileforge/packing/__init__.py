@@ -1,0 +1,218 @@
+"""Recordings to shards: ``tactileforge data pack`` (`docs/packing.md`)."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections import Counter
+from collections.abc import Mapping
+from contextlib import closing
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from tactileforge.contracts import Dataset
+from tactileforge.data.index import NAME, Index
+from tactileforge.errors import ConfigError, DataError, TactileForgeError
+from tactileforge.packing.executors import execute
+from tactileforge.packing.options import Filter, Options
+from tactileforge.packing.plan import SPLITS, Plan, plan
+from tactileforge.packing.statistics import Statistics
+from tactileforge.packing.work import NOTES, Note, write_text
+
+__all__ = ["Filter", "Options", "pack", "summary"]
+
+#: Damaged recordings that an error names.
+_NAMED = 20
+
+
+def pack(dataset: Dataset, name: str, out: Path, options: Options | None = None) -> Index:
+    """Packs the recordings of a data set into shards, and sums them up in ``index.json``.
+
+    The same data and options give the same bytes, whoever does the work. A run that was stopped
+    goes on when it is called again: shards that are whole are not made anew.
+
+    Args:
+        dataset: What to pack; splits ``train`` and ``val``.
+        name: Its name.
+        out: Folder of the shards; only one run at a time may write there.
+        options: How to pack; see there for the defaults.
+
+    Raises:
+        ConfigError: The folder holds shards of other data or options.
+        DataError: Too many recordings are damaged, none is left, or two have one key.
+        TactileForgeError: A shard cannot be written, or a process died twice over one.
+    """
+    options = options or Options()
+    out = Path(out).absolute()
+    planned = plan(dataset, out, options)
+    made = _made(name, planned, options)
+    try:
+        _claim(out, made)
+        notes = _notes(planned, options, out)
+        index = Index(name=name, sorted=True, made=made, **_merged(planned, notes))
+        index.save(out)
+    except OSError as error:
+        whole = sum(Note.of(job) is not None for job in planned.jobs)
+        raise TactileForgeError(
+            f"{out}: cannot be written ({error.strerror or error}). {whole} of {len(planned.jobs)} "
+            "shards are whole and stay: make room, and run the same command again"
+        ) from error
+    finally:
+        _sweep(out)
+    return index
+
+
+def _notes(planned: Plan, options: Options, out: Path) -> dict[int, Note]:
+    """Makes the shards that are not whole yet; what is known of all, by the number of the job."""
+    _sweep(out)
+    found = {job.number: note for job in planned.jobs if (note := Note.of(job))}
+    missing = [job for job in planned.jobs if job.number not in found]
+    guard = _Guard(planned, options)
+    for note in found.values():
+        guard.see(note)
+    done = {job.number: job.frames for job in planned.jobs if job.number in found}
+    with tqdm(total=planned.frames, initial=sum(done.values()), unit="frame", desc="pack") as bar:
+
+        def tick(number: int, frames: int) -> None:
+            done[number] = frames
+            bar.update(sum(done.values()) - bar.n)
+
+        with closing(execute(missing, options.executor, options.processes, tick)) as work:
+            for job, note in work:
+                found[job.number] = note
+                tick(job.number, job.frames)
+                for line in note.statistics.skipped:
+                    bar.write(f"skipped: {line}", file=sys.stderr)
+                guard.see(note)
+    return found
+
+
+class _Guard:
+    """Counts damaged recordings, and stops where there are too many."""
+
+    def __init__(self, planned: Plan, options: Options) -> None:
+        self.lines = [line for lines in planned.skipped.values() for line in lines]
+        self.damaged = len(self.lines)
+        self.total = planned.recordings + self.damaged
+        self.most = max(int(options.max_bad * self.total), 1 if options.max_bad else 0)
+        self.share = options.max_bad
+        self._check()
+
+    def see(self, note: Note) -> None:
+        """Counts those of a shard."""
+        self.damaged += note.statistics.damaged
+        self.lines += note.statistics.skipped
+        self._check()
+
+    def _check(self) -> None:
+        if self.damaged <= self.most:
+            return
+        shown = "".join(f"\n  {line}" for line in self.lines[:_NAMED])
+        rest = len(self.lines) - _NAMED
+        raise DataError(
+            f"{self.damaged} of {self.total} recordings are damaged, pack.max_bad={self.share} "
+            f"allows {self.most}; mend them, or allow more:{shown}"
+            + (f"\n  and {rest} more" if rest > 0 else "")
+        )
+
+
+def _merged(planned: Plan, notes: Mapping[int, Note]) -> dict[str, Any]:
+    """Shards and statistics of each split."""
+    splits: dict[str, Any] = {split: [] for split in SPLITS}
+    found = {split: Statistics() for split in SPLITS}
+    for split, lines in planned.skipped.items():
+        found[split].skipped += lines
+        found[split].damaged += len(lines)
+    for job in planned.jobs:
+        note = notes[job.number]
+        found[job.split].merge(note.statistics)
+        if note.entry is not None:
+            splits[job.split].append(note.entry)
+    if not splits["train"]:
+        raise DataError(
+            "the filter leaves nothing to train on: lower pack.filter.laplacian; tactileforge data "
+            "filter shows what each value keeps"
+        )
+    return {"splits": splits, "statistics": {k: each.report() for k, each in found.items()}}
+
+
+def _made(name: str, planned: Plan, options: Options) -> dict[str, Any]:
+    """How the shards are made; all but ``by`` must not change within a folder."""
+    return {
+        "by": f"tactileforge {version('tactileforge')}",
+        "data": name,
+        "recordings": planned.recordings,
+        "frames": planned.frames,
+        "digest": planned.digest,
+        "pack": json.loads(json.dumps(options.content())),
+    }
+
+
+def _claim(out: Path, made: Mapping[str, Any]) -> None:
+    """Says in the folder how its shards are made, or checks that they are made so."""
+    claim = out / NOTES / "made.json"
+    if not any(out.glob("*.tar")):
+        write_text(claim, json.dumps(dict(made), indent=1))
+        return
+    path = next((path for path in (claim, out / NAME) if path.exists()), None)
+    if path is None:
+        raise ConfigError(f"{out} holds shards that were not packed here; give another out=")
+    try:
+        there = json.loads(path.read_text())
+        held, wanted = _flat(there["made"] if path.name == NAME else there), _flat(made)
+    except (ValueError, KeyError, AttributeError) as error:
+        raise ConfigError(f"{path}: damaged ({error!r}); give another out=") from error
+    changed = [
+        f"{key} was {held.get(key)!r}, is {wanted.get(key)!r}"
+        for key in {**wanted, **held}
+        if key not in ("by", "digest") and held.get(key) != wanted.get(key)
+    ]
+    if not changed and held.get("digest") != wanted["digest"]:
+        changed = ["its recordings have changed"]
+    if changed:
+        raise ConfigError(
+            f"{out} holds shards that were made otherwise: {'; '.join(changed)}. Give another "
+            "out=, or remove the folder"
+        )
+
+
+def _flat(plain: Mapping[str, Any], above: str = "") -> dict[str, Any]:
+    """Nested keys with dots between them."""
+    found: dict[str, Any] = {}
+    for key, value in plain.items():
+        name = f"{above}{key}"
+        found.update(_flat(value, f"{name}.") if isinstance(value, Mapping) else {name: value})
+    return found
+
+
+def _sweep(out: Path) -> None:
+    """Removes what a run that was killed has left half-written."""
+    for folder in (out, out / NOTES):
+        for path in folder.glob("*.part"):
+            path.unlink(missing_ok=True)
+
+
+def summary(index: Index) -> str:
+    """What was packed, in a few lines of plain text."""
+    lines = []
+    for split, found in index.statistics.items():
+        sensors = ", ".join(f"{name} {count:,}" for name, count in found["sensors"].items())
+        lines.append(
+            f"{split}: {found['recordings']:,} recordings, {found['frames']:,} frames "
+            f"({sensors or 'none'}), {found['objects']:,} objects, "
+            f"{len(index.splits[split]):,} shards, {found['bytes'] / 2**20:,.1f} MB"
+        )
+    total = Counter[str]()
+    for found in index.statistics.values():
+        total.update({key: found[key] for key in ("read", "frames", "emptied", "damaged")})
+    if total["read"] > total["frames"] or total["emptied"]:
+        lines.append(
+            f"the filter kept {total['frames']:,} of {total['read']:,} frames that were read; "
+            f"recordings of which nothing is left: {total['emptied']:,}"
+        )
+    if total["damaged"]:
+        lines.append(f"damaged recordings: {total['damaged']:,}, index.json lists them")
+    return "\n".join(lines)

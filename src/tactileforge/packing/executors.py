@@ -1,0 +1,169 @@
+"""Who makes the shards: this process, several on this machine, or a Ray cluster.
+
+Each gives the same bytes. A process that dies takes one shard with it, which is tried once more.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections import deque
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from importlib import import_module
+from typing import Any, TypeAlias
+
+import cv2
+
+from tactileforge.errors import ConfigError, TactileForgeError
+from tactileforge.packing.work import Job, Note, packed_job, run, run_packed
+
+#: Is told the number of a job, and how many frames of it are done.
+Tick: TypeAlias = Callable[[int, int], None]
+#: Jobs, and what is known of their shards.
+Made: TypeAlias = Generator[tuple[Job, Note], None, None]
+#: Seconds between two looks at the progress.
+_LOOK = 0.2
+
+
+def execute(jobs: Sequence[Job], executor: str, processes: int | None, tick: Tick) -> Made:
+    """Makes shards; yields each as it is whole.
+
+    Closing the iterator stops the work.
+
+    Args:
+        jobs: What to make.
+        executor: One of `options.EXECUTORS`.
+        processes: How many work at a time; None for one a core.
+        tick: Is told of the progress.
+
+    Raises:
+        OSError: A shard cannot be written.
+        TactileForgeError: A process died twice over one shard.
+        ConfigError: Ray is not installed.
+    """
+    count = min(processes or os.cpu_count() or 1, len(jobs))
+    if executor == "ray" and jobs:
+        return _on_ray(jobs, processes, tick)
+    return _local(jobs, count, tick) if count > 1 else _here(jobs, tick)
+
+
+def _here(jobs: Sequence[Job], tick: Tick) -> Made:
+    for job in jobs:
+        yield job, run(job, tick)
+
+
+def _local(jobs: Sequence[Job], count: int, tick: Tick) -> Made:
+    """Every pool has one process, so that it is known which shard a process died over."""
+    context = multiprocessing.get_context("spawn")  # a fork would copy the threads' locks
+    done = context.RawArray("q", 1 + max(job.number for job in jobs))
+
+    def pool() -> ProcessPoolExecutor:
+        return ProcessPoolExecutor(1, context, _prepare, (done,))
+
+    others = set(multiprocessing.active_children())
+    waiting, died = deque(jobs), set()
+    idle = [pool() for _ in range(count)]
+    busy: dict[Future[Note], tuple[ProcessPoolExecutor, Job]] = {}
+    try:
+        while waiting or busy:
+            while waiting and idle:
+                content = packed_job(waiting[0])
+                worker, job = idle.pop(), waiting.popleft()
+                busy[worker.submit(_work, content)] = worker, job
+            for future in wait(busy, _LOOK, FIRST_COMPLETED).done:
+                worker, job = busy.pop(future)
+                try:
+                    note = future.result()
+                except BrokenProcessPool as error:
+                    worker.shutdown()
+                    if job.number in died:
+                        raise _dead(job) from error
+                    died.add(job.number)
+                    waiting.appendleft(job)
+                    idle.append(pool())
+                else:
+                    idle.append(worker)
+                    yield job, note
+            for _, job in busy.values():
+                tick(job.number, done[job.number])
+    finally:
+        if busy:
+            for process in set(multiprocessing.active_children()) - others:
+                process.kill()
+        for worker in [*idle, *(worker for worker, _ in busy.values())]:
+            worker.shutdown()
+
+
+def _dead(job: Job) -> TactileForgeError:
+    return TactileForgeError(
+        f"{job.path}: the process that made it was killed, twice (out of memory? what it said is "
+        f"above). It holds {job.recordings[0].key} and {len(job.recordings) - 1} more. The other "
+        "shards are kept: run the same command again with fewer pack.processes"
+    )
+
+
+_done: Any = None
+
+
+def _prepare(done: Any) -> None:
+    """Prepares a process: it ends with its parent, which alone hears Ctrl-C."""
+    global _done
+    _done = done
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    cv2.setNumThreads(1)
+    threading.Thread(target=_follow, daemon=True).start()
+
+
+def _follow() -> None:
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
+
+
+def _work(job: bytes) -> Note:
+    return run_packed(job, _done.__setitem__)
+
+
+def _on_ray(jobs: Sequence[Job], processes: int | None, tick: Tick) -> Made:
+    try:
+        ray: Any = import_module("ray")
+    except ImportError as error:
+        raise ConfigError("pack.executor=ray needs Ray: pip install 'tactileforge[ray]'") from error
+    is_ours = not ray.is_initialized()
+    if is_ours:
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+        here = {} if "RAY_ADDRESS" in os.environ else {"num_cpus": processes}
+        ray.init(include_dashboard=False, log_to_driver=False, logging_level="error", **here)
+    task = ray.remote(max_retries=1)(_task)
+    ahead = 2 * int(ray.cluster_resources().get("CPU", 1))
+    waiting = deque(jobs)
+    busy: dict[Any, Job] = {}
+    try:
+        while waiting or busy:
+            while waiting and len(busy) < ahead:
+                job = waiting.popleft()
+                busy[task.remote(job)] = job
+            for reference in ray.wait(list(busy))[0]:
+                job = busy.pop(reference)
+                try:
+                    note = ray.get(reference)
+                except ray.exceptions.RayTaskError as error:
+                    raise error.cause from error
+                except ray.exceptions.RayError as error:
+                    raise _dead(job) from error
+                yield job, note
+    finally:
+        for reference in busy:
+            ray.cancel(reference, force=True)
+        if is_ours:
+            ray.shutdown()
+
+
+def _task(job: Job) -> Note:
+    cv2.setNumThreads(1)
+    return run(job)

@@ -1,0 +1,122 @@
+"""How recordings are packed: the keys under ``pack.`` in conf/pack.yaml."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, TypeVar
+
+from tactileforge.data.shards import CODECS
+from tactileforge.errors import ConfigError, unknown
+
+#: Who does the work.
+EXECUTORS = ("local", "ray")
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Filter:
+    """Which frames are kept; all of them unless something is given.
+
+    Attributes:
+        laplacian: A frame is lively from this `filters.score` on; frames that share no clip with a
+            lively one are left out. One number, or one by sensor (others are not filtered).
+        every: Seconds between frames that are kept; sampled first.
+        span: Length of a clip of four frames, s; see `filters.reach`.
+
+    Raises:
+        ConfigError: A value is not positive.
+    """
+
+    laplacian: float | Mapping[str, float] | None = None
+    every: float | None = None
+    span: float = 0.2
+
+    def __post_init__(self) -> None:
+        by_sensor = self.laplacian if isinstance(self.laplacian, Mapping) else {"": self.laplacian}
+        given = {f"laplacian {sensor}".strip(): value for sensor, value in by_sensor.items()}
+        for name, value in (given | {"every": self.every, "span": self.span}).items():
+            if value is not None and not value > 0:
+                raise ConfigError(f"pack.filter: {name} is {value}; give more than 0, or null")
+
+    def threshold(self, sensor: str) -> float | None:
+        """Score from which a frame of a sensor is lively; None where all frames are kept."""
+        if isinstance(self.laplacian, Mapping):
+            return self.laplacian.get(sensor)
+        return self.laplacian
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """How recordings are packed.
+
+    Attributes:
+        codec: How pictures are stored, see `data.shards.CODECS`.
+        quality: Of jpg, 1 to 100; None for 95.
+        size: Rows or columns of a picture, whichever are fewer; smaller pictures, and all where it
+            is None, stay as they are.
+        shard_frames: Frames of a shard, before filtering.
+        processes: Processes that pack; None for one a core.
+        executor: One of `EXECUTORS`.
+        max_bad: Share of the recordings that may be damaged, at least one; more are an error.
+        filter: Which frames are kept.
+
+    Raises:
+        ConfigError: A value is none that can be.
+    """
+
+    codec: str = "jpg"
+    quality: int | None = None
+    size: int | None = None
+    shard_frames: int = 10_000
+    processes: int | None = None
+    executor: str = "local"
+    max_bad: float = 0.01
+    filter: Filter = field(default_factory=Filter)
+
+    def __post_init__(self) -> None:
+        if self.codec not in CODECS:
+            raise ConfigError(unknown("pack.codec", self.codec, CODECS))
+        if self.executor not in EXECUTORS:
+            raise ConfigError(unknown("pack.executor", self.executor, EXECUTORS))
+        if self.quality is not None and (self.codec != "jpg" or not 1 <= self.quality <= 100):
+            raise ConfigError(f"pack.quality={self.quality}: only jpg has one, from 1 to 100")
+        if not 0 <= self.max_bad <= 1:
+            raise ConfigError(f"pack.max_bad is {self.max_bad}; give a share, from 0 to 1")
+        for name in ("size", "shard_frames", "processes"):
+            value = getattr(self, name)
+            if value is not None and value < 1:
+                raise ConfigError(f"pack.{name} is {value}; give 1 or more")
+
+    @classmethod
+    def of(cls, config: Mapping[str, Any]) -> Options:
+        """Options from plain data.
+
+        Args:
+            config: Some of the attributes by name, ``filter`` a mapping as well.
+
+        Raises:
+            ConfigError: An unknown key, or a value that is none.
+        """
+        given = dict(config)
+        chosen = _build(Filter, "pack.filter", given.pop("filter", None) or {})
+        return _build(cls, "pack", {**given, "filter": chosen})
+
+    def content(self) -> dict[str, Any]:
+        """What decides the bytes of the shards, as plain data: not who makes them."""
+        plain = asdict(self)
+        for name in ("processes", "executor", "max_bad"):
+            del plain[name]
+        return plain
+
+
+def _build(kind: type[T], what: str, given: Mapping[str, Any]) -> T:
+    known = [each.name for each in fields(kind)]  # type: ignore[arg-type]
+    for key in given:
+        if key not in known:
+            raise ConfigError(unknown(f"key of {what}", key, known))
+    try:
+        return kind(**given)
+    except TypeError as error:
+        raise ConfigError(f"{what}: {dict(given)} is of a wrong type ({error})") from error

@@ -1,0 +1,266 @@
+"""``tactileforge data filter``: what a filter would keep, as a page, before anything is packed."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from tactileforge.contracts import Dataset, Recording
+from tactileforge.data import shards
+from tactileforge.data.index import arranged
+from tactileforge.errors import DataError
+from tactileforge.packing import charts, filters
+from tactileforge.packing.options import Filter, Options
+from tactileforge.packing.plan import SPLITS
+from tactileforge.packing.work import write_text
+from tactileforge.report.page import (
+    NONE,
+    Section,
+    legend,
+    number,
+    page,
+    panel,
+    panels,
+    paragraph,
+    percent,
+    table,
+)
+
+#: Shares of the frames for which a threshold is suggested.
+_SHARES = (0.75, 0.5, 0.25)
+#: Recordings that are shown, and frames of a strip.
+_SHOWN, _STRIP = 12, 6
+#: Pixels; wider frames are shrunk.
+_WIDEST = 144
+_CHUNK = 16
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A recording of which each frame has a score.
+
+    Attributes:
+        recording: As it was judged: a part of a long one.
+        rows: int64 (n,), frames that sampling leaves.
+        scores: float64 (n,), of each; NaN for the first.
+        peaks: float64 (n,), see `filters.peaks`.
+    """
+
+    recording: Recording
+    rows: NDArray[np.int64]
+    scores: NDArray[np.float64]
+    peaks: NDArray[np.float64]
+
+    @property
+    def times(self) -> NDArray[np.float64]:
+        """Seconds since the recording began, of the frames with a score."""
+        times: NDArray[np.float64] = self.recording.times[self.rows] - self.recording.times[0]
+        return times
+
+    def keeps(self, threshold: float | None) -> NDArray[np.bool_]:
+        """Which frames a threshold keeps."""
+        return self.peaks >= (-np.inf if threshold is None else threshold)
+
+
+def preview(
+    dataset: Dataset,
+    name: str,
+    path: Path,
+    options: Options | None = None,
+    recordings: int = 24,
+    frames: int = 300,
+) -> Path:
+    """Writes a page that shows what a filter would keep; nothing is packed.
+
+    Args:
+        dataset: What would be packed.
+        name: Its name.
+        path: The page.
+        options: Their filter is shown; without a threshold the page suggests some.
+        recordings: How many are looked at, spread evenly over the data of each sensor.
+        frames: Frames of each that are looked at, from its middle.
+
+    Returns:
+        The page.
+
+    Raises:
+        DataError: There is no recording that can be read.
+    """
+    chosen = (options or Options()).filter
+    everything = arranged(one for split in SPLITS for one in dataset.recordings(split))
+    skipped = list(dataset.skipped)
+    judged = []
+    for recording in tqdm(_spread(everything, recordings), desc="look", unit="recording"):
+        try:
+            judged.append(judge(_middle(recording, frames), chosen))
+        except DataError as error:
+            skipped.append(f"{recording.key}: {error}")
+    if not judged:
+        raise DataError("no recording can be read: " + "; ".join(skipped[:3] or ["there is none"]))
+    sections = [_scores(judged, chosen), _pictures(judged, chosen)]
+    if skipped:
+        lines = "".join(f"<li>{escape(line)}</li>" for line in skipped)
+        sections.append(Section("skipped", "Not readable", f"<ul>{lines}</ul>"))
+    facts = _facts(name, judged, len(everything), chosen)
+    write_text(path, page(f"What is kept of {name}", facts, sections))
+    return path
+
+
+def judge(recording: Recording, chosen: Filter) -> Judged:
+    """Scores the frames of a recording.
+
+    Raises:
+        DataError: A frame cannot be read.
+    """
+    rows = filters.sampled(recording.times, chosen.every)
+    scores = filters.scores(_read(recording, rows.tolist()))
+    times = recording.times[rows]
+    peaks = filters.peaks(times, scores, filters.reach(times, chosen.span))
+    return Judged(recording, rows, np.array(scores), peaks)
+
+
+def threshold_for(judged: Sequence[Judged], share: float) -> float:
+    """The threshold that keeps a share of the frames; NaN where there are but stills."""
+    peaks = np.concatenate([one.peaks for one in judged])
+    peaks = peaks[np.isfinite(peaks)]
+    return float(np.quantile(peaks, 1 - share, method="higher")) if len(peaks) else float("nan")
+
+
+def _read(recording: Recording, rows: Sequence[int]) -> Iterator[filters.Numbered]:
+    for start in range(0, len(rows), _CHUNK):
+        chunk = rows[start : start + _CHUNK]
+        yield from zip(chunk, recording.frames.read(chunk), strict=True)
+
+
+def _spread(everything: Sequence[Recording], count: int) -> list[Recording]:
+    """So many recordings, as many of each sensor, spread evenly; at least two of each."""
+    sensors: dict[str, list[Recording]] = {}
+    for one in everything:
+        sensors.setdefault(one.sensor, []).append(one)
+    found = []
+    for sensor in sorted(sensors):
+        own = sensors[sensor]
+        most = min(len(own), max(2, count // len(sensors)))
+        found += [own[i] for i in np.linspace(0, len(own) - 1, most).round().astype(int)]
+    return found
+
+
+def _middle(recording: Recording, frames: int) -> Recording:
+    if len(recording.frames) <= frames:
+        return recording
+    start = (len(recording.frames) - frames) // 2
+    return recording.part(start, start + frames)
+
+
+def _facts(name: str, judged: Sequence[Judged], total: int, chosen: Filter) -> str:
+    given = chosen.laplacian
+    by_sensor = given if isinstance(given, Mapping) else {"": given}
+    told = [f"{sensor} {value:g}".strip() for sensor, value in by_sensor.items() if value]
+    shares = [one.keeps(chosen.threshold(one.recording.sensor)) for one in judged]
+    about = {
+        "Recordings": f"{len(judged)} looked at, of {total:,}",
+        "Frames": f"{sum(len(one.rows) for one in judged):,} scored",
+        "Threshold": ", ".join(told) or NONE,
+        "Sampling": "every frame" if chosen.every is None else f"every {chosen.every:g} s",
+        "Length of a clip": f"{chosen.span:g} s",
+        "Kept": percent(float(np.concatenate(shares).mean())),
+    }
+    cells = (f"<div><dt>{key}</dt><dd>{escape(value)}</dd></div>" for key, value in about.items())
+    return f"<dl>{''.join(cells)}</dl>"
+
+
+def _scores(judged: Sequence[Judged], chosen: Filter) -> Section:
+    """How scores are distributed, and what thresholds would keep."""
+    sensors: dict[str, list[Judged]] = {}
+    for one in judged:
+        sensors.setdefault(one.recording.sensor, []).append(one)
+    rows = []
+    for sensor, own in sensors.items():
+        held = np.concatenate([one.keeps(chosen.threshold(sensor)) for one in own])
+        rows.append((sensor, str(len(own)), percent(float(held.mean())), *_suggested(own)))
+    if len(sensors) > 1:
+        rows.append(("all", str(len(judged)), "", *_suggested(judged)))
+    head = ("Sensor", "recordings", "kept", *(f"{percent(share)} with" for share in _SHARES))
+    drawn = charts.score_histogram(
+        {sensor: np.concatenate([one.scores for one in own]) for sensor, own in sensors.items()},
+        {sensor: chosen.threshold(sensor) for sensor in sensors},
+    )
+    words = (
+        "The score of a frame is the variance of the Laplacian of its difference to the frame "
+        "before it. A frame is kept if one within the length of a clip reaches the threshold."
+    )
+    names = dict(enumerate(sensors))
+    body = paragraph(words) + panels([panel("Scores", drawn)], wide=True)
+    body += legend(names, line="threshold" if chosen.laplacian is not None else "")
+    note = (
+        "Thresholds (pack.filter.laplacian) that would keep a share of the frames. Stills are "
+        "always kept, and left out of account."
+    )
+    return Section("scores", "Scores", body + table("thresholds", head, rows, note))
+
+
+def _suggested(judged: Sequence[Judged]) -> list[str]:
+    return [number(threshold_for(judged, share)) for share in _SHARES]
+
+
+def _pictures(judged: Sequence[Judged], chosen: Filter) -> Section:
+    shown = [one for one in judged if len(one.rows) > 1] or judged
+    places = np.linspace(0, len(shown) - 1, min(_SHOWN, len(shown))).round().astype(int)
+    cards = [_card(shown[i], chosen.threshold(shown[i].recording.sensor)) for i in places]
+    words = (
+        "Frames with their scores; below each, how it differs from the frame before, amplified "
+        "alike in one recording. Shaded: what is kept."
+    )
+    return Section("frames", "Frames", paragraph(words) + panels(cards, wide=True))
+
+
+def _card(one: Judged, threshold: float | None) -> str:
+    recording, held = one.recording, one.keeps(threshold)
+    title = " · ".join(filter(None, (recording.sensor, recording.object, recording.key)))
+    body = charts.score_curve(one.times, one.scores, held, threshold) if len(held) > 1 else ""
+    gain = 40 / max(float(np.nanmax(one.scores, initial=0)) ** 0.5, 1)
+    for name, places in (("Kept", np.flatnonzero(held)), ("Left out", np.flatnonzero(~held))):
+        if len(places):
+            shown = np.unique(np.linspace(0, len(places) - 1, min(_STRIP, len(places))).astype(int))
+            body += _strip(one, name, places[shown].tolist(), gain)
+    below = f"<figcaption>{percent(float(held.mean()))} kept</figcaption>"
+    return f'<figure class="clip"><b>{escape(title)}</b>{body}{below}</figure>'
+
+
+def _strip(one: Judged, name: str, places: Sequence[int], gain: float) -> str:
+    """Frames beside each other, above their differences to the frame before."""
+    top, bottom = "", ""
+    for place in places:
+        before, row = one.rows[max(place - 1, 0)], one.rows[place]
+        pair = one.recording.frames.read([int(before), int(row)]).astype(np.int16)
+        change = np.clip(128 + gain * (pair[1] - pair[0]), 0, 255).astype(np.uint8)
+        value = number(float(one.scores[place]))
+        words = f"frame {row}, score {value}"
+        top += f"<div>{_image(pair[1].astype(np.uint8), words)}</div>"
+        bottom += (
+            f'<div>{_image(change, f"change, {words}")}<span class="soft">{value}</span></div>'
+        )
+    grid = f'style="grid-template-columns:repeat({_STRIP},1fr)"'
+    strips = "".join(f'<div class="strip" {grid}>{part}</div>' for part in (top, bottom))
+    return f'<div class="strip-name">{name}</div>{strips}'
+
+
+def _image(picture: NDArray[np.uint8], words: str) -> str:
+    height, width = picture.shape[:2]
+    if width > _WIDEST:
+        size = (_WIDEST, max(1, round(height * _WIDEST / width)))
+        picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+    text = base64.b64encode(shards.encode(picture, "jpg", 85)).decode()
+    height, width = picture.shape[:2]
+    return (
+        f'<img src="data:image/jpeg;base64,{text}" width="{width}" height="{height}" '
+        f'alt="{escape(words)}">'
+    )

@@ -1,0 +1,126 @@
+"""What was packed, in numbers that add up over shards."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import ACTIONS, Recording
+from tactileforge.data.summary import seconds
+
+#: Edges of the bins of forces, N; the outermost bins also hold what is beyond.
+FORCE_EDGES = np.linspace(-20.0, 20.0, 81)
+AXES = ("x", "y", "z")
+
+
+def _no_forces() -> NDArray[np.int64]:
+    return np.zeros((len(AXES), len(FORCE_EDGES) - 1), np.int64)
+
+
+@dataclass(eq=False)
+class Statistics:
+    """Counts of a split, or of a part of one.
+
+    Attributes:
+        recordings: Recordings that were packed.
+        frames: Frames that were packed.
+        seconds: How long the recordings last.
+        bytes: Size of the shards.
+        sensors: Frames of each sensor.
+        actions: Frames of each action; ``unknown`` where the label is missing.
+        objects: Names of what is touched.
+        force: int64 (3, bins), frames by force along x, y and z, see `FORCE_EDGES`.
+        read: Frames that were read.
+        emptied: Recordings of which the filter left nothing.
+        damaged: Recordings that could not be read, whole or in part.
+        skipped: A line for each recording or frame that could not be read.
+    """
+
+    recordings: int = 0
+    frames: int = 0
+    seconds: float = 0.0
+    bytes: int = 0
+    sensors: Counter[str] = field(default_factory=Counter)
+    actions: Counter[str] = field(default_factory=Counter)
+    objects: set[str] = field(default_factory=set)
+    force: NDArray[np.int64] = field(default_factory=_no_forces)
+    read: int = 0
+    emptied: int = 0
+    damaged: int = 0
+    skipped: list[str] = field(default_factory=list)
+
+    def add(self, recording: Recording) -> None:
+        """Counts a recording that is packed; its frames are not looked at."""
+        count = len(recording.times)
+        self.recordings += 1
+        self.frames += count
+        self.seconds += seconds(recording)
+        self.sensors[recording.sensor] += count
+        if recording.object is not None:
+            self.objects.add(recording.object)
+        action = recording.action if recording.action is not None else np.full(count, -1)
+        for label, number in zip(*np.unique(action, return_counts=True), strict=True):
+            self.actions[ACTIONS[label] if label >= 0 else "unknown"] += int(number)
+        if recording.force is not None:
+            known = recording.force[np.isfinite(recording.force).all(1)]
+            inside = known.clip(FORCE_EDGES[0], FORCE_EDGES[-1])
+            for i in range(len(AXES)):
+                self.force[i] += np.histogram(inside[:, i], FORCE_EDGES)[0]
+
+    def merge(self, other: Statistics) -> None:
+        """Adds the counts of another part."""
+        for name in ("recordings", "frames", "seconds", "bytes", "read", "emptied", "damaged"):
+            setattr(self, name, getattr(self, name) + getattr(other, name))
+        self.sensors.update(other.sensors)
+        self.actions.update(other.actions)
+        self.objects |= other.objects
+        self.force += other.force
+        self.skipped += other.skipped
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain data; see `from_json`."""
+        return {
+            "recordings": self.recordings,
+            "frames": self.frames,
+            "seconds": self.seconds,
+            "bytes": self.bytes,
+            "sensors": dict(sorted(self.sensors.items())),
+            "actions": {name: self.actions[name] for name in (*ACTIONS, "unknown")},
+            "objects": sorted(self.objects),
+            "force": {axis: row.tolist() for axis, row in zip(AXES, self.force, strict=True)},
+            "read": self.read,
+            "emptied": self.emptied,
+            "damaged": self.damaged,
+            "skipped": self.skipped,
+        }
+
+    def report(self) -> dict[str, Any]:
+        """As the index keeps it: with the edges of the bins, and how many objects, not which."""
+        plain = self.to_json()
+        plain["seconds"] = round(self.seconds, 6)
+        plain["objects"] = len(self.objects)
+        plain["force"]["edges"] = FORCE_EDGES.tolist()
+        return plain
+
+    @classmethod
+    def from_json(cls, plain: Mapping[str, Any]) -> Statistics:
+        """The counts that `to_json` wrote.
+
+        Raises:
+            KeyError: A value is missing.
+        """
+        force = np.array([plain["force"][axis] for axis in AXES], np.int64)
+        return cls(
+            **{
+                **plain,
+                "sensors": Counter(plain["sensors"]),
+                "actions": Counter(plain["actions"]),
+                "objects": set(plain["objects"]),
+                "force": force,
+            }
+        )

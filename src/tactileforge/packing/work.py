@@ -1,0 +1,316 @@
+"""One shard: recordings are decoded, filtered and encoded, and written with what they are.
+
+Processes that do this import no torch.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeAlias, cast
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import Frames, Recording
+from tactileforge.data import shards
+from tactileforge.data.index import Entry
+from tactileforge.errors import DataError
+from tactileforge.packing import filters
+from tactileforge.packing.options import Options
+from tactileforge.packing.statistics import Statistics
+
+#: Folder, beside the shards, of what is known of each: a run that was stopped goes on from there.
+NOTES = ".pack"
+#: Frames that are decoded at once.
+_CHUNK = 16
+#: Frames of a recording that may be unreadable; with more, all of it is.
+_MAX_FRAMES = 8
+
+#: Reads frames by number: arrays (n, H, W, 3), or encoded pictures.
+Fetch: TypeAlias = Callable[[Sequence[int]], Sequence[Any] | NDArray[np.uint8]]
+
+
+@dataclass(frozen=True)
+class Job:
+    """What one shard is made of.
+
+    Attributes:
+        number: Which of the run.
+        path: The shard.
+        split: ``train`` or ``val``.
+        recordings: What goes in, in order.
+        frames: How many frames they have.
+        digest: Names the recordings and what is done with them.
+        options: How they are packed.
+    """
+
+    number: int
+    path: Path
+    split: str
+    recordings: Sequence[Recording]
+    frames: int
+    digest: str
+    options: Options
+
+
+@dataclass(frozen=True)
+class Note:
+    """What is known of a shard that is whole.
+
+    Attributes:
+        digest: Of the job that made it.
+        entry: For the index; None where nothing was left to pack.
+        statistics: What it holds.
+    """
+
+    digest: str
+    entry: Entry | None
+    statistics: Statistics
+
+    @classmethod
+    def of(cls, job: Job) -> Note | None:
+        """What an earlier run noted of a shard; None where it must be made (again)."""
+        try:
+            plain = json.loads(_note_path(job.path).read_text())
+            row = plain["entry"]
+            entry = None if row is None else Entry.from_json(row)
+            found = cls(plain["digest"], entry, Statistics.from_json(plain["statistics"]))
+            is_there = entry is None or job.path.stat().st_size == entry.bytes
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+        return found if is_there and found.digest == job.digest else None
+
+    def save(self, path: Path) -> None:
+        """Writes it down for a shard."""
+        plain = {
+            "digest": self.digest,
+            "entry": None if self.entry is None else self.entry.to_json(),
+            "statistics": self.statistics.to_json(),
+        }
+        write_text(_note_path(path), json.dumps(plain))
+
+
+def _note_path(shard: Path) -> Path:
+    return shard.parent / NOTES / f"{shard.stem}.json"
+
+
+def write_text(path: Path, text: str) -> None:
+    """Writes a file beside its place, then renames it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f"{path.name}.{os.getpid()}.part")
+    try:
+        part.write_text(text)
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def packed_job(job: Job) -> bytes:
+    """A job as bytes, for another process.
+
+    Raises:
+        DataError: Its frames cannot be pickled.
+    """
+    try:
+        return pickle.dumps(job)
+    except (pickle.PicklingError, TypeError, AttributeError) as error:
+        raise DataError(_NO_PICKLE.format(job.path.name, error)) from error
+
+
+def run_packed(job: bytes, tick: Callable[[int, int], None]) -> Note:
+    """`run`, of a job that comes from another process."""
+    try:
+        found: Job = pickle.loads(job)
+    except (pickle.UnpicklingError, AttributeError, ImportError, TypeError) as error:
+        raise DataError(_NO_PICKLE.format("a shard", error)) from error
+    return run(found, tick)
+
+
+_NO_PICKLE = (
+    "the recordings of {} cannot be handed to another process ({}): pack.processes=1 packs in "
+    "this one"
+)
+
+
+def run(job: Job, tick: Callable[[int, int], None] = lambda number, frames: None) -> Note:
+    """Makes a shard, and notes what it is.
+
+    Args:
+        job: What to make.
+        tick: Is told the job's number, and how many frames of it are done.
+
+    Raises:
+        OSError: The shard cannot be written.
+    """
+    statistics = Statistics()
+    shards.write(job.path, _packed(job, statistics, partial(tick, job.number)))
+    if statistics.recordings:
+        entry = Entry.of(job.path)
+        statistics.bytes = entry.bytes
+    else:
+        entry = None
+        job.path.unlink()
+    note = Note(job.digest, entry, statistics)
+    note.save(job.path)
+    return note
+
+
+def _packed(
+    job: Job, statistics: Statistics, tick: Callable[[int], None]
+) -> Iterator[shards.Packed]:
+    done = 0
+    for recording in job.recordings:
+        one = _Packer(recording, job.options)
+        try:
+            made = one.pack(lambda frames, done=done: tick(done + frames))  # type: ignore[misc]
+        except (DataError, OSError) as error:
+            made = None
+            one.bad.append(f"{recording.key}: {error}")
+        except Exception as error:
+            error.add_note(f"while packing {recording.key} for {job.path}")
+            raise
+        done += len(recording.frames)
+        tick(done)
+        statistics.read += one.read
+        statistics.damaged += bool(one.bad)
+        statistics.skipped += one.bad
+        if made is not None:
+            statistics.add(made[0])
+            yield made[1]
+        elif not one.bad:
+            statistics.emptied += 1
+
+
+class _Packer:
+    """Packs one recording."""
+
+    def __init__(self, recording: Recording, options: Options) -> None:
+        self.recording = recording
+        self.options = options
+        self.read = 0
+        self.bad: list[str] = []
+
+    def pack(self, tick: Callable[[int], None]) -> tuple[Recording, shards.Packed] | None:
+        """The recording as it is kept, and its pictures; None where the filter leaves nothing."""
+        whole = self.recording
+        rows, frames = self._frames(tick)
+        if not rows:
+            return None
+        recording = _with_rows(whole, rows)
+        packed = shards.Packed(
+            shards.head(recording),
+            self.options.codec,
+            frames,
+            self._all(whole.no_contact),
+            self._all(whole.image),
+        )
+        return recording, packed
+
+    def _frames(self, tick: Callable[[int], None]) -> tuple[list[int], list[bytes]]:
+        """Numbers of the frames that are kept, and the frames."""
+        options, whole = self.options, self.recording
+        wanted = filters.sampled(whole.times, options.filter.every).tolist()
+        threshold = options.filter.threshold(whole.sensor)
+        if threshold is None or len(wanted) == 1:
+            shown = self._read(self._fetch(whole.frames), wanted, tick)
+        else:
+            shown = self._read(whole.frames.read, wanted, tick)
+            span = filters.reach(whole.times[wanted], options.filter.span)
+            shown = filters.only_lively(shown, whole.times, threshold, span)
+        rows, encoded = [], []
+        for row, frame in shown:
+            rows.append(row)
+            encoded.append(self._encoded(frame))
+        return rows, encoded
+
+    def _read(
+        self, fetch: Fetch, rows: Sequence[int], tick: Callable[[int], None]
+    ) -> Iterator[tuple[int, Any]]:
+        """Frames with their numbers, a chunk at a time; a few may be unreadable."""
+        for start in range(0, len(rows), _CHUNK):
+            chunk = rows[start : start + _CHUNK]
+            try:
+                found = fetch(chunk)
+            except DataError:
+                for row in chunk:
+                    yield from self._one(fetch, row)
+            else:
+                self.read += len(chunk)
+                yield from zip(chunk, found, strict=True)
+            tick(chunk[-1])
+
+    def _one(self, fetch: Fetch, row: int) -> Iterator[tuple[int, Any]]:
+        try:
+            found = fetch([row])
+        except DataError as error:
+            if len(self.bad) == _MAX_FRAMES:
+                raise
+            self.bad.append(f"{self.recording.key}, frame {row}: {error}")
+            return
+        self.read += 1
+        yield row, found[0]
+
+    def _all(self, frames: Frames | None) -> list[bytes]:
+        """All pictures of a group, as they are kept."""
+        if frames is None:
+            return []
+        fetch = self._fetch(frames)
+        rows = range(len(frames))
+        chunks = (rows[start : start + _CHUNK] for start in rows[::_CHUNK])
+        return [self._encoded(picture) for chunk in chunks for picture in fetch(chunk)]
+
+    def _fetch(self, frames: Frames) -> Fetch:
+        """Reads frames; those of a shard that need not be encoded anew as they lie there."""
+        is_same = isinstance(frames, shards.PackedFrames) and frames.codec == self.options.codec
+        if not is_same or self.options.quality or _smaller(frames.shape, self.options.size):
+            return frames.read
+        packed = cast(shards.PackedFrames, frames)
+        return lambda rows: [packed.encoded(row) for row in rows]
+
+    def _encoded(self, frame: NDArray[np.uint8] | bytes) -> bytes:
+        if isinstance(frame, bytes):
+            return frame
+        size = _smaller(frame.shape[:2], self.options.size)
+        shown: NDArray[np.uint8] = frame
+        if size:
+            shown = cv2.resize(frame, size[::-1], interpolation=cv2.INTER_AREA)
+        return shards.encode(shown, self.options.codec, self.options.quality)
+
+
+def _smaller(shape: Sequence[int], size: int | None) -> tuple[int, int] | None:
+    """Height and width after shrinking; None where a picture stays as it is."""
+    shorter = min(shape)
+    if size is None or shorter <= size:
+        return None
+    return round(shape[0] * size / shorter), round(shape[1] * size / shorter)
+
+
+def _with_rows(whole: Recording, rows: Sequence[int]) -> Recording:
+    """A recording of which some frames are left, with their labels; all camera views stay."""
+    if len(rows) == len(whole.frames):
+        return whole
+    seen = whole.image_times
+    if whole.image is not None and seen is None and len(whole.image) > 1:
+        seen = _view_times(whole.times, len(whole.image))
+    return replace(
+        whole,
+        times=whole.times[rows],
+        force=None if whole.force is None else whole.force[rows],
+        action=None if whole.action is None else whole.action[rows],
+        image_times=seen,
+        tracks={name: values[rows] for name, values in whole.tracks.items()},
+    )
+
+
+def _view_times(times: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """Times of views that are spread evenly: each is in the middle of the frames it belongs to."""
+    frames = len(times)
+    middle = (np.arange(count) + 0.5) * frames / count - 0.5
+    return np.interp(middle, np.arange(frames), times)

@@ -1,0 +1,129 @@
+"""``tactileforge zoo list | show | get | pack``."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from tactileforge.errors import ConfigError, unknown
+from tactileforge.hub import cards, store
+from tactileforge.hub.table import clip, columns, page
+
+#: What ``zoo pack`` takes as ``key=value``.
+_PACK = ("out", "dtype", "name", "licence")
+
+
+def main(argv: Sequence[str]) -> int:
+    """Runs the verb.
+
+    Args:
+        argv: The words after ``tactileforge zoo``.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        TactileForgeError: A name, file or option is wrong; says the fix.
+    """
+    words = _parser().parse_args(argv)
+    if words.action == "list":
+        return _list(words.pattern, words.markdown)
+    if words.action == "show":
+        return _show(words.model)
+    if words.action == "get":
+        return _get(words.model, words.source)
+    return _pack(words.run, words.settings)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser("tactileforge zoo", description="Models by name.")
+    actions = parser.add_subparsers(dest="action", required=True)
+    listing = actions.add_parser("list", help="the models; 'NAME*' for some of them")
+    listing.add_argument("pattern", nargs="?", default="*")
+    listing.add_argument("--markdown", action="store_true", help="the page docs/zoo.md")
+    show = actions.add_parser("show", help="the card of a model")
+    show.add_argument("model", metavar="NAME[.TAG]")
+    get = actions.add_parser("get", help="fetch the weights of a model, or import your download")
+    get.add_argument("model", metavar="NAME[.TAG]")
+    get.add_argument(
+        "--from", dest="source", type=Path, metavar="FILE", help="as its authors publish it"
+    )
+    pack = actions.add_parser("pack", help="a run's encoder as one file")
+    pack.add_argument("run", type=Path, metavar="RUN")
+    pack.add_argument("settings", nargs="*", metavar="key=value", help=", ".join(_PACK))
+    return parser
+
+
+def _list(pattern: str, markdown: bool) -> int:
+    if markdown:
+        print(page(), end="")
+        return 0
+    rows = [("name", "title", "licence", "weights")]
+    for name, card, weight in cards.models(pattern):
+        licence = weight.licence if weight else card.licence
+        rows.append((name, card.title, licence, _state(card, weight)))
+    if len(rows) == 1:
+        raise ConfigError(f"no model matches {pattern!r}; see them all: tactileforge zoo list")
+    print(columns(rows))
+    return 0
+
+
+def _state(card: cards.Card, weight: cards.Weight | None) -> str:
+    if weight is None:
+        return "none"
+    here = weight.kind != "shipped" and store.available(card, weight)
+    return f"{weight.kind}{' (here)' * here}"
+
+
+def _show(model: str) -> int:
+    name, _, tag = model.partition(".")
+    card = cards.read(name)
+    weights = [card.weight(tag)] if tag else card.weights
+    facts = [
+        ("licence", card.licence),
+        ("paper", card.paper),
+        ("code", card.code or "none"),
+        ("sensors", ", ".join(card.sensors) or "none"),
+        ("data", ", ".join(card.data)),
+        ("clip", clip(card, weights[0] if weights else None)),
+        ("recipe", f"tactileforge train recipe={name}" if card.recipe else "none: importer only"),
+    ]
+    print(f"{card.title} ({name})\n\n{columns(facts)}\n")
+    rows = [("weights", "kind", "licence", "MB", "from")]
+    for weight in weights:
+        size = f"{weight.bytes / 1e6:.1f}" if weight.bytes else "-"
+        origin = weight.file or weight.url or weight.source + " (gated)" * weight.gated
+        rows.append((weight.tag, _state(card, weight), weight.licence, size, origin))
+    print(columns(rows) if weights else "No weights.")
+    results = [r for r in card.results if not tag or r.model == tag]
+    if results:
+        table = [("model", "task", "metric", "value", "source")]
+        table += [(r.model, r.task, r.metric, f"{r.value:g} {r.unit}", r.source) for r in results]
+        print(f"\n{columns(table)}")
+    print(f"\n{card.text}")
+    return 0
+
+
+def _get(model: str, source: Path | None) -> int:
+    if source is None:
+        path = store.fetch(*cards.find(model))
+    else:
+        from tactileforge.hub.pack import import_published
+
+        path = import_published(model, source)
+    print(f'{path}\nload it: tactileforge.load("{model}")')
+    return 0
+
+
+def _pack(run: Path, settings: Sequence[str]) -> int:
+    given = dict(word.partition("=")[::2] for word in settings)
+    for key in given:
+        if key not in _PACK:
+            raise ConfigError(unknown("option of zoo pack", key, _PACK))
+    from tactileforge.hub.pack import pack
+
+    path = pack(run, **given)  # type: ignore[arg-type]
+    print(f"{path}: {path.stat().st_size / 1e6:.1f} MB, sha256 {store.sha256(path)}")
+    print(f'load it: tactileforge.load("file:{path}")')
+    return 0

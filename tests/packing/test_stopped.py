@@ -1,0 +1,191 @@
+"""Packing that is stopped, killed, or runs out of room; and goes on."""
+
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from tactileforge.errors import ConfigError, TactileForgeError
+from tactileforge.packing import Options, pack
+
+Command = Callable[..., "subprocess.Popen[str]"]
+GIVEN = {"codec": "png", "shard_frames": 24, "processes": 2}
+OPTIONS = Options.of(GIVEN)
+
+
+def tree(folder: Path) -> dict[str, bytes]:
+    paths = [path for path in folder.rglob("*") if path.is_file()]
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
+
+
+@pytest.fixture
+def whole(packable: ModuleType, tmp_path: Path) -> dict[str, bytes]:
+    """What an undisturbed run leaves."""
+    pack(packable.Touches(), "touches", tmp_path / "whole", Options.of(GIVEN | {"processes": 1}))
+    return tree(tmp_path / "whole")
+
+
+def wait_for(what: Callable[[], object], seconds: float = 60) -> None:
+    end = time.monotonic() + seconds
+    while not what():
+        assert time.monotonic() < end, "it does not come"
+        time.sleep(0.02)
+
+
+def children(pid: int) -> list[int]:
+    return [int(n) for n in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def is_alive(pid: int) -> bool:
+    status = Path(f"/proc/{pid}/status")
+    return status.exists() and "State:\tZ" not in status.read_text()
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_a_run_that_is_stopped_goes_on(
+    how: signal.Signals,
+    packable: ModuleType,
+    command: Command,
+    whole: dict[str, bytes],
+    tmp_path: Path,
+) -> None:
+    out = tmp_path / "out"
+    process = command(out, GIVEN, delay=0.05)
+    wait_for(lambda: len(list((out / ".pack").glob("train-*.json"))) >= 2)
+    wait_for(lambda: list(out.glob("*.part")))
+    workers = children(process.pid)
+    assert len(workers) >= 2
+    process.send_signal(how)
+    process.communicate(timeout=30)
+    assert process.returncode != 0
+    assert not (out / "index.json").exists()
+    wait_for(lambda: not any(map(is_alive, workers)), 10)
+    noted = {path.stem for path in (out / ".pack").glob("train-*.json")}
+    made = {name: (out / f"{name}.tar").stat().st_mtime_ns for name in noted}
+    pack(packable.Touches(), "touches", out, OPTIONS)
+    assert tree(out) == whole
+    assert {name: (out / f"{name}.tar").stat().st_mtime_ns for name in noted} == made
+
+
+def test_shards_that_are_not_whole_are_made_anew(
+    packable: ModuleType, whole: dict[str, bytes], tmp_path: Path
+) -> None:
+    out = tmp_path / "whole"
+    (out / "train-000001.tar").write_bytes(b"cut off")
+    (out / "train-000002.tar").unlink()
+    (out / ".pack" / "train-000003.json").write_text('{"digest": ')
+    (out / "train-000000.tar.77.part").write_bytes(b"half")
+    kept = (out / "train-000000.tar").stat().st_mtime_ns
+    pack(packable.Touches(), "touches", out, OPTIONS)
+    assert tree(out) == whole
+    assert (out / "train-000000.tar").stat().st_mtime_ns == kept
+
+
+def test_a_process_that_dies_once_costs_nothing(
+    packable: ModuleType, whole: dict[str, bytes], tmp_path: Path
+) -> None:
+    (tmp_path / "deaths").mkdir()
+    touches = packable.Touches(deadly=str(tmp_path / "deaths"))
+    pack(touches, "touches", tmp_path / "out", OPTIONS)
+    assert len(list((tmp_path / "deaths").iterdir())) == 1
+    assert tree(tmp_path / "out") == whole
+
+
+def test_a_process_that_dies_twice_is_an_error_that_names_the_shard(
+    packable: ModuleType, tmp_path: Path
+) -> None:
+    (tmp_path / "deaths").mkdir()
+    touches = packable.Touches(deadly=str(tmp_path / "deaths"), deaths=9)
+    with pytest.raises(TactileForgeError, match=r"train-\d{6}\.tar: .*twice.* train/2/\w+ and 1 "):
+        pack(touches, "touches", tmp_path / "out", OPTIONS)
+    assert len(list((tmp_path / "deaths").iterdir())) == 2
+    assert not list((tmp_path / "out").glob("*.part"))
+
+
+def test_a_full_disk_leaves_whole_shards_and_says_so(
+    packable: ModuleType, command: Command, tmp_path: Path
+) -> None:
+    pack(packable.Touches(frames=40), "touches", tmp_path / "whole", OPTIONS)
+    sizes = {path.name: path.stat().st_size for path in (tmp_path / "whole").glob("*.tar")}
+    out = tmp_path / "out"
+    given = GIVEN | {"processes": 1}
+    process = command(out, given, frames=40, file_limit=min(sizes.values()) - 1)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert "cannot be written (File too large). 0 of 10 shards are whole and stay" in said
+    assert not list(out.rglob("*.part"))
+    assert not (out / "index.json").exists()
+    pack(packable.Touches(frames=40), "touches", out, OPTIONS)
+    assert tree(out) == tree(tmp_path / "whole")
+
+
+def test_room_that_ends_in_the_middle(
+    packable: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from tactileforge.data import shards
+
+    write = shards.write
+    calls = []
+
+    def full(*given: object) -> None:
+        calls.append(given)
+        if len(calls) == 3:
+            raise OSError(28, "No space left on device")
+        write(*given)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(shards, "write", full)
+    alone = Options.of(GIVEN | {"processes": 1})
+    with pytest.raises(TactileForgeError, match=r"No space left on device\). 2 of 5 shards"):
+        pack(packable.Touches(), "touches", tmp_path, alone)
+    pack(packable.Touches(), "touches", tmp_path, alone)
+    assert len(calls) == 3 + 3
+
+
+@pytest.mark.parametrize(
+    ("touches", "options", "words"),
+    [
+        ({}, {"codec": "jpg"}, r"pack\.codec was 'png', is 'jpg'\. Give another out="),
+        ({}, {"filter": {"every": 0.1}}, r"pack\.filter\.every was None, is 0\.1"),
+        ({"objects": 5}, {}, "recordings was 10, is 12; frames was 120, is 144"),
+        ({"tier": 3}, {}, "its recordings have changed"),
+    ],
+)
+def test_a_folder_holds_one_kind_of_shards(
+    touches: dict[str, int],
+    options: dict[str, object],
+    words: str,
+    packable: ModuleType,
+    whole: dict[str, bytes],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    if tier := touches.pop("tier", None):
+        from dataclasses import replace
+
+        plain = packable.Touches.touch
+        change = lambda *given: replace(plain(*given), tier=tier)  # noqa: E731
+        monkeypatch.setattr(packable.Touches, "touch", change)
+    changed = Options.of({"codec": "png", "shard_frames": 24, **options})
+    for _ in range(2):  # also where only the index is left to tell
+        with pytest.raises(ConfigError, match=words):
+            pack(packable.Touches(**touches), "touches", tmp_path / "whole", changed)
+        (tmp_path / "whole" / ".pack" / "made.json").unlink(missing_ok=True)
+
+
+def test_shards_of_others_are_not_written_over(packable: ModuleType, tmp_path: Path) -> None:
+    (tmp_path / "train-000000.tar").write_bytes(b"of somebody else")
+    with pytest.raises(ConfigError, match="were not packed here; give another out="):
+        pack(packable.Touches(), "touches", tmp_path, OPTIONS)
+    assert os.listdir(tmp_path) == ["train-000000.tar"]
+
+
+def test_what_does_not_change_the_shards_may_change(
+    packable: ModuleType, whole: dict[str, bytes], tmp_path: Path
+) -> None:
+    pack(packable.Touches(), "touches", tmp_path / "whole", Options.of(GIVEN | {"max_bad": 0.5}))
+    assert tree(tmp_path / "whole") == whole

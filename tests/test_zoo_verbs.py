@@ -1,0 +1,103 @@
+"""``tactileforge zoo``: light where it lists, and each word it prints is true."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+
+import tactileforge
+from tactileforge.encoders.tactile_vit import TactileViT
+from tactileforge.errors import ConfigError, DataNotFoundError
+from tactileforge.hub.files import describe, save
+from tactileforge.zoo_verbs import main
+
+
+@pytest.mark.parametrize("words", [["list"], ["show", "anytouch2"], ["list", "--markdown"]])
+def test_light_verbs_import_no_torch(words: list[str]) -> None:
+    code = (
+        "import sys; from tactileforge.zoo_verbs import main; status = main(sys.argv[1:]); "
+        "heavy = {'torch', 'lightning', 'hydra', 'cv2', 'numpy', 'safetensors'} & set(sys.modules);"
+        "sys.exit(f'imports {heavy}' if heavy else status)"
+    )
+    done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "anytouch2" in done.stdout
+
+
+def test_load_needs_torch_only_when_it_loads() -> None:
+    code = (
+        "import sys, tactileforge\n"
+        "try: tactileforge.load('nothing')\n"
+        "except Exception as error: print(error)\n"
+        "tactileforge.list_models()\n"
+        "sys.exit('torch' in sys.modules)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "unknown model 'nothing'" in done.stdout
+
+
+def test_list_says_what_can_be_loaded(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["list", "tvl.*"]) == 0
+    head, *rows = capsys.readouterr().out.splitlines()
+    assert head.split() == ["name", "title", "licence", "weights"]
+    assert [row.split() for row in rows] == [
+        ["tvl.vitb", "TVL", "Apache-2.0", "import"],
+        ["tvl.vits", "TVL", "Apache-2.0", "import"],
+        ["tvl.vittiny", "TVL", "Apache-2.0", "import"],
+    ]
+    with pytest.raises(ConfigError, match="no model matches"):
+        main(["list", "nothing*"])
+
+
+def test_show(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["show", "mae"]) == 0
+    out = capsys.readouterr().out
+    assert "CC-BY-NC-4.0" in out
+    assert "1953.82 mN" in out
+    assert "importer only" in out
+    assert main(["show", "anytouch2.base-2f"]) == 0
+    out = capsys.readouterr().out
+    assert "2 frames, 0.2 s apart" in out
+    assert "1076.33 mN" in out
+    assert "894.32 mN" not in out
+    assert "recipe=anytouch2" in out
+
+
+def test_get_without_a_file_says_where_to_get_it() -> None:
+    with pytest.raises(DataNotFoundError, match=r"zoo get anytouch2.base --from FILE"):
+        main(["get", "anytouch2"])
+    with pytest.raises(DataNotFoundError, match="no such file; download it from https"):
+        main(["get", "anytouch2", "--from", "nothing.pth"])
+
+
+def test_pack(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A folder with what a run leaves is enough."""
+    vit = TactileViT("tiny", frames=2, image_size=32)
+    state = {f"encoder.{key}": value for key, value in vit.state_dict().items()}
+    (tmp_path / "checkpoints").mkdir()
+    torch.save({"state_dict": state, "global_step": 7}, tmp_path / "checkpoints" / "last.ckpt")
+    (tmp_path / "config.yaml").write_text(
+        "encoder: {name: tactile_vit, size: tiny, frames: 2, image_size: 32}\n"
+        "batch: {spacing: 0.1}\ndata: {name: sim}\n"
+    )
+    out = tmp_path / "a.safetensors"
+    assert main(["pack", str(tmp_path), f"out={out}", "dtype=float16", "name=a.b"]) == 0
+    printed = capsys.readouterr().out
+    assert f'tactileforge.load("file:{out}")' in printed
+    model = tactileforge.load(f"file:{out}")
+    assert (model.header.name, model.header.source, model.spacing) == ("a.b", {"steps": 7}, 0.1)
+    with pytest.raises(ConfigError, match="did you mean 'dtype'"):
+        main(["pack", str(tmp_path), "dtipe=float16"])
+    with pytest.raises(ConfigError, match="float32 or float16"):
+        main(["pack", str(tmp_path), "dtype=int8"])
+
+
+def test_packing_does_not_depend_on_the_clock(tmp_path: Path) -> None:
+    vit = TactileViT("tiny", frames=2, image_size=32)
+    header = describe(vit, {"name": "tactile_vit"}, licence="MIT", spacing=0.1)
+    for name in ("a", "b"):
+        save(tmp_path / name, vit, header)
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
