@@ -25,8 +25,14 @@ CONFIG = {
         "diff": {"name": "diff", "width": 64, "depth": 1, "heads": 2},
         "align": {"name": "align"},
         "force": {"name": "force"},
+        "jepa": {"name": "jepa", "width": 64, "depth": 1, "heads": 2},
+        "dino": {"name": "dino", "prototypes": 16, "hidden": 32, "bottleneck": 8},
+        "classify": {"name": "classify", "classes": 16},
     },
-    "objective": {name: {"name": name} for name in ("pixel", "diff", "align", "force")},
+    "objective": {
+        name: {"name": name}
+        for name in ("pixel", "diff", "align", "force", "jepa", "dino", "classify")
+    },
     "curriculum": {},
     "optim": {},
 }

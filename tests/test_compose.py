@@ -76,7 +76,10 @@ def test_a_second_name_can_have_a_head_of_its_own():
 @pytest.mark.parametrize(
     ("override", "listed"),
     [
-        ("objective=[pixle]", ["did you mean 'pixel'?", "align, diff, force, match, pixel"]),
+        (
+            "objective=[pixle]",
+            ["did you mean 'pixel'?", "align, classify, diff, dino, force, jepa"],
+        ),
         ("data=simm", ["sim", "recordings", "public_samples"]),
         ("encoder=tactile_vti", ["tactile_vit"]),
     ],

@@ -94,11 +94,12 @@ def test_samples_without_a_label_change_nothing(module: TouchModule, batch: Batc
 
 def test_a_run_stops_with_a_list_of_what_it_cannot_read(module: TouchModule) -> None:
     module.allowed = 3
-    module.skip({"a.tar: cut off": 2})
-    module.skip({"a.tar: cut off": 2, "b.mp4: damaged": 1})
-    assert module.skipped == {"a.tar: cut off": 2, "b.mp4: damaged": 1}
+    module.skip({"a": ("a.tar: cut off", 2)})
+    module.skip({"a": ("a.tar: cut off", 2), "b": ("b.mp4: damaged", 1)})
+    module.skip({"b": ("b.mp4: damaged elsewhere", 1)})
+    assert module.skipped == {"a": ("a.tar: cut off", 2), "b": ("b.mp4: damaged", 1)}
     with pytest.raises(DataError, match=r"4 recordings .* allows 3(.|\n)*a\.tar(.|\n)*c\.png"):
-        module.skip({"c.png: no picture": 1})
+        module.skip({"c": ("c.png: no picture", 1)})
 
 
 def test_towers_are_built_for_what_the_data_has() -> None:

@@ -58,7 +58,7 @@ def test_list_as_json(toy, capsys):
         "version": "1.0",
         "status": "ok",
     } in rows
-    assert [row["name"] for row in rows if row["kind"] == "objective"][:2] == ["align", "diff"]
+    assert [row["name"] for row in rows if row["kind"] == "objective"][:2] == ["align", "classify"]
 
 
 def test_list_imports_no_torch_and_answers_in_half_a_second():

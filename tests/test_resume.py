@@ -55,9 +55,14 @@ def same(a: object, b: object, where: str = "") -> None:
 
 
 def options_of(data: str, folder: Path) -> list[str]:
-    """A small data set that is sampled as a whole, or two that are read window by window."""
+    """A small data set that is sampled as a whole, or two that are read window by window.
+
+    `dino` has a slow copy of the encoder, a centre and a temperature that change step by step.
+    """
     if data == "whole":
         return [*OPTIONS, *SMALL]
+    if data == "dino":
+        return ["recipe=dino", *OPTIONS, *SMALL]
     for number in range(2):
         config = Config(
             sensors=("digit", "gelsight_mini"),
@@ -79,7 +84,7 @@ def options_of(data: str, folder: Path) -> list[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("data", ["whole", "windows"])
+@pytest.mark.parametrize("data", ["whole", "windows", "dino"])
 def test_a_killed_run_resumes_bit_identically(tmp_path: Path, data: str) -> None:
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     options = options_of(data, tmp_path / "shards")

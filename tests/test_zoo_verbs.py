@@ -57,7 +57,9 @@ def test_show(capsys: pytest.CaptureFixture[str]) -> None:
     out = capsys.readouterr().out
     assert "CC-BY-NC-4.0" in out
     assert "1953.82 mN" in out
-    assert "importer only" in out
+    assert "tactileforge train recipe=mae" in out
+    assert main(["show", "clip"]) == 0
+    assert "importer only" in capsys.readouterr().out
     assert main(["show", "anytouch2.base-2f"]) == 0
     out = capsys.readouterr().out
     assert "2 frames, 0.2 s apart" in out

@@ -153,7 +153,8 @@ def finish(config: DictConfig) -> DictConfig:
     """Completes a composed configuration: one head for each objective, no more, no fewer.
 
     Rows that a recipe writes for objectives that are not chosen are left out, and so are heads that
-    no objective uses. An objective without a head is given the one its class names.
+    no objective uses. An objective that is null (``objective.diff=null``) is not chosen. An
+    objective without a head is given the one its class names.
 
     Raises:
         ConfigError: No objective, or a row for something that is not one.
@@ -181,7 +182,8 @@ def finish(config: DictConfig) -> DictConfig:
 
 def _chosen(group: str, config: DictConfig) -> dict[str, Any]:
     """The nodes of a group that name a plugin; the others must at least be named like one."""
-    nodes: Mapping[str, Any] = config.get(group) or {}
+    given: Mapping[str, Any] = config.get(group) or {}
+    nodes = {key: node for key, node in given.items() if node is not None}
     for key, node in nodes.items():
         if "name" not in node and key not in registry.names(GROUPS[group]):
             raise ConfigError(unknown(group, key, registry.names(GROUPS[group])))

@@ -305,6 +305,7 @@ class MaskedFeatures:
 
     Attributes:
         tokens: float (B, prefix + slots * K, projected), projected visible tokens.
+        cls: float (B, projected), the projected class token.
         kept: int64 (B, K), spatial positions that are visible, the same in every slot.
         masked: int64 (B, M), the other positions, ascending.
         prefix: Number of tokens before the patches.
@@ -312,6 +313,7 @@ class MaskedFeatures:
     """
 
     tokens: Tensor
+    cls: Tensor
     kept: Tensor
     masked: Tensor
     prefix: int
@@ -387,6 +389,25 @@ class Head(Protocol):
 
     def __call__(self, views: Views, batch: Batch) -> Any:
         """The prediction: whatever the objective of the same name understands."""
+        ...
+
+
+@runtime_checkable
+class Follower(Protocol):
+    """A head or objective that changes from step to step otherwise than by its gradient.
+
+    Having the method is enough. What it changes (slow copies, temperatures) are buffers or frozen
+    parameters, so that checkpoints keep them and a resumed run goes on with them.
+    """
+
+    def follow(self, encoder: Encoder, step: int, total: int) -> None:
+        """Called before the first step (``step`` is 0), and after each optimiser step.
+
+        Args:
+            encoder: The touch encoder, with the weights of this step.
+            step: Optimiser steps taken so far.
+            total: Steps of the run.
+        """
         ...
 
 

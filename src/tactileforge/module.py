@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from tactileforge import registry
-from tactileforge.contracts import Batch
+from tactileforge.contracts import Batch, Follower
 from tactileforge.curriculum import Curriculum, from_config
 from tactileforge.data.augment import Augment, fill_captions
 from tactileforge.errors import ConfigError, DataError, TactileForgeError
@@ -41,7 +41,8 @@ class TouchModule(L.LightningModule):
         seed: Seed of the run.
 
     Attributes:
-        skipped: What could not be read so far: lines, and how many recordings each costs.
+        skipped: What could not be read so far: by its name, a line that says why, and how many
+            recordings it costs.
         allowed: How many recordings may be skipped before the run stops; None for any number.
     """
 
@@ -66,7 +67,8 @@ class TouchModule(L.LightningModule):
         self.augment = augment
         self.seed = seed
         self.plan: Curriculum | None = None
-        self.skipped: dict[str, int] = {}
+        self.total = 0
+        self.skipped: dict[str, tuple[str, int]] = {}
         self.allowed: int | None = None
 
     @classmethod
@@ -89,10 +91,18 @@ class TouchModule(L.LightningModule):
             objectives[key] = registry.build("objectives", options)
             wanted = registry.context(registry.get("heads", config["head"][key]["name"]))
             towers = {
-                f"{kind}_encoder": tower(config, kind) if kind in provides else None
+                f"{kind}_encoder": tower(config, kind)
+                if kind in provides and config.get(f"{kind}_encoder")
+                else None
                 for kind in ("text", "image")
                 if f"{kind}_encoder" in wanted
             }
+            if towers and not any(towers.values()):
+                raise ConfigError(
+                    f"head {key!r} has nothing to align with: the data has "
+                    f"{', '.join(sorted(provides)) or 'frames only'}; choose text_encoder= or "
+                    "image_encoder= for what it has"
+                )
             heads[key] = registry.build("heads", config["head"][key], encoder=encoder, **towers)
         augment = config.get("augment")
         return cls(
@@ -108,7 +118,7 @@ class TouchModule(L.LightningModule):
 
     def setup(self, stage: str) -> None:
         """Reads the curriculum, once the length of the run is known."""
-        total = int(self.trainer.estimated_stepping_batches)
+        total = self.total = int(self.trainer.estimated_stepping_batches)
         epochs = self.trainer.max_epochs or -1
         epoch = max(1, total // epochs) if epochs > 0 else total
         self.plan = from_config(self.curriculum_config, self.weights, total, epoch)
@@ -168,6 +178,21 @@ class TouchModule(L.LightningModule):
             self._log_step(total.detach(), logs, weights, universal)
         return total
 
+    def on_train_start(self) -> None:
+        """What follows the encoder starts equal to it."""
+        if self.global_step == 0:
+            self._follow(0)
+
+    def optimizer_step(self, *args: Any, **kwargs: Any) -> None:
+        """One step of the optimiser; what follows the encoder goes along."""
+        super().optimizer_step(*args, **kwargs)
+        self._follow(self.global_step + 1)
+
+    def _follow(self, step: int) -> None:
+        for part in (*self.heads.values(), *self.objectives.values()):
+            if isinstance(part, Follower):
+                part.follow(self.encoder, step, self.total)
+
     def validation_step(self, batch: Batch, batch_idx: int) -> None:
         """Losses on held-out clips, with the same masks each time."""
         self._reseed(batch_idx, -1)
@@ -213,22 +238,22 @@ class TouchModule(L.LightningModule):
         """See `on_save_checkpoint`."""
         self.skipped = dict(checkpoint["skipped"])
 
-    def skip(self, lines: Mapping[str, int]) -> None:
+    def skip(self, found: Mapping[str, tuple[str, int]]) -> None:
         """Notes what could not be read.
 
         Args:
-            lines: What, and how many recordings it costs.
+            found: Like `skipped`.
 
         Raises:
             DataError: More is lost than `allowed`; lists it.
         """
-        for line, count in lines.items():
-            if line not in self.skipped:
-                self.skipped[line] = count
+        for name, (line, count) in found.items():
+            if name not in self.skipped:
+                self.skipped[name] = line, count
                 log.warning("skipped: %s", line)
-        lost = sum(self.skipped.values())
-        if lines and self.allowed is not None and lost > self.allowed:
-            listed = "\n  ".join(self.skipped)
+        lost = sum(count for _, count in self.skipped.values())
+        if found and self.allowed is not None and lost > self.allowed:
+            listed = "\n  ".join(line for line, _ in self.skipped.values())
             raise DataError(
                 f"{lost} recordings cannot be read, and data.max_bad allows {self.allowed}; mend "
                 f"them, or raise data.max_bad:\n  {listed}"

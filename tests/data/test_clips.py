@@ -135,13 +135,13 @@ def test_the_background_is_the_median_of_the_no_contact_frames() -> None:
 def test_a_background_of_another_size_is_named_and_skipped() -> None:
     bad = recording(no_contact=Counted(1, size=(3, 3)), key="bad")
     row = clips(bad, recording(key="good"))[0]
-    assert "bad: the background is (3, 3), the frames are (12, 16)" in next(iter(row["skipped"]))
+    assert "bad: the background is (3, 3), the frames are (12, 16)" in row["skipped"]["bad"][0]
 
 
 def test_a_corrupt_recording_is_replaced_and_listed() -> None:
     cut = clips(recording(frames=Counted(40, broken=True)), recording(frames=Counted(40)))
     batch = collate([cut[(0, 3)], cut[(7, 3)]])
-    assert batch["skipped"] == {"broken.mp4: cannot be decoded": 1}
+    assert batch["skipped"] == {"r": ("broken.mp4: cannot be decoded", 1)}
     assert batch["group"].tolist() == [-1, 3]  # the replacement is not what was paired
     assert batch["frames"].shape == (2, 4, 3, 8, 8)
 

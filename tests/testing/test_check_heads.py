@@ -9,7 +9,16 @@ DECODER = {"width": 32, "depth": 1, "heads": 2}
 
 @pytest.mark.parametrize(
     ("name", "options"),
-    [("pixel", DECODER), ("diff", DECODER), ("align", {}), ("match", {}), ("force", {})],
+    [
+        ("pixel", DECODER),
+        ("diff", DECODER),
+        ("align", {}),
+        ("match", {}),
+        ("force", {}),
+        ("jepa", DECODER),
+        ("dino", {"prototypes": 64, "hidden": 64, "bottleneck": 16}),
+        ("classify", {}),
+    ],
 )
 def test_built_in_heads(statuses, name, options):
     assert set(statuses("head", name, **options).values()) == {"ran"}

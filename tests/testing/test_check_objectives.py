@@ -8,6 +8,8 @@ from torch import nn
 
 from tactileforge.distributed import masked_mean
 from tactileforge.heads.diff import DiffHead
+from tactileforge.heads.dino import DinoHead
+from tactileforge.heads.jepa import JepaHead
 from tactileforge.heads.pixel import PixelHead
 
 DECODER = {"width": 32, "depth": 1, "heads": 2}
@@ -34,6 +36,16 @@ class SmallDiffHead(DiffHead):
         super().__init__(encoder, **DECODER)
 
 
+class SmallJepaHead(JepaHead):
+    def __init__(self, encoder) -> None:
+        super().__init__(encoder, **DECODER)
+
+
+class SmallDinoHead(DinoHead):
+    def __init__(self, encoder) -> None:
+        super().__init__(encoder, prototypes=64, hidden=64, bottleneck=16)
+
+
 @pytest.mark.parametrize(
     ("name", "head"),
     [
@@ -42,13 +54,16 @@ class SmallDiffHead(DiffHead):
         ("align", None),
         ("match", None),
         ("force", None),
+        ("jepa", SmallJepaHead),
+        ("dino", SmallDinoHead),
+        ("classify", None),
     ],
 )
 def test_built_in_objectives(statuses, name, head):
     found = statuses("objective", name, head=head)
     unlabelled = {"unlabelled samples change nothing", "missing key is named"}
     skipped = {name for name, status in found.items() if status == "skipped"}
-    assert skipped == (unlabelled if name in ("pixel", "diff") else set())
+    assert skipped == (unlabelled if name in ("pixel", "diff", "jepa", "dino") else set())
     assert set(found.values()) <= {"ran", "skipped"}
 
 

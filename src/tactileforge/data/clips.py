@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections import OrderedDict
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import cv2
 import numpy as np
@@ -18,6 +18,8 @@ from tactileforge.data.align import nearest
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.specs import spec
 
+#: What could not be read: by its name, a line that says why, and how many recordings it costs.
+Skipped: TypeAlias = dict[str, tuple[str, int]]
 #: Recordings that may fail one after another before reading gives up.
 _MAX_FAILURES = 20
 #: Frames that shrink at least this much are averaged; below, bilinear interpolation sees all pixels
@@ -112,22 +114,22 @@ class Clips(Dataset[dict[str, Any]]):
             item: The clip, or the clip and its matching group.
 
         Returns:
-            One row of a batch (see `tactileforge.contracts`); ``skipped`` says what could not be
-            read, and how many recordings each line costs.
+            One row of a batch (see `tactileforge.contracts`); for ``skipped`` see `Skipped`.
 
         Raises:
             DataError: Many recordings in a row cannot be read.
         """
         clip, group = item if isinstance(item, tuple) else (item, -1)
-        skipped: dict[str, int] = {}
+        skipped: Skipped = {}
         for _ in range(_MAX_FAILURES):
             try:
                 return self._read(clip, group) | {"skipped": skipped}
             except DataError as error:
-                skipped[str(error)] = 1
+                broken = self.recordings[self.index[clip, 0]].key
+                skipped[broken] = str(error), 1
                 following = np.searchsorted(self.index[:, 0], self.index[clip, 0], side="right")
                 clip, group = int(following) % len(self), -1
-        first = next(iter(skipped))
+        first, _ = next(iter(skipped.values()))
         raise DataError(f"{_MAX_FAILURES} recordings in a row cannot be read; first: {first}")
 
     def _read(self, clip: int, group: int) -> dict[str, Any]:
@@ -271,7 +273,7 @@ def collate(rows: Sequence[dict[str, Any]]) -> Batch:
         elif isinstance(first, str):
             batch[key] = values
         elif isinstance(first, dict):
-            batch[key] = {line: count for lines in values for line, count in lines.items()}
+            batch[key] = {name: what for each in values for name, what in each.items()}
         else:
             batch[key] = torch.tensor(values)
     return batch

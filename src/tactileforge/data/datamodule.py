@@ -14,7 +14,7 @@ import torch
 from torch.utils.data import DataLoader
 
 from tactileforge.contracts import Batch, Dataset, Recording
-from tactileforge.data.clips import Clips
+from tactileforge.data.clips import Clips, Skipped
 from tactileforge.data.pairs import Pairs
 from tactileforge.data.sources import Source, sources_of
 from tactileforge.data.stream import Numbers, Reader, Stream, Whole, Windows, estimate, portions
@@ -115,12 +115,12 @@ class TouchData(L.LightningDataModule):
         self.train: Clips | None = None
         self.val: Clips | None = None
         self._whole: dict[int, Clips] = {}
-        self._bad: dict[str, int] = {}
+        self._bad: Skipped = {}
 
     @property
-    def skipped(self) -> dict[str, int]:
-        """What could not be indexed: lines, and how many recordings each costs."""
-        return {line: self._bad.get(line, 1) for line in [*self.dataset.skipped, *self._bad]}
+    def skipped(self) -> Skipped:
+        """What could not be indexed."""
+        return {line: (line, 1) for line in self.dataset.skipped} | self._bad
 
     @property
     def allowed(self) -> int:
@@ -258,7 +258,7 @@ class TouchData(L.LightningDataModule):
         return self._cut(recordings, cache_mb=self.cache_mb)
 
     def _note(self, line: str, count: int) -> None:
-        self._bad[line] = count
+        self._bad[line] = line, count
 
     def _loader(self, stream: Stream, numbers: Numbers) -> Loader:
         return Loader(

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from torch.utils.data import Dataset, Sampler
 
 from tactileforge.contracts import Batch, Recording
-from tactileforge.data.clips import Clips, collate
+from tactileforge.data.clips import Clips, Skipped, collate
 from tactileforge.data.pairs import Item, Pairs
 from tactileforge.data.sources import Bad, Source
 from tactileforge.errors import ConfigError, DataError
@@ -219,7 +219,7 @@ class Stream(Dataset[Batch]):
         self.reader = reader
         self.length = length
         self.size = 2 * couples + sum(track.count for track in tracks)
-        self._bad: dict[str, int] = {}
+        self._bad: Skipped = {}
         self._pairs: tuple[list[Clips], Pairs] | None = None
 
     def __len__(self) -> int:
@@ -269,7 +269,7 @@ class Stream(Dataset[Batch]):
         return held[1]
 
     def _note(self, line: str, count: int) -> None:
-        self._bad[line] = count
+        self._bad[line] = line, count
 
 
 class Numbers(Sampler[int]):

@@ -23,17 +23,18 @@ class Mixture:
     line: ``data=mixture +data@data.sources.a=sim +data@data.sources.b=octopi data.weights.b=2``.
 
     Args:
-        sources: Configuration of each data set, by the name it has here: ``name`` is the plugin.
+        sources: Configuration of each data set, by the name it has here: ``name`` is the plugin;
+            null leaves one out.
         weights: Share of a batch relative to the others, by that name; those that are left out
             take their share of all clips.
     """
 
     def __init__(
         self,
-        sources: dict[str, dict[str, Any]] | None = None,
+        sources: dict[str, dict[str, Any] | None] | None = None,
         weights: dict[str, float] | None = None,
     ) -> None:
-        self.given = dict(sources or {})
+        self.given = {name: node for name, node in (sources or {}).items() if node is not None}
         self.weights = dict(weights or {})
         for name in self.weights:
             if name not in self.given:

@@ -181,8 +181,9 @@ class TactileViews:
         keep = max(1, round(count * (1 - encoder.mask_ratio)))
         kept = self.order[:, :keep].sort(dim=1).values
         masked = self.order[:, keep:].sort(dim=1).values
-        tokens = encoder.project(encoder.encode(self.patches, self.sensor, kept))
-        return MaskedFeatures(tokens, kept, masked, encoder.prefix, encoder.grid)
+        hidden = encoder.encode(self.patches, self.sensor, kept)
+        tokens, cls = encoder.project(hidden), encoder.summary(hidden)
+        return MaskedFeatures(tokens, cls, kept, masked, encoder.prefix, encoder.grid)
 
 
 def visible(patches: Tensor, position: Tensor, kept: Tensor | None) -> tuple[Tensor, Tensor]:

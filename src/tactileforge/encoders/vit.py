@@ -20,6 +20,7 @@ class ImageViT(nn.Module):
         depth: Blocks; None takes the size's.
         image_size: Height and width the images are resized to.
         patch: Rows and columns of a patch; it divides ``image_size``.
+        frozen: Whether its weights stay as they are.
 
     Example:
         >>> import torch
@@ -35,6 +36,7 @@ class ImageViT(nn.Module):
         depth: int | None = 4,
         image_size: int = 96,
         patch: int = 16,
+        frozen: bool = False,
     ) -> None:
         super().__init__()
         self.width, blocks, heads = size_of(size)
@@ -51,6 +53,7 @@ class ImageViT(nn.Module):
         self.apply(init_weights)
         nn.init.normal_(self.class_token, std=0.02)
         nn.init.normal_(self.position, std=0.02)
+        self.requires_grad_(not frozen)
 
     def forward(self, images: Tensor) -> Tensor:
         """uint8 (B, 3, h, w) to (B, width)."""

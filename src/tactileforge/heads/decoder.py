@@ -1,4 +1,4 @@
-"""The decoder that reconstructs masked tubes; pixel and diff each have one of their own."""
+"""The decoder that fills in masked tubes; pixel, diff and jepa each have one of their own."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Reconstruction:
 
 
 class MaskedDecoder(nn.Module):
-    """Visible tokens and mask tokens to the pixels of the masked tubes.
+    """Visible tokens and mask tokens to the pixels, or features, of the masked tubes.
 
     A token's place is given by fixed sines and cosines of its slot, row and column. (Positions of
     row and column alone would make the two slots of a masked tube the same.) The order of tokens
@@ -38,16 +38,19 @@ class MaskedDecoder(nn.Module):
         width: Width of the decoder.
         depth: Blocks.
         heads: Attention heads.
+        out: Numbers that are predicted for a masked patch; None for its pixels.
     """
 
-    def __init__(self, encoder: Encoder, width: int, depth: int, heads: int) -> None:
+    def __init__(
+        self, encoder: Encoder, width: int, depth: int, heads: int, out: int | None = None
+    ) -> None:
         super().__init__()
         self.tube = encoder.tube
         self.embed = nn.Linear(encoder.projected, width)
         self.mask_token = nn.Parameter(torch.empty(width))
         self.transformer = Transformer(width, depth, heads)
         self.norm = nn.LayerNorm(width)
-        self.predict = nn.Linear(width, 3 * encoder.tube * encoder.patch**2)
+        self.predict = nn.Linear(width, out or 3 * encoder.tube * encoder.patch**2)
         self.register_buffer("position", sincos(encoder.grid, width), persistent=False)
         self.position: Tensor
         self.apply(init_weights)
@@ -55,7 +58,7 @@ class MaskedDecoder(nn.Module):
         nn.init.normal_(self.predict.weight, std=0.02)
 
     def forward(self, features: MaskedFeatures) -> Tensor:
-        """The masked view to float (B, slots, M, 3 * tube * patch * patch)."""
+        """The masked view to float (B, slots, M, out)."""
         slots = features.grid[0]
         visible = self.embed(features.tokens)
         prefix, patches = visible.split(
@@ -79,7 +82,7 @@ class MaskedDecoder(nn.Module):
 
 
 def masked_patches(patches: Tensor, features: MaskedFeatures) -> Tensor:
-    """The patches (B, slots, N, P) at the masked positions: (B, slots, M, P)."""
+    """The patches or tokens (B, slots, N, P) at the masked positions: (B, slots, M, P)."""
     index = features.masked[:, None, :, None].expand(-1, patches.shape[1], -1, patches.shape[-1])
     return patches.gather(2, index)
 

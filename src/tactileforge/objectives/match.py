@@ -19,11 +19,20 @@ class Match(nn.Module):
     Positives share the anchor's ``group``, and its object with another sensor, or its action.
     Negatives are any clips of the batch with another known object or action. Source: AnyTouch 2,
     section Semantic-Level Tactile Features, L_obj + L_act.
+
+    Args:
+        of_object: Strength of matching objects.
+        of_action: Strength of matching actions.
     """
 
     head: ClassVar[str] = "match"
     needs: ClassVar[frozenset[str]] = frozenset({"object|action"})
     pairs: ClassVar[bool] = True
+
+    def __init__(self, of_object: float = 1.0, of_action: float = 1.0) -> None:
+        super().__init__()
+        self.of_object = of_object
+        self.of_action = of_action
 
     def forward(self, prediction: PairScores, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
         """The loss; logs both parts."""
@@ -36,7 +45,7 @@ class Match(nn.Module):
         of_object = pair_loss(prediction.object, batch["object"], together & other_sensor)
         of_action = pair_loss(prediction.action, batch["action"], together)
         logs = {"object": of_object.detach(), "action": of_action.detach()}
-        return of_object + of_action, logs
+        return self.of_object * of_object + self.of_action * of_action, logs
 
 
 def pair_loss(scores: Tensor, label: Tensor, together: Tensor) -> Tensor:

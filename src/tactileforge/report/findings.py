@@ -57,7 +57,7 @@ def find(module: TouchModule, data: TouchData) -> Findings:
     present = {split: clips for split, clips in splits.items() if clips is not None}
     if "train" not in present:
         raise DataError("setup() has not been called")
-    skipped = dict.fromkeys([*data.skipped, *module.skipped])
+    skipped = data.skipped | module.skipped
     looks = {
         split: look(module, clips, spread(clips, _CLIPS), skipped)
         for split, clips in present.items()
@@ -79,5 +79,5 @@ def find(module: TouchModule, data: TouchData) -> Findings:
         forces=force_results(module, data, given),
         embedding=embedding,
         scores={kind: neighbours(embedding, kind) for kind in embedding.labels},
-        skipped=list(skipped),
+        skipped=[line for line, _ in skipped.values()],
     )

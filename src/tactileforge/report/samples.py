@@ -15,7 +15,7 @@ from torch import Tensor
 
 from tactileforge.contracts import Batch, Recording
 from tactileforge.data.augment import fill_captions
-from tactileforge.data.clips import Clips, collate
+from tactileforge.data.clips import Clips, Skipped, collate
 from tactileforge.heads.decoder import Reconstruction
 from tactileforge.heads.force import Forces
 from tactileforge.module import TouchModule
@@ -104,7 +104,7 @@ def batches(module: TouchModule, clips: Clips, which: Sequence[int]) -> Iterator
         yield {k: v.to(module.device) if isinstance(v, Tensor) else v for k, v in batch.items()}
 
 
-def look(module: TouchModule, clips: Clips, which: Sequence[int], skipped: dict[str, None]) -> Look:
+def look(module: TouchModule, clips: Clips, which: Sequence[int], skipped: Skipped) -> Look:
     """Embeds clips; one that cannot be read is left out, and ``skipped`` grows by a line.
 
     Args:
@@ -116,7 +116,7 @@ def look(module: TouchModule, clips: Clips, which: Sequence[int], skipped: dict[
     rows, moved, numbers = [], [], []
     with quiet(module):
         for batch in batches(module, clips, which):
-            skipped |= dict.fromkeys(batch["skipped"])
+            skipped |= batch["skipped"]
             rows.append(module.encoder.views(batch).full.cls.float().cpu().numpy())
             change = batch["frames"].float() - batch["frames"][:, :1].float()
             moved.append(change.abs().mean((1, 2, 3, 4)).cpu().numpy())

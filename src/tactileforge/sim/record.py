@@ -357,7 +357,10 @@ def _main(config: str, folder: str, *numbers: str) -> None:
     given: dict[str, Any] = {
         k: tuple(v) if isinstance(v, list) else v for k, v in json.loads(config).items()
     }
+    parent = os.getppid()
     for number in numbers:
+        if os.getppid() != parent:  # it was killed: nobody waits for these touches
+            return
         _write(Config(**given), Path(folder), int(number))
 
 

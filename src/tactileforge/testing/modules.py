@@ -50,6 +50,7 @@ class FrozenViews:
             "tokens": self.full.tokens,
             "cls": self.full.cls,
             "visible": self.masked.tokens,
+            "summary": self.masked.cls,
             "kept": self.masked.kept,
             "masked": self.masked.masked,
         }
@@ -57,7 +58,13 @@ class FrozenViews:
     def with_tensors(self, of: Mapping[str, Tensor]) -> FrozenViews:
         """The same views made of other tensors; see `tensors`."""
         full = replace(self.full, tokens=of["tokens"], cls=of["cls"])
-        masked = replace(self.masked, tokens=of["visible"], kept=of["kept"], masked=of["masked"])
+        masked = replace(
+            self.masked,
+            tokens=of["visible"],
+            cls=of["summary"],
+            kept=of["kept"],
+            masked=of["masked"],
+        )
         return FrozenViews(of["patches"], full, masked)
 
 

@@ -1,0 +1,27 @@
+"""Models as files that run elsewhere: ``export``, and ``read`` for what such a file says of itself.
+
+- `export.facts`: what a file says of itself; needs no torch
+- `export.program`: the graph, by ``torch.export``; clips to compare it with the module
+- `export.onnx_file`: the graph as ONNX; weights as int8
+- `export.write`: from a model to a file that was run and compared
+- `export.verb`: ``tactileforge export``
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from tactileforge.export.facts import Exported, read
+
+if TYPE_CHECKING:
+    from tactileforge.export.write import export
+
+__all__ = ["Exported", "export", "read"]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "export":
+        from tactileforge.export.write import export
+
+        return export
+    raise AttributeError(f"module 'tactileforge.export' has no attribute {name!r}")

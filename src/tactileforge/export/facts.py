@@ -1,0 +1,114 @@
+"""What an exported file says of itself: one JSON text, under the same key in both formats."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
+from tactileforge.hub import strict
+
+#: Key of the text in ``metadata_props`` of ONNX, and in ``extra_files`` of ``torch.export``.
+KEY = "tactileforge"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exported:
+    """An exported model, and what it takes.
+
+    Its inputs are ``frames`` uint8 (B, T, 3, H, W), RGB, oldest first; ``background`` uint8
+    (B, 3, H, W); ``sensor`` int64 (B,), see `rows`. Its outputs are ``tokens`` float32
+    (B, L, width) and ``cls`` float32 (B, projected). B is any number.
+
+    Attributes:
+        path: The file.
+        format: ``onnx`` or ``torch_export``.
+        model: Name of the model; "" if it has none.
+        frames: Frames of a clip, T.
+        size: H and W; empty for any.
+        spacing: Seconds between the frames; 0 for one frame.
+        sensors: Row of each sensor; ``universal`` is for one that the model never saw.
+        licence: SPDX identifier of the weights; "" if unknown.
+        error: Largest difference between the outputs of the float graph and those of the module.
+        int8: Of int8 weights, against the module's ``cls``: ``relative``, the length of the
+            difference over the length, and ``cosine``, the lowest of a clip. Empty for float.
+    """
+
+    path: str
+    format: str
+    model: str
+    frames: int
+    size: list[int]
+    spacing: float
+    sensors: dict[str, int]
+    licence: str
+    error: float
+    int8: dict[str, float]
+
+    def rows(self, sensors: Sequence[str]) -> list[int]:
+        """What to give as ``sensor``: the row of each name.
+
+        Raises:
+            ConfigError: The model has no row of that name.
+        """
+        for name in sensors:
+            if name not in self.sensors:
+                raise ConfigError(unknown(f"sensor of {self.path}:", name, self.sensors))
+        return [self.sensors[name] for name in sensors]
+
+    def text(self) -> str:
+        """JSON that goes into the file: everything but its path."""
+        given = asdict(self)
+        del given["path"]
+        return json.dumps(given, sort_keys=True)
+
+
+def read(path: str | Path) -> Exported:
+    """What an exported file says of itself; nothing is run.
+
+    Raises:
+        DataNotFoundError: There is no such file.
+        DataError: It was not written by `export`.
+        ConfigError: ONNX is not installed; says what to install.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise DataNotFoundError(f"{path}: no such file; correct the path")
+    try:
+        text = _of_zip(path) if zipfile.is_zipfile(path) else _of_onnx(path)
+        given = strict.mapping("its metadata", json.loads(text))
+        return strict.build(Exported, "its metadata", given | {"path": str(path)})
+    except (ConfigError, ValueError) as error:
+        raise DataError(f"{path}: not written by tactileforge export: {error}") from error
+
+
+def need_onnx() -> None:
+    """Raises a ConfigError that says what to install, where ONNX cannot be written and run."""
+    from importlib.util import find_spec
+
+    missing = [name for name in ("onnx", "onnxscript", "onnxruntime") if find_spec(name) is None]
+    if missing:
+        raise ConfigError(
+            f"format=onnx needs {', '.join(missing)}: pip install 'tactileforge[onnx]'"
+        )
+
+
+def _of_zip(path: Path) -> str:
+    with zipfile.ZipFile(path) as archive:
+        names = [name for name in archive.namelist() if name.endswith(f"extra/{KEY}")]
+        return archive.read(names[0]).decode() if names else "{}"
+
+
+def _of_onnx(path: Path) -> str:
+    need_onnx()
+    import onnx
+    from google.protobuf.message import DecodeError
+
+    try:
+        model = onnx.load(path, load_external_data=False)
+    except DecodeError as error:
+        raise ValueError("neither ONNX nor torch.export") from error
+    return next((entry.value for entry in model.metadata_props if entry.key == KEY), "{}")

@@ -1,0 +1,166 @@
+"""The graph of an encoder as ONNX: exact resizing, nothing of this machine, weights as int8."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import onnxruntime
+import torch
+from onnxruntime.quantization import QuantType, quantize_dynamic
+from onnxscript import opset18 as op
+from torch import Tensor
+from torch.export import ExportedProgram
+from torch.nn import functional as F
+
+from tactileforge.errors import ConfigError
+from tactileforge.export.facts import KEY
+from tactileforge.export.program import INPUTS, OUTPUTS, Outputs, Run
+
+#: A protobuf, which ONNX is, holds no more bytes.
+_LARGEST = 2**31 - 1
+
+
+class OnnxFile:
+    """A graph as an ONNX file.
+
+    Args:
+        program: See `program.trace`.
+
+    Raises:
+        ConfigError: The weights are too large for ONNX.
+    """
+
+    def __init__(self, program: ExportedProgram) -> None:
+        size = sum(value.nbytes for value in program.state_dict.values())
+        if size > _LARGEST:
+            raise ConfigError(f"ONNX holds 2 GB, the weights are {size / 1e9:.1f}: torch_export")
+        resize = torch.ops.aten
+        table: dict[Callable[..., Any], Callable[..., Any]] = {
+            resize._upsample_bilinear2d_aa.default: _resize("bilinear"),
+            resize._upsample_bicubic2d_aa.default: _resize("bicubic"),
+        }
+        found = torch.onnx.export(
+            program,
+            input_names=INPUTS,
+            output_names=OUTPUTS,
+            dynamo=True,
+            verbose=False,
+            custom_translation_table=table,
+        )
+        assert found is not None
+        self.model = found.model_proto
+        #: Matrices of resizing are no weights: they stay as they are.
+        self._fixed = [node.name for node in self.model.graph.node if _resizes(node)]
+        _clean(self.model)
+
+    def quantise(self, path: Path) -> None:
+        """Makes the weights of linear layers int8, one scale a column; ``path`` is overwritten.
+
+        Activations become 8 bits as they come, one scale a tensor.
+        """
+        quantize_dynamic(
+            self.model,
+            path,
+            op_types_to_quantize=["MatMul", "Gemm"],
+            per_channel=True,
+            weight_type=QuantType.QInt8,
+            nodes_to_exclude=self._fixed,
+        )
+        self.model = onnx.load(path)
+
+    def save(self, path: Path, text: str = "") -> None:
+        """Writes it, with a text of its metadata."""
+        onnx.helper.set_model_props(self.model, {KEY: text})
+        onnx.save(self.model, path)
+
+    def load(self, path: Path) -> Run:
+        """What the file computes, by onnxruntime on the CPU."""
+        session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
+
+        def run(*inputs: Tensor) -> Outputs:
+            feed = {name: x.numpy() for name, x in zip(INPUTS, inputs, strict=True)}
+            tokens, cls = map(torch.from_numpy, session.run(OUTPUTS, feed))
+            return tokens, cls
+
+        return run
+
+
+def _resizes(node: Any) -> bool:
+    return any("upsample_" in entry.value for entry in node.metadata_props)
+
+
+def _clean(model: Any) -> None:
+    """Names the free axes, and drops notes of the exporter: they hold paths of this machine."""
+    graph = model.graph
+    for thing in (graph, *graph.node, *graph.input, *graph.output, *graph.initializer):
+        del thing.metadata_props[:]
+    del graph.value_info[:]
+    axes = graph.input[0].type.tensor_type.shape.dim
+    names = {axes[i].dim_param: name for i, name in ((0, "batch"), (3, "height"), (4, "width"))}
+    for value in (*graph.input, *graph.output):
+        for axis in value.type.tensor_type.shape.dim:
+            if axis.dim_param:
+                axis.dim_param = names[axis.dim_param]
+
+
+def _resize(mode: str) -> Callable[..., Any]:
+    """Anti-aliased resizing as a product with one matrix a side.
+
+    The operator Resize of onnxruntime rounds its weights otherwise than torch: pixels differ by
+    2e-5, and tokens of a base model by 2e-4.
+    """
+
+    def translate(
+        self: Any,
+        output_size: Any,
+        align_corners: bool,
+        scales_h: float | None = None,
+        scales_w: float | None = None,
+    ) -> Any:
+        sides = []
+        for axis, wanted in zip((-2, -1), output_size, strict=True):
+            size = self.shape[axis]
+            if isinstance(size, int):
+                matrix = _constant(_weights(mode, size, int(wanted)))
+            elif mode == "bilinear":
+                start = self.shape.rank() + axis
+                matrix = _any_weights(op.Shape(self, start=start, end=start + 1), int(wanted))
+            else:
+                raise NotImplementedError("bicubic for any size; give size=[H,W]")
+            sides.append(matrix)
+        rows, columns = sides
+        return op.MatMul(rows, op.MatMul(self, op.Transpose(columns, perm=[1, 0])))
+
+    return translate
+
+
+def _weights(mode: str, size: int, wanted: int) -> Any:
+    """Torch's own weights, float32 (wanted, size): what it makes of the unit matrix."""
+    unit = torch.eye(size)[None, None]
+    return F.interpolate(unit, (wanted, size), mode=mode, antialias=True)[0, 0].numpy()
+
+
+def _any_weights(size: Any, wanted: int) -> Any:
+    """The same for a size (int64, one number) that is known when the graph runs; bilinear.
+
+    A triangle at each centre, as wide as a pixel of the result and at least as one of the frame.
+    Rounds as torch does, step by step, in float32.
+    """
+    one = _constant(np.float32(1))
+    half = _constant(np.float32(0.5))
+    scale = op.Div(op.Cast(size, to=onnx.TensorProto.FLOAT), _constant(np.float32(wanted)))
+    centre = op.Mul(scale, _constant(np.arange(wanted, dtype=np.float32)[:, None] + 0.5))
+    zero, step = _constant(np.int64(0)), _constant(np.int64(1))
+    pixels = op.Range(zero, op.Squeeze(size), step)
+    away = op.Add(op.Sub(op.Cast(pixels, to=onnx.TensorProto.FLOAT), centre), half)
+    away = op.Mul(away, op.Div(one, op.Max(scale, one)))
+    weights = op.Relu(op.Sub(one, op.Abs(away)))
+    return op.Div(weights, op.ReduceSum(weights, _constant(np.array([1])), keepdims=1))
+
+
+def _constant(value: Any) -> Any:
+    return op.Constant(value=onnx.numpy_helper.from_array(np.asarray(value)))

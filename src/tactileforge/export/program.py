@@ -1,0 +1,164 @@
+"""The graph of an encoder, by ``torch.export``, and the clips on which it is compared."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import torch
+from torch import Tensor
+from torch.export import Dim, ExportedProgram
+from torch.nn import functional as F
+
+from tactileforge.errors import ConfigError
+from tactileforge.export.facts import KEY
+
+Clips: TypeAlias = tuple[Tensor, Tensor, Tensor]
+Outputs: TypeAlias = tuple[Tensor, Tensor]
+Run: TypeAlias = Callable[[Tensor, Tensor, Tensor], Outputs]
+
+INPUTS = ("frames", "background", "sensor")
+OUTPUTS = ("tokens", "cls")
+#: Batches with which a graph is run before it is kept.
+BATCHES = (1, 3)
+
+
+@dataclass(frozen=True)
+class Gap:
+    """How far the outputs of a graph are from those of the module.
+
+    Attributes:
+        largest: Largest difference of a number.
+        relative: Length of the difference of ``cls`` over the length of ``cls``; the worst batch's.
+        cosine: Between ``cls`` of both; the worst clip's.
+    """
+
+    largest: float
+    relative: float
+    cosine: float
+
+
+def sizes_of(
+    encoder: Any, size: tuple[int, int] | None, small: bool = False
+) -> list[tuple[int, int]]:
+    """Sizes of frames with which a graph is compared.
+
+    Args:
+        encoder: A touch encoder.
+        size: The one that the graph takes; None if it takes any.
+        small: Whether any includes the encoder's own and less.
+    """
+    if size is not None:
+        return [size]
+    height, width = encoder.image_size
+    larger = [(height + 24, width + 56), (2 * height + 9, width + 5)]
+    return larger + ([(height, width), (height - 3, width // 2)] if small else [])
+
+
+def clips(encoder: Any, batch: int, size: tuple[int, int]) -> Clips:
+    """Made-up clips: a smooth background, a smooth change that grows, noise; the same each time.
+
+    Args:
+        encoder: Its frames and sensors are taken.
+        batch: B.
+        size: H and W.
+
+    Returns:
+        uint8 (B, T, 3, H, W), uint8 (B, 3, H, W) and int64 (B,), which go over all known rows.
+    """
+    rng = torch.Generator().manual_seed(batch)
+
+    def smooth(*shape: int) -> Tensor:
+        coarse = torch.randn(*shape, 6, 6, generator=rng).flatten(0, -4)
+        return F.interpolate(coarse, size, mode="bicubic").view(*shape, *size)
+
+    still = 128 + 30 * smooth(batch, 3)
+    growth = (torch.arange(encoder.frames) + 1).view(-1, 1, 1, 1) / encoder.frames
+    noise = 8 * torch.randn(batch, encoder.frames, 3, *size, generator=rng)
+    frames = still[:, None] + 40 * growth * smooth(batch, 1, 3) + noise
+    rows = sorted({0, *encoder.sensors.values()})
+    sensor = torch.tensor([rows[i % len(rows)] for i in range(batch)])
+    return frames.clamp(0, 255).byte(), still.clamp(0, 255).byte(), sensor
+
+
+def compare(run: Run, encoder: Any, sizes: Sequence[tuple[int, int]]) -> Gap:
+    """Runs a graph on batches of several lengths beside the module."""
+    largest, relative, cosine = 0.0, 0.0, 1.0
+    for inputs in _batches(encoder, sizes):
+        with torch.no_grad():
+            expected, found = encoder(*inputs), run(*inputs)
+        for mine, theirs in zip(expected, found, strict=True):
+            if mine.shape != theirs.shape or not theirs.isfinite().all():
+                return Gap(float("inf"), float("inf"), -1.0)
+            largest = max(largest, float((mine - theirs).abs().max()))
+        change = (expected[1] - found[1]).norm() / expected[1].norm()
+        relative = max(relative, float(change))
+        cosine = min(cosine, float(F.cosine_similarity(expected[1], found[1]).min()))
+    return Gap(largest, relative, cosine)
+
+
+def _batches(encoder: Any, sizes: Sequence[tuple[int, int]]) -> Iterator[Clips]:
+    for size in sizes:
+        for batch in BATCHES:
+            yield clips(encoder, batch, size)
+
+
+def trace(encoder: Any, size: tuple[int, int] | None) -> ExportedProgram:
+    """The graph, for any number of clips; tried where it is to take any size.
+
+    Args:
+        encoder: A touch encoder in eval mode.
+        size: H and W of the frames; None for any above the encoder's own.
+
+    Raises:
+        ConfigError: The graph cannot be made, or cannot take any size; says why.
+    """
+    sizes = sizes_of(encoder, size)
+    batch, height, width = Dim("batch"), None, None
+    if size is None:
+        own = encoder.image_size
+        height, width = Dim("height", min=own[0] + 1), Dim("width", min=own[1] + 1)
+    shapes = ({0: batch, 3: height, 4: width}, {0: batch, 2: height, 3: width}, {0: batch})
+    try:
+        # Not strict, `len` of a tensor would fix the number of clips.
+        program = torch.export.export(
+            encoder, clips(encoder, 2, sizes[0]), dynamic_shapes=shapes, strict=True
+        )
+        if size is None:
+            run = program.module()
+            for inputs in _batches(encoder, sizes):
+                run(*inputs)
+    except (AssertionError, RuntimeError, ValueError) as error:
+        if size is None:
+            text = "the model's graph depends on the size of the frames: give it, size=[H,W]"
+        else:
+            reason = str(error).strip().splitlines()[0]
+            text = f"no graph of the model takes frames of {size[0]} x {size[1]}: {reason}"
+        raise ConfigError(text) from error
+    for node in program.graph.nodes:
+        node.meta.pop("stack_trace", None)  # paths of this machine
+    return program
+
+
+class ProgramFile:
+    """A graph as a file of ``torch.export``.
+
+    Args:
+        program: See `trace`.
+    """
+
+    def __init__(self, program: ExportedProgram) -> None:
+        self.program = program
+
+    def save(self, path: Path, text: str = "") -> None:
+        """Writes it, with a text of its metadata."""
+        with path.open("wb") as file:
+            torch.export.save(self.program, file, extra_files={KEY: text})
+
+    def load(self, path: Path) -> Run:
+        """What the file computes."""
+        run: Run = torch.export.load(io.BytesIO(path.read_bytes())).module()
+        return run

@@ -1,0 +1,101 @@
+"""The head of self-distillation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from tactileforge.contracts import Batch, Encoder, Views
+from tactileforge.distributed import gather
+from tactileforge.encoders.transformer import init_weights
+from tactileforge.heads.slow import SlowCopy
+
+
+@dataclass(frozen=True)
+class Distilled:
+    """Cosines of each clip with every prototype.
+
+    Attributes:
+        student: float (B, K), of the masked view.
+        teacher: float (B, K), of the whole clip by the slow copies, less the centre; no gradient.
+    """
+
+    student: Tensor
+    teacher: Tensor
+
+
+class Prototypes(nn.Module):
+    """Three layers to a unit vector, and its cosine with learned prototypes."""
+
+    def __init__(self, width: int, hidden: int, bottleneck: int, prototypes: int) -> None:
+        super().__init__()
+        self.layers = nn.Sequential(
+            nn.Linear(width, hidden),
+            nn.GELU(),
+            nn.Linear(hidden, hidden),
+            nn.GELU(),
+            nn.Linear(hidden, bottleneck),
+        )
+        self.prototypes = nn.Parameter(torch.randn(prototypes, bottleneck))
+        self.apply(init_weights)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, width) to float32 (B, prototypes)."""
+        x = F.normalize(self.layers(x).float(), dim=-1)
+        with torch.autocast(x.device.type, enabled=False):  # a low temperature magnifies rounding
+            return x @ F.normalize(self.prototypes, dim=-1).T
+
+
+class DinoHead(nn.Module):
+    """Prototypes on the summary of the masked view, and slow copies of encoder and prototypes.
+
+    Source: DINO (Caron et al. 2021), with masks for views as Sparsh has them: the student sees the
+    visible patches, the teacher the whole clip. Sparsh compares ten masks of each clip with two,
+    here it is one with one. The centre is a moving average of the teacher's output over batches.
+
+    Args:
+        encoder: The touch encoder (given by the framework).
+        prototypes: Their number (K).
+        hidden: Width of the two hidden layers.
+        bottleneck: Width of the space of the prototypes.
+        momentum: Share of the slow copies that a first step keeps; it rises linearly to 1.
+        centring: Share of the centre that a batch keeps.
+    """
+
+    def __init__(
+        self,
+        encoder: Encoder,
+        prototypes: int = 4096,
+        hidden: int = 2048,
+        bottleneck: int = 256,
+        momentum: float = 0.998,
+        centring: float = 0.9,
+    ) -> None:
+        super().__init__()
+        self.student = Prototypes(encoder.projected, hidden, bottleneck, prototypes)
+        self.teacher = SlowCopy(self.student, momentum)
+        self.target = SlowCopy(encoder, momentum)
+        self.centring = centring
+        self.register_buffer("centre", torch.zeros(prototypes))
+        self.register_buffer("seen", torch.zeros(prototypes), persistent=False)
+        self.centre: Tensor
+        self.seen: Tensor
+
+    def follow(self, encoder: Encoder, step: int, total: int) -> None:
+        """The centre moves towards the last batch; see `contracts.Follower`."""
+        self.centre.lerp_(self.seen, 1 - self.centring)
+        self.teacher.follow(self.student, step, total)
+        self.target.follow(encoder, step, total)
+
+    def forward(self, views: Views, batch: Batch) -> Distilled:
+        """What student and teacher make of the batch."""
+        student = self.student(views.masked.cls)
+        with torch.no_grad():
+            teacher = self.teacher.network(self.target.network.views(batch).full.cls)
+            centred = teacher - self.centre
+            if self.training:
+                self.seen.copy_(gather(teacher.mean(0, keepdim=True)).mean(0))
+        return Distilled(student, centred)

@@ -1,0 +1,67 @@
+"""The head that predicts the features of masked tubes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from tactileforge.contracts import Batch, Encoder, Views
+from tactileforge.heads.decoder import MaskedDecoder, masked_patches
+from tactileforge.heads.slow import SlowCopy
+
+
+@dataclass(frozen=True)
+class Latents:
+    """Features of masked tubes as predicted, and as the slow copy of the encoder has them.
+
+    Attributes:
+        predicted: float (B, slots, M, width).
+        target: The same shape; each token has mean 0 and variance 1, and no gradient.
+    """
+
+    predicted: Tensor
+    target: Tensor
+
+
+class JepaHead(nn.Module):
+    """A predictor on the visible tokens, and a slow copy of the encoder that sees everything.
+
+    Source: V-JEPA (Bardes et al. 2024, section 3). The slow copy never takes the universal sensor
+    tokens.
+
+    Args:
+        encoder: The touch encoder (given by the framework).
+        width: Width of the predictor.
+        depth: Blocks.
+        heads: Attention heads.
+        momentum: Share of the slow copy that a first step keeps; it rises linearly to 1.
+    """
+
+    def __init__(
+        self,
+        encoder: Encoder,
+        width: int = 384,
+        depth: int = 6,
+        heads: int = 6,
+        momentum: float = 0.998,
+    ) -> None:
+        super().__init__()
+        self.predictor = MaskedDecoder(encoder, width, depth, heads, out=encoder.width)
+        self.target = SlowCopy(encoder, momentum)
+
+    def follow(self, encoder: Encoder, step: int, total: int) -> None:
+        """See `contracts.Follower`."""
+        self.target.follow(encoder, step, total)
+
+    def forward(self, views: Views, batch: Batch) -> Latents:
+        """Predicted and true features of the masked tubes."""
+        features = views.masked
+        predicted = self.predictor(features)
+        with torch.no_grad():
+            full = self.target.network.views(batch).full
+            tokens = full.tokens[:, full.prefix :].unflatten(1, (full.grid[0], -1))
+            target = F.layer_norm(masked_patches(tokens, features), tokens.shape[-1:])
+        return Latents(predicted, target)
