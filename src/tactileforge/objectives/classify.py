@@ -16,7 +16,8 @@ class Classify(nn.Module):
 
     Data stream in, so nobody has counted the objects: an object's number, made from its name,
     modulo the number of the head's classes is its class. With many more classes than objects few
-    share one. Of objects that training has not met it says nothing. Source: the supervised stage of T3 (Zhao et al. 2024).
+    share one. Of objects that training has not met it says nothing. Source: the supervised stage of
+    T3 (Zhao et al. 2024).
     """
 
     head: ClassVar[str] = "classify"
