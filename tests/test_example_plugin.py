@@ -112,6 +112,7 @@ def test_it_is_an_option_of_every_command(example):
         "count": 4,
         "frames": 40,
         "seed": 0,
+        "max_bad": 0.01,  # of every data set
     }
     assert config.head.contact_area == {"name": "contact_area"}
     assert config.objective.contact_area.threshold == 5
