@@ -58,6 +58,9 @@ ACTIONS = (
     "rotate_ccw",
 )
 
+#: Labels of a batch: what a data set may provide, and an objective may need.
+LABELS = ("force", "action", "object", "text", "image")
+
 #: A background of this value, subtracted and offset by 130/255, leaves a frame as it is.
 NEUTRAL_BACKGROUND = 130
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -12,6 +11,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from tactileforge.atomic import write_text
 from tactileforge.contracts import Recording
 from tactileforge.data import shards
 from tactileforge.data.summary import Summary
@@ -119,9 +119,7 @@ class Index:
             "made": self.made,
             "statistics": self.statistics,
         }
-        part = folder / f"{NAME}.{os.getpid()}.part"
-        part.write_text(json.dumps(text, indent=1))
-        part.replace(folder / NAME)
+        write_text(folder / NAME, json.dumps(text, indent=1))
 
 
 def parse(text: str | bytes, where: str) -> Index:

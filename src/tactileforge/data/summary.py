@@ -9,10 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tactileforge.contracts import Recording
-
-#: Labels of a batch that objectives may need.
-LABELS = ("force", "action", "object", "text", "image")
+from tactileforge.contracts import LABELS, Recording
 
 
 @dataclass(frozen=True, order=True)

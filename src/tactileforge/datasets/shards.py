@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 from tactileforge.cache import cache_folder
@@ -51,6 +52,7 @@ class Shards:
         """Where the shards are."""
         return Folder(self.root, cache_folder(self.cache) / "shards", self.cache_gb)
 
+    @cached_property
     def index(self) -> Index | None:
         """The index; None for a folder of this machine that has none.
 
@@ -80,7 +82,7 @@ class Shards:
         """
         if split not in _SPLITS:
             raise ConfigError(unknown("split", split, _SPLITS))
-        found, folder = self.index(), self.folder
+        found, folder = self.index, self.folder
         if found is None:
             return self._unindexed(split)
         entries = found.splits.get(split, [])

@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import subprocess
 from collections.abc import Mapping
+from importlib.metadata import version
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any, Literal
 
 from omegaconf import OmegaConf
 
-import tactileforge
 from tactileforge import checkpoints, registry
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.hub import cards, files, store
@@ -111,7 +111,7 @@ def import_published(model: str, source: str | Path) -> Path:
         spacing=encoder.spacing,
         name=full,
         commit=commit(),
-        versions={"tactileforge": tactileforge.__version__},
+        versions={"tactileforge": version("tactileforge")},
         data={"name": ", ".join(card.data), "licences": []},
         source={"file": source.name, "sha256": digest, "layout": converted.name},
     )

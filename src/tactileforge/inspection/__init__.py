@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from tactileforge.atomic import write_text
 from tactileforge.contracts import Dataset
 from tactileforge.errors import ConfigError
 from tactileforge.inspection import sections, trouble
@@ -49,8 +50,5 @@ def inspect(
         trouble.duplicates(found),
         trouble.suspicious(found),
     ]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f"{path.name}.part")
-    part.write_text(page(f"Data set {name}", trouble.top(name, found), parts), encoding="utf-8")
-    part.replace(path)
+    write_text(path, page(f"Data set {name}", trouble.top(name, found), parts))
     return found.findings

@@ -10,14 +10,14 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from tactileforge.contracts import ACTIONS
+from tactileforge.contracts import ACTIONS, LABELS
 from tactileforge.data.cropped import as_text
 from tactileforge.inspection import charts
 from tactileforge.inspection.checks import LAG_CORRELATION, LAG_PROMINENCE, is_sure
 from tactileforge.inspection.findings import Total
 from tactileforge.inspection.look import evenly
 from tactileforge.inspection.survey import Seen, Survey
-from tactileforge.inspection.tally import LABELS, sources
+from tactileforge.inspection.tally import sources
 from tactileforge.report.page import (
     MINUS,
     NONE,

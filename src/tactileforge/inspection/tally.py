@@ -10,11 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.contracts import ACTIONS, Recording
+from tactileforge.contracts import ACTIONS, LABELS, Recording
 from tactileforge.inspection.findings import Total
 
-#: Labels that recordings may carry.
-LABELS = ("force", "action", "object", "text", "image")
 #: Edges of the durations that are told apart, s: eight a decade.
 DURATIONS = np.geomspace(0.01, 1e5, 57)
 #: Bins on each side of 0.

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from html import escape
 
+from tactileforge.contracts import LABELS
 from tactileforge.inspection.checks import REASONS, is_sure
 from tactileforge.inspection.findings import Findings, Suspect
 from tactileforge.inspection.sections import card, figure, grid, image
 from tactileforge.inspection.survey import Survey
-from tactileforge.inspection.tally import LABELS
 from tactileforge.report.page import SPLIT_WORDS, Section, duration, paragraph, table
 
 #: Reasons that are told without a pixel, of all recordings.

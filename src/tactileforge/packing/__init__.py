@@ -13,6 +13,7 @@ from typing import Any
 
 from tqdm import tqdm
 
+from tactileforge.atomic import write_text
 from tactileforge.contracts import Dataset
 from tactileforge.data.index import NAME, Index
 from tactileforge.errors import ConfigError, DataError, TactileForgeError
@@ -20,7 +21,7 @@ from tactileforge.packing.executors import execute
 from tactileforge.packing.options import Filter, Options
 from tactileforge.packing.plan import SPLITS, Plan, plan
 from tactileforge.packing.statistics import Statistics
-from tactileforge.packing.work import NOTES, Note, write_text
+from tactileforge.packing.work import NOTES, Note
 
 __all__ = ["Filter", "Options", "pack", "summary"]
 

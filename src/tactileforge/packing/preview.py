@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from tactileforge.atomic import write_text
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.data import shards
 from tactileforge.data.index import arranged
@@ -20,7 +21,6 @@ from tactileforge.errors import DataError
 from tactileforge.packing import charts, filters
 from tactileforge.packing.options import Filter, Options
 from tactileforge.packing.plan import SPLITS
-from tactileforge.packing.work import write_text
 from tactileforge.report.page import (
     NONE,
     Section,

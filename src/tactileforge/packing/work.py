@@ -6,7 +6,6 @@ Processes that do this import no torch.
 from __future__ import annotations
 
 import json
-import os
 import pickle
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -18,6 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tactileforge.atomic import write_text
 from tactileforge.contracts import Frames, Recording
 from tactileforge.data import shards
 from tactileforge.data.index import Entry
@@ -99,17 +99,6 @@ class Note:
 
 def _note_path(shard: Path) -> Path:
     return shard.parent / NOTES / f"{shard.stem}.json"
-
-
-def write_text(path: Path, text: str) -> None:
-    """Writes a file beside its place, then renames it."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
-    try:
-        part.write_text(text)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def packed_job(job: Job) -> bytes:

@@ -9,6 +9,7 @@ from typing import Any
 from omegaconf import OmegaConf
 
 from tactileforge import checkpoints
+from tactileforge.atomic import write_text
 from tactileforge.data.datamodule import TouchData
 from tactileforge.errors import ConfigError, DataNotFoundError
 from tactileforge.module import TouchModule
@@ -77,10 +78,8 @@ def write_report(folder: Path, module: TouchModule, data: TouchData) -> Path:
         sections.recipe(folder),
     ]
     report = folder / "report.html"
-    part = report.with_name("report.html.part")
     title = f"Touch encoder, trained with {', '.join(weights)}"
-    part.write_text(page(title, top, parts), encoding="utf-8")
-    part.replace(report)
+    write_text(report, page(title, top, parts))
     return report
 
 

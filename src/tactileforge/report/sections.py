@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from torch import Tensor
 
+from tactileforge.contracts import LABELS
 from tactileforge.data.clips import Clips
 from tactileforge.data.datamodule import TouchData
-from tactileforge.data.summary import LABELS, Count
+from tactileforge.data.summary import Count
 from tactileforge.report.figures import SPLITS, curve_figure
 from tactileforge.report.findings import Findings
 from tactileforge.report.metrics import Curve

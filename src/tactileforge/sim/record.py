@@ -21,6 +21,7 @@ import torch
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from tactileforge.atomic import write_text
 from tactileforge.contracts import Recording
 from tactileforge.data import shards
 from tactileforge.data.frames import ArrayFrames
@@ -346,10 +347,7 @@ def _claim(config: Config, folder: Path) -> None:
                 f"{', '.join(changed)}); give another out="
             )
         return
-    folder.mkdir(parents=True, exist_ok=True)
-    part = path.with_suffix(".part")
-    part.write_text(json.dumps(wanted, indent=2))
-    part.replace(path)
+    write_text(path, json.dumps(wanted, indent=2))
 
 
 def _main(config: str, folder: str, *numbers: str) -> None:

@@ -11,12 +11,11 @@ from typing import Any
 import numpy as np
 
 from tactileforge import registry
-from tactileforge.contracts import ACTIONS, Recording
+from tactileforge.contracts import ACTIONS, LABELS, Recording
 from tactileforge.errors import DataNotFoundError
 from tactileforge.specs import spec
 from tactileforge.testing.results import Check, Skip, Subject, Violation, require
 
-_LABELS = ("force", "action", "object", "text", "image")
 _SPLITS = ("train", "val")
 _MOST = 1000
 
@@ -34,7 +33,7 @@ def keys_are_what_it_provides(subject: Subject) -> None:
     provides = dataset.provides
     require(isinstance(provides, frozenset), f"provides is {provides!r}, not a frozenset")
     require(isinstance(dataset.skipped, list), f"skipped is {dataset.skipped!r}, not a list")
-    require(provides <= set(_LABELS), f"provides {sorted(provides)}; labels are {_LABELS}")
+    require(provides <= set(LABELS), f"provides {sorted(provides)}; labels are {LABELS}")
     found: set[str] = set()
     for split in _SPLITS:
         for one in _first(dataset, split):
@@ -46,7 +45,7 @@ def keys_are_what_it_provides(subject: Subject) -> None:
 
 
 def _labels(recording: Recording) -> set[str]:
-    return {label for label in _LABELS if getattr(recording, label) is not None}
+    return {label for label in LABELS if getattr(recording, label) is not None}
 
 
 def recordings_are_whole(subject: Subject) -> None:

@@ -9,12 +9,10 @@ import torch
 from torch import Tensor, nn
 
 from tactileforge import registry
-from tactileforge.contracts import Batch, Views
+from tactileforge.contracts import LABELS, Batch, Views
 from tactileforge.testing.batches import batch, half_labelled, rows_of, without
 from tactileforge.testing.modules import context, views_of
 from tactileforge.testing.results import Check, Skip, Subject, Violation, construct, require
-
-_LABELS = {"force", "action", "object", "text", "image"}
 
 
 @dataclass(frozen=True)
@@ -54,8 +52,8 @@ def head_and_needs_are_declared(subject: Subject) -> None:
     needs = getattr(subject.plugin, "needs", None)
     require(isinstance(needs, frozenset), "the class attribute 'needs' is not a frozenset")
     for need in needs or ():
-        odd = set(need.split("|")) - _LABELS
-        require(not odd, f"needs lists {sorted(odd)}; labels are {sorted(_LABELS)}")
+        odd = set(need.split("|")) - set(LABELS)
+        require(not odd, f"needs lists {sorted(odd)}; labels are {sorted(LABELS)}")
 
 
 def loss_is_a_finite_scalar(subject: Subject) -> None:
