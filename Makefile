@@ -1,17 +1,22 @@
-# make demo | make test | make lint | make docs
+# make demo | make bench-mini | make test | make lint | make docs
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: demo test lint docs clean
+.PHONY: demo bench-mini test lint docs clean
 
 demo: $(VENV)/.installed
 	$(BIN)/tactileforge train scale=demo hydra.run.dir=runs/demo
 	@echo "open runs/demo/report.html"
 
+# the paper in miniature; TACTILEFORGE_REALDATA is the folder of the public samples, where they are at hand
+bench-mini: $(VENV)/.installed
+	$(BIN)/tactileforge bench "suite=[sim,public_samples]" pretrain=miniature out=runs/bench-mini
+	@echo "open runs/bench-mini/report.html"
+
 test: $(VENV)/.installed-dev lint
-	$(BIN)/pytest
+	$(BIN)/pytest -n 2 --dist loadfile
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check .

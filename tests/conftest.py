@@ -10,11 +10,24 @@ from tactileforge.contracts import Batch
 from tactileforge.encoders.tactile_vit import TactileViT
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Processes that test side by side (``pytest -n 2``) compute with one thread each."""
+    if config.getoption("numprocesses", default=None):
+        os.environ["OMP_NUM_THREADS"] = "1"  # they are started with these variables
+
+
 @pytest.fixture(autouse=True, scope="session")
 def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Touches that tests simulate are kept for the other tests, and thrown away after them."""
+    """Touches that tests simulate are kept for the other tests, and thrown away after them.
+
+    Processes that test side by side have folders of their own in one folder, and share this one.
+    """
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = tmp_path_factory.getbasetemp().parent / "cache"
+    else:
+        folder = tmp_path_factory.mktemp("cache")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("TACTILEFORGE_CACHE", str(tmp_path_factory.mktemp("cache")))
+        patch.setenv("TACTILEFORGE_CACHE", str(folder))
         yield
 
 

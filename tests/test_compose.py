@@ -110,15 +110,15 @@ def test_rows_that_contradict_the_plugins(override, message):
 
 
 def test_a_plugin_is_an_option_as_soon_as_it_is_installed(toy):
-    config = compose(overrides=["+sensor=toy", "sensor.gain=3", "sensor.port=COM1"])
+    config = compose(overrides=["+sensor=toy", "sensor.toy.gain=3", "sensor.toy.port=COM1"])
     expected = {"name": "toy", "gain": 3, "port": "COM1", "tags": ["a", "b"]}
-    assert OmegaConf.to_container(config.sensor) == expected
+    assert OmegaConf.to_container(config.sensor.toy) == expected
 
 
 def test_an_option_without_default_has_to_be_given(toy):
     config = compose(overrides=["+sensor=toy"])
-    with pytest.raises(MissingMandatoryValue, match=r"sensor\.port"):
-        _ = config.sensor.port
+    with pytest.raises(MissingMandatoryValue, match=r"sensor\.toy\.port"):
+        _ = config.sensor.toy.port
 
 
 def test_an_objective_brings_the_head_it_names(toy):

@@ -100,12 +100,12 @@ def test_its_type_of_sensor_is_known_to_data_and_encoder(example):
 def test_it_is_an_option_of_every_command(example):
     config = compose(
         overrides=[
-            *("+sensor=dummy", "sensor.gain=3"),
+            *("+sensor=dummy", "sensor.dummy.gain=3"),
             *("data=dummy_presses", "data.count=4"),
             *("objective=[pixel,contact_area]", "objective.contact_area.threshold=5"),
         ]
     )
-    assert config.sensor == {"name": "dummy", "gain": 3}
+    assert config.sensor.dummy == {"name": "dummy", "gain": 3}
     assert config.data == {
         "name": "dummy_presses",
         "sensor": "dummy",

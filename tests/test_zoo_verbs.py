@@ -90,7 +90,10 @@ def test_pack(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     printed = capsys.readouterr().out
     assert f'tactileforge.load("file:{out}")' in printed
     model = tactileforge.load(f"file:{out}")
-    assert (model.header.name, model.header.source, model.spacing) == ("a.b", {"steps": 7}, 0.1)
+    assert (model.header.name, model.spacing) == ("a.b", 0.1)
+    assert model.header.source == {"steps": 7, "encoder": "trained"}
+    with pytest.raises(ConfigError, match="found none; give encoder=trained"):
+        main(["pack", str(tmp_path), "encoder=slow"])
     with pytest.raises(ConfigError, match="did you mean 'dtype'"):
         main(["pack", str(tmp_path), "dtipe=float16"])
     with pytest.raises(ConfigError, match="float32 or float16"):

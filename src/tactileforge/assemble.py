@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
+
+import torch
 
 from tactileforge import registry
 from tactileforge.data.datamodule import TouchData
@@ -18,7 +21,7 @@ def build_data(config: Mapping[str, Any]) -> TouchData:
     node = dict(config["data"])
     max_bad = node.pop("max_bad")
     dataset = registry.build("datasets", node)
-    encoder = registry.build("encoders", config["encoder"])
+    encoder = outline(config["encoder"])
     batch = dict(config["batch"])
     objectives = {
         key: registry.get("objectives", node["name"]) for key, node in config["objective"].items()
@@ -42,6 +45,21 @@ def build_data(config: Mapping[str, Any]) -> TouchData:
     return data
 
 
+def outline(node: Mapping[str, Any]) -> Any:
+    """An encoder that knows its sizes and its sensors, but has no weights: it costs little.
+
+    Random numbers that come after it are what they would be without it. An encoder whose
+    constructor computes with its tensors cannot do without weights, and is built with them.
+
+    Args:
+        node: Plugin and constructor arguments.
+    """
+    with torch.random.fork_rng(devices=[]):
+        with suppress(Exception), torch.device("meta"):
+            return registry.build("encoders", node)
+        return registry.build("encoders", node)
+
+
 def with_sensors(config: Mapping[str, Any], data: TouchData) -> dict[str, Any]:
     """The encoder's configuration with a row for every sensor of the data.
 
@@ -49,7 +67,7 @@ def with_sensors(config: Mapping[str, Any], data: TouchData) -> dict[str, Any]:
     resolved configuration says so.
     """
     names = data.summary("train").sensors
-    encoder = registry.build("encoders", config)
+    encoder = outline(config)
     table = dict(encoder.sensors)
     free = (row for row in range(len(table) + len(names) + 1) if row not in table.values())
     for name in names:

@@ -1,66 +1,127 @@
-"""Encoders that are faster on a CPU, for inference only."""
+"""Linear layers that are faster on a CPU, for inference only."""
 
 from __future__ import annotations
 
-import copy
-from typing import Any, TypeVar
+from collections.abc import Callable, Iterable, Mapping
+from functools import cache
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional as F
+from torch.overrides import TorchFunctionMode
 
-from tactileforge.errors import ConfigError
+#: Numbers of a weight that are compared before its packed copy is used.
+_PROBES = 64
 
-_M = TypeVar("_M", bound=nn.Module)
 
+class _Packed(NamedTuple):
+    """A copy of a weight as oneDNN reads it, and how to know that it is still a copy."""
 
-class PackedLinear(nn.Module):
-    """A linear layer whose weight lies as oneDNN reads it, so that it is not rearranged each time.
+    source: nn.Parameter
+    version: int
+    address: int
+    probes: Tensor
+    weight: Any
 
-    Args:
-        linear: Float32, on the CPU. Its weight is copied.
-    """
-
-    def __init__(self, linear: nn.Linear) -> None:
-        super().__init__()
-        # Packed tensors can be neither saved nor copied, so it is no buffer.
-        self._weight: Any = torch.ops.mkldnn._reorder_linear_weight(linear.weight.detach())
-        self._bias = None if linear.bias is None else linear.bias.detach()
-
-    def forward(self, x: Tensor) -> Tensor:
-        """(..., in) to (..., out)."""
-        out: Tensor = torch.ops.mkldnn._linear_pointwise(
-            x, self._weight, self._bias, "none", [], ""
+    def holds(self, weight: nn.Parameter) -> bool:
+        """Whether the weight is what was copied."""
+        return (
+            self.source is weight
+            and self.version == weight._version
+            and self.address == weight.data_ptr()
+            and torch.equal(self.probes, _probes(weight))
         )
-        return out
 
 
-def for_cpu(encoder: _M) -> _M:
-    """A copy of an encoder with packed linear layers: the same numbers but for rounding, sooner.
+class PackedLinears(TorchFunctionMode):
+    """A context in which linear layers on the CPU read weights that lie as oneDNN wants them.
 
-    The copy is for inference: it has no gradients, and no weights to save. What is not linear is
-    shared with the encoder.
+    Torch rearranges a weight each time it is used; here it is done once, and the copy is kept for
+    the next time. The numbers are the same but for rounding. Nothing about the modules changes, and
+    a weight that has changed is packed again: an optimiser, ``load_state_dict`` and any other
+    operation on it is noticed by its version, and what goes around that (``weight.data``) by its
+    address and by some numbers spread over it.
 
-    Args:
-        encoder: Float32, on the CPU.
-
-    Raises:
-        ConfigError: It is elsewhere or of another type, or torch has no oneDNN here.
+    Only float32 parameters on the CPU, where no gradients are kept, are packed; everything else,
+    and everything where this torch has no oneDNN or has it switched off
+    (``torch.backends.mkldnn.enabled = False``), is computed as ever. Copies cost the memory of the
+    weights once more. They are neither pickled nor copied: a copy of this object starts empty.
 
     Example:
-        >>> encoder = nn.Sequential(nn.Linear(8, 4), nn.ReLU())
+        >>> layer = nn.Linear(8, 4).requires_grad_(False)
         >>> x = torch.ones(2, 8)
-        >>> bool(torch.allclose(for_cpu(encoder)(x), encoder(x), atol=1e-6))
+        >>> with torch.no_grad(), PackedLinears():
+        ...     packed = layer(x)
+        >>> bool(torch.allclose(packed, layer(x), atol=1e-6))
         True
     """
-    if not torch.backends.mkldnn.is_available():  # type: ignore[no-untyped-call]
-        raise ConfigError("this torch has no oneDNN: use the encoder as it is")
-    kinds = sorted({f"{p.dtype} on {p.device}" for p in encoder.parameters()})
-    if kinds != ["torch.float32 on cpu"]:
-        raise ConfigError(f"the encoder is {', '.join(kinds)}: give it as encoder.float().cpu()")
-    shared = {id(x): x for x in (*encoder.parameters(), *encoder.buffers())}
-    found = copy.deepcopy(encoder, shared).eval()
-    for module in list(found.modules()):
-        for name, child in module.named_children():
-            if isinstance(child, nn.Linear):
-                setattr(module, name, PackedLinear(child))
-    return found
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._packed: dict[int, _Packed] = {}
+
+    def __reduce__(self) -> tuple[type[PackedLinears], tuple[()]]:
+        return PackedLinears, ()
+
+    def __torch_function__(
+        self,
+        func: Callable[..., Any],
+        types: Iterable[type],
+        args: tuple[Any, ...] = (),
+        kwargs: Mapping[str, Any] | None = None,
+    ) -> Any:
+        """Every function of torch; linear ones that can be, are computed with a packed weight."""
+        if func is F.linear and not kwargs and len(args) == 3 and _suits(args[0], args[1]):
+            x, weight, bias = args
+            return torch.ops.mkldnn._linear_pointwise(x, self._of(weight), bias, "none", [], "")
+        return func(*args, **(kwargs or {}))
+
+    def _of(self, weight: nn.Parameter) -> Any:
+        found = self._packed.get(id(weight))
+        if found is None or not found.holds(weight):
+            found = _Packed(
+                weight,
+                weight._version,
+                weight.data_ptr(),
+                _probes(weight).clone(),
+                torch.ops.mkldnn._reorder_linear_weight(weight.detach()),
+            )
+            self._packed[id(weight)] = found
+        return found.weight
+
+
+def _suits(x: Any, weight: Any) -> bool:
+    """Whether a linear layer can be computed with a packed weight."""
+    return (
+        isinstance(weight, nn.Parameter)
+        and weight.ndim == 2
+        and weight.is_contiguous()
+        and x.dtype == weight.dtype == torch.float32
+        and x.device.type == weight.device.type == "cpu"
+        and 0 not in (x.numel(), weight.numel())
+        and not weight.is_inference()  # has no version
+        and not torch.is_grad_enabled()
+        and not torch.is_autocast_enabled("cpu")
+        and bool(torch.backends.mkldnn.enabled)
+        and can_pack()
+    )
+
+
+@cache
+def can_pack() -> bool:
+    """Whether the private operators that are used here are what they were when this was written."""
+    try:
+        packed = torch.ops.mkldnn._reorder_linear_weight(torch.full((2, 3), 2.0))
+        found: Tensor = torch.ops.mkldnn._linear_pointwise(
+            torch.ones(1, 3), packed, torch.ones(2), "none", [], ""
+        )
+    except (AttributeError, RuntimeError, TypeError):
+        return False
+    return torch.equal(found, torch.full((1, 2), 7.0))
+
+
+def _probes(weight: Tensor) -> Tensor:
+    """Some numbers of a weight, from its first to its last row."""
+    flat = weight.detach().view(-1)
+    return flat[:: max(1, len(flat) // _PROBES - 1)]

@@ -11,7 +11,7 @@ from tactileforge.hub import cards, store
 from tactileforge.hub.table import clip, columns, page
 
 #: What ``zoo pack`` takes as ``key=value``.
-_PACK = ("out", "dtype", "name", "licence")
+_PACK = ("out", "dtype", "name", "licence", "encoder")
 
 
 def main(argv: Sequence[str]) -> int:

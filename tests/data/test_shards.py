@@ -1,9 +1,11 @@
 import json
+import math
 import struct
 import tarfile
 import zlib
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -97,6 +99,65 @@ def test_any_tool_reads_it(touch: Recording, tmp_path: Path) -> None:
         *(f"000000.image.{i:04d}.png" for i in range(2)),
         *(f"000000.{i:04d}.png" for i in range(5)),
     ]
+
+
+def _strict(path: Path) -> dict[str, Any]:
+    """The description of a shard's only recording, by the letter of the standard."""
+
+    def refuse(word: str) -> None:
+        raise AssertionError(f"{word} is no JSON")
+
+    with tarfile.open(path) as tar:
+        member = tar.extractfile("000000.json")
+        assert member is not None
+        about = json.loads(member.read(), parse_constant=refuse)
+    assert isinstance(about, dict)
+    return about
+
+
+@pytest.mark.parametrize("dtype", ["float16", "float32", "float64"])
+def test_what_is_not_known_is_null(touch: Recording, tmp_path: Path, dtype: str) -> None:
+    values = (np.arange(20).reshape(5, 2, 2) / 3).astype(dtype)
+    values[1, 0, 1] = values[3] = np.nan
+    some = replace(
+        touch, tracks={"pose": values, "whole": values[:1].repeat(5, 0)}, labels={"mass": math.nan}
+    )
+    shards.write(tmp_path / "a.tar", [packed(some)])
+    about = _strict(tmp_path / "a.tar")
+    rows = about["tracks"]["pose"]["values"]
+    assert rows[1] == [[float(values[1, 0, 0]), None], values[1, 1].tolist()]
+    assert rows[3] == [[None, None], [None, None]]
+    assert (about["force"][2], about["labels"]) == (None, {"mass": None})
+    (back,) = shards.read(tmp_path / "a.tar")
+    np.testing.assert_array_equal(back.tracks["pose"], values)
+    assert back.tracks["pose"].dtype == dtype
+    assert math.isnan(float(back.labels["mass"]))
+    np.testing.assert_array_equal(back.force, touch.force)
+
+
+def test_a_shard_written_with_nan_is_still_read(touch: Recording, tmp_path: Path) -> None:
+    values = np.array([0.0, np.nan, 2.0, 3.0, 4.0])
+    shards.write(tmp_path / "a.tar", [packed(replace(touch, tracks={"slip": values}))])
+    about = _strict(tmp_path / "a.tar")
+    about["tracks"]["slip"]["values"] = values.tolist()
+    stated = {key: value for key, value in about.items() if key != "crc32"}
+    about["crc32"] = zlib.crc32(json.dumps(stated, sort_keys=True).encode())
+    assert "NaN" in json.dumps(about)
+    found = shards._head(json.dumps(about).encode(), "a.tar")
+    np.testing.assert_array_equal(shards._track(found["tracks"]["slip"]), values)
+
+
+@pytest.mark.parametrize("what", ["force", "times", "track"])
+def test_infinity_is_an_error(touch: Recording, tmp_path: Path, what: str) -> None:
+    endless = np.full(5, np.inf)
+    changed: dict[str, Any] = {
+        "force": {"force": np.full((5, 3), np.inf, np.float32)},
+        "times": {"times": np.array([0.0, 0.1, 0.2, 0.3, np.nan])},
+        "track": {"tracks": {"slip": endless}},
+    }
+    with pytest.raises(DataError, match=r"cups/7.press.*: .* a number that no JSON has"):
+        shards.write(tmp_path / "a.tar", [packed(replace(touch, **changed[what]))])
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_same_content_gives_the_same_bytes(touch: Recording, tmp_path: Path) -> None:
@@ -261,11 +322,11 @@ def test_a_picture_of_a_thousand_million_pixels_is_refused(
     bomb = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + b"IHDR" + head
     bomb += struct.pack(">I", zlib.crc32(b"IHDR" + head))
     frames = replace(packed(touch), frames=[bomb] * 5)
-    monkeypatch.setattr(shards, "_shape", lambda picture: (side, side))
+    monkeypatch.setattr(shards, "size_of", lambda picture: (side, side))
     shards.write(path, [frames])
     with pytest.raises(DataError, match="31623 x 31623 pixels"):
         list(shards.read(path))
-    monkeypatch.setattr(shards, "_shape", lambda picture: (24, 32))
+    monkeypatch.setattr(shards, "size_of", lambda picture: (24, 32))
     shards.write(path, [frames])
     monkeypatch.undo()
     (back,) = shards.read(path)

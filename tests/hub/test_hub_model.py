@@ -1,5 +1,7 @@
 """A loaded model: any layout of pixels gives the vectors of the encoder, or an error that helps."""
 
+import copy
+import pickle
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -9,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from torch import Tensor
 
 import tactileforge
 from tactileforge.contracts import NEUTRAL_BACKGROUND
@@ -43,11 +46,64 @@ def test_vectors_are_those_of_the_encoder(
     with torch.no_grad():
         tokens, cls = vit(x, background, torch.tensor([1, 0]))
     names = ["digit", "gelsight"]
-    assert torch.equal(model.encode(frames, still, names), cls)
-    assert torch.equal(model.features(frames, still, names), tokens)
-    assert torch.equal(model.features(frames, still, names, tap="cls"), tokens[:, 0])
-    assert torch.equal(model.features(frames, still, names, tap="projected"), cls)
+    expected = {"tokens": tokens, "cls": tokens[:, 0], "projected": cls}
+    for tap, values in expected.items():
+        found = model.features(frames, still, names, tap=tap)
+        torch.testing.assert_close(found, values, atol=1e-5, rtol=0)
+    assert torch.equal(model.encode(frames, still, names), found)
     assert cls.dtype == torch.float32
+
+
+def test_weights_that_change_are_used(model: Model, frames: np.ndarray) -> None:
+    """The faster copies of weights never outlive what they are copies of."""
+
+    def check() -> Tensor:
+        found = model.encode(frames, "none", "digit")
+        x = torch.from_numpy(frames).movedim(-1, 2)
+        with torch.no_grad():
+            neutral = torch.full_like(x[:, 0], NEUTRAL_BACKGROUND)
+            cls = model.encoder(x, neutral, torch.ones(2).long())[1]
+        torch.testing.assert_close(found, cls, atol=1e-5, rtol=1e-4)
+        return found
+
+    before = check()
+    model.encoder.requires_grad_(True)
+    optimizer = torch.optim.SGD(model.encoder.parameters(), lr=1e-3)
+    x = torch.from_numpy(frames).movedim(-1, 2)
+    model.encoder(x, x[:, 0], torch.ones(2).long())[1].square().sum().backward()
+    optimizer.step()
+    stepped = check()
+    assert (stepped - before).abs().max() > 1e-2
+    model.encoder.load_state_dict({k: -v for k, v in model.encoder.state_dict().items()})
+    assert (check() - stepped).abs().max() > 1e-2
+    model.encoder.project = torch.nn.Linear(192, 512, bias=False)
+    check()
+    for parameter in model.encoder.parameters():
+        parameter.data.mul_(1.5)
+    check()
+
+
+def test_an_encoder_with_a_forward_of_its_own_is_asked_by_it(model: Model) -> None:
+    class Doubled(TactileViT):
+        def forward(self, *inputs: Tensor) -> tuple[Tensor, Tensor]:
+            tokens, cls = super().forward(*inputs)
+            return tokens, 2 * cls
+
+    clip = np.random.default_rng(0).integers(0, 256, (4, 40, 48, 3), dtype=np.uint8)
+    expected = model.encode(clip, "none", "digit")
+    encoder = Doubled("tiny", frames=4, image_size=32)
+    encoder.load_state_dict(model.encoder.state_dict())
+    found = Model(encoder, model.header).encode(clip, "none", "digit")
+    torch.testing.assert_close(found, 2 * expected, atol=1e-5, rtol=0)
+    forward = model.encoder.forward
+    model.encoder.forward = lambda *inputs: (forward(*inputs)[0], torch.zeros(1, 512))
+    assert not model.encode(clip, "none", "digit").any()
+
+
+def test_a_model_can_be_copied_after_use(model: Model, frames: np.ndarray) -> None:
+    expected = model.encode(frames, "none", "digit")
+    for other in (copy.deepcopy(model), pickle.loads(pickle.dumps(model))):
+        assert torch.equal(other.encode(frames, "none", "digit"), expected)
 
 
 def test_every_layout_is_the_same(model: Model, frames: np.ndarray, still: np.ndarray) -> None:

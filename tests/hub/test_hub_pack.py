@@ -41,13 +41,43 @@ def test_a_run_is_packed_and_loaded(run: Path, tmp_path: Path) -> None:
     for key, value in model.encoder.state_dict().items():
         assert torch.equal(value, state[f"encoder.{key}"])
     header = model.header
-    assert (header.name, header.licence, header.source) == ("mine.tiny", "CC0-1.0", {"steps": 2})
+    assert (header.name, header.licence) == ("mine.tiny", "CC0-1.0")
+    assert header.source == {"steps": 2, "encoder": "trained"}
     assert header.spacing == pytest.approx(1 / 15, abs=1e-3)
     assert header.recipe["objective"].keys() == {"pixel"}
     assert header.data["name"] == "sim"
     assert header.versions["torch"] == torch.__version__
     assert header.sensors["gelsight_mini"] == 3
     assert len(header.commit.removesuffix("-dirty")) in (0, 40)
+
+
+@pytest.mark.parametrize("objective", ["jepa", "dino"])
+def test_the_slow_copy_is_what_is_packed(objective: str, tmp_path: Path) -> None:
+    small = ["encoder.image_size=32", "batch.size=4", "data.scenes=3", "data.val=1"]
+    recipe = {"jepa": "vjepa", "dino": "dino"}[objective]
+    train(compose(recipe, ["scale=demo", "debug=steps", *small]), tmp_path)
+    state = checkpoints.read(tmp_path)["state_dict"]
+    places = {"slow": f"heads.{objective}.target.network", "trained": "encoder"}
+    for encoder, kind in ((None, "slow"), ("slow", "slow"), ("trained", "trained")):
+        model = tactileforge.load(pack.pack(tmp_path, encoder=encoder))
+        assert model.header.source == {"steps": 2, "encoder": kind}
+        for key, value in model.encoder.state_dict().items():
+            assert torch.equal(value, state[f"{places[kind]}.{key}"])
+    norm = "norm_out.weight"
+    assert not torch.equal(state[f"encoder.{norm}"], state[f"{places['slow']}.{norm}"])
+
+
+def test_no_slow_copy_and_several(run: Path) -> None:
+    with pytest.raises(ConfigError, match=r"found none; give encoder=trained"):
+        pack.pack(run, encoder="slow")
+    with pytest.raises(ConfigError, match="unknown encoder 'slw'; did you mean 'slow'"):
+        pack.pack(run, encoder="slw")  # type: ignore[arg-type]
+    one = {"encoder.norm.w": torch.ones(1), "heads.a.target.network.norm.w": torch.zeros(1)}
+    other = {"heads.b.target.network.norm.w": torch.zeros(1)}
+    part = {"heads.c.target.network.head.norm.w": torch.zeros(1)}
+    assert pack._choose(one | part, None, run) == ("slow", {"norm.w": torch.zeros(1)})
+    with pytest.raises(ConfigError, match=r"found heads.a.target, heads.b.target; give"):
+        pack._choose(one | other, None, run)
 
 
 def test_the_default_place_is_the_run(run: Path) -> None:

@@ -9,10 +9,11 @@ from torch.nn import functional as F
 
 from tactileforge.contracts import Batch
 from tactileforge.encoders.byte import ByteEncoder
+from tactileforge.encoders.positions import waves
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.encoders.vit import ImageViT
 from tactileforge.heads.align import Aligned, AlignHead
-from tactileforge.heads.decoder import Reconstruction, sincos
+from tactileforge.heads.decoder import Reconstruction
 from tactileforge.heads.diff import DiffHead
 from tactileforge.heads.force import ForceHead, Forces
 from tactileforge.heads.match import MatchHead, PairScores
@@ -65,10 +66,10 @@ def test_reconstruction_losses_are_the_papers() -> None:
 
 
 def test_decoder_positions_tell_every_place_apart() -> None:
-    codes = sincos((2, 3, 4), 64).flatten(0, 2)
+    codes = waves((2, 3, 4), 64).flatten(0, 2)
     assert codes.shape == (24, 64)
     assert torch.cdist(codes, codes).fill_diagonal_(9).min() > 0.1
-    assert sincos((2, 3, 4), 70).shape == (2, 3, 4, 70)
+    assert waves((2, 3, 4), 70).shape == (2, 3, 4, 70)
 
 
 def test_align_is_the_papers_over_the_largest_subsets() -> None:

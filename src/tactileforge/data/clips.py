@@ -175,7 +175,7 @@ class Clips(Dataset[dict[str, Any]]):
                     )
                 still = recording.no_contact.read(range(len(recording.no_contact)))
                 one = still[0] if len(still) == 1 else np.median(still, axis=0).astype(np.uint8)
-                found = _resize(one, self.size)
+                found = resized(one, self.size)
             self._cache.put(("background", number), found)
         return found
 
@@ -186,7 +186,7 @@ class Clips(Dataset[dict[str, Any]]):
         missing = [row for row, frame in found.items() if frame is None]
         if missing:
             for row, frame in zip(missing, frames.read(missing), strict=True):
-                found[row] = small = _resize(frame, size)
+                found[row] = small = resized(frame, size)
                 self._cache.put((*key, row), small)
         return np.stack([found[row] for row in rows])  # type: ignore[misc]
 
@@ -245,7 +245,8 @@ def object_id(name: str | None) -> int:
     return int.from_bytes(digest, "big") >> 1
 
 
-def _resize(frame: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
+def resized(frame: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
+    """A picture (H, W, 3) of another size, the way a model is shown those it is trained on."""
     if frame.shape[:2] == size:
         return np.ascontiguousarray(frame)
     shrinks = min(frame.shape[0] / size[0], frame.shape[1] / size[1]) >= 1

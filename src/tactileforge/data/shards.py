@@ -20,28 +20,26 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from tactileforge.contracts import Recording
-from tactileforge.data.cropped import as_text, check_range
-from tactileforge.errors import ConfigError, DataError, unknown
+from tactileforge.data.pictures import (
+    BLOCK,
+    CODECS,
+    GROUPS,
+    PackedFrames,
+    encode,
+    member_name,
+    size_of,
+)
+from tactileforge.errors import DataError
+
+__all__ = ["CODECS", "VERSION", "Packed", "PackedFrames", "encode", "head", "read", "write"]
 
 #: Version of the layout; a reader refuses another.
 VERSION = 2
 
-#: Codecs by the ending of their files, and how OpenCV is told of them.
-CODECS: dict[str, list[int]] = {
-    "jpg": [cv2.IMWRITE_JPEG_QUALITY, 95],
-    "png": [cv2.IMWRITE_PNG_COMPRESSION, 3],
-    "webp": [cv2.IMWRITE_WEBP_QUALITY, 101],  # above 100: lossless
-}
-
-#: What the groups of pictures are called in a member's name, in the order they are written.
-_GROUPS = {"background": "background.", "image": "image.", "frames": ""}
-_BLOCK = 512
 _JSON = re.compile(r"\d{6,}\.json")
 #: A JSON of more bytes, and a picture of more pixels, are none of ours.
 _MAX_JSON = 1 << 28
@@ -67,30 +65,6 @@ class Packed:
     image: Sequence[bytes]
 
 
-def encode(picture: NDArray[np.uint8], codec: str = "jpg", quality: int | None = None) -> bytes:
-    """Encodes a picture, uint8 (H, W, 3), RGB.
-
-    Args:
-        picture: The picture.
-        codec: ``jpg``, or without loss ``png`` or ``webp``.
-        quality: Of JPEG, 1 to 100; 95 if not given.
-
-    Raises:
-        ConfigError: An unknown codec, or a quality that is none.
-    """
-    if codec not in CODECS:
-        raise ConfigError(unknown("codec", codec, CODECS))
-    options = CODECS[codec]
-    if quality is not None:
-        if codec != "jpg" or not 1 <= quality <= 100:
-            raise ConfigError(f"quality={quality}: only jpg has one, from 1 to 100")
-        options = [cv2.IMWRITE_JPEG_QUALITY, quality]
-    done, out = cv2.imencode(f".{codec}", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), options)
-    if not done:
-        raise DataError(f"a picture of {picture.shape} could not be encoded as {codec}")
-    return out.tobytes()
-
-
 def head(recording: Recording) -> dict[str, Any]:
     """All of a recording but its pictures, as plain data."""
     force = None
@@ -108,9 +82,12 @@ def head(recording: Recording) -> dict[str, Any]:
         "object": recording.object,
         "text": recording.text,
         "image_times": None if seen is None else seen.tolist(),
-        "labels": dict(recording.labels),
+        "labels": {
+            name: None if isinstance(x, float) and math.isnan(x) else x
+            for name, x in recording.labels.items()
+        },
         "tracks": {
-            name: {"dtype": values.dtype.name, "values": values.tolist()}
+            name: {"dtype": values.dtype.name, "values": _plain(values)}
             for name, values in recording.tracks.items()
         },
         "source": recording.source,
@@ -119,8 +96,22 @@ def head(recording: Recording) -> dict[str, Any]:
     }
 
 
+def _plain(values: NDArray[Any]) -> list[Any]:
+    """Numbers as lists, NaN as None: there is no NaN in JSON."""
+    if values.dtype.kind == "f" and np.isnan(values).any():
+        unknown = np.isnan(values)
+        values = values.astype(object)
+        values[unknown] = None
+    out: list[Any] = values.tolist()
+    return out
+
+
 def write(path: Path, recordings: Iterable[Packed]) -> None:
-    """Writes a shard: beside its place, then renamed. The same content gives the same bytes."""
+    """Writes a shard: beside its place, then renamed. The same content gives the same bytes.
+
+    Raises:
+        DataError: A recording has a number that is infinite, or a time that is NaN; names it.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f"{path.name}.{os.getpid()}.part")
     try:
@@ -138,38 +129,29 @@ def _add(tar: tarfile.TarFile, stem: str, packed: Packed) -> None:
         info.size = len(content)
         tar.addfile(info, io.BytesIO(content))
 
-    pictures = {group: getattr(packed, group) for group in _GROUPS if getattr(packed, group)}
+    pictures = {group: getattr(packed, group) for group in GROUPS if getattr(packed, group)}
     about = packed.head | {
         "codec": packed.codec,
         "pictures": {
             group: {
-                "shape": _shape(encoded[0]),
+                "shape": size_of(encoded[0]),
                 "bytes": [len(picture) for picture in encoded],
                 "crc32": [zlib.crc32(picture) for picture in encoded],
             }
             for group, encoded in pictures.items()
         },
     }
-    member("json", json.dumps(about | {"crc32": _checksum(about)}).encode())
+    try:
+        text = json.dumps(about | {"crc32": _checksum(about)}, allow_nan=False)
+    except ValueError as error:
+        raise DataError(
+            f"{about['key']}: its times, forces, labels or tracks have a number that no JSON has "
+            f"({error}); correct it"
+        ) from error
+    member("json", text.encode())
     for group, encoded in pictures.items():
         for number, picture in enumerate(encoded):
-            member(_name(group, number, packed.codec), picture)
-
-
-def _name(group: str, number: int, codec: str) -> str:
-    return f"{_GROUPS[group]}{number:04d}.{codec}"
-
-
-def _shape(picture: bytes) -> tuple[int, int]:
-    """Height and width, from the header alone."""
-    if picture[:2] == b"\xff\xd8":  # JPEG: go from segment to segment to the start of frame
-        place = 2
-        while len(segment := picture[place : place + 9]) == 9:
-            if 0xC0 <= segment[1] <= 0xCF and segment[1] not in (0xC4, 0xC8, 0xCC):
-                return int.from_bytes(segment[5:7]), int.from_bytes(segment[7:9])
-            place += 2 + int.from_bytes(segment[2:4])
-    with Image.open(io.BytesIO(picture)) as opened:
-        return opened.height, opened.width
+            member(member_name(group, number, packed.codec), picture)
 
 
 def _checksum(about: dict[str, Any]) -> int:
@@ -212,7 +194,7 @@ def _scan(file: BinaryIO, path: Path, bad: Callable[[DataError], None]) -> Itera
         if member is None:
             break
         name, length = member
-        start, place = place + _BLOCK, place + _BLOCK + _padded(length)
+        start, place = place + BLOCK, place + BLOCK + _padded(length)
         pictures = place
         if not _JSON.fullmatch(name):  # after a damaged description, its pictures follow
             if ".." in name or name.startswith("/"):
@@ -232,15 +214,15 @@ def _scan(file: BinaryIO, path: Path, bad: Callable[[DataError], None]) -> Itera
         if place > size:
             break
         yield recording
-    if place + _BLOCK > size:  # a whole tar ends with blocks of zeros
+    if place + BLOCK > size:  # a whole tar ends with blocks of zeros
         bad(DataError(f"{path}: cut off at byte {size}; download or pack it again"))
 
 
 def _member(file: BinaryIO, path: Path, place: int) -> tuple[str, int] | None:
     """Name and size of the member at a place; None at the end."""
     file.seek(place)
-    block = file.read(_BLOCK)
-    if len(block) < _BLOCK or not block.strip(b"\0"):
+    block = file.read(BLOCK)
+    if len(block) < BLOCK or not block.strip(b"\0"):
         return None
     try:
         info = tarfile.TarInfo.frombuf(block, "utf-8", "surrogateescape")
@@ -250,7 +232,7 @@ def _member(file: BinaryIO, path: Path, place: int) -> tuple[str, int] | None:
 
 
 def _padded(size: int) -> int:
-    return -(-size // _BLOCK) * _BLOCK
+    return -(-size // BLOCK) * BLOCK
 
 
 def _head(text: bytes, where: str) -> dict[str, Any]:
@@ -277,7 +259,7 @@ def _recording(path: Path, stem: str, about: Any, place: int) -> tuple[Recording
     place = _padded(place)
     try:
         lazy = {}
-        for group in _GROUPS:
+        for group in GROUPS:
             if group not in about["pictures"]:
                 continue
             table = about["pictures"][group]
@@ -285,7 +267,7 @@ def _recording(path: Path, stem: str, about: Any, place: int) -> tuple[Recording
             crcs = np.array(table["crc32"], np.uint32)
             if not len(sizes) or sizes.shape != crcs.shape or sizes.min() < 0:
                 raise ValueError(f"{group}: {len(sizes)} sizes, {len(crcs)} checksums")
-            ends = place + np.cumsum(_BLOCK + -(-sizes // _BLOCK) * _BLOCK)
+            ends = place + np.cumsum(BLOCK + -(-sizes // BLOCK) * BLOCK)
             starts = np.concatenate([[place], ends[:-1]])
             place = int(ends[-1])
             height, width = map(int, table["shape"])
@@ -327,7 +309,7 @@ def _build(about: dict[str, Any], lazy: dict[str, PackedFrames]) -> Recording:
         text=about["text"],
         image=lazy.get("image"),
         image_times=None if seen is None else np.array(seen, np.float64),
-        labels=dict(about["labels"]),
+        labels={name: math.nan if x is None else x for name, x in dict(about["labels"]).items()},
         tracks=tracks,
         source=about["source"],
         tier=int(about["tier"]),
@@ -340,99 +322,3 @@ def _track(track: Any) -> NDArray[Any]:
     if dtype.kind not in "biuf":
         raise TypeError(f"a track of {dtype}")
     return np.array(track["values"], dtype)
-
-
-class PackedFrames:
-    """Pictures in a shard, read and checked where they lie.
-
-    Args:
-        name: Of the recording, for messages.
-        path: The shard.
-        stem: What the members' names begin with.
-        group: ``frames``, ``background`` or ``image``.
-        codec: One of `CODECS`.
-        shape: Height and width.
-        starts: int64 (n,), where the header of each member begins.
-        sizes: int64 (n,), bytes of each picture.
-        crcs: uint32 (n,), CRC-32 of each.
-    """
-
-    def __init__(
-        self,
-        name: str,
-        path: Path,
-        stem: str,
-        group: str,
-        codec: str,
-        shape: tuple[int, int],
-        starts: NDArray[np.int64],
-        sizes: NDArray[np.int64],
-        crcs: NDArray[np.uint32],
-    ) -> None:
-        if codec not in CODECS:
-            raise DataError(f"{name}: {unknown('codec', str(codec), CODECS)}")
-        self.name = name
-        self.path = path
-        self.stem = stem
-        self.group = group
-        self.codec = codec
-        self.shape = shape
-        self.starts, self.sizes, self.crcs = starts, sizes, crcs
-
-    def __len__(self) -> int:
-        return len(self.sizes)
-
-    def encoded(self, i: int) -> bytes:
-        """The bytes of one picture.
-
-        Raises:
-            DataError: They are not where the JSON says, or are damaged.
-        """
-        try:
-            with self.path.open("rb") as file:
-                return self._checked(file, i)
-        except OSError as error:
-            raise DataError(f"{self.path}: cannot be read ({error})") from error
-
-    def read(self, indices: Sequence[int]) -> NDArray[np.uint8]:
-        """Decodes; see `contracts.Frames.read`."""
-        check_range(indices, len(self), self.name)
-        out = np.empty((len(indices), *self.shape, 3), np.uint8)
-        try:
-            with self.path.open("rb") as file:
-                for place, i in enumerate(indices):
-                    out[place] = self._decoded(self._checked(file, i), i)
-        except OSError as error:
-            raise DataError(f"{self.path}: cannot be read ({error})") from error
-        return out
-
-    def _checked(self, file: BinaryIO, i: int) -> bytes:
-        size = int(self.sizes[i])
-        file.seek(int(self.starts[i]))
-        block = file.read(_BLOCK + size)
-        member = f"{self.stem}.{_name(self.group, i, self.codec)}"
-        if block[:100].rstrip(b"\0") != member.encode():
-            raise DataError(f"{self.path}: {member} of {self.name} is not there; pack it again")
-        picture = block[_BLOCK:]
-        if len(picture) != size or zlib.crc32(picture) != int(self.crcs[i]):
-            raise DataError(
-                f"{self.path}: {member} of {self.name} is damaged; download or pack it again"
-            )
-        return picture
-
-    def _decoded(self, picture: bytes, i: int) -> NDArray[np.uint8]:
-        found = self.shape
-        try:
-            found = _shape(picture)  # before anything of that size is allocated
-        except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-            raise DataError(f"{self.name}, {self.group} {i}: no picture ({error})") from error
-        if found != self.shape:
-            raise DataError(
-                f"{self.name}, {self.group} {i}: {as_text(found)} pixels, where "
-                f"{as_text(self.shape)} are stated; pack it again"
-            )
-        frame = cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR_RGB)
-        if frame is None:
-            raise DataError(f"{self.name}, {self.group} {i}: cannot be decoded; pack it again")
-        out: NDArray[np.uint8] = frame
-        return out

@@ -40,6 +40,8 @@ class Backbone(nn.Module):
         prefix: Tokens before the patches.
         grid: Temporal slots, rows, columns.
         universal: Row of the universal sensor; None where there is none.
+        sums_class: Whether the class token is all that `summary` reads, and `encode` knows
+            ``class_only``.
 
     Raises:
         ConfigError: Sizes that the tubes do not divide, or a mask that hides everything.
@@ -51,6 +53,7 @@ class Backbone(nn.Module):
     project: nn.Module
     sensors: dict[str, int]
     universal: int | None = None
+    sums_class = False
 
     def __init__(
         self,
@@ -89,16 +92,23 @@ class Backbone(nn.Module):
         """Rows of the sensor table, int64 (B,)."""
 
     @abstractmethod
-    def encode(self, patches: Tensor, sensor: Tensor, kept: Tensor | None = None) -> Tensor:
+    def encode(
+        self,
+        patches: Tensor,
+        sensor: Tensor,
+        kept: Tensor | None = None,
+        class_only: bool = False,
+    ) -> Tensor:
         """The last hidden state.
 
         Args:
             patches: float (B, slots, N, P).
             sensor: int64 (B,), rows of the sensor table.
             kept: int64 (B, K), spatial positions to embed; None embeds all.
+            class_only: Whether the class token will do; the last block is then spared the others.
 
         Returns:
-            float (B, prefix + slots * (K or N), width).
+            float (B, prefix + slots * (K or N), width), or (B, 1, width).
         """
 
     @abstractmethod
@@ -129,6 +139,26 @@ class Backbone(nn.Module):
         """
         tokens = self.encode(self.patchify(self.preprocess(frames, background, sensor)), sensor)
         return tokens, self.summary(tokens)
+
+    def class_tokens(
+        self, frames: Tensor, background: Tensor, sensor: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """The first token (B, width), and projected class tokens (B, projected), as of `forward`.
+
+        It takes less time where the class token is all that is projected. For inference: hooks on
+        the encoder itself are not called.
+
+        Args:
+            frames: See `forward`.
+            background: See `forward`.
+            sensor: See `forward`.
+        """
+        patches = self.patchify(self.preprocess(frames, background, sensor))
+        if self.sums_class:
+            tokens = self.encode(patches, sensor, class_only=True)
+        else:
+            tokens = self.encode(patches, sensor)
+        return tokens[:, 0], self.summary(tokens)
 
     def views(self, batch: Batch, universal: float = 0.0) -> TactileViews:
         """Starts the views of a batch; see `contracts.Encoder.views`."""

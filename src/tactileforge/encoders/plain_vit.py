@@ -154,6 +154,7 @@ class PlainViT(Backbone):
                 f"sensor; it is {self.sensors}"
             )
         self.pool = pool
+        self.sums_class = pool == "class"
         self.norm_tokens = norm == "tokens"
         self.length = length
         self.prefix = int(class_token)
@@ -189,14 +190,20 @@ class PlainViT(Backbone):
             rows = [self.sensors[name] for name in sensor]
         return torch.tensor(rows).to(self.norm_out.weight.device, non_blocking=True)
 
-    def encode(self, patches: Tensor, sensor: Tensor, kept: Tensor | None = None) -> Tensor:
+    def encode(
+        self,
+        patches: Tensor,
+        sensor: Tensor,
+        kept: Tensor | None = None,
+        class_only: bool = False,
+    ) -> Tensor:
         """Last hidden state, normed unless the norm is for what is pooled; see `Backbone`."""
         x = self._stems(patches, sensor, kept)
         count = 0
         if self.registers is not None:
             count = len(self.registers)
             x = torch.cat([self.registers.expand(len(x), -1, -1), x], dim=1)
-        x = self.transformer(x)[:, count:]
+        x = self.transformer(x, only=count) if class_only else self.transformer(x)[:, count:]
         out: Tensor = self.norm_out(x) if self.norm_tokens else x
         return out
 

@@ -42,14 +42,19 @@ class Attention(nn.Module):
         self.out = nn.Linear(width, width)
         self.bias_kv = nn.Parameter(torch.zeros(2, width)) if bias_kv else None
 
-    def forward(self, x: Tensor, mask: Tensor | None = None) -> Tensor:
-        """Attends over (B, L, width); ``mask`` is bool (B, 1, 1, L), True where a key is seen."""
+    def forward(self, x: Tensor, mask: Tensor | None = None, only: int | None = None) -> Tensor:
+        """Attends over (B, L, width); ``mask`` is bool (B, 1, 1, L), True where a key is seen.
+
+        With ``only``, the number of a token, what that one reads: (B, 1, width).
+        """
         query, key, value = (
             self.qkv(x).unflatten(-1, (3, self.heads, -1)).permute(2, 0, 3, 1, 4).unbind(0)
         )
         if self.bias_kv is not None:
             extra = self.bias_kv.view(2, 1, self.heads, 1, -1).expand(-1, len(x), -1, -1, -1)
             key, value = torch.cat([key, extra[0]], dim=2), torch.cat([value, extra[1]], dim=2)
+        if only is not None:
+            query = query[:, :, only : only + 1]
         x = F.scaled_dot_product_attention(query, key, value, attn_mask=mask)
         out: Tensor = self.out(x.transpose(1, 2).flatten(2))
         return out
@@ -88,9 +93,10 @@ class Block(nn.Module):
             self.scale1 = nn.Parameter(torch.full((width,), layer_scale))
             self.scale2 = nn.Parameter(torch.full((width,), layer_scale))
 
-    def forward(self, x: Tensor, mask: Tensor | None = None) -> Tensor:
-        """(B, L, width) to the same."""
-        change = self.attention(self.norm1(x), mask)
+    def forward(self, x: Tensor, mask: Tensor | None = None, only: int | None = None) -> Tensor:
+        """(B, L, width) to the same; with ``only``, that token of it alone: (B, 1, width)."""
+        change = self.attention(self.norm1(x), mask, only)
+        x = x if only is None else x[:, only : only + 1]
         x = x + (change if self.scale1 is None else change * self.scale1)
         change = self.mlp(self.norm2(x))
         out: Tensor = x + (change if self.scale2 is None else change * self.scale2)
@@ -115,11 +121,12 @@ class Transformer(nn.Module):
             Block(width, heads, eps, activation, bias_kv, layer_scale) for _ in range(depth)
         )
 
-    def forward(self, x: Tensor, mask: Tensor | None = None) -> Tensor:
-        """(B, L, width) to the same."""
-        for block in self.blocks:
-            x = block(x, mask)
-        return x
+    def forward(self, x: Tensor, mask: Tensor | None = None, only: int | None = None) -> Tensor:
+        """(B, L, width) to the same; with ``only``, that token of it alone: (B, 1, width)."""
+        last = len(self.blocks) - 1
+        for number, block in enumerate(self.blocks):
+            x = block(x, mask, only if number == last else None)
+        return x if only is None or last >= 0 else x[:, only : only + 1]
 
 
 class AttentivePooler(nn.Module):

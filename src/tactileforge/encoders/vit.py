@@ -8,6 +8,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
+from tactileforge.encoders.positions import waves
 from tactileforge.encoders.tactile_vit import CLIP_MEAN, CLIP_STD
 from tactileforge.encoders.transformer import Transformer, init_weights, size_of
 
@@ -41,9 +42,10 @@ class ImageViT(nn.Module):
         super().__init__()
         self.width, blocks, heads = size_of(size)
         self.image_size = image_size
+        rows = image_size // patch
         self.embed = nn.Conv2d(3, self.width, patch, patch)
         self.class_token = nn.Parameter(torch.empty(self.width))
-        self.position = nn.Parameter(torch.empty((image_size // patch) ** 2, self.width))
+        self.position = nn.Parameter(torch.empty(rows * rows, self.width))
         self.transformer = Transformer(self.width, depth or blocks, heads)
         self.norm = nn.LayerNorm(self.width)
         self.register_buffer("mean", torch.tensor(CLIP_MEAN).view(3, 1, 1), persistent=False)
@@ -52,7 +54,8 @@ class ImageViT(nn.Module):
         self.std: Tensor
         self.apply(init_weights)
         nn.init.normal_(self.class_token, std=0.02)
-        nn.init.normal_(self.position, std=0.02)
+        with torch.no_grad():
+            self.position.copy_(0.5 * waves((1, rows, rows), self.width).flatten(0, 2))
         self.requires_grad_(not frozen)
 
     def forward(self, images: Tensor) -> Tensor:

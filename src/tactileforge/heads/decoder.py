@@ -8,6 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from tactileforge.contracts import Encoder, MaskedFeatures
+from tactileforge.encoders.positions import waves
 from tactileforge.encoders.transformer import Transformer, init_weights
 
 
@@ -51,7 +52,7 @@ class MaskedDecoder(nn.Module):
         self.transformer = Transformer(width, depth, heads)
         self.norm = nn.LayerNorm(width)
         self.predict = nn.Linear(width, out or 3 * encoder.tube * encoder.patch**2)
-        self.register_buffer("position", sincos(encoder.grid, width), persistent=False)
+        self.register_buffer("position", waves(encoder.grid, width), persistent=False)
         self.position: Tensor
         self.apply(init_weights)
         nn.init.normal_(self.mask_token, std=0.02)
@@ -85,22 +86,3 @@ def masked_patches(patches: Tensor, features: MaskedFeatures) -> Tensor:
     """The patches or tokens (B, slots, N, P) at the masked positions: (B, slots, M, P)."""
     index = features.masked[:, None, :, None].expand(-1, patches.shape[1], -1, patches.shape[-1])
     return patches.gather(2, index)
-
-
-def sincos(grid: tuple[int, int, int], width: int) -> Tensor:
-    """Fixed positions (slots, rows, columns, width): sines and cosines of each coordinate.
-
-    A quarter of the width codes the slot, the rest is shared by row and column; frequencies fall
-    geometrically from 1 to 1/10000 (Vaswani et al. 2017, Attention Is All You Need).
-    """
-    slot = width // 8 * 2
-    row = (width - slot) // 4 * 2
-    parts = []
-    for axis, (count, size) in enumerate(zip(grid, (slot, row, width - slot - row), strict=True)):
-        half = (size + 1) // 2
-        angle = torch.arange(count)[:, None] / 10000 ** (torch.arange(half) / half)
-        code = torch.cat([angle.sin(), angle.cos()], dim=1)[:, :size]
-        shape = [1, 1, 1, size]
-        shape[axis] = count
-        parts.append(code.view(shape).expand(*grid, size))
-    return torch.cat(parts, dim=-1)

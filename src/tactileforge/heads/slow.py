@@ -13,7 +13,8 @@ class SlowCopy(nn.Module):
     """The moving average of a network's weights; no gradient reaches it.
 
     After each step ``slow = keep * slow + (1 - keep) * fast``, where ``keep`` rises linearly from
-    ``momentum`` at the start of the run to 1 at its end. It is always in evaluation mode.
+    ``momentum`` at the start of the run to 1 at its end. It is always in evaluation mode. Where a
+    head has one of the encoder, it is what `hub.pack.pack` makes a file of.
 
     Args:
         network: What is followed.

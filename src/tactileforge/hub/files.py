@@ -67,6 +67,7 @@ def save(
     encoder: nn.Module,
     header: Header,
     dtype: Literal["float32", "float16"] = "float32",
+    heads: Mapping[str, nn.Module] | None = None,
 ) -> None:
     """Writes a one-file checkpoint; the same weights and header give the same bytes.
 
@@ -75,14 +76,21 @@ def save(
         encoder: Its state is kept.
         header: See `describe`.
         dtype: Type in which fractions are kept; they are float32 again after loading.
+        heads: Those that the header names; their state is kept under ``head.NAME.``.
 
     Raises:
         ConfigError: An unknown type, a number that is not finite or does not fit it.
     """
     if dtype not in DTYPES:
         raise ConfigError(f"dtype={dtype}: give {' or '.join(DTYPES)}")
+    modules = {"": encoder, **{_of_head(name): head for name, head in (heads or {}).items()}}
+    tensors = {
+        prefix + name: tensor
+        for prefix, module in modules.items()
+        for name, tensor in module.state_dict().items()
+    }
     state = {}
-    for name, tensor in encoder.state_dict().items():
+    for name, tensor in tensors.items():
         kept = tensor.detach().cpu()
         if kept.is_floating_point():
             kept = kept.to(DTYPES[dtype])
@@ -101,15 +109,29 @@ def save(
         part.replace(path)
 
 
+def _of_head(name: str) -> str:
+    """How the tensors of a head begin."""
+    return f"head.{name}."
+
+
 def open_encoder(path: str | Path, frames: int | None = None) -> tuple[Any, Header]:
-    """Builds the encoder of a one-file checkpoint and fills it, all of it.
+    """The encoder of a one-file checkpoint, and the header; see `open_model`."""
+    encoder, _, header = open_model(path, frames)
+    return encoder, header
+
+
+def open_model(
+    path: str | Path, frames: int | None = None
+) -> tuple[Any, dict[str, nn.Module], Header]:
+    """Builds the encoder and the heads of a one-file checkpoint and fills them, all of them.
 
     Args:
         path: The file.
-        frames: Another number of frames: learned positions are interpolated over time.
+        frames: Another number of frames: learned positions are interpolated over time. Heads are
+            made for one number of frames, and are left out then.
 
     Returns:
-        The encoder, float32, in eval mode, on the CPU, and the header.
+        The encoder, float32, in eval mode, on the CPU; its heads by name, likewise; the header.
 
     Raises:
         DataError: See `header.read_header`; or its tensors are not those of the encoder.
@@ -130,16 +152,37 @@ def open_encoder(path: str | Path, frames: int | None = None) -> tuple[Any, Head
         state = load_file(path)
     except SafetensorError as error:
         raise DataError(f"{path}: damaged: {error}; fetch or write it again") from error
+    heads = {} if other else _open_heads(path, header, encoder, state)
+    state = {key: x for key, x in state.items() if not _is_of_head(key, header)}
     if other:
         fill(before, state, str(path))
         state = _over_time(before, encoder)
     fill(encoder, state, str(path))
     encoder.requires_grad_(False)
-    return encoder.eval(), header
+    return encoder.eval(), heads, header
+
+
+def _is_of_head(key: str, header: Header) -> bool:
+    return any(key.startswith(_of_head(name)) for name in header.heads)
+
+
+def _open_heads(
+    path: Path, header: Header, encoder: Any, state: Mapping[str, Tensor]
+) -> dict[str, nn.Module]:
+    """The heads that the header names, filled and frozen."""
+    heads: dict[str, nn.Module] = {}
+    for name, entry in header.heads.items():
+        prefix = _of_head(name)
+        with torch.random.fork_rng(devices=[]):
+            head: nn.Module = registry.build("heads", entry["node"], encoder=encoder)
+        own = {key.removeprefix(prefix): x for key, x in state.items() if key.startswith(prefix)}
+        fill(head, own, f"{path}, head {name}")
+        heads[name] = head.requires_grad_(False).eval()
+    return heads
 
 
 def fill(encoder: nn.Module, state: Mapping[str, Tensor], where: str) -> None:
-    """Loads a state strictly; the types of the encoder's own numbers stay.
+    """Loads a state strictly; the types of the module's own numbers stay.
 
     Raises:
         DataError: Tensors are missing, left over or of another shape; lists them.

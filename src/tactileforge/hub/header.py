@@ -44,6 +44,8 @@ class Header:
         data: Training data: name of the data set, and the licences of its recordings.
         recipe: The resolved recipe; empty for imported weights.
         source: Steps of the run, or the published file and its sha256.
+        heads: Heads that are kept with the encoder, by name: plugin and constructor arguments
+            (``node``), and the newton that count as 1 for each sensor (``scale``).
     """
 
     format: int
@@ -61,6 +63,7 @@ class Header:
     data: dict[str, Any] = field(default_factory=dict)
     recipe: dict[str, Any] = field(default_factory=dict)
     source: dict[str, Any] = field(default_factory=dict)
+    heads: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     def metadata(self) -> dict[str, str]:
         """The metadata of the safetensors file.
@@ -68,8 +71,11 @@ class Header:
         Raises:
             ConfigError: It is no plain data, or longer than a reader accepts.
         """
+        given = asdict(self)
+        if not self.heads:  # so files without heads are what they always were
+            del given["heads"]
         try:
-            text = json.dumps(asdict(self), sort_keys=True, allow_nan=False)
+            text = json.dumps(given, sort_keys=True, allow_nan=False)
         except (TypeError, ValueError) as error:
             raise ConfigError(f"the header of a checkpoint is plain data: {error}") from error
         if len(text.encode()) > _LONGEST_OWN:
@@ -112,6 +118,9 @@ def _parse(given: Any) -> Header:
     header = strict.build(Header, "the header", given)
     if not isinstance(header.encoder.get("name"), str):
         raise ConfigError("the header: encoder has no name")
+    for key, head in header.heads.items():
+        if not isinstance(strict.mapping(f"head {key}", head.get("node")).get("name"), str):
+            raise ConfigError(f"the header: head {key} has no name")
     return header
 
 

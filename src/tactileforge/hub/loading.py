@@ -50,17 +50,17 @@ def load(
         card, weight = cards.find(name_or_file)
         path = store.fetch(card, weight)
 
-    from tactileforge.hub.files import open_encoder
+    from tactileforge.hub.files import open_model
     from tactileforge.hub.model import Model
 
-    encoder, header = open_encoder(path, frames)
+    encoder, heads, header = open_model(path, frames)
     if frames is not None and frames != header.input.get("frames", frames):
         warnings.warn(
             f"{name_or_file} was trained on {header.input['frames']} frames; its positions were "
             f"interpolated to {frames}: measure it on your task",
             stacklevel=2,
         )
-    return Model(encoder, header, card, device)
+    return Model(encoder, header, card, device, heads)
 
 
 def list_models(pattern: str = "*", *, weights: bool = False) -> list[str]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from itertools import islice
 from pathlib import Path
 from typing import Any, Literal
@@ -11,11 +12,15 @@ from typing import Any, Literal
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
+from torch import Tensor, nn
 
 from tactileforge.contracts import Frames
+from tactileforge.cpu import PackedLinears
+from tactileforge.encoders.backbone import Backbone
 from tactileforge.errors import ConfigError, unknown
+from tactileforge.hub import forces
 from tactileforge.hub.cards import Card
+from tactileforge.hub.forces import Readings
 from tactileforge.hub.header import Header
 from tactileforge.hub.inputs import Images, prepare
 from tactileforge.hub.video import Times, cut, open_video
@@ -29,13 +34,16 @@ class Model:
     """An encoder in eval mode, with its preprocessing and what is known of it.
 
     It is frozen: `encode` keeps no gradients. The encoder itself can be trained like any module,
-    after ``model.encoder.requires_grad_(True)``.
+    after ``model.encoder.requires_grad_(True)``, and `encode` goes by its weights of the moment. On
+    a CPU, `encode` keeps a copy of linear weights that is faster to read, made at the first call
+    and again when they change; see `PackedLinears`.
 
     Args:
         encoder: A touch encoder; see `contracts.Encoder`.
         header: Of its file.
         card: Of the zoo, where it has one.
         device: Where it computes.
+        heads: Those of its file, by name; `force` and `readings` use ``force``.
 
     Attributes:
         encoder: The ``torch.nn.Module``.
@@ -43,6 +51,7 @@ class Model:
         card: Of the zoo, or None.
         frames: Frames of a clip, T.
         projected: Size of a vector.
+        heads: Frozen; empty where the file has none.
     """
 
     def __init__(
@@ -51,16 +60,19 @@ class Model:
         header: Header,
         card: Card | None = None,
         device: str | torch.device = "cpu",
+        heads: Mapping[str, nn.Module] | None = None,
     ) -> None:
         self.encoder = encoder.to(device).eval()
         self.header = header
         self.card = card
         self.device = torch.device(device)
+        self.heads = {name: head.to(device).eval() for name, head in (heads or {}).items()}
         self.frames: int = encoder.frames
         self.projected: int = encoder.projected
         if hasattr(encoder, "unknown_sensor"):
             encoder.unknown_sensor = "error"  # the policy is an argument of `encode`
         self._any_sensor = _takes_any_sensor(encoder)
+        self._packed = PackedLinears()
 
     @property
     def sensors(self) -> list[str]:
@@ -158,11 +170,78 @@ class Model:
         steps = getattr(self.encoder, "pixels", None)
         needed = getattr(steps, "offset", 0) is not None
         x, still, single = prepare(frames, background, self.frames, needed)
-        rows = self._rows(sensor, len(x), unknown_sensor)
+        rows = self._rows(self._names(sensor, len(x)), unknown_sensor)
         parts = zip(*(torch.split(part, batch_size) for part in (x, still, rows)), strict=True)
         with torch.no_grad():
-            out = torch.cat([self._tap(tap, *part) for part in parts])
+            out = torch.cat([self._taps(tap == "tokens", *part)[tap].float() for part in parts])
         return out[0] if single else out
+
+    def force(
+        self,
+        frames: Images,
+        background: Images | str | None = None,
+        sensor: str | Sequence[str] | None = None,
+    ) -> Tensor:
+        """The force of the object on the gel in frames 2..T of each clip.
+
+        Args:
+            frames: See `encode`.
+            background: See `encode`.
+            sensor: See `encode`; the universal tokens do not fit forces.
+
+        Returns:
+            float32 (T - 1, 3), or (B, T - 1, 3) for a batch, N; axes as in `contracts`.
+
+        Raises:
+            ConfigError: The file has no force head, or no scale for a sensor.
+            DataError: See `encode`.
+        """
+        if "force" not in self.heads:
+            raise ConfigError(
+                f"{self!r} has no force head: pack a run whose objectives include force "
+                "(tactileforge zoo pack RUN)"
+            )
+        found = self.readings(frames, background, sensor).force
+        if found is None:
+            known = self.header.heads["force"].get("scale", {})
+            raise ConfigError(f"force: say which sensor it is, one of: {', '.join(known)}")
+        return found
+
+    def readings(
+        self,
+        frames: Images,
+        background: Images | str | None = None,
+        sensor: str | Sequence[str] | None = None,
+        *,
+        unknown_sensor: Policy = "error",
+    ) -> Readings:
+        """Vectors and forces of clips, from one pass of the encoder.
+
+        Args:
+            frames: See `encode`.
+            background: See `encode`.
+            sensor: See `encode`.
+            unknown_sensor: See `encode`.
+
+        Raises:
+            DataError: See `encode`.
+            ConfigError: See `encode`.
+        """
+        steps = getattr(self.encoder, "pixels", None)
+        needed = getattr(steps, "offset", 0) is not None
+        x, still, single = prepare(frames, background, self.frames, needed)
+        names = self._names(sensor, len(x))
+        head = self.heads.get("force")
+        scale = None if head is None else forces.scales(self.header.heads["force"], names)
+        with torch.no_grad():
+            out = self._taps(scale is not None, x, still, self._rows(names, unknown_sensor))
+            vector, force = out["projected"].float(), None
+            if head is not None and scale is not None:
+                units = forces.normalised(head, self.encoder, out["tokens"], out["projected"])
+                force = units * scale.to(units.device)
+        if single:
+            return Readings(vector[0], None if force is None else force[0])
+        return Readings(vector, force)
 
     def cut(
         self, video: str | Path | Frames, hop: float = 0.2, times: Times | None = None
@@ -224,26 +303,43 @@ class Model:
             vectors.append(self.encode(stacked, background, sensor, unknown_sensor=unknown_sensor))
         return np.array(ends), torch.cat(vectors)
 
-    def _tap(self, tap: Tap, frames: Tensor, background: Tensor, rows: Tensor) -> Tensor:
-        out = self.encoder(frames.to(self.device), background.to(self.device), rows.to(self.device))
-        tokens, projected = out
-        found: Tensor = {"tokens": tokens, "cls": tokens[:, 0], "projected": projected}[tap]
-        return found.float()
+    def _taps(
+        self, tokens: bool, frames: Tensor, background: Tensor, rows: Tensor
+    ) -> dict[str, Tensor]:
+        """What the encoder gives at each tap; ``tokens`` only if wanted."""
+        inputs = [part.to(self.device) for part in (frames, background, rows)]
+        # an encoder with a `forward` of its own, or one put on it, is asked by that
+        own = getattr(self.encoder.forward, "__func__", None) is Backbone.forward
+        out: dict[str, Tensor] = {}
+        with self._packed if own else nullcontext():
+            if own and not tokens:
+                out["cls"], out["projected"] = self.encoder.class_tokens(*inputs)
+            else:
+                out["tokens"], out["projected"] = self.encoder(*inputs)
+                out["cls"] = out["tokens"][:, 0]
+        return out
 
-    def _rows(self, sensor: str | Sequence[str] | None, count: int, policy: Policy) -> Tensor:
-        """Rows of the sensor table, int64 (count,)."""
-        if policy not in ("error", "universal"):
-            raise ConfigError(f"unknown_sensor={policy!r}: give error or universal")
-        if self._any_sensor:
-            return torch.zeros(count, dtype=torch.int64)
+    def _names(self, sensor: str | Sequence[str] | None, count: int) -> list[str]:
+        """A name for each clip; "" where none is given and none is needed."""
         known: dict[str, int] = self.encoder.sensors
-        if sensor is None:
+        if sensor is None and self._any_sensor:
+            sensor = ""
+        elif sensor is None:
             if len(known) > 1:
                 raise ConfigError(f"which sensor? Give sensor=..., one of: {', '.join(known)}")
             sensor = next(iter(known))
         names = [sensor] * count if isinstance(sensor, str) else list(sensor)
         if len(names) != count:
             raise ConfigError(f"{len(names)} sensors for {count} clips: one name, or one a clip")
+        return names
+
+    def _rows(self, names: Sequence[str], policy: Policy) -> Tensor:
+        """Rows of the sensor table, int64, one for each name."""
+        if policy not in ("error", "universal"):
+            raise ConfigError(f"unknown_sensor={policy!r}: give error or universal")
+        if self._any_sensor:
+            return torch.zeros(len(names), dtype=torch.int64)
+        known: dict[str, int] = self.encoder.sensors
         universal: int | None = getattr(self.encoder, "universal", None)
         if universal is not None:
             known = {"universal": universal, **known}

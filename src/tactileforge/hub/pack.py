@@ -5,15 +5,21 @@ from __future__ import annotations
 import json
 import subprocess
 from collections.abc import Mapping
+from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any, Literal
 
 from omegaconf import OmegaConf
+from torch import Tensor, nn
 
 from tactileforge import checkpoints, registry
-from tactileforge.errors import ConfigError, DataError, DataNotFoundError
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
 from tactileforge.hub import cards, files, store
+from tactileforge.specs import spec
+
+#: Heads that are of use without an objective, and what `Model` reads with them.
+KEPT_HEADS = ("force",)
 
 
 def pack(
@@ -23,8 +29,13 @@ def pack(
     dtype: Literal["float32", "float16"] = "float32",
     name: str = "",
     licence: str = cards.NO_LICENCE,
+    encoder: Literal["trained", "slow"] | None = None,
 ) -> Path:
-    """Makes a one-file checkpoint of the encoder that a run trained.
+    """Makes a one-file checkpoint of a run's encoder, with its force head if it has one.
+
+    V-JEPA and DINO are published and evaluated by the slow copy of the encoder, which the
+    objective's head keeps (`heads.slow.SlowCopy`), so that is what is packed where there is one.
+    A head is kept beside the encoder that it was trained on, and not beside a slow copy.
 
     Args:
         run: Folder of the run: its ``config.yaml`` and last checkpoint are read.
@@ -32,6 +43,8 @@ def pack(
         dtype: Type in which numbers are kept.
         name: Name of the model.
         licence: SPDX identifier of the weights.
+        encoder: ``trained``, the encoder that the optimiser changed, or ``slow``, its slow copy;
+            None takes the slow copy where the run has one. The header says which it is.
 
     Returns:
         The file.
@@ -39,7 +52,7 @@ def pack(
     Raises:
         DataNotFoundError: The folder is not that of a run.
         DataError: Checkpoint and configuration do not fit.
-        ConfigError: See `files.save`.
+        ConfigError: See `files.save`; or no slow copy, or several.
     """
     run = Path(run)
     path = Path(out) if out is not None else run / "model.safetensors"
@@ -47,28 +60,74 @@ def pack(
     versions = run / "versions.json"
     kept: dict[str, Any] = json.loads(versions.read_text("utf-8")) if versions.is_file() else {}
     checkpoint = checkpoints.read(run)
-    encoder = registry.build("encoders", config["encoder"])
-    prefix = "encoder."
-    state = {
-        key.removeprefix(prefix): value
-        for key, value in checkpoint["state_dict"].items()
-        if key.startswith(prefix)
-    }
-    files.fill(encoder, state, str(run))
+    kind, state = _choose(checkpoint["state_dict"], encoder, run)
+    built = registry.build("encoders", config["encoder"])
+    files.fill(built, state, str(run))
+    heads = _heads(config, built, checkpoint["state_dict"], run) if kind == "trained" else {}
     header = files.describe(
-        encoder,
+        built,
         config["encoder"],
         licence=licence,
-        spacing=config["batch"]["spacing"] if encoder.frames > 1 else 0.0,
+        spacing=config["batch"]["spacing"] if built.frames > 1 else 0.0,
         name=name,
         commit=kept.get("commit") or commit(),
         versions=kept.get("versions", {}),
         data={"name": config["data"]["name"], "licences": kept.get("licences", [])},
         recipe=_without_folders(config),
-        source={"steps": checkpoint["global_step"]},
+        source={"steps": checkpoint["global_step"], "encoder": kind},
+        heads={
+            name: {"node": config["head"][name], "scale": _scales(built.sensors)} for name in heads
+        },
     )
-    files.save(path, encoder, header, dtype)
+    files.save(path, built, header, dtype, heads)
     return path
+
+
+def _heads(
+    config: Mapping[str, Any], encoder: Any, state: Mapping[str, Tensor], run: Path
+) -> dict[str, nn.Module]:
+    """The trained heads of a run that are kept, by name."""
+    heads: dict[str, nn.Module] = {}
+    for name in KEPT_HEADS:
+        node = config.get("head", {}).get(name)
+        if node and node["name"] == name:
+            heads[name] = registry.build("heads", node, encoder=encoder)
+            files.fill(heads[name], _below(f"heads.{name}.", state), f"{run}, head {name}")
+    return heads
+
+
+def _scales(sensors: Mapping[str, int]) -> dict[str, list[float]]:
+    """Newton that count as 1, by sensor; sensors whose plugin is not installed are left out."""
+    scales = {}
+    for name in sensors:
+        with suppress(ConfigError):
+            scales[name] = list(spec(name).force_scale)
+    return scales
+
+
+def _choose(
+    state: Mapping[str, Tensor], wanted: str | None, run: Path
+) -> tuple[str, dict[str, Tensor]]:
+    """Which encoder of a run is packed, ``trained`` or ``slow``, and its state."""
+    if wanted not in ("trained", "slow", None):
+        raise ConfigError(unknown("encoder", wanted, ("trained", "slow")))
+    trained = _below("encoder.", state)
+    first = next(iter(trained), "")
+    places = [key.removesuffix(first) for key in state if key.endswith(f".network.{first}")]
+    slow = [place for place in places if _below(place, state).keys() == trained.keys()]
+    if wanted == "trained" or (wanted is None and not slow):
+        return "trained", trained
+    if len(slow) == 1:
+        return "slow", _below(slow[0], state)
+    found = ", ".join(place.removesuffix(".network.") for place in slow) or "none"
+    raise ConfigError(
+        f"{run}: one slow copy of the encoder is wanted, found {found}; give encoder=trained"
+    )
+
+
+def _below(prefix: str, state: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """The part of a state whose names start with a prefix, without it."""
+    return {key.removeprefix(prefix): x for key, x in state.items() if key.startswith(prefix)}
 
 
 def import_published(model: str, source: str | Path) -> Path:

@@ -1,0 +1,1 @@
+"""Compares encoders: tasks, probes, metrics, tables."""

@@ -1,0 +1,160 @@
+"""The sections of the bench's page that are drawn: forces, confusions, losses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+
+import numpy as np
+
+from tactileforge.bench.charts import NAMED, POINTS, confusion, scatter
+from tactileforge.bench.readings import Readings, read_readings
+from tactileforge.bench.results import Results, Task, Training
+from tactileforge.bench.scores import Scores, titles
+from tactileforge.errors import DataError
+from tactileforge.report.figures import curve_figure
+from tactileforge.report.metrics import Curve
+from tactileforge.report.page import Section, legend, panel, panels, paragraph
+
+_CURVE = 200
+
+
+def drawn(folder: Path, results: Results, found: Scores) -> list[Section]:
+    """Scatter of forces, confusion matrices, and loss curves; only what there is."""
+    scatters, confusions = "", ""
+    for task in results.tasks:
+        readings, trouble = _read(folder, results, found, task)
+        values = {name: one for name, one in readings.items() if not one.names}
+        classes = {name: one for name, one in readings.items() if one.names}
+        if values:
+            scatters += _folded(task, _scatters(task, values) + trouble, is_open=not scatters)
+        if classes or (trouble and not values):
+            confusions += _folded(task, _confusions(classes) + trouble, is_open=not confusions)
+    parts = []
+    if scatters:
+        words = (
+            "Each point is of the test set; on the dashed line the prediction is right. "
+            f"At most {POINTS} points are drawn, spread evenly; RMSE and r are of all. All models "
+            "have the same axes, those of the true values: what is predicted beyond them lies on "
+            "the edge. Of several seeds the first is shown."
+        )
+        parts.append(Section("values", "Predicted and true", paragraph(words) + scatters))
+    if confusions:
+        words = (
+            "Each row is a true class: the shares of its clips, in percent, that are predicted as "
+            "each class. Of several seeds the first is shown."
+        )
+        body = paragraph(words) + confusions
+        parts.append(Section("confusions", "Classes", body))
+    if results.training:
+        parts.append(_losses(results))
+    return parts
+
+
+def _folded(task: Task, body: str, is_open: bool) -> str:
+    shown = " open" if is_open else ""
+    return f"<details{shown}><summary>{escape(task.title)}</summary>{body}</details>"
+
+
+def _read(
+    folder: Path, results: Results, found: Scores, task: Task
+) -> tuple[dict[str, Readings], str]:
+    """Predictions of one task by title of the model, and words on those that are not there."""
+    names, readings, trouble = titles(results), {}, []
+    for model in results.models:
+        score = next(iter(found.get((task.name, model.name), [])), None)
+        if score is None or not score.cells[0].predictions:
+            continue
+        try:
+            one = read_readings(folder / score.cells[0].predictions)
+        except DataError as error:
+            trouble.append(f"{names[model.name]}: no picture. {error}")
+            continue
+        readings[names[model.name]] = one
+    return readings, "".join(paragraph(words, soft=True) for words in trouble)
+
+
+def _scatters(task: Task, values: Mapping[str, Readings]) -> str:
+    """A row of panels for each model, one for each axis."""
+    limits = _limits(list(values.values()))
+    usual = "N" if any(metric.unit == "mN" for metric in task.metrics) else ""
+    body = ""
+    for name, one in values.items():
+        drawings = []
+        for i, axis in enumerate(one.columns):
+            truth, predicted = one.truth[:, i], one.predicted[:, i]
+            finite = np.isfinite(truth) & np.isfinite(predicted)
+            if not finite.any():
+                drawings.append(panel(axis, "", "no prediction is a finite number"))
+                continue
+            drawing = scatter(
+                truth[finite], predicted[finite], axis, limits[axis], one.unit or usual
+            )
+            lost = int((~finite).sum())
+            below = f"{lost} of {len(finite)} predictions are no finite number" if lost else ""
+            drawings.append(panel(axis, drawing, below))
+        body += f"<h3>{escape(name)}</h3>{panels(drawings)}"
+    return body
+
+
+def _limits(readings: Sequence[Readings]) -> dict[str, tuple[float, float]]:
+    """One range for an axis, in which all true values are, with room around them."""
+    limits: dict[str, tuple[float, float]] = {}
+    for axis in dict.fromkeys(axis for one in readings for axis in one.columns):
+        parts = [one.truth[:, one.columns.index(axis)] for one in readings if axis in one.columns]
+        truth = np.concatenate(parts)
+        truth = truth[np.isfinite(truth)]
+        low, high = (float(truth.min()), float(truth.max())) if len(truth) else (0.0, 1.0)
+        room = max(0.12 * (high - low), 0.01)
+        limits[axis] = (low - room, high + room)
+    return limits
+
+
+def _confusions(classes: Mapping[str, Readings]) -> str:
+    drawings = []
+    widest = 0
+    for name, one in classes.items():
+        for i in range(one.truth.shape[1]):
+            title = f"{name}, {one.columns[i]}" if one.truth.shape[1] > 1 else name
+            drawing, counts = confusion(one.truth[:, i], one.predicted[:, i], one.names)
+            share = counts.trace() / counts.sum()
+            below = f"{counts.trace()} of {counts.sum()} right, {100 * share:.1f} %"
+            drawings.append(panel(title, drawing, below))
+            widest = max(widest, len(counts))
+    words = f"{widest} classes: their names are left out." if widest > NAMED else ""
+    return panels(drawings, wide=widest > 8) + (paragraph(words, soft=True) if words else "")
+
+
+def _losses(results: Results) -> Section:
+    names = titles(results)
+    by_model: dict[str, list[Training]] = {}
+    for one in results.training:
+        by_model.setdefault(one.model, []).append(one)
+    body = paragraph(
+        "In pre-training, of the models that were trained for this bench; a panel an objective."
+    )
+    body += legend({0: "training", 1: "validation"})
+    for model, some in by_model.items():
+        drawings = panels(_loss(one) for one in some)
+        shown = " open" if model == next(iter(by_model)) else ""
+        summary = f"<summary>{escape(names[model])}</summary>"
+        body += f"<details{shown}>{summary}{drawings}</details>"
+    return Section("losses", "Losses", body)
+
+
+def _loss(one: Training) -> str:
+    train, validation = (_curve(one.step, values) for values in (one.train, one.validation))
+    if train is None and validation is None:
+        return panel(one.objective, "", "no loss is a finite number")
+    last = int(max(one.step))
+    return panel(one.objective, curve_figure("loss", last, train, validation))
+
+
+def _curve(steps: Sequence[float], values: Sequence[float]) -> Curve | None:
+    """The finite values; None where there are none."""
+    kept = [(step, value) for step, value in zip(steps, values, strict=False) if np.isfinite(value)]
+    if not kept:
+        return None
+    x, y = zip(*kept, strict=True)
+    return Curve(np.array(x, np.int64), np.array(y, np.float64)).thinned(_CURVE)

@@ -1,0 +1,274 @@
+"""A bench: tasks by models, cell by cell; what cannot be run is said, and the rest goes on."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from tactileforge.bench import cells, metrics, results, splits, targets
+from tactileforge.bench.cells import Features
+from tactileforge.bench.choices import Choice, Prepared, choose
+from tactileforge.bench.features import FLIPS, PLAIN, Store, features
+from tactileforge.bench.models import Entry, Subject
+from tactileforge.bench.source import Source, open_source
+from tactileforge.bench.tasks import Task
+from tactileforge.bench.writer import Writer
+from tactileforge.errors import ConfigError, DataError, TactileForgeError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """How a bench is run.
+
+    Attributes:
+        seeds: Probes of each cell; a model that was trained several times takes turns.
+        selection: ``validation``, or ``test`` to choose the best epoch as some papers do.
+        probe: Options of all probes that replace those of the tasks; None leaves them.
+    """
+
+    seeds: int = 3
+    selection: str = "validation"
+    probe: Mapping[str, Any]
+
+    def __post_init__(self) -> None:
+        if self.selection not in ("validation", "test"):
+            raise ConfigError(f"selection={self.selection}: give validation or test")
+        if self.seeds < 1:
+            raise ConfigError(f"seeds={self.seeds}: give 1 or more")
+
+
+class Bench:
+    """Runs tasks on models, one model after another.
+
+    Args:
+        tasks: What is measured.
+        store: Where features are kept.
+        writer: Where results go.
+        options: How.
+    """
+
+    def __init__(
+        self, tasks: Sequence[Task], store: Store, writer: Writer, options: Options
+    ) -> None:
+        self.store = store
+        self.writer = writer
+        self.options = options
+        self.choices = {task.name: choose(task, options.probe) for task in tasks}
+        self.prepared: list[Prepared] = []
+        sources: dict[str, Source | TactileForgeError] = {}
+        for task in tasks:
+            for metric in task.metrics:
+                metrics.kind(metric)
+            source = _source(task, sources)
+            try:
+                if isinstance(source, TactileForgeError):
+                    raise source
+                target = targets.build(task, source)
+                self.prepared.append(
+                    Prepared(task, source, target, splits.build(task, source, target))
+                )
+            except DataError as error:
+                reason, fix = _split(error)
+                writer.not_run(reason, task=task.name, fix=fix)
+
+    def run(self, entry: Entry) -> None:
+        """Measures all tasks on a model."""
+        try:
+            subjects = [open_one() for open_one in entry.open[: self.options.seeds]]
+        except TactileForgeError as error:
+            self.writer.model(results.Model(name=entry.name, title=entry.title, group=entry.group))
+            reason, fix = _split(error)
+            self.writer.not_run(reason, model=entry.name, fix=fix)
+            return
+        self.writer.model(_model(entry, subjects))
+        todo = [one for one in self.prepared if not self._is_done(one, entry, subjects)]
+        todo = [one for one in todo if self._knows(one, entry, subjects)]
+        groups: dict[int, list[Prepared]] = {}
+        for one in todo:
+            groups.setdefault(id(one.source), []).append(one)
+        for group in groups.values():
+            self._group(entry, subjects, group)
+        self.writer.write()
+
+    def _group(self, entry: Entry, subjects: Sequence[Subject], group: Sequence[Prepared]) -> None:
+        """Tasks on one source, which share features."""
+        found: list[Features | None] = []
+        frozen = [one for one in group if not self.choices[one.task.name].finetune]
+        for subject in subjects if frozen else ():
+            try:
+                found.append(self._features(subject, frozen))
+            except TactileForgeError as error:
+                for one in group:
+                    self._refuse(error, one, entry)
+                return
+        for one in tqdm(group, desc=f"probes on {entry.name}", unit="task"):
+            try:
+                self._task(entry, subjects, found, one)
+            except TactileForgeError as error:
+                self._refuse(error, one, entry)
+
+    def _features(self, subject: Subject, group: Sequence[Prepared]) -> Features:
+        clips = np.unique(np.concatenate([one.target.clips for one in group]))
+        taps = sorted({self.choices[one.task.name].kind.tap for one in group})
+        flips = FLIPS if any(one.task.flips for one in group) else (PLAIN,)
+        policy = group[0].task.unknown_sensor
+        source = group[0].source
+        arrays = features(self.store, subject, source, clips, taps, flips, policy)
+        return Features(clips, arrays)
+
+    def _task(
+        self,
+        entry: Entry,
+        subjects: Sequence[Subject],
+        found: Sequence[Features | None],
+        one: Prepared,
+    ) -> None:
+        choice = self.choices[one.task.name]
+        measured: list[tuple[int, cells.Result]] = []
+        for number, subject in enumerate(subjects):
+            seeds = range(number, self.options.seeds, len(subjects))
+            done = cells.run(
+                one,
+                choice,
+                subject,
+                None if choice.finetune else found[number],
+                self.store,
+                seeds if choice.kind.trained else [number],
+                self.options.selection == "test",
+            )
+            measured += [
+                (result.outcomes[0].seed if choice.kind.trained else number, result)
+                for result in done
+            ]
+        rows = self._cells(entry, one, choice, measured)
+        self.writer.cells(one.task.name, entry.name, self._key(one, subjects), rows)
+
+    def _cells(
+        self,
+        entry: Entry,
+        one: Prepared,
+        choice: Choice,
+        measured: Sequence[tuple[int, cells.Result]],
+    ) -> list[results.Cell]:
+        """The rows of the file; first those of the rate that validation prefers."""
+        main = one.task.metrics[0]
+        name = metrics.part_of(main, one.target.parts)
+        sign = 1 if metrics.kind(main).better == "lower" else -1
+        scores: dict[float, list[float]] = {}
+        for _, result in measured:
+            scores.setdefault(result.outcomes[0].lr, []).append(sign * result.score)
+        order = sorted(scores, key=lambda lr: sum(scores[lr]))
+        rows = []
+        for seed, result in sorted(
+            measured, key=lambda row: (order.index(row[1].outcomes[0].lr), row[0])
+        ):
+            first = result.outcomes[0]
+            cell = results.Cell(
+                task=one.task.name,
+                model=entry.name,
+                seed=seed,
+                setting=_setting(choice, first.lr),
+                metrics=result.metrics,
+                epoch=first.epoch,
+                curve=result.curve if first.train else {},
+            )
+            part = one.target.parts[name]
+            predicted, truth = result.predicted[name], result.truth[name]
+            rows.append(self.writer.predictions(cell, name, part, predicted, truth))
+        return rows
+
+    def _is_done(self, one: Prepared, entry: Entry, subjects: Sequence[Subject]) -> bool:
+        return self.writer.kept(one.task.name, entry.name, self._key(one, subjects))
+
+    def _key(self, one: Prepared, subjects: Sequence[Subject]) -> str:
+        """What the cells of a task and model depend on."""
+        choice = self.choices[one.task.name]
+        facts = {
+            "task": asdict(one.task),
+            "data": one.source.fingerprint,
+            "truth": [
+                hashlib.sha256(p.truth.numpy().tobytes()).hexdigest()
+                for p in one.target.parts.values()
+            ],
+            "probe": [
+                choice.kind.__name__,
+                choice.options,
+                asdict(choice.training),
+                choice.finetune,
+            ],
+            "models": [[s.weights, s.preprocessing, s.spacing_of(one.task.clip)] for s in subjects],
+            "seeds": self.options.seeds,
+            "selection": self.options.selection,
+        }
+        return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:24]
+
+    def _knows(self, one: Prepared, entry: Entry, subjects: Sequence[Subject]) -> bool:
+        strange = subjects[0].unknown(one.sensors)
+        if not strange or one.task.unknown_sensor == "universal":
+            return True
+        known = ", ".join(subjects[0].encoder.sensors)
+        self.writer.not_run(
+            f"the model does not know the sensor {', '.join(strange)} (it knows: {known})",
+            task=one.task.name,
+            model=entry.name,
+            fix=f"tasks.{one.task.name}.unknown_sensor=universal takes the universal tokens",
+        )
+        return False
+
+    def _refuse(self, error: TactileForgeError, one: Prepared, entry: Entry) -> None:
+        reason, fix = _split(error)
+        self.writer.not_run(reason, task=one.task.name, model=entry.name, fix=fix)
+
+
+def _setting(choice: Choice, lr: float) -> dict[str, Any]:
+    training = choice.training
+    if not choice.kind.trained:
+        return dict(choice.options)
+    found = {"lr": lr, "epochs": training.epochs, "batch": training.batch, **choice.options}
+    return found | ({"encoder_lr": choice.finetune} if choice.finetune else {})
+
+
+def _model(entry: Entry, subjects: Sequence[Subject]) -> results.Model:
+    facts = subjects[0].facts
+    if entry.folders:
+        facts["trainings"] = len(subjects)
+    return results.Model(
+        name=entry.name,
+        title=entry.title,
+        group=entry.group,
+        recipe=entry.recipe,
+        sha256=" ".join(subject.sha256 for subject in subjects),
+        facts=facts,
+    )
+
+
+def _source(task: Task, known: dict[str, Source | TactileForgeError]) -> Source | TactileForgeError:
+    """The source of a task; tasks with the same data share one."""
+    key = json.dumps([task.data, task.sides, asdict(task.clip)], sort_keys=True)
+    if key not in known:
+        try:
+            known[key] = open_source(task.data, task.sides, task.clip)
+        except DataError as error:
+            known[key] = error
+    return known[key]
+
+
+def _split(error: TactileForgeError) -> tuple[str, str]:
+    """What is wrong, and what to download where that is said."""
+    reason, _, fix = str(error).partition(". Download ")
+    return reason, f"Download {fix.partition(', and ')[0]}." if fix else ""
+
+
+def finish(folder: Path) -> str:
+    """Writes the tables and the report; gives the tables as Markdown."""
+    from tactileforge.bench.tables import write_all
+
+    write_all(folder)
+    return (folder / "table.md").read_text("utf-8")

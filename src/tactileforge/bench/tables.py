@@ -1,0 +1,60 @@
+"""Writes what a bench found: tables for reading and for papers, every number, and a page.
+
+A number is the mean over seeds with its 95 % interval. What was not run says so, and why.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tactileforge.atomic import write_text
+from tactileforge.bench import comparisons, published, render
+from tactileforge.bench.grid import Grid
+from tactileforge.bench.longform import long_form
+from tactileforge.bench.published import Published
+from tactileforge.bench.report import bench_page
+from tactileforge.bench.results import Results, read
+from tactileforge.bench.scores import Scores, scores
+
+_LATEX_HEAD = "% Needs \\usepackage{booktabs,amssymb} and \\usepackage[T1]{fontenc}.\n"
+
+
+def write_all(folder: Path) -> list[Path]:
+    """Writes ``table.md``, ``table.tex``, ``table.csv`` and ``report.html``, each whole or not.
+
+    Args:
+        folder: With ``results.json`` and ``predictions/``; of a bench that has ended or not.
+
+    Returns:
+        The files.
+
+    Raises:
+        DataNotFoundError: There is no ``results.json``.
+        DataError: It contradicts itself.
+        ConfigError: A key of it is missing, unknown or of another type.
+    """
+    results = read(folder)
+    found = scores(results)
+    rows = published.of_zoo()
+    grids = tables(results, found, rows)
+    texts = {
+        "table.md": "\n".join(map(render.markdown, grids)),
+        "table.tex": _LATEX_HEAD + "\n".join(map(render.latex, grids)),
+        "table.csv": long_form(results, found, rows),
+        "report.html": bench_page(folder, results, found, rows),
+    }
+    for name, text in texts.items():
+        write_text(folder / name, text)
+    return [folder / name for name in texts]
+
+
+def tables(results: Results, found: Scores, rows: list[Published]) -> list[Grid]:
+    """The tables, our own first; only those that have something to say."""
+    grids = [
+        comparisons.main_table(results, found),
+        comparisons.ablation_table(results, found),
+        comparisons.settings_table(results, found),
+        *published.beside_tables(results, found, rows),
+        published.published_table(rows),
+    ]
+    return [grid for grid in grids if grid]

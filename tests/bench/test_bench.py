@@ -1,0 +1,353 @@
+"""A bench from one end to the other: what ran, what did not, and going on after a stop."""
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from tactileforge import cli
+from tactileforge.bench import results
+from tactileforge.bench import run as bench_run
+from tactileforge.bench.choices import choose, row_of
+from tactileforge.bench.features import Store
+from tactileforge.bench.models import Entry, Subject, pixels
+from tactileforge.bench.run import Bench, Options
+from tactileforge.bench.source import Source
+from tactileforge.bench.tasks import Clip, Task, parse
+from tactileforge.bench.writer import Writer
+from tactileforge.contracts import Recording
+from tactileforge.data.frames import ArrayFrames
+from tactileforge.encoders.tactile_vit import TactileViT
+from tactileforge.errors import ConfigError, DataNotFoundError, TactileForgeError
+from tactileforge.hub.files import describe
+
+NODE = {"name": "tactile_vit", "size": "tiny", "frames": 4, "image_size": 32}
+FORCE = {
+    "title": "Force",
+    "data": {"name": "made_here"},
+    "clip": {"span": 0.1, "hop": 0.1},
+    "target": "force",
+    "probe": {"name": "force", "epochs": 2, "lr": 1e-3},
+    "metrics": ["rmse_sum_axes", "rmse_z"],
+    "split": {"train": {"side": "train"}, "test": {"side": "val"}, "unseen": ["object"]},
+}
+HARD = FORCE | {
+    "title": "Hardness",
+    "target": "label:hardness",
+    "probe": {"name": "linear", "epochs": 2},
+    "metrics": ["accuracy", "f1"],
+}
+
+
+def recording(number: int, sensor: str, label: float) -> Recording:
+    """A square whose brightness is the normal force."""
+    frames = np.full((10, 32, 32, 3), 90, np.uint8)
+    push = np.abs(np.sin(np.arange(10) + number))
+    frames[:, 8:24, 8:24] += (push * 100).astype(np.uint8)[:, None, None, None]
+    force = np.stack([push * 0, push * 0, push * 5], axis=1).astype(np.float32)
+    return Recording(
+        key=f"r{number}",
+        sensor=sensor,
+        frames=ArrayFrames(frames),
+        times=np.arange(10) / 20,
+        no_contact=ArrayFrames(frames[:1] * 0 + 90),
+        force=force + np.random.default_rng(number).normal(0, 0.01, force.shape).astype(np.float32),
+        object=f"o{number}",
+        labels={"hardness": label},
+    )
+
+
+@pytest.fixture
+def data(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Says what the tasks read, in place of a data set."""
+
+    def use(sensor: str = "digit", labels: Sequence[float] = (0, 1), error: Any = None) -> None:
+        def opened(node: Any, sides: Any, clip: Clip) -> Source:
+            if error:
+                raise error
+            made = [recording(i, sensor, labels[i % len(labels)]) for i in range(8)]
+            return Source(made, ["train"] * 6 + ["val"] * 2, clip)
+
+        monkeypatch.setattr(bench_run, "open_source", opened)
+
+    use()
+    return use
+
+
+def subject(seed: int = 0, name: str = "tiny") -> Subject:
+    torch.manual_seed(seed)
+    encoder = TactileViT("tiny", frames=4, image_size=32)
+    header = describe(encoder, NODE, licence="MIT", spacing=0.05, recipe={"encoder": NODE})
+    return Subject(name, encoder, header)
+
+
+def tiny(name: str = "tiny", count: int = 1) -> Entry:
+    return Entry(
+        name=name,
+        title=name.title(),
+        open=[lambda seed=seed: subject(seed, name) for seed in range(count)],  # type: ignore[misc]
+    )
+
+
+def bench(folder: Path, tasks: dict[str, Any], **options: Any) -> Bench:
+    chosen: list[Task] = [parse(name, node) for name, node in tasks.items()]
+    given = Options(**{"seeds": 2, "probe": {}} | options)
+    rows = [row_of(task, choose(task, given.probe), given.selection) for task in chosen]
+    writer = Writer(folder, "made", {"seeds": given.seeds}, rows)
+    return Bench(chosen, Store(folder / "features", workers=0), writer, given)
+
+
+def test_everything_is_in_the_file(data: Any, tmp_path: Path) -> None:
+    one = bench(tmp_path, {"force": FORCE, "hard": HARD})
+    one.run(tiny())
+    one.run(Entry(name="pixels", title="raw pixels", open=[pixels]))
+    found = results.read(tmp_path)
+    assert [(c.task, c.model, c.seed) for c in found.cells] == [
+        (task, model, seed)
+        for model in ("tiny", "pixels")
+        for task in ("force", "hard")
+        for seed in (0, 1)
+    ]
+    assert found.not_run == []
+    cell = found.cells[0]
+    assert cell.metrics.keys() == {"rmse_sum_axes", "rmse_z"}
+    assert 0 < cell.metrics["rmse_z"] <= cell.metrics["rmse_sum_axes"]
+    assert len(cell.curve["train"]) == len(cell.curve["validation"]) == 2
+    assert cell.setting["lr"] == 1e-3
+    assert found.models[0].facts["parameters"] == sum(
+        p.numel() for p in subject().encoder.parameters()
+    )
+    with np.load(tmp_path / cell.predictions) as kept:
+        error = kept["predicted"] - kept["truth"]
+        assert kept["axes"].tolist() == ["x", "y", "z"]
+    rmse = 1000 * np.sqrt((error**2).mean(0))
+    assert cell.metrics["rmse_sum_axes"] == pytest.approx(rmse.sum(), rel=1e-3)
+    with np.load(tmp_path / found.cells[2].predictions) as kept:
+        assert kept["truth"].dtype == np.int64
+        assert set(kept["names"]) == {"0", "1"}
+        accuracy = 100 * (kept["truth"] == kept["predicted"]).mean()
+    assert found.cells[2].metrics["accuracy"] == pytest.approx(accuracy, rel=1e-5)
+    assert found.tasks[0].selection == "validation"
+    assert "unseen in test: object" in found.tasks[0].split
+
+
+def test_cells_that_are_there_are_kept(
+    data: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench(tmp_path, {"force": FORCE}).run(tiny())
+    before = (tmp_path / "results.json").read_text()
+    trained: list[str] = []
+    run = bench_run.cells.run
+    monkeypatch.setattr(
+        bench_run.cells, "run", lambda one, *rest: trained.append(one.task.name) or run(one, *rest)
+    )
+    bench(tmp_path, {"force": FORCE}).run(tiny())
+    assert trained == []
+    assert (tmp_path / "results.json").read_text() == before
+    bench(tmp_path, {"force": FORCE, "hard": HARD}).run(tiny())
+    assert trained == ["hard"]
+    bench(tmp_path, {"force": FORCE, "hard": HARD}, seeds=1).run(tiny())
+    assert trained == ["hard", "force", "hard"]
+    changed = Entry(name="tiny", title="Tiny", open=[lambda: subject(7)])
+    bench(tmp_path, {"force": FORCE, "hard": HARD}, seeds=1).run(changed)
+    assert trained[3:] == ["force", "hard"], "other weights"
+    data(labels=(1, 0))
+    bench(tmp_path, {"force": FORCE, "hard": HARD}, seeds=1).run(changed)
+    assert trained[5:] == ["hard"], "other labels"
+
+
+def test_trainings_take_turns(data: Any, tmp_path: Path) -> None:
+    one = bench(tmp_path, {"force": FORCE}, seeds=3)
+    one.run(tiny(count=2))
+    found = results.read(tmp_path)
+    assert [cell.seed for cell in found.cells] == [0, 1, 2]
+    assert len(found.models[0].sha256.split()) == 2
+
+
+def test_learning_rates_are_settings_and_validation_orders_them(data: Any, tmp_path: Path) -> None:
+    task = FORCE | {"probe": {"name": "force", "epochs": 6, "lr": [1e-9, 3e-3]}}
+    bench(tmp_path, {"force": task}).run(tiny())
+    found = results.read(tmp_path).cells
+    assert [cell.setting["lr"] for cell in found] == [3e-3, 3e-3, 1e-9, 1e-9]
+    assert found[0].metrics["rmse_z"] < found[2].metrics["rmse_z"]
+    assert len({cell.predictions for cell in found}) == 4
+
+
+def test_neighbours_fine_tuning_and_flips(data: Any, tmp_path: Path) -> None:
+    knn = HARD | {"probe": {"name": "knn", "neighbours": 3}}
+    tuned = FORCE | {"probe": {"name": "force", "epochs": 8, "finetune": 3e-4, "lr": 1e-3}}
+    flips = HARD | {"flips": True}
+    one = bench(tmp_path, {"knn": knn, "tuned": tuned, "flips": flips}, seeds=1)
+    entry = tiny()
+    before = subject().weights
+    one.run(replace(entry, open=[lambda: subject()]))
+    found = {cell.task: cell for cell in results.read(tmp_path).cells}
+    assert found["knn"].epoch == -1
+    assert found["knn"].setting == {"neighbours": 3}
+    assert found["tuned"].curve["train"][-1] < 0.7 * found["tuned"].curve["train"][0]
+    assert found["tuned"].setting["encoder_lr"] == 3e-4
+    assert subject().weights == before
+    assert len(list((tmp_path / "features").rglob("projected*.npy"))) == 4
+
+
+def test_a_fine_tuned_encoder_is_a_copy(data: Any, tmp_path: Path) -> None:
+    kept = subject()
+    weights = {k: v.clone() for k, v in kept.encoder.state_dict().items()}
+    tuned = HARD | {"probe": {"name": "linear", "epochs": 1, "finetune": 1e-2}}
+    bench(tmp_path, {"t": tuned}, seeds=1).run(Entry(name="a", title="A", open=[lambda: kept]))
+    for name, value in kept.encoder.state_dict().items():
+        torch.testing.assert_close(value, weights[name], rtol=0, atol=0)
+
+
+def test_selection_on_the_test_is_marked(data: Any, tmp_path: Path) -> None:
+    task = FORCE | {"probe": {"name": "force", "epochs": 5, "lr": 3e-3}}
+    for selection in ("validation", "test"):
+        bench(tmp_path / selection, {"f": task}, seeds=1, selection=selection).run(tiny())
+    fair, best = (results.read(tmp_path / name) for name in ("validation", "test"))
+    assert (fair.tasks[0].selection, best.tasks[0].selection) == ("validation", "test")
+    assert best.cells[0].metrics["rmse_sum_axes"] <= fair.cells[0].metrics["rmse_sum_axes"] + 1e-3
+
+
+def not_run(folder: Path) -> list[tuple[str, str, str]]:
+    return [(row.task, row.model, row.reason) for row in results.read(folder).not_run]
+
+
+def test_a_sensor_the_model_does_not_know(data: Any, tmp_path: Path) -> None:
+    data(sensor="duragel")
+
+    def opened() -> Subject:
+        found = subject()
+        found.encoder.sensors = {"digit": 0}
+        return found
+
+    entry = Entry(name="tiny", title="Tiny", open=[opened])
+    bench(tmp_path, {"force": FORCE, "any": FORCE | {"unknown_sensor": "universal"}}).run(entry)
+    ((task, model, reason),) = not_run(tmp_path)
+    assert (task, model) == ("force", "tiny")
+    assert "does not know the sensor duragel (it knows: digit)" in reason
+    assert {cell.task for cell in results.read(tmp_path).cells} == {"any"}
+
+
+def test_one_class_and_absent_data_do_not_stop_the_rest(data: Any, tmp_path: Path) -> None:
+    data(labels=(1,))
+    bench(tmp_path, {"force": FORCE, "hard": HARD}).run(tiny())
+    ((task, model, reason),) = not_run(tmp_path)
+    assert (task, model) == ("hard", "")
+    assert "one class" in reason
+    assert {cell.task for cell in results.read(tmp_path).cells} == {"force"}
+    data(error=DataNotFoundError("cloth: no folder x. Download it from https://a.b, and give it"))
+    bench(tmp_path / "gone", {"force": FORCE}).run(tiny())
+    found = results.read(tmp_path / "gone")
+    assert found.not_run[0].reason == "cloth: no folder x"
+    assert found.not_run[0].fix == "Download it from https://a.b."
+    assert found.cells == []
+
+
+def test_an_overlap_stops_the_bench(data: Any, tmp_path: Path, monkeypatch: Any) -> None:
+    twice = Source(
+        [recording(i, "digit", i % 2) for i in (0, 1, 2, 0)], ["train"] * 3 + ["val"], Clip()
+    )
+    monkeypatch.setattr(bench_run, "open_source", lambda *_: twice)
+    with pytest.raises(ConfigError, match="recording 'r0' is in"):
+        bench(tmp_path, {"force": FORCE})
+
+
+def test_a_metric_that_is_no_number(data: Any, tmp_path: Path, monkeypatch: Any) -> None:
+    monkeypatch.setattr(
+        bench_run.metrics.RmseSumAxes, "compute", lambda _: torch.tensor(float("nan"))
+    )
+    bench(tmp_path, {"force": FORCE, "hard": HARD}).run(tiny())
+    ((task, model, reason),) = not_run(tmp_path)
+    assert (task, model) == ("force", "tiny")
+    assert "rmse_sum_axes is nan" in reason
+    assert {cell.task for cell in results.read(tmp_path).cells} == {"hard"}
+
+
+def test_a_model_that_cannot_be_opened(data: Any, tmp_path: Path) -> None:
+    def broken() -> Subject:
+        raise TactileForgeError("training x-0 failed: out of memory")
+
+    one = bench(tmp_path, {"force": FORCE})
+    one.run(Entry(name="x", title="X", open=[broken]))
+    one.run(tiny())
+    assert not_run(tmp_path) == [("", "x", "training x-0 failed: out of memory")]
+    assert {cell.model for cell in results.read(tmp_path).cells} == {"tiny"}
+
+
+def test_options_of_probes(data: Any, tmp_path: Path) -> None:
+    task = parse("t", FORCE)
+    choice = choose(task, {"epochs": 7, "lr": None})
+    assert (choice.training.epochs, choice.training.lr) == (7, (1e-3,))
+    assert choice.training.betas == (0.9, 0.99), "as published"
+    with pytest.raises(ConfigError, match="did you mean 'epochs'"):
+        choose(replace(task, probe={"name": "force", "epoch": 1}), {})
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["model=[pixels]", "suite=simm"], "sim"),
+        (["model=[pixels]", "task=[sim_forse]"], "did you mean 'sim_force'"),
+        (["model=[anytouch3.base]", "task=[sim_force]"], "anytouch2"),
+        (["task=[sim_force]"], "no model: give model="),
+        (["model=[pixels]", "selection=best"], "validation or test"),
+        (["model=[pixels]", "hydra/launcher=ray"], "only with -m"),
+        (["model=[pixels]", "ablation=no_dif"], "did you mean 'no_diff'"),
+    ],
+)
+def test_mistakes_on_the_command_line(
+    words: list[str],
+    said: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: Any,
+    tmp_path: Path,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(bench_run, "open_source", lambda *_: pytest.fail("data was opened"))
+    assert cli.run(["bench", *words]) == 1
+    err = capsys.readouterr().err
+    assert err.startswith("error: ")
+    assert said in err
+
+
+def test_help_shows_every_key(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run(["bench", "--help"]) == 0
+    assert "selection: validation" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_on_simulated_touch(
+    capsys: pytest.CaptureFixture[str], monkeypatch: Any, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = [
+        "suite=sim",
+        "model=[untrained:anytouch2,pixels]",
+        'untrained=["scale=demo","encoder.image_size=32"]',
+        "task=[sim_force]",
+        "sim_bench.data.scenes=3",
+        "sim_bench.data.val=2",
+        "sim_bench.data.size=32",
+        "sim_bench.data.sensors=[digit]",
+        "probe.epochs=2",
+        "workers=0",
+        "out=here",
+        "cache=kept",
+    ]
+    assert cli.run(["bench", *words]) == 0
+    out = capsys.readouterr().out
+    assert "Force, rmse_sum_axes (mN)" in out
+    found = results.read(tmp_path / "here")
+    assert [(c.model, c.seed) for c in found.cells if c.setting["lr"] == 5e-4] == [
+        (model, seed) for model in ("untrained:anytouch2", "pixels") for seed in range(3)
+    ]
+    assert json.loads((tmp_path / "here" / "results.json").read_text())["suite"] == "sim"
+    assert (tmp_path / "here" / "report.html").stat().st_size > 10_000
+    absent = ["suite=touchd", "model=[pixels]", "data_folder=nowhere", "out=absent"]
+    assert cli.run(["bench", *absent]) == 3
+    assert "BAAI/ToucHD-Force" in capsys.readouterr().out

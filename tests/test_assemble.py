@@ -1,0 +1,59 @@
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+import torch
+from omegaconf import OmegaConf
+
+from tactileforge import registry
+from tactileforge.assemble import build_data, outline, with_sensors
+from tactileforge.compose import compose
+from tactileforge.errors import ConfigError
+
+RECIPES = ["anytouch1", "anytouch2", "dino", "mae", "t3", "unitouch", "vjepa"]
+
+
+def plain(recipe: str, *overrides: str) -> dict[str, Any]:
+    config = OmegaConf.to_container(compose(recipe, overrides), resolve=True)
+    assert isinstance(config, dict)
+    return config  # type: ignore[return-value]
+
+
+@pytest.mark.parametrize("recipe", RECIPES)
+def test_an_outline_has_the_sizes_and_no_weights(recipe: str) -> None:
+    node = plain(recipe, "scale=demo")["encoder"]
+    found, whole = outline(node), registry.build("encoders", node)
+    for name in ("width", "projected", "frames", "image_size", "tube", "patch", "grid", "sensors"):
+        assert getattr(found, name) == getattr(whole, name)
+    shapes = {key: value.shape for key, value in whole.state_dict().items()}
+    assert {key: value.shape for key, value in found.state_dict().items()} == shapes
+    assert all(parameter.is_meta for parameter in found.parameters())
+
+
+def test_an_encoder_that_computes_in_its_constructor_is_built(
+    installed: Callable[..., None],
+) -> None:
+    code = (
+        "import torch\n"
+        "class Eager(torch.nn.Module):\n"
+        "    def __init__(self, start: float = 0.5):\n"
+        "        super().__init__()\n"
+        "        self.frames = int(torch.rand(1).item() + 2)\n"
+    )
+    entry = "[tactileforge.encoders]\neager = eager_encoder:Eager\n"
+    installed("tactileforge-eager", entry, {"eager_encoder.py": code})
+    state = torch.get_rng_state()
+    assert outline({"name": "eager"}).frames == 2
+    assert torch.equal(torch.get_rng_state(), state)
+    with pytest.raises(ConfigError, match="unknown option of encoder 'eager' 'size'"):
+        outline({"name": "eager", "size": 1})
+
+
+def test_first_weights_depend_on_the_seed_and_not_on_the_data() -> None:
+    config = plain("anytouch2", "scale=demo", "data.scenes=3", "data.val=1", "objective=[pixel]")
+    torch.manual_seed(3)
+    expected = registry.build("encoders", config["encoder"]).state_dict()
+    torch.manual_seed(3)
+    node = with_sensors(config["encoder"], build_data(config))
+    found = registry.build("encoders", node).state_dict()
+    assert all(torch.equal(found[key], value) for key, value in expected.items())
