@@ -18,7 +18,11 @@ tactileforge: train, compare and run encoders of touch
 
   tactileforge train [key=value ...]      train a recipe; --help shows every key
   tactileforge report RUN                 write the report of a run again
+  tactileforge bench suite=NAME model=[NAME,...]    compare encoders; --help shows every key
   tactileforge sim out=DIR [key=value ...]  simulate touch and write it as shards; --help: keys
+  tactileforge record sensor=[NAME,...] out=DIR   record sensors, forces and a camera as shards
+  tactileforge calibrate data=NAME out=FILE.yaml  light, scale and force of one unit; --help: keys
+  tactileforge live model=NAME sensor=NAME        touch as it happens: contact, force, slip, a page
   tactileforge data pack|filter|inspect data=NAME   to shards; what a filter keeps; a page on it
   tactileforge plugins list|check|new     what is installed, does it work, start your own
   tactileforge zoo list|show|get|pack     models by name; import your download, pack your run
@@ -56,6 +60,18 @@ def run(argv: Sequence[str]) -> int:
             from tactileforge.data_verbs import main as data
 
             return data(rest)
+        if verb == "record":
+            from tactileforge.live.verb import main as record
+
+            return record(rest)
+        if verb == "calibrate":
+            from tactileforge.calibration.verb import main as calibrate
+
+            return calibrate(rest)
+        if verb == "live":
+            from tactileforge.live.show_verb import main as live
+
+            return live(rest)
         if verb == "zoo":
             from tactileforge.zoo_verbs import main as zoo
 
@@ -64,6 +80,10 @@ def run(argv: Sequence[str]) -> int:
             from tactileforge.export.verb import main as export
 
             return export(rest)
+        if verb == "bench":
+            from tactileforge.bench.verb import main as bench
+
+            return bench(rest)
         if verb == "report":
             return _report(rest)
         if verb == "train":

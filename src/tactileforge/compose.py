@@ -29,6 +29,8 @@ from tactileforge.errors import ConfigError, PluginError, unknown
 #: Hydra group -> kind of plugin
 GROUPS = {
     "sensor": "sensors",
+    "force": "sensors",
+    "camera": "sensors",
     "data": "datasets",
     "encoder": "encoders",
     "head": "heads",
@@ -37,7 +39,7 @@ GROUPS = {
     "image_encoder": "encoders",
 }
 #: Groups that hold several options at once, each under its own name.
-MULTI = {"head", "objective"}
+MULTI = {"head", "objective", "sensor"}
 
 
 class PluginSource(ConfigSource):

@@ -35,7 +35,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeAlias, runtime_checkable
+from typing import (
+    TYPE_CHECKING,
+    Any,
+    ClassVar,
+    Literal,
+    Protocol,
+    TypeAlias,
+    runtime_checkable,
+)
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,13 +82,15 @@ class SensorSpec:
 
     Attributes:
         name: The word users type.
-        height: Rows of a frame as the sensor gives it.
-        width: Columns of a frame.
-        fps: Frames per second that really arrive.
+        height: Rows of a frame as the sensor gives it; 0 for a wrench sensor.
+        width: Columns of a frame; 0 for a wrench sensor.
+        fps: Frames, or samples, per second that really arrive.
         area_mm: Height and width of the sensing area, mm; None where it is not public.
         force_scale: Newton per axis (x, y, z) that count as 1; forces are normalised by it.
         markers: Whether the gel carries markers.
         dome: Whether the gel is domed (else flat).
+        kind: What `Frame` carries: ``image`` pixels of a camera; ``array`` taxels, drawn as pixels,
+            and their values; ``wrench`` forces and torques alone.
     """
 
     name: str
@@ -91,6 +101,7 @@ class SensorSpec:
     force_scale: tuple[float, float, float]
     markers: bool = False
     dome: bool = False
+    kind: Literal["image", "array", "wrench"] = "image"
 
 
 class Frames(Protocol):
@@ -208,20 +219,34 @@ class FrameSubset:
 
 @dataclass(frozen=True, kw_only=True)
 class Frame:
-    """One frame of a live sensor.
+    """One frame of a live sensor; what it carries depends on `SensorSpec.kind`.
 
     Attributes:
-        array: uint8 (H, W, 3), RGB.
-        time: Monotonic seconds at which it was taken.
+        array: uint8 (H, W, 3), RGB. Of an ``array`` sensor its taxels, drawn by its layout: red,
+            green and blue are x, y and z, and 128 is the value without contact (`sensors.taxels`).
+            Of a ``wrench`` sensor empty, (0, 0, 3).
+        time: Monotonic seconds (``time.monotonic()``) at which it was taken.
+        raw: float32, the values as the sensor gave them: of a ``wrench`` sensor (6,), forces x, y,
+            z in N and torques x, y, z in N m; of an ``array`` sensor (taxels, values of each);
+            None of an ``image`` sensor.
     """
 
     array: NDArray[np.uint8]
     time: float
+    raw: NDArray[np.float32] | None = None
 
 
 @runtime_checkable
 class Sensor(Protocol):
-    """A live sensor. Use it as a context manager; it closes on an exception."""
+    """A live sensor: a camera, a taxel array or a wrench sensor, as its ``spec.kind`` says.
+
+    Use it as a context manager; it closes on an exception. It needs no thread of its own: whoever
+    records or shows it reads it in one, and opens it again after a `SensorError`. So `open` works
+    again after `close`.
+
+    A sensor may have an ``address``, a string: which device is open, for example
+    ``/dev/video2``, "" while none is. Two open sensors must not have the same.
+    """
 
     spec: SensorSpec
 
@@ -230,7 +255,12 @@ class Sensor(Protocol):
         ...
 
     def open(self) -> None:
-        """Claims the device."""
+        """Claims the device.
+
+        Raises:
+            SensorError: It is absent, busy, or not what was asked for.
+            ConfigError: An option is missing or wrong.
+        """
         ...
 
     def read(self, timeout: float = 1.0) -> Frame:
@@ -238,6 +268,7 @@ class Sensor(Protocol):
 
         Raises:
             TactileForgeError: The sensor is not open.
+            SensorError: The device is gone; it may be opened again.
             TimeoutError: No new frame within ``timeout`` seconds.
             EOFError: A finite source has ended.
         """

@@ -26,6 +26,10 @@ class DataNotFoundError(DataError):
     """A folder or file of a data set does not exist."""
 
 
+class SensorError(TactileForgeError):
+    """A device is absent, busy or unplugged, or does not send what it should."""
+
+
 def unknown(what: str, name: str, known: Iterable[str], fix: str = "") -> str:
     """Says that a name is unknown, which names are known, and the nearest one.
 

@@ -16,6 +16,8 @@ from tactileforge.contracts import CONTEXT
 from tactileforge.errors import ConfigError, PluginError, unknown
 
 KINDS = ("sensors", "datasets", "encoders", "heads", "objectives")
+#: Kinds that have no conformance suite.
+OTHERS = ("publishers",)
 
 
 @dataclass(frozen=True)
@@ -24,7 +26,7 @@ class PluginInfo:
 
     Attributes:
         name: The word users type.
-        kind: One of `KINDS`.
+        kind: One of `KINDS` or `OTHERS`.
         target: ``module:Class``.
         distribution: The package that installed it, "" if unknown.
         version: Version of that package.
@@ -41,7 +43,7 @@ class PluginInfo:
 
 @cache
 def _entries(kind: str) -> dict[str, list[EntryPoint]]:
-    if kind not in KINDS:
+    if kind not in (*KINDS, *OTHERS):
         raise PluginError(unknown("kind of plugin", kind, KINDS))
     found: dict[str, dict[tuple[str, str], EntryPoint]] = {}
     for entry in entry_points(group=f"tactileforge.{kind}"):
@@ -71,7 +73,7 @@ def list_plugins() -> list[PluginInfo]:
             entry.dist.version if entry.dist else "",
             "ok" if len(entries) == 1 else "conflict",
         )
-        for kind in KINDS
+        for kind in (*KINDS, *OTHERS)
         for name, entries in _entries(kind).items()
         for entry in entries
     ]
@@ -127,7 +129,7 @@ def build(kind: str, config: Mapping[str, Any], **given: Any) -> Any:
     """Builds a plugin from its configuration: ``name`` and constructor arguments.
 
     Args:
-        kind: One of `KINDS`.
+        kind: One of `KINDS` or `OTHERS`.
         config: ``{"name": ..., **arguments}``.
         given: Values for constructor parameters in `contracts.CONTEXT`; those the plugin does not
             name are not passed.

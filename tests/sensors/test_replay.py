@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tactileforge.contracts import Recording
+from tactileforge.data import shards
+from tactileforge.data.frames import ArrayFrames
 from tactileforge.errors import ConfigError, DataNotFoundError, TactileForgeError
 from tactileforge.sensors.replay import Replay
 from tactileforge.specs import spec
@@ -143,8 +146,55 @@ def test_discover_gives_the_path_if_it_exists(video, tmp_path):
     assert Replay(video, type="digit").discover() == [video]
 
 
+@pytest.fixture
+def shard(tmp_path):
+    """Two recordings of four frames of a DIGIT, in steps of 0.04 s, of brightness 20 and 120 on."""
+    made = []
+    for number, first in enumerate((20, 120)):
+        about = Recording(
+            key=f"touch{number}",
+            sensor="digit",
+            frames=ArrayFrames(np.zeros((1, 1, 1, 3), np.uint8)),
+            times=1.5 + 0.04 * np.arange(4),
+            no_contact=None,
+        )
+        pictures = [
+            shards.encode(np.full((8, 6, 3), first + 20 * i, np.uint8), "png") for i in range(4)
+        ]
+        made.append(shards.Packed(shards.head(about), "png", pictures, [], []))
+    shards.write(tmp_path / "train-000000.tar", made)
+    return str(tmp_path / "train-000000.tar")
+
+
+@pytest.mark.parametrize(("key", "first"), [("", 20), ("touch0", 20), ("touch1", 120)])
+def test_a_recording_of_a_shard_is_played_with_its_own_times_and_type(shard, key, first):
+    sensor = Replay(shard, key=key, realtime=False)
+    start = time.monotonic()
+    frames = read_all(sensor)
+    assert [int(frame.array.mean()) for frame in frames] == [first + 20 * i for i in range(4)]
+    assert np.diff([frame.time for frame in frames]) == pytest.approx([0.04] * 3)
+    assert frames[0].time - start < 1
+    assert sensor.spec == replace(spec("digit"), height=8, width=6)
+
+
+def test_conformance_of_a_shard(shard):
+    statuses = {r.name: r.status for r in check("sensor", "replay", path=shard)}
+    assert statuses.pop("discover with nothing attached gives nothing") == "skipped"
+    assert set(statuses.values()) == {"ran"}
+
+
+def test_a_recording_that_is_not_there(shard):
+    with pytest.raises(ConfigError, match="'touch2'; did you mean 'touch1'"):
+        Replay(shard, key="touch2").open()
+
+
+def test_a_video_needs_a_type(video):
+    with pytest.raises(ConfigError, match=r"set sensor\.replay\.type="):
+        Replay(video).open()
+
+
 def test_what_cannot_be_opened(tmp_path):
-    with pytest.raises(ConfigError, match=r"set sensor\.path="):
+    with pytest.raises(ConfigError, match=r"set sensor\.replay\.path="):
         Replay(type="digit").open()
     with pytest.raises(DataNotFoundError, match=r"none\.mp4: no such file or folder"):
         Replay(str(tmp_path / "none.mp4"), type="digit").open()

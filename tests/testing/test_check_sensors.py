@@ -1,5 +1,7 @@
 """Each class breaks one thing, and its checks see it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -117,6 +119,72 @@ class Swallows(Good):
     def __exit__(self, *error):
         self.close()
         return True
+
+
+class GoodArray(Good):
+    spec = replace(Good.spec, kind="array")
+    raw = np.zeros((48, 1), np.float32)
+
+    def read(self, timeout=1.0):
+        return replace(super().read(), raw=self.raw)
+
+
+class GoodWrench(GoodArray):
+    spec = replace(Good.spec, kind="wrench", height=0, width=0)
+    shape = (0, 0, 3)
+    raw = np.zeros(6, np.float32)
+
+
+@pytest.mark.parametrize("plugin", [GoodArray, GoodWrench])
+def test_good_sensors_of_other_kinds_pass(statuses, plugin):
+    assert set(statuses("sensor", plugin).values()) == {"ran", "skipped"}
+
+
+class ImageWithRaw(GoodArray):
+    spec = Good.spec
+
+
+class ArrayWithoutRaw(Good):
+    spec = GoodArray.spec
+
+
+class FlatArray(GoodArray):
+    raw = np.zeros(48, np.float32)
+
+
+class DoubleArray(GoodArray):
+    raw = np.zeros((48, 1))
+
+
+class WrenchOfNaN(GoodWrench):
+    raw = np.full(6, np.nan, np.float32)
+
+
+class WrenchOfThree(GoodWrench):
+    raw = np.zeros(3, np.float32)
+
+
+class WrenchWithPicture(GoodWrench):
+    spec = replace(Good.spec, kind="wrench")
+    shape = (6, 8, 3)
+
+
+@pytest.mark.parametrize(
+    ("plugin", "message"),
+    [
+        (ImageWithRaw, "its kind is image, and its frames have raw values"),
+        (ArrayWithoutRaw, "its kind is array, and its frames have no raw values"),
+        (FlatArray, "raw values are (48,): give (taxels, values of each)"),
+        (DoubleArray, "raw values are float64, not float32"),
+        (WrenchOfNaN, "raw values are not finite"),
+        (WrenchOfThree, "raw values are (3,): give (6,), in N and N m"),
+        (WrenchWithPicture, "a wrench sensor has height and width 0"),
+    ],
+)
+def test_frames_that_are_not_of_their_kind(failed, plugin, message):
+    found = failed("sensor", plugin)
+    assert set(found) == {"frames are as specified"}
+    assert message in found["frames are as specified"]
 
 
 @pytest.mark.parametrize(

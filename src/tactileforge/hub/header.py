@@ -63,7 +63,7 @@ class Header:
     data: dict[str, Any] = field(default_factory=dict)
     recipe: dict[str, Any] = field(default_factory=dict)
     source: dict[str, Any] = field(default_factory=dict)
-    heads: dict[str, dict[str, Any]] = field(default_factory=dict)
+    heads: dict[str, Any] = field(default_factory=dict)
 
     def metadata(self) -> dict[str, str]:
         """The metadata of the safetensors file.
@@ -119,7 +119,8 @@ def _parse(given: Any) -> Header:
     if not isinstance(header.encoder.get("name"), str):
         raise ConfigError("the header: encoder has no name")
     for key, head in header.heads.items():
-        if not isinstance(strict.mapping(f"head {key}", head.get("node")).get("name"), str):
+        node = strict.mapping(f"head {key}", head).get("node")
+        if not isinstance(strict.mapping(f"node of head {key}", node).get("name"), str):
             raise ConfigError(f"the header: head {key} has no name")
     return header
 

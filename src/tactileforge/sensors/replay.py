@@ -10,46 +10,57 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.contracts import Frame, Frames
+from tactileforge.contracts import Frame, Frames, SensorSpec
+from tactileforge.data import shards
 from tactileforge.data.frames import ImageFrames, VideoFrames
-from tactileforge.errors import ConfigError, DataNotFoundError, TactileForgeError
+from tactileforge.errors import ConfigError, DataNotFoundError, TactileForgeError, unknown
 from tactileforge.specs import spec
 
 _IMAGES = {".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp"}
 
 
 class Replay:
-    """Replays a video, or a folder of images in the order of their numbers.
+    """Replays a video, a folder of images in the order of their numbers, or a recording of a shard.
 
     In real time it behaves like a camera: a frame comes when it is due, and one that nobody read in
     time is lost. Otherwise all come, as fast as they are read, with the times they would have had.
 
     Args:
-        path: A video file, or a folder of images.
-        type: Type of sensor that made it; see `tactileforge.specs`.
+        path: A video file, a folder of images, or a shard (``.tar``).
+        type: Type of sensor that made it; see `tactileforge.specs`. A shard says it itself.
+        key: Which recording of a shard; "" for the first.
         realtime: Whether to wait until a frame is due.
         loop: Whether to start again at the end.
-        fps: Frames per second; None takes a video's own times, and for images the rate of the type.
+        fps: Frames per second; None takes the times of the video or recording, and for images the
+            rate of the type.
 
     Attributes:
-        spec: That of the type. Once open, height and width are those of the frames.
+        spec: That of the type, and always of kind ``image``. Once open, height and width are those
+            of the frames.
 
     Example:
         >>> with Replay("press.mp4", type="digit", realtime=False) as sensor:  # doctest: +SKIP
         ...     frame = sensor.read()
     """
 
+    #: Until it is open, of a shard.
+    spec = SensorSpec(
+        name="replay", height=0, width=0, fps=30.0, area_mm=None, force_scale=(1.0, 1.0, 1.0)
+    )
+
     def __init__(
         self,
         path: str = "",
         *,
-        type: str,
+        type: str = "",
+        key: str = "",
         realtime: bool = True,
         loop: bool = False,
         fps: float | None = None,
     ) -> None:
-        self.path = path
-        self.spec = spec(type)
+        self.path, self.type, self.key = path, type, key
+        if type:
+            self.spec = replace(spec(type), kind="image")
         self.realtime = realtime
         self.loop = loop
         self.fps = fps
@@ -66,35 +77,53 @@ class Replay:
         """Opens the file and starts the clock.
 
         Raises:
-            ConfigError: No path is given.
+            ConfigError: No path or type is given, or the shard has no such recording.
             DataNotFoundError: There is nothing at the path.
             DataError: It is no video, or an image cannot be read.
         """
-        frames = self._source()
-        if isinstance(frames, VideoFrames) and self.fps is None:
-            self._times = frames.times
-        else:
-            self._times = np.arange(len(frames)) / (self.fps or self.spec.fps)
+        frames, times = self._source()
+        if times is None or self.fps is not None:
+            times = np.arange(len(frames)) / (self.fps or self.spec.fps)
+        self._times = times - times[0]
         height, width = frames.shape
         self.spec = replace(self.spec, height=height, width=width)
         self._frames = frames
         self._next = 0
         self._start = time.monotonic()
 
-    def _source(self) -> VideoFrames | ImageFrames:
+    def _source(self) -> tuple[Frames, NDArray[np.float64] | None]:
+        """Its frames, and their times if it has any."""
         path = Path(self.path)
         if not self.path:
-            raise ConfigError("the replay sensor has no path: set sensor.path=VIDEO or a folder")
+            raise ConfigError(
+                "the replay sensor has no path: set sensor.replay.path= to a video, a folder of "
+                "images or a shard"
+            )
         if not path.exists():
-            raise DataNotFoundError(f"{path}: no such file or folder; correct sensor.path")
+            raise DataNotFoundError(f"{path}: no such file or folder; correct sensor.replay.path")
+        if path.suffix == ".tar":
+            return self._recording(path)
+        if not self.type:
+            raise ConfigError(f"{path}: set sensor.replay.type= to the sensor that made it")
         if path.is_file():
-            return VideoFrames(path)
+            video = VideoFrames(path)
+            return video, video.times
         images = sorted(
             (file for file in path.iterdir() if file.suffix.lower() in _IMAGES), key=_by_number
         )
         if not images:
-            raise DataNotFoundError(f"{path}: no image in this folder; correct sensor.path")
-        return ImageFrames(images)
+            raise DataNotFoundError(f"{path}: no image in this folder; correct sensor.replay.path")
+        return ImageFrames(images), None
+
+    def _recording(self, path: Path) -> tuple[Frames, NDArray[np.float64]]:
+        keys = []
+        for recording in shards.read(path):
+            if self.key in ("", recording.key):
+                known = spec(self.type or recording.sensor)
+                self.spec = replace(known, kind="image")
+                return recording.frames, recording.times
+            keys.append(recording.key)
+        raise ConfigError(unknown(f"recording of {path}", self.key, keys))
 
     def read(self, timeout: float = 1.0) -> Frame:
         """The next unseen frame.

@@ -5,7 +5,9 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from itertools import chain, count, cycle, islice
+from math import ceil
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,18 +16,22 @@ from tactileforge.contracts import Frame
 from tactileforge.errors import TactileForgeError
 from tactileforge.specs import spec
 
+#: A picture, and the force in it.
+_Shown: TypeAlias = tuple[NDArray[np.uint8], NDArray[np.float32]]
+
 if TYPE_CHECKING:
     from tactileforge.sim.record import Config
 
-#: Seconds by which the clock may be ahead of the frames before some are left out.
+#: Seconds by which the clock may be ahead of the frames before frames are left out.
 _LATE = 0.1
 
 
 class SimSensor:
     """Touches from a seed, one after the other, without end.
 
-    In real time a frame comes when it is due, and one that nobody read in time is lost. Otherwise
-    all come, as fast as they are simulated, with the times they would have had.
+    In real time a frame comes when it is due; where nobody reads in time, or the machine is too
+    slow, none comes meanwhile, and the touch goes on later. Otherwise frames come as fast as they
+    are simulated, with the times they would have had.
 
     Args:
         type: Type of the sensor, of `sim.devices.DEVICES`.
@@ -35,6 +41,7 @@ class SimSensor:
         size: Rows or columns of a frame, whichever are fewer.
         realtime: Whether to wait until a frame is due.
         seed: Another seed, other touches.
+        rest: Seconds without contact after it is opened, for a background.
 
     Attributes:
         spec: That of the type, with the height, width and rate of the frames.
@@ -55,6 +62,7 @@ class SimSensor:
         size: int = 240,
         realtime: bool = True,
         seed: int = 0,
+        rest: float = 0.0,
     ) -> None:
         known = spec(type)
         scale = size / min(known.height, known.width)
@@ -62,9 +70,9 @@ class SimSensor:
             known, height=round(known.height * scale), width=round(known.width * scale)
         )
         self.indenters, self.motions = indenters, motions
-        self.size, self.seed, self.realtime = size, seed, realtime
+        self.size, self.seed, self.realtime, self.rest = size, seed, realtime, rest
         self.force: NDArray[np.float32] = np.zeros(3, np.float32)
-        self._frames: Iterator[tuple[NDArray[np.uint8], NDArray[np.float32]]] | None = None
+        self._frames: Iterator[_Shown] | None = None
         self._fps, self._start, self._next = known.fps, 0.0, 0
 
     def discover(self) -> list[str]:
@@ -94,7 +102,8 @@ class SimSensor:
         )
         self._fps = frame_rate(self.spec.name)
         self.spec = replace(self.spec, fps=self._fps)
-        self._frames = _frames(config)
+        frames = _rested(_frames(config), round(self.rest * self._fps))
+        self._frames = chain([next(frames)], frames)  # the first takes long
         self._next = 0
         self._start = time.monotonic()
 
@@ -117,11 +126,9 @@ class SimSensor:
         return Frame(array=array, time=due)
 
     def _wait(self, timeout: float) -> None:
-        assert self._frames is not None
         wait = self._start + self._next / self._fps - time.monotonic()
-        while wait < -_LATE:
-            next(self._frames)
-            self._next += 1
+        if wait < -_LATE:
+            self._next += ceil(-wait * self._fps)
             wait = self._start + self._next / self._fps - time.monotonic()
         if wait > timeout:
             time.sleep(timeout)
@@ -140,10 +147,20 @@ class SimSensor:
         self.close()
 
 
-def _frames(config: Config) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.float32]]]:
-    """Frames and forces of one touch after the other, on one unit of the sensor."""
-    from itertools import count
+def _rested(frames: Iterator[_Shown], number: int) -> Iterator[_Shown]:
+    """So many frames without contact, then the others."""
+    clear: list[_Shown] = []
+    for shown in frames:
+        clear.append(shown)
+        if shown[1].any():
+            break
+    yield from islice(cycle(clear[:-1] or clear), number)  # each has noise of its own
+    yield from clear
+    yield from frames
 
+
+def _frames(config: Config) -> Iterator[_Shown]:
+    """Frames and forces of one touch after the other, on one unit of the sensor."""
     from tactileforge.sim.scene import play
 
     for number in count():

@@ -69,13 +69,30 @@ def close_twice_does_nothing(subject: Subject) -> None:
 
 
 def frames_are_as_specified(subject: Subject) -> None:
-    """uint8 RGB of the spec's height and width."""
+    """uint8 RGB of the spec's height and width, and the values that the spec's kind has."""
     with _opened(subject) as sensor:
         frame = sensor.read(_TIMEOUT)
         require(isinstance(frame, Frame), f"read gives a {type(frame).__name__}, not a Frame")
         require(frame.array.dtype == np.uint8, f"frames are {frame.array.dtype}, not uint8")
         want = (sensor.spec.height, sensor.spec.width, 3)
         require(frame.array.shape == want, f"frames are {frame.array.shape}, its spec says {want}")
+        _require_raw(frame, sensor.spec)
+
+
+def _require_raw(frame: Frame, spec: SensorSpec) -> None:
+    raw = frame.raw
+    if spec.kind == "image":
+        require(raw is None, "its kind is image, and its frames have raw values: is it an array?")
+        return
+    if raw is None:
+        raise Violation(f"its kind is {spec.kind}, and its frames have no raw values")
+    require(raw.dtype == np.float32, f"raw values are {raw.dtype}, not float32")
+    require(bool(np.isfinite(raw).all()), f"raw values are not finite: {raw}")
+    if spec.kind == "wrench":
+        require((spec.height, spec.width) == (0, 0), "a wrench sensor has height and width 0")
+        require(raw.shape == (6,), f"raw values are {raw.shape}: give (6,), in N and N m")
+    else:
+        require(raw.ndim == 2, f"raw values are {raw.shape}: give (taxels, values of each)")
 
 
 def time_strictly_increases(subject: Subject) -> None:

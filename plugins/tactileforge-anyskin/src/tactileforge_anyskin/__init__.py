@@ -1,0 +1,1 @@
+"""AnySkin and ReSkin for tactileforge."""

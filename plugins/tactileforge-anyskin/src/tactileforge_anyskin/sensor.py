@@ -1,0 +1,131 @@
+"""AnySkin and ReSkin: magnetometers under a magnetic skin, read over a serial port.
+
+A packet is, of every magnetometer, four little-endian floats (temperature in degrees Celsius; x, y
+and z of the field in microtesla), and at last carriage return and line feed. There is no header, no
+checksum and no counter.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tactileforge.contracts import SensorSpec
+from tactileforge.sensors.links import Link, SerialLink
+from tactileforge.sensors.serial_array import SerialArray
+
+#: Temperatures that can be true, degrees Celsius.
+COLDEST, HOTTEST = -20.0, 100.0
+#: Sizes of values that can be true, other than 0. A packet that is taken to begin where it does not
+#: has floats that are put together of parts of two, of which some lie far outside.
+LEAST, MOST = 1e-3, 1e5
+#: More bytes than this at once have waited too long to be shown as what is felt now.
+STALE = 4000
+#: Where the five magnetometers are drawn, row and column: the middle, and its four sides.
+PLACES = ((1, 1), (0, 1), (1, 0), (1, 2), (2, 1))
+
+
+class FreshLink(SerialLink):
+    """A serial port that throws away what has waited too long.
+
+    Attributes:
+        stale: Bytes thrown away.
+    """
+
+    stale = 0
+
+    def receive(self, timeout: float) -> bytes:
+        """See `Link.receive`; b"" after throwing bytes away."""
+        data = super().receive(timeout)
+        if len(data) < STALE:
+            return data
+        self.stale += len(data)
+        return b""
+
+
+class AnySkin(SerialArray):
+    """An AnySkin: magnetometers, of which the change of the field is drawn.
+
+    Args:
+        port: Path of the serial port, for example ``/dev/ttyACM0``.
+        positions: Row and column of each magnetometer in the picture, in the order of the packet.
+        shape: Rows and columns of the picture.
+        span: Change of the field that is full colour, microtesla.
+        baseline: Packets whose median is the field without contact, taken when it is opened.
+        usb: Vendor and product of the board, for example ``2341:8057``, to find the port by.
+        serial_number: Of the board, to find the port by.
+
+    Attributes:
+        spec: Its rate is measured while the baseline is taken: the board sends as fast as it can.
+    """
+
+    spec = SensorSpec(
+        name="anyskin",
+        height=3,
+        width=3,
+        fps=100.0,
+        area_mm=None,
+        force_scale=(5.0, 5.0, 10.0),
+        kind="array",
+    )
+
+    def __init__(
+        self,
+        port: str = "",
+        positions: Sequence[Sequence[float]] = PLACES,
+        shape: Sequence[int] = (3, 3),
+        span: float = 500.0,
+        baseline: int = 30,
+        usb: str = "",
+        serial_number: str = "",
+    ) -> None:
+        super().__init__(
+            port=port,
+            type=self.spec.name,
+            shape=shape,
+            payload=f"<{4 * len(positions)}f",
+            header="",
+            footer="0d0a",
+            values=4,
+            channels=(1, 2, 3),
+            positions=positions,
+            span=span,
+            baseline=baseline,
+            fps=self.spec.fps,
+            baudrate=115200,
+            usb=usb,
+            serial_number=serial_number,
+        )
+
+    def plausible(self, payload: bytes) -> bool:
+        """Whether a thermometer and a magnetometer can give its values."""
+        values = self.unpack(payload)
+        sizes, heat = np.abs(values), values[:, 0]
+        possible = (sizes == 0) | ((sizes >= LEAST) & (sizes <= MOST))
+        return bool(possible.all() and (heat >= COLDEST).all() and (heat <= HOTTEST).all())
+
+    def connect(self) -> Link:
+        """Opens the port."""
+        return FreshLink(self.port or self._found(), self.baudrate)
+
+    def ready(self) -> None:
+        """Takes the baseline, and measures the rate by it.
+
+        Raises:
+            SensorError: Too few packets come.
+        """
+        start = time.monotonic()
+        super().ready()
+        if self.baseline:
+            fps = self.baseline / (time.monotonic() - start)
+            self.spec = replace(self.spec, fps=fps)
+            self._stamper.period = 1 / fps
+
+
+class ReSkin(AnySkin):
+    """A ReSkin: its packets are those of an `AnySkin`, whose options it has."""
+
+    spec = replace(AnySkin.spec, name="reskin")

@@ -1,0 +1,1 @@
+"""DIGIT for tactileforge."""

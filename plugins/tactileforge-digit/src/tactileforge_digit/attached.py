@@ -1,0 +1,46 @@
+"""Which DIGITs are attached, and their firmware: what Linux says of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from tactileforge.sensors import v4l2
+
+#: Vendor and product on USB.
+USB = "2833:0209"
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A DIGIT that is attached.
+
+    Attributes:
+        path: For example ``/dev/video2``.
+        serial: Its serial number, for example ``D20001``.
+        revision: Of its firmware, times 100; None where Linux does not say.
+    """
+
+    path: str
+    serial: str
+    revision: int | None
+
+
+def attached(system: Path | None = None) -> list[Unit]:
+    """The DIGITs that are attached, by number of the device.
+
+    Args:
+        system: Folder that lists cameras; None for that of this machine.
+    """
+    folder = system or v4l2.SYSTEM
+    found = v4l2.matching(f"usb:{USB}", v4l2.video_devices(folder))
+    return [Unit(one.path, one.serial, _revision(folder / Path(one.path).name)) for one in found]
+
+
+def _revision(node: Path) -> int | None:
+    """The release number of the USB device, which has four decimal digits: ``0200`` is 2.00."""
+    try:
+        text = ((node / "device").resolve().parent / "bcdDevice").read_text().strip()
+    except OSError:
+        return None
+    return int(text) if text.isdecimal() else None

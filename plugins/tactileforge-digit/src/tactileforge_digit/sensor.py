@@ -1,0 +1,109 @@
+"""DIGIT: a camera on USB, upright, with three lights that the host controls."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import cv2
+
+from tactileforge.errors import ConfigError, SensorError
+from tactileforge.sensors.camera import Camera
+from tactileforge.specs import SPECS
+from tactileforge_digit.attached import USB, attached
+
+#: Width and height that the camera gives, before it is turned upright, and its rates.
+MODES = {"qvga": (320, 240, (60, 30)), "vga": (640, 480, (30, 15))}
+#: Full light, and the firmware from which on the lights take it, times 100.
+FULL, LIGHTS_SINCE = 15, 200
+
+
+class Digit(Camera):
+    """A DIGIT. Its frames are turned upright: in mode ``qvga`` 320 rows of 240 columns.
+
+    Args:
+        serial: Serial number, for example ``D20001``; "" takes the one that is attached.
+        resolution: ``qvga`` (60 or 30 frames a second) or ``vga`` (30 or 15).
+        fps: Frames a second.
+        lights: Intensity of the red, green and blue light, 0 to 15 each. None is full light with
+            firmware 2.00 or later, and leaves them alone with an older one, whose scale is not
+            known.
+        device: Path of the camera, or of a video file in its place; "" finds it by ``serial``.
+        warmup: Frames to throw away when it is opened.
+
+    Raises:
+        ConfigError: A mode that it does not have, or lights out of range.
+    """
+
+    spec = SPECS["digit"]
+
+    def __init__(
+        self,
+        serial: str = "",
+        resolution: str = "qvga",
+        fps: int = 30,
+        lights: Sequence[int] | None = None,
+        device: str = "",
+        warmup: int = 0,
+    ) -> None:
+        if resolution not in MODES:
+            raise ConfigError(f"resolution={resolution}: a DIGIT has {', '.join(MODES)}")
+        width, height, rates = MODES[resolution]
+        if fps not in rates:
+            modes = " or ".join(map(str, rates))
+            raise ConfigError(f"fps={fps}: with resolution={resolution} a DIGIT has {modes}")
+        self.lights = lights
+        self.zoom = packed((FULL,) * 3 if lights is None else lights)
+        super().__init__(
+            device=device or (f"serial:{serial}" if serial else f"usb:{USB}"),
+            type="digit",
+            width=width,
+            height=height,
+            fps=fps,
+            fourcc="YUYV",
+            rotation=90,
+            warmup=warmup,
+        )
+
+    def adjust(self, capture: Any) -> None:
+        """Sets the lights, through the control that is the zoom of other cameras.
+
+        Raises:
+            SensorError: Its firmware is too old to know what ``lights`` mean, or refuses them.
+        """
+        super().adjust(capture)
+        revision = self.revision()
+        if revision is not None and revision < LIGHTS_SINCE:
+            if self.lights is None:
+                return
+            raise SensorError(
+                f"{self.device}: firmware {revision / 100:.2f} has another scale of lights than "
+                "2.00 and later; leave lights= out, or update it"
+            )
+        self.control(capture, "lights", cv2.CAP_PROP_ZOOM, self.zoom)
+
+    def revision(self) -> int | None:
+        """The firmware of the device that is to be opened, times 100; None where not known."""
+        there = self.discover()
+        return next((one.revision for one in attached() if one.path in there), None)
+
+
+def packed(lights: Sequence[int]) -> int:
+    """Intensities as the device takes them, four bits each: red, green, blue.
+
+    Args:
+        lights: Three, 0 to 15.
+
+    Raises:
+        ConfigError: They are not.
+
+    Example:
+        >>> hex(packed([15, 0, 3]))
+        '0xf03'
+    """
+    if len(lights) != 3 or not all(0 <= one <= FULL for one in lights):
+        raise ConfigError(f"lights={list(lights)}: give three numbers from 0 to {FULL}")
+    value = 0
+    for one in lights:
+        value = value << 4 | int(one)
+    return value

@@ -1,0 +1,1 @@
+"""FlexiTac for tactileforge."""

@@ -1,0 +1,88 @@
+"""FlexiTac: a grid of pressure sensors, read over a serial port.
+
+A packet is ``AA 55`` and a byte for each taxel, row by row. There is no length, no checksum and no
+counter, and the header may stand among the taxels as well: see `parser.GridParser`.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+from tactileforge.contracts import SensorSpec
+from tactileforge.errors import ConfigError
+from tactileforge.sensors.framing import Parser
+from tactileforge.sensors.serial_array import SerialArray
+from tactileforge_flexitac.parser import GridParser
+
+
+class FlexiTac(SerialArray):
+    """A FlexiTac, of which the change of pressure is drawn, in counts of its converter.
+
+    Args:
+        port: Path of the serial port, for example ``/dev/ttyUSB0``.
+        rows: Of taxels.
+        columns: Of taxels.
+        span: Change that is full colour, counts of 255.
+        baseline: Packets whose median is the pad without contact, taken when it is opened.
+        baudrate: Bits a second.
+        usb: Vendor and product of the board, for example ``1a86:55d3``, to find the port by.
+        serial_number: Of the board, to find the port by.
+
+    Attributes:
+        spec: Its rate is measured while the baseline is taken: the board sends as fast as it can.
+    """
+
+    spec = SensorSpec(
+        name="flexitac",
+        height=12,
+        width=32,
+        fps=90.0,
+        area_mm=None,
+        force_scale=(5.0, 5.0, 10.0),
+        kind="array",
+    )
+
+    def __init__(
+        self,
+        port: str = "",
+        rows: int = 12,
+        columns: int = 32,
+        span: float = 100.0,
+        baseline: int = 30,
+        baudrate: int = 2_000_000,
+        usb: str = "",
+        serial_number: str = "",
+    ) -> None:
+        if rows < 1 or columns < 1:
+            raise ConfigError(f"rows={rows} columns={columns}: give 1 or more of each")
+        super().__init__(
+            port=port,
+            type="flexitac",
+            shape=(rows, columns),
+            payload=f"{rows * columns}B",
+            header="aa55",
+            span=span,
+            baseline=baseline,
+            fps=self.spec.fps,
+            baudrate=baudrate,
+            usb=usb,
+            serial_number=serial_number,
+        )
+
+    def new_parser(self) -> Parser:
+        """A parser of its packets."""
+        return GridParser(self.framing.header, self.framing.payload)
+
+    def ready(self) -> None:
+        """Takes the baseline, and measures the rate by it.
+
+        Raises:
+            SensorError: Too few packets come.
+        """
+        start = time.monotonic()
+        super().ready()
+        if self.baseline:
+            fps = self.baseline / (time.monotonic() - start)
+            self.spec = replace(self.spec, fps=fps)
+            self._stamper.period = 1 / fps

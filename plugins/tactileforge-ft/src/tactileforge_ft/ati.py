@@ -1,0 +1,215 @@
+"""ATI Net F/T and Ethernet Axia: forces and torques over Ethernet, up to 7,000 a second.
+
+"Raw data transfer": a request of 8 bytes over UDP starts the stream, and each record of 36 bytes
+carries two sequence numbers, a status and six counts. How many counts a newton has, and whether
+they are newtons, is on the page ``netftapi2.xml`` of the device.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from dataclasses import dataclass, replace
+from urllib.error import URLError
+from urllib.request import ProxyHandler, build_opener
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import Frame, SensorSpec
+from tactileforge.errors import SensorError
+from tactileforge.sensors.force_torque import ForceTorque
+from tactileforge.sensors.links import Link
+
+#: Commands of a request.
+STOP, START, BIAS = 0x0000, 0x0002, 0x0042
+#: The bit of a status that is set with every bit that means an error.
+ERROR = 1 << 31
+#: Newton, and newton metre, of the units of the device, written without dashes and blanks.
+FORCES = {"n": 1.0, "kn": 1e3, "lbf": 4.4482216152605, "klbf": 4448.2216152605}
+FORCES |= {"kgf": 9.80665, "gf": 9.80665e-3}
+TORQUES = {"nm": 1.0, "nmm": 1e-3, "knm": 1e3, "kgfcm": 0.0980665}
+TORQUES |= {"lbfin": 0.1129848290276167, "lbfft": 1.3558179483314004}
+_PAGE_BYTES = 1 << 20
+_WRAP = 1 << 32
+
+
+def request(command: int, count: int = 0) -> bytes:
+    """A request.
+
+    Args:
+        command: `STOP`, `START` or `BIAS`.
+        count: Records to send; 0 for no end.
+
+    Example:
+        >>> request(START).hex()
+        '1234000200000000'
+    """
+    return struct.pack(">HHI", 0x1234, command, count)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the device says of itself.
+
+    Attributes:
+        force: Newton of a count.
+        torque: Newton metre of a count.
+        rate: Records a second; None where it does not say.
+    """
+
+    force: float
+    torque: float
+    rate: float | None
+
+
+class AtiNetFT(ForceTorque):
+    """An ATI Net F/T, whose forces and torques are passed on in N and N m.
+
+    Records that are lost on the way are counted, and one that comes twice or too late is dropped. A
+    record whose status is an error is dropped too: its numbers do not count.
+
+    Args:
+        host: Name or number of the device.
+        port: Its port for raw data transfer.
+        bias: Whether what it shows when it is opened becomes zero.
+        http_port: Port of its web pages.
+
+    Attributes:
+        missed: Records that were sent and did not come, since it was opened.
+        status: Of the last record.
+    """
+
+    spec = SensorSpec(
+        name="ati_netft",
+        height=0,
+        width=0,
+        fps=7000.0,
+        area_mm=None,
+        force_scale=(10.0, 10.0, 10.0),
+        kind="wrench",
+    )
+
+    def __init__(
+        self,
+        host: str = "192.168.1.1",
+        port: int = 49152,
+        bias: bool = False,
+        http_port: int = 80,
+    ) -> None:
+        super().__init__(
+            port=f"{host}:{port}", link="udp", payload=">3I6i", header="00", fps=self.spec.fps
+        )
+        self.page = f"http://{host}:{http_port}/netftapi2.xml"
+        self.bias = bias
+        self.missed = self.status = 0
+        self._last: int | None = None
+
+    def connect(self) -> Link:
+        """Reads what a count is, and opens the way for the records.
+
+        Raises:
+            SensorError: It does not answer, or its units are not known.
+        """
+        found = settings(fetch(self.page), self.page)
+        self.scale = np.repeat([found.force, found.torque], 3)
+        if found.rate:
+            self.spec = replace(self.spec, fps=found.rate)
+        self.missed = self.status = 0
+        self._last = None
+        return super().connect()
+
+    def start(self, link: Link) -> None:
+        """Asks for records without end."""
+        if self.bias:
+            link.send(request(BIAS))
+        link.send(request(START))
+
+    def stop(self, link: Link) -> None:
+        """Asks for no more."""
+        link.send(request(STOP))
+
+    def wrench(self, payload: bytes) -> NDArray[np.float64]:
+        """Forces and torques of a record; see `ForceTorque.wrench`.
+
+        Raises:
+            ValueError: Its status is an error, or one as new has come already.
+        """
+        number, _, status = struct.unpack_from(">3I", payload)
+        ahead = 1 if self._last is None else (number - self._last) % _WRAP
+        if not 0 < ahead < _WRAP // 2:
+            raise ValueError("a record that came already, or too late")
+        self.missed += ahead - 1
+        self._last, self.status = number, status
+        if status & ERROR:
+            raise ValueError(f"status 0x{status:08x}")
+        return super().wrench(payload)
+
+    def read(self, timeout: float = 1.0) -> Frame:
+        """The next record; see `StreamSensor.read`.
+
+        Raises:
+            TimeoutError: No record that counts within ``timeout`` seconds.
+        """
+        try:
+            return super().read(timeout)
+        except TimeoutError as error:
+            if not self.status & ERROR:
+                raise
+            raise TimeoutError(
+                f"{self.address}: its records say status 0x{self.status:08x}, an error; look it up "
+                "under status code in its manual"
+            ) from error
+
+
+def fetch(page: str, timeout: float = 3.0) -> str:
+    """Text of a page of the device, whatever proxy the machine has.
+
+    Args:
+        page: Its address.
+        timeout: Seconds.
+
+    Raises:
+        SensorError: It does not come.
+    """
+    try:
+        with build_opener(ProxyHandler({})).open(page, timeout=timeout) as answer:
+            text: bytes = answer.read(_PAGE_BYTES)
+    except (URLError, OSError, ValueError) as error:
+        raise SensorError(
+            f"{page}: does not answer ({error}); is the sensor on, and is host= right?"
+        ) from error
+    return text.decode("latin-1")
+
+
+def settings(text: str, page: str = "netftapi2.xml") -> Settings:
+    """Reads the page of settings.
+
+    Args:
+        text: The page.
+        page: Its address, for errors.
+
+    Raises:
+        SensorError: Something is missing on it, or has no meaning.
+    """
+
+    def field(name: str) -> str:
+        found = re.search(rf"<{name}>\s*([^<]*?)\s*</{name}>", text, re.IGNORECASE)
+        return found[1] if found else ""
+
+    def per_count(counts: str, unit: str, units: dict[str, float]) -> float:
+        number, name = field(counts), field(unit)
+        known = units.get(re.sub(r"[^a-z]", "", name.lower()))
+        if known is None:
+            raise SensorError(f"{page}: {unit} is {name!r}; set it to one of {', '.join(units)}")
+        try:
+            return known / float(number)
+        except (ValueError, ZeroDivisionError) as error:
+            raise SensorError(f"{page}: {counts} is {number!r}, not a number of counts") from error
+
+    rate = field("comrdtrate")
+    return Settings(
+        force=per_count("cfgcpf", "scfgfu", FORCES),
+        torque=per_count("cfgcpt", "scfgtu", TORQUES),
+        rate=float(rate) if rate.isdecimal() and int(rate) else None,
+    )

@@ -1,0 +1,68 @@
+"""As much of Modbus RTU as it takes to write a register."""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Sequence
+
+from tactileforge.errors import SensorError
+from tactileforge.sensors.framing import CHECKSUMS
+from tactileforge.sensors.links import Link
+
+#: "Write registers", and the mark of a reply that refuses.
+WRITE, REFUSED = 0x10, 0x80
+_CRC = CHECKSUMS["crc16_modbus"]
+
+
+def packet(body: bytes) -> bytes:
+    """A message with its checksum."""
+    return body + _CRC.of(body)
+
+
+def write_request(slave: int, register: int, values: Sequence[int]) -> bytes:
+    """Asks to write 16-bit values to registers that follow each other."""
+    head = struct.pack(">BBHHB", slave, WRITE, register, len(values), 2 * len(values))
+    return packet(head + struct.pack(f">{len(values)}H", *values))
+
+
+def write_reply(slave: int, register: int, count: int) -> bytes:
+    """What a device answers that has written so many values."""
+    return packet(struct.pack(">BBHH", slave, WRITE, register, count))
+
+
+def write(link: Link, slave: int, register: int, value: int, timeout: float) -> bytes:
+    """Writes one register.
+
+    Args:
+        link: To the device.
+        slave: Its number on the line.
+        register: Which.
+        value: 16 bits.
+        timeout: Seconds it may take to answer.
+
+    Returns:
+        What has come behind the answer already.
+
+    Raises:
+        SensorError: It refuses, or does not answer in time.
+    """
+    link.send(write_request(slave, register, [value]))
+    accepted = write_reply(slave, register, 1)
+    refused = bytes([slave, WRITE | REFUSED])
+    end, seen = time.monotonic() + timeout, b""
+    while (left := end - time.monotonic()) > 0:
+        seen += link.receive(left)
+        _, found, rest = seen.partition(accepted)
+        if found:
+            return rest
+        place = seen.find(refused)
+        if place >= 0 and seen[place : place + 5] == packet(seen[place : place + 3]):
+            raise SensorError(
+                f"{link.address}: refuses to write register {register} (Modbus exception "
+                f"{seen[place + 2]}); is it the sensor that was asked for?"
+            )
+    raise SensorError(
+        f"{link.address}: no answer within {timeout:g} s ({len(seen)} bytes came); has the sensor "
+        "power, and is it this port?"
+    )

@@ -1,0 +1,74 @@
+"""Robotiq FT 300: forces and torques, streamed over a serial port at 100 Hz.
+
+The stream is switched on by writing 0x0200 to register 410 over Modbus RTU, and off by sending 0xFF
+fifty times. A packet is ``20 4E``, six little-endian 16-bit integers (forces in N / 100, torques in
+N m / 1000), and the checksum of Modbus over all before it.
+"""
+
+from __future__ import annotations
+
+import time
+
+from tactileforge.contracts import SensorSpec
+from tactileforge.sensors.force_torque import ForceTorque
+from tactileforge.sensors.links import Link
+from tactileforge_ft import modbus
+
+#: Its number on the line, and the register and value that switch the stream on.
+SLAVE, REGISTER, STREAM = 9, 410, 0x0200
+#: What switches the stream off, how often, and seconds between: half a second in all.
+INTERRUPT, TIMES, PAUSE = b"\xff", 50, 0.01
+#: Seconds in which it answers, and of silence after which the stream has ended.
+TIMEOUT, SILENCE = 1.0, 0.05
+
+
+class Robotiq(ForceTorque):
+    """A Robotiq FT 300 (or FT 150), whose forces and torques are passed on as it gives them.
+
+    Args:
+        port: Path of the serial port, for example ``/dev/ttyUSB0``.
+        baudrate: Bits a second.
+        usb: Vendor and product of the USB adapter, for example ``0403:6015``, to find the port by.
+    """
+
+    spec = SensorSpec(
+        name="robotiq",
+        height=0,
+        width=0,
+        fps=100.0,
+        area_mm=None,
+        force_scale=(10.0, 10.0, 10.0),
+        kind="wrench",
+    )
+
+    def __init__(self, port: str = "", baudrate: int = 19200, usb: str = "") -> None:
+        super().__init__(
+            port=port,
+            payload="<6h",
+            scale=(0.01, 0.01, 0.01, 0.001, 0.001, 0.001),
+            header="204e",
+            checksum="crc16_modbus",
+            fps=self.spec.fps,
+            baudrate=baudrate,
+            usb=usb,
+        )
+
+    def start(self, link: Link) -> None:
+        """Ends a stream that another program has left, and begins a new one.
+
+        Raises:
+            SensorError: It refuses, or does not answer.
+        """
+        self.stop(link)
+        end = time.monotonic() + TIMEOUT
+        while link.receive(SILENCE) and time.monotonic() < end:
+            pass
+        first = modbus.write(link, SLAVE, REGISTER, STREAM, TIMEOUT)
+        assert self.parser is not None
+        self._take(self.parser, first)
+
+    def stop(self, link: Link) -> None:
+        """Ends the stream."""
+        for _ in range(TIMES):
+            link.send(INTERRUPT)
+            time.sleep(PAUSE)

@@ -1,0 +1,1 @@
+"""GelSight Mini for tactileforge."""

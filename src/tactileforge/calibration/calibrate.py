@@ -1,0 +1,254 @@
+"""A calibration from recordings of one unit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.calibration import features
+from tactileforge.calibration.file import AXES, Calibration, Force, Light
+from tactileforge.calibration.fit import Fit, fit, folds
+from tactileforge.calibration.light import drift, light, punch_mm_per_pixel
+from tactileforge.contracts import Recording
+from tactileforge.errors import ConfigError, DataError, unknown
+from tactileforge.specs import spec
+
+#: Between lags that are tried, s.
+_LAG_STEP = 1 / 60
+#: Share of the variance that a fit must explain to be kept.
+_LEAST_R2 = 0.2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """The keys of conf/calibrate.yaml, but those that name data and files.
+
+    Attributes:
+        device: Which sensor, where the data hold several: the label ``device``, or the type.
+        unit: Which unit, by the label ``unit``.
+        fit: What forces are fitted to: ``auto``, ``none``, ``pictures``, ``taxels``, or a track.
+        axes: Which axes of the force.
+        max_lag: Longest time by which pictures may come later than forces, s; 0 looks for none.
+        punch_mm: Diameter of a flat round punch that presses in the recordings whose ``object`` is
+            ``punch``, or in all where none is called so.
+        mm_per_pixel: What it is, where it is known.
+        frames: Most frames that are looked at.
+    """
+
+    device: str | None = None
+    unit: str | None = None
+    fit: str = "auto"
+    axes: Sequence[str] = AXES
+    max_lag: float = 0.0
+    punch_mm: float | None = None
+    mm_per_pixel: float | None = None
+    frames: int = 5000
+
+    def __post_init__(self) -> None:
+        for name in self.axes:
+            if name not in AXES:
+                raise ConfigError(unknown("axis", name, AXES))
+        if not self.axes:
+            raise ConfigError("axes=[]: give some of x, y, z")
+        if not 0 <= self.max_lag <= 1:
+            raise ConfigError(f"max_lag={self.max_lag}: give 0 to 1 s")
+        for name in ("punch_mm", "mm_per_pixel", "frames"):
+            value = getattr(self, name)
+            if value is not None and not value > 0:
+                raise ConfigError(f"{name}={value}: give a value above 0")
+        if self.punch_mm is not None and self.mm_per_pixel is not None:
+            raise ConfigError("punch_mm and mm_per_pixel say the same twice: give one of them")
+
+
+@dataclass(frozen=True)
+class Found:
+    """A calibration, and what it was found from.
+
+    Attributes:
+        calibration: What the file holds.
+        fits: The fit of each axis.
+        still: uint8 (H, W, 3), the background; None for an array.
+        scale: Where mm per pixel come from, in words.
+        notes: What a user should know, one line each.
+    """
+
+    calibration: Calibration
+    fits: dict[str, Fit]
+    still: NDArray[np.uint8] | None
+    scale: str
+    notes: list[str]
+
+
+def calibrate(
+    recordings: Iterable[Recording], options: Options, reference: Calibration | None = None
+) -> Found:
+    """Calibrates one unit.
+
+    Args:
+        recordings: Of it, and maybe of others, see ``device`` and ``unit``.
+        options: What, and how.
+        reference: A calibration whose colours are right; see `light.light`.
+
+    Raises:
+        ConfigError: The recordings are of several units, or the options do not fit them.
+        DataError: They do not hold what is needed; says what.
+    """
+    chosen = _chosen(recordings, options)
+    one = chosen[0]
+    notes: list[str] = []
+    sizes = {recording.frames.shape for recording in chosen}
+    if len(sizes) > 1:
+        told = " and ".join(f"{h} x {w}" for h, w in sorted(sizes))
+        raise DataError(f"frames of {told} pixels: calibrate recordings of one size")
+    kind = _kind(one, chosen, options)
+    shines, still = _light(chosen, reference, notes)
+    scale, source = _scale(chosen, options)
+    force, fits = _force(chosen, kind, options, notes) if kind != "none" else (None, {})
+    calibration = Calibration(
+        sensor=one.sensor,
+        unit=str(one.labels.get("unit", "")),
+        made=f"{datetime.now(UTC):%Y-%m-%d} from {len(chosen)} recordings, {one.key} and on",
+        light=shines,
+        mm_per_pixel=scale,
+        size=list(one.frames.shape),
+        force=force,
+    )
+    return Found(calibration, fits, still, source, notes)
+
+
+def _chosen(recordings: Iterable[Recording], options: Options) -> list[Recording]:
+    chosen: list[Recording] = []
+    others: set[str] = set()
+    for one in recordings:
+        names = {one.sensor, str(one.labels.get("device", one.sensor))}
+        unit = str(one.labels.get("unit", ""))
+        if options.device not in (None, *names) or options.unit not in (None, unit):
+            others |= {*names, unit} - {""}
+            continue
+        chosen.append(one)
+        if sum(len(each.frames) for each in chosen) >= options.frames:
+            break
+    if not chosen:
+        wanted = options.unit or options.device or ""
+        if wanted:
+            raise ConfigError(unknown("device or unit", wanted, others))
+        raise DataError("there are no recordings: record a series of presses first")
+    units = {
+        f"{one.labels.get('device', one.sensor)} {one.labels.get('unit', '')}".strip()
+        for one in chosen
+    }
+    if len(units) > 1:
+        raise ConfigError(
+            f"recordings of {', '.join(sorted(units))}: a calibration is of one unit; choose it "
+            "with device=NAME or unit=NAME"
+        )
+    return chosen
+
+
+def _kind(one: Recording, chosen: Sequence[Recording], options: Options) -> str:
+    if options.fit != "auto":
+        return options.fit
+    if all(recording.force is None for recording in chosen):
+        return "none"
+    return "taxels" if spec(one.sensor).kind == "array" else "pictures"
+
+
+def _light(
+    chosen: Sequence[Recording], reference: Calibration | None, notes: list[str]
+) -> tuple[Light | None, NDArray[np.uint8] | None]:
+    if spec(chosen[0].sensor).kind == "array":
+        return None, None
+    stills = [features.background(one) for one in chosen if one.no_contact is not None]
+    if not stills:
+        notes.append("no recording has a frame without contact: the light is not calibrated")
+        return None, None
+    found = light(stills, None if reference is None else reference.light)
+    worst = max(drift(still, found) for still in stills)
+    if worst > 10:
+        notes.append(
+            f"backgrounds differ by up to {worst:.0f} grey levels: the gel or its light has changed"
+        )
+    still = np.median(np.stack(stills), axis=0)
+    return found, np.rint(still).clip(0, 255).astype(np.uint8)
+
+
+def _scale(chosen: Sequence[Recording], options: Options) -> tuple[float | None, str]:
+    if options.mm_per_pixel is not None:
+        return options.mm_per_pixel, "given"
+    if options.punch_mm is not None:
+        punched = [one for one in chosen if one.object == "punch"] or chosen
+        found = [
+            punch_mm_per_pixel(
+                one.frames.read(range(len(one.frames))),
+                features.background(one),
+                options.punch_mm,
+                one.key,
+            )
+            for one in punched[:20]
+        ]
+        spread = 100 * float(np.std(found) / np.mean(found))
+        told = f"{len(found)} presses of a {options.punch_mm:g} mm punch, which differ by "
+        return round(float(np.median(found)), 6), f"{told}{spread:.1f} %"
+    known = spec(chosen[0].sensor)
+    if known.area_mm is None:
+        return None, "not known: give punch_mm or mm_per_pixel"
+    return round(known.area_mm[0] / chosen[0].frames.shape[0], 6), "the area of the sensor's type"
+
+
+def _force(
+    chosen: Sequence[Recording], kind: str, options: Options, notes: list[str]
+) -> tuple[Force, dict[str, Fit]]:
+    presses = [one for one in chosen if one.force is not None]
+    if not presses:
+        raise DataError(
+            "no recording has forces: record with force=NAME, or give fit=none to leave them out"
+        )
+    noise = max(features.noise_of(one) for one in presses) if kind == "pictures" else 0.0
+    parts = [features.of(one, kind, noise) for one in presses]
+    joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    held = folds([len(one.frames) for one in presses])
+
+    def fitted(name: str, lag: float) -> Fit:
+        column = AXES.index(name)
+        force = np.concatenate([_lagged(one, column, lag) for one in presses])
+        return fit(joined, _choices(kind, name, joined), force, held, name)
+
+    wanted = [name for name in AXES if name in options.axes]
+    lag = 0.0
+    if options.max_lag:
+        lags = np.arange(0, options.max_lag + 1e-9, _LAG_STEP)
+        lag = float(min(lags, key=lambda at: fitted(wanted[-1], float(at)).axis.rmse))
+    fits = {name: fitted(name, lag) for name in wanted}
+    for name in wanted:
+        if (share := fits[name].axis.r2) < _LEAST_R2:
+            notes.append(
+                f"force {name} is left out: its fit explains {100 * max(share, 0):.0f} % of "
+                "presses that it did not see; record more of them, or larger forces"
+            )
+            del fits[name]
+    if not fits:
+        raise DataError(f"forces do not follow from {kind}: {'; '.join(notes)}")
+    axes = {name: one.axis for name, one in fits.items()}
+    return Force(kind, noise, round(lag, 4), axes), fits
+
+
+def _choices(kind: str, axis: str, found: Mapping[str, Any]) -> list[Sequence[str]]:
+    """What an axis may be fitted to: of arrays and tracks its own values, scale and offset."""
+    return [features.NORMAL, list(found)] if kind == "pictures" else [[axis]]
+
+
+def _lagged(one: Recording, column: int, lag: float) -> NDArray[np.float64]:
+    """One axis of the force, so many seconds before each frame."""
+    assert one.force is not None
+    force = one.force[:, column].astype(np.float64)
+    known = np.isfinite(force)
+    if lag == 0 or not known.any():
+        return force
+    before = one.times - lag
+    out = np.interp(before, one.times[known], force[known])
+    return np.where(before < one.times[known][0], np.nan, out)

@@ -1,0 +1,136 @@
+"""What a frame says of the force on it, as a few numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import Frames, Recording
+from tactileforge.errors import DataError, unknown
+from tactileforge.sensors.taxels import REST
+
+#: Rows or columns, whichever are more, that features are taken at: noise is averaged away.
+_SIZE = 64
+#: Frames that are decoded at a time.
+_CHUNK = 64
+#: Features of a picture that grow with the normal force, and do not tell directions.
+NORMAL = ("strength", "area", "peak", "volume")
+_COLOURS = ("red", "green", "blue")
+#: Change of a pixel that counts as contact where noise is not known, grey levels.
+LEAST = 3.0
+
+
+def of(recording: Recording, kind: str, noise: float = LEAST) -> dict[str, NDArray[np.float64]]:
+    """Features of every frame, float64 (T,) each.
+
+    ``pictures`` are compared with the background: how much they change on the whole
+    (``strength``), where they do (``area``, a share), how much at most (``peak``), their
+    product ``volume`` = peak * sqrt(area); what each colour changes; and the first moments of all
+    that along x and y, which a shear shifts. ``taxels`` are pictures of an array: the sums ``x``,
+    ``y``, ``z`` of what taxels show, in units of full colour. Else it is the name of a track
+    (T, 3), whose columns are ``x``, ``y``, ``z``.
+
+    Args:
+        recording: The touch.
+        kind: ``pictures``, ``taxels``, or the name of a track.
+        noise: Change of a pixel that counts as contact, grey levels.
+
+    Raises:
+        DataError: It has no background, or no such track.
+    """
+    if kind == "taxels":
+        return _joined(_taxels(part) for part in _chunks(recording.frames))
+    if kind != "pictures":
+        return _track(recording, kind)
+    rest = background(recording)
+    return _joined(_pictures(part, rest, noise) for part in _chunks(recording.frames))
+
+
+def background(recording: Recording) -> NDArray[np.float32]:
+    """The picture without contact, float32 (H, W, 3): the median of those there are.
+
+    Raises:
+        DataError: There is none.
+    """
+    if recording.no_contact is None:
+        raise DataError(
+            f"{recording.key}: no frame without contact; record with background.seconds above 0"
+        )
+    count = min(len(recording.no_contact), 9)
+    return np.median(recording.no_contact.read(range(count)), axis=0).astype(np.float32)
+
+
+def noise_of(recording: Recording) -> float:
+    """Change that noise alone does not reach, grey levels, of pixels at the size of features."""
+    rest = recording.no_contact
+    if rest is None or len(rest) < 3:
+        return LEAST
+    small = np.stack([_small(frame) for frame in rest.read(range(min(len(rest), 9)))])
+    spread = float(np.std(small - np.median(small, axis=0)))
+    return max(LEAST, round(4 * spread, 2))
+
+
+def _chunks(frames: Frames) -> Iterator[NDArray[np.uint8]]:
+    for start in range(0, len(frames), _CHUNK):
+        yield frames.read(range(start, min(start + _CHUNK, len(frames))))
+
+
+def _joined(parts: Iterator[dict[str, NDArray[np.float64]]]) -> dict[str, NDArray[np.float64]]:
+    rows = list(parts)
+    return {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
+
+
+def _small(picture: NDArray[np.uint8] | NDArray[np.float32]) -> NDArray[np.float32]:
+    height, width = picture.shape[:2]
+    scale = min(1.0, _SIZE / max(height, width))
+    size = (max(1, round(width * scale)), max(1, round(height * scale)))
+    small: NDArray[np.float32] = cv2.resize(
+        picture.astype(np.float32), size, interpolation=cv2.INTER_AREA
+    )
+    return small
+
+
+def _pictures(
+    frames: NDArray[np.uint8], rest: NDArray[np.float32], noise: float
+) -> dict[str, NDArray[np.float64]]:
+    still = _small(rest)
+    change = np.stack([_small(frame) for frame in frames]).astype(np.float64) - still
+    size = np.abs(change).mean(-1)
+    felt = (size - noise).clip(min=0)
+    area = (size > noise).mean((1, 2))
+    peak = np.percentile(felt, 99, axis=(1, 2))
+    rows, columns = (np.linspace(-1, 1, n) for n in size.shape[1:])
+    found = {
+        "strength": felt.mean((1, 2)),
+        "area": area,
+        "peak": peak,
+        "volume": peak * np.sqrt(area),
+        "strength_x": (felt * columns).mean((1, 2)),
+        "strength_y": (felt * rows[:, None]).mean((1, 2)),
+    }
+    for number, colour in enumerate(_COLOURS):
+        one = change[..., number]
+        found[colour] = one.mean((1, 2))
+        found[f"{colour}_x"] = (one * columns).mean((1, 2))
+        found[f"{colour}_y"] = (one * rows[:, None]).mean((1, 2))
+    return found
+
+
+def _taxels(frames: NDArray[np.uint8]) -> dict[str, NDArray[np.float64]]:
+    sums = (frames.astype(np.float64) - REST).sum((1, 2)) / (REST - 1)
+    return {name: sums[:, number] for number, name in enumerate("xyz")}
+
+
+def _track(recording: Recording, name: str) -> dict[str, NDArray[np.float64]]:
+    if name not in recording.tracks:
+        known = {"pictures", "taxels", *recording.tracks}
+        raise DataError(f"{recording.key}: {unknown('source of forces', name, known)}")
+    values = np.asarray(recording.tracks[name], np.float64)
+    if values.ndim != 2 or values.shape[1] < 3:
+        raise DataError(
+            f"{recording.key}: the track {name} is {values.shape}, but x, y and z are its columns"
+        )
+    return {axis: values[:, number] for number, axis in enumerate("xyz")}

@@ -1,0 +1,302 @@
+"""The calibration of one unit: a small YAML, and a label of the recordings that it made."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from tactileforge.atomic import write_text
+from tactileforge.contracts import Recording
+from tactileforge.datasets.node import Node
+from tactileforge.errors import ConfigError, DataNotFoundError
+
+#: Version of the file; a reader refuses another.
+VERSION = 1
+#: Label of a recording that carries the text of its unit's calibration.
+LABEL = "calibration"
+AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class Light:
+    """The picture without contact.
+
+    Attributes:
+        colour: Mean red, green and blue, grey levels.
+        balance: What each colour is multiplied by to be that of the reference; of a unit without a
+            reference, to make the three means equal.
+        grid: Mean colours of 3 x 4 parts of the picture, grey levels.
+    """
+
+    colour: list[float]
+    balance: list[float]
+    grid: list[list[list[float]]]
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One axis of the force: an offset, and what each feature weighs.
+
+    Attributes:
+        offset: N.
+        weights: N per unit of each feature.
+        rmse: Error on recordings that the fit did not see, N.
+        r2: Share of the variance that it explains there.
+        span: Lowest and highest force that it was fitted to, N.
+    """
+
+    offset: float
+    weights: dict[str, float]
+    rmse: float
+    r2: float
+    span: list[float]
+
+    def __call__(self, features: Mapping[str, NDArray[np.floating]]) -> NDArray[np.float64]:
+        """The force, float64 (T,), N.
+
+        Args:
+            features: Float (T,) each.
+        """
+        total = sum(weight * np.asarray(features[name]) for name, weight in self.weights.items())
+        return np.asarray(self.offset + total, np.float64)
+
+
+@dataclass(frozen=True)
+class Force:
+    """How forces follow from what the unit shows.
+
+    Attributes:
+        of: ``pictures``, ``taxels``, or the name of a track, see `features.of`.
+        noise: Change of a pixel that counts as contact, grey levels.
+        lag: Seconds by which pictures come later than forces.
+        axes: Those of ``x``, ``y``, ``z`` that were fitted.
+    """
+
+    of: str
+    noise: float
+    lag: float
+    axes: dict[str, Axis]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Calibration:
+    """What one unit has of its own.
+
+    Attributes:
+        sensor: Type of the sensor.
+        unit: Which one: the address or serial number that its recordings carry.
+        made: From what, and when.
+        light: The picture without contact.
+        mm_per_pixel: Of a picture of ``size``; None where it is not known.
+        size: Height and width of the pictures.
+        force: None where no force was recorded.
+
+    Example:
+        >>> one = Calibration(sensor="digit", unit="D20123", mm_per_pixel=0.05, size=[320, 240])
+        >>> parse(one.text(), "here") == one
+        True
+    """
+
+    sensor: str
+    unit: str = ""
+    made: str = ""
+    light: Light | None = None
+    mm_per_pixel: float | None = None
+    size: list[int] = field(default_factory=list)
+    force: Force | None = None
+
+    def text(self) -> str:
+        """The file."""
+        plain = {"version": VERSION} | asdict(self)
+        return yaml.safe_dump(plain, sort_keys=False, width=100, default_flow_style=None)
+
+    def save(self, path: Path) -> None:
+        """Writes the file whole or not at all."""
+        write_text(path, self.text())
+
+    def balanced(self, frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Frames in the colours of the reference.
+
+        Args:
+            frames: uint8 (..., 3), RGB.
+
+        Raises:
+            ConfigError: The light was not calibrated.
+        """
+        if self.light is None:
+            raise ConfigError(f"the calibration of {self.sensor} {self.unit} has no light")
+        scaled = frames * np.asarray(self.light.balance, np.float32)
+        return np.rint(scaled).clip(0, 255).astype(np.uint8)
+
+    def forces(self, recording: Recording) -> NDArray[np.float32]:
+        """The forces of a recording of this unit, float32 (T, 3), N; NaN on axes without a fit.
+
+        Raises:
+            ConfigError: It is of another type of sensor, or no force was calibrated.
+            DataError: It has no background, or not the track.
+        """
+        from tactileforge.calibration.features import of
+
+        if self.force is None:
+            raise ConfigError(f"the calibration of {self.sensor} {self.unit} has no force")
+        self.check(recording.sensor, str(recording.labels.get("unit", "")))
+        found = of(recording, self.force.of, self.force.noise)
+        out = np.full((len(recording.frames), 3), np.nan, np.float32)
+        for column, name in enumerate(AXES):
+            if name in self.force.axes:
+                out[:, column] = self.force.axes[name](found)
+        return out
+
+    def check(self, sensor: str, unit: str = "") -> None:
+        """Refuses another sensor.
+
+        Raises:
+            ConfigError: It is of another type, or another unit.
+        """
+        if sensor != self.sensor or (unit and self.unit and unit != self.unit):
+            raise ConfigError(
+                f"the calibration is that of {self.sensor} {self.unit or '(any)'}, and this is "
+                f"{sensor} {unit}: give the file of this unit, or calibrate it"
+            )
+
+
+def load(path: str | Path) -> Calibration:
+    """Reads a file.
+
+    Raises:
+        DataNotFoundError: There is none.
+        ConfigError: It is not what `Calibration.save` writes; says where.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except OSError as error:
+        raise DataNotFoundError(
+            f"{path}: no calibration there ({error.strerror}); make one: tactileforge calibrate "
+            f"data=shards data.root=DIR out={path}"
+        ) from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: no text ({error.reason})") from error
+    return parse(text, str(path))
+
+
+def of_recording(recording: Recording) -> Calibration | None:
+    """The calibration that a recording carries; None where it carries none.
+
+    Raises:
+        ConfigError: It carries something else under that label.
+    """
+    text = recording.labels.get(LABEL)
+    return None if text is None else parse(str(text), f"{recording.key}, label {LABEL}")
+
+
+def labels(path: str | Path, sensor: str, unit: str = "") -> dict[str, str]:
+    """Labels for the recordings of a unit, so that its calibration goes where they go.
+
+    Args:
+        path: The file.
+        sensor: Type of the sensor that is recorded.
+        unit: Its address or serial number, "" where it has none.
+
+    Raises:
+        DataNotFoundError: There is no such file.
+        ConfigError: It is wrong, or of another sensor.
+    """
+    found = load(path)
+    found.check(sensor, unit)
+    return {LABEL: found.text()}
+
+
+def parse(text: str, where: str) -> Calibration:
+    """The calibration of a text.
+
+    Args:
+        text: YAML.
+        where: Its place, for messages.
+
+    Raises:
+        ConfigError: A key is unknown, missing or of another type, or a number is not finite.
+    """
+    try:
+        node = Node(yaml.safe_load(text), where)
+    except yaml.YAMLError as error:
+        raise ConfigError(f"{where}: no YAML ({error})") from error
+    if (version := node.need("version", int, str(VERSION))) != VERSION:
+        raise ConfigError(
+            f"{where}: version {version}, but this tactileforge reads {VERSION}; calibrate again"
+        )
+    size = node.take("size", list, [])
+    if size and (len(size) != 2 or not all(isinstance(n, int) and n > 0 for n in size)):
+        raise ConfigError(f"{where}: size is {size!r}, but must be a height and a width")
+    scale = node.take("mm_per_pixel", (int, float))
+    if scale is not None and not 0 < scale < math.inf:
+        raise ConfigError(f"{where}: mm_per_pixel is {scale}, but must be above 0")
+    light, force = node.take("light", dict), node.take("force", dict)
+    found = Calibration(
+        sensor=node.need("sensor", str, "digit"),
+        unit=node.take("unit", str, ""),
+        made=node.take("made", str, ""),
+        light=None if light is None else _light(Node(light, f"{where}, light")),
+        mm_per_pixel=scale,
+        size=size,
+        force=None if force is None else _force(Node(force, f"{where}, force")),
+    )
+    node.close()
+    return found
+
+
+def _light(node: Node) -> Light:
+    colour, balance = node.numbers("colour", 3), node.numbers("balance", 3)
+    grid = node.need("grid", list, "3 rows of 4 colours")
+    if np.shape(grid) != (3, 4, 3) or not np.isfinite(np.array(grid, np.float64)).all():
+        raise ConfigError(f"{node.where}: grid must be 3 rows of 4 colours")
+    if min(balance) <= 0 or not np.isfinite(colour + balance).all():
+        raise ConfigError(f"{node.where}: balance is {balance}, but must be above 0")
+    node.close()
+    return Light(colour, balance, grid)
+
+
+def _force(node: Node) -> Force:
+    axes = Node(node.need("axes", dict, "{z: {...}}"), f"{node.where}, axes")
+    found = Force(
+        of=node.need("of", str, "pictures"),
+        noise=_number(node, "noise"),
+        lag=_number(node, "lag"),
+        axes={
+            name: _axis(Node(axes.take(name, dict), f"{axes.where}, {name}"))
+            for name in AXES
+            if axes.has(name)
+        },
+    )
+    axes.close()
+    node.close()
+    if not found.axes:
+        raise ConfigError(f"{node.where}: axes is empty; give x, y or z")
+    return found
+
+
+def _axis(node: Node) -> Axis:
+    weights = Node(node.need("weights", dict, "{area: 12.5}"), f"{node.where}, weights")
+    names = [str(name) for name in node.take("weights", dict)]
+    found = Axis(
+        offset=_number(node, "offset"),
+        weights={name: _number(weights, name) for name in names},
+        rmse=_number(node, "rmse"),
+        r2=_number(node, "r2"),
+        span=node.numbers("span", 2),
+    )
+    node.close()
+    return found
+
+
+def _number(node: Node, key: str) -> float:
+    value = float(node.need(key, (int, float), "0.1"))
+    if not math.isfinite(value):
+        raise ConfigError(f"{node.where}: {key} is {value}, but must be a number")
+    return value

@@ -1,0 +1,135 @@
+"""Force by least squares, judged on presses that the fit did not see."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.calibration.file import Axis
+from tactileforge.errors import DataError
+
+#: Parts that are held out in turn.
+_FOLDS = 5
+#: Frames below which nothing is fitted, and below which a feature more is not worth it.
+_LEAST_FRAMES, _PER_FEATURE = 20, 5
+#: Directions of the features that vary by less than this share are noise.
+_RCOND = 1e-6
+
+
+@dataclass(frozen=True)
+class Fit:
+    """One axis, and what it says of frames that it was not fitted to.
+
+    Attributes:
+        axis: The fit to all frames.
+        measured: float64 (N,), N.
+        predicted: float64 (N,), N, each by the fit to the other folds.
+        fold: int64 (N,), in which fold each frame was held out.
+    """
+
+    axis: Axis
+    measured: NDArray[np.float64]
+    predicted: NDArray[np.float64]
+    fold: NDArray[np.int64]
+
+
+def folds(lengths: Sequence[int]) -> NDArray[np.int64]:
+    """In which fold each frame is held out, int64 (N,).
+
+    A press is held out whole where there are enough; fewer presses are cut into stretches, so that
+    neighbouring frames, which are alike, are held out together.
+
+    Args:
+        lengths: Frames of each press.
+    """
+    if len(lengths) >= _FOLDS:
+        return np.repeat(np.arange(len(lengths)) % _FOLDS, lengths)
+    return np.concatenate([np.arange(n) * _FOLDS // max(n, 1) for n in lengths])
+
+
+def fit(
+    features: Mapping[str, NDArray[np.float64]],
+    choices: Sequence[Sequence[str]],
+    force: NDArray[np.floating],
+    fold: NDArray[np.int64],
+    name: str,
+) -> Fit:
+    """Fits one axis with the choice of features that predicts best.
+
+    Args:
+        features: float64 (N,) each.
+        choices: Names of features that are used together.
+        force: Float (N,), N; NaN where it is not known.
+        fold: See `folds`.
+        name: Of the axis, for messages.
+
+    Raises:
+        DataError: Too few forces, or one that does not vary.
+    """
+    known = np.isfinite(force)
+    for values in features.values():
+        known &= np.isfinite(values)
+    measured, held = np.asarray(force, np.float64)[known], fold[known]
+    if len(measured) < _LEAST_FRAMES or len(np.unique(held)) < 2:
+        raise DataError(
+            f"force {name}: {len(measured)} frames with a force; give {_LEAST_FRAMES} or more, of "
+            "several presses"
+        )
+    if float(np.ptp(measured)) < 1e-3:
+        raise DataError(f"force {name}: it is {measured[0]:.3g} N throughout; press harder")
+    best: Fit | None = None
+    for names in _affordable(choices, len(measured)):
+        columns = np.stack([features[one][known] for one in names], 1)
+        found = _fit(names, columns, measured, held)
+        if best is None or found.axis.rmse < best.axis.rmse:
+            best = found
+    assert best is not None
+    return best
+
+
+def _affordable(choices: Sequence[Sequence[str]], frames: int) -> Iterator[Sequence[str]]:
+    yield choices[0]
+    yield from (names for names in choices[1:] if _PER_FEATURE * len(names) <= frames)
+
+
+def _fit(
+    names: Sequence[str],
+    columns: NDArray[np.float64],
+    measured: NDArray[np.float64],
+    held: NDArray[np.int64],
+) -> Fit:
+    predicted = np.empty_like(measured)
+    for one in np.unique(held):
+        out = held == one
+        offset, weights = _solved(columns[~out], measured[~out])
+        predicted[out] = offset + columns[out] @ weights
+    offset, weights = _solved(columns, measured)
+    error = predicted - measured
+    axis = Axis(
+        offset=_short(offset),
+        weights={name: _short(weight) for name, weight in zip(names, weights, strict=True)},
+        rmse=_short(float(np.sqrt(np.mean(error**2)))),
+        r2=_short(float(1 - np.mean(error**2) / np.var(measured))),
+        span=[_short(float(measured.min())), _short(float(measured.max()))],
+    )
+    return Fit(axis, measured, predicted, held)
+
+
+def _solved(
+    columns: NDArray[np.float64], measured: NDArray[np.float64]
+) -> tuple[float, NDArray[np.float64]]:
+    """Offset and weights of the least squares."""
+    middle, scale = columns.mean(0), columns.std(0)
+    scale = np.where(scale > 0, scale, 1.0)
+    level = float(measured.mean())
+    weights, *_ = np.linalg.lstsq((columns - middle) / scale, measured - level, rcond=_RCOND)
+    weights = weights / scale
+    return level - float(middle @ weights), weights
+
+
+def _short(value: float) -> float:
+    """Seven digits are more than any of it is good for."""
+    return float(f"{value:.7g}")

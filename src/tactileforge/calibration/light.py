@@ -1,0 +1,106 @@
+"""Light of a unit, and the size of its pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.calibration.features import LEAST
+from tactileforge.calibration.file import Light
+from tactileforge.errors import DataError
+
+#: Rows and columns of the coarse background.
+_GRID = (3, 4)
+#: Pixels between the radii at which the rim is looked for.
+_STEP = 0.5
+
+
+def light(backgrounds: Sequence[NDArray[np.float32]], reference: Light | None = None) -> Light:
+    """The light of a unit.
+
+    Args:
+        backgrounds: float32 (H, W, 3) each: pictures without contact, of one size.
+        reference: The light that the colours are balanced to; None makes the three means equal.
+
+    Raises:
+        DataError: A colour is black, so that no factor balances it.
+    """
+    still = np.median(np.stack(backgrounds), axis=0).astype(np.float64)
+    colour = still.mean((0, 1))
+    if (colour < 1).any():
+        raise DataError(
+            f"mean colours of the background are {np.round(colour, 1).tolist()}: one is black; "
+            "check the lights and the exposure"
+        )
+    wanted = colour.mean() if reference is None else np.array(reference.colour)
+    coarse = cv2.resize(still, _GRID[::-1], interpolation=cv2.INTER_AREA)
+    return Light(
+        colour=np.round(colour, 2).tolist(),
+        balance=np.round(wanted / colour, 4).tolist(),
+        grid=np.round(coarse, 1).tolist(),
+    )
+
+
+def drift(now: NDArray[np.float32], then: Light) -> float:
+    """Largest difference of a background to that of a calibration, of all parts, grey levels.
+
+    Args:
+        now: float32 (H, W, 3).
+        then: The light of the calibration.
+    """
+    coarse = cv2.resize(now, _GRID[::-1], interpolation=cv2.INTER_AREA)
+    return float(np.abs(coarse - np.array(then.grid)).max())
+
+
+def punch_mm_per_pixel(
+    frames: NDArray[np.uint8], rest: NDArray[np.float32], diameter: float, name: str
+) -> float:
+    """Size of a pixel, from a press of a flat round punch of known diameter.
+
+    Around the punch the picture changes most at its rim, where the gel is steepest. The rim's
+    radius is where the change, averaged over all directions, peaks.
+
+    Args:
+        frames: uint8 (T, H, W, 3), of one press.
+        rest: float32 (H, W, 3), the background.
+        diameter: Of the punch, mm.
+        name: Of the recording, for messages.
+
+    Raises:
+        DataError: No contact is seen, or it has no rim inside the picture.
+    """
+    changes = np.abs(frames.astype(np.float32) - rest).mean(-1)
+    deepest = changes[int(changes.mean((1, 2)).argmax())]
+    change = cv2.GaussianBlur(deepest, (0, 0), 1.5)
+    felt = (change - max(2 * LEAST, 0.25 * float(change.max()))).clip(min=0)
+    if not felt.any():
+        raise DataError(f"{name}: no contact is seen in any frame; press the punch harder")
+    rows, columns = np.indices(change.shape)
+    centre = _centre(felt)
+    radius = np.hypot(rows - centre[0], columns - centre[1])
+    room = min(*centre, *(n - 1 - c for n, c in zip(change.shape, centre, strict=True)))
+    places = (radius[radius < room] / _STEP).astype(int)
+    if len(places) < 50:
+        raise DataError(f"{name}: the contact lies at the edge of the picture; press its middle")
+    counts = np.bincount(places)
+    profile = np.bincount(places, change[radius < room]) / counts.clip(min=1)
+    profile = np.convolve(profile, np.ones(3) / 3, "same")
+    at = int(profile.argmax())
+    if at < 4 or at > len(profile) - 4:
+        raise DataError(f"{name}: the punch has no rim inside the picture; press its middle")
+    low, top, high = profile[at - 1 : at + 2]
+    bend = low - 2 * top + high
+    peak = at + (0.5 * (low - high) / bend if bend < 0 else 0.0)
+    return float(diameter / 2 / ((peak + 0.5) * _STEP))
+
+
+def _centre(felt: NDArray[np.float32]) -> tuple[float, float]:
+    """Row and column of the middle of the smallest circle around most of the contact."""
+    mask = (felt > 0).astype(np.uint8)
+    mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    points = np.argwhere(mask if mask.any() else felt > 0).astype(np.float32)
+    (row, column), _ = cv2.minEnclosingCircle(points)
+    return float(row), float(column)

@@ -1,0 +1,115 @@
+"""The page of a calibration: how well forces are fitted, the light, the scale."""
+
+from __future__ import annotations
+
+from html import escape
+
+from tactileforge.calibration.calibrate import Found
+from tactileforge.calibration.fit import Fit
+from tactileforge.inspection.sections import figure
+from tactileforge.report.figures import CLASSES, INK, MARKERS, drawing, svg
+from tactileforge.report.page import (
+    Section,
+    number,
+    page,
+    panel,
+    panels,
+    paragraph,
+    table,
+)
+
+
+def render(found: Found) -> str:
+    """The page, as HTML."""
+    one = found.calibration
+    title = f"Calibration of {one.sensor} {one.unit}".strip()
+    notes = "".join(f'<li class="bad">{escape(note)}</li>' for note in found.notes)
+    top = f"{paragraph(one.made, soft=True)}<ul class=verdict>{notes}</ul>"
+    parts = [_force(found)] if one.force is not None else []
+    parts += [_light(found)] if one.light is not None else []
+    return page(title, top, [*parts, _scale(found)])
+
+
+def _force(found: Found) -> Section:
+    force = found.calibration.force
+    assert force is not None
+    drawn = []
+    for name, one in found.fits.items():
+        drawn += [panel(f"Force {name}", _against(one, name)), panel("", _residual(one, name))]
+    rows = [
+        (
+            name,
+            number(axis.rmse),
+            number(axis.r2),
+            f"{number(axis.span[0])} to {number(axis.span[1])}",
+            str(len(found.fits[name].measured)),
+            f"text|{', '.join(axis.weights)}",
+        )
+        for name, axis in force.axes.items()
+    ]
+    head = ("axis", "error (N)", "R\N{SUPERSCRIPT TWO}", "range (N)", "frames", "text|fitted to")
+    told = f"Fitted to {force.of} by least squares"
+    told += f", pictures {1000 * force.lag:.0f} ms after forces." if force.lag else "."
+    told += " Each frame is predicted by a fit that has not seen its press; colours are folds."
+    return Section(
+        "force", "Force", paragraph(told) + table("axes", head, rows) + panels(drawn, wide=True)
+    )
+
+
+def _against(fit: Fit, name: str) -> str:
+    with drawing(4.2, 3.2) as (drawn, axes):
+        ends = [float(fit.measured.min()), float(fit.measured.max())]
+        axes.plot(ends, ends, color=INK, linewidth=0.9)
+        _dots(axes, fit, fit.predicted)
+        axes.set(xlabel=f"measured {name} (N)", ylabel=f"predicted {name} (N)")
+        return svg(drawn, f"predicted against measured force along {name}")
+
+
+def _residual(fit: Fit, name: str) -> str:
+    with drawing(4.2, 3.2) as (drawn, axes):
+        axes.axhline(0, color=INK, linewidth=0.9)
+        _dots(axes, fit, fit.predicted - fit.measured)
+        axes.set(xlabel=f"measured {name} (N)", ylabel="error (N)")
+        return svg(drawn, f"error of the force along {name} against the measured force")
+
+
+def _dots(axes: object, fit: Fit, values: object) -> None:
+    for fold in sorted(set(fit.fold.tolist())):
+        rows = fit.fold == fold
+        axes.plot(  # type: ignore[attr-defined]
+            fit.measured[rows],
+            values[rows],  # type: ignore[index]
+            MARKERS[0],
+            color=CLASSES[fold % len(CLASSES)][0],
+            markersize=2.6,
+            markeredgewidth=0,
+        )
+
+
+def _light(found: Found) -> Section:
+    one = found.calibration
+    assert one.light is not None
+    rows = [
+        (name, number(mean), number(factor))
+        for name, mean, factor in zip(
+            ("red", "green", "blue"), one.light.colour, one.light.balance, strict=True
+        )
+    ]
+    shown = ""
+    if found.still is not None:
+        pictures = [found.still, one.balanced(found.still)]
+        shown = figure(pictures, "background; the same in balanced colours", "background", 2)
+    body = table("light-table", ("colour", "mean (grey levels)", "balance"), rows)
+    return Section("light", "Light", body + panels([shown]))
+
+
+def _scale(found: Found) -> Section:
+    one = found.calibration
+    height, width = one.size
+    if one.mm_per_pixel is None:
+        return Section("scale", "Scale", paragraph(f"mm per pixel: {found.scale}."))
+    told = (
+        f"{one.mm_per_pixel:.4g} mm per pixel, from {found.scale}: the picture of {height} x "
+        f"{width} pixels shows {height * one.mm_per_pixel:.3g} x {width * one.mm_per_pixel:.3g} mm."
+    )
+    return Section("scale", "Scale", paragraph(told))

@@ -1,0 +1,111 @@
+"""The newest clip of a sensor, cut by time, and never a queue."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import Frame
+
+#: Frames that are kept at most, whatever the rate.
+_MOST = 512
+#: Seconds of frames that are kept beyond a clip, so that the rate can be told.
+_BEYOND = 0.5
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A frame and the clip that ends with it.
+
+    Attributes:
+        number: Of the frame, counted from 1.
+        frame: As the sensor gave it.
+        clip: uint8 (T, h, w, 3), as the model is shown it; None while too few frames have come.
+    """
+
+    number: int
+    frame: Frame
+    clip: NDArray[np.uint8] | None
+
+
+class ClipBuffer:
+    """Keeps as many frames as a clip needs; one thread writes, another reads the newest clip.
+
+    A clip is cut as those a model is trained on (`data.clips`): the frames of a recording that are
+    a whole number of periods apart, as near to the spacing as that goes. A frame that was lost is
+    replaced by its neighbour; a longer gap makes no clip.
+
+    Args:
+        frames: Of a clip, T.
+        spacing: Seconds between them; 0 for one frame.
+        prepare: Makes of a picture what the model is shown.
+    """
+
+    def __init__(
+        self,
+        frames: int,
+        spacing: float,
+        prepare: Callable[[NDArray[np.uint8]], NDArray[np.uint8]],
+    ) -> None:
+        self.frames, self.spacing, self.prepare = frames, spacing, prepare
+        self.count = 0
+        self._items: deque[tuple[float, NDArray[np.uint8]]] = deque(maxlen=_MOST)
+        self._newest: Frame | None = None
+        self._lock = threading.Lock()
+
+    def push(self, frame: Frame) -> None:
+        """Takes a frame; what no clip needs any more is forgotten."""
+        picture = self.prepare(frame.array)
+        horizon = frame.time - (self.frames - 1) * self.spacing - _BEYOND
+        with self._lock:
+            self.count += 1
+            self._newest = frame
+            self._items.append((frame.time, picture))
+            while len(self._items) > self.frames + 1 and self._items[0][0] < horizon:
+                self._items.popleft()
+
+    def newest(self) -> Shot | None:
+        """The newest frame and its clip; None before the first."""
+        with self._lock:
+            frame, number, items = self._newest, self.count, list(self._items)
+        if frame is None:
+            return None
+        rows = clip_rows(np.array([time for time, _ in items]), self.frames, self.spacing)
+        clip = None if rows is None else np.stack([items[row][1] for row in rows])
+        return Shot(number, frame, clip)
+
+
+def clip_rows(times: NDArray[np.float64], frames: int, spacing: float) -> list[int] | None:
+    """Which frames make the clip that ends with the last one.
+
+    Args:
+        times: float64 (n,), seconds, increasing.
+        frames: Of a clip.
+        spacing: Seconds between them.
+
+    Returns:
+        Rows, oldest first; None where the frames do not reach back far enough, or have a gap.
+
+    Example:
+        >>> clip_rows(np.arange(8) / 30, 4, 1 / 15)
+        [1, 3, 5, 7]
+        >>> clip_rows(np.arange(8) / 18, 4, 1 / 15)
+        [4, 5, 6, 7]
+    """
+    if frames == 1:
+        return [len(times) - 1]
+    if len(times) < 2:
+        return None
+    period = float(np.median(np.diff(times)))
+    step = max(1, round(spacing / period)) * period
+    wanted = times[-1] - step * np.arange(frames - 1, -1, -1)
+    away = np.abs(times[None] - wanted[:, None])
+    rows = away.argmin(axis=1)
+    if times[0] > wanted[0] + period / 2 or away.min(axis=1).max() > 1.01 * step:
+        return None
+    return [int(row) for row in rows]

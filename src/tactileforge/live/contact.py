@@ -1,0 +1,138 @@
+"""Contact from the difference with the background, and slip from forces."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.errors import ConfigError
+
+#: Pixels on the side of the squares that are averaged, so that noise does not count as touch.
+_SQUARE = 8
+
+
+@dataclass(frozen=True, kw_only=True)
+class ContactOptions:
+    """When something touches.
+
+    Attributes:
+        on: Difference with the background, grey levels, from which on there is contact.
+        off: Difference below which it ends.
+    """
+
+    on: float = 8.0
+    off: float = 5.0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.off <= self.on:
+            raise ConfigError(f"contact.on={self.on}, contact.off={self.off}: give 0 < off <= on")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlipOptions:
+    """When something slips.
+
+    Attributes:
+        friction: Ratio of shear to normal force, the slope of the friction cone, at which it slips.
+        least: Normal force, N, below which nothing is said: the ratio of small numbers is noise.
+        drop: Share of the shear that must go within ``window`` while the normal force stays.
+        window: Seconds.
+    """
+
+    friction: float = 0.5
+    least: float = 0.3
+    drop: float = 0.3
+    window: float = 0.15
+
+    def __post_init__(self) -> None:
+        if not (self.friction > 0 and self.least > 0 and 0 < self.drop < 1 and self.window > 0):
+            raise ConfigError(
+                "slip: give friction, least, window above 0, and drop between 0 and 1"
+            )
+
+
+class Difference:
+    """How far pictures are from the background, in grey levels.
+
+    Both are averaged over squares of eight pixels; a hundredth of the squares may differ more, in
+    their strongest colour, than the result.
+
+    Args:
+        background: uint8 (H, W, 3).
+    """
+
+    def __init__(self, background: NDArray[np.uint8]) -> None:
+        height, width = background.shape[:2]
+        self._size = (max(1, width // _SQUARE), max(1, height // _SQUARE))
+        self._still = self._small(background)
+
+    def _small(self, picture: NDArray[np.uint8]) -> NDArray[np.float32]:
+        small = cv2.resize(picture, self._size, interpolation=cv2.INTER_AREA)
+        return np.asarray(small, np.float32)
+
+    def __call__(self, picture: NDArray[np.uint8]) -> float:
+        """The difference of uint8 (H, W, 3), grey levels."""
+        return float(np.percentile(np.abs(self._small(picture) - self._still).max(-1), 99))
+
+
+class Contact:
+    """Contact on or off, with two thresholds, so that it does not flicker between them."""
+
+    def __init__(self, options: ContactOptions) -> None:
+        self.options = options
+        self.is_on = False
+
+    def update(self, difference: float) -> bool:
+        """Whether there is contact, after a picture that differs so much."""
+        self.is_on = difference >= (self.options.off if self.is_on else self.options.on)
+        return self.is_on
+
+
+class Slip:
+    """An estimate of slip from forces alone: no slip is seen, it is inferred.
+
+    It slips where the shear reaches the friction cone (Coulomb), and until the ratio is a fifth
+    below; and for a moment where shear goes at once while the normal force stays, as it does when
+    an object that stuck lets go. The true friction of an object is not known: set it.
+    """
+
+    def __init__(self, options: SlipOptions) -> None:
+        self.options = options
+        self.is_on = False
+        self._recent: deque[tuple[float, float, float]] = deque()
+
+    def update(self, time: float, force: NDArray[np.floating], contact: bool) -> bool:
+        """Whether it slips.
+
+        Args:
+            time: Seconds.
+            force: (3,), N.
+            contact: Whether anything touches.
+        """
+        given = self.options
+        shear, normal = math.hypot(force[0], force[1]), float(force[2])
+        if not contact or normal < given.least:
+            self._recent.clear()
+            self.is_on = False
+            return False
+        while self._recent and self._recent[0][0] < time - given.window:
+            self._recent.popleft()
+        edge = given.friction * (0.8 if self.is_on else 1.0)
+        self.is_on = shear >= edge * normal or self._has_let_go(shear, normal)
+        self._recent.append((time, shear, normal))
+        return self.is_on
+
+    def _has_let_go(self, shear: float, normal: float) -> bool:
+        """Whether shear that counted, half the cone or more, went while the normal force stayed."""
+        given = self.options
+        return any(
+            before >= 0.5 * given.friction * pressed
+            and shear <= (1 - given.drop) * before
+            and abs(normal - pressed) <= 0.1 * pressed
+            for _, before, pressed in self._recent
+        )

@@ -1,0 +1,70 @@
+"""Where readings go: newline JSON in the core, anything else as a plugin."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol, TextIO
+
+from tactileforge import registry
+
+
+class Publisher(Protocol):
+    """Takes readings and events, one after the other, in the thread that computes them.
+
+    A plugin is a class in the entry-point group ``tactileforge.publishers``; its constructor takes
+    plain options and does no I/O. ``send`` must not wait for anyone: a slow one costs frames.
+    """
+
+    def open(self) -> None:
+        """Claims the address.
+
+        Raises:
+            ConfigError: It cannot be had, or a package is missing; says which.
+        """
+        ...
+
+    def send(self, message: dict[str, Any]) -> None:
+        """Takes a message of plain data; see ``docs/live.md`` for its keys."""
+        ...
+
+    def close(self) -> None:
+        """Lets go; a second call does nothing."""
+        ...
+
+
+class JsonLines:
+    """One JSON object a line.
+
+    Args:
+        to: Where to; None for standard output.
+    """
+
+    def __init__(self, to: TextIO | None = None) -> None:
+        self._to = to
+
+    def open(self) -> None:
+        """Does nothing: standard output is open."""
+
+    def send(self, message: dict[str, Any]) -> None:
+        """Writes a line, at once."""
+        to = self._to or sys.stdout
+        to.write(json.dumps(message, allow_nan=False) + "\n")
+        to.flush()
+
+    def close(self) -> None:
+        """Does nothing: standard output stays open."""
+
+
+def built(given: Sequence[str] | Mapping[str, Any]) -> list[Publisher]:
+    """Publishers by name, or by name with their options.
+
+    Raises:
+        PluginError: One is not installed.
+        ConfigError: An unknown option.
+    """
+    nodes = given if isinstance(given, Mapping) else dict.fromkeys(given)
+    return [
+        registry.build("publishers", {"name": name, **(node or {})}) for name, node in nodes.items()
+    ]

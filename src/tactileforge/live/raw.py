@@ -1,0 +1,66 @@
+"""Values as devices gave them, at their own rate, in a shard beside its recordings."""
+
+from __future__ import annotations
+
+import io
+import re
+import tarfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: What a member that carries raw values is called.
+_RAW = re.compile(r"raw\.(?P<name>.+)\.npz")
+
+#: Times, float64 (N,), and values, float32 (N, ...), of what a device gave.
+Raw: TypeAlias = tuple[NDArray[np.float64], NDArray[np.float32]]
+
+
+def append_raw(path: Path, raw: Mapping[str, Raw]) -> None:
+    """Adds raw values to a shard; readers of recordings pass over them."""
+    if not raw:
+        return
+    with tarfile.open(path, "a", format=tarfile.USTAR_FORMAT) as tar:
+        for name, (times, values) in raw.items():
+            content = io.BytesIO()
+            np.savez(content, times=times, values=values)
+            info = tarfile.TarInfo(f"raw.{name}.npz")
+            info.size = content.tell()
+            content.seek(0)
+            tar.addfile(info, content)
+
+
+def read_raw(path: Path) -> dict[str, Raw]:
+    """The values that devices gave, as they gave them, of a recorded shard.
+
+    Args:
+        path: The shard.
+
+    Returns:
+        By name of the sensor: times, float64 (N,), s since the take began, and values, float32
+        (N, ...): of a wrench sensor (N, 6) in N and N m, in its own axes and without tare.
+    """
+    found: dict[str, Raw] = {}
+    with tarfile.open(path) as tar:
+        for member in tar:
+            match = _RAW.fullmatch(member.name)
+            file = tar.extractfile(member) if match else None
+            if match and file:
+                with np.load(io.BytesIO(file.read())) as held:
+                    found[match["name"]] = (held["times"], held["values"])
+    return found
+
+
+def joined_raw(paths: Sequence[Path]) -> dict[str, Raw]:
+    """Those of several segments of one take, in order."""
+    parts: dict[str, list[Raw]] = {}
+    for path in paths:
+        for name, raw in read_raw(path).items():
+            parts.setdefault(name, []).append(raw)
+    return {
+        name: (np.concatenate([t for t, _ in held]), np.concatenate([v for _, v in held]))
+        for name, held in parts.items()
+    }

@@ -1,0 +1,197 @@
+"""The page of ``tactileforge live``: served to this machine alone, to whoever has the token."""
+
+from __future__ import annotations
+
+import hmac
+import json
+import secrets
+import threading
+import time
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any, Self
+from urllib.parse import parse_qs, unquote, urlsplit
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.errors import ConfigError
+from tactileforge.live.finger import Finger
+from tactileforge.live.page import html
+from tactileforge.live.show import Show
+
+#: Pixels of the longer side of a picture on the page, and of the shorter side of a small one.
+_LARGE = 480
+#: By how much differences are strengthened, to be seen.
+_GAIN = 2.0
+#: Seconds after which a connection that says nothing is closed.
+_SILENCE = 10.0
+_HOST = "127.0.0.1"
+
+
+class Page:
+    """Serves a `Show` while it is open.
+
+    The address has a random token; a request without it, or one that names another host (a web site
+    that was made to point here), is refused. Nothing is computed while nobody looks.
+
+    Args:
+        view: Open.
+        port: At 127.0.0.1; 0 for any that is free.
+
+    Attributes:
+        token: In the address.
+
+    Raises:
+        ConfigError: The port is taken.
+    """
+
+    def __init__(self, view: Show, port: int = 0) -> None:
+        self.token = secrets.token_urlsafe(18)
+        handler = type("Handler", (_Handler,), {"view": view, "token": self.token})
+        try:
+            self._server = _Server((_HOST, port), handler)
+        except OSError as error:
+            raise ConfigError(f"port={port}: {error.strerror}; give another, or 0") from error
+        self._thread = threading.Thread(target=self._server.serve_forever, name="page", daemon=True)
+
+    @property
+    def url(self) -> str:
+        """The address of the page."""
+        return f"http://{_HOST}:{self._server.server_address[1]}/{self.token}/"
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._server.shutdown()
+        self._server.server_close()
+        self._thread.join(5.0)
+
+
+class _Server(ThreadingHTTPServer):
+    daemon_threads = True
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A browser that goes away is no error."""
+
+
+class _Handler(BaseHTTPRequestHandler):
+    view: Show
+    token: str
+    protocol_version = "HTTP/1.1"
+    timeout = _SILENCE
+
+    def do_GET(self) -> None:
+        """Answers a request."""
+        url = urlsplit(self.path)
+        token, _, rest = url.path.lstrip("/").partition("/")
+        port = self.server.server_address[1]  # type: ignore[index]
+        hosts = (f"{_HOST}:{port}", f"localhost:{port}")
+        good = hmac.compare_digest(token.encode(), self.token.encode())
+        if not good or self.headers.get("Host") not in hosts:
+            self._answer(403, "text/plain", b"give the whole address that the command printed\n")
+            return
+        what, _, name = rest.partition("/")
+        if rest == "":
+            nonce = secrets.token_urlsafe(12)
+            self._answer(200, "text/html; charset=utf-8", html(nonce).encode(), nonce)
+        elif rest == "state":
+            after = parse_qs(url.query).get("after", ["0"])[0]
+            found = state(self.view, float(after) if after.replace(".", "", 1).isdigit() else 0.0)
+            self._answer(200, "application/json", json.dumps(found).encode())
+        elif what in ("frame", "difference") and unquote(name) in self.view.fingers:
+            self._picture(self.view.fingers[unquote(name)], what)
+        else:
+            self._answer(404, "text/plain", b"no such thing\n")
+
+    def _picture(self, finger: Finger, what: str) -> None:
+        shown = finger.shown
+        if shown is None:
+            self._answer(404, "text/plain", b"no frame yet\n")
+            return
+        array = shown.array
+        if what == "difference":
+            array = difference(array, finger.background)
+        self._answer(200, "image/jpeg", jpeg(array))
+
+    def _answer(self, status: int, kind: str, body: bytes, nonce: str = "") -> None:
+        self.send_response(status)
+        policy = "default-src 'none'; img-src 'self' blob: data:; connect-src 'self'; "
+        policy += f"style-src 'nonce-{nonce}'; script-src 'nonce-{nonce}'"
+        for key, value in (
+            ("Content-Type", kind),
+            ("Content-Length", str(len(body))),
+            ("Cache-Control", "no-store"),
+            ("Content-Security-Policy", policy),
+            ("Cross-Origin-Resource-Policy", "same-origin"),
+            ("Referrer-Policy", "no-referrer"),
+            ("X-Content-Type-Options", "nosniff"),
+        ):
+            self.send_header(key, value)
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Says nothing: the terminal has its line."""
+
+
+def state(view: Show, after: float) -> dict[str, Any]:
+    """What the page shows, as plain data.
+
+    Args:
+        view: Open.
+        after: Monotonic seconds; only later readings are given.
+    """
+    p50, p99 = (None if x != x else round(1000 * x, 1) for x in view.latency.percentiles())
+    now = time.monotonic()
+    model = view.model
+    return {
+        "now": now,
+        "model": "" if model is None else model.header.name or model.header.encoder["name"],
+        "p50": p50,
+        "p99": p99,
+        "sensors": {name: _of(finger, after, now) for name, finger in view.fingers.items()},
+    }
+
+
+def _of(finger: Finger, after: float, now: float) -> dict[str, Any]:
+    shown = finger.shown
+    return {
+        "type": finger.sensor.spec.name,
+        "state": finger.state,
+        "fps": round(finger.capture.fps, 1),
+        "skipped": finger.skipped,
+        "age": None if shown is None else round(now - shown.time, 3),
+        "picture": 0 if shown is None else shown.time,
+        "size": [finger.sensor.spec.height, finger.sensor.spec.width],
+        "scale": list(finger.sensor.spec.force_scale),
+        "contact_on": finger.contact.options.on,
+        "readings": [
+            [r.time, r.force, r.contact, r.slip, round(r.difference, 2)]
+            for r in list(finger.readings)
+            if r.time > after
+        ],
+    }
+
+
+def difference(picture: NDArray[np.uint8], background: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """A picture less its background, twice as strong, around the middle grey."""
+    if picture.shape != background.shape:
+        return picture
+    change = picture.astype(np.float32) - background
+    return np.asarray((128 + _GAIN * change).clip(0, 255), np.uint8)
+
+
+def jpeg(picture: NDArray[np.uint8]) -> bytes:
+    """A picture, RGB, of a size that fits the page: large ones smaller, arrays larger."""
+    longest = max(picture.shape[:2])
+    if longest > _LARGE:
+        factor, how = _LARGE / longest, cv2.INTER_AREA
+    else:
+        factor, how = max(1, _LARGE // (2 * longest)), cv2.INTER_NEAREST
+    sized = cv2.resize(picture, None, fx=factor, fy=factor, interpolation=how)
+    good, data = cv2.imencode(".jpg", cv2.cvtColor(sized, cv2.COLOR_RGB2BGR))
+    assert good  # a picture in memory can be written
+    return bytes(data.tobytes())

@@ -1,0 +1,157 @@
+"""Wrench sensors: six numbers over a serial port or the network; the base of their drivers."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import SensorSpec
+from tactileforge.errors import ConfigError
+from tactileforge.sensors.framing import Datagrams, Framing, PacketParser, Parser, hex_bytes
+from tactileforge.sensors.links import Link, SerialLink, TcpLink, UdpLink, serial_ports
+from tactileforge.sensors.stream import StreamSensor
+
+#: What a wrench sensor has for a picture.
+NO_PICTURE: NDArray[np.uint8] = np.zeros((0, 0, 3), np.uint8)
+_LINKS = ("serial", "udp", "tcp")
+
+
+class ForceTorque(StreamSensor):
+    """Forces and torques.
+
+    A driver of a known device subclasses it, gives what is known to ``super().__init__``, and
+    overrides `start`, `wrench` or `new_parser` where its protocol asks for more.
+
+    Args:
+        port: Path of the serial port, or ``HOST:PORT``.
+        link: ``serial``, ``udp`` or ``tcp``.
+        payload: What a packet carries, as `struct` writes it; its last six values are forces x, y,
+            z and torques x, y, z.
+        scale: What each of the six is multiplied by to be in N and N m.
+        header: What a packet begins with, hexadecimal.
+        footer: What it ends with, hexadecimal.
+        checksum: See `framing.CHECKSUMS`.
+        covers: What the checksum is of: ``packet`` (header and payload) or ``payload``.
+        request: What makes the device send, hexadecimal; "" for one that sends by itself.
+        farewell: What makes it stop, hexadecimal.
+        fps: Samples a second.
+        baudrate: Bits a second.
+        usb: Vendor and product of the USB device that the serial port belongs to.
+    """
+
+    spec = SensorSpec(
+        name="force_torque",
+        height=0,
+        width=0,
+        fps=100.0,
+        area_mm=None,
+        force_scale=(10.0, 10.0, 10.0),
+        kind="wrench",
+    )
+
+    def __init__(
+        self,
+        port: str = "",
+        link: str = "serial",
+        payload: str = "<6f",
+        scale: Sequence[float] = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0),
+        header: str = "aa55",
+        footer: str = "",
+        checksum: str = "none",
+        covers: str = "packet",
+        request: str = "",
+        farewell: str = "",
+        fps: float = 100.0,
+        baudrate: int = 115200,
+        usb: str = "",
+    ) -> None:
+        super().__init__()
+        if link not in _LINKS:
+            raise ConfigError(f"link={link!r}: give {', '.join(_LINKS)}")
+        if len(scale) != 6:
+            raise ConfigError(f"scale has {len(scale)} numbers: give six, for N and N m")
+        self.port, self.link, self.baudrate, self.usb = port, link, baudrate, usb
+        self.payload = payload
+        self.scale = np.array(scale, np.float64)
+        self.request = hex_bytes("request", request)
+        self.farewell = hex_bytes("farewell", farewell)
+        self.spec = replace(self.spec, fps=fps)
+        size, count = _size(payload)
+        if count < 6:
+            raise ConfigError(f"payload={payload!r} carries {count} values: a wrench has six")
+        self.framing = Framing(
+            payload=size,
+            header=hex_bytes("header", header),
+            footer=hex_bytes("footer", footer),
+            checksum=checksum,
+            covers=covers,
+        )
+
+    def discover(self) -> list[str]:
+        """Ports of the USB device, if one is named; else the port, if it exists."""
+        if self.link != "serial":
+            return []  # a network is not searched
+        if self.usb:
+            return serial_ports(self.usb)
+        return [self.port] if self.port and Path(self.port).exists() else []
+
+    def connect(self) -> Link:
+        """Opens the serial port, or connects."""
+        if self.link == "serial":
+            return SerialLink(self.port or next(iter(self.discover()), ""), self.baudrate)
+        host, colon, number = self.port.rpartition(":")
+        if not colon or not number.isdigit():
+            raise ConfigError(f"port={self.port!r}: give HOST:PORT, e.g. 192.168.1.1:49152")
+        kind = UdpLink if self.link == "udp" else TcpLink
+        return kind(host, int(number))
+
+    def new_parser(self) -> Parser:
+        """Whole datagrams of UDP; else packets."""
+        if self.link == "udp":
+            return Datagrams(self.framing.payload)
+        return PacketParser(self.framing)
+
+    def start(self, link: Link) -> None:
+        """Sends the request, if there is one."""
+        if self.request:
+            link.send(self.request)
+
+    def stop(self, link: Link) -> None:
+        """Sends the farewell, if there is one."""
+        if self.farewell:
+            link.send(self.farewell)
+
+    def wrench(self, payload: bytes) -> NDArray[np.float64]:
+        """Forces and torques of a packet.
+
+        Args:
+            payload: Without header, checksum and footer.
+
+        Returns:
+            float64 (6,), N and N m.
+
+        Raises:
+            ValueError: The packet says that it does not count; it is counted as bad.
+        """
+        return np.array(struct.unpack(self.payload, payload)[-6:], np.float64) * self.scale
+
+    def decode(self, payload: bytes) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """No picture, and the wrench."""
+        found = self.wrench(payload).astype(np.float32)
+        if not np.isfinite(found).all():
+            raise ValueError("a wrench that is not finite")
+        return NO_PICTURE, found
+
+
+def _size(payload: str) -> tuple[int, int]:
+    """Bytes and values of a payload."""
+    try:
+        size = struct.calcsize(payload)
+        return size, len(struct.unpack(payload, bytes(size)))
+    except struct.error as error:
+        raise ConfigError(f"payload={payload!r} ({error}); write for example '<6f'") from error

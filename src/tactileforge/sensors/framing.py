@@ -1,0 +1,294 @@
+"""Packets in a stream of bytes: found by header, length, checksum and footer.
+
+Everything here is a pure function of the bytes so far: however a stream is cut into pieces, the
+same packets come out of it.
+"""
+
+from __future__ import annotations
+
+import binascii
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import reduce
+from operator import xor
+from typing import Protocol
+
+from tactileforge.errors import ConfigError, unknown
+
+
+class Parser(Protocol):
+    """Bytes to payloads. A protocol that `Framing` cannot describe brings its own.
+
+    Attributes:
+        good: Packets found.
+        bad: Places that looked like a packet and were none.
+        lost: Bytes that belong to no packet.
+    """
+
+    good: int
+    bad: int
+    lost: int
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """Takes the next bytes, and gives the payloads that are now complete, oldest first."""
+        ...
+
+
+@dataclass(frozen=True)
+class Checksum:
+    """A checksum at the end of a packet.
+
+    Attributes:
+        size: Bytes it takes.
+        of: Its bytes, of the bytes it covers.
+    """
+
+    size: int
+    of: Callable[[bytes], bytes]
+
+
+def _crc8_table() -> list[int]:
+    table = []
+    for value in range(256):
+        for _ in range(8):
+            value = (value << 1) ^ (0x07 if value & 0x80 else 0)
+        table.append(value & 0xFF)
+    return table
+
+
+def _modbus_table() -> list[int]:
+    table = []
+    for value in range(256):
+        for _ in range(8):
+            value = (value >> 1) ^ (0xA001 if value & 1 else 0)
+        table.append(value)
+    return table
+
+
+_CRC8 = _crc8_table()
+_MODBUS = _modbus_table()
+
+
+def _crc8(data: bytes) -> bytes:
+    return bytes([reduce(lambda crc, byte: _CRC8[crc ^ byte], data, 0)])
+
+
+def _modbus(data: bytes) -> bytes:
+    crc = reduce(lambda crc, byte: (crc >> 8) ^ _MODBUS[(crc ^ byte) & 0xFF], data, 0xFFFF)
+    return crc.to_bytes(2, "little")
+
+
+#: Checksums by name. ``sum8`` and ``lrc8`` are the sum of the bytes and its two's complement;
+#: ``crc8`` has the polynomial 0x07, ``crc16_modbus`` goes low byte first, and ``crc16_ccitt``
+#: (0x1021, starts with 0xFFFF) high byte first.
+CHECKSUMS = {
+    "none": Checksum(0, lambda data: b""),
+    "sum8": Checksum(1, lambda data: bytes([sum(data) & 0xFF])),
+    "lrc8": Checksum(1, lambda data: bytes([-sum(data) & 0xFF])),
+    "xor8": Checksum(1, lambda data: bytes([reduce(xor, data, 0)])),
+    "crc8": Checksum(1, _crc8),
+    "crc16_modbus": Checksum(2, _modbus),
+    "crc16_ccitt": Checksum(2, lambda data: binascii.crc_hqx(data, 0xFFFF).to_bytes(2, "big")),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Framing:
+    """How packets look: header, payload, checksum, footer, in this order.
+
+    Without a checksum, a packet counts only if something stands on both sides of it: its own header
+    and footer, the footer of the packet before, or the header of the next one (it then comes when
+    that one begins). So a packet that has lost bytes is not taken for a whole one.
+
+    Attributes:
+        payload: Bytes of the payload, of all packets or, with ``length_at``, of the longest.
+        header: What a packet begins with.
+        footer: What it ends with.
+        checksum: One of `CHECKSUMS`, between payload and footer.
+        covers: What the checksum is of: ``packet`` (header and payload) or ``payload``.
+        length_at: Where in the payload its length stands, for packets of several lengths.
+        length_format: How, as `struct` writes it.
+        length_plus: Bytes of payload that the length does not count.
+        valid: Whether a payload can be true; None takes all. A protocol without header or checksum
+            needs it: its footer may stand in the middle of a payload as well.
+
+    Raises:
+        ConfigError: They contradict each other.
+    """
+
+    payload: int
+    header: bytes = b""
+    footer: bytes = b""
+    checksum: str = "none"
+    covers: str = "packet"
+    length_at: int | None = None
+    length_format: str = "B"
+    length_plus: int = 0
+    valid: Callable[[bytes], bool] | None = None
+
+    def __post_init__(self) -> None:
+        if self.checksum not in CHECKSUMS:
+            raise ConfigError(unknown("checksum", self.checksum, CHECKSUMS))
+        if self.covers not in ("packet", "payload"):
+            raise ConfigError(unknown("part that a checksum covers", self.covers, _PARTS))
+        if not self.header and not self.footer:
+            raise ConfigError("packets have neither header nor footer: give at least one")
+        if self.payload < 1:
+            raise ConfigError(f"packets have a payload of {self.payload} bytes: give at least 1")
+        if self.length_at is not None and not self.header:
+            raise ConfigError("packets that say their length need a header")
+
+
+_PARTS = ("packet", "payload")
+
+
+def hex_bytes(what: str, text: str) -> bytes:
+    """Bytes that an option gives as hexadecimal text.
+
+    Raises:
+        ConfigError: It is none; says which option.
+    """
+    try:
+        return bytes.fromhex(text)
+    except ValueError as error:
+        raise ConfigError(f"{what}={text!r} is not hexadecimal; write for example aa55") from error
+
+
+class PacketParser:
+    r"""The `Parser` of a `Framing`.
+
+    Args:
+        framing: How packets look.
+
+    Example:
+        >>> parser = PacketParser(Framing(payload=2, header=b"\xaa", checksum="sum8"))
+        >>> parser.feed(b"noise\xaa\x01"), parser.feed(b"\x02\xad"), parser.lost
+        ([], [b'\x01\x02'], 5)
+    """
+
+    def __init__(self, framing: Framing) -> None:
+        self.framing = framing
+        self.good = self.bad = self.lost = 0
+        self._checksum = CHECKSUMS[framing.checksum]
+        #: Bytes around the payload.
+        self._around = len(framing.header) + self._checksum.size + len(framing.footer)
+        unproven = framing.checksum == "none"
+        #: What must stand behind, or before, a packet that has nothing else to prove it.
+        self._next = framing.header if unproven and not framing.footer else b""
+        self._before = framing.footer if not framing.header else b""
+        self._buffer = bytearray()
+        self._anchored = not self._before
+
+    @property
+    def waiting(self) -> int:
+        """Bytes that are not yet decided on."""
+        return len(self._buffer)
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """Takes the next bytes; see `Parser.feed`."""
+        self._buffer += data
+        found: list[bytes] = []
+        place = 0
+        while True:
+            place, payload = self._step(place)
+            if payload is None:
+                break
+            found += payload
+        del self._buffer[:place]
+        return found
+
+    def _step(self, place: int) -> tuple[int, list[bytes] | None]:
+        """Goes on from a place: where to, and the payload found there; None to wait for more."""
+        start = self._start(place)
+        self.lost += start - place
+        buffer = self._buffer
+        if not self._anchored or not buffer.startswith(self.framing.header, start):
+            return start, None
+        size = self._size(start)
+        if size is None:
+            return start, None
+        end = start + size
+        if size and len(buffer) < end + len(self._next):
+            return start, None
+        payload = bytes(buffer[start + len(self.framing.header) : end - self._after()])
+        if size and self._holds(start, end) and self._valid(payload):
+            self.good += 1
+            return end, [payload]
+        self.bad += 1
+        if self._before:
+            self._anchored = False
+            return start, []
+        self.lost += 1
+        return start + 1, []
+
+    def _start(self, place: int) -> int:
+        """Where a packet may begin, at a place or after it."""
+        mark = self.framing.header or self._before
+        if self.framing.header:
+            found = self._buffer.find(mark, place)
+        elif self._anchored:
+            return place
+        else:
+            found = self._buffer.find(mark, place)
+            self._anchored = found >= 0
+            if found >= 0:
+                return found + len(mark)
+        return found if found >= 0 else max(place, len(self._buffer) - len(mark) + 1)
+
+    def _after(self) -> int:
+        """Bytes between the payload and the end of a packet."""
+        return self._checksum.size + len(self.framing.footer)
+
+    def _size(self, start: int) -> int | None:
+        """Bytes of the packet that begins here; 0 where it cannot be, None where not yet known."""
+        framing = self.framing
+        if framing.length_at is None:
+            return framing.payload + self._around
+        at = start + len(framing.header) + framing.length_at
+        width = struct.calcsize(framing.length_format)
+        if len(self._buffer) < at + width:
+            return None
+        stated = int(struct.unpack_from(framing.length_format, self._buffer, at)[0])
+        payload = stated + framing.length_plus
+        fits = framing.length_at + width <= payload <= framing.payload
+        return payload + self._around if fits else 0
+
+    def _holds(self, start: int, end: int) -> bool:
+        """Whether footer, checksum and the next header are where they belong."""
+        buffer, framing = self._buffer, self.framing
+        if not buffer.startswith(self._next, end):
+            return False
+        if not buffer.startswith(framing.footer, end - len(framing.footer)):
+            return False
+        if not self._checksum.size:
+            return True
+        stop = end - self._after()
+        first = start if framing.covers == "packet" else start + len(framing.header)
+        return buffer.startswith(self._checksum.of(bytes(buffer[first:stop])), stop)
+
+    def _valid(self, payload: bytes) -> bool:
+        return self.framing.valid is None or self.framing.valid(payload)
+
+
+class Datagrams:
+    """The `Parser` of a link that keeps packets apart: each must have the right length.
+
+    Args:
+        size: Bytes of a datagram.
+    """
+
+    def __init__(self, size: int) -> None:
+        self.size = size
+        self.good = self.bad = self.lost = 0
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """One datagram; see `Parser.feed`."""
+        if not data:
+            return []
+        if len(data) != self.size:
+            self.bad += 1
+            self.lost += len(data)
+            return []
+        self.good += 1
+        return [data]

@@ -1,0 +1,76 @@
+"""Pictures that cannot be true: frozen, black or saturated. Recording and live view share it."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import Frame, SensorSpec
+
+#: What is wrong, and what to do about it.
+TROUBLES = {
+    "frozen": "the same picture again and again: plug the sensor out and in",
+    "black": "pictures are black: is its light on, is exposure= too low?",
+    "saturated": "pictures are saturated: lower exposure=, or cover the sensor from other light",
+}
+#: Seconds of one and the same picture that count as frozen.
+FROZEN_AFTER = 1.0
+#: A picture is black where all but a hundredth of its values are below the first, and saturated
+#: where half of them are above the second.
+_DARK, _BRIGHT = 8, 250
+#: Every which pixel is looked at; all are compared where these are equal.
+_STEP = 8
+
+
+class Health:
+    """Looks at the pictures of one sensor, one after the other.
+
+    A taxel array at rest may well repeat itself, and a wrench sensor has no picture: neither is
+    looked at.
+
+    Args:
+        spec: Of the sensor.
+        frozen_after: Seconds of the same picture that count as frozen.
+
+    Attributes:
+        counts: Pictures with each of `TROUBLES`.
+    """
+
+    def __init__(self, spec: SensorSpec, frozen_after: float = FROZEN_AFTER) -> None:
+        self.spec = spec
+        self.frozen_after = frozen_after
+        self.counts: Counter[str] = Counter()
+        self._last: NDArray[np.uint8] | None = None
+        self._since = 0.0
+
+    def look(self, frame: Frame) -> str:
+        """What is wrong with a picture, one of `TROUBLES`; "" if nothing is."""
+        if self.spec.kind != "image":
+            return ""
+        found = self._frozen(frame) or exposure_trouble(frame.array)
+        if found:
+            self.counts[found] += 1
+        return found
+
+    def _frozen(self, frame: Frame) -> str:
+        last, self._last = self._last, frame.array
+        if last is None or not _equal(last, frame.array):
+            self._since = frame.time
+            return ""
+        return "frozen" if frame.time - self._since >= self.frozen_after else ""
+
+
+def exposure_trouble(picture: NDArray[np.uint8]) -> str:
+    """``black``, ``saturated``, or "" for neither; of uint8 (H, W, 3)."""
+    seen = picture[::_STEP, ::_STEP]
+    if np.percentile(seen, 99) < _DARK:
+        return "black"
+    return "saturated" if np.mean(seen > _BRIGHT) > 0.5 else ""
+
+
+def _equal(one: NDArray[np.uint8], other: NDArray[np.uint8]) -> bool:
+    return np.array_equal(one[::_STEP, ::_STEP], other[::_STEP, ::_STEP]) and np.array_equal(
+        one, other
+    )

@@ -1,0 +1,200 @@
+"""What bytes come over: serial ports and sockets, with one small interface and named errors."""
+
+from __future__ import annotations
+
+import os
+import socket
+from typing import Any, Protocol
+
+from tactileforge.errors import ConfigError, SensorError
+
+
+class Link(Protocol):
+    """An open connection to a device."""
+
+    address: str
+
+    def receive(self, timeout: float) -> bytes:
+        """What has come, at least a byte; b"" if nothing comes within ``timeout`` seconds.
+
+        Raises:
+            SensorError: The device is gone.
+        """
+        ...
+
+    def send(self, data: bytes) -> None:
+        """Sends bytes.
+
+        Raises:
+            SensorError: The device is gone.
+        """
+        ...
+
+    def close(self) -> None:
+        """Ends the connection; a second call does nothing."""
+        ...
+
+
+class SerialLink:
+    """A serial port.
+
+    Args:
+        port: Its path, for example ``/dev/ttyUSB0``.
+        baudrate: Bits a second.
+
+    Raises:
+        ConfigError: No port is given.
+        SensorError: The port is absent, busy, or not ours to open.
+    """
+
+    def __init__(self, port: str, baudrate: int = 115200) -> None:
+        if not port:
+            raise ConfigError("a serial sensor has no port: set its port=, e.g. port=/dev/ttyUSB0")
+        import serial
+
+        self.address = os.path.realpath(port)
+        self._failed = (serial.SerialException, OSError, TypeError)
+        try:
+            self._port: Any = serial.Serial(port, baudrate, timeout=0, exclusive=True)
+        except (serial.SerialException, OSError, ValueError) as error:
+            raise SensorError(_why(port, error)) from error
+        self._port.reset_input_buffer()
+
+    def receive(self, timeout: float) -> bytes:
+        """See `Link.receive`."""
+        try:
+            self._port.timeout = timeout
+            first: bytes = self._port.read(1)
+            waiting = self._port.in_waiting if first else 0
+            return first + self._port.read(waiting) if waiting else first
+        except self._failed as error:
+            raise SensorError(f"{self.address}: unplugged ({error}); plug it in again") from error
+
+    def send(self, data: bytes) -> None:
+        """See `Link.send`."""
+        try:
+            self._port.write(data)
+        except self._failed as error:
+            raise SensorError(f"{self.address}: unplugged ({error}); plug it in again") from error
+
+    def close(self) -> None:
+        """Lets go of the port."""
+        self._port.close()
+
+
+def _why(port: str, error: Exception) -> str:
+    if not os.path.exists(port):
+        there = ", ".join(serial_ports()) or "none"
+        return f"{port}: no such serial port; plug the sensor in, or set port= (found: {there})"
+    if not os.access(port, os.R_OK | os.W_OK):
+        return f"{port}: not yours to open; add yourself to its group (ls -l {port})"
+    return f"{port}: cannot be opened ({error}); is another program using it?"
+
+
+def serial_ports(usb: str = "", serial_number: str = "") -> list[str]:
+    """The serial ports that are attached, sorted.
+
+    Args:
+        usb: Only those of this vendor and product, for example ``2833:4001``.
+        serial_number: Only that of the device with this serial number.
+    """
+    from serial.tools.list_ports import comports
+
+    found = []
+    for port in comports():
+        ids = "" if port.vid is None else f"{port.vid:04x}:{port.pid:04x}"
+        if usb.lower() in ("", ids) and serial_number in ("", port.serial_number):
+            found.append(port.device)
+    return sorted(found)
+
+
+class UdpLink:
+    """Datagrams to and from one device; `receive` gives them one by one.
+
+    Args:
+        host: Name or number of the device; "" takes what anybody sends to ``listen``.
+        port: Its port.
+        listen: Port of this machine; 0 takes a free one.
+
+    Raises:
+        SensorError: There is no such host, or the port of this machine is taken.
+    """
+
+    def __init__(self, host: str, port: int = 0, listen: int = 0) -> None:
+        self.address = f"udp:{host}:{port}" if host else f"udp:{listen}"
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self._socket.bind(("", listen))
+            if host:
+                self._socket.connect((host, port))
+        except OSError as error:
+            self._socket.close()
+            raise SensorError(f"{self.address}: {error}; correct its host= and port=") from error
+
+    def receive(self, timeout: float) -> bytes:
+        """See `Link.receive`."""
+        return _received(self._socket, self.address, timeout) or b""
+
+    def send(self, data: bytes) -> None:
+        """See `Link.send`."""
+        _send(self._socket, self.address, data)
+
+    def close(self) -> None:
+        """Closes the socket."""
+        self._socket.close()
+
+
+class TcpLink:
+    """A stream of bytes from a server.
+
+    Args:
+        host: Name or number of the device.
+        port: Its port.
+        timeout: Seconds that connecting may take.
+
+    Raises:
+        SensorError: It does not answer.
+    """
+
+    def __init__(self, host: str, port: int, timeout: float = 3.0) -> None:
+        self.address = f"tcp:{host}:{port}"
+        try:
+            self._socket = socket.create_connection((host, port), timeout)
+        except OSError as error:
+            raise SensorError(
+                f"{self.address}: does not answer ({error}); is it on, and are host= and port= "
+                "right?"
+            ) from error
+
+    def receive(self, timeout: float) -> bytes:
+        """See `Link.receive`."""
+        data = _received(self._socket, self.address, timeout)
+        if data == b"":
+            raise SensorError(f"{self.address}: has ended the connection; is it still on?")
+        return data or b""
+
+    def send(self, data: bytes) -> None:
+        """See `Link.send`."""
+        _send(self._socket, self.address, data)
+
+    def close(self) -> None:
+        """Closes the socket."""
+        self._socket.close()
+
+
+def _received(link: socket.socket, address: str, timeout: float) -> bytes | None:
+    """What has come; None if nothing has, b"" at the end of a stream."""
+    try:
+        link.settimeout(max(timeout, 1e-4))
+        return link.recv(65536)
+    except TimeoutError:
+        return None
+    except OSError as error:
+        raise SensorError(f"{address}: gone ({error}); is it on, and connected?") from error
+
+
+def _send(link: socket.socket, address: str, data: bytes) -> None:
+    try:
+        link.sendall(data)
+    except OSError as error:
+        raise SensorError(f"{address}: gone ({error}); is it on, and connected?") from error

@@ -1,0 +1,171 @@
+"""The base of sensors that send packets: open, read, times, counters."""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from collections import deque
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import Frame, SensorSpec
+from tactileforge.errors import SensorError, TactileForgeError
+from tactileforge.sensors.framing import Parser
+from tactileforge.sensors.links import Link
+
+
+class Stamper:
+    """Times of packets that arrive together: the last one now, the others a period apart.
+
+    Args:
+        period: Seconds between packets.
+    """
+
+    def __init__(self, period: float) -> None:
+        self.period = period
+        self._last = -np.inf
+
+    def stamp(self, count: int, now: float) -> list[float]:
+        """Strictly increasing times of ``count`` packets that have arrived by ``now``."""
+        times = []
+        for behind in range(count - 1, -1, -1):
+            earliest = float(np.nextafter(self._last, np.inf))
+            self._last = max(now - behind * self.period, earliest)
+            times.append(self._last)
+        return times
+
+
+class StreamSensor(ABC):
+    """A sensor that sends packets over a `Link`. A driver says how to connect and what they mean.
+
+    Attributes:
+        spec: What it gives.
+        address: Which device is open; "" while none is.
+        parser: Of the open connection, with its counters; None before the first.
+    """
+
+    spec: SensorSpec
+
+    def __init__(self) -> None:
+        self.address = ""
+        self.parser: Parser | None = None
+        self._link: Link | None = None
+        self._frames: deque[Frame] = deque()
+        self._stamper = Stamper(0.0)
+
+    @abstractmethod
+    def connect(self) -> Link:
+        """Opens the connection.
+
+        Raises:
+            SensorError: The device is absent or busy.
+        """
+
+    @abstractmethod
+    def new_parser(self) -> Parser:
+        """A parser for a connection that has just been opened."""
+
+    @abstractmethod
+    def decode(self, payload: bytes) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """Picture and raw values of one packet; see `contracts.Frame`.
+
+        Raises:
+            ValueError: The packet cannot be true; it is counted as bad.
+        """
+
+    def start(self, link: Link) -> None:  # noqa: B027  a driver may override it
+        """Tells the device to send. Most send by themselves."""
+
+    def stop(self, link: Link) -> None:  # noqa: B027  a driver may override it
+        """Tells the device to stop; it may be gone already."""
+
+    def ready(self) -> None:  # noqa: B027  a driver may override it
+        """Is called when the device is open, to take a baseline for example."""
+
+    def discover(self) -> list[str]:
+        """Addresses of the attached devices; a driver knows how to find its own."""
+        return []
+
+    def open(self) -> None:
+        """Connects.
+
+        Raises:
+            SensorError: The device is absent or busy.
+            ConfigError: An option is missing or wrong.
+        """
+        self.close()
+        link = self.connect()
+        self._link, self.address = link, link.address
+        self.parser = self.new_parser()
+        self._stamper = Stamper(1 / self.spec.fps)
+        try:
+            self.start(link)
+            self.ready()
+        except BaseException:
+            self.close()
+            raise
+
+    def read(self, timeout: float = 1.0) -> Frame:
+        """The next packet.
+
+        Raises:
+            TactileForgeError: It is not open.
+            SensorError: The device is gone.
+            TimeoutError: No packet within ``timeout`` seconds.
+        """
+        end = time.monotonic() + timeout
+        while not self._frames:
+            link, parser = self._link, self.parser
+            if link is None or parser is None:
+                raise TactileForgeError(
+                    f"the sensor {self.spec.name} is not open: use it in a with block, or call "
+                    "open()"
+                )
+            left = end - time.monotonic()
+            if left <= 0:
+                raise TimeoutError(self._silence(parser, timeout))
+            self._take(parser, link.receive(left))
+        return self._frames.popleft()
+
+    def _take(self, parser: Parser, data: bytes) -> None:
+        now = time.monotonic()
+        payloads = parser.feed(data)
+        for payload, taken in zip(payloads, self._stamper.stamp(len(payloads), now), strict=True):
+            try:
+                array, raw = self.decode(payload)
+            except ValueError:
+                parser.good -= 1
+                parser.bad += 1
+                continue
+            self._frames.append(Frame(array=array, time=taken, raw=raw))
+
+    def _silence(self, parser: Parser, timeout: float) -> str:
+        fix = "is it on, and does it send by itself?"
+        if parser.lost or parser.bad:
+            fix = (
+                f"{parser.lost} bytes came that are no packets ({parser.bad} nearly were): are "
+                "baud rate, header and payload right?"
+            )
+        return f"{self.address}: no packet within {timeout:g} s; {fix}"
+
+    def close(self) -> None:
+        """Lets go of the device; a second call does nothing."""
+        link, self._link, self.address = self._link, None, ""
+        self._frames.clear()
+        if link is None:
+            return
+        try:
+            self.stop(link)
+        except SensorError:
+            pass  # it is gone: there is nobody to tell
+        finally:
+            link.close()
+
+    def __enter__(self) -> Self:
+        self.open()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()

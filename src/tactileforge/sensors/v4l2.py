@@ -1,0 +1,97 @@
+"""Which cameras are attached: what Linux says of them, without opening one."""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+#: Where Linux lists them.
+SYSTEM = Path("/sys/class/video4linux")
+
+
+@dataclass(frozen=True)
+class VideoDevice:
+    """A camera that is attached.
+
+    Attributes:
+        path: For example ``/dev/video0``.
+        name: What it calls itself.
+        usb: Vendor and product, for example ``2833:0209``; "" where it is not on USB.
+        serial: Its serial number; "" where it has none.
+    """
+
+    path: str
+    name: str
+    usb: str
+    serial: str
+
+
+def video_devices(system: Path | None = None) -> list[VideoDevice]:
+    """The cameras that are attached, by number; nodes that only carry metadata are left out.
+
+    Args:
+        system: Folder that lists them; None for that of this machine.
+    """
+    folder = system or SYSTEM
+    nodes = sorted(folder.glob("video*"), key=lambda node: int(re.sub(r"\D", "", node.name) or 0))
+    return [_device(node) for node in nodes if _text(node / "index") in ("", "0")]
+
+
+def _device(node: Path) -> VideoDevice:
+    interface = node / "device"
+    owner = interface.resolve().parent
+    vendor, product = _text(owner / "idVendor"), _text(owner / "idProduct")
+    usb = f"{vendor}:{product}" if vendor else ""
+    return VideoDevice(f"/dev/{node.name}", _text(node / "name"), usb, _text(owner / "serial"))
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text().strip()
+    except OSError:
+        return ""
+
+
+def matching(words: str, devices: list[VideoDevice]) -> list[VideoDevice]:
+    """Those that ``usb:VENDOR:PRODUCT``, ``serial:NUMBER`` or ``name:PART`` describes.
+
+    Args:
+        words: The description; what it does not begin with is matched with nothing.
+        devices: Those to choose from.
+    """
+    what, _, value = words.partition(":")
+    match what:
+        case "usb":
+            return [one for one in devices if one.usb == value.lower()]
+        case "serial":
+            return [one for one in devices if one.serial == value]
+        case "name":
+            return [one for one in devices if value.lower() in one.name.lower()]
+    return []
+
+
+def attached() -> str:
+    """The cameras that are attached, for an error."""
+    found = ", ".join(f"{one.path} {one.name}" for one in video_devices())
+    return f" (attached: {found or 'none'})"
+
+
+def why_not(source: str) -> str:
+    """Why OpenCV cannot open a device, file or URL, and what to do about it."""
+    path = Path(source)
+    if path.is_file():
+        return f"{source}: not a video that can be read"
+    if "://" in source:
+        return f"{source}: no video comes from there; is it on, and is the address right?"
+    if not path.exists():
+        return f"{source}: no such camera{attached()}; plug it in, or set device="
+    try:
+        os.close(os.open(source, os.O_RDWR | os.O_NONBLOCK))
+    except OSError as error:
+        if error.errno == errno.EACCES:
+            return f"{source}: not yours to open; add yourself to the group video"
+        return f"{source}: cannot be opened ({error.strerror}); is another program using it?"
+    return f"{source}: busy, or no camera; close the other program that uses it (fuser {source})"

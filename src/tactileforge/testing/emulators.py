@@ -1,0 +1,268 @@
+"""Devices that are not there: they speak a protocol over a pseudo-terminal or a loopback socket.
+
+Authors of plugins test their drivers with them, with the faults that real lines have::
+
+    with PtyDevice() as device, MySensor(port=device.port) as sensor:
+        device.play(packets, fps=100, faults=Faults(split=3, garbage=0.1))
+        frame = sensor.read()
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import select
+import socket
+import tempfile
+import threading
+import time
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+
+@dataclass(frozen=True, kw_only=True)
+class Faults:
+    """What goes wrong on a line; the same seed, the same faults.
+
+    Attributes:
+        split: Bytes that are written at once; 0 writes whole packets.
+        merge: Packets that are written together.
+        lose: Share of the bytes that never arrive.
+        garbage: Share of the packets before which random bytes arrive.
+        seed: Of all this.
+    """
+
+    split: int = 0
+    merge: int = 1
+    lose: float = 0.0
+    garbage: float = 0.0
+    seed: int = 0
+
+
+def chunks(packets: Iterable[bytes], faults: Faults) -> Iterator[list[bytes]]:
+    """What is written for every ``faults.merge`` packets: a list of writes."""
+    rng = random.Random(faults.seed)
+    pending = bytearray()
+    for count, packet in enumerate(packets, 1):
+        if rng.random() < faults.garbage:
+            pending += rng.randbytes(rng.randint(1, 32))
+        pending += bytes(byte for byte in packet if rng.random() >= faults.lose)
+        if count % faults.merge == 0:
+            yield _split(bytes(pending), faults.split)
+            pending.clear()
+    if pending:
+        yield _split(bytes(pending), faults.split)
+
+
+def _split(data: bytes, size: int) -> list[bytes]:
+    step = size or max(1, len(data))
+    return [data[i : i + step] for i in range(0, len(data), step)]
+
+
+class _Device:
+    """Plays packets in a thread, and keeps what the driver sends.
+
+    Attributes:
+        received: All bytes that the driver has sent.
+        sent: Packets played so far.
+    """
+
+    def __init__(self) -> None:
+        self.received = bytearray()
+        self.sent = 0
+        self._stop = threading.Event()
+        self._threads: list[threading.Thread] = []
+
+    def write(self, data: bytes) -> None:
+        """Sends bytes to the driver now."""
+        raise NotImplementedError
+
+    def play(
+        self, packets: Iterable[bytes], *, fps: float = 0.0, faults: Faults | None = None
+    ) -> None:
+        """Sends packets from a thread of its own.
+
+        Args:
+            packets: One after the other; may be endless.
+            fps: Packets a second; 0 sends them as fast as they are taken.
+            faults: What goes wrong; None for nothing.
+        """
+        given = faults or Faults()
+        step = given.merge / fps if fps else 0.0
+        thread = threading.Thread(target=self._play, args=(packets, given, step), daemon=True)
+        self._threads.append(thread)
+        thread.start()
+
+    def _play(self, packets: Iterable[bytes], faults: Faults, step: float) -> None:
+        due = time.monotonic()
+        for writes in chunks(packets, faults):
+            for data in writes:
+                if self._stop.is_set():
+                    return
+                try:
+                    self.write(data)
+                except OSError:
+                    return
+            self.sent += faults.merge
+            due += step
+            if self._stop.wait(max(0.0, due - time.monotonic())):
+                return
+
+    def wait(self, timeout: float = 10.0) -> None:
+        """Waits until all that was given to `play` is sent."""
+        for thread in self._threads:
+            thread.join(timeout)
+
+    def halt(self) -> None:
+        """Ends playing."""
+        self._stop.set()
+        for thread in self._threads:
+            thread.join(5.0)
+        self._threads.clear()
+        self._stop.clear()
+
+    def close(self) -> None:
+        """Ends everything."""
+        self.halt()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+
+class PtyDevice(_Device):
+    """A device on a serial port.
+
+    Attributes:
+        port: Path of the port; it stays the same when the device is plugged in again.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._folder = tempfile.TemporaryDirectory()
+        self.port = str(Path(self._folder.name) / "ttyTEST")
+        self._ours = -1
+        self.connect()
+
+    def connect(self) -> None:
+        """Plugs the device in."""
+        import tty
+
+        self._ours, theirs = os.openpty()
+        tty.setraw(theirs)
+        os.set_blocking(self._ours, False)
+        self._theirs = theirs  # kept open, or the port hangs up when nobody has it open
+        Path(self.port).unlink(missing_ok=True)
+        os.symlink(os.ttyname(theirs), self.port)
+
+    def disconnect(self) -> None:
+        """Plugs it out: the port is gone, and who has it open gets an error."""
+        self.halt()
+        if self._ours >= 0:
+            Path(self.port).unlink(missing_ok=True)
+            os.close(self._ours)
+            os.close(self._theirs)
+            self._ours = -1
+
+    def write(self, data: bytes) -> None:
+        """Sends bytes; waits while the driver does not read. Takes what the driver has sent."""
+        left = memoryview(data)
+        while left and not self._stop.is_set():
+            readable, writable, _ = select.select([self._ours], [self._ours], [], 0.05)
+            if readable:
+                self.received += os.read(self._ours, 65536)
+            if writable:
+                left = left[os.write(self._ours, left) :]
+
+    def poll(self) -> bytes:
+        """All bytes that the driver has sent."""
+        while select.select([self._ours], [], [], 0.0)[0]:
+            self.received += os.read(self._ours, 65536)
+        return bytes(self.received)
+
+    def close(self) -> None:
+        """Plugs it out for good."""
+        self.disconnect()
+        self._folder.cleanup()
+
+
+class UdpDevice(_Device):
+    """A device that answers over UDP: it sends to whoever has sent to it last.
+
+    Attributes:
+        host: Where it is.
+        port: Its port.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind(("127.0.0.1", 0))
+        self.host, self.port = self._socket.getsockname()
+        self._peer: Any = None
+
+    def wait_for_driver(self, timeout: float = 5.0) -> bytes:
+        """The next datagram of the driver."""
+        self._socket.settimeout(timeout)
+        data, self._peer = self._socket.recvfrom(65536)
+        self.received += data
+        return data
+
+    def write(self, data: bytes) -> None:
+        """Sends one datagram, once a driver has asked."""
+        if self._peer is None:
+            self.wait_for_driver()
+        self._socket.sendto(data, self._peer)
+
+    def close(self) -> None:
+        """Switches it off."""
+        super().close()
+        self._socket.close()
+
+
+class TcpDevice(_Device):
+    """A device that one driver at a time connects to.
+
+    Attributes:
+        host: Where it is.
+        port: Its port.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self.host, self.port = self._server.getsockname()
+        self._peer: socket.socket | None = None
+
+    def write(self, data: bytes) -> None:
+        """Sends bytes; waits for a driver to connect first."""
+        if self._peer is None:
+            self._server.settimeout(5.0)
+            self._peer, _ = self._server.accept()
+        self._peer.sendall(data)
+
+    def read(self, size: int, timeout: float = 5.0) -> bytes:
+        """What the driver sends next, at most so many bytes."""
+        if self._peer is None:
+            self.write(b"")
+        assert self._peer is not None
+        self._peer.settimeout(timeout)
+        data = self._peer.recv(size)
+        self.received += data
+        return data
+
+    def disconnect(self) -> None:
+        """Ends the connection; another may follow."""
+        self.halt()
+        if self._peer is not None:
+            self._peer.close()
+            self._peer = None
+
+    def close(self) -> None:
+        """Switches it off."""
+        self.disconnect()
+        self._server.close()

@@ -1,0 +1,314 @@
+"""Calibrations of synthetic units, whose light, scale and force are known."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactileforge import cli
+from tactileforge.calibration import file
+from tactileforge.calibration.calibrate import Options, calibrate
+from tactileforge.calibration.features import background
+from tactileforge.calibration.fit import folds
+from tactileforge.calibration.light import drift, light, punch_mm_per_pixel
+from tactileforge.contracts import Recording
+from tactileforge.data import shards
+from tactileforge.data.frames import ArrayFrames
+from tactileforge.data.pictures import encode
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError
+
+ROWS, COLUMNS = np.mgrid[-1:1:48j, -1:1:64j]
+BLOB = np.exp(-(ROWS**2 + COLUMNS**2) / 0.08)
+STILL = np.stack([70 + 20 * COLUMNS, 100 + 10 * ROWS, np.full((48, 64), 130.0)], -1)
+
+
+def forces(rng: np.random.Generator, frames: int = 30) -> np.ndarray:
+    """A press: z rises and falls, x and y go their own ways."""
+    phase = np.linspace(0, np.pi, frames)
+    tops = rng.uniform([-3, -3, 3], [3, 3, 9])
+    shapes = np.stack([np.sin(2 * phase), np.sin(3 * phase), np.sin(phase)], 1)
+    return (tops * shapes).astype(np.float32)
+
+
+def pictures(force: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Green grows with z; red and blue lean to a side with x and y."""
+    out = np.broadcast_to(STILL, (len(force), *STILL.shape)).copy()
+    out[..., 1] += force[:, 2, None, None] * 10 * BLOB
+    out[..., 0] += force[:, 0, None, None] * 25 * BLOB * COLUMNS
+    out[..., 2] += force[:, 1, None, None] * 25 * BLOB * ROWS
+    return (out + rng.normal(0, 1, out.shape)).clip(0, 255).round().astype(np.uint8)
+
+
+def presses(count: int = 6, seed: int = 0, lag: int = 0) -> list[Recording]:
+    rng = np.random.default_rng(seed)
+    out = []
+    for number in range(count):
+        force = forces(rng)
+        seen = np.concatenate([np.zeros((lag, 3)), force])[: len(force)]
+        rest = pictures(np.zeros((5, 3)), rng)
+        out.append(
+            Recording(
+                key=f"press{number}",
+                sensor="digit",
+                frames=ArrayFrames(pictures(seen, rng)),
+                times=np.arange(len(force)) / 30,
+                no_contact=ArrayFrames(rest),
+                force=force,
+                labels={"unit": "D1", "device": "digit"},
+            )
+        )
+    return out
+
+
+def test_forces_of_pictures_are_found_on_presses_that_were_not_seen() -> None:
+    found = calibrate(presses(10), Options())
+    force = found.calibration.force
+    assert force is not None
+    assert {name: axis.r2 > 0.97 for name, axis in force.axes.items()} == dict.fromkeys("xyz", True)
+    fresh = presses(4, seed=1)
+    for one in fresh:
+        error = found.calibration.forces(one) - one.force
+        assert np.sqrt((error**2).mean(0)).max() < 0.4  # N, of up to 9
+    assert found.notes == []
+
+
+def test_the_error_that_is_told_is_that_of_new_presses() -> None:
+    force = calibrate(presses(8), Options(axes=["z"])).calibration.force
+    assert force is not None
+    assert list(force.axes) == ["z"]
+    calibrated = calibrate(presses(8), Options(axes=["z"])).calibration
+    errors = [calibrated.forces(one)[:, 2] - one.force[:, 2] for one in presses(8, seed=5)]
+    assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(force.axes["z"].rmse, rel=0.3)
+
+
+def test_scale_and_offset_of_an_array_are_recovered() -> None:
+    rng = np.random.default_rng(0)
+    scale, offset = np.array([2.0, -1.5, 4.0]), np.array([0.3, -0.2, 0.5])
+    recordings = []
+    for number in range(6):
+        values = rng.uniform(-50, 50, (60, 4, 4, 3)).round().clip(-127, 127)
+        sums = values.sum((1, 2)) / 127
+        force = sums * scale + offset + rng.normal(0, 0.02, sums.shape)
+        recordings.append(
+            Recording(
+                key=f"a{number}",
+                sensor="serial_array",
+                frames=ArrayFrames((values + 128).astype(np.uint8)),
+                times=np.arange(60) / 100,
+                no_contact=None,
+                force=force.astype(np.float32),
+            )
+        )
+    force = calibrate(recordings, Options()).calibration.force
+    assert force is not None
+    assert force.of == "taxels"
+    for number, name in enumerate("xyz"):
+        axis = force.axes[name]
+        assert axis.weights == {name: pytest.approx(scale[number], rel=2e-3)}
+        assert axis.offset == pytest.approx(offset[number], abs=0.01)
+        assert axis.rmse == pytest.approx(0.02, rel=0.2)  # the noise, and nothing more
+
+
+def test_a_model_that_was_written_as_a_track_is_scaled() -> None:
+    recordings = [
+        replace(one, tracks={"model": (one.force - [0.1, 0.2, -0.4]) / [2, 1, 1.25]})
+        for one in presses(3)
+    ]
+    force = calibrate(recordings, Options(fit="model")).calibration.force
+    assert force is not None
+    found = [(axis.weights[name], axis.offset) for name, axis in force.axes.items()]
+    np.testing.assert_allclose(found, [(2, 0.1), (1, 0.2), (1.25, -0.4)], atol=1e-5)
+
+
+def test_the_lag_of_pictures_behind_forces_is_found() -> None:
+    recordings = presses(lag=3)  # frames of 1/30 s
+    force = calibrate(recordings, Options(max_lag=0.2, axes=["z"])).calibration.force
+    assert force is not None
+    assert force.lag == pytest.approx(0.1, abs=1 / 60 + 1e-9)
+    plain = calibrate(recordings, Options(axes=["z"])).calibration.force
+    assert plain is not None
+    assert force.axes["z"].rmse < 0.5 * plain.axes["z"].rmse
+
+
+def test_forces_that_pictures_do_not_show_are_no_calibration() -> None:
+    rng = np.random.default_rng(3)
+    noise = [replace(one, force=forces(rng)[::-1].copy()) for one in presses()]
+    shuffled = [replace(one, force=rng.permutation(one.force)) for one in noise]
+    with pytest.raises(DataError, match="forces do not follow from pictures"):
+        calibrate(shuffled, Options())
+
+
+def test_presses_are_held_out_whole() -> None:
+    assert folds([2] * 6).tolist() == [0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 0, 0]
+    assert folds([10]).tolist() == [0, 0, 1, 1, 2, 2, 3, 3, 4, 4]
+
+
+def test_two_units_look_alike_once_they_are_balanced() -> None:
+    gains = np.array([0.8, 1.1, 0.9])
+    one, other = calibrate(presses(), Options()).calibration, presses()[0]
+    seen = (other.frames.read(range(30)) * gains).round().astype(np.uint8)
+    rest = (other.no_contact.read(range(5)) * gains).round().astype(np.uint8)
+    dimmed = replace(other, frames=ArrayFrames(seen), no_contact=ArrayFrames(rest))
+    found = calibrate([dimmed], Options(fit="none"), one).calibration
+    np.testing.assert_allclose(found.light.balance, 1 / gains, rtol=0.01)
+    difference = found.balanced(seen).astype(int) - other.frames.read(range(30))
+    assert np.abs(difference).max() <= 2
+    assert drift(background(other), one.light) < 1
+    assert drift(background(dimmed), one.light) > 10
+    alone = calibrate([dimmed], Options(fit="none")).calibration
+    assert np.ptp(alone.balanced(rest).mean((0, 1, 2))) < 0.5  # grey, without a reference
+
+
+@pytest.mark.parametrize("radius", [14.0, 30.5])
+def test_a_punch_gives_the_size_of_a_pixel(radius: float) -> None:
+    rows, columns = np.mgrid[:120, :160]
+    away = np.hypot(rows - 63, columns - 71) - radius
+    rest = np.full((120, 160, 3), 100, np.float32)
+    ring = 60 * np.exp(-(away**2) / 12)
+    frames = np.stack([rest, rest + ring[..., None] * [1, -1, 0.5], rest])
+    found = punch_mm_per_pixel(frames.round().astype(np.uint8), rest, 6.0, "ring")
+    assert found == pytest.approx(3.0 / radius, rel=0.015)
+
+
+def test_the_size_of_a_pixel_has_a_source() -> None:
+    recordings = presses(2)
+    found = calibrate(recordings, Options(fit="none"))
+    assert found.calibration.mm_per_pixel == pytest.approx(16.3 / 48)  # of a DIGIT, by its spec
+    assert calibrate(recordings, Options(fit="none", mm_per_pixel=0.1)).scale == "given"
+    with pytest.raises(DataError, match=r"press0: .*no contact is seen|rim|edge"):
+        flat = ArrayFrames(presses(1)[0].no_contact.read([0, 1]))
+        still = replace(recordings[0], frames=flat, force=None)
+        calibrate([still], Options(punch_mm=4.0))
+
+
+def test_bad_recordings_are_named() -> None:
+    good = presses(2)
+    without = [replace(one, force=None) for one in good]
+    second = replace(good[1], labels={"unit": "D2", "device": "digit"})
+    bare = replace(good[0], no_contact=None)
+    small = replace(good[1], frames=ArrayFrames(good[1].frames.read(range(30))[:, ::2]))
+    short = [good[0].part(0, 9)]
+    for recordings, options, message in (
+        ([], Options(), "there are no recordings"),
+        (without, Options(fit="pictures"), "no recording has forces"),
+        ([good[0], second], Options(), "digit D1, digit D2: a calibration is of one unit"),
+        (good, Options(unit="D9"), "unknown device or unit 'D9'"),
+        ([bare], Options(), "press0: no frame without contact"),
+        ([good[0], small], Options(), "24 x 64 and 48 x 64 pixels"),
+        (short, Options(), "9 frames with a force; give 20"),
+        (good, Options(fit="wrench"), "unknown source of forces 'wrench'"),
+    ):
+        with pytest.raises((DataError, ConfigError), match=message):
+            calibrate(recordings, options)
+    assert calibrate([good[0], second], Options(unit="D2", fit="none")).calibration.unit == "D2"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"axes": ["w"]}, "unknown axis 'w'"),
+        ({"axes": []}, "give some of x, y, z"),
+        ({"max_lag": -1}, "max_lag=-1"),
+        ({"punch_mm": 0}, "punch_mm=0"),
+        ({"punch_mm": 4, "mm_per_pixel": 0.1}, "say the same twice"),
+    ],
+)
+def test_bad_options_are_named(options: dict[str, object], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        Options(**options)
+
+
+def test_a_black_light_is_refused() -> None:
+    with pytest.raises(DataError, match="one is black"):
+        light([np.zeros((8, 8, 3), np.float32)])
+
+
+def shard(path: Path, recordings: list[Recording]) -> Path:
+    packed = []
+    for one in recordings:
+        seen = [encode(frame, "png") for frame in one.frames.read(range(len(one.frames)))]
+        rest = [encode(frame, "png") for frame in one.no_contact.read(range(len(one.no_contact)))]
+        packed.append(shards.Packed(shards.head(one), "png", seen, rest, []))
+    shards.write(path, packed)
+    return path
+
+
+def test_the_verb_writes_a_file_and_a_page(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shard(tmp_path / "data" / "train-0.tar", presses())
+    out = tmp_path / "d1.yaml"
+    words = ["calibrate", "data=shards", f"data.root={tmp_path / 'data'}"]
+    assert cli.run([*words, f"out={out}", "max_lag=0.05"]) == 0
+    assert "force z: error 0." in capsys.readouterr().out
+    held = file.load(out)
+    assert (held.sensor, held.unit, held.size) == ("digit", "D1", [48, 64])
+    page = out.with_suffix(".html").read_text()
+    assert page.count("<svg role") == 6  # prediction and error of three axes
+    assert "Calibration of digit D1" in page
+    assert cli.run([*words, f"out={tmp_path / 'd2.yaml'}", f"reference={out}", "fit=none"]) == 0
+    assert file.load(tmp_path / "d2.yaml").light.balance == [1.0, 1.0, 1.0]
+    capsys.readouterr()
+    for wrong, said in (
+        (["out=d"], "give the name of a file"),
+        ([f"out={out}", "reference=no.yaml"], "no.yaml: no calibration there"),
+        ([], "give out=..."),
+    ):
+        assert cli.run([*words, *wrong]) == 1
+        assert said in capsys.readouterr().err
+
+
+def test_a_calibration_travels_with_recordings(tmp_path: Path) -> None:
+    calibration = calibrate(presses(), Options()).calibration
+    calibration.save(tmp_path / "d1.yaml")
+    labels = file.labels(tmp_path / "d1.yaml", "digit", "D1")
+    fresh = presses(1, seed=9)[0]
+    assert file.of_recording(fresh) is None
+    labelled = replace(fresh, labels={**fresh.labels, **labels})
+    (read,) = shards.read(shard(tmp_path / "train-0.tar", [labelled]))
+    carried = file.of_recording(read)
+    assert carried == calibration
+    np.testing.assert_array_equal(carried.forces(read), calibration.forces(fresh))
+    with pytest.raises(ConfigError, match="that of digit D1, and this is digit D2"):
+        file.labels(tmp_path / "d1.yaml", "digit", "D2")
+    with pytest.raises(ConfigError, match="and this is gelsight"):
+        calibration.forces(replace(fresh, sensor="gelsight"))
+    with pytest.raises(DataNotFoundError, match="make one: tactileforge calibrate"):
+        file.load(tmp_path / "none.yaml")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("version: 1", "version: 2", "version 2, but this tactileforge reads 1"),
+        ("sensor: digit", "sensr: digit", "is 'sensr' a slip"),
+        ("unit: D1", "unit: D1\nfoo: 3", "unknown key in here 'foo'"),
+        ("mm_per_pixel: 0.5", "mm_per_pixel: -0.5", "mm_per_pixel is -0.5"),
+        ("mm_per_pixel: 0.5", "mm_per_pixel: .nan", "mm_per_pixel is nan"),
+        ("offset: 0.1", "offset: .inf", "here, force, axes, z: offset is inf"),
+        ("offset: 0.1", "offset: much", "offset is 'much', but must be int or float"),
+        ("area: 3.0", "area: [3]", "weights: area is"),
+        ("balance: [1.0, 1.0, 1.0]", "balance: [1.0, 0.0, 1.0]", "balance is"),
+        ("balance: [1.0, 1.0, 1.0]", "balance: [1.0, 1.0]", "must be 3 numbers"),
+        ("    z:", "    w:", "unknown key in here, force, axes 'w'"),
+        ("size: [48, 64]", "size: [48]", "a height and a width"),
+        ("version: 1", "version: [", "no YAML"),
+        ("version: 1", "", "version is missing"),
+    ],
+)
+def test_files_at_fault_are_named(old: str, new: str, message: str) -> None:
+    axis = file.Axis(0.1, {"area": 3.0}, 0.2, 0.9, [0.0, 5.0])
+    whole = file.Calibration(
+        sensor="digit",
+        unit="D1",
+        light=file.Light([1.0] * 3, [1.0] * 3, [[[1.0] * 3] * 4] * 3),
+        mm_per_pixel=0.5,
+        size=[48, 64],
+        force=file.Force("pictures", 3.0, 0.0, {"z": axis}),
+    )
+    text = whole.text()
+    assert file.parse(text, "here") == whole
+    assert old in text
+    with pytest.raises(ConfigError, match=message):
+        file.parse(text.replace(old, new), "here")

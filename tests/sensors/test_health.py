@@ -1,0 +1,62 @@
+import numpy as np
+import pytest
+
+from tactileforge.contracts import Frame
+from tactileforge.sensors.health import Health, exposure_trouble
+from tactileforge.specs import SPECS, spec
+
+
+def frames(pictures, fps=10):
+    return [Frame(array=picture, time=i / fps) for i, picture in enumerate(pictures)]
+
+
+def noise(count, seed=0):
+    rng = np.random.default_rng(seed)
+    return [rng.integers(60, 200, (48, 64, 3), np.uint8) for _ in range(count)]
+
+
+def test_the_same_picture_for_a_second_is_frozen_until_it_changes():
+    still = noise(1)[0]
+    health = Health(SPECS["digit"])
+    shown = [*noise(3, 1), *[still.copy() for _ in range(15)], *noise(2, 2)]
+    found = [health.look(frame) for frame in frames(shown)]
+    assert [i for i, what in enumerate(found) if what] == list(range(13, 18))  # 3 + ten, to 18
+    assert health.counts == {"frozen": 5}
+
+
+def test_one_pixel_that_changes_is_not_frozen():
+    health, picture = Health(SPECS["digit"]), noise(1)[0]
+    for i in range(30):
+        picture = picture.copy()
+        picture[33, 7, 1] = i
+        assert health.look(Frame(array=picture, time=float(i))) == ""
+
+
+@pytest.mark.parametrize(
+    ("picture", "trouble"),
+    [
+        (np.full((48, 64, 3), 3, np.uint8), "black"),
+        (np.full((48, 64, 3), 254, np.uint8), "saturated"),
+        (np.full((48, 64, 3), 128, np.uint8), ""),
+        (np.concatenate([np.full((48, 32, 3), v, np.uint8) for v in (0, 90)], 1), ""),
+        (np.concatenate([np.full((48, 32, 3), v, np.uint8) for v in (90, 255)], 1), ""),
+    ],
+)
+def test_black_and_saturated(picture, trouble):
+    assert exposure_trouble(picture) == trouble
+    assert Health(SPECS["digit"]).look(Frame(array=picture, time=0.0)) == trouble
+
+
+def test_an_array_at_rest_repeats_itself_and_is_well():
+    health, picture = Health(spec("serial_array")), np.zeros((4, 4, 3), np.uint8)
+    assert {health.look(Frame(array=picture, time=float(i))) for i in range(9)} == {""}
+
+
+@pytest.mark.realdata
+def test_real_sensors_without_contact_are_well(realdata):
+    import cv2
+
+    paths = sorted((realdata / "sensor_backgrounds").glob("*.*g"))
+    assert len(paths) >= 10
+    for path in paths:
+        assert exposure_trouble(cv2.imread(str(path))) == "", path.name
