@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tactileforge import plugins
-from tactileforge.errors import ConfigError, PluginError
+from tactileforge.errors import ConfigError, PluginError, SensorError
 
 ROOT = Path(__file__).parents[1]
 
@@ -92,6 +92,45 @@ def test_check_takes_every_kind_that_has_the_name(capsys):
     assert plugins.main(["check", "clip", "replay"]) == 0
     lines = [line for line in capsys.readouterr().out.splitlines() if not line.startswith("  ")]
     assert lines[:2] == ["sensor replay", "encoder clip"]
+
+
+def test_check_of_attached_sensors_opens_each_device(installed, capsys):
+    """Two devices are attached, of which the second cannot be opened."""
+    source = """
+from tactileforge.errors import SensorError
+from tactileforge.sensors.sim_wrench import SimWrench
+class Bench(SimWrench):
+    def __init__(self, port: str = "", fps: float = 100.0):
+        super().__init__(fps=fps)
+        self.port = port
+    def discover(self):
+        return ["/dev/one", "/dev/two"]
+    def open(self):
+        if self.port != "/dev/one": raise SensorError(f"{self.port}: busy")
+        super().open()
+"""
+    installed("bench-plugins", "[tactileforge.sensors]\nbench = bench:Bench", {"bench.py": source})
+    assert plugins.main(["check", "bench", "replay", "pixel", "--attached"]) == 1
+    out = capsys.readouterr().out
+    one, two = out.removeprefix("sensor bench port=/dev/one\n").split(
+        "sensor bench port=/dev/two\n"
+    )
+    assert "failed" not in one
+    assert "ran      frames are as specified" in one
+    assert "failed   frames are as specified: SensorError: /dev/two: busy" in two
+    assert "replay" not in out  # its path is not given
+    assert "pixel" not in out
+
+
+def test_check_of_attached_sensors_where_there_are_none(toy):
+    with pytest.raises(SensorError, match="none of the sensors is attached: plug one in"):
+        plugins.main(["check", "toy", "--attached"])
+
+
+def test_check_of_attached_sensors_names_a_broken_one(installed, capsys):
+    installed("broken", "[tactileforge.sensors]\nbroken = broken:X", {"broken.py": "1 / 0"})
+    assert plugins.main(["check", "broken", "--attached"]) == 1
+    assert "failed   it can be imported" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

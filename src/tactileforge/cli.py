@@ -23,7 +23,8 @@ tactileforge: train, compare and run encoders of touch
   tactileforge record sensor=[NAME,...] out=DIR   record sensors, forces and a camera as shards
   tactileforge calibrate data=NAME out=FILE.yaml  light, scale and force of one unit; --help: keys
   tactileforge live model=NAME sensor=NAME        touch as it happens: contact, force, slip, a page
-  tactileforge data pack|filter|inspect data=NAME   to shards; what a filter keeps; a page on it
+  tactileforge data pack|filter|inspect|lerobot data=NAME   to shards; what a filter keeps; a page
+                                          on it; to LeRobot's format
   tactileforge plugins list|check|new     what is installed, does it work, start your own
   tactileforge zoo list|show|get|pack     models by name; import your download, pack your run
   tactileforge export model=NAME format=onnx|torch_export   a model as a file that runs elsewhere

@@ -1,4 +1,4 @@
-"""``tactileforge data pack | filter | inspect``."""
+"""``tactileforge data pack | filter | inspect | lerobot``."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ def main(argv: Sequence[str]) -> int:
     Raises:
         TactileForgeError: Something is wrong; says the fix.
     """
-    verbs = {"pack": _pack, "filter": _filter, "inspect": _inspect}
+    verbs = {"pack": _pack, "filter": _filter, "inspect": _inspect, "lerobot": _lerobot}
     action, *words = argv or ["--help"]
     if action in ("-h", "--help"):
-        print("tactileforge data pack|filter|inspect data=NAME [key=value ...]; --help shows keys")
+        print(f"tactileforge data {'|'.join(verbs)} data=NAME [key=value ...]; --help shows keys")
         return 0
     if action not in verbs:
         raise ConfigError(unknown("action of tactileforge data", action, verbs))
@@ -77,3 +77,19 @@ def _inspect(dataset: Dataset, name: str, config: DictConfig) -> None:
 
     print(inspect(dataset, name, Path(config.out), config.recordings))
     print(f"page: {config.out}")
+
+
+def _lerobot(dataset: Dataset, name: str, config: DictConfig) -> None:
+    from tactileforge.lerobot.write import Options, write
+
+    options: dict[str, Any] = OmegaConf.to_container(config.lerobot)  # type: ignore[assignment]
+    splits = ("train", "val")
+    recordings = (one for split in splits for one in dataset.recordings(split))
+    found = write(recordings, Path(config.out), Options(**options))
+    lost = ", ".join(f"{device} {count}" for device, count in found.dropped.items() if count)
+    print(
+        f"{found.episodes} episodes, {found.rows} rows at {found.fps} per second; frames that no "
+        f"row shows: {lost or 'none'}"
+    )
+    print(f"features: {', '.join(found.features)}")
+    print(f"LeRobot reads it: LeRobotDataset('local/touch', root='{config.out}')")

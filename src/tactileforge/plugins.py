@@ -6,13 +6,15 @@ import argparse
 import json
 import keyword
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from importlib.resources import files
+from inspect import Parameter
 from pathlib import Path
+from typing import Any
 
 from tactileforge import registry
-from tactileforge.errors import ConfigError, PluginError, unknown
+from tactileforge.errors import ConfigError, PluginError, SensorError, unknown
 
 _KINDS = [kind.removesuffix("s") for kind in registry.KINDS]
 
@@ -29,11 +31,13 @@ def main(argv: Sequence[str]) -> int:
     Raises:
         PluginError: A name that is not installed.
         ConfigError: Options that do not fit, or a package that exists already.
+        SensorError: Attached sensors are to be checked, and none is attached.
     """
     parser = _parser()
     words, rest = parser.parse_known_args(argv)
     if words.action == "check":
-        return _check([*words.words, *rest], words.kind)  # argparse leaves words after a flag
+        # argparse leaves words after a flag
+        return _check([*words.words, *rest], words.kind, words.attached)
     if rest:
         parser.error(f"unknown words: {' '.join(rest)}")
     if words.action == "new":
@@ -51,6 +55,7 @@ def _parser() -> argparse.ArgumentParser:
     check = actions.add_parser("check", help="the conformance suite")
     check.add_argument("words", nargs="*", metavar="NAME | key=value", help="names; options of one")
     check.add_argument("--kind", choices=_KINDS, help="only this kind")
+    check.add_argument("--attached", action="store_true", help="each sensor that is attached")
     new = actions.add_parser("new", help="write a package to start from")
     new.add_argument("kind", choices=sorted(_FILES))
     new.add_argument("name", help="the word users will type, snake_case")
@@ -75,7 +80,7 @@ def _list(as_json: bool) -> int:
     return 0
 
 
-def _check(words: Sequence[str], kind: str | None) -> int:
+def _check(words: Sequence[str], kind: str | None, attached: bool) -> int:
     from omegaconf import OmegaConf
 
     from tactileforge.testing import check
@@ -88,16 +93,45 @@ def _check(words: Sequence[str], kind: str | None) -> int:
             f"{settings[0]} is an option of one plugin, and {len(plugins)} are checked: "
             "name one, and its --kind"
         )
-    options = OmegaConf.to_container(OmegaConf.from_dotlist(settings))
+    options: Any = OmegaConf.to_container(OmegaConf.from_dotlist(settings))
+    runs = _attached(plugins, options) if attached else [(*plugin, options) for plugin in plugins]
     counts = dict.fromkeys(("ran", "failed", "expected", "skipped"), 0)
-    for plugin_kind, name in plugins:
-        print(f"{plugin_kind.removesuffix('s')} {name}", flush=True)
-        for result in check(plugin_kind, name, **options):  # type: ignore[arg-type]
+    for plugin_kind, name, given in runs:
+        address = [f"{key}={given[key]}" for key in _ADDRESSES if attached and key in given]
+        print(" ".join([plugin_kind.removesuffix("s"), name, *address]), flush=True)
+        for result in check(plugin_kind, name, **given):
             counts[result.status] += 1
             first, *_ = result.detail.splitlines() or [""]
             print(f"  {result.status:<9}{result.name}{': ' * bool(first)}{first}")
     print(", ".join(f"{count} {status}" for status, count in counts.items()))
     return 1 if counts["failed"] else 0
+
+
+#: Options that say which device a sensor opens.
+_ADDRESSES = ("device", "port")
+
+
+def _attached(
+    plugins: Sequence[tuple[str, str]], options: Mapping[str, Any]
+) -> list[tuple[str, str, dict[str, Any]]]:
+    """Each sensor that is attached, with the options that open it; and each that is broken."""
+    found = []
+    for kind, name in plugins:
+        if kind != "sensors":
+            continue
+        try:
+            known = registry.parameters(registry.get(kind, name))
+        except PluginError:
+            found.append((kind, name, dict(options)))
+            continue
+        if any(known[key] is Parameter.empty and key not in options for key in known):
+            continue
+        key = next((key for key in _ADDRESSES if key in known), "")
+        for address in registry.build(kind, {"name": name, **options}).discover():
+            found.append((kind, name, {**options, key: address} if key else dict(options)))
+    if not found:
+        raise SensorError("none of the sensors is attached: plug one in, or give its port=")
+    return found
 
 
 def _chosen(names: Sequence[str], kind: str | None) -> list[tuple[str, str]]:

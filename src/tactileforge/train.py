@@ -78,7 +78,7 @@ def train(config: DictConfig, folder: Path) -> TouchModule:
     trainer, saver = build_trainer(plain, folder)
     if trainer.is_global_zero and not resume:
         licences = {kind.licence for split in data.sources for kind in data.summary(split)}
-        _keep(plain, folder, sorted(licences))
+        _keep(plain, folder, sorted(licences), data.summary("train").sensors)
     with warnings.catch_warnings():
         for message in _EXPECTED:
             warnings.filterwarnings("ignore", message)
@@ -141,7 +141,9 @@ def build_loggers(config: Mapping[str, Any], folder: Path) -> list[Logger]:
     return loggers
 
 
-def _keep(config: Mapping[str, Any], folder: Path, licences: Sequence[str]) -> None:
+def _keep(
+    config: Mapping[str, Any], folder: Path, licences: Sequence[str], sensors: Sequence[str]
+) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     OmegaConf.save(OmegaConf.create(dict(config)), folder / "config.yaml")
     versions = {name: version(name) for name in _PACKAGES} | {"python": platform.python_version()}
@@ -154,6 +156,7 @@ def _keep(config: Mapping[str, Any], folder: Path, licences: Sequence[str]) -> N
         "versions": versions,
         "plugins": plugins,
         "licences": list(licences),  # of the recordings
+        "sensors": list(sensors),  # that it is trained on
         "commit": commit(),
     }
     (folder / "versions.json").write_text(json.dumps(kept, indent=2))

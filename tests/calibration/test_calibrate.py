@@ -176,9 +176,9 @@ def test_the_size_of_a_pixel_has_a_source() -> None:
     found = calibrate(recordings, Options(fit="none"))
     assert found.calibration.mm_per_pixel == pytest.approx(16.3 / 48)  # of a DIGIT, by its spec
     assert calibrate(recordings, Options(fit="none", mm_per_pixel=0.1)).scale == "given"
-    with pytest.raises(DataError, match=r"press0: .*no contact is seen|rim|edge"):
-        flat = ArrayFrames(presses(1)[0].no_contact.read([0, 1]))
-        still = replace(recordings[0], frames=flat, force=None)
+    flat = ArrayFrames(np.repeat(recordings[0].no_contact.read([0]), 2, 0))
+    still = replace(recordings[0], frames=flat, force=None)
+    with pytest.raises(DataError, match="press0: no contact is seen"):
         calibrate([still], Options(punch_mm=4.0))
 
 

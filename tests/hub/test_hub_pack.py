@@ -47,7 +47,8 @@ def test_a_run_is_packed_and_loaded(run: Path, tmp_path: Path) -> None:
     assert header.recipe["objective"].keys() == {"pixel"}
     assert header.data["name"] == "sim"
     assert header.versions["torch"] == torch.__version__
-    assert header.sensors["gelsight_mini"] == 3
+    assert header.sensors == {"gelsight": 0, "digit": 1, "gelsight_mini": 3}  # not the others
+    assert model.sensors == list(header.sensors)
     assert len(header.commit.removesuffix("-dirty")) in (0, 40)
 
 

@@ -34,7 +34,7 @@ def numbers(frames):
     return [round(float(frame.raw[0, 1])) for frame in frames]
 
 
-def read_until_silent(sensor, silence=0.4):
+def read_until_silent(sensor, silence=0.8):
     frames = []
     while True:
         try:
@@ -135,10 +135,12 @@ def test_what_has_waited_too_long_is_thrown_away(board):
 
 def test_baseline_picture_and_rate(board):
     """The first magnetometer is drawn in the middle; x, y and z are red, green and blue."""
-    board.play(itertools.chain([packet()] * 100, itertools.repeat(packet(250.0))), fps=200)
+    board.play(itertools.chain([packet()] * 60, itertools.repeat(packet(250.0))), fps=40)
+    start = time.monotonic()
     with AnySkin(port=board.port, baseline=20, span=500.0) as sensor:
+        slowest = 20 / (time.monotonic() - start)
         assert sensor.rest[0].tolist() == [25.0, 0.0, -2.0, 100.25]
-        assert 100 < sensor.spec.fps < 300
+        assert slowest <= sensor.spec.fps < 70  # 100 unless measured
         first = sensor.read()
         assert (first.array == 128).all()
         while (last := sensor.read()).raw[0, 1] == 0:

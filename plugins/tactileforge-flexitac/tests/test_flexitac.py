@@ -2,6 +2,7 @@
 
 import itertools
 import random
+import time
 
 import numpy as np
 import pytest
@@ -25,7 +26,7 @@ def numbers(frames):
     return [int(frame.raw[0, 0] * 100 + frame.raw[1, 0]) for frame in frames]
 
 
-def read_until_silent(sensor, silence=0.4):
+def read_until_silent(sensor, silence=0.8):
     frames = []
     while True:
         try:
@@ -111,10 +112,12 @@ def test_random_bytes_are_hardly_ever_a_packet():
 
 
 def test_baseline_and_rate(pad):
-    pad.play(itertools.chain([packet(20)] * 50, itertools.repeat(packet(70))), fps=100)
+    pad.play(itertools.chain([packet(20)] * 60, itertools.repeat(packet(70))), fps=40)
+    start = time.monotonic()
     with FlexiTac(port=pad.port, baseline=20, span=100.0) as sensor:
+        slowest = 20 / (time.monotonic() - start)
         assert set(sensor.rest.ravel()) == {0, 20}
-        assert 60 < sensor.spec.fps < 150
+        assert slowest <= sensor.spec.fps < 70  # 90 unless measured
         assert (sensor.read().array == 128).all()
         while (last := sensor.read()).raw[1, 0] == 20:
             pass

@@ -161,7 +161,8 @@ def test_a_device_without_a_page():
 
 
 @pytest.mark.parametrize(
-    ("unit", "newton"), [("N", 1.0), ("lbf", 4.44822), ("kN", 1000), ("kgf", 9.80665), ("klbf", 4448.22)]
+    ("unit", "newton"),
+    [("N", 1.0), ("lbf", 4.44822), ("kN", 1000), ("kgf", 9.80665), ("klbf", 4448.22)],
 )
 def test_units_of_force(unit, newton):
     assert settings(PAGE.replace(">N<", f">{unit}<")).force == pytest.approx(newton / 1e6, rel=1e-5)

@@ -60,7 +60,8 @@ def background(recording: Recording) -> NDArray[np.float32]:
             f"{recording.key}: no frame without contact; record with background.seconds above 0"
         )
     count = min(len(recording.no_contact), 9)
-    return np.median(recording.no_contact.read(range(count)), axis=0).astype(np.float32)
+    still: NDArray[np.float32] = np.median(recording.no_contact.read(range(count)), axis=0)
+    return still.astype(np.float32)
 
 
 def noise_of(recording: Recording) -> float:

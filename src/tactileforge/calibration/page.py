@@ -35,7 +35,8 @@ def _force(found: Found) -> Section:
     assert force is not None
     drawn = []
     for name, one in found.fits.items():
-        drawn += [panel(f"Force {name}", _against(one, name)), panel("", _residual(one, name))]
+        drawn += [panel(f"Force {name}", _against(one, name))]
+        drawn += [panel(f"Error of {name}", _residual(one, name))]
     rows = [
         (
             name,

@@ -96,7 +96,9 @@ class Array:
         """Forces with noise, clipped and in steps of the converter, float32 of the same shape."""
         step = 2 * self.span / (2**self.bits - 1)
         noisy = forces + chance.normal(0, self.noise, forces.shape)
-        return (np.rint(noisy.clip(-self.span, self.span) / step) * step).astype(np.float32)
+        steps = np.rint(noisy.clip(-self.span, self.span) / step)
+        found: NDArray[np.float32] = (steps * step).astype(np.float32)
+        return found
 
 
 def taxel_forces(contact: Contact, shape: tuple[int, int], pitch: float) -> NDArray[np.float64]:
@@ -139,7 +141,8 @@ def _shares(
     down, right = row - first[:, 0], column - first[:, 1]
     for i in (0, 1):
         for j in (0, 1):
-            yield first + [i, j], np.abs(1 - i - down) * np.abs(1 - j - right)
+            share: NDArray[np.float64] = np.abs(1 - i - down) * np.abs(1 - j - right)
+            yield first + np.array([i, j]), share
 
 
 def play(scene: Scene, array: Array) -> tuple[NDArray[np.float64], NDArray[np.float32]]:

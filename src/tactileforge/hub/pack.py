@@ -35,7 +35,7 @@ def pack(
 
     V-JEPA and DINO are published and evaluated by the slow copy of the encoder, which the
     objective's head keeps (`heads.slow.SlowCopy`), so that is what is packed where there is one.
-    A head is kept beside the encoder that it was trained on, and not beside a slow copy.
+    Its sensors are those that the run was trained on. A head is kept beside the encoder that it was trained on, and not beside a slow copy.
 
     Args:
         run: Folder of the run: its ``config.yaml`` and last checkpoint are read.
@@ -59,6 +59,9 @@ def pack(
     config = _config(run)
     versions = run / "versions.json"
     kept: dict[str, Any] = json.loads(versions.read_text("utf-8")) if versions.is_file() else {}
+    if (known := config["encoder"].get("sensors")) and (trained := kept.get("sensors")):
+        # rows of other sensors were never trained
+        config["encoder"]["sensors"] = {name: known[name] for name in known if name in trained}
     checkpoint = checkpoints.read(run)
     kind, state = _choose(checkpoint["state_dict"], encoder, run)
     built = registry.build("encoders", config["encoder"])

@@ -21,16 +21,18 @@ class ContactOptions:
     """When something touches.
 
     Attributes:
-        on: Difference with the background, grey levels, from which on there is contact.
-        off: Difference below which it ends.
+        begin: Difference with the background, grey levels, from which on there is contact.
+        end: Difference below which it ends.
     """
 
-    on: float = 8.0
-    off: float = 5.0
+    begin: float = 8.0
+    end: float = 5.0
 
     def __post_init__(self) -> None:
-        if not 0 < self.off <= self.on:
-            raise ConfigError(f"contact.on={self.on}, contact.off={self.off}: give 0 < off <= on")
+        if not 0 < self.end <= self.begin:
+            raise ConfigError(
+                f"contact.begin={self.begin}, contact.end={self.end}: give 0 < end <= begin"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,7 +91,7 @@ class Contact:
 
     def update(self, difference: float) -> bool:
         """Whether there is contact, after a picture that differs so much."""
-        self.is_on = difference >= (self.options.off if self.is_on else self.options.on)
+        self.is_on = difference >= (self.options.end if self.is_on else self.options.begin)
         return self.is_on
 
 

@@ -167,7 +167,7 @@ def _of(finger: Finger, after: float, now: float) -> dict[str, Any]:
         "picture": 0 if shown is None else shown.time,
         "size": [finger.sensor.spec.height, finger.sensor.spec.width],
         "scale": list(finger.sensor.spec.force_scale),
-        "contact_on": finger.contact.options.on,
+        "contact_on": finger.contact.options.begin,
         "readings": [
             [r.time, r.force, r.contact, r.slip, round(r.difference, 2)]
             for r in list(finger.readings)

@@ -97,9 +97,7 @@ class AtiNetFT(ForceTorque):
         bias: bool = False,
         http_port: int = 80,
     ) -> None:
-        super().__init__(
-            port=f"{host}:{port}", link="udp", payload=">3I6i", header="00", fps=self.spec.fps
-        )
+        super().__init__(port=f"{host}:{port}", link="udp", payload=">3I6i", fps=self.spec.fps)
         self.page = f"http://{host}:{http_port}/netftapi2.xml"
         self.bias = bias
         self.missed = self.status = 0

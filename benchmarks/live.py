@@ -1,0 +1,173 @@
+"""From frame to force: latency of `tactileforge live` at 30 Hz, and frames that it skips.
+
+A synthetic camera of 320 x 240 gives a picture every 1/30 s, in the thread that live reads it in.
+The encoders are AnyTouch 2's with random weights, which take as long as trained ones: ``tiny`` is
+that of ``anytouch2.tiny-sim`` (64 pixels, 4 blocks), ``small`` and ``base`` read 224 pixels. Give
+``--model NAME`` to time a model of the zoo. Nobody looks at the page unless ``--page`` asks for its
+state and pictures twenty times a second.
+"""
+
+from __future__ import annotations
+
+import argparse
+import threading
+import time
+import urllib.request
+from contextlib import ExitStack
+from typing import Any, Self
+
+import numpy as np
+import torch
+from common import save
+
+import tactileforge
+from tactileforge.contracts import Frame, SensorSpec
+from tactileforge.encoders.tactile_vit import TactileViT
+from tactileforge.heads.force import ForceHead
+from tactileforge.hub.files import describe
+from tactileforge.hub.model import Model
+from tactileforge.live.options import Background
+from tactileforge.live.server import Page
+from tactileforge.live.show import Show, ShowOptions
+from tactileforge.specs import spec
+
+FPS = 30.0
+ENCODERS: dict[str, dict[str, Any]] = {
+    "tiny": {"size": "tiny", "depth": 4, "image_size": 64},
+    "small": {"size": "small", "image_size": 224},
+    "base": {"size": "base", "image_size": 224},
+}
+
+
+class SyntheticCamera:
+    """Pictures with noise and a spot that moves, each at its time; late ones are lost."""
+
+    def __init__(self) -> None:
+        self.spec = SensorSpec(
+            name="digit",
+            height=320,
+            width=240,
+            fps=FPS,
+            area_mm=None,
+            force_scale=spec("digit").force_scale,
+        )
+        rng = np.random.default_rng(0)
+        rows, columns = np.mgrid[:320, :240]
+        self._bank = []
+        for angle in np.linspace(0, 2 * np.pi, 30, endpoint=False):
+            far = (rows - 160 - 60 * np.sin(angle)) ** 2 + (columns - 120 - 60 * np.cos(angle)) ** 2
+            shade = 110 + 60 * np.exp(-far / 800)[..., None] + rng.normal(0, 2, (320, 240, 3))
+            self._bank.append(shade.clip(0, 255).astype(np.uint8))
+        self.start, self.number, self.lost = 0.0, 0, 0
+
+    def discover(self) -> list[str]:
+        """None is attached."""
+        return []
+
+    def open(self) -> None:
+        """Starts the clock."""
+        self.start, self.number = time.monotonic(), 0
+
+    def read(self, timeout: float = 1.0) -> Frame:
+        """The next frame that is not past."""
+        late = int((time.monotonic() - self.start) * FPS) - self.number
+        if late > 0:
+            self.number += late
+            self.lost += late
+        due = self.start + self.number / FPS
+        time.sleep(max(0.0, due - time.monotonic()))
+        self.number += 1
+        return Frame(array=self._bank[self.number % len(self._bank)], time=due)
+
+    def close(self) -> None:
+        """Nothing to do."""
+
+    def __enter__(self) -> Self:
+        self.open()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+
+def random_model(name: str) -> Model:
+    """A model of that size that has learned nothing."""
+    node = {"name": "tactile_vit", **ENCODERS[name]}
+    torch.manual_seed(0)
+    encoder = TactileViT(**ENCODERS[name])
+    head = ForceHead(encoder).eval()
+    entry = {"node": {"name": "force"}, "scale": {"digit": list(spec("digit").force_scale)}}
+    header = describe(
+        encoder,
+        node,
+        licence="CC0-1.0",
+        spacing=1 / 15,
+        name=f"random {name}",
+        recipe={"encoder": node},
+        heads={"force": entry},
+    )
+    encoder.requires_grad_(False)
+    return Model(encoder, header, heads={"force": head.requires_grad_(False)})
+
+
+def look(url: str, stop: threading.Event) -> None:
+    """What a browser asks for."""
+    while not stop.wait(0.05):
+        for what in ("state", "frame/camera", "difference/camera"):
+            with urllib.request.urlopen(url + what, timeout=10) as answer:
+                answer.read()
+
+
+def run(model: Model, seconds: float, with_page: bool) -> dict[str, float]:
+    """Latency and counts of one model."""
+    camera = SyntheticCamera()
+    options = ShowOptions(background=Background(seconds=0.0), seconds=seconds)
+    latencies: list[float] = []
+    with ExitStack() as stack:
+        view = stack.enter_context(Show({"camera": camera}, model, options))
+        view.take_background()
+        clip = np.zeros((model.frames, 64, 64, 3), np.uint8)
+        model.readings(clip, "first", "digit")  # packs the weights
+        stop = threading.Event()
+        if with_page:
+            page = stack.enter_context(Page(view))
+            viewer = threading.Thread(target=look, args=(page.url, stop))
+            viewer.start()
+            stack.callback(viewer.join)
+            stack.callback(stop.set)
+        for reading in view.readings():
+            if reading is not None:
+                assert reading.force is not None
+                latencies.append(reading.latency)
+        finger = view.fingers["camera"]
+        counts = {"readings": finger.done, "skipped": finger.skipped, "lost": camera.lost}
+    milli = 1000 * np.array(latencies)
+    p50, p99 = np.percentile(milli, [50, 99])
+    return {
+        "p50_ms": round(float(p50), 2),
+        "p99_ms": round(float(p99), 2),
+        "max_ms": round(float(milli.max()), 2),
+        "seconds": seconds,
+        **counts,
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=300.0, help="of each encoder")
+    parser.add_argument("--encoders", nargs="*", default=list(ENCODERS), choices=list(ENCODERS))
+    parser.add_argument("--model", nargs="*", default=[], help="NAME.TAG, or file:PATH, as well")
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--page", action="store_true", help="look at the page meanwhile")
+    parser.add_argument("--name", default="live", help="of the result")
+    words = parser.parse_args()
+    torch.set_num_threads(words.threads)
+    models = {name: lambda name=name: random_model(name) for name in words.encoders}
+    models |= {name: lambda name=name: tactileforge.load(name) for name in words.model}
+    found = {name: run(make(), words.seconds, words.page) for name, make in models.items()}
+    result: dict[str, Any] = {"fps": FPS, "frame": "320 x 240", "page": words.page}
+    save(words.name, result | {"models": found})
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Readings of ``tactileforge live`` for other programs."""

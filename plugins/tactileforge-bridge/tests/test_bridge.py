@@ -1,0 +1,103 @@
+"""Messages arrive: over a real ZeroMQ socket, and at stand-ins for the packages of ROS 2."""
+
+import json
+import sys
+from types import ModuleType, SimpleNamespace
+
+import pytest
+from tactileforge_bridge.ros2 import Ros2
+from tactileforge_bridge.zeromq import ZeroMq
+
+from tactileforge.errors import ConfigError
+
+MESSAGE = {"sensor": "digit 1", "unix": 12.25, "force": [1.0, -2.0, 3.0], "contact": True}
+
+
+def test_messages_arrive_over_zeromq():
+    zmq = pytest.importorskip("zmq")
+    sender = ZeroMq("tcp://127.0.0.1:*")
+    sender.open()
+    socket = zmq.Context.instance().socket(zmq.SUB)
+    try:
+        socket.setsockopt(zmq.RCVTIMEO, 10_000)
+        socket.connect(sender.endpoint)
+        socket.subscribe(b"digit")
+        while not socket.poll(50):  # it takes a moment until a subscription is known
+            sender.send(MESSAGE)
+        topic, body = socket.recv_multipart()
+        assert (topic, json.loads(body)) == (b"digit 1", MESSAGE)
+        with pytest.raises(ConfigError, match="give another address"):
+            ZeroMq(sender.endpoint).open()
+    finally:
+        socket.close()
+        sender.close()
+        sender.close()
+
+
+def test_nobody_listens_and_nothing_waits():
+    pytest.importorskip("zmq")
+    sender = ZeroMq("tcp://127.0.0.1:*", queue=1)
+    sender.open()
+    for _ in range(1000):
+        sender.send(MESSAGE)
+    sender.close()
+    assert sender.endpoint == ""
+
+
+@pytest.mark.parametrize(("kind", "package"), [(ZeroMq, "zmq"), (Ros2, "rclpy")])
+def test_a_missing_package_is_named(monkeypatch, kind, package):
+    for name in (package, "geometry_msgs.msg"):
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(ConfigError, match=r"needs (pyzmq|ROS 2)"):
+        kind().open()
+
+
+class Wrench:
+    def __init__(self):
+        self.header = SimpleNamespace(frame_id="", stamp=SimpleNamespace(sec=0, nanosec=0))
+        self.wrench = SimpleNamespace(force=SimpleNamespace(x=0.0, y=0.0, z=0.0))
+
+
+@pytest.fixture
+def sent(monkeypatch):
+    """Stand-ins for ROS 2, and what is published: topic, message."""
+    sent = []
+
+    def create_publisher(kind, name, depth):
+        return SimpleNamespace(publish=lambda message: sent.append((name, message)))
+
+    node = SimpleNamespace(create_publisher=create_publisher, destroy_node=lambda: None)
+    packages = {
+        "rclpy": {
+            "Context": lambda: SimpleNamespace(shutdown=lambda: None),
+            "init": lambda context: None,
+            "create_node": lambda name, context: node,
+        },
+        "geometry_msgs": {},
+        "geometry_msgs.msg": {"WrenchStamped": Wrench},
+        "std_msgs": {},
+        "std_msgs.msg": {"String": SimpleNamespace},
+    }
+    for name, content in packages.items():
+        module = ModuleType(name)
+        module.__dict__.update(content)
+        monkeypatch.setitem(sys.modules, name, module)
+    for name in ("geometry_msgs", "std_msgs"):
+        sys.modules[name].msg = sys.modules[f"{name}.msg"]
+    return sent
+
+
+def test_forces_are_wrenches_in_ros(sent):
+    bridge = Ros2()
+    bridge.open()
+    bridge.send(MESSAGE)
+    bridge.send({"sensor": "digit 1", "event": "lost"})
+    bridge.close()
+    bridge.close()
+    topics = [topic for topic, _ in sent]
+    assert topics == ["/tactile/digit_1/json", "/tactile/digit_1/wrench", "/tactile/digit_1/json"]
+    wrench = sent[1][1]
+    assert (wrench.header.stamp.sec, wrench.header.stamp.nanosec) == (12, 250_000_000)
+    force = wrench.wrench.force
+    assert (wrench.header.frame_id, force.x, force.y, force.z) == ("digit 1", 1.0, -2.0, 3.0)
+    assert json.loads(sent[0][1].data) == MESSAGE

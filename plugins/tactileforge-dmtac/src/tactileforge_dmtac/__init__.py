@@ -1,0 +1,1 @@
+"""DM-Tac for tactileforge."""

@@ -1,0 +1,1 @@
+"""LeRobot's folder format, version 3, read and written (`docs/lerobot.md`)."""

@@ -1,0 +1,167 @@
+"""Recordings that were made together, on the rows of one episode."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import Recording
+from tactileforge.errors import DataError
+from tactileforge.specs import spec
+
+
+@dataclass(frozen=True)
+class Episode:
+    """Recordings that were made together.
+
+    Attributes:
+        parts: One of each device, by its name.
+        rows: int64 (N,): the frame of each row, by device.
+        dropped: Frames that no row shows, by device.
+    """
+
+    parts: dict[str, Recording]
+    rows: dict[str, NDArray[np.int64]]
+    dropped: dict[str, int]
+
+    def __len__(self) -> int:
+        return len(next(iter(self.rows.values())))
+
+    @property
+    def task(self) -> str:
+        """What was done, in words."""
+        one = next(iter(self.parts.values()))
+        words = one.text or (f"touch the {one.object}" if one.object else "touch")
+        return re.sub(r"\s+", " ", words.replace("{action}", "touch")).strip()
+
+
+def device(recording: Recording) -> str:
+    """The word for a recording's sensor in the names of features."""
+    name = str(recording.labels.get("device", recording.sensor))
+    return re.sub(r"[^A-Za-z0-9_]+", "_", name)
+
+
+def rate(recordings: Iterable[Recording]) -> int:
+    """Frames per second of the fastest, as a whole number.
+
+    Raises:
+        DataError: None has two frames.
+    """
+    steps = [float(np.median(np.diff(one.times))) for one in recordings if len(one.times) > 1]
+    if not steps:
+        raise DataError("a recording of one frame has no rate: give fps=...")
+    return max(1, round(1 / min(steps)))
+
+
+def together(recordings: Iterable[Recording]) -> Iterator[list[Recording]]:
+    """Recordings of one take, one a device; those without a label ``take`` are alone."""
+
+    def take(numbered: tuple[int, Recording]) -> Any:
+        number, one = numbered
+        found = one.labels.get("take")
+        return number if found is None else (found, one.labels.get("begun"), one.source)
+
+    for _, group in groupby(enumerate(recordings), take):
+        held: dict[str, list[Recording]] = {}
+        for _, one in group:
+            held.setdefault(device(one), []).append(one)
+        for number in range(max(map(len, held.values()))):
+            yield [parts[number] for parts in held.values() if number < len(parts)]
+
+
+def episode(recordings: Sequence[Recording], fps: float) -> Episode:
+    """Puts recordings on common rows: each row has the frame that is nearest to its time.
+
+    Raises:
+        DataError: They share no time.
+    """
+    start = max(float(one.times[0]) for one in recordings)
+    end = min(float(one.times[-1]) for one in recordings)
+    if end < start:
+        keys = " and ".join(one.key for one in recordings)
+        raise DataError(f"{keys} have one take and share no time; leave one out with devices=[...]")
+    due = start + np.arange(int((end - start) * fps + 0.5) + 1) / fps
+    parts, rows, dropped = {}, {}, {}
+    for one in recordings:
+        name = device(one)
+        after = np.searchsorted(one.times, due).clip(1, max(1, len(one.times) - 1))
+        if len(one.times) == 1:
+            after = np.ones(len(due), np.int64)
+        before = after - 1
+        later = one.times[np.minimum(after, len(one.times) - 1)]
+        nearer = np.abs(later - due) < np.abs(due - one.times[before])
+        rows[name] = np.where(nearer, np.minimum(after, len(one.times) - 1), before)
+        parts[name] = one
+        dropped[name] = len(one.times) - len(np.unique(rows[name]))
+    return Episode(parts, rows, dropped)
+
+
+def features(one: Episode, images: str) -> dict[str, dict[str, Any]]:
+    """The features of an episode, without those that all have.
+
+    Args:
+        one: The episode.
+        images: ``video``, ``png``, or ``auto``: arrays, whose every pixel counts, without loss.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    for name, part in one.parts.items():
+        lossless = images == "png" or (images == "auto" and spec(part.sensor).kind == "array")
+        found[f"observation.images.{name}"] = _picture(part.frames.shape, lossless)
+        found[f"observation.time.{name}"] = _numbers("float64", 1, ["seconds"])
+        if part.force is not None:
+            found[f"observation.force.{name}"] = _numbers("float32", 3, ["x", "y", "z"])
+        if part.action is not None:
+            found[f"observation.touch.{name}"] = _numbers("int64", 1, ["action"])
+        for track, values in part.tracks.items():
+            if values.dtype.kind in "biuf":
+                size = int(np.prod(values.shape[1:], dtype=int))
+                kind = "float32" if values.dtype == np.float32 else "float64"
+                found[f"observation.{track}.{name}"] = _numbers(kind, size, None)
+    first = next(iter(one.parts.values()))
+    if first.image is not None:
+        found["observation.images.camera"] = _picture(first.image.shape, images == "png")
+    return found
+
+
+def _picture(shape: tuple[int, int], lossless: bool) -> dict[str, Any]:
+    height, width = shape if lossless else (n + n % 2 for n in shape)
+    return {
+        "dtype": "image" if lossless else "video",
+        "shape": [height, width, 3],
+        "names": ["height", "width", "channels"],
+    }
+
+
+def _numbers(dtype: str, size: int, names: list[str] | None) -> dict[str, Any]:
+    return {"dtype": dtype, "shape": [size], "names": names}
+
+
+def numbers(one: Episode, feature: str) -> NDArray[Any]:
+    """The rows of a feature that is no picture, (N, ...)."""
+    _, kind, name = feature.split(".", 2)
+    part, rows = one.parts[name], one.rows[name]
+    known: dict[str, Any] = {"time": part.times, "force": part.force, "touch": part.action}
+    values = known[kind] if kind in known else part.tracks[kind]
+    return np.asarray(values)[rows].reshape(len(rows), -1)
+
+
+def pictures(one: Episode, feature: str) -> NDArray[np.uint8]:
+    """The rows of a feature that is a picture, uint8 (N, H, W, 3), as they were recorded."""
+    name = feature.removeprefix("observation.images.")
+    if name in one.parts:
+        return one.parts[name].frames.read(one.rows[name].tolist())
+    name, first = next(iter(one.parts.items()))
+    assert first.image is not None
+    views = len(first.image)
+    if first.image_times is None:
+        chosen = one.rows[name] * views // len(first.frames)
+    else:
+        due = first.times[one.rows[name]]
+        chosen = np.abs(first.image_times[None] - due[:, None]).argmin(1)
+    return first.image.read(chosen.tolist())

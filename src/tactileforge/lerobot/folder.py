@@ -1,0 +1,124 @@
+"""Where things lie in a LeRobot data set of version 3."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError
+
+VERSION = "v3.0"
+DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+VIDEO = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
+EPISODES = "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+INFO, STATS, TASKS = "meta/info.json", "meta/stats.json", "meta/tasks.parquet"
+#: What LeRobot has no place for: background, object, labels and so on of each recording.
+TOUCH = "meta/tactileforge.json"
+#: Version of that file.
+TOUCH_VERSION = 1
+#: Files of a chunk.
+CHUNK = 1000
+#: Features that every data set has.
+COMMON: dict[str, dict[str, Any]] = {
+    "timestamp": {"dtype": "float32", "shape": [1], "names": None},
+    "frame_index": {"dtype": "int64", "shape": [1], "names": None},
+    "episode_index": {"dtype": "int64", "shape": [1], "names": None},
+    "index": {"dtype": "int64", "shape": [1], "names": None},
+    "task_index": {"dtype": "int64", "shape": [1], "names": None},
+}
+
+
+def arrow() -> ModuleType:
+    """The package pyarrow, with ``parquet``.
+
+    Raises:
+        ConfigError: It is not installed.
+    """
+    try:
+        import pyarrow.parquet
+    except ImportError as error:
+        raise ConfigError(
+            "LeRobot data sets are parquet files: pip install 'tactileforge[lerobot]'"
+        ) from error
+    found: ModuleType = pyarrow
+    return found
+
+
+def place(number: int) -> dict[str, int]:
+    """Chunk and file of the n-th file."""
+    return {"chunk_index": number // CHUNK, "file_index": number % CHUNK}
+
+
+@dataclass(frozen=True)
+class Info:
+    """``meta/info.json``.
+
+    Attributes:
+        fps: Rows per second.
+        features: By name: dtype, shape, names.
+        data_path: Pattern of the parquet files.
+        video_path: Pattern of the videos.
+    """
+
+    fps: float
+    features: dict[str, dict[str, Any]]
+    data_path: str
+    video_path: str
+
+    @classmethod
+    def read(cls, root: Path) -> Info:
+        """Reads the file.
+
+        Raises:
+            DataNotFoundError: There is none.
+            DataError: It is of another version, or not what LeRobot writes.
+        """
+        path = root / INFO
+        if not path.is_file():
+            raise DataNotFoundError(
+                f"{path}: not there; set data.root to the folder of a LeRobot data set"
+            )
+        try:
+            held = json.loads(path.read_text(encoding="utf-8"))
+            version = str(held["codebase_version"])
+            found = cls(
+                float(held["fps"]),
+                {str(key): dict(value) for key, value in held["features"].items()},
+                str(held.get("data_path") or DATA),
+                str(held.get("video_path") or VIDEO),
+            )
+            dtypes = [(one["dtype"], one["shape"]) for one in found.features.values()]
+        except (ValueError, KeyError, TypeError, AttributeError, OSError) as error:
+            raise DataError(f"{path}: not what LeRobot writes ({error!r})") from error
+        if not version.startswith("v3."):
+            raise DataError(
+                f"{path}: format {version}, but v3 is read; convert it with LeRobot's own script"
+            )
+        if not found.fps > 0 or not dtypes:
+            raise DataError(f"{path}: fps={found.fps} and {len(dtypes)} features")
+        return found
+
+    def pictures(self) -> list[str]:
+        """Names of the features that are videos or images."""
+        return [key for key, one in self.features.items() if one["dtype"] in ("video", "image")]
+
+
+@cache
+def table(path: Path, columns: tuple[str, ...] | None = None) -> Any:
+    """Some columns of a parquet file, kept in memory.
+
+    Raises:
+        DataNotFoundError: There is no such file.
+        DataError: It cannot be read, or lacks a column.
+    """
+    parquet = arrow().parquet
+    if not path.is_file():
+        raise DataNotFoundError(f"{path}: not there; download the data set again")
+    try:
+        return parquet.read_table(path, columns=None if columns is None else list(columns))
+    except (OSError, ValueError, KeyError, arrow().lib.ArrowException) as error:
+        raise DataError(f"{path}: cannot be read ({error}); download it again") from error

@@ -1,0 +1,263 @@
+"""Episodes of a LeRobot data set as touch recordings."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import ACTIONS, Frames, FrameSubset, Recording
+from tactileforge.data.cropped import Crop
+from tactileforge.data.encoded import EncodedFrames
+from tactileforge.data.frames import ImageFrames
+from tactileforge.data.video import VideoFrames
+from tactileforge.errors import DataError, DataNotFoundError, unknown
+from tactileforge.lerobot import folder
+from tactileforge.lerobot.folder import Info
+
+
+@dataclass(frozen=True)
+class Touch:
+    """One feature that is touch, and what belongs to it.
+
+    Attributes:
+        images: Name of the feature.
+        sensor: Type of the sensor.
+        force: Name of the feature that holds its force, "" where there is none.
+        columns: Which of its columns are x, y and z.
+    """
+
+    images: str
+    sensor: str
+    force: str = ""
+    columns: Sequence[int] = (0, 1, 2)
+
+
+class Folder:
+    """A LeRobot data set on this machine.
+
+    Args:
+        root: Its folder.
+    """
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self._videos: dict[tuple[Path, Crop | None], VideoFrames] = {}
+
+    @cached_property
+    def info(self) -> Info:
+        """What it holds; see `Info.read`."""
+        return Info.read(self.root)
+
+    @cached_property
+    def episodes(self) -> list[dict[str, Any]]:
+        """Where each episode lies, in order; without statistics."""
+        rows: list[dict[str, Any]] = []
+        for path in sorted((self.root / "meta" / "episodes").glob("*/*.parquet")):
+            names = folder.arrow().parquet.read_schema(path).names
+            wanted = tuple(name for name in names if not name.startswith("stats/"))
+            rows += folder.table(path, wanted).to_pylist()
+        if not rows:
+            raise DataNotFoundError(f"{self.root}/meta/episodes: no episodes there")
+        return sorted(rows, key=lambda row: int(row["episode_index"]))
+
+    @cached_property
+    def touch(self) -> list[dict[str, Any]]:
+        """What `write` has added, an episode each; [] where somebody else wrote the data set.
+
+        Raises:
+            DataError: The file is damaged, or of another version.
+        """
+        path = self.root / folder.TOUCH
+        if not path.is_file():
+            return []
+        try:
+            held = json.loads(path.read_text(encoding="utf-8"))
+            version, found = held["version"], list(held["episodes"])
+        except (ValueError, KeyError, TypeError) as error:
+            raise DataError(f"{path}: damaged ({error!r}); remove it, or write it again") from error
+        if version != folder.TOUCH_VERSION or len(found) != len(self.episodes):
+            raise DataError(
+                f"{path}: version {version} and {len(found)} episodes, where {folder.TOUCH_VERSION}"
+                f" and {len(self.episodes)} are expected; remove it if the data set was changed"
+            )
+        return found
+
+    def recording(
+        self, number: int, touch: Touch, camera: str | None, background: str
+    ) -> Recording | None:
+        """One feature of one episode; None where `write` says that the episode lacks it.
+
+        Args:
+            number: Of the episode.
+            touch: The feature.
+            camera: Name of the feature that shows the scene; None for none.
+            background: ``first`` where the first frame is without contact, or ``none``; of no use
+                where `write` has kept the background.
+
+        Raises:
+            DataError: A file is damaged, or contradicts the others.
+        """
+        row = self.episodes[number]
+        device = touch.images.removeprefix("observation.images.")
+        about = self.touch[number].get(device) if self.touch else None
+        if self.touch and about is None:
+            return None
+        about = about or {}
+        shape = about.get("shape")
+        frames = self._frames(row, touch.images, shape)
+        times = self._times(row, f"observation.time.{device}")
+        kept = np.flatnonzero(np.diff(times, prepend=-np.inf) > 0)  # a row may show a frame again
+        force = self._numbers(row, touch.force, touch.columns) if touch.force else None
+        tracks = {
+            name: np.asarray(self._numbers(row, f"observation.{name}.{device}"))[kept].reshape(
+                len(kept), *tail
+            )
+            for name, tail in (about.get("tracks") or {}).items()
+            if f"observation.{name}.{device}" in self.info.features
+        }
+        view = self._frames(row, camera, None) if camera else None
+        return Recording(
+            key=str(about.get("key") or f"{self.root.name}/{number:06d}/{device}"),
+            sensor=str(about.get("sensor") or touch.sensor),
+            frames=FrameSubset(frames, kept.tolist()),
+            times=times[kept],
+            no_contact=self._still(about, frames, background),
+            force=None if force is None else np.asarray(force, np.float32)[kept],
+            action=self._action(row, device, kept),
+            object=about.get("object"),
+            text=about.get("text") or (None if about else self._task(row)),
+            image=None if view is None else FrameSubset(view, kept.tolist()),
+            image_times=None if view is None else times[kept],
+            labels=about.get("labels") or {"episode": float(number)},
+            tracks=tracks,
+            source=str(about.get("source") or f"LeRobot data set {self.root.name}"),
+            tier=int(about.get("tier") or (1 if force is not None else 2)),
+            licence=str(about.get("licence") or ""),
+        )
+
+    def _frames(self, row: dict[str, Any], feature: str, shape: Sequence[int] | None) -> Frames:
+        dtype = self.info.features[feature]["dtype"]
+        length = int(row["length"])
+        if dtype == "image":
+            path, start = self._data(row)
+            images = _Images(path, feature, start, length)
+            return EncodedFrames(f"{path}, {feature}", images)
+        file = self.info.video_path.format(
+            video_key=feature,
+            chunk_index=int(row[f"videos/{feature}/chunk_index"]),
+            file_index=int(row[f"videos/{feature}/file_index"]),
+        )
+        crop = None if shape is None else (0, 0, int(shape[1]), int(shape[0]))
+        key = (self.root / file, crop)
+        video = self._videos.get(key) or VideoFrames(*key)
+        self._videos[key] = video
+        first = float(row[f"videos/{feature}/from_timestamp"]) - 0.5 / self.info.fps
+        start = int(np.searchsorted(video.times, first))
+        if start + length > len(video):
+            raise DataError(
+                f"{key[0]}: {len(video)} frames, but episode {row['episode_index']} needs "
+                f"{start + length}; download the data set again"
+            )
+        return FrameSubset(video, range(start, start + length))
+
+    def _data(self, row: dict[str, Any]) -> tuple[Path, int]:
+        """The parquet file of an episode, and its first row there."""
+        place = {key: int(row[f"data/{key}"]) for key in ("chunk_index", "file_index")}
+        path = self.root / self.info.data_path.format(**place)
+        held = folder.table(path, ("episode_index",))["episode_index"].to_numpy()
+        rows = np.flatnonzero(held == int(row["episode_index"]))
+        if len(rows) != int(row["length"]) or (np.diff(rows) != 1).any():
+            raise DataError(
+                f"{path}: {len(rows)} rows of episode {row['episode_index']}, but its length is "
+                f"{row['length']}; download the data set again"
+            )
+        return path, int(rows[0])
+
+    def _numbers(
+        self, row: dict[str, Any], feature: str, columns: Sequence[int] | None = None
+    ) -> NDArray[Any]:
+        path, start = self._data(row)
+        column = folder.table(path, (feature,))[feature].slice(start, int(row["length"]))
+        values = np.array(column.to_pylist(), np.dtype(self.info.features[feature]["dtype"]))
+        values = values.reshape(len(values), -1)
+        if columns is None:
+            return values
+        if max(columns) >= values.shape[1]:
+            raise DataError(
+                f"{path}: {feature} has {values.shape[1]} columns, but force_columns="
+                f"{list(columns)}"
+            )
+        return values[:, list(columns)]
+
+    def _times(self, row: dict[str, Any], feature: str) -> NDArray[np.float64]:
+        """True times where they are kept, else those of the rows."""
+        if feature in self.info.features:
+            return self._numbers(row, feature)[:, 0].astype(np.float64)
+        return np.arange(int(row["length"])) / self.info.fps
+
+    def _action(
+        self, row: dict[str, Any], device: str, kept: NDArray[np.int64]
+    ) -> NDArray[np.int64] | None:
+        feature = f"observation.touch.{device}"
+        if feature not in self.info.features:
+            return None
+        found: NDArray[np.int64] = self._numbers(row, feature)[kept, 0].astype(np.int64)
+        if ((found < -1) | (found >= len(ACTIONS))).any():
+            raise DataError(
+                f"{self.root}: {feature} has other values than -1 to {len(ACTIONS) - 1}"
+            )
+        return found
+
+    def _still(self, about: dict[str, Any], frames: Frames, background: str) -> Frames | None:
+        if about:
+            paths = [self.root / file for file in about.get("background", ())]
+            return ImageFrames(paths) if paths else None
+        return FrameSubset(frames, [0]) if background == "first" else None
+
+    def _task(self, row: dict[str, Any]) -> str | None:
+        tasks = row.get("tasks") or []
+        return str(tasks[0]) if len(tasks) else None
+
+    def known(self, feature: str, what: str) -> str:
+        """A feature, if there is one of that name.
+
+        Raises:
+            DataError: There is none; names the nearest.
+        """
+        if feature not in self.info.features:
+            message = unknown(f"feature in {what}", feature, self.info.features)
+            raise DataError(f"{self.root}: {message}")
+        return feature
+
+
+class _Images(Sequence[bytes]):
+    """Pictures in a column of a parquet file, read when they are asked for."""
+
+    def __init__(self, path: Path, feature: str, start: int, length: int) -> None:
+        self.path, self.feature, self.start, self.length = path, feature, start, length
+
+    def __len__(self) -> int:
+        return self.length
+
+    def __iter__(self) -> Iterator[bytes]:
+        return (self[i] for i in range(self.length))
+
+    @overload
+    def __getitem__(self, i: int) -> bytes: ...
+    @overload
+    def __getitem__(self, i: slice) -> list[bytes]: ...
+    def __getitem__(self, i: int | slice) -> bytes | list[bytes]:
+        if isinstance(i, slice):
+            return [self[j] for j in range(*i.indices(self.length))]
+        cell = folder.table(self.path, (self.feature,))[self.feature][self.start + i].as_py()
+        content = cell.get("bytes") if isinstance(cell, dict) else None
+        if not isinstance(content, bytes):
+            raise DataError(f"{self.path}, row {self.start + i}: no picture in {self.feature}")
+        return content

@@ -1,0 +1,399 @@
+"""Touch recordings as a LeRobot data set."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.atomic import write_text
+from tactileforge.contracts import Recording
+from tactileforge.data.pictures import encode
+from tactileforge.data.shards import head
+from tactileforge.errors import ConfigError, DataError
+from tactileforge.lerobot import folder
+from tactileforge.lerobot.episode import (
+    Episode,
+    device,
+    episode,
+    features,
+    numbers,
+    pictures,
+    rate,
+    together,
+)
+from tactileforge.lerobot.statistics import of_numbers, of_pictures, sample
+
+#: MPEG-4 part 2, in mp4: every build of OpenCV writes it, and every FFmpeg reads it.
+_FOURCC, _CODEC = "mp4v", "mpeg4"
+_IMAGES = ("auto", "video", "png")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """The keys of conf/lerobot.yaml, but those that name data and folder.
+
+    Attributes:
+        fps: Rows per second, a whole number; None for the rate of the fastest sensor of the first
+            episode.
+        devices: Which sensors, by the label ``device`` or the type; None for all.
+        images: ``video``; ``png``, without loss, in the parquet files; or ``auto``: arrays as png.
+        robot: What LeRobot calls ``robot_type``.
+        data_mb: Size from which a new parquet file is begun.
+        video_mb: Size from which a new video is begun.
+    """
+
+    fps: int | None = None
+    devices: list[str] | None = None
+    images: str = "auto"
+    robot: str | None = None
+    data_mb: float = 100.0
+    video_mb: float = 200.0
+
+    def __post_init__(self) -> None:
+        if self.fps is not None and self.fps < 1:
+            raise ConfigError(f"fps={self.fps}: give a whole number above 0")
+        if self.images not in _IMAGES:
+            raise ConfigError(f"images={self.images}: give {', '.join(_IMAGES)}")
+
+
+@dataclass
+class Summary:
+    """What was written.
+
+    Attributes:
+        episodes: How many.
+        rows: Of all.
+        fps: Rows per second.
+        dropped: Frames that no row shows, by device.
+        features: Names.
+    """
+
+    episodes: int = 0
+    rows: int = 0
+    fps: int = 0
+    dropped: dict[str, int] = field(default_factory=dict)
+    features: list[str] = field(default_factory=list)
+
+
+def write(recordings: Iterable[Recording], out: Path, options: Options) -> Summary:
+    """Writes a data set, beside its place, and renames it.
+
+    Args:
+        recordings: In any order; those of one take follow one another.
+        out: The folder; it must not exist.
+        options: How.
+
+    Raises:
+        ConfigError: The folder exists, or pyarrow is not installed.
+        DataError: There are no recordings, or episodes differ in their features.
+    """
+    folder.arrow()
+    if out.exists():
+        raise ConfigError(f"{out} exists: give another out=, or remove it")
+    part = out.with_name(f"{out.name}.{os.getpid()}.part")
+    try:
+        with _Writer(part, options) as writer:
+            chosen = (
+                one
+                for one in recordings
+                if options.devices is None or {device(one), one.sensor} & set(options.devices)
+            )
+            for group in together(chosen):
+                writer.add(group)
+            found = writer.finish()
+        part.replace(out)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+    return found
+
+
+class _Writer:
+    """A data set that grows by episodes."""
+
+    def __init__(self, root: Path, options: Options) -> None:
+        self.root, self.options = root, options
+        self.found = Summary()
+        self.features: dict[str, dict[str, Any]] = {}
+        self.tasks: dict[str, int] = {}
+        self.episodes: list[dict[str, Any]] = []
+        self.touch: list[dict[str, Any]] = []
+        self.seen: dict[str, list[NDArray[Any]]] = {}
+        self.videos: dict[str, _Videos] = {}
+        self.data: Any = None
+        self.files = 0
+
+    def __enter__(self) -> _Writer:
+        (self.root / "meta").mkdir(parents=True)
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self.data is not None:
+            self.data.close()
+        for one in self.videos.values():
+            one.close()
+
+    def add(self, group: list[Recording]) -> None:
+        """One more episode."""
+        fps = self.found.fps = self.found.fps or self.options.fps or rate(group)
+        one = episode(group, fps)
+        self._check(one)
+        number, start = len(self.episodes), self.found.rows
+        columns: dict[str, Any] = {}
+        about: dict[str, Any] = {}
+        for name, feature in self.features.items():
+            if feature["dtype"] in ("video", "image"):
+                seen = pictures(one, name)
+                values = sample(seen)
+                statistics = of_pictures(values)
+                if feature["dtype"] == "video":
+                    about |= self._video(name, feature).add(_even(seen))
+                else:
+                    columns[name] = [{"bytes": encode(p, "png"), "path": None} for p in seen]
+            else:
+                columns[name] = values = numbers(one, name)
+                statistics = of_numbers(values)
+            self.seen.setdefault(name, []).append(values)
+            about |= {f"stats/{name}/{key}": value for key, value in statistics.items()}
+        task = self.tasks.setdefault(one.task, len(self.tasks))
+        common = _common(len(one), fps, number, start, task)
+        self.found.rows += len(one)
+        for name, values in common.items():
+            self.seen.setdefault(name, []).append(values)
+            about |= {f"stats/{name}/{key}": value for key, value in of_numbers(values).items()}
+        self._rows({**columns, **common})
+        self.episodes.append(
+            {
+                "episode_index": number,
+                "tasks": [one.task],
+                "length": len(one),
+                **{f"data/{key}": value for key, value in folder.place(self.files).items()},
+                "dataset_from_index": start,
+                "dataset_to_index": self.found.rows,
+                **about,
+                "meta/episodes/chunk_index": 0,
+                "meta/episodes/file_index": 0,
+            }
+        )
+        self.touch.append(
+            {name: self._about(number, name, part) for name, part in one.parts.items()}
+        )
+        for name, count in one.dropped.items():
+            self.found.dropped[name] = self.found.dropped.get(name, 0) + count
+
+    def _check(self, one: Episode) -> None:
+        found = features(one, self.options.images)
+        self.features = self.features or found
+        if found != self.features:
+            differ = sorted(
+                key for key in {*found, *self.features} if found.get(key) != self.features.get(key)
+            )
+            keys = ", ".join(part.key for part in one.parts.values())
+            raise DataError(
+                f"{keys}: other features than the first episode ({', '.join(differ)}); LeRobot has "
+                "the same in all: choose sensors with devices=[...]"
+            )
+
+    def _video(self, name: str, feature: dict[str, Any]) -> _Videos:
+        height, width, _ = feature["shape"]
+        if name not in self.videos:
+            self.videos[name] = _Videos(
+                self.root, name, (width, height), self.found.fps, self.options.video_mb
+            )
+        return self.videos[name]
+
+    def _rows(self, columns: dict[str, Any]) -> None:
+        arrow = folder.arrow()
+        table = arrow.Table.from_pydict(
+            {
+                name: _column(arrow, values, self.features.get(name) or folder.COMMON[name])
+                for name, values in columns.items()
+            }
+        )
+        path = self.root / folder.DATA.format(**folder.place(self.files))
+        if self.data is not None and path.stat().st_size > self.options.data_mb * 1e6:
+            self.data.close()
+            self.data = None
+            self.files += 1
+            path = self.root / folder.DATA.format(**folder.place(self.files))
+        if self.data is None:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self.data = arrow.parquet.ParquetWriter(path, table.schema)
+        self.data.write_table(table)  # one row group an episode
+
+    def _about(self, number: int, name: str, part: Recording) -> dict[str, Any]:
+        """What LeRobot has no place for."""
+        left = ("version", "times", "force", "action", "tracks", "image_times")
+        about = {key: value for key, value in head(part).items() if key not in left}
+        rest = [] if part.no_contact is None else range(min(len(part.no_contact), 9))
+        files = []
+        for i in rest:
+            path = f"meta/tactileforge/{number:06d}.{name}.{i}.png"
+            (self.root / path).parent.mkdir(exist_ok=True)
+            assert part.no_contact is not None
+            (self.root / path).write_bytes(encode(part.no_contact.read([i])[0], "png"))
+            files.append(path)
+        shapes = {track: list(values.shape[1:]) for track, values in part.tracks.items()}
+        return about | {"background": files, "shape": list(part.frames.shape), "tracks": shapes}
+
+    def finish(self) -> Summary:
+        """Writes ``meta/``."""
+        if not self.episodes:
+            raise DataError("there are no recordings to write; look at data= and devices=")
+        self.__exit__()
+        arrow = folder.arrow()
+        self.found.episodes = len(self.episodes)
+        self.found.features = [*self.features, *folder.COMMON]
+        for name, one in self.videos.items():
+            self.features[name]["info"] = one.info()
+        rows = {key: [row[key] for row in self.episodes] for key in self.episodes[0]}
+        path = self.root / folder.EPISODES.format(**folder.place(0))
+        path.parent.mkdir(parents=True)
+        arrow.parquet.write_table(arrow.Table.from_pydict(rows), path)
+        arrow.parquet.write_table(_tasks(arrow, list(self.tasks)), self.root / folder.TASKS)
+        write_text(self.root / folder.INFO, json.dumps(self._info(), indent=4))
+        statistics = {
+            name: of_pictures(np.concatenate(values))
+            if (self.features.get(name) or {}).get("dtype") in ("video", "image")
+            else of_numbers(np.concatenate(values))
+            for name, values in self.seen.items()
+        }
+        write_text(self.root / folder.STATS, json.dumps(statistics, indent=4))
+        touch = {"version": folder.TOUCH_VERSION, "episodes": self.touch}
+        write_text(self.root / folder.TOUCH, json.dumps(touch, allow_nan=False))
+        return self.found
+
+    def _info(self) -> dict[str, Any]:
+        return {
+            "codebase_version": folder.VERSION,
+            "robot_type": self.options.robot,
+            "total_episodes": len(self.episodes),
+            "total_frames": self.found.rows,
+            "total_tasks": len(self.tasks),
+            "chunks_size": folder.CHUNK,
+            "data_files_size_in_mb": self.options.data_mb,
+            "video_files_size_in_mb": self.options.video_mb,
+            "fps": self.found.fps,
+            "splits": {"train": f"0:{len(self.episodes)}"},
+            "data_path": folder.DATA,
+            "video_path": folder.VIDEO if self.videos else None,
+            "features": self.features | folder.COMMON,
+        }
+
+
+class _Videos:
+    """The videos of one feature, episodes after one another."""
+
+    def __init__(
+        self, root: Path, name: str, size: tuple[int, int], fps: int, limit: float
+    ) -> None:
+        self.root, self.name, self.size, self.fps, self.limit = root, name, size, fps, limit
+        self.file = self.frames = 0
+        self._open: Any = None
+
+    @property
+    def _path(self) -> Path:
+        return self.root / folder.VIDEO.format(video_key=self.name, **folder.place(self.file))
+
+    def add(self, frames: NDArray[np.uint8]) -> dict[str, Any]:
+        """Appends an episode, and says where it lies."""
+        if self._open is not None and self._path.stat().st_size > self.limit * 1e6:
+            self.close()
+            self.file, self.frames = self.file + 1, 0
+        if self._open is None:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            code = cv2.VideoWriter.fourcc(*_FOURCC)
+            self._open = cv2.VideoWriter(
+                str(self._path), cv2.CAP_FFMPEG, code, float(self.fps), self.size
+            )
+            if not self._open.isOpened():
+                raise DataError(f"{self._path}: this OpenCV writes no MPEG-4; give images=png")
+        start = self.frames
+        for frame in frames:
+            self._open.write(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
+        self.frames += len(frames)
+        about = {**folder.place(self.file), "from_timestamp": start / self.fps}
+        about["to_timestamp"] = self.frames / self.fps
+        return {f"videos/{self.name}/{key}": value for key, value in about.items()}
+
+    def close(self) -> None:
+        """Ends the file."""
+        if self._open is not None:
+            self._open.release()
+            self._open = None
+
+    def info(self) -> dict[str, Any]:
+        """What LeRobot says of a video."""
+        return {
+            "video.height": self.size[1],
+            "video.width": self.size[0],
+            "video.codec": _CODEC,
+            "video.pix_fmt": "yuv420p",
+            "video.is_depth_map": False,
+            "video.fps": self.fps,
+            "video.channels": 3,
+            "has_audio": False,
+        }
+
+
+def _even(frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Frames of even height and width, as videos have: the last row or column comes twice."""
+    _, height, width, _ = frames.shape
+    return np.pad(frames, ((0, 0), (0, height % 2), (0, width % 2), (0, 0)), mode="edge")
+
+
+def _common(count: int, fps: int, number: int, start: int, task: int) -> dict[str, NDArray[Any]]:
+    rows = np.arange(count)
+    return {
+        "timestamp": (rows / fps).astype(np.float32),
+        "frame_index": rows,
+        "episode_index": np.full(count, number),
+        "index": start + rows,
+        "task_index": np.full(count, task),
+    }
+
+
+def _column(arrow: Any, values: Any, feature: dict[str, Any]) -> Any:
+    if feature["dtype"] == "image":
+        kind = arrow.struct([("bytes", arrow.binary()), ("path", arrow.string())])
+        return arrow.array(values, kind)
+    flat = np.ascontiguousarray(values, dtype=feature["dtype"]).reshape(len(values), -1)
+    if feature["shape"] == [1]:  # a scalar in LeRobot's tables
+        return arrow.array(flat[:, 0])
+    return arrow.FixedSizeListArray.from_arrays(arrow.array(flat.ravel()), flat.shape[1])
+
+
+def _tasks(arrow: Any, tasks: list[str]) -> Any:
+    """Tasks, indexed by their words where pandas reads them, as LeRobot does."""
+    table = arrow.table(
+        {"task_index": arrow.array(range(len(tasks)), arrow.int64()), "task": tasks}
+    )
+    index = {
+        "index_columns": ["task"],
+        "column_indexes": [],
+        "columns": [
+            _pandas("task_index", "int64", "int64"),
+            _pandas("task", "unicode", "object"),
+        ],
+        "creator": {"library": "pyarrow", "version": arrow.__version__},
+        "pandas_version": "2.0.0",
+    }
+    return table.replace_schema_metadata({"pandas": json.dumps(index)})
+
+
+def _pandas(name: str, kind: str, numpy_kind: str) -> dict[str, Any]:
+    return {
+        "name": name,
+        "field_name": name,
+        "pandas_type": kind,
+        "numpy_type": numpy_kind,
+        "metadata": None,
+    }

@@ -1,0 +1,132 @@
+"""The sensor packages in plugins/: listed, checked, and their own tests, installed for real."""
+
+import os
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import cv2
+import pytest
+
+from tactileforge import registry
+from tactileforge.specs import spec
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = sorted(
+    path.parent
+    for path in (ROOT / "plugins").glob("tactileforge-*/pyproject.toml")
+    if path.parent.name != "tactileforge-example"
+)
+SENSORS = {
+    "anyskin": ("array", (3, 3)),
+    "ati_netft": ("wrench", (0, 0)),
+    "digit": ("image", (320, 240)),
+    "dmtac": ("image", (288, 384)),
+    "dmtac_sdk": ("image", (288, 384)),
+    "flexitac": ("array", (12, 32)),
+    "gelsight_mini": ("image", (240, 320)),
+    "gelsight_mini_markers": ("image", (240, 320)),
+    "reskin": ("array", (3, 3)),
+    "robotiq": ("wrench", (0, 0)),
+}
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The folder that pip installed all of them into, beside the sources they were built from."""
+    work = tmp_path_factory.mktemp("packages")
+    sources = [str(shutil.copytree(path, work / "sources" / path.name)) for path in PACKAGES]
+    command = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation"]
+    done = subprocess.run(
+        [*command, "--target", str(work / "site"), *sources], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    return work / "site"
+
+
+@pytest.fixture
+def known(installed, monkeypatch):
+    """Their entry points, as if they were installed: quicker than pip."""
+    for folder in PACKAGES:
+        entries = project(folder)["entry-points"]["tactileforge.sensors"]
+        lines = [f"{name} = {target}" for name, target in entries.items()]
+        monkeypatch.syspath_prepend(folder / "src")
+        installed(folder.name, "\n".join(["[tactileforge.sensors]", *lines]), {})
+
+
+def project(folder):
+    return tomllib.loads((folder / "pyproject.toml").read_text())["project"]
+
+
+def run(site, *command):
+    path = os.pathsep.join(filter(None, [str(site), os.environ.get("PYTHONPATH", "")]))
+    return subprocess.run(
+        [sys.executable, "-m", *command],
+        cwd=site.parent,
+        env=os.environ | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
+        capture_output=True,
+        text=True,
+    )
+
+
+def test_each_package_has_what_a_package_needs():
+    assert len(PACKAGES) == 6
+    for folder in PACKAGES:
+        facts = project(folder)
+        assert facts["name"] == folder.name
+        assert facts["license"] == "Apache-2.0"
+        assert facts["dependencies"] == ["tactileforge>=0.1"]
+        readme = (folder / "README.md").read_text()
+        for name in facts["entry-points"]["tactileforge.sensors"]:
+            assert f"`{name}`" in readme or f"sensor={name}`" in readme
+        assert list((folder / "tests").glob("test_*.py"))
+
+
+def test_their_sensors_are_built_and_are_what_they_say(known):
+    names = [folder.name for folder in PACKAGES]
+    ours = {plugin.name for plugin in registry.list_plugins() if plugin.distribution in names}
+    assert ours == set(SENSORS)
+    for name, (kind, shape) in SENSORS.items():
+        found = registry.build("sensors", {"name": name}).spec
+        assert (found.kind, (found.height, found.width)) == (kind, shape)
+        assert spec(found.name).name == found.name  # data sets and encoders look it up
+
+
+@pytest.mark.slow
+def test_they_are_checked_by_the_command_line(site):
+    """With nothing attached."""
+    done = run(site, "tactileforge", "plugins", "check", "--kind", "sensor", *SENSORS)
+    assert done.returncode == 0, done.stdout
+    assert ", 0 failed, 0 expected, " in done.stdout.splitlines()[-1]
+    for name in SENSORS:
+        assert f"sensor {name}\n" in done.stdout
+
+
+@pytest.mark.slow
+def test_their_own_tests_pass(site):
+    tests = [str(site.parent / "sources" / path.name / "tests") for path in PACKAGES]
+    config = str(site.parent / "sources" / PACKAGES[0].name / "pyproject.toml")
+    options = ["-q", "-p", "no:cacheprovider", "-c", config, "--rootdir", str(site.parent)]
+    done = run(site, "pytest", *options, *tests)
+    assert done.returncode == 0, done.stdout
+    assert " passed" in done.stdout
+    assert "skipped" not in done.stdout
+
+
+@pytest.mark.realdata
+def test_the_real_video_of_a_gel_with_markers(known, realdata):
+    """A recording that is cut already: nothing more is cut off."""
+    path = str(realdata / "gelsight_mini_marker_video" / "mini_example.avi")
+    capture = cv2.VideoCapture(path)
+    width, height = (int(capture.get(c)) for c in (cv2.CAP_PROP_FRAME_WIDTH, 4))
+    capture.release()
+    options = {"device": path, "width": width, "height": height, "border": 0.0}
+    name = "gelsight_mini_markers"
+    with registry.build("sensors", {"name": name, **options}) as sensor:
+        frame = sensor.read()
+    assert frame.array.shape == (240, 320, 3)
+    grey = cv2.cvtColor(frame.array, cv2.COLOR_RGB2GRAY)
+    dark = cv2.connectedComponentsWithStats((grey < 70).astype("uint8"))[2][1:, cv2.CC_STAT_AREA]
+    assert 40 <= sum(dark > 20) <= 100  # 7 x 9 to 8 x 10 markers
