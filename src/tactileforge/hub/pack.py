@@ -35,7 +35,8 @@ def pack(
 
     V-JEPA and DINO are published and evaluated by the slow copy of the encoder, which the
     objective's head keeps (`heads.slow.SlowCopy`), so that is what is packed where there is one.
-    Its sensors are those that the run was trained on. A head is kept beside the encoder that it was trained on, and not beside a slow copy.
+    A head is kept beside the encoder that it was trained on, and not beside a slow copy. The
+    sensors are those that the run was trained on.
 
     Args:
         run: Folder of the run: its ``config.yaml`` and last checkpoint are read.
