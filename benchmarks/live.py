@@ -14,6 +14,7 @@ import threading
 import time
 import urllib.request
 from contextlib import ExitStack
+from functools import partial
 from typing import Any, Self
 
 import numpy as np
@@ -162,8 +163,8 @@ def main() -> None:
     parser.add_argument("--name", default="live", help="of the result")
     words = parser.parse_args()
     torch.set_num_threads(words.threads)
-    models = {name: lambda name=name: random_model(name) for name in words.encoders}
-    models |= {name: lambda name=name: tactileforge.load(name) for name in words.model}
+    models = {name: partial(random_model, name) for name in words.encoders}
+    models |= {name: partial(tactileforge.load, name) for name in words.model}
     found = {name: run(make(), words.seconds, words.page) for name, make in models.items()}
     result: dict[str, Any] = {"fps": FPS, "frame": "320 x 240", "page": words.page}
     save(words.name, result | {"models": found})
