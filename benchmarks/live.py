@@ -13,6 +13,7 @@ import argparse
 import threading
 import time
 import urllib.request
+from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
 from typing import Any, Self
@@ -163,7 +164,9 @@ def main() -> None:
     parser.add_argument("--name", default="live", help="of the result")
     words = parser.parse_args()
     torch.set_num_threads(words.threads)
-    models = {name: partial(random_model, name) for name in words.encoders}
+    models: dict[str, Callable[[], Model]] = {
+        name: partial(random_model, name) for name in words.encoders
+    }
     models |= {name: partial(tactileforge.load, name) for name in words.model}
     found = {name: run(make(), words.seconds, words.page) for name, make in models.items()}
     result: dict[str, Any] = {"fps": FPS, "frame": "320 x 240", "page": words.page}

@@ -121,6 +121,9 @@ class SimSensor:
         if self.realtime:
             self._wait(timeout)
         array, self.force = next(self._frames)
+        if self.realtime:  # the next touch may take long: its first frame is of now
+            late = time.monotonic() - self._start - self._next / self._fps
+            self._next += max(0, int((late - _LATE) * self._fps))
         due = self._start + self._next / self._fps
         self._next += 1
         return Frame(array=array, time=due)
