@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tactileforge.calibration import file as calibration
 from tactileforge.data import shards
 from tactileforge.datasets.shards import Shards
 from tactileforge.errors import ConfigError, SensorError, TactileForgeError
@@ -123,6 +124,19 @@ def test_a_background_is_taken_before_every_take(scripted, options):
         numbers = [number_of(sensor, picture) for picture in held]
         assert numbers == sorted(set(numbers))
     assert not np.array_equal(first.no_contact.read([0]), second.no_contact.read([0]))
+
+
+def test_a_calibration_goes_along_with_its_sensor(scripted, options, tmp_path):
+    one = calibration.Calibration(sensor="digit", mm_per_pixel=0.05, size=[48, 64])
+    one.save(tmp_path / "left.yaml")
+    given = options(seconds=0.3, calibration={"left": str(tmp_path / "left.yaml")})
+    record(given, {"left": scripted(fps=30), "right": scripted(fps=30)}, say=quiet)
+    taken = only(given)
+    assert calibration.of_recording(taken["left"]) == one
+    assert calibration.of_recording(taken["right"]) is None
+    strange = options(seconds=0.3, calibration={"lft": str(tmp_path / "left.yaml")})
+    with pytest.raises(ConfigError, match="did you mean 'left'"):
+        record(strange, {"left": scripted(fps=30)}, say=quiet)
 
 
 def test_a_sensor_that_is_touched_stops_the_recording_before_it_begins(scripted, options):

@@ -45,6 +45,7 @@ class Options:
         licence: SPDX identifier.
         background: How frames without contact are taken.
         axes: Axes of the wrench sensor that are x, y and z of a gel; of all, or by sensor.
+        calibration: Files of `tactileforge calibrate`, by sensor; they go along as a label.
         tare: Whether the wrench without contact is subtracted.
         codec: How pictures are stored; those of arrays always without loss.
         quality: Of JPEG.
@@ -70,6 +71,7 @@ class Options:
     licence: str = ""
     background: Background = field(default_factory=Background)
     axes: Sequence[str] | Mapping[str, Sequence[str]] = ("x", "y", "z")
+    calibration: Mapping[str, str] = field(default_factory=dict)
     tare: bool = True
     codec: str = "jpg"
     quality: int = 95

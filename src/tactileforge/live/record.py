@@ -17,10 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactileforge.calibration import file as calibration
 from tactileforge.contracts import ACTIONS, Recording, Sensor
 from tactileforge.data import shards
 from tactileforge.data.frames import ArrayFrames
-from tactileforge.errors import DataError, TactileForgeError
+from tactileforge.errors import ConfigError, DataError, TactileForgeError, unknown
 from tactileforge.live.options import Options
 from tactileforge.live.raw import Raw
 from tactileforge.live.reel import Reel, Samples, Shot
@@ -92,11 +93,12 @@ def record(
         ):
             for line in store.notes:
                 say(line)
+            known = _calibrations(rig)
             count = 0
             while not stop.is_set() and not rig.is_over and count != options.takes:
                 if count and stop.wait(options.pause):
                     break
-                _Take(rig, store, matrices, found, say, status).run(stop)
+                _Take(rig, store, matrices, known, found, say, status).run(stop)
                 count += 1
     except OSError as error:
         raise TactileForgeError(
@@ -122,6 +124,27 @@ def _axes(options: Options, name: str) -> Any:
     return given.get(name, ("x", "y", "z")) if isinstance(given, Mapping) else given
 
 
+def _calibrations(rig: Rig) -> dict[str, dict[str, str]]:
+    """Labels of the sensors that have a calibration.
+
+    Raises:
+        DataNotFoundError: There is no such file.
+        ConfigError: It is wrong, or of another unit; or no sensor has that name.
+    """
+    given = rig.options.calibration
+    devices = {device.name: device.sensor for device in rig.devices}
+    if strange := sorted(set(given) - set(devices)):
+        raise ConfigError(unknown("sensor of calibration", strange[0], devices))
+    return {
+        name: calibration.labels(path, devices[name].spec.name, _unit(devices[name]))
+        for name, path in given.items()
+    }
+
+
+def _unit(sensor: Sensor) -> str:
+    return str(getattr(sensor, "address", ""))
+
+
 class _Take:
     """One take, from its background to its shard."""
 
@@ -130,11 +153,13 @@ class _Take:
         rig: Rig,
         store: Store,
         matrices: Mapping[str, NDArray[np.float64]],
+        known: Mapping[str, Mapping[str, str]],
         found: Summary,
         say: Callable[[str], None],
         status: Status | None,
     ) -> None:
         self.rig, self.store, self.matrices = rig, store, matrices
+        self.known = known
         self.found, self.say, self.status = found, say, status
         self.options = rig.options
         self.number = store.new_take()
@@ -284,10 +309,11 @@ class _Take:
         counts = device.capture.counts
         return {
             **self.options.labels,
+            **self.known.get(device.name, {}),
             "take": self.number,
             "segment": self.segments,
             "device": device.name,
-            "unit": str(getattr(device.sensor, "address", "")),
+            "unit": _unit(device.sensor),
             "begun": self.begun,
             "clock": self.start,
             "dropped": device.keeps.dropped,
