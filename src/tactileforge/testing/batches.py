@@ -25,8 +25,8 @@ def batch(size: int = 8, frames: int = 4, image: int = 32, seed: int = 0) -> Bat
         Every key of the table in `tactileforge.contracts`.
 
     Example:
-        >>> sorted(batch(size=2))[:4]
-        ['action', 'background', 'force', 'force_scale']
+        >>> len(batch(size=2)["sensor"])
+        2
         >>> batch(size=2)["frames"].shape
         torch.Size([2, 4, 3, 32, 32])
     """
