@@ -161,6 +161,20 @@ def test_cells_that_are_there_are_kept(
     assert trained[5:] == ["hard"], "other labels"
 
 
+def test_a_bench_of_other_models_forgets_no_cell(
+    data: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nor does one that was stopped before it came to them."""
+    bench(tmp_path, {"force": FORCE}).run(tiny("a"))
+    bench(tmp_path, {"force": FORCE}).run(tiny("b"))
+    assert {cell.model for cell in results.read(tmp_path).cells} == {"b"}
+    monkeypatch.setattr(bench_run.cells, "run", None)
+    both = bench(tmp_path, {"force": FORCE})
+    both.run(tiny("a"))
+    both.run(tiny("b"))
+    assert [cell.model for cell in results.read(tmp_path).cells] == ["a", "a", "b", "b"]
+
+
 def test_trainings_take_turns(data: Any, tmp_path: Path) -> None:
     one = bench(tmp_path, {"force": FORCE}, seeds=3)
     one.run(tiny(count=2))

@@ -205,6 +205,22 @@ def read(folder: Path) -> Results:
     return results
 
 
+def read_cell(where: str, given: Any) -> Cell:
+    """One cell, from plain data.
+
+    Args:
+        where: Its place, for messages.
+        given: As in ``results.json``.
+
+    Raises:
+        DataError: A number is none.
+        ConfigError: A key is missing, unknown or of another type.
+    """
+    cell = _row(where, "cells", given)
+    assert isinstance(cell, Cell)
+    return cell
+
+
 def _build(path: Path, given: dict[str, Any]) -> Results:
     for key in _LISTS:
         value = given.get(key, [] if key in _OPTIONAL else None)

@@ -14,14 +14,24 @@ from typing import Any
 import numpy as np
 
 from tactileforge.atomic import write_text
-from tactileforge.bench.results import FILE, FORMAT, Cell, Model, NotRun, Results, Task, Training
-from tactileforge.bench.results import read as read_results
+from tactileforge.bench.results import (
+    FILE,
+    FORMAT,
+    Cell,
+    Model,
+    NotRun,
+    Results,
+    Task,
+    Training,
+    read_cell,
+)
 from tactileforge.bench.targets import Part
 from tactileforge.errors import TactileForgeError
 from tactileforge.hub.pack import commit
 
-#: What each cell depends on, by task and model: a cell of another hash is measured again.
-_KEYS = "keys.json"
+#: All cells that were ever measured, by task and model, with a hash of what they depend on: a
+#: bench of other models, or one that is stopped before it comes to them, keeps them.
+_MEASURED = "measured.json"
 _PACKAGES = ("tactileforge", "torch", "torchmetrics", "numpy")
 
 
@@ -50,22 +60,18 @@ class Writer:
             training=[],
             not_run=[],
         )
-        self._old: dict[tuple[str, str], list[Cell]] = {}
-        self._keys: dict[str, str] = {}
-        self._old_keys = self._read()
+        self._measured = self._read()
 
-    def _read(self) -> dict[str, str]:
-        path = self.folder / _KEYS
-        if not path.is_file():
-            return {}
+    def _read(self) -> dict[str, tuple[str, list[Cell]]]:
+        path = self.folder / _MEASURED
         try:
-            for cell in read_results(self.folder).cells:
-                self._old.setdefault((cell.task, cell.model), []).append(cell)
-            found: dict[str, str] = json.loads(path.read_text("utf-8"))
-        except (TactileForgeError, ValueError):  # of another format: everything is measured again
-            self._old.clear()
-            return {}
-        return found
+            found = json.loads(path.read_text("utf-8"))
+            return {
+                what: (row["key"], [read_cell(str(path), cell) for cell in row["cells"]])
+                for what, row in found.items()
+            }
+        except (OSError, TactileForgeError, ValueError, TypeError, KeyError, AttributeError):
+            return {}  # none yet, or of another format: everything is measured again
 
     def model(self, model: Model) -> None:
         """Adds a row."""
@@ -77,21 +83,18 @@ class Writer:
 
     def kept(self, task: str, model: str, key: str) -> bool:
         """Takes over the cells of a task and model, where they were measured under this key."""
-        cells = self._old.get((task, model), [])
+        before, cells = self._measured.get(f"{task} {model}", ("", []))
         there = all((self.folder / cell.predictions).is_file() for cell in cells)
-        if not cells or not there or self._old_keys.get(f"{task} {model}") != key:
+        if not cells or not there or before != key:
             return False
-        self._add(task, model, key, cells)
+        self.results.cells.extend(cells)
         return True
 
     def cells(self, task: str, model: str, key: str, cells: Sequence[Cell]) -> None:
         """Adds the cells of a task and model, and writes the file."""
-        self._add(task, model, key, cells)
-        self.write()
-
-    def _add(self, task: str, model: str, key: str, cells: Sequence[Cell]) -> None:
         self.results.cells.extend(cells)
-        self._keys[f"{task} {model}"] = key
+        self._measured[f"{task} {model}"] = key, list(cells)
+        self.write()
 
     def not_run(self, reason: str, task: str = "", model: str = "", fix: str = "") -> None:
         """Adds what was not run, and writes the file."""
@@ -105,8 +108,12 @@ class Writer:
         plain = {"format": FORMAT} | asdict(self.results)
         for row in plain["not_run"]:
             row |= {name: row[name] or None for name in ("task", "model")}
-        write_text(self.folder / FILE, json.dumps(_finite(plain), indent=1, allow_nan=False) + "\n")
-        write_text(self.folder / _KEYS, json.dumps(self._keys, indent=1))
+        write_text(self.folder / FILE, _text(plain))
+        kept = {
+            what: {"key": key, "cells": [asdict(cell) for cell in cells]}
+            for what, (key, cells) in self._measured.items()
+        }
+        write_text(self.folder / _MEASURED, _text(kept))
 
     def predictions(self, cell: Cell, name: str, part: Part, predicted: Any, truth: Any) -> Cell:
         """Keeps what was predicted; gives the cell that knows where."""
@@ -125,6 +132,10 @@ class Writer:
             arrays |= {key: arrays[key][:, 0] for key in ("truth", "predicted")}
         np.savez_compressed(path, **arrays)
         return replace(cell, predictions=path.relative_to(self.folder).as_posix())
+
+
+def _text(plain: Any) -> str:
+    return json.dumps(_finite(plain), indent=1, allow_nan=False) + "\n"
 
 
 def _finite(value: Any) -> Any:
