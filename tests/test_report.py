@@ -211,7 +211,7 @@ def test_the_numbers_follow_from_the_metrics_of_the_run(run: Path) -> None:
         losses, val = curves[f"train/{name}"].values, curves[f"val/{name}"].values
         assert (first, last) == (f"{losses[0]:.3g}", f"{losses[-1]:.3g}")
         assert (val_first, val_last) == (f"{val[0]:.3g}", f"{val[-1]:.3g}")
-        assert float(weight) == {"pixel": 10, "diff": 10, "match": 0.1}.get(name, 1)
+        assert float(weight) == {"match": 0.1}.get(name, 1)
         if len(losses) > 1:
             assert change == percent((losses[-1] - losses[0]) / losses[0], signed=True)
     assert "Steps8, each of 8 clips" in page.text
@@ -267,7 +267,7 @@ def test_without_metrics_and_files(write: Write) -> None:
     assert "No metrics were logged" in page.text
     assert "Timenot kept" in page.text
     assert "versions.json is not there" in page.text
-    assert page.tables["losses-summary"][1] == ["pixel", *NONE * 6, "10"]
+    assert page.tables["losses-summary"][1] == ["pixel", *NONE * 6, "1"]
 
 
 def test_without_validation(write: Write) -> None:

@@ -14,6 +14,7 @@ from tactileforge.contracts import ACTIONS, Dataset, Recording
 from tactileforge.datasets.recordings import Recordings
 from tactileforge.datasets.shards import Shards
 from tactileforge.datasets.sim import Sim
+from tactileforge.datasets.sim_array import SimArray
 from tactileforge.datasets.sparsh_force import SparshForce
 from tactileforge.datasets.sparsh_slip import SparshSlip
 from tactileforge.datasets.touchd_force import TouchdForce
@@ -90,6 +91,7 @@ def force_readers(
         "recordings": recordings,
         "shards": shards,
         "sim": simulated("press"),
+        "sim_array": SimArray(scenes=1, val=0),
     }
 
 
@@ -110,7 +112,7 @@ def test_pressing_is_positive_in_every_reader(force_readers: dict[str, Dataset])
 
 def test_no_reader_of_forces_is_left_out(force_readers: dict[str, Dataset]) -> None:
     """A reader that is added has to be tested here, and named on the page."""
-    names = set(registry.names("datasets")) - {"mixture"}  # passes on what others give
+    names = set(registry.names("datasets")) - {"lerobot", "mixture"}  # pass on what others give
     classes = {name: registry.get("datasets", name) for name in names}
     providing = {
         name

@@ -55,7 +55,7 @@ def test_a_run_that_is_stopped_goes_on(
     tmp_path: Path,
 ) -> None:
     out = tmp_path / "out"
-    process = command(out, GIVEN, delay=0.05)
+    process = command(out, GIVEN, delay=0.2)
     wait_for(lambda: len(list((out / ".pack").glob("train-*.json"))) >= 2)
     wait_for(lambda: list(out.glob("*.part")))
     workers = children(process.pid)
