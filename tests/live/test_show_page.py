@@ -124,7 +124,7 @@ def test_a_browser_shows_it(page, tmp_path, width):
         start_new_session=True,
     )
     try:
-        dom, _ = process.communicate(timeout=120)
+        dom, _ = process.communicate(timeout=240)
     except subprocess.TimeoutExpired:
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
