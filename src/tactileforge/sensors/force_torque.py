@@ -5,15 +5,21 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import SensorSpec
 from tactileforge.errors import ConfigError
-from tactileforge.sensors.framing import Datagrams, Framing, PacketParser, Parser, hex_bytes
-from tactileforge.sensors.links import Link, SerialLink, TcpLink, UdpLink, serial_ports
+from tactileforge.sensors.framing import (
+    Datagrams,
+    Framing,
+    PacketParser,
+    Parser,
+    hex_bytes,
+    measured,
+)
+from tactileforge.sensors.links import Link, SerialLink, TcpLink, UdpLink, attached
 from tactileforge.sensors.stream import StreamSensor
 
 #: What a wrench sensor has for a picture.
@@ -81,7 +87,7 @@ class ForceTorque(StreamSensor):
         self.request = hex_bytes("request", request)
         self.farewell = hex_bytes("farewell", farewell)
         self.spec = replace(self.spec, fps=fps)
-        size, count = _size(payload)
+        size, count = measured(payload)
         if count < 6:
             raise ConfigError(f"payload={payload!r} carries {count} values: a wrench has six")
         self.framing = Framing(
@@ -96,9 +102,7 @@ class ForceTorque(StreamSensor):
         """Ports of the USB device, if one is named; else the port, if it exists."""
         if self.link != "serial":
             return []  # a network is not searched
-        if self.usb:
-            return serial_ports(self.usb)
-        return [self.port] if self.port and Path(self.port).exists() else []
+        return attached(self.port, self.usb)
 
     def connect(self) -> Link:
         """Opens the serial port, or connects."""
@@ -146,12 +150,3 @@ class ForceTorque(StreamSensor):
         if not np.isfinite(found).all():
             raise ValueError("a wrench that is not finite")
         return NO_PICTURE, found
-
-
-def _size(payload: str) -> tuple[int, int]:
-    """Bytes and values of a payload."""
-    try:
-        size = struct.calcsize(payload)
-        return size, len(struct.unpack(payload, bytes(size)))
-    except struct.error as error:
-        raise ConfigError(f"payload={payload!r} ({error}); write for example '<6f'") from error

@@ -143,6 +143,22 @@ class Framing:
 _PARTS = ("packet", "payload")
 
 
+def measured(payload: str) -> tuple[int, int]:
+    """Bytes and values of a payload.
+
+    Args:
+        payload: As `struct` writes it.
+
+    Raises:
+        ConfigError: It is not written so.
+    """
+    try:
+        size = struct.calcsize(payload)
+        return size, len(struct.unpack(payload, bytes(size)))
+    except struct.error as error:
+        raise ConfigError(f"payload={payload!r} ({error}); write for example '<6f'") from error
+
+
 def hex_bytes(what: str, text: str) -> bytes:
     """Bytes that an option gives as hexadecimal text.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import socket
+from pathlib import Path
 from typing import Any, Protocol
 
 from tactileforge.errors import ConfigError, SensorError
@@ -106,6 +107,19 @@ def serial_ports(usb: str = "", serial_number: str = "") -> list[str]:
         if usb.lower() in ("", ids) and serial_number in ("", port.serial_number):
             found.append(port.device)
     return sorted(found)
+
+
+def attached(port: str, usb: str = "", serial_number: str = "") -> list[str]:
+    """Ports of the USB device, if one is named; else the port, if it exists.
+
+    Args:
+        port: Path of the port.
+        usb: See `serial_ports`.
+        serial_number: See `serial_ports`.
+    """
+    if usb or serial_number:
+        return serial_ports(usb, serial_number)
+    return [port] if port and Path(port).exists() else []
 
 
 class UdpLink:

@@ -6,15 +6,14 @@ import struct
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import SensorSpec
 from tactileforge.errors import ConfigError, SensorError
-from tactileforge.sensors.framing import Framing, PacketParser, Parser, hex_bytes
-from tactileforge.sensors.links import Link, SerialLink, serial_ports
+from tactileforge.sensors.framing import Framing, PacketParser, Parser, hex_bytes, measured
+from tactileforge.sensors.links import Link, SerialLink, attached
 from tactileforge.sensors.stream import StreamSensor
 from tactileforge.sensors.taxels import Layout
 from tactileforge.specs import spec
@@ -48,6 +47,8 @@ class SerialArray(StreamSensor):
         serial_number: Of the USB device.
 
     Attributes:
+        free_running: Whether the device sends as fast as it can; its rate is then measured while
+            the baseline is taken.
         layout: How taxels are drawn.
         rest: float32 (taxels, values), the baseline of the open device.
     """
@@ -61,6 +62,7 @@ class SerialArray(StreamSensor):
         force_scale=(5.0, 5.0, 10.0),
         kind="array",
     )
+    free_running = False
 
     def __init__(
         self,
@@ -113,15 +115,18 @@ class SerialArray(StreamSensor):
 
     def discover(self) -> list[str]:
         """Ports of the USB device, if one is named; else the port, if it exists."""
-        if self.usb or self.serial_number:
-            return serial_ports(self.usb, self.serial_number)
-        return [self.port] if self.port and Path(self.port).exists() else []
+        return attached(self.port, self.usb, self.serial_number)
 
     def connect(self) -> Link:
         """Opens the port."""
-        return SerialLink(self.port or self._found(), self.baudrate)
+        return SerialLink(self.port or self.find_port(), self.baudrate)
 
-    def _found(self) -> str:
+    def find_port(self) -> str:
+        """The port of the one device that is attached; "" where none is asked for.
+
+        Raises:
+            SensorError: None is attached, or several are.
+        """
         found = self.discover()
         if not found and (self.usb or self.serial_number):
             name = self.usb or self.serial_number
@@ -135,12 +140,13 @@ class SerialArray(StreamSensor):
         return PacketParser(self.framing)
 
     def ready(self) -> None:
-        """Takes the baseline.
+        """Takes the baseline, and measures the rate of a device that is ``free_running``.
 
         Raises:
             SensorError: Too few packets come.
         """
-        end = time.monotonic() + _PATIENCE
+        start = time.monotonic()
+        end = start + _PATIENCE
         seen: list[NDArray[np.float32]] = []
         while len(seen) < self.baseline:
             try:
@@ -153,6 +159,8 @@ class SerialArray(StreamSensor):
             seen.append(raw)
         if seen:
             self.rest = np.median(seen, axis=0).astype(np.float32)
+            if self.free_running:
+                self.set_rate(len(seen) / (time.monotonic() - start))
         self._frames.clear()  # they were drawn without it
 
     def decode(self, payload: bytes) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
@@ -163,11 +171,7 @@ class SerialArray(StreamSensor):
 
 def _checked(payload: str, taxels: int, values: int, channels: Sequence[int]) -> int:
     """Bytes of the payload, if it holds the values of all taxels."""
-    try:
-        size = struct.calcsize(payload)
-        count = len(struct.unpack(payload, bytes(size)))
-    except struct.error as error:
-        raise ConfigError(f"payload={payload!r} ({error}); write for example '<16H'") from error
+    size, count = measured(payload)
     if count != taxels * values:
         raise ConfigError(
             f"payload={payload!r} carries {count} values, but {taxels} taxels of {values} are "

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from collections import deque
+from dataclasses import replace
 from typing import Self
 
 import numpy as np
@@ -84,6 +85,11 @@ class StreamSensor(ABC):
     def ready(self) -> None:  # noqa: B027  a driver may override it
         """Is called when the device is open, to take a baseline for example."""
 
+    def set_rate(self, fps: float) -> None:
+        """Says how many packets a second really come."""
+        self.spec = replace(self.spec, fps=fps)
+        self._stamper.period = 1 / fps
+
     def discover(self) -> list[str]:
         """Addresses of the attached devices; a driver knows how to find its own."""
         return []
@@ -126,10 +132,11 @@ class StreamSensor(ABC):
             left = end - time.monotonic()
             if left <= 0:
                 raise TimeoutError(self._silence(parser, timeout))
-            self._take(parser, link.receive(left))
+            self.take(parser, link.receive(left))
         return self._frames.popleft()
 
-    def _take(self, parser: Parser, data: bytes) -> None:
+    def take(self, parser: Parser, data: bytes) -> None:
+        """Takes bytes that have just come; their packets are what `read` gives next."""
         now = time.monotonic()
         payloads = parser.feed(data)
         for payload, taken in zip(payloads, self._stamper.stamp(len(payloads), now), strict=True):

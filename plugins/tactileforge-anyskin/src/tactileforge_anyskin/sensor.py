@@ -7,7 +7,6 @@ checksum and no counter.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -71,6 +70,7 @@ class AnySkin(SerialArray):
         force_scale=(5.0, 5.0, 10.0),
         kind="array",
     )
+    free_running = True
 
     def __init__(
         self,
@@ -109,20 +109,7 @@ class AnySkin(SerialArray):
 
     def connect(self) -> Link:
         """Opens the port."""
-        return FreshLink(self.port or self._found(), self.baudrate)
-
-    def ready(self) -> None:
-        """Takes the baseline, and measures the rate by it.
-
-        Raises:
-            SensorError: Too few packets come.
-        """
-        start = time.monotonic()
-        super().ready()
-        if self.baseline:
-            fps = self.baseline / (time.monotonic() - start)
-            self.spec = replace(self.spec, fps=fps)
-            self._stamper.period = 1 / fps
+        return FreshLink(self.port or self.find_port(), self.baudrate)
 
 
 class ReSkin(AnySkin):

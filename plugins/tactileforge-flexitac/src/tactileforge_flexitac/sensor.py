@@ -6,9 +6,6 @@ counter, and the header may stand among the taxels as well: see `parser.GridPars
 
 from __future__ import annotations
 
-import time
-from dataclasses import replace
-
 from tactileforge.contracts import SensorSpec
 from tactileforge.errors import ConfigError
 from tactileforge.sensors.framing import Parser
@@ -42,6 +39,7 @@ class FlexiTac(SerialArray):
         force_scale=(5.0, 5.0, 10.0),
         kind="array",
     )
+    free_running = True
 
     def __init__(
         self,
@@ -73,16 +71,3 @@ class FlexiTac(SerialArray):
     def new_parser(self) -> Parser:
         """A parser of its packets."""
         return GridParser(self.framing.header, self.framing.payload)
-
-    def ready(self) -> None:
-        """Takes the baseline, and measures the rate by it.
-
-        Raises:
-            SensorError: Too few packets come.
-        """
-        start = time.monotonic()
-        super().ready()
-        if self.baseline:
-            fps = self.baseline / (time.monotonic() - start)
-            self.spec = replace(self.spec, fps=fps)
-            self._stamper.period = 1 / fps

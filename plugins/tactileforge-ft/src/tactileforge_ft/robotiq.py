@@ -65,7 +65,7 @@ class Robotiq(ForceTorque):
             pass
         first = modbus.write(link, SLAVE, REGISTER, STREAM, TIMEOUT)
         assert self.parser is not None
-        self._take(self.parser, first)
+        self.take(self.parser, first)
 
     def stop(self, link: Link) -> None:
         """Ends the stream."""
