@@ -25,6 +25,7 @@ from omegaconf import MISSING, DictConfig, OmegaConf
 
 from tactileforge import registry
 from tactileforge.errors import ConfigError, PluginError, unknown
+from tactileforge.settings import require
 
 #: Hydra group -> kind of plugin
 GROUPS = {
@@ -149,6 +150,23 @@ def settings(verb: str, overrides: Sequence[str] = ()) -> DictConfig:
         GlobalHydra.instance().clear()
     with initialize_config_module("tactileforge.conf", version_base="1.3"):
         return hydra_compose(verb, list(overrides))
+
+
+def plain(verb: str, overrides: Sequence[str] = ()) -> dict[str, Any]:
+    """The configuration of a verb that needs no recipe, as plain data.
+
+    Args:
+        verb: Name of a YAML in conf/.
+        overrides: ``key=value`` strings.
+
+    Raises:
+        ConfigError: A key without a value.
+        HydraException: An override that does not fit.
+    """
+    config = settings(verb, overrides)
+    require(config)
+    out: dict[str, Any] = OmegaConf.to_container(config, resolve=True)  # type: ignore[assignment]
+    return out
 
 
 def finish(config: DictConfig) -> DictConfig:

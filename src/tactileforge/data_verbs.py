@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from tactileforge import registry
+from tactileforge import registry, settings
 from tactileforge.contracts import Dataset
 from tactileforge.errors import ConfigError, unknown
 
@@ -34,7 +33,7 @@ def main(argv: Sequence[str]) -> int:
     if action not in verbs:
         raise ConfigError(unknown("action of tactileforge data", action, verbs))
     if words in (["--help"], ["-h"]):
-        print((files("tactileforge.conf") / f"{action}.yaml").read_text())
+        print(settings.text(action))
         return 0
     config = _config(action, words)
     node: dict[str, Any] = OmegaConf.to_container(config.data, resolve=True)  # type: ignore[assignment]
@@ -43,12 +42,10 @@ def main(argv: Sequence[str]) -> int:
 
 
 def _config(action: str, words: Sequence[str]) -> DictConfig:
-    from tactileforge.compose import settings
+    from tactileforge.compose import settings as compose_settings
 
-    config = settings(action, words)
-    missing = sorted(map(str, OmegaConf.missing_keys(config)))
-    if missing:
-        raise ConfigError(f"give {' '.join(f'{key}=...' for key in missing)}")
+    config = compose_settings(action, words)
+    settings.require(config)
     return config
 
 

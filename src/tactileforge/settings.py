@@ -1,4 +1,4 @@
-"""The settings of verbs that compose no plugins: one YAML in conf/, changed by ``key=value``."""
+"""The settings of verbs: one YAML in conf/ each, changed by ``key=value``."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def text(verb: str) -> str:
 
 
 def load(verb: str, words: Sequence[str]) -> DictConfig:
-    """The settings of a verb.
+    """The settings of a verb that composes no plugins.
 
     Args:
         verb: Name of a YAML in conf/.
@@ -38,7 +38,12 @@ def load(verb: str, words: Sequence[str]) -> DictConfig:
         config = cast(DictConfig, OmegaConf.merge(known, OmegaConf.from_dotlist(list(words))))
     except OmegaConfBaseException as error:
         raise ConfigError(f"{' '.join(words)}: {error}") from error
+    require(config)
+    return config
+
+
+def require(config: DictConfig) -> None:
+    """Raises a ConfigError where keys have no value yet; names them."""
     missing = sorted(map(str, OmegaConf.missing_keys(config)))
     if missing:
         raise ConfigError(f"give {' '.join(f'{key}=...' for key in missing)}")
-    return config

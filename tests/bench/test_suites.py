@@ -36,7 +36,9 @@ def test_a_suite_can_be_run(name: str) -> None:
 
 def test_what_is_published_has_a_task_of_its_title() -> None:
     titles = {task.title for name in SUITES for task in suite(name).values()}
-    published = {row.task for name in cards.names() for row in cards.read(name).results}
+    rows = [row for name in cards.names() for row in cards.read(name).results]
+    published = {row.task for row in rows if not row.source.startswith("docs/")}  # not our own
+    assert published
     assert published <= titles
 
 

@@ -2,10 +2,12 @@
 
 import json
 import os
+import select
 import shutil
 import signal
 import subprocess
 import threading
+import time
 import urllib.error
 import urllib.request
 
@@ -106,30 +108,84 @@ def test_a_port_that_is_taken(page, scripted):
         Page(Show({"left": scripted()}), port)
 
 
+class Browser:
+    """A Chromium without a window that does what its debugging pipe says."""
+
+    def __init__(self, profile):
+        (read, self.out), (self.answers, write) = os.pipe(), os.pipe()
+        command = [
+            BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
+            f"--user-data-dir={profile}", "--remote-debugging-pipe", "about:blank",
+        ]  # fmt: skip
+        self.process = subprocess.Popen(
+            command,
+            preexec_fn=lambda: (os.dup2(read, 3), os.dup2(write, 4)),  # where it looks for them
+            pass_fds=(3, 4),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        os.close(read)
+        os.close(write)
+        self.read = b""
+        self.count = 0
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exception):
+        os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.wait()
+        os.close(self.out)
+        os.close(self.answers)
+
+    def __call__(self, method, session=None, **params):
+        """The result of a method of the DevTools protocol."""
+        self.count += 1
+        message = {"id": self.count, "method": method, "params": params}
+        if session:
+            message["sessionId"] = session
+        os.write(self.out, json.dumps(message).encode() + b"\0")
+        while (answer := self.next()).get("id") != self.count:
+            pass  # an event
+        assert "error" not in answer, answer
+        return answer["result"]
+
+    def next(self):
+        while b"\0" not in self.read:
+            ready, _, _ = select.select([self.answers], [], [], 60)
+            assert ready, "the browser says nothing"
+            data = os.read(self.answers, 1 << 20)
+            assert data, "the browser ended"
+            self.read += data
+        message, _, self.read = self.read.partition(b"\0")
+        return json.loads(message)
+
+    def show(self, url, width):
+        """A function that evaluates an expression on the page."""
+        target = self("Target.createTarget", url="about:blank")["targetId"]
+        session = self("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+        self("Emulation.setDeviceMetricsOverride", session, **size)
+        self("Page.navigate", session, url=url)
+        return lambda text: self("Runtime.evaluate", session, expression=text)["result"]["value"]
+
+
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium is here")
 @pytest.mark.slow
 @pytest.mark.parametrize("width", [400, 1120])
 def test_a_browser_shows_it(page, tmp_path, width):
-    picture = tmp_path / "page.png"
-    command = [
-        BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
-        f"--user-data-dir={tmp_path / 'profile'}", f"--window-size={width},900",
-        "--virtual-time-budget=6000", "--dump-dom", f"--screenshot={picture}", page.url,
-    ]  # fmt: skip
-    process = subprocess.Popen(
-        command,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-        start_new_session=True,
-    )
-    try:
-        dom, _ = process.communicate(timeout=240)
-    except subprocess.TimeoutExpired:
-        os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
-        raise
-    assert "<h2>left (digit)</h2>" in dom
-    assert '<span class="chip on">contact</span>' in dom
-    assert "no model" in dom
-    assert dom.count("<img") == 2
+    with Browser(tmp_path / "profile") as browser:
+        look = browser.show(page.url, width)
+        end = time.monotonic() + 120
+        dom = ""
+        while '<span class="chip on">contact</span>' not in dom and time.monotonic() < end:
+            dom = look("document.documentElement?.outerHTML ?? ''")
+        assert "<h2>left (digit)</h2>" in dom
+        assert '<span class="chip on">contact</span>' in dom
+        assert "no model" in dom
+        loaded = "[...document.images].filter(one => one.naturalWidth > 0).length"
+        while look(loaded) < 2 and time.monotonic() < end:
+            pass
+        assert look(loaded) == 2
+        assert look("document.documentElement.scrollWidth") <= width

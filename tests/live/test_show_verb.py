@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from tactileforge.cli import run
+from tactileforge.compose import plain
 from tactileforge.errors import ConfigError
 from tactileforge.live.show_verb import options_of
-from tactileforge.live.verb import composed
 
 
 @pytest.fixture
@@ -54,7 +54,7 @@ def test_errors_are_said(words, capsys):
 def test_help_lists_the_keys(capsys):
     assert run(["live", "--help"]) == 0
     said = capsys.readouterr().out
-    assert all(f"\n{key}:" in said for key in composed("live", ["sensor=sim"]) if key != "sensor")
+    assert all(f"\n{key}:" in said for key in plain("live", ["sensor=sim"]) if key != "sensor")
 
 
 @pytest.mark.parametrize(
@@ -69,11 +69,11 @@ def test_help_lists_the_keys(capsys):
 )
 def test_values_that_do_not_fit(word, message):
     with pytest.raises(ConfigError, match=message):
-        options_of(composed("live", ["sensor=sim", word]))
+        options_of(plain("live", ["sensor=sim", word]))
 
 
 def test_defaults_are_those_of_the_classes():
     from tactileforge.live.show import ShowOptions
 
-    assert options_of(composed("live", ["sensor=sim"])) == ShowOptions()
+    assert options_of(plain("live", ["sensor=sim"])) == ShowOptions()
     assert Path(__file__).parents[2].joinpath("conf", "live.yaml").is_file()

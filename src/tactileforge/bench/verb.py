@@ -7,8 +7,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omegaconf import OmegaConf
-
+from tactileforge import settings
 from tactileforge.errors import ConfigError, unknown
 
 if TYPE_CHECKING:
@@ -32,7 +31,7 @@ def main(argv: Sequence[str]) -> int:
         TactileForgeError: The configuration is wrong, or a split overlaps; says the fix.
     """
     if argv in (["--help"], ["-h"]):
-        print((files("tactileforge.conf") / "bench.yaml").read_text())
+        print(settings.text("bench"))
         return 0
     multirun = "-m" in argv or "--multirun" in argv
     hydra = [word for word in argv if word.startswith(("hydra/", "hydra.", "+hydra"))]
@@ -44,9 +43,9 @@ def main(argv: Sequence[str]) -> int:
     ]
     if hydra and not multirun:
         raise ConfigError(f"{hydra[0]}: only with -m, which trains models as jobs of Hydra")
-    from tactileforge.compose import settings
+    from tactileforge.compose import plain
 
-    config: Any = OmegaConf.to_container(settings("bench", words), resolve=True)
+    config = plain("bench", words)
     return _run(config, ablation[-1] if ablation else "", hydra if multirun else None)
 
 

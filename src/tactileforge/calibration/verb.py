@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
-from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
-from omegaconf import OmegaConf
-
-from tactileforge import registry
+from tactileforge import registry, settings
 from tactileforge.atomic import write_text
 from tactileforge.calibration.calibrate import Found, Options, calibrate
 from tactileforge.calibration.file import load
@@ -31,20 +27,17 @@ def main(argv: Sequence[str]) -> int:
         TactileForgeError: Something is wrong; says the fix.
     """
     if argv in (["--help"], ["-h"]):
-        print((files("tactileforge.conf") / "calibrate.yaml").read_text())
+        print(settings.text("calibrate"))
         return 0
-    from tactileforge.compose import settings
+    from tactileforge.compose import plain
 
-    config = settings("calibrate", argv)
-    if missing := sorted(map(str, OmegaConf.missing_keys(config))):
-        raise ConfigError(f"give {' '.join(f'{key}=...' for key in missing)}")
-    plain: dict[str, Any] = OmegaConf.to_container(config, resolve=True)  # type: ignore[assignment]
-    out = Path(plain["out"])
+    config = plain("calibrate", argv)
+    out = Path(config["out"])
     if out.suffix not in (".yaml", ".yml"):
         raise ConfigError(f"out={out}: give the name of a file, for example digit.yaml")
-    options = Options(**{one.name: plain[one.name] for one in fields(Options)})
-    reference = load(plain["reference"]) if plain["reference"] else None
-    dataset = registry.build("datasets", plain["data"])
+    options = Options(**{one.name: config[one.name] for one in fields(Options)})
+    reference = load(config["reference"]) if config["reference"] else None
+    dataset = registry.build("datasets", config["data"])
     found = calibrate(_recordings(dataset), options, reference)
 
     from tactileforge.calibration.page import render

@@ -16,7 +16,7 @@ from tactileforge.live.publish import JsonLines, Publisher, built
 from tactileforge.live.show import Show, ShowOptions, show
 from tactileforge.live.show_status import ShowStatus
 from tactileforge.live.verb import built as built_sensors
-from tactileforge.live.verb import composed, stopped_by_signals
+from tactileforge.live.verb import stopped_by_signals
 
 if TYPE_CHECKING:
     from tactileforge.hub.model import Model
@@ -39,7 +39,9 @@ def main(argv: Sequence[str]) -> int:
     if argv in (["--help"], ["-h"]):
         print(settings.text("live"))
         return 0
-    config = composed("live", argv)
+    from tactileforge.compose import plain
+
+    config = plain("live", argv)
     options = options_of(config)
     sensors, _, _ = built_sensors(config)
     publishers: list[Publisher] = built(config["publish"])

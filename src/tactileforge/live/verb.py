@@ -8,8 +8,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from omegaconf import OmegaConf
-
 from tactileforge import registry, settings
 from tactileforge.contracts import Sensor
 from tactileforge.errors import ConfigError, unknown
@@ -33,7 +31,9 @@ def main(argv: Sequence[str]) -> int:
     if argv in (["--help"], ["-h"]):
         print(settings.text("record"))
         return 0
-    config = composed("record", argv)
+    from tactileforge.compose import plain
+
+    config = plain("record", argv)
     options = Options.of(config)
     sensors, force, camera = built(config)
     status = Status()
@@ -45,22 +45,6 @@ def main(argv: Sequence[str]) -> int:
     print(_told(found))
     print(f"look at it: tactileforge data inspect data=shards data.root={options.out}")
     return 0
-
-
-def composed(verb: str, words: Sequence[str]) -> dict[str, Any]:
-    """The configuration of a verb that reads sensors, as plain data.
-
-    Raises:
-        ConfigError: A key without a value.
-    """
-    from tactileforge.compose import settings as compose_settings
-
-    config = compose_settings(verb, words)
-    missing = sorted(map(str, OmegaConf.missing_keys(config)))
-    if missing:
-        raise ConfigError(f"give {' '.join(f'{key}=...' for key in missing)}")
-    plain: dict[str, Any] = OmegaConf.to_container(config, resolve=True)  # type: ignore[assignment]
-    return plain
 
 
 def built(
