@@ -188,7 +188,7 @@ def measure(seconds: float, cameras: int, size: tuple[int, int], rate: float) ->
         path = next(Path(folder).glob("train-*.tar"))
         recordings = {str(one.labels["device"]): one for one in shards.read(path)}
         clock = float(next(iter(recordings.values())).labels["clock"])
-        first = len(memory.mb) // 5
+        tenths = np.linspace(0.1, 1, 10) * (len(memory.mb) - 1)
         return {
             "seconds": found.seconds,
             "size": list(size),
@@ -198,8 +198,7 @@ def measure(seconds: float, cameras: int, size: tuple[int, int], rate: float) ->
             "written_mb": round(found.bytes / 2**20, 1),
             "cpu_share": round(used / seconds, 3),
             "rss_mb": {
-                "after_a_fifth": round(memory.mb[first], 1),
-                "end": round(memory.mb[-1], 1),
+                "each_tenth": [round(memory.mb[int(i)], 1) for i in tenths],  # the last one joins
                 "max": round(max(memory.mb), 1),
             },
         }

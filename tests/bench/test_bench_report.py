@@ -12,7 +12,7 @@ import pytest
 from tactileforge.bench.charts import POINTS, confusion, correlation, rmse, scatter
 from tactileforge.bench.readings import read_readings
 from tactileforge.bench.tables import write_all
-from tactileforge.errors import DataError
+from tactileforge.errors import ConfigError, DataError
 
 METRICS = {
     "force": {"name": "rmse_sum_axes", "unit": "mN", "better": "lower"},
@@ -127,6 +127,21 @@ def test_the_page_is_one_file_with_every_table_and_picture(tmp_path: Path) -> No
     assert found.text.count("r 1.00") == 6
     assert "true x (N)" in found.text
     assert "All 4 pairs of a model and a task were run." in found.text
+
+
+def test_losses_of_probes_are_drawn_where_they_are_known(tmp_path: Path) -> None:
+    given = bench(tmp_path)
+    _, before = page(tmp_path, given)
+    assert "Of the probes, by epoch" not in before
+    given["cells"][0]["curve"] = {"train": [0.4, 0.2, 0.1], "validation": [0.5, None, 0.3]}
+    given["cells"][1]["curve"] = {"train": [None, None], "validation": []}
+    found, html = page(tmp_path, given)
+    assert html.count("<svg role") == before.count("<svg role") + 1
+    assert "no loss is a finite number" in found.text
+    assert found.text.index("Of the probes, by epoch") > found.text.index("a panel an objective")
+    given["cells"][0]["curve"] = {"train": "falling"}
+    with pytest.raises(ConfigError, match="curve is"):
+        page(tmp_path, given)
 
 
 def test_what_was_not_run_is_told(tmp_path: Path) -> None:

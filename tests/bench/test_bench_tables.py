@@ -14,8 +14,8 @@ from tactileforge.bench.grid import Entry, Grid, Head, Notes, decimals, fixed, r
 from tactileforge.bench.intervals import Interval, difference, mean_interval, student_t
 from tactileforge.bench.published import Published
 from tactileforge.bench.render import latex, latex_text, markdown, markdown_text
-from tactileforge.bench.results import read
 from tactileforge.bench.scores import scores
+from tactileforge.bench.stored import read
 from tactileforge.bench.tables import write_all
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 

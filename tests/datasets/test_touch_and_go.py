@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactileforge.datasets.touch_and_go import MATERIALS, TouchAndGo
+from tactileforge.datasets.touch_and_go import MATERIALS, SOFT, TouchAndGo
 from tactileforge.errors import DataError
 
 Make = Callable[..., Any]
@@ -52,6 +52,13 @@ def test_the_lists_of_anytouch2_name_the_background(root: Path, write: Make, lev
     assert (levels(train.no_contact), levels(train.frames)) == ([0], [4, 5])
     assert test.no_contact is None, "a background that is missing is not invented"
     assert levels(test.frames) == [6, 7]
+
+
+def test_five_materials_are_soft(root: Path, write: Make) -> None:
+    assert [MATERIALS.index(name) for name in SOFT] == [7, 8, 9, 11, 13]
+    write("label.txt", rows(range(2, 6), 5) + rows(range(6, 9), 9))
+    found = TouchAndGo(str(root), val=0).recordings("train")
+    assert [one.labels["hardness"] for one in found] == ["hard", "soft"]
 
 
 def test_rough_lists_have_classes_and_no_caption(root: Path, write: Make) -> None:

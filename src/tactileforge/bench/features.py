@@ -20,7 +20,7 @@ from tactileforge.bench.models import Subject
 from tactileforge.bench.source import Source
 from tactileforge.contracts import Batch
 from tactileforge.data.clips import Clips, collate
-from tactileforge.data.datamodule import _start_worker
+from tactileforge.data.datamodule import start_worker
 from tactileforge.errors import DataError
 
 #: Changes when the same key would give other features.
@@ -200,7 +200,7 @@ def loader(clips: Clips, rows: Sequence[int], store: Store, size: int) -> Iterat
         batch_size=size,
         num_workers=store.workers if len(rows) else 0,
         collate_fn=collate,
-        worker_init_fn=_start_worker,
+        worker_init_fn=start_worker,
         pin_memory=torch.cuda.is_available(),
     ):
         for line, _ in batch["skipped"].values():

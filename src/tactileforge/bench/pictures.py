@@ -28,9 +28,11 @@ def drawn(folder: Path, results: Results, found: Scores) -> list[Section]:
         values = {name: one for name, one in readings.items() if not one.names}
         classes = {name: one for name, one in readings.items() if one.names}
         if values:
-            scatters += _folded(task, _scatters(task, values) + trouble, is_open=not scatters)
+            scatters += _folded(task.title, _scatters(task, values) + trouble, is_open=not scatters)
         if classes or (trouble and not values):
-            confusions += _folded(task, _confusions(classes) + trouble, is_open=not confusions)
+            confusions += _folded(
+                task.title, _confusions(classes) + trouble, is_open=not confusions
+            )
     parts = []
     if scatters:
         words = (
@@ -47,14 +49,14 @@ def drawn(folder: Path, results: Results, found: Scores) -> list[Section]:
         )
         body = paragraph(words) + confusions
         parts.append(Section("confusions", "Classes", body))
-    if results.training:
-        parts.append(_losses(results))
+    if losses := _trainings(results) + _probes(results, found):
+        parts.append(Section("losses", "Losses", legend({0: "training", 1: "validation"}) + losses))
     return parts
 
 
-def _folded(task: Task, body: str, is_open: bool) -> str:
+def _folded(title: str, body: str, is_open: bool) -> str:
     shown = " open" if is_open else ""
-    return f"<details{shown}><summary>{escape(task.title)}</summary>{body}</details>"
+    return f"<details{shown}><summary>{escape(title)}</summary>{body}</details>"
 
 
 def _read(
@@ -126,29 +128,47 @@ def _confusions(classes: Mapping[str, Readings]) -> str:
     return panels(drawings, wide=widest > 8) + (paragraph(words, soft=True) if words else "")
 
 
-def _losses(results: Results) -> Section:
+def _trainings(results: Results) -> str:
     names = titles(results)
     by_model: dict[str, list[Training]] = {}
     for one in results.training:
         by_model.setdefault(one.model, []).append(one)
+    if not by_model:
+        return ""
     body = paragraph(
         "In pre-training, of the models that were trained for this bench; a panel an objective."
     )
-    body += legend({0: "training", 1: "validation"})
-    for model, some in by_model.items():
-        drawings = panels(_loss(one) for one in some)
-        shown = " open" if model == next(iter(by_model)) else ""
-        summary = f"<summary>{escape(names[model])}</summary>"
-        body += f"<details{shown}>{summary}{drawings}</details>"
-    return Section("losses", "Losses", body)
+    for i, (model, some) in enumerate(by_model.items()):
+        drawings = panels(_loss(one.objective, one.step, one.train, one.validation) for one in some)
+        body += _folded(names[model], drawings, is_open=i == 0)
+    return body
 
 
-def _loss(one: Training) -> str:
-    train, validation = (_curve(one.step, values) for values in (one.train, one.validation))
-    if train is None and validation is None:
-        return panel(one.objective, "", "no loss is a finite number")
-    last = int(max(one.step))
-    return panel(one.objective, curve_figure("loss", last, train, validation))
+def _probes(results: Results, found: Scores) -> str:
+    names, body = titles(results), ""
+    for task in results.tasks:
+        drawings = []
+        for model in results.models:
+            score = next(iter(found.get((task.name, model.name), [])), None)
+            curve = score.cells[0].curve if score else {}
+            if train := curve.get("train", []):
+                epochs = list(range(1, len(train) + 1))
+                drawings.append(
+                    _loss(names[model.name], epochs, train, curve.get("validation", []))
+                )
+        if drawings:
+            body += _folded(task.title, panels(drawings), is_open=False)
+    words = "Of the probes, by epoch; of several seeds the first is shown."
+    return paragraph(words) + body if body else ""
+
+
+def _loss(
+    title: str, steps: Sequence[float], train: Sequence[float], validation: Sequence[float]
+) -> str:
+    drawn = [_curve(steps, values) for values in (train, validation)]
+    if drawn == [None, None]:
+        return panel(title, "", "no loss is a finite number")
+    return panel(title, curve_figure("loss", int(max(steps)), *drawn))
 
 
 def _curve(steps: Sequence[float], values: Sequence[float]) -> Curve | None:

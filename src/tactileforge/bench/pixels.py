@@ -7,7 +7,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from tactileforge.encoders.pixels import ANYTOUCH2, Pixels
-from tactileforge.encoders.plain_vit import sincos
+from tactileforge.encoders.positions import sincos
 
 _SIZE, _PATCH, _SMALL = 64, 8, 16
 

@@ -13,8 +13,9 @@ from tactileforge.bench.grid import Grid
 from tactileforge.bench.longform import long_form
 from tactileforge.bench.published import Published
 from tactileforge.bench.report import bench_page
-from tactileforge.bench.results import Results, read
+from tactileforge.bench.results import Results
 from tactileforge.bench.scores import Scores, scores
+from tactileforge.bench.stored import read
 
 _LATEX_HEAD = "% Needs \\usepackage{booktabs,amssymb} and \\usepackage[T1]{fontenc}.\n"
 

@@ -23,8 +23,8 @@ from tactileforge.bench.results import (
     Results,
     Task,
     Training,
-    read_cell,
 )
+from tactileforge.bench.stored import read_cell
 from tactileforge.bench.targets import Part
 from tactileforge.errors import TactileForgeError
 from tactileforge.hub.pack import commit

@@ -26,6 +26,9 @@ MATERIALS = (
     *("rock", "gravel", "sand", "plants", "others"),
 )
 
+#: The materials that count as soft, as the data set's own code for hard against soft has them.
+SOFT = ("leather", "synthetic fabric", "natural fabric", "paper", "grass")
+
 #: The lists of a split by side, below the root.
 _LISTS = {
     ALL.name: {"train": "label.txt"},
@@ -107,7 +110,9 @@ class TouchAndGo(Published):
         text = None
         if "rough" not in self.split:
             material = MATERIALS[label] if label < len(MATERIALS) else f"material {label}"
-            labels, text = {"label": float(label), "material": material}, f"touching {material}"
+            hardness = "soft" if material in SOFT else "hard"
+            labels = {"label": float(label), "material": material, "hardness": hardness}
+            text = f"touching {material}"
         return self._recording(
             key,
             sensor="gelsight",

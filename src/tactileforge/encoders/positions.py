@@ -28,3 +28,25 @@ def waves(grid: tuple[int, int, int], width: int) -> Tensor:
         shape[axis] = count
         parts.append(code.view(shape).expand(*grid, size))
     return torch.cat(parts, dim=-1)
+
+
+def sincos(grid: tuple[int, int, int], width: int) -> Tensor:
+    """Sparsh's fixed positions: sines, then cosines, of each axis of the grid.
+
+    With ``n`` axes, ``b = ceil(width / 2n)`` frequencies ``10000 ** (-k / b)`` per axis; time is
+    left out where there is one slot, and counts from the newest slot.
+
+    Args:
+        grid: Temporal slots, rows, columns.
+        width: Size of a token.
+
+    Returns:
+        float32 (slots * rows * columns, width), in (slot, row, column) order.
+    """
+    slots, rows, columns = grid
+    axes = [torch.arange(slots).flip(0), torch.arange(rows), torch.arange(columns)]
+    places = torch.cartesian_prod(*axes)[:, 0 if slots > 1 else 1 :]
+    count = -(-width // (2 * places.shape[1]))
+    frequency = 10000 ** -(torch.arange(count, dtype=torch.float64) / count)
+    angle = places[:, :, None] * frequency
+    return torch.cat([angle.sin(), angle.cos()], dim=-1).flatten(1)[:, :width].float()

@@ -167,9 +167,7 @@ class Model:
             raise ConfigError(unknown("tap", tap, ("tokens", "cls", "projected")))
         if tap == "cls" and self.encoder.prefix == 0:
             raise ConfigError("the model has no class token: take tap=projected or tap=tokens")
-        steps = getattr(self.encoder, "pixels", None)
-        needed = getattr(steps, "offset", 0) is not None
-        x, still, single = prepare(frames, background, self.frames, needed)
+        x, still, single = self._prepare(frames, background)
         rows = self._rows(self._names(sensor, len(x)), unknown_sensor)
         parts = zip(*(torch.split(part, batch_size) for part in (x, still, rows)), strict=True)
         with torch.no_grad():
@@ -227,9 +225,7 @@ class Model:
             DataError: See `encode`.
             ConfigError: See `encode`.
         """
-        steps = getattr(self.encoder, "pixels", None)
-        needed = getattr(steps, "offset", 0) is not None
-        x, still, single = prepare(frames, background, self.frames, needed)
+        x, still, single = self._prepare(frames, background)
         names = self._names(sensor, len(x))
         head = self.heads.get("force")
         scale = None if head is None else forces.scales(self.header.heads["force"], names)
@@ -302,6 +298,14 @@ class Model:
             stacked = np.stack([clip for _, clip in batch])
             vectors.append(self.encode(stacked, background, sensor, unknown_sensor=unknown_sensor))
         return np.array(ends), torch.cat(vectors)
+
+    def _prepare(
+        self, frames: Images, background: Images | str | None
+    ) -> tuple[Tensor, Tensor, bool]:
+        """Frames and backgrounds of a batch, uint8, and whether it was given as one clip."""
+        steps = getattr(self.encoder, "pixels", None)
+        needed = getattr(steps, "offset", 0) is not None
+        return prepare(frames, background, self.frames, needed)
 
     def _taps(
         self, tokens: bool, frames: Tensor, background: Tensor, rows: Tensor

@@ -54,7 +54,11 @@ def _typed(where: str, value: Any, hint: Any) -> Any:
     good = type(value) is kind
     if good and inner and inner[-1] is not Any:
         items = value.values() if kind is dict else value
-        good = all(type(item) is inner[-1] for item in items)
+        if hasattr(inner[-1], "__origin__"):
+            for item in items:
+                _typed(where, item, inner[-1])
+        else:
+            good = all(type(item) is inner[-1] for item in items)
     if not good:
         wanted = str(hint) if inner else hint.__name__
         raise ConfigError(f"{where} is {value!r}, which is not of type {wanted}")

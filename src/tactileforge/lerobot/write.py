@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,9 +30,9 @@ from tactileforge.lerobot.episode import (
     together,
 )
 from tactileforge.lerobot.statistics import of_numbers, of_pictures, sample
+from tactileforge.lerobot.tables import column, common, tasks
+from tactileforge.lerobot.videos import Videos, even
 
-#: MPEG-4 part 2, in mp4: every build of OpenCV writes it, and every FFmpeg reads it.
-_FOURCC, _CODEC = "mp4v", "mpeg4"
 _IMAGES = ("auto", "video", "png")
 
 
@@ -127,7 +126,7 @@ class _Writer:
         self.episodes: list[dict[str, Any]] = []
         self.touch: list[dict[str, Any]] = []
         self.seen: dict[str, list[NDArray[Any]]] = {}
-        self.videos: dict[str, _Videos] = {}
+        self.videos: dict[str, Videos] = {}
         self.data: Any = None
         self.files = 0
 
@@ -155,7 +154,7 @@ class _Writer:
                 values = sample(seen)
                 statistics = of_pictures(values)
                 if feature["dtype"] == "video":
-                    about |= self._video(name, feature).add(_even(seen))
+                    about |= self._video(name, feature).add(even(seen))
                 else:
                     columns[name] = [{"bytes": encode(p, "png"), "path": None} for p in seen]
             else:
@@ -164,12 +163,12 @@ class _Writer:
             self.seen.setdefault(name, []).append(values)
             about |= {f"stats/{name}/{key}": value for key, value in statistics.items()}
         task = self.tasks.setdefault(one.task, len(self.tasks))
-        common = _common(len(one), fps, number, start, task)
+        shared = common(len(one), fps, number, start, task)
         self.found.rows += len(one)
-        for name, values in common.items():
+        for name, values in shared.items():
             self.seen.setdefault(name, []).append(values)
             about |= {f"stats/{name}/{key}": value for key, value in of_numbers(values).items()}
-        self._rows({**columns, **common})
+        self._rows({**columns, **shared})
         self.episodes.append(
             {
                 "episode_index": number,
@@ -202,10 +201,10 @@ class _Writer:
                 "the same in all: choose sensors with devices=[...]"
             )
 
-    def _video(self, name: str, feature: dict[str, Any]) -> _Videos:
+    def _video(self, name: str, feature: dict[str, Any]) -> Videos:
         height, width, _ = feature["shape"]
         if name not in self.videos:
-            self.videos[name] = _Videos(
+            self.videos[name] = Videos(
                 self.root, name, (width, height), self.found.fps, self.options.video_mb
             )
         return self.videos[name]
@@ -214,7 +213,7 @@ class _Writer:
         arrow = folder.arrow()
         table = arrow.Table.from_pydict(
             {
-                name: _column(arrow, values, self.features.get(name) or folder.COMMON[name])
+                name: column(arrow, values, self.features.get(name) or folder.COMMON[name])
                 for name, values in columns.items()
             }
         )
@@ -258,7 +257,7 @@ class _Writer:
         path = self.root / folder.EPISODES.format(**folder.place(0))
         path.parent.mkdir(parents=True)
         arrow.parquet.write_table(arrow.Table.from_pydict(rows), path)
-        arrow.parquet.write_table(_tasks(arrow, list(self.tasks)), self.root / folder.TASKS)
+        arrow.parquet.write_table(tasks(arrow, list(self.tasks)), self.root / folder.TASKS)
         write_text(self.root / folder.INFO, json.dumps(self._info(), indent=4))
         statistics = {
             name: of_pictures(np.concatenate(values))
@@ -287,113 +286,3 @@ class _Writer:
             "video_path": folder.VIDEO if self.videos else None,
             "features": self.features | folder.COMMON,
         }
-
-
-class _Videos:
-    """The videos of one feature, episodes after one another."""
-
-    def __init__(
-        self, root: Path, name: str, size: tuple[int, int], fps: int, limit: float
-    ) -> None:
-        self.root, self.name, self.size, self.fps, self.limit = root, name, size, fps, limit
-        self.file = self.frames = 0
-        self._open: Any = None
-
-    @property
-    def _path(self) -> Path:
-        return self.root / folder.VIDEO.format(video_key=self.name, **folder.place(self.file))
-
-    def add(self, frames: NDArray[np.uint8]) -> dict[str, Any]:
-        """Appends an episode, and says where it lies."""
-        if self._open is not None and self._path.stat().st_size > self.limit * 1e6:
-            self.close()
-            self.file, self.frames = self.file + 1, 0
-        if self._open is None:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            code = cv2.VideoWriter.fourcc(*_FOURCC)
-            self._open = cv2.VideoWriter(
-                str(self._path), cv2.CAP_FFMPEG, code, float(self.fps), self.size
-            )
-            if not self._open.isOpened():
-                raise DataError(f"{self._path}: this OpenCV writes no MPEG-4; give images=png")
-        start = self.frames
-        for frame in frames:
-            self._open.write(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
-        self.frames += len(frames)
-        about = {**folder.place(self.file), "from_timestamp": start / self.fps}
-        about["to_timestamp"] = self.frames / self.fps
-        return {f"videos/{self.name}/{key}": value for key, value in about.items()}
-
-    def close(self) -> None:
-        """Ends the file."""
-        if self._open is not None:
-            self._open.release()
-            self._open = None
-
-    def info(self) -> dict[str, Any]:
-        """What LeRobot says of a video."""
-        return {
-            "video.height": self.size[1],
-            "video.width": self.size[0],
-            "video.codec": _CODEC,
-            "video.pix_fmt": "yuv420p",
-            "video.is_depth_map": False,
-            "video.fps": self.fps,
-            "video.channels": 3,
-            "has_audio": False,
-        }
-
-
-def _even(frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Frames of even height and width, as videos have: the last row or column comes twice."""
-    _, height, width, _ = frames.shape
-    return np.pad(frames, ((0, 0), (0, height % 2), (0, width % 2), (0, 0)), mode="edge")
-
-
-def _common(count: int, fps: int, number: int, start: int, task: int) -> dict[str, NDArray[Any]]:
-    rows = np.arange(count)
-    return {
-        "timestamp": (rows / fps).astype(np.float32),
-        "frame_index": rows,
-        "episode_index": np.full(count, number),
-        "index": start + rows,
-        "task_index": np.full(count, task),
-    }
-
-
-def _column(arrow: Any, values: Any, feature: dict[str, Any]) -> Any:
-    if feature["dtype"] == "image":
-        kind = arrow.struct([("bytes", arrow.binary()), ("path", arrow.string())])
-        return arrow.array(values, kind)
-    flat = np.ascontiguousarray(values, dtype=feature["dtype"]).reshape(len(values), -1)
-    if feature["shape"] == [1]:  # a scalar in LeRobot's tables
-        return arrow.array(flat[:, 0])
-    return arrow.FixedSizeListArray.from_arrays(arrow.array(flat.ravel()), flat.shape[1])
-
-
-def _tasks(arrow: Any, tasks: list[str]) -> Any:
-    """Tasks, indexed by their words where pandas reads them, as LeRobot does."""
-    table = arrow.table(
-        {"task_index": arrow.array(range(len(tasks)), arrow.int64()), "task": tasks}
-    )
-    index = {
-        "index_columns": ["task"],
-        "column_indexes": [],
-        "columns": [
-            _pandas("task_index", "int64", "int64"),
-            _pandas("task", "unicode", "object"),
-        ],
-        "creator": {"library": "pyarrow", "version": arrow.__version__},
-        "pandas_version": "2.0.0",
-    }
-    return table.replace_schema_metadata({"pandas": json.dumps(index)})
-
-
-def _pandas(name: str, kind: str, numpy_kind: str) -> dict[str, Any]:
-    return {
-        "name": name,
-        "field_name": name,
-        "pandas_type": kind,
-        "numpy_type": numpy_kind,
-        "metadata": None,
-    }

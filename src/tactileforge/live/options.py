@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from tactileforge.contracts import ACTIONS
 from tactileforge.data.pictures import CODECS
 from tactileforge.errors import ConfigError, unknown
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+T = TypeVar("T", bound="DataclassInstance")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,8 +112,23 @@ class Options:
         """
         known = {one.name for one in fields(cls)}
         values = {key: value for key, value in given.items() if key in known}
-        background = dict(values.pop("background", None) or {})
-        for key in background:
-            if key not in (names := [one.name for one in fields(Background)]):
-                raise ConfigError(unknown("key of background", key, names))
-        return cls(**values, background=Background(**background))
+        background = part("background", Background, values.pop("background", None) or {})
+        return cls(**values, background=background)
+
+
+def part(name: str, kind: type[T], given: Mapping[str, Any]) -> T:
+    """A group of options from a configuration.
+
+    Args:
+        name: Of the group.
+        kind: Its dataclass.
+        given: Its keys.
+
+    Raises:
+        ConfigError: An unknown key, or a value that does not fit.
+    """
+    known = [one.name for one in fields(kind)]
+    for key in given:
+        if key not in known:
+            raise ConfigError(unknown(f"key of {name}", key, known))
+    return kind(**given)

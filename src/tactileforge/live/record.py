@@ -9,7 +9,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -26,7 +25,7 @@ from tactileforge.live.options import Options
 from tactileforge.live.raw import Raw
 from tactileforge.live.reel import Reel, Samples, Shot
 from tactileforge.live.rig import Device, Rig
-from tactileforge.live.status import Status
+from tactileforge.live.status import Status, Summary
 from tactileforge.live.store import Store
 from tactileforge.live.wrench import at_times, axes_matrix, turned
 
@@ -35,25 +34,6 @@ _LATE = 2.0
 #: Seconds between two looks at everything.
 _TICK = 0.05
 _NO_FRAMES = ArrayFrames(np.zeros((1, 1, 1, 3), np.uint8))
-
-
-@dataclass
-class Summary:
-    """What was recorded.
-
-    Attributes:
-        takes: Takes with at least one segment.
-        seconds: Their duration together, s.
-        frames: Frames of each sensor.
-        dropped: Frames of each device that found the queues full.
-        bytes: Size of the shards.
-    """
-
-    takes: int
-    seconds: float
-    frames: dict[str, int]
-    dropped: dict[str, int]
-    bytes: int
 
 
 def record(

@@ -9,9 +9,9 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
 from tactileforge import settings
-from tactileforge.errors import ConfigError, unknown
+from tactileforge.errors import ConfigError
 from tactileforge.live.contact import ContactOptions, SlipOptions
-from tactileforge.live.options import Background
+from tactileforge.live.options import Background, part
 from tactileforge.live.publish import JsonLines, Publisher, built
 from tactileforge.live.show import Show, ShowOptions, show
 from tactileforge.live.show_status import ShowStatus
@@ -79,25 +79,17 @@ def options_of(config: Mapping[str, Any]) -> ShowOptions:
     """
     background = dict(config["background"])
     image = background.pop("image", "") or ""
-    parts = {key: _part(key, kind, config[key]) for key, kind in _PARTS.items()}
+    parts = {key: part(key, kind, config[key]) for key, kind in _PARTS.items()}
     for key in ("seconds", "frames"):
         if config[key] is not None and not config[key] > 0:
             raise ConfigError(f"{key}={config[key]}: give a value above 0")
     names = ("embedding", "unknown_sensor", "reconnect", "seconds", "frames")
     return ShowOptions(
-        background=_part("background", Background, background),
+        background=part("background", Background, background),
         image=str(image),
         **parts,
         **{name: config[name] for name in names},
     )
-
-
-def _part(name: str, kind: type[Any], given: Mapping[str, Any]) -> Any:
-    known = list(kind.__dataclass_fields__)
-    for key in given:
-        if key not in known:
-            raise ConfigError(unknown(f"key of {name}", key, known))
-    return kind(**given)
 
 
 def _model(config: Mapping[str, Any]) -> Model | None:

@@ -5,17 +5,36 @@ from __future__ import annotations
 import shutil
 import sys
 import time
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, TextIO
 
 from tactileforge.live.reel import Reel
 from tactileforge.sensors.health import TROUBLES
 
 if TYPE_CHECKING:
-    from tactileforge.live.record import Summary
     from tactileforge.live.rig import Device, Rig
 
 #: Seconds between two lines: on a terminal, where each takes the place of the last, and elsewhere.
 _TERMINAL, _ELSEWHERE = 0.25, 5.0
+
+
+@dataclass
+class Summary:
+    """What was recorded.
+
+    Attributes:
+        takes: Takes with at least one segment.
+        seconds: Their duration together, s.
+        frames: Frames of each sensor.
+        dropped: Frames of each device that found the queues full.
+        bytes: Size of the shards.
+    """
+
+    takes: int
+    seconds: float
+    frames: dict[str, int]
+    dropped: dict[str, int]
+    bytes: int
 
 
 class Status:

@@ -12,8 +12,8 @@ from tactileforge import registry, settings
 from tactileforge.contracts import Sensor
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.live.options import Options
-from tactileforge.live.record import Summary, record
-from tactileforge.live.status import Status
+from tactileforge.live.record import record
+from tactileforge.live.status import Status, Summary
 
 
 def main(argv: Sequence[str]) -> int:
