@@ -158,6 +158,17 @@ def test_jobs_of_hydra_train_the_same(train: list[list[str]], tmp_path: Path) ->
     assert all(job.finished for job in runs)
 
 
+@pytest.mark.slow
+@pytest.mark.filterwarnings("default")  # of Ray
+def test_jobs_of_ray_train_in_its_processes(tmp_path: Path) -> None:
+    pytest.importorskip("hydra_plugins.hydra_ray_launcher")
+    words = ["recipe=mae", "scale=demo", "debug=steps", "data.scenes=2", "data.val=1"]
+    words += ["data.size=32", "encoder.image_size=32", "batch.size=4"]
+    runs = [Job(f"a-{i}", tmp_path / f"a-{i}", [*words, f"seed={i}"]) for i in range(2)]
+    pretrain.train_all(runs, ["hydra/launcher=ray"])
+    assert all(job.finished for job in runs)
+
+
 def test_curves_of_a_run(tmp_path: Path) -> None:
     folder = tmp_path / "metrics" / "version_0"
     folder.mkdir(parents=True)
