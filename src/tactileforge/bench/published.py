@@ -35,11 +35,12 @@ class Published:
 
 
 def of_zoo() -> list[Published]:
-    """The numbers of all cards, in the order of their names."""
+    """What others measured, of all cards, in the order of their names."""
     return [
         Published(f"{card.name}.{r.model}", r.task, r.metric, r.value, r.unit, r.source)
         for card in map(cards.read, cards.names())
         for r in card.results
+        if not r.is_ours
     ]
 
 

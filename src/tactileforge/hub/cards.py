@@ -75,7 +75,7 @@ class Result:
         value: The number.
         unit: Of the number; "" for a plain one.
         model: Which weights gave it.
-        source: Where it can be looked up.
+        source: Where it can be looked up; a page of ``docs/`` for what we measured.
     """
 
     task: str
@@ -84,6 +84,11 @@ class Result:
     unit: str
     model: str
     source: str
+
+    @property
+    def is_ours(self) -> bool:
+        """Whether we measured it."""
+        return self.source.startswith("docs/")
 
 
 @dataclass(frozen=True, kw_only=True)
