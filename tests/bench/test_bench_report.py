@@ -138,6 +138,7 @@ def test_losses_of_probes_are_drawn_where_they_are_known(tmp_path: Path) -> None
     found, html = page(tmp_path, given)
     assert html.count("<svg role") == before.count("<svg role") + 1
     assert "no loss is a finite number" in found.text
+    assert "loss over epochs" in html
     assert found.text.index("Of the probes, by epoch") > found.text.index("a panel an objective")
     given["cells"][0]["curve"] = {"train": "falling"}
     with pytest.raises(ConfigError, match="curve is"):

@@ -116,6 +116,7 @@ class Given:
 
 
 def main(out, given):
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs in the background ignore it
     arguments = json.loads(given)
     if limit := arguments.pop("file_limit", None):
         import resource

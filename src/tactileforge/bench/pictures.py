@@ -154,7 +154,7 @@ def _probes(results: Results, found: Scores) -> str:
             if train := curve.get("train", []):
                 epochs = list(range(1, len(train) + 1))
                 drawings.append(
-                    _loss(names[model.name], epochs, train, curve.get("validation", []))
+                    _loss(names[model.name], epochs, train, curve.get("validation", []), "epoch")
                 )
         if drawings:
             body += _folded(task.title, panels(drawings), is_open=False)
@@ -163,12 +163,16 @@ def _probes(results: Results, found: Scores) -> str:
 
 
 def _loss(
-    title: str, steps: Sequence[float], train: Sequence[float], validation: Sequence[float]
+    title: str,
+    steps: Sequence[float],
+    train: Sequence[float],
+    validation: Sequence[float],
+    unit: str = "step",
 ) -> str:
-    drawn = [_curve(steps, values) for values in (train, validation)]
-    if drawn == [None, None]:
+    first, second = _curve(steps, train), _curve(steps, validation)
+    if first is None and second is None:
         return panel(title, "", "no loss is a finite number")
-    return panel(title, curve_figure("loss", int(max(steps)), *drawn))
+    return panel(title, curve_figure("loss", int(max(steps)), first, second, unit=unit))
 
 
 def _curve(steps: Sequence[float], values: Sequence[float]) -> Curve | None:

@@ -74,6 +74,8 @@ def curve_figure(
     train: Curve | None,
     val: Curve | None = None,
     weight: Curve | None = None,
+    *,
+    unit: str = "step",
 ) -> str:
     """A value in training and validation over the steps of a run.
 
@@ -83,6 +85,7 @@ def curve_figure(
         train: A line.
         val: Points, joined.
         weight: Weight of the objective, a shaded area on an axis of its own.
+        unit: What a step is.
     """
     with drawing(4.2, 2.4) as (figure, axes):
         if weight is not None:
@@ -95,9 +98,9 @@ def curve_figure(
         if label == "loss":
             values = [curve.values for curve in (train, val) if curve is not None]
             _log_if_wide(axes, np.concatenate(values or [np.zeros(0)]))
-        axes.set(xlim=(0, max(last_step, 1)), xlabel="step", ylabel=label)
+        axes.set(xlim=(0, max(last_step, 1)), xlabel=unit, ylabel=label)
         shaded = ", and the weight of the objective" * (weight is not None)
-        return svg(figure, f"{label} over steps{shaded}")
+        return svg(figure, f"{label} over {unit}s{shaded}")
 
 
 def _shade(axes: Any, weight: Curve) -> None:
