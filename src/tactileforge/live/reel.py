@@ -113,14 +113,18 @@ class Samples:
     def __init__(self, hold: int) -> None:
         self.hold = hold
         self.dropped = 0
-        self._kept: deque[tuple[float, NDArray[np.float32]]] = deque()
+        # arrays from the start: to make them of thousands of samples would hold up every thread
+        self._times = np.empty(hold, np.float64)
+        self._values = np.empty((hold, 6), np.float32)
+        self._count = 0
+        self._lock = threading.Lock()
         self._from = math.inf
 
     def start(self, time: float, end: float) -> None:
         """Keeps samples from a time on; also those after the end, to interpolate."""
-        self._kept.clear()
-        self.dropped = 0
-        self._from = time
+        with self._lock:
+            self._count = self.dropped = 0
+            self._from = time
 
     def stop(self) -> None:
         """Keeps no more samples."""
@@ -130,22 +134,26 @@ class Samples:
         """Takes a sample; called by the thread of its sensor."""
         if frame.time < self._from or frame.raw is None:
             return
-        if len(self._kept) >= self.hold:
-            self.dropped += 1
-            return
-        self._kept.append((frame.time, frame.raw))
+        with self._lock:
+            if self._count == self.hold:
+                self.dropped += 1
+                return
+            self._times[self._count] = frame.time
+            self._values[self._count] = frame.raw
+            self._count += 1
 
     def all(self) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
         """Times (N,) and wrenches (N, 6) of what is kept."""
-        kept = list(self._kept)
-        times = np.array([time for time, _ in kept], np.float64)
-        values = np.array([raw for _, raw in kept], np.float32)
-        return times, values.reshape(len(kept), 6)
+        with self._lock:
+            return self._times[: self._count].copy(), self._values[: self._count].copy()
 
     def cut(self, until: float) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
         """Takes out those before a time."""
-        times, values = self.all()
-        count = int(np.searchsorted(times, until))
-        for _ in range(count):
-            self._kept.popleft()
-        return times[:count], values[:count]
+        with self._lock:
+            end = self._count
+            count = int(np.searchsorted(self._times[:end], until))
+            found = self._times[:count].copy(), self._values[:count].copy()
+            self._times[: end - count] = self._times[count:end]
+            self._values[: end - count] = self._values[count:end]
+            self._count = end - count
+        return found
