@@ -283,6 +283,6 @@ def test_the_background_is_the_median_or_a_file(scripted, tmp_path):
 
 def test_it_ends_when_stopped(scripted, model):
     stop = threading.Event()
-    threading.Timer(1.0, stop.set).start()
+    threading.Timer(3.0, stop.set).start()
     found, _ = messages_of(Show({"left": scripted()}, model, options(seconds=None)), stop)
     assert found

@@ -98,7 +98,6 @@ def quick_switches() -> Iterator[None]:
     """
     before = sys.getswitchinterval()
     sys.setswitchinterval(0.0001)
-    gc.collect()
     gc.freeze()
     try:
         yield
