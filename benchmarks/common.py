@@ -5,15 +5,56 @@ from __future__ import annotations
 import json
 import platform
 import statistics
+import threading
 import time
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import torch
 
 RESULTS = Path(__file__).parent / "results"
+
+
+def memory_mb(kind: str = "VmRSS") -> float:
+    """Memory of this process now, MB (2**20).
+
+    Args:
+        kind: ``VmRSS`` for all that is resident, ``RssAnon`` for what is not mapped from files.
+    """
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return int(next(line for line in lines if line.startswith(kind)).split()[1]) / 1024
+
+
+class Memory(threading.Thread):
+    """Samples the memory of this process while its block runs.
+
+    Args:
+        every: Seconds between samples.
+        kind: See `memory_mb`.
+
+    Attributes:
+        mb: The samples, MB.
+    """
+
+    def __init__(self, every: float, kind: str = "VmRSS") -> None:
+        super().__init__(daemon=True)
+        self.every, self.kind, self.ended = every, kind, threading.Event()
+        self.mb = [memory_mb(kind)]
+
+    def run(self) -> None:
+        """Samples until the block ends."""
+        while not self.ended.wait(self.every):
+            self.mb.append(memory_mb(self.kind))
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.ended.set()
+        self.join()
 
 
 def side_by_side(

@@ -31,7 +31,7 @@ os.environ["OMP_NUM_THREADS"] = "1"
 import cv2
 import numpy as np
 import torch
-from common import save, side_by_side
+from common import memory_mb, save, side_by_side
 from PIL import Image
 from torch.nn import functional as F
 
@@ -163,15 +163,9 @@ class Still:
 VIDEO: Any = Still()
 
 
-def resident() -> float:
-    """Megabytes of this process that are in memory now."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
-
-
 def streamed(folder: str) -> dict[str, float]:
     """Seconds to the first batch, and megabytes after 300."""
-    before = resident()
+    before = memory_mb()
     start = time.perf_counter()
     data = TouchData(
         Shards(folder), frames=4, size=(32, 32), workers=0, batch_size=32, cache_mb=16, hop=0.2
@@ -180,10 +174,10 @@ def streamed(folder: str) -> dict[str, float]:
     stream = data.stream()
     stream[0]
     first = time.perf_counter() - start
-    peak = resident()
+    peak = memory_mb()
     for number in range(1, 300):
         stream[number * 7]
-        peak = max(peak, resident())
+        peak = max(peak, memory_mb())
     return {
         "first batch, s": round(first, 2),
         "before, MB": round(before, 1),

@@ -11,12 +11,11 @@ from __future__ import annotations
 
 import sys
 import tempfile
-import threading
 from pathlib import Path
 
 import numpy as np
 import torch
-from common import save
+from common import Memory, save
 from probe import NODE, task
 
 from tactileforge.bench import targets
@@ -27,33 +26,6 @@ from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.hub.files import describe
 
 SIZE = 64
-
-
-def anonymous() -> float:
-    """Anonymous memory of this process, MB."""
-    lines = Path("/proc/self/status").read_text().splitlines()
-    return int(next(line for line in lines if line.startswith("RssAnon")).split()[1]) / 1000
-
-
-class Peak:
-    """The most that was seen meanwhile."""
-
-    def __init__(self) -> None:
-        self.before = self.highest = anonymous()
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._watch)
-
-    def _watch(self) -> None:
-        while not self._stop.wait(0.1):
-            self.highest = max(self.highest, anonymous())
-
-    def __enter__(self) -> Peak:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._stop.set()
-        self._thread.join()
 
 
 def main(count: int = 500) -> None:
@@ -69,12 +41,12 @@ def main(count: int = 500) -> None:
         store = Store(Path(place), workers=2, batch=16)
         features(store, subject, source, np.resize(clips, 100), ["tokens"])  # what is kept for good
         for many in (count, 10 * count):
-            with Peak() as peak:
+            with Memory(0.1, "RssAnon") as memory:
                 arrays = features(store, subject, source, np.resize(clips, many), ["tokens"])
-            size = next(iter(arrays.values())).nbytes / 1e6
+            size = next(iter(arrays.values())).nbytes / 2**20
             found[f"{many} clips"] = {
-                "before_mb": round(peak.before, 1),
-                "highest_mb": round(peak.highest, 1),
+                "before_mb": round(memory.mb[0], 1),
+                "highest_mb": round(max(memory.mb), 1),
                 "features_mb": round(size, 1),
             }
     few, all_ = (row["highest_mb"] for row in found.values())

@@ -10,10 +10,8 @@ from __future__ import annotations
 
 import argparse
 import multiprocessing as mp
-import resource
 import struct
 import tempfile
-import threading
 import time
 from collections.abc import Iterator
 from multiprocessing.connection import Connection
@@ -21,7 +19,7 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from common import save
+from common import Memory, save
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Frame, Recording, SensorSpec
@@ -122,21 +120,6 @@ def emulate(rate: float, pipe: Connection) -> None:
         pipe.recv()
 
 
-class Memory(threading.Thread):
-    """Samples the memory of this process."""
-
-    def __init__(self, every: float) -> None:
-        super().__init__(daemon=True)
-        self.every, self.ended = every, threading.Event()
-        self.mb: list[float] = []
-
-    def run(self) -> None:
-        """Samples until told to end."""
-        while not self.ended.wait(self.every):
-            pages = int(Path("/proc/self/statm").read_text().split()[1])
-            self.mb.append(pages * resource.getpagesize() / 2**20)
-
-
 def errors_ms(seen: NDArray[np.float64], true: NDArray[np.float64]) -> dict[str, float]:
     late = np.abs(seen - true) * 1e3
     at = {"p50": 50, "p99": 99, "max": 100}
@@ -176,14 +159,12 @@ def measure(seconds: float, cameras: int, size: tuple[int, int], rate: float) ->
         port, payload="<6f", header=HEADER.hex(), checksum=CHECKSUM, fps=rate, baudrate=460800
     )
     eyes = {f"camera{i}": SyntheticCamera(i, size) for i in range(cameras)}
-    memory = Memory(max(0.2, seconds / 100))
-    memory.start()
     with tempfile.TemporaryDirectory() as folder:
         options = Options(out=folder, seconds=seconds, background=Background(seconds=0.0))
         used = time.process_time()
-        found = record(options, eyes, force)
+        with Memory(max(0.2, seconds / 100)) as memory:
+            found = record(options, eyes, force)
         used = time.process_time() - used
-        memory.ended.set()
         ours.send("end")
         path = next(Path(folder).glob("train-*.tar"))
         recordings = {str(one.labels["device"]): one for one in shards.read(path)}

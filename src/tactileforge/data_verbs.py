@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
-
-from omegaconf import DictConfig, OmegaConf
 
 from tactileforge import registry, settings
 from tactileforge.contracts import Dataset
@@ -35,58 +33,48 @@ def main(argv: Sequence[str]) -> int:
     if words in (["--help"], ["-h"]):
         print(settings.text(action))
         return 0
-    config = _config(action, words)
-    node: dict[str, Any] = OmegaConf.to_container(config.data, resolve=True)  # type: ignore[assignment]
+    from tactileforge.compose import plain
+
+    config = plain(action, words)
+    node = config["data"]
     verbs[action](registry.build("datasets", node), node["name"], config)
     return 0
 
 
-def _config(action: str, words: Sequence[str]) -> DictConfig:
-    from tactileforge.compose import settings as compose_settings
-
-    config = compose_settings(action, words)
-    settings.require(config)
-    return config
-
-
-def _pack(dataset: Dataset, name: str, config: DictConfig) -> None:
+def _pack(dataset: Dataset, name: str, config: Mapping[str, Any]) -> None:
     from tactileforge.packing import Options, pack, summary
 
-    options: dict[str, Any] = OmegaConf.to_container(config.pack)  # type: ignore[assignment]
-    out = Path(config.out)
-    print(summary(pack(dataset, name, out, Options.of(options))))
+    out = Path(config["out"])
+    print(summary(pack(dataset, name, out, Options.of(config["pack"]))))
     print(f"train on them: tactileforge train data=shards data.root={out}")
 
 
-def _filter(dataset: Dataset, name: str, config: DictConfig) -> None:
+def _filter(dataset: Dataset, name: str, config: Mapping[str, Any]) -> None:
     from tactileforge.packing import Options
     from tactileforge.packing.preview import preview
 
-    options: dict[str, Any] = OmegaConf.to_container(config.pack)  # type: ignore[assignment]
-    page = preview(
-        dataset, name, Path(config.out), Options.of(options), config.recordings, config.frames
-    )
+    out, options = Path(config["out"]), Options.of(config["pack"])
+    page = preview(dataset, name, out, options, config["recordings"], config["frames"])
     print(f"page: {page}")
 
 
-def _inspect(dataset: Dataset, name: str, config: DictConfig) -> None:
+def _inspect(dataset: Dataset, name: str, config: Mapping[str, Any]) -> None:
     from tactileforge.inspection import inspect
 
-    print(inspect(dataset, name, Path(config.out), config.recordings))
-    print(f"page: {config.out}")
+    print(inspect(dataset, name, Path(config["out"]), config["recordings"]))
+    print(f"page: {config['out']}")
 
 
-def _lerobot(dataset: Dataset, name: str, config: DictConfig) -> None:
+def _lerobot(dataset: Dataset, name: str, config: Mapping[str, Any]) -> None:
     from tactileforge.lerobot.write import Options, write
 
-    options: dict[str, Any] = OmegaConf.to_container(config.lerobot)  # type: ignore[assignment]
     splits = ("train", "val")
     recordings = (one for split in splits for one in dataset.recordings(split))
-    found = write(recordings, Path(config.out), Options(**options))
+    found = write(recordings, Path(config["out"]), Options(**config["lerobot"]))
     lost = ", ".join(f"{device} {count}" for device, count in found.dropped.items() if count)
     print(
         f"{found.episodes} episodes, {found.rows} rows at {found.fps} per second; frames that no "
         f"row shows: {lost or 'none'}"
     )
     print(f"features: {', '.join(found.features)}")
-    print(f"LeRobot reads it: LeRobotDataset('local/touch', root='{config.out}')")
+    print(f"LeRobot reads it: LeRobotDataset('local/touch', root='{config['out']}')")

@@ -20,7 +20,16 @@ from tactileforge.bench.grid import (
 )
 from tactileforge.bench.intervals import Interval, difference
 from tactileforge.bench.results import Metric, Model, Results, Task
-from tactileforge.bench.scores import Score, Scores, full_model, missing, sentences, titles, words
+from tactileforge.bench.scores import (
+    Score,
+    Scores,
+    full_model,
+    main_score,
+    missing,
+    sentences,
+    titles,
+    words,
+)
 
 _TEST = "The epoch was chosen on the test set: these numbers are optimistic."
 _MEAN = (
@@ -42,7 +51,7 @@ class Columns:
 
     def score(self, task: Task, model: Model) -> Score | None:
         """What the setting of the main table gave."""
-        return next(iter(self.found.get((task.name, model.name), [])), None)
+        return main_score(self.found, task, model)
 
     def column(self, task: Task, models: Sequence[Model]) -> list[Entry]:
         """Scores of models, the best marked."""

@@ -11,7 +11,7 @@ import numpy as np
 from tactileforge.bench.charts import NAMED, POINTS, confusion, scatter
 from tactileforge.bench.readings import Readings, read_readings
 from tactileforge.bench.results import Results, Task, Training
-from tactileforge.bench.scores import Scores, titles
+from tactileforge.bench.scores import Scores, main_score, titles
 from tactileforge.errors import DataError
 from tactileforge.report.figures import curve_figure
 from tactileforge.report.metrics import Curve
@@ -65,7 +65,7 @@ def _read(
     """Predictions of one task by title of the model, and words on those that are not there."""
     names, readings, trouble = titles(results), {}, []
     for model in results.models:
-        score = next(iter(found.get((task.name, model.name), [])), None)
+        score = main_score(found, task, model)
         if score is None or not score.cells[0].predictions:
             continue
         try:
@@ -149,7 +149,7 @@ def _probes(results: Results, found: Scores) -> str:
     for task in results.tasks:
         drawings = []
         for model in results.models:
-            score = next(iter(found.get((task.name, model.name), [])), None)
+            score = main_score(found, task, model)
             curve = score.cells[0].curve if score else {}
             if train := curve.get("train", []):
                 epochs = list(range(1, len(train) + 1))

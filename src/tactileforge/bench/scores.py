@@ -65,6 +65,11 @@ def scores(results: Results) -> Scores:
     }
 
 
+def main_score(found: Scores, task: Task, model: Model) -> Score | None:
+    """What the setting of the main table gave."""
+    return next(iter(found.get((task.name, model.name), [])), None)
+
+
 def words(results: Results, task: str, model: str) -> list[str]:
     """Why a cell, or a part of it, was not run, and what to do."""
     return [sentences(one) for one in results.not_run if one.covers(task, model)]

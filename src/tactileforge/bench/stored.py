@@ -102,15 +102,13 @@ def _row(where: str, key: str, given: Any) -> Any:
         }
     if key == "cells" and isinstance(row.get("curve"), Mapping):
         row["curve"] = {
-            name: [_number(f"{where}: curve.{name}", value) for value in values]
-            if isinstance(values, list)
-            else values
+            name: _numbers(f"{where}: curve.{name}", values)
             for name, values in row["curve"].items()
         }
     if key == "training":
         for name in ("step", "train", "validation"):
-            if isinstance(row.get(name), list):
-                row[name] = [_number(f"{where}: {name}", value) for value in row[name]]
+            if name in row:
+                row[name] = _numbers(f"{where}: {name}", row[name])
     kinds: dict[str, type[Any]] = {
         "tasks": Task,
         "metrics": Metric,
@@ -120,6 +118,13 @@ def _row(where: str, key: str, given: Any) -> Any:
         "not_run": NotRun,
     }
     return strict.build(kinds[key], where, row)
+
+
+def _numbers(where: str, values: Any) -> Any:
+    """The numbers of a list; anything else is left to the check of types."""
+    if not isinstance(values, list):
+        return values
+    return [_number(where, value) for value in values]
 
 
 def _number(where: str, value: Any) -> float:

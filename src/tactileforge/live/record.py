@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import gc
 import math
 import shutil
-import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -28,6 +25,7 @@ from tactileforge.live.reel import Reel, Samples, Shot
 from tactileforge.live.rig import Device, Rig
 from tactileforge.live.status import Status, Summary
 from tactileforge.live.store import Store
+from tactileforge.live.threads import quick_switches
 from tactileforge.live.wrench import at_times, axes_matrix, turned
 
 #: Seconds that frames may be late before a segment is written without them (the next has them).
@@ -87,23 +85,6 @@ def record(
             "of touch are safe; make room, and record again into the same folder"
         ) from error
     return found
-
-
-@contextmanager
-def quick_switches() -> Iterator[None]:
-    """A thread whose frame has come must not wait for one that is writing, or for the collector.
-
-    Everything that exists already is left out of garbage collection meanwhile: with torch
-    imported, one pass over it stops all threads for a tenth of a second.
-    """
-    before = sys.getswitchinterval()
-    sys.setswitchinterval(0.0001)
-    gc.freeze()
-    try:
-        yield
-    finally:
-        gc.unfreeze()
-        sys.setswitchinterval(before)
 
 
 def _axes(options: Options, name: str) -> Any:

@@ -18,8 +18,8 @@ from tactileforge.live.contact import ContactOptions, SlipOptions
 from tactileforge.live.finger import Finger, Reading, picture_of
 from tactileforge.live.options import Background
 from tactileforge.live.publish import Publisher
-from tactileforge.live.record import quick_switches
 from tactileforge.live.rig import open_all
+from tactileforge.live.threads import quick_switches
 
 #: Seconds in which every sensor must begin to send; and that the loop waits for a frame.
 _PATIENCE, _WAIT = 10.0, 0.1
