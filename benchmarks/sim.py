@@ -21,7 +21,8 @@ import torch
 from common import save, side_by_side
 
 from tactileforge.sim.motions import MOTIONS, Path, Speeds
-from tactileforge.sim.scene import Scene, play
+from tactileforge.sim.play import play
+from tactileforge.sim.scene import Scene
 from tactileforge.sim.shapes import shape
 
 NAMES = ("small_sphere", "pentagram", "small_square_array", "cylindrical")

@@ -19,7 +19,8 @@ from tactileforge.contracts import ACTIONS
 from tactileforge.data.video import VideoFrames
 from tactileforge.sim.devices import DEVICES
 from tactileforge.sim.motions import MOTIONS, Speeds
-from tactileforge.sim.scene import Scene, frame_rate, play
+from tactileforge.sim.play import play
+from tactileforge.sim.scene import Scene, frame_rate
 from tactileforge.sim.shapes import shape
 
 ROOT = Path(__file__).parents[1]

@@ -132,6 +132,7 @@ def _sim(argv: Sequence[str]) -> int:
         lag=config.lag,
         seed=config.seed,
         codec=config.codec,
+        randomise=config.randomise if isinstance(config.randomise, str) else (*config.randomise,),
     )
     folder = Path(config.out)
     train, val = write_seconds(given, folder, config.seconds, config.val, config.processes)

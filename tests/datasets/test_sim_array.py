@@ -30,7 +30,7 @@ def contact(
     shear[0, :, at[0], at[1]] = torch.tensor(traction[:2])
     pose = torch.tensor([[*place, 0.5, 0.0, 0.0]])
     none = torch.zeros(1)
-    return Contact(pose, pressure, shear, none, none, none)
+    return Contact(pose, pressure, shear, *[none] * 6)
 
 
 def test_a_load_lands_on_the_taxels_around_it() -> None:

@@ -6,6 +6,7 @@ from torch import Tensor
 
 from tactileforge.sim import contact
 from tactileforge.sim.gel import Gel, kernel
+from tactileforge.sim.touch import contacts
 
 
 def plane(points: int, spacing: float) -> tuple[Tensor, Tensor]:
@@ -66,12 +67,14 @@ def test_bonded_layer_is_dimitriadis() -> None:
 
 
 def test_forces_measured_on_a_gelsight_mini() -> None:
-    """A sphere of 15 mm: FEATS (Helmut et al., 2024)."""
-    depths = torch.tensor([0.5, 1.0, 1.5, 2.0])
-    _, force = press(Gel(), sphere(7.5, depths, 64, 0.22), 0.22)
-    torch.testing.assert_close(
-        force, torch.tensor([1.650, 5.964, 13.526, 23.253]), rtol=0.1, atol=0
-    )
+    """A sphere of 15 mm, with the friction of 1 that FEATS has (Helmut et al., 2024)."""
+    poses = torch.zeros(1, 13, 6)
+    poses[0, :, 3] = torch.linspace(0, 2, 13)
+    height = -sphere(7.5, torch.zeros(1), 64, 0.22)
+    moments = list(contacts(height, 0.22, [Gel(friction=1.0)], poses, [30.0]))
+    force = torch.stack([moments[i].force[0, 2] for i in (3, 6, 9, 12)])
+    measured = torch.tensor([1.650, 5.964, 13.526, 23.253])
+    torch.testing.assert_close(force, measured, rtol=0.1, atol=0)
 
 
 def test_refinement_converges() -> None:

@@ -28,9 +28,30 @@ def plain(calibration, size=SIZE, grey=120.0, spacing=0.2):
 
 @pytest.mark.parametrize("sensor", STYLES)
 def test_no_contact_shows_the_background(sensor):
-    unit = draw(sensor, 5, SIZE, markers=False)
+    unit = draw(sensor, 5, SIZE, markers=False, randomise="none")
     picture = Optics(unit).render(torch.zeros(1, *SIZE))[0]
     assert torch.equal(picture, (unit.background + 0.5).to(torch.uint8))
+
+
+@pytest.mark.parametrize("name", lighting.names())
+def test_light_that_is_turned_with_the_dent_shows_the_turned_picture(name):
+    """A quarter turn: normals, places and slopes are turned exactly."""
+    how = lighting.load(name)
+    everywhere = torch.zeros_like(how.fine[:, :, :1])
+    everywhere[:, 0] = 1
+    flat = replace(
+        how,
+        fine=how.fine * everywhere,
+        coarse=0 * how.coarse[:9],
+        limits=how.limits[:9],
+        lights=(),
+    )
+    turned = flat.turned([math.pi / 2] * 3)
+    dent = bump(2.5, -1.5, size=(60, 60)) + bump(-3, 2, depth=0.5, size=(60, 60))
+    seen = Optics(plain(flat, (60, 60))).render(dent).int()
+    other = Optics(plain(turned, (60, 60))).render(dent.rot90(-1, (1, 2))).rot90(1, (2, 3)).int()
+    assert (seen - other).abs().max() <= 1
+    assert (seen - 120).abs().max() > 20
 
 
 @pytest.mark.parametrize("name", lighting.names())
@@ -120,7 +141,7 @@ def test_cliffs_and_depths_stay_tame(sensor):
     optics = Optics(draw(sensor, 0, SIZE, markers=False))
     dent = torch.zeros(1, *SIZE)
     dent[:, 20:40, 30:50] = 4.0
-    out = optics._render(dent, None, None)
+    out = optics._light(dent, None)
     assert torch.isfinite(out).all()
     still = optics.render(0 * dent)[0].float()
     change = (optics.render(dent)[0].float() - still).abs()

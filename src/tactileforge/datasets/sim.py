@@ -36,6 +36,8 @@ class Sim:
         markers: Whether the gels have markers; None as their types have.
         viscosity: Relaxation time of the gels, s; forces then lead pictures.
         lag: Seconds by which pictures come later than forces, as from a real camera.
+        randomise: How units of a sensor, and touches, differ: ``none``, ``unit``, ``all``, or names
+            of rows, see `sim.randomise.TABLE`.
         seed: Another seed, other touches.
         cache: Folder that keeps them; None for ``$TACTILEFORGE_CACHE``, or the user's cache.
         processes: Processes that simulate; None for one a core.
@@ -59,6 +61,7 @@ class Sim:
         markers: bool | None = None,
         viscosity: float = 0.0,
         lag: float = 0.0,
+        randomise: str | Sequence[str] = "all",
         seed: int = 0,
         cache: str | None = None,
         processes: int | None = None,
@@ -78,6 +81,7 @@ class Sim:
             "markers": markers,
             "viscosity": viscosity,
             "lag": lag,
+            "randomise": randomise if isinstance(randomise, str) else tuple(randomise),
             "seed": seed,
         }
 

@@ -128,6 +128,7 @@ class SimArray:
             viscosity=0.0,
             lag=0.0,
             seed=self.seed,
+            randomise="none",
         )
 
     @property

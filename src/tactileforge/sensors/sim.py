@@ -164,7 +164,7 @@ def _rested(frames: Iterator[_Shown], number: int) -> Iterator[_Shown]:
 
 def _frames(config: Config) -> Iterator[_Shown]:
     """Frames and forces of one touch after the other, on one unit of the sensor."""
-    from tactileforge.sim.scene import play
+    from tactileforge.sim.play import play
 
     for number in count():
         scene = replace(config.scene(number), unit=config.seed)

@@ -2,7 +2,7 @@
 
 Where shear is below friction times pressure, the gel follows the object; where it has reached that
 bound, the gel slips, and shear points along the slip. The shear of the frame before is kept: the
-path of the object matters. Shear does not act back on the pressure (Goodman's assumption).
+path of the object matters.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from tactileforge.sim.contact import NotConverged
+from tactileforge.sim.contact import NotConverged, look
 from tactileforge.sim.gel import Kernel
 
 #: Largest misfit of sticking points, mm.
@@ -47,15 +47,17 @@ def shear(
     """
     limit = bound[:, None]
     inside = limit > 0
-    now = _within(before if start is None else start, limit)
+    now = within(before if start is None else start, limit)
     slip = torch.where(inside, kernel.drag(now - before) - motion, 0.0)
-    length = torch.full((len(now), 1, 1, 1), 4 / float(kernel.tangent[0].max()), device=now.device)
+    length = (4 / kernel.tangent[0].max()).expand(len(now), 1, 1, 1)
     for count in range(_STEPS):
-        after = _within(now - length * slip, limit)
+        after = within(now - length * slip, limit)
         change = after - now
         misfit = (change.abs() / length).amax((1, 2, 3))
-        if bool((misfit <= tolerance).all()):
+        settled = misfit <= tolerance
+        if look(count, now.device) and bool(settled.all()):
             return after
+        kept = settled[:, None, None, None]
         slipped = torch.where(inside, kernel.drag(after - before) - motion, 0.0)
         bend = slipped - slip
         mixed = _dot(change, bend).clamp(min=1e-20)
@@ -63,18 +65,20 @@ def shear(
         step = mixed / _dot(bend, bend).clamp(min=1e-20)
         if count % 2:
             step = _dot(change, change) / mixed
-        length = step.clamp(1e-4, 1e4)[:, None, None, None]
-        now, slip = after, slipped
+        # What has settled repeats its last step, whatever the others do.
+        length = torch.where(kept, length, step.clamp(1e-4, 1e4)[:, None, None, None])
+        now, slip = torch.where(kept, now, after), torch.where(kept, slip, slipped)
     raise NotConverged(
         f"shear of contact {int(misfit.argmax())} of {len(now)} did not settle in {_STEPS} steps: "
         f"misfit {float(misfit.max()):.2g} mm"
     )
 
 
-def _within(traction: Tensor, limit: Tensor) -> Tensor:
-    """The traction, shortened to the limit where it is longer."""
-    size: Tensor = torch.linalg.vector_norm(traction, dim=1, keepdim=True)
-    return traction * (limit / size.clamp(min=1e-12)).clamp(max=1)
+def within(traction: Tensor, limit: Tensor) -> Tensor:
+    """Shortens a traction (B, 2, n, n) to a limit (B, 1, n, n) where it is longer."""
+    x, y = traction.unbind(1)
+    size = torch.hypot(x, y).clamp_(min=1e-12)[:, None]
+    return traction * (limit / size).clamp_(max=1)
 
 
 def _dot(left: Tensor, right: Tensor) -> Tensor:

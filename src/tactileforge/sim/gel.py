@@ -24,7 +24,8 @@ _LARGEST = 2048
 class Gel:
     """An elastic layer bonded to a rigid back.
 
-    The defaults are those of a GelSight Mini (FEATS: 4 mm, 3 G = 0.435 MPa).
+    The defaults are those of a GelSight Mini (FEATS: 4 mm, 3 G = 0.435 MPa; with its friction of 1,
+    this Poisson's ratio meets the four forces that FEATS measured within 10 %).
 
     Attributes:
         thickness: mm.
@@ -40,7 +41,7 @@ class Gel:
 
     thickness: float = 4.0
     modulus: float = 0.435
-    poisson: float = 0.49
+    poisson: float = 0.4875
     friction: float = 1.0
     dome: float | None = None
     viscosity: float = 0.0
@@ -150,6 +151,23 @@ class Kernel:
     def drag(self, shear: Tensor) -> Tensor:
         """Lateral displacement (mm) of the surface under shear traction (MPa): (..., 2, n, n)."""
         return self.back(self.dragged(self.spectrum(shear)))
+
+    def spread(self, pressure: Tensor) -> Tensor:
+        """Lateral displacement (mm) of the surface under pressure (MPa): (..., 2, n, n)."""
+        return self.back(1j * self.coupling * self.spectrum(pressure)[..., None, :, :])
+
+    def lift(self, shear: Tensor) -> Tensor:
+        """Depth (mm) of the surface under shear traction (MPa), from (..., 2, n, n).
+
+        By reciprocity it is the transpose of `spread`: the gel bulges ahead of what drags it, and
+        sinks behind.
+        """
+        return self.back(self.lifted(self.spectrum(shear)))
+
+    def lifted(self, shear: Tensor) -> Tensor:
+        """The spectrum of the depth, for one of the shear traction: (..., 2n, n+1)."""
+        out: Tensor = (-1j * self.coupling * shear).sum(-3)
+        return out
 
     def dragged(self, shear: Tensor) -> Tensor:
         """The spectrum of the lateral displacement, for one of the traction: (..., 2, 2n, n+1)."""

@@ -61,9 +61,53 @@ class Calibration:
             backgrounds=self.backgrounds * ground,
         )
 
+    def turned(self, angles: Sequence[float]) -> Calibration:
+        """The calibration of a sensor whose light of each colour comes from another direction.
+
+        Args:
+            angles: Of R, G, B: rad, clockwise in the picture.
+        """
+        fine = torch.stack(
+            [
+                torch.einsum("jk,kp->jp", _turning(angle), self.fine[..., channel])
+                for channel, angle in enumerate(angles)
+            ],
+            -1,
+        )
+        slopes = [i for blur in range(len(BLURS)) for i in (3 * blur, 3 * blur + 1)]
+        coarse = self.coarse.clone()
+        for channel, angle in enumerate(angles):
+            cos, sin = math.cos(angle), math.sin(angle)
+            right, down = (
+                self.coarse[slopes[::2], :, channel],
+                self.coarse[slopes[1::2], :, channel],
+            )
+            coarse[slopes[::2], :, channel] = cos * right - sin * down
+            coarse[slopes[1::2], :, channel] = sin * right + cos * down
+        return replace(self, fine=fine, coarse=coarse)
+
+    def contrasted(self, gain: float) -> Calibration:
+        """The calibration of a sensor whose picture changes so many times as much."""
+        return replace(self, fine=gain * self.fine, coarse=gain * self.coarse)
+
     def coloured(self, mixing: Tensor) -> Calibration:
         """The same surface seen through other colours: channels are mixed by a matrix (3, 3)."""
         return replace(self, fine=self.fine @ mixing.T, coarse=self.coarse @ mixing.T)
+
+
+@lru_cache(maxsize=64)
+def _turning(angle: float) -> Tensor:
+    """What turns weights of `features.fine`: float32 (len(POWERS), len(POWERS)).
+
+    Light that comes from ``angle`` further on sees a normal as the old light sees the normal turned
+    back. Powers of one degree become powers of that degree, so few normals determine all.
+    """
+    grid = torch.linspace(-0.6, 0.6, 9, dtype=torch.float64)
+    x, y = (n.flatten() for n in torch.meshgrid(grid, grid, indexing="xy"))
+    cos, sin = math.cos(angle), math.sin(angle)
+    seen = torch.stack(fine(cos * x + sin * y, cos * y - sin * x), 1)
+    turned: Tensor = torch.linalg.lstsq(torch.stack(fine(x, y), 1), seen).solution
+    return turned.float()
 
 
 def background(coefficients: Tensor, height: int, width: int) -> Tensor:

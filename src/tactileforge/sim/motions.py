@@ -26,9 +26,37 @@ _WAYS = {
     _STAY: (0, 0, 0, 0),
 }
 #: Distance from the gel, mm, before a press and after a lift.
-_CLEAR = 0.05
+CLEAR = 0.05
 #: The trials of the paper's force collection: press, slide forth and back, right and left, lift.
 FORCE_TRIAL = ("press", "slide_up", "slide_down", "slide_left", "slide_right", "leave")
+
+
+@dataclass(frozen=True)
+class Sway:
+    """How a path is left by a hand that is not steady, and by a table that is not level.
+
+    It grows with the depth of the path, and is nothing where the object is clear of the gel.
+
+    Attributes:
+        slope: Depth that is gained along x and y from the first touch, mm/mm.
+        size: float64 (W, 6), what each wave adds to a pose.
+        hertz: float64 (W,), frequencies of the waves.
+        phase: float64 (W, 6), rad.
+    """
+
+    slope: NDArray[np.float64]
+    size: NDArray[np.float64]
+    hertz: NDArray[np.float64]
+    phase: NDArray[np.float64]
+
+    def __call__(
+        self, times: NDArray[np.float64], moved: NDArray[np.float64], share: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Adds to poses (T, 6), by times (T,), motion since the start (T, 2) and share (T,)."""
+        angle = 2 * np.pi * self.hertz[:, None] * times[:, None, None] + self.phase
+        added: NDArray[np.float64] = (self.size * np.sin(angle)).sum(1)
+        added[:, 3] += moved @ self.slope
+        return added * share[:, None]
 
 
 @dataclass(frozen=True)
@@ -41,11 +69,13 @@ class Path:
             (rad, clockwise in the picture), depth (mm beyond the first touch), tilt along x and
             along y (slope).
         actions: One for each phase, that is K - 1; ``stay`` is none.
+        sway: How the path is left; None for a machine.
     """
 
     times: NDArray[np.float64]
     poses: NDArray[np.float64]
     actions: tuple[str, ...]
+    sway: Sway | None = None
 
     @property
     def seconds(self) -> float:
@@ -59,6 +89,9 @@ class Path:
         x = np.clip((times - start) / length, 0, 1)[:, None]
         before = self.poses[phase]
         out: NDArray[np.float64] = before + x * x * (3 - 2 * x) * (self.poses[phase + 1] - before)
+        if self.sway is not None:
+            share = np.clip(out[:, 3] / self.poses[:, 3].max(), 0, 1)
+            out = out + self.sway(times, out[:, :2] - self.poses[0, :2], share)
         return out
 
     def action(self, times: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -71,8 +104,12 @@ class Path:
         """The path in a mirror that swaps left and right."""
         swap = {"slide_left": "slide_right", "rotate_cw": "rotate_ccw"}
         swap |= {new: old for old, new in swap.items()}
-        poses = self.poses * np.array([-1, 1, -1, 1, -1, 1])
-        return replace(self, poses=poses, actions=tuple(swap.get(a, a) for a in self.actions))
+        sign = np.array([-1, 1, -1, 1, -1, 1])
+        sway = self.sway and replace(
+            self.sway, slope=self.sway.slope * sign[:2], size=self.sway.size * sign
+        )
+        actions = tuple(swap.get(a, a) for a in self.actions)
+        return replace(self, poses=self.poses * sign, actions=actions, sway=sway)
 
     def _phase(self, times: NDArray[np.float64]) -> NDArray[np.intp]:
         found = np.searchsorted(self.times, times, side="right") - 1
@@ -112,7 +149,7 @@ def chain(actions: Sequence[str], start: Sequence[float], speeds: Speeds) -> Pat
     size = np.array([speeds.slide, speeds.slide, speeds.turn, speeds.depth])
     x, y, angle, *tilt = start
     pose = np.array([x, y, angle, 0.0, *tilt])
-    clear = pose - np.array([0, 0, 0, _CLEAR, 0, 0])
+    clear = pose - np.array([0, 0, 0, CLEAR, 0, 0])
     times, poses, phases = [0.0, speeds.rest], [clear, clear], [_STAY]
     for action in actions:
         if action not in _WAYS:
@@ -166,11 +203,11 @@ def manipulation(start: Sequence[float], speeds: Speeds, rng: np.random.Generato
     Every motion has several components, so only its press and its lift are named actions.
     """
     x, y, angle, *tilt = start
-    pose = np.array([x, y, angle, -_CLEAR, *tilt])
+    pose = np.array([x, y, angle, -CLEAR, *tilt])
     times, poses, phases = [0.0, max(speeds.rest, 1e-3)], [pose, pose], [_STAY]
     spread = np.array([speeds.slide / 2, speeds.slide / 2, speeds.turn, 0, 0.02, 0.02])
     for phase in ("press", _STAY, _STAY, _STAY, _STAY, "leave"):
-        depth = -_CLEAR if phase == "leave" else speeds.depth * rng.uniform(0.5, 1)
+        depth = -CLEAR if phase == "leave" else speeds.depth * rng.uniform(0.5, 1)
         target = np.array([x, y, angle, depth, *tilt]) + spread * rng.uniform(-1, 1, 6)
         if phase != _STAY:
             target[[0, 1, 2, 4, 5]] = poses[-1][[0, 1, 2, 4, 5]]

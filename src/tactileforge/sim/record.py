@@ -29,7 +29,9 @@ from tactileforge.data.index import Entry, Index
 from tactileforge.errors import ConfigError, TactileForgeError, unknown
 from tactileforge.sim.devices import DEVICES, device
 from tactileforge.sim.motions import MOTIONS
-from tactileforge.sim.scene import Scene, draw, frame_rate, play
+from tactileforge.sim.play import play
+from tactileforge.sim.randomise import rows
+from tactileforge.sim.scene import Scene, draw, frame_rate
 from tactileforge.sim.shapes import INDENTERS, Shape, shape
 from tactileforge.sim.textures import TEXTURES
 from tactileforge.sim.view import view
@@ -82,6 +84,7 @@ class Config:
         lag: Seconds by which pictures come later than forces, as from a real camera.
         seed: Another seed, other touches.
         codec: How pictures are stored, see `data.shards.CODECS`.
+        randomise: How units and scenes differ, see `randomise.rows`.
     """
 
     sensors: tuple[str, ...]
@@ -95,6 +98,7 @@ class Config:
     lag: float
     seed: int
     codec: str = "jpg"
+    randomise: str | tuple[str, ...] = "all"
 
     def __post_init__(self) -> None:
         if not self.sensors:
@@ -103,6 +107,7 @@ class Config:
             device(sensor)
         self.shapes("train")
         self.moves(False)
+        rows(self.randomise)
         if not 0 <= self.lag < 1:
             raise ConfigError(f"sim: lag is {self.lag} s; give 0 or more, below 1")
         if self.codec not in shards.CODECS:
@@ -151,7 +156,14 @@ class Config:
         rng = np.random.default_rng([self.seed, number])
         motion = moves[int(rng.integers(len(moves)))]
         seed = int(rng.integers(1 << 31))
-        return draw(seed, chosen, motion, force=self.force, seconds=self.seconds)
+        return draw(
+            seed,
+            chosen,
+            motion,
+            force=self.force,
+            seconds=self.seconds,
+            randomise=self.randomise,
+        )
 
 
 def _shuffled(count: int, seed: int, place: int) -> int:
@@ -205,7 +217,12 @@ def recordings(config: Config, number: int) -> list[shards.Packed]:
             action=scene.path.action(times),
             object=scene.shape.name,
             text=f"{{action}} a {scene.shape.words} {kind}",
-            labels={"motion": scene.motion, "grip": scene.grip, "torque_max": twist},
+            labels={
+                "motion": scene.motion,
+                "grip": scene.grip,
+                "softness": scene.row["softness"],
+                "torque_max": twist,
+            },
             source="simulated by tactileforge",
             tier=_TIERS.get(scene.motion, 3),
             licence="CC0-1.0",

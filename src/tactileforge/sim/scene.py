@@ -1,34 +1,46 @@
-"""A touch from a seed, and its pictures and forces on any number of sensors."""
+"""A touch from a seed: what touches, how it moves, and what a sensor and a hand make of it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
+from functools import cached_property
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from tactileforge.errors import ConfigError, unknown
-from tactileforge.sim import contact
-from tactileforge.sim.devices import FPS, device
-from tactileforge.sim.gel import Gel, kernel
-from tactileforge.sim.motions import MOTIONS, Path, Speeds
-from tactileforge.sim.optics import Optics
+from tactileforge.sim.devices import DEVICES, FPS
+from tactileforge.sim.gel import Gel
+from tactileforge.sim.motions import CLEAR, MOTIONS, Path, Speeds, Sway
+from tactileforge.sim.randomise import TABLE, Choice, Draw
+from tactileforge.sim.reliefs import bumps
 from tactileforge.sim.shapes import Shape
-from tactileforge.sim.surface import DETAIL, Surface
-from tactileforge.sim.touch import Contact, contacts
-from tactileforge.sim.units import draw as draw_unit
+from tactileforge.sim.solids import DEEP, printed
+from tactileforge.sim.touch import contacts, window
 from tactileforge.specs import spec
 
 #: The solver's grid: points a side, mm between them. It is 14.4 mm wide.
 POINTS, SPACING = 72, 0.2
-#: Frames that are rendered at a time.
-_CHUNK = 8
-#: Depths (mm) at which the force of a shape is sounded.
+#: Depths (mm) at which the force of a shape is sounded; no press goes deeper than the last.
 _DEPTHS = (0.05, 0.1, 0.2, 0.35, 0.55, 0.8, 1.1, 1.5)
+#: Waves of an unsteady hand, their frequencies (Hz), and what they add to a pose, mm and rad, for a
+#: share of 1; depth is a share of the deepest.
+_WAVES, _HERTZ, _SWAY = 4, (0.4, 4.0), (0.25, 0.25, 0.02, 0.5, 0.015, 0.015)
+#: Of printed lines, depth over distance.
+_PRINT = 0.03
+#: Radii (mm) of domes that a gel may have; None is flat.
+_DOMES = (
+    None,
+    *sorted(
+        {
+            d.gel.dome * factor
+            for d in DEVICES.values()
+            if d.gel.dome
+            for factor in (TABLE["dome"].low, 1.0)
+        }
+    ),
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,6 +54,7 @@ class Scene:
         motion: Name of the motion.
         grip: From slippery (0) to sticky (1).
         unit: Draws the units of the sensors instead of the seed, if given.
+        randomise: How units and scenes differ, see `randomise.rows`.
     """
 
     seed: int
@@ -50,10 +63,43 @@ class Scene:
     motion: str
     grip: float = 0.5
     unit: int | None = None
+    randomise: Choice = "unit"
 
     def times(self, fps: float) -> NDArray[np.float64]:
-        """When frames are taken, s."""
+        """When frames are due, s."""
         return np.arange(int(self.path.seconds * fps) + 1) / fps
+
+    def poses(self, fps: float) -> NDArray[np.float64]:
+        """Where the object is when frames are taken, (T, 6): they come a little early or late."""
+        times = self.times(fps)
+        late = self.row["jitter"] * self.row.rng("jitter").standard_normal(len(times)).clip(-2, 2)
+        return self.path.pose(times + late)
+
+    def drift(self, fps: float) -> NDArray[np.float32]:
+        """How the light of each colour has changed, grey levels (T, 3)."""
+        draw = self.row.rng("drift")
+        phase, turns = draw.uniform(0, 2 * np.pi, 3), draw.uniform(0.2, 1.0, 3)
+        times = self.times(fps)[:, None] / max(1e-6, self.path.seconds)
+        waves = np.sin(2 * np.pi * turns * times + phase) - np.sin(phase)
+        return np.asarray(self.row["drift"] * waves, np.float32)
+
+    @property
+    def row(self) -> Draw:
+        """Values of the rows that differ from scene to scene."""
+        return Draw(self.randomise, self.seed)
+
+    @cached_property
+    def heights(self) -> NDArray[np.float32]:
+        """The shape on the solver's grid, mm (POINTS, POINTS)."""
+        return self.shape.map(POINTS, SPACING)
+
+    @cached_property
+    def window(self) -> int:
+        """Points a side of the solver's grid that hold every contact, on the gel of any sensor."""
+        poses = self.path.pose(self.times(FPS))
+        return window(
+            torch.from_numpy(self.heights), SPACING, torch.from_numpy(poses).float(), _DOMES
+        )
 
 
 def frame_rate(sensor: str) -> float:
@@ -68,6 +114,7 @@ def draw(
     *,
     force: tuple[float, float] = (0.5, 8.0),
     seconds: float = 0.6,
+    randomise: Choice = "unit",
 ) -> Scene:
     """Draws a touch: where, how deep, how tilted, how far, how fast, and how sticky.
 
@@ -75,21 +122,24 @@ def draw(
         seed: Same seed, same touch.
         shape: What touches.
         motion: One of `motions.MOTIONS`.
-        force: Range of the largest normal force, N; the depth that gives it is looked up, and kept
-            between 0.05 and 1.5 mm.
+        force: Range of the largest normal force, N; the depth that gives it on a flat gel like the
+            Mini's is looked up. What a shape reaches between 0.05 and 1.5 mm bounds the range.
         seconds: Mean duration of one action.
+        randomise: How units and scenes differ, see `randomise.rows`.
 
     Raises:
-        ConfigError: An unknown motion, or a range that is none.
+        ConfigError: An unknown motion, a range that is none, or one that the shape does not reach.
     """
     if motion not in MOTIONS:
         raise ConfigError(unknown("motion", motion, MOTIONS))
     if not 0 < force[0] <= force[1] or seconds <= 0:
         raise ConfigError(f"scene: force={force} N and seconds={seconds} must be greater than 0")
     rng = np.random.default_rng([seed, 0x51])
-    tilt = rng.normal(0, 0.015, 2)
+    row = Draw(randomise, seed)
+    tilt = rng.normal(0, row["tilt"], 2)
+    shape = _finished(shape, row)
     speeds = Speeds(
-        depth=_depth(shape, tilt, float(np.exp(rng.uniform(*np.log(force))))),
+        depth=_depth(shape, tilt, row["softness"], force, rng.uniform()),
         slide=rng.uniform(1.5, 4.0),
         turn=rng.uniform(0.15, 0.6),
         seconds=seconds * rng.uniform(0.8, 1.2),
@@ -97,162 +147,81 @@ def draw(
     )
     angle = rng.uniform(-np.pi, np.pi)
     start = (*rng.uniform(-2, 2, 2), angle, *tilt)
-    path = MOTIONS[motion](start, speeds, rng)
-    return Scene(seed=seed, shape=shape, path=path, motion=motion, grip=float(rng.uniform()))
+    path = _cleared(MOTIONS[motion](start, speeds, rng), shape)
+    path = replace(path, sway=_sway(row, speeds.depth))
+    grip = float(rng.uniform())
+    return Scene(seed=seed, shape=shape, path=path, motion=motion, grip=grip, randomise=randomise)
 
 
-def _depth(shape: Shape, tilt: NDArray[np.float64], force: float) -> float:
-    """Depth (mm) at which a shape presses with a force (N) on a flat gel like the Mini's."""
+def _finished(shape: Shape, row: Draw) -> Shape:
+    """A shape with the lines of a printer and the grain of a rough surface, where a scene has."""
+    if distance := row["print_lines"]:
+        angle = row.rng("print_lines").uniform(0, 180)
+        shape = printed(shape, distance, _PRINT * distance, angle)
+    if not (rough := row["roughness"]):
+        return shape
+    smooth, grain = shape.height, bumps(0.4, rough, int(row.rng("roughness").integers(1 << 31)))
+    return replace(
+        shape, height=lambda x, y: np.minimum(smooth(x, y) + grain(x, y), DEEP), round=False
+    )
+
+
+def _depth(
+    shape: Shape,
+    tilt: NDArray[np.float64],
+    softness: float,
+    force: tuple[float, float],
+    place: float,
+) -> float:
+    """Depth (mm) at which a shape presses with a force at a place (0 to 1) of a range (N)."""
+    poses = torch.zeros(1, len(_DEPTHS), 6)
+    poses[0, :, 3] = torch.tensor(_DEPTHS)
+    poses[0, :, 4:] = torch.from_numpy(tilt)
+    heights = torch.from_numpy(shape.map(POINTS, SPACING))[None]
+    moments = contacts(heights, SPACING, [Gel()], poses, [FPS], shape.name, [softness])
+    forces = np.array([float(moment.force[0, 2]) for moment in moments])
+    low, high = max(force[0], forces[0]), min(force[1], forces[-1])
+    if low > high:
+        raise ConfigError(
+            f"scene: force={force} N, but {shape.name} presses with {forces[0]:.2g} to "
+            f"{forces[-1]:.3g} N at {_DEPTHS[0]} to {_DEPTHS[-1]} mm; give a range that meets these"
+        )
+    wanted = low * (high / low) ** place
+    return float(np.exp(np.interp(np.log(wanted), np.log(forces), np.log(_DEPTHS))))
+
+
+def _cleared(path: Path, shape: Shape) -> Path:
+    """The path with an end that is clear of any gel, wherever on its dome the object then is."""
     line = (np.arange(POINTS) - (POINTS - 1) / 2) * SPACING
-    height = shape.map(POINTS, SPACING) + tilt[0] * line + tilt[1] * line[:, None]
-    overlap = torch.tensor(_DEPTHS)[:, None, None] - torch.from_numpy(height - height.min()).float()
-    pressure = contact.press(kernel(Gel(), POINTS, SPACING), overlap)
-    forces = pressure.sum((1, 2)) * SPACING**2
-    return float(np.exp(np.interp(np.log(force), forces.log(), np.log(_DEPTHS))))
+    x, y = np.meshgrid(line, line)
+    height = shape.map(POINTS, SPACING)
+
+    def lowest(pose: NDArray[np.float64], bend: float) -> float:
+        cos, sin = np.cos(pose[2]), np.sin(pose[2])
+        across, down = pose[0] + cos * x - sin * y, pose[1] + sin * x + cos * y
+        tilted = height + pose[4] * x + pose[5] * y
+        return float((tilted + bend * (across**2 + down**2)).min())
+
+    bends = [0.0 if dome is None else 1 / (2 * dome) for dome in _DOMES]
+    first, last = path.poses[0], path.poses[-1]
+    touching = min(lowest(last, bend) - lowest(first, bend) for bend in bends)
+    poses = path.poses.copy()
+    ends = (poses[:, 3] <= -CLEAR) & (np.arange(len(poses)) > len(poses) // 2)
+    poses[ends, 3] = min(0.0, touching) - CLEAR
+    return replace(path, poses=poses)
 
 
-@dataclass(frozen=True)
-class Shots:
-    """Some frames of one sensor, in order.
-
-    Attributes:
-        sensor: Place of the sensor in the list that `play` was given.
-        pictures: uint8 (K, H, W, 3), RGB.
-        force: float32 (K, 3), N.
-        torque: float32 (K,), N mm.
-    """
-
-    sensor: int
-    pictures: NDArray[np.uint8]
-    force: NDArray[np.float32]
-    torque: NDArray[np.float32]
-
-
-def play(
-    scene: Scene,
-    sensors: Sequence[str],
-    size: int = 240,
-    *,
-    markers: bool | None = None,
-    viscosity: float = 0.0,
-    device_name: str = "cpu",
-) -> Iterator[Shots]:
-    """Pictures and forces of a touch on several sensors at once, a few frames at a time.
-
-    All sensors feel the same object on the same path; the contact of all is solved in one batch.
-
-    Args:
-        scene: The touch.
-        sensors: Types of sensors, see `devices.DEVICES`.
-        size: Rows or columns of the pictures, whichever are fewer.
-        markers: Whether the gels have markers; None as their types have.
-        viscosity: Relaxation time of the gels, s; their forces then lead their pictures.
-        device_name: Torch device that computes.
-
-    Raises:
-        ConfigError: An unknown sensor, a size that is none, or a shape that is finer than the grid.
-        contact.NotConverged: The message names the seed.
-    """
-    if size < 8:
-        raise ConfigError(f"size is {size} pixels; give 8 or more")
-    views = [_View(scene, i, name, size, markers, device_name) for i, name in enumerate(sensors)]
-    shape, fine = (
-        torch.from_numpy(scene.shape.map(POINTS * n, SPACING / n)).to(device_name)
-        for n in (1, DETAIL)
+def _sway(row: Draw, depth: float) -> Sway | None:
+    """How a hand leaves the path, for a depth (mm)."""
+    share, steep = row["sway"], row["force_follows_shear"]
+    if not share and not steep:
+        return None
+    rng = row.rng("sway")
+    heading = rng.uniform(0, 2 * np.pi)
+    size = np.array(_SWAY) * share * (1, 1, 1, depth, 1, 1)
+    return Sway(
+        slope=steep * np.array([np.cos(heading), np.sin(heading)]),
+        size=size * rng.uniform(0, 1, (_WAVES, 6)) / np.sqrt(_WAVES / 2),
+        hertz=rng.uniform(*_HERTZ, _WAVES),
+        phase=rng.uniform(0, 2 * np.pi, (_WAVES, 6)),
     )
-    # Sensors whose gels and frame rates are the same feel the same.
-    felt: dict[tuple[Gel, float], list[_View]] = {}
-    for name, view in zip(sensors, views, strict=True):
-        gel = replace(device(name).touched(scene.grip), viscosity=viscosity)
-        felt.setdefault((gel, frame_rate(name)), []).append(view)
-    layers = {(gel.thickness, gel.poisson) for gel, _ in felt}
-    for layer in sorted(layers):
-        group = {k: v for k, v in felt.items() if (k[0].thickness, k[0].poisson) == layer}
-        surface = Surface(shape[None], fine[None], SPACING, next(iter(group))[0])
-        yield from _play(scene, shape, surface, group)
-
-
-def _play(
-    scene: Scene, shape: Tensor, surface: Surface, group: Mapping[tuple[Gel, float], list[_View]]
-) -> Iterator[Shots]:
-    """Plays a touch on gels that one solver serves."""
-    rates = [fps for _, fps in group]
-    poses, frames = _aligned([scene.path.pose(scene.times(fps)) for fps in rates])
-    moments = contacts(
-        shape.expand(len(group), -1, -1),
-        SPACING,
-        [gel for gel, _ in group],
-        poses.to(shape.device),
-        rates,
-        f"touch of seed {scene.seed}",
-    )
-    first = 0
-    while chunk := list(islice(moments, _CHUNK)):
-        for row, views in enumerate(group.values()):
-            count = min(len(chunk), frames[row] - first)
-            if count > 0:
-                part = _part(chunk[:count], row)
-                fields = surface.fields(part)
-                for view in views:
-                    yield view.shots(first, surface, fields, part)
-        first += len(chunk)
-
-
-class _View:
-    """What one sensor sees of a scene."""
-
-    def __init__(
-        self, scene: Scene, number: int, sensor: str, size: int, markers: bool | None, where: str
-    ) -> None:
-        known = spec(sensor)
-        scale = size / min(known.height, known.width)
-        height, width = round(known.height * scale), round(known.width * scale)
-        seed = scene.seed if scene.unit is None else scene.unit
-        unit = draw_unit(sensor, seed, (height, width), markers)
-        self.number = number
-        self.optics = Optics(unit, where)
-        line_x, line_y = (
-            (torch.arange(count, device=where) - (count - 1) / 2) * unit.spacing
-            for count in (width, height)
-        )
-        self.places = torch.stack(torch.meshgrid(line_x, line_y, indexing="xy"), -1)
-
-    def shots(
-        self, first: int, surface: Surface, fields: tuple[Tensor, Tensor], part: Contact
-    ) -> Shots:
-        """Renders a batch of moments, the first of which has a number."""
-        count = len(part.pose)
-        touched = part.force[:, 2] > 0
-        dent = self.places.new_zeros(count, *self.places.shape[:2])
-        if bool(touched.any()):
-            there = fields[0][touched], fields[1][touched]
-            dent[touched] = surface.picture(there, part.pose[touched], self.places)
-        motion = None
-        if self.optics.markers is not None:
-            places = self.optics.markers.places.expand(count, -1, -1)
-            motion = surface.lateral(part, places)
-        pictures = self.optics.render(dent, motion, first)
-        return Shots(
-            self.number,
-            pictures.permute(0, 2, 3, 1).contiguous().cpu().numpy(),
-            part.force.cpu().numpy(),
-            part.torque.cpu().numpy(),
-        )
-
-
-def _aligned(poses: Sequence[NDArray[np.float64]]) -> tuple[Tensor, list[int]]:
-    """Paths of different length as one tensor (B, T, 6): the shorter ones stand still at the end.
-
-    Returns:
-        The poses, and the number of frames of each path.
-    """
-    frames = [len(p) for p in poses]
-    longest = max(frames)
-    full = [np.concatenate([p, np.repeat(p[-1:], longest - len(p), 0)]) for p in poses]
-    return torch.from_numpy(np.stack(full)).float(), frames
-
-
-def _part(moments: Sequence[Contact], row: int) -> Contact:
-    """One touch of a batch at several moments, as a batch of moments."""
-    names = ("pose", "pressure", "shear", "force", "torque", "strain")
-    return Contact(*(torch.stack([getattr(m, name)[row] for m in moments]) for name in names))

@@ -195,8 +195,8 @@ def printed(
 
     Args:
         shape: Any shape.
-        period: Distance of two lines, mm; of real prints 0.1 to 0.2.
-        amplitude: Depth of the grooves, mm; of real prints 0.005 to 0.02.
+        period: Distance of two lines, mm; layers of real prints 0.1 to 0.2, their roads up to 1.
+        amplitude: Depth of the grooves, mm; of real prints 0.005 to 0.03.
         angle: Direction of the lines, degrees clockwise from the right.
 
     Raises:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import torch
 from torch import Tensor
 from torch.nn import functional as F
@@ -11,65 +13,90 @@ from tactileforge.sim.touch import Contact
 
 #: Points of a fine height map for each point of the solver's.
 DETAIL = 4
-#: mm by which an object's detail may differ from what the solver saw of it.
-_RELIEF = 0.15
+#: The solver's displacement keeps exp(-_BLUR) of its finest wave, and more of longer ones: its
+#: points cannot tell where between them a contact ends, and sharper, it would ring there.
+_BLUR = 1.5
+
+
+@dataclass(frozen=True)
+class Fields:
+    """Surfaces of a batch of moments, in the frames of the objects.
+
+    Attributes:
+        depth: float32 (B, 1, 4 n, 4 n), mm into the gel, twice as wide as the solver's grid.
+        inside: float32 (B, 1, n, n), how far inside the contact a point lies, 0 to 1.
+        strain: float32 (B, 1, n, n), pressure over the modulus; None where objects are rigid.
+    """
+
+    depth: Tensor
+    inside: Tensor
+    strain: Tensor | None
 
 
 class Surface:
     """Surfaces of a batch of touches, from what `touch.contacts` yields.
 
-    The solver's displacement is continued to twice the width of its grid. In the contact the gel
-    takes the object's own shape, so its fine detail is added there.
+    The solver's displacement, which shear tilts as pressure dents it, is continued to twice the
+    width of its grid, and smoothed. The object does not enter it: where its own fine shape reaches
+    deeper, the gel takes that; and well inside the contact, where the gel touches all of it, also
+    where it reaches less deep.
 
     Args:
-        heights: float32 (B, n, n), the maps that the solver was given.
-        fine: float32 (B, 4 n, 4 n), the same objects at a quarter of the spacing.
-        spacing: mm between the points of ``heights``.
+        fine: float32 (1 or B, 4 n, 4 n), mm of the objects above their lowest planes.
+        spacing: mm between the points of the solver's grid, four times that of ``fine``.
         gel: Any of the gels; only thickness and Poisson's ratio count.
     """
 
-    def __init__(self, heights: Tensor, fine: Tensor, spacing: float, gel: Gel) -> None:
-        self.n, self.spacing = heights.shape[-1], spacing
+    def __init__(self, fine: Tensor, spacing: float, gel: Gel) -> None:
+        self.n, self.spacing = fine.shape[-1] // DETAIL, spacing
         unit = Gel(thickness=gel.thickness, poisson=gel.poisson, modulus=1.0)
-        self.kernel = kernel(unit, self.n, spacing, str(heights.device))
-        smooth = F.interpolate(heights[:, None], scale_factor=DETAIL, mode="bicubic")
-        self.relief = (smooth - fine[:, None]).clamp(-_RELIEF, _RELIEF)
+        self.kernel = kernel(unit, self.n, spacing, str(fine.device))
+        self.fine = fine[:, None]
+        rows = torch.fft.fftfreq(2 * self.n, device=fine.device)[:, None]
+        columns = torch.fft.rfftfreq(2 * self.n, device=fine.device)
+        self.smooth = torch.exp(-_BLUR * 4 * (rows**2 + columns**2))
 
-    def fields(self, contact: Contact) -> tuple[Tensor, Tensor]:
-        """Displacement into the gel (B, 1, 4 n, 4 n), mm, and detail in the contact (the same).
-
-        The first spans twice the width of the second, both around the object.
-        """
-        pressure = contact.strain[:, :1]
+    def fields(self, contact: Contact) -> Fields:
+        """The surfaces of moments, which `picture` samples."""
+        pressure, shear = contact.strain[:, :1], contact.strain[:, 1:]
         spectrum = self.kernel.normal * self._spectrum(pressure)
+        spectrum = spectrum + self.kernel.lifted(self._spectrum(shear))[:, None]
+        spectrum = spectrum * self.smooth
         n = self.n
         wide = torch.zeros(
             (*spectrum.shape[:2], 4 * n, 2 * n + 1), dtype=spectrum.dtype, device=spectrum.device
         )
         wide[..., :n, :n], wide[..., -n:, :n] = spectrum[..., :n, :n], spectrum[..., -n:, :n]
         depth = 4 * torch.fft.irfft2(wide, s=(4 * n, 4 * n))
-        touched = F.interpolate((pressure > 0).float(), scale_factor=DETAIL, mode="bilinear")
-        return depth, touched * self.relief
+        inside = F.avg_pool2d((pressure > 0).float(), 3, 1, 1)
+        soft = pressure if bool((contact.give > 0).any()) else None
+        return Fields(depth, (3 * inside - 2).clamp(min=0), soft)
 
-    def picture(self, fields: tuple[Tensor, Tensor], pose: Tensor, places: Tensor) -> Tensor:
+    def picture(self, fields: Fields, contact: Contact, places: Tensor) -> Tensor:
         """The depth of the surface at places of pictures.
 
         Args:
-            fields: Of `fields`, or rows of it.
-            pose: float32 (B, 6), those of the contact.
+            fields: Of `fields`.
+            contact: The moments they are of.
             places: float32 (H, W, 2), x and y of the pixels, mm from the centre.
 
         Returns:
             float32 (B, H, W), mm into the gel, from its surface at rest.
         """
-        depth, detail = fields
         n = self.n
-        there = _unplaced(places, pose) / self.spacing
+        x, y = _unplaced(places, contact.pose)
+        there = torch.stack([x, y], -1).div_(self.spacing)
         # Points lie at the centres of cells; the solver's grid sits in the middle of the wide one,
         # whose points are those of the grid and one between each two of them.
-        out = F.grid_sample(depth, (there - 0.25) / n, align_corners=False)
-        out = out + F.grid_sample(detail, 2 * there / n, align_corners=False)
-        return out[:, 0]
+        depth = F.grid_sample(fields.depth, (there - 0.25) / n, align_corners=False)[:, 0]
+        there *= 2 / n
+        heights = self.fine.expand(len(x), -1, -1, -1)
+        reach = contact.overlap(x, y, _sample(heights, there, "border"))
+        if fields.strain is not None:
+            reach -= contact.give[:, None, None] * _sample(fields.strain, there)
+        more = torch.where(there.abs().amax(-1) < 1, reach - depth, -torch.inf)
+        filled = more.clamp(max=0).mul_(_sample(fields.inside, there)).nan_to_num_()
+        return depth.add_(filled).add_(more.clamp_(min=0))
 
     def lateral(self, contact: Contact, places: Tensor) -> Tensor:
         """How far points of the surface move sideways.
@@ -86,7 +113,7 @@ class Surface:
         moved = moved + 1j * self.kernel.coupling * self._spectrum(pressure)
         n = self.n
         field = torch.fft.irfft2(moved, s=(2 * n, 2 * n))
-        there = _unplaced(places[:, None], contact.pose) / self.spacing
+        there = torch.stack(_unplaced(places[:, None], contact.pose), -1) / self.spacing
         out = F.grid_sample(field, there / n, align_corners=False)[:, :, 0]
         angle = contact.pose[:, 2, None]
         cos, sin = torch.cos(angle), torch.sin(angle)
@@ -100,10 +127,15 @@ class Surface:
         return out
 
 
-def _unplaced(places: Tensor, pose: Tensor) -> Tensor:
-    """Places (..., H, W, 2) in the picture, as (B, H, W, 2) in the frames of the objects."""
-    moved = places - pose[:, None, None, :2]
-    angle = pose[:, 2, None, None]
+def _sample(field: Tensor, there: Tensor, padding: str = "zeros") -> Tensor:
+    """A field (B, 1, h, w) at places (B, H, W, 2) from -1 to 1: (B, H, W)."""
+    return F.grid_sample(field, there, padding_mode=padding, align_corners=False)[:, 0]
+
+
+def _unplaced(places: Tensor, pose: Tensor) -> tuple[Tensor, Tensor]:
+    """Places (..., H, W, 2) in the picture as x and y (B, H, W) in the frames of the objects."""
+    x, y = places.unbind(-1)
+    left, top, angle = pose[:, :3, None, None].unbind(1)
+    x, y = x - left, y - top
     cos, sin = torch.cos(angle), torch.sin(angle)
-    x, y = moved.unbind(-1)
-    return torch.stack([cos * x + sin * y, cos * y - sin * x], -1)
+    return cos * x + sin * y, cos * y - sin * x

@@ -18,8 +18,9 @@ from tactileforge.sim.gel import Gel, Kernel, kernel
 
 #: Sizes of windows, in points, whose doubles have quick Fourier transforms.
 _WINDOWS = (16, 20, 24, 30, 32, 36, 40, 48, 50, 54, 60, 64, 72, 80, 90, 96, 108, 128, 160, 192, 256)
-#: Gel bulges around a contact; a window leaves this much room (mm) for what might touch.
-_ROOM = 0.02
+#: Gel bulges around a contact, and ahead of what drags it; a window leaves this much room (mm) for
+#: what might touch.
+_ROOM = 0.08
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,10 @@ class Contact:
         force: float32 (B, 3), of the object on the gel, N; x and y of the picture, z into the gel.
         torque: float32 (B,), about the axis of the object, N mm, clockwise in the picture.
         strain: float32 (B, 3, n, n), pressure and shear that deform the gel, over the modulus.
+        depth: float32 (B,), mm that the lowest plane of the object lies beyond the gel's apex.
+        bend: float32 (B,), 1/mm, the gel at rest lies ``bend`` times the squared distance from the
+            centre of the picture below its apex.
+        give: float32 (B,), mm by which the object yields for a unit of ``strain``.
     """
 
     pose: Tensor
@@ -41,6 +46,19 @@ class Contact:
     force: Tensor
     torque: Tensor
     strain: Tensor
+    depth: Tensor
+    bend: Tensor
+    give: Tensor
+
+    def overlap(self, x: Tensor, y: Tensor, heights: Tensor) -> Tensor:
+        """How far the objects enter the undeformed gels, mm, (B, ...).
+
+        Args:
+            x: mm along the objects' own x, (B, ...).
+            y: The same along y.
+            heights: mm of the objects there above their lowest planes.
+        """
+        return _overlap(x, y, heights, self.pose, self.depth, self.bend)
 
 
 def contacts(
@@ -50,6 +68,8 @@ def contacts(
     poses: Tensor,
     fps: Sequence[float],
     name: str = "touch",
+    softness: Sequence[float] | None = None,
+    window: int | None = None,
 ) -> Iterator[Contact]:
     """Solves a batch of touches, in step; memory does not grow with the number of frames.
 
@@ -60,6 +80,9 @@ def contacts(
         poses: float32 (B, T, 6), see `motions.Path`.
         fps: Frames per second of each touch.
         name: What errors call the touch.
+        softness: mm/MPa by which each object yields where it is pressed; None for rigid ones.
+        window: Points a side of the part of the grid that is solved; None takes the smallest that
+            holds every contact of the batch.
 
     Yields:
         One `Contact` a frame; its fields have the resolution of ``heights``.
@@ -70,7 +93,7 @@ def contacts(
     """
     _check(gels, poses, name)
     overlap = _Overlap(heights, spacing, gels, poses)
-    window = overlap.window(poses)
+    window = overlap.window(poses) if window is None else window
     inner = overlap.cropped(window)
     # Tractions over the modulus: one kernel serves gels of any stiffness.
     unit = Gel(thickness=gels[0].thickness, poisson=gels[0].poisson, modulus=1.0)
@@ -80,13 +103,25 @@ def contacts(
         for key in ("modulus", "friction", "viscosity")
     )
     rate = torch.tensor(list(fps), dtype=torch.float32, device=heights.device)
+    give = modulus * torch.tensor(list(softness or [0.0] * len(gels)), device=heights.device)
+    laws = _Laws(solver, mu, viscosity * rate, give if softness and any(softness) else None)
     state = _State.at_rest(len(gels), window, heights.device)
     try:
         for i in range(poses.shape[1]):
-            state = state.next(solver, inner, poses[:, i], mu, viscosity * rate)
-            yield _contact(state, poses[:, i], inner, modulus, heights.shape[-1])
+            state = state.next(laws, inner, poses[:, i])
+            yield _contact(state, poses[:, i], inner, modulus, give, heights.shape[-1])
     except contact.NotConverged as error:
         raise contact.NotConverged(f"{name}, frame {i}: {error}") from None
+
+
+@dataclass(frozen=True)
+class _Laws:
+    """What a batch obeys: the gel, friction, viscosity in frames, and how objects yield."""
+
+    solver: Kernel
+    mu: Tensor
+    viscosity: Tensor
+    give: Tensor | None
 
 
 @dataclass(frozen=True)
@@ -106,25 +141,34 @@ class _State:
             None, none, none, torch.zeros(batch, 2, n, n, device=device), none.sum((1, 2))
         )
 
-    def next(
-        self, solver: Kernel, overlap: _Overlap, pose: Tensor, mu: Tensor, viscosity: Tensor
-    ) -> _State:
-        """The next frame."""
+    def next(self, laws: _Laws, overlap: _Overlap, pose: Tensor) -> _State:
+        """The next frame.
+
+        Pressure and shear act on each other's displacements: pressure is solved over the surface
+        that the shear of the frame before has tilted, shear with what pressure spreads, and then
+        pressure once more.
+        """
+        solver = laws.solver
         old = pose if self.pose is None else self.pose
-        pressure = contact.press(solver, overlap(pose), self.pressure)
+        entered = overlap(pose)
+        before = _rotated(self.shear, old[:, 2] - pose[:, 2])
+        tilted = entered - solver.lift(before)
+        pressure = contact.press(solver, tilted, self.pressure, give=laws.give)
+        felt = self._felt(pressure, laws)
+        if not bool((felt > 0).any()):
+            return _State(pose, pressure, felt, torch.zeros_like(before), pressure.sum((1, 2)))
+        motion = overlap.motion(old, pose) - solver.spread(pressure - self.pressure)
+        shear = friction.shear(solver, laws.mu[:, None, None] * felt, before, motion)
+        pressure = contact.press(solver, entered - solver.lift(shear), pressure, give=laws.give)
+        felt = self._felt(pressure, laws)
+        shear = friction.within(shear, laws.mu[:, None, None, None] * felt[:, None])
+        return _State(pose, pressure, felt, shear, pressure.sum((1, 2)))
+
+    def _felt(self, pressure: Tensor, laws: _Laws) -> Tensor:
+        """The pressure with its viscous part, which resists the change of the load."""
         normal = pressure.sum((1, 2))
-        # The viscous part of the gel resists the change of the load.
-        faster = (normal - self.normal) / normal.clamp(min=1e-12) * viscosity
-        felt = pressure * (1 + faster).clamp(min=0)[:, None, None]
-        turned = pose[:, 2] - old[:, 2]
-        before = _rotated(self.shear, -turned)
-        bound = mu[:, None, None] * felt
-        if bool((bound > 0).any()):
-            motion = overlap.motion(old, pose)
-            shear = friction.shear(solver, bound, before, motion)
-        else:
-            shear = torch.zeros_like(before)
-        return _State(pose, pressure, felt, shear, normal)
+        faster = (normal - self.normal) / normal.clamp(min=1e-12) * laws.viscosity
+        return pressure * (1 + faster).clamp(min=0)[:, None, None]
 
 
 class _Overlap:
@@ -138,16 +182,17 @@ class _Overlap:
         self.bend = torch.tensor(
             [0 if g.dome is None else 1 / (2 * g.dome) for g in gels], device=heights.device
         )
-        self.first = torch.zeros(len(gels), 1, 1, device=heights.device)
+        self.first = torch.zeros(len(gels), device=heights.device)
         # Depth counts from the first touch at the first pose.
-        self.first = (self(poses[:, 0]) - poses[:, 0, 3, None, None]).amax((1, 2), keepdim=True)
+        self.first = self(poses[:, 0]).amax((1, 2)) - poses[:, 0, 3]
 
     def __call__(self, pose: Tensor) -> Tensor:
         """Overlap (B, n, n), mm, at poses (B, 6)."""
-        across, down = _placed(self.x, self.y, pose)
-        depth, tilt_x, tilt_y = pose[:, 3:, None, None].unbind(1)
-        rest = self.bend[:, None, None] * (across**2 + down**2)
-        return depth - self.first - self.heights - tilt_x * self.x - tilt_y * self.y - rest
+        return _overlap(self.x, self.y, self.heights, pose, self.depth(pose), self.bend)
+
+    def depth(self, pose: Tensor) -> Tensor:
+        """How far the lowest planes of the objects lie beyond the apex, mm (B,)."""
+        return pose[:, 3] - self.first
 
     def motion(self, old: Tensor, new: Tensor) -> Tensor:
         """Motion (B, 2, n, n), mm, of the points of the objects, in their new frames."""
@@ -175,8 +220,22 @@ class _Overlap:
         return out
 
 
+def _overlap(
+    x: Tensor, y: Tensor, heights: Tensor, pose: Tensor, depth: Tensor, bend: Tensor
+) -> Tensor:
+    across, down = _placed(x, y, pose)
+    tilt_x, tilt_y = pose[:, 4:, None, None].unbind(1)
+    rest = bend[:, None, None] * (across**2 + down**2)
+    return depth[:, None, None] - heights - tilt_x * x - tilt_y * y - rest
+
+
 def _contact(
-    state: _State, pose: Tensor, overlap: _Overlap, modulus: Tensor, points: int
+    state: _State,
+    pose: Tensor,
+    overlap: _Overlap,
+    modulus: Tensor,
+    give: Tensor,
+    points: int,
 ) -> Contact:
     area = overlap.spacing**2
     stiff = modulus[:, None, None]
@@ -189,7 +248,17 @@ def _contact(
         torch.nn.functional.pad(field, (edge,) * 4) for field in (pressure, shear, strain)
     )
     force = torch.cat([pull, pressure.sum((1, 2))[:, None] * area], 1)
-    return Contact(pose, wide, wide_shear, force, twist, strain)
+    return Contact(
+        pose,
+        wide,
+        wide_shear,
+        force,
+        twist,
+        strain,
+        overlap.depth(pose),
+        overlap.bend,
+        give,
+    )
 
 
 def _placed(x: Tensor, y: Tensor, pose: Tensor) -> tuple[Tensor, Tensor]:
@@ -197,6 +266,21 @@ def _placed(x: Tensor, y: Tensor, pose: Tensor) -> tuple[Tensor, Tensor]:
     left, top, angle = pose[:, :3, None, None].unbind(1)
     cos, sin = torch.cos(angle), torch.sin(angle)
     return left + cos * x - sin * y, top + sin * x + cos * y
+
+
+def window(heights: Tensor, spacing: float, poses: Tensor, domes: Sequence[float | None]) -> int:
+    """Points of the smallest window that holds every contact of an object, on any of these gels.
+
+    Args:
+        heights: float32 (n, n), mm of the object above its lowest plane.
+        spacing: mm.
+        poses: float32 (T, 6).
+        domes: Radii of curvature of gels, mm.
+    """
+    gels = [Gel(dome=dome) for dome in domes]
+    count = len(gels)
+    many = poses.expand(count, -1, -1)
+    return _Overlap(heights.expand(count, -1, -1), spacing, gels, many).window(many)
 
 
 def _rotated(vectors: Tensor, angle: Tensor) -> Tensor:

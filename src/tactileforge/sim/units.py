@@ -1,14 +1,12 @@
 """Units of a sensor: no two look alike. A seed draws one.
 
-Lights differ in strength and colour, gels have dents, scratches and dust, and cameras differ in
-noise. What all units of a type share is in `STYLES`.
+How units differ is the table of `randomise`; what all units of a type share is in `STYLES`.
 """
 
 from __future__ import annotations
 
 import math
-import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import torch
 import torch.nn.functional as F
@@ -16,8 +14,11 @@ from torch import Tensor
 
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.sim import lighting
+from tactileforge.sim.camera import Camera
+from tactileforge.sim.gel import Gel
 from tactileforge.sim.lighting import Calibration, Lamp, background
-from tactileforge.sim.markers import Markers, coverage, grid
+from tactileforge.sim.markers import Grid, Markers, coverage, grid
+from tactileforge.sim.randomise import Choice, Draw
 from tactileforge.specs import SPECS
 
 
@@ -33,6 +34,7 @@ class Unit:
         spacing: mm per pixel.
         noise: Standard deviation of the camera's noise, grey levels.
         markers: The dots of its gel, if it has any.
+        camera: Focus, exposure, tone curve, distortion and codec.
     """
 
     sensor: str
@@ -42,6 +44,7 @@ class Unit:
     spacing: float
     noise: float
     markers: Markers | None = None
+    camera: Camera = field(default_factory=Camera)
 
 
 @dataclass(frozen=True)
@@ -55,7 +58,8 @@ class Style:
         dim: See `lighting.lit`.
         markers: Whether its gel has markers, unless told otherwise.
         height_mm: What the picture shows from top to bottom; None takes it from the spec.
-        spread: How much units differ: standard deviation of the logarithm of a light's strength.
+        level: Mean R, G, B of a background where the camera balances colours itself; None leaves
+            them to the lights.
         clouds: How uneven the light is, grey levels.
         wear: Mean number of scratches, and of specks of dust.
     """
@@ -66,7 +70,7 @@ class Style:
     dim: float = 0.0
     markers: bool = False
     height_mm: float | None = None
-    spread: float = 0.08
+    level: tuple[float, float, float] | None = None
     clouds: float = 2.0
     wear: tuple[float, float] = (3.0, 6.0)
 
@@ -79,7 +83,8 @@ def _lamp(degrees: float, colour: tuple[float, float, float], fall: float = 0.5)
 STYLES = {
     "gelsight": Style(("gelsight", "gelsight_fots")),
     "gelsight_mini": Style(("gelsight_mini",)),
-    "digit": Style(("digit",), spread=0.15, clouds=9.0, wear=(2.0, 3.0)),
+    # Mean levels of eight real units: their cameras balance colours, and differ by 4 grey levels.
+    "digit": Style(("digit",), level=(98.0, 104.0, 97.0), clouds=5.0, wear=(2.0, 3.0)),
     "gelslim": Style(
         lamps=(
             _lamp(180, (10, 130, 80), 0.8),
@@ -115,6 +120,7 @@ def draw(
     seed: int,
     size: tuple[int, int] | None = None,
     markers: bool | None = None,
+    randomise: Choice = "unit",
 ) -> Unit:
     """A unit of a sensor; the same seed gives the same unit.
 
@@ -123,6 +129,7 @@ def draw(
         seed: Not negative.
         size: Height and width of its pictures; None for those of the sensor.
         markers: Whether its gel has markers; None as the type has.
+        randomise: How it differs from others, see `randomise.rows`.
 
     Raises:
         ConfigError: The sensor is unknown, or has no gel with markers.
@@ -131,62 +138,126 @@ def draw(
         raise ConfigError(unknown("simulated sensor", sensor, STYLES))
     style, spec = STYLES[sensor], SPECS[sensor]
     height, width = size or (spec.height, spec.width)
-    height_mm = style.height_mm or (spec.area_mm or (0.0,))[0]
-    spacing = height_mm / height
-    chance = torch.Generator().manual_seed(zlib.crc32(f"{sensor} {seed}".encode()))
-    how = _calibration(style, chance)
-    gains = torch.exp(style.spread * torch.randn(3, generator=chance).clamp(-2, 2))
-    mixing = gains.diag() + 0.03 * torch.rand(3, 3, generator=chance)
-    shares = torch.softmax(4 * torch.randn(len(how.backgrounds), generator=chance), 0)
+    row = Draw(randomise, seed, sensor)
+    scale = spacing(sensor, height) * row["scale"]
+    how = _calibration(style, row)
+    mixing = _mixing(row)
+    shares = torch.softmax(
+        4 * row["specimen"] * _randn(row, "backgrounds", len(how.backgrounds)), 0
+    )
     still = background(torch.einsum("n,nqc->qc", shares, how.backgrounds), height, width)
-    still = torch.einsum("dc,chw->dhw", mixing, still)
-    still = still * _gradient(height, width, chance) + _clouds(style.clouds, height, width, chance)
-    still = still + _worn(style, height, width, spacing, chance)
+    still = torch.einsum("dc,chw->dhw", mixing, still) * _gradient(height, width, row)
+    still = still + _clouds(style.clouds, height, width, row)
+    still = _levelled(still, style, row) + _worn(style, height, width, scale, row)
     has_markers = style.markers if markers is None else markers
     return Unit(
         sensor=sensor,
         seed=seed,
         background=still.clamp(4, 251),
         calibration=how.coloured(mixing),
-        spacing=spacing,
-        noise=how.noise * _between(0.7, 1.5, chance),
-        markers=grid(sensor).markers(chance) if has_markers else None,
+        spacing=scale,
+        noise=how.noise * row["noise"],
+        markers=_markers(grid(sensor), row) if has_markers else None,
+        camera=Camera(**{name: row[name] for name in Camera.__dataclass_fields__}),
     )
+
+
+def spacing(sensor: str, height: int) -> float:
+    """Width of a pixel, mm, of a picture with so many rows, of the sensor's type."""
+    known = STYLES[sensor].height_mm or (SPECS[sensor].area_mm or (0.0,))[0]
+    return known / height
+
+
+def gel(base: Gel, sensor: str, seed: int, randomise: Choice) -> Gel:
+    """The gel of a unit, from that of its type; thickness comes in steps of an eighth."""
+    row = Draw(randomise, seed, sensor)
+    return replace(
+        base,
+        modulus=base.modulus * row["stiffness"],
+        thickness=base.thickness * round(8 * row["thickness"]) / 8,
+        dome=None if base.dome is None else base.dome * row["dome"],
+    )
+
+
+def _chance(row: Draw, name: str) -> torch.Generator:
+    return torch.Generator().manual_seed(int(row.rng(name).integers(1 << 62)))
+
+
+def _randn(row: Draw, name: str, *shape: int) -> Tensor:
+    return torch.randn(shape, generator=_chance(row, name))
 
 
 def _between(low: float, high: float, chance: torch.Generator) -> float:
     return low + (high - low) * float(torch.rand((), generator=chance))
 
 
-def _calibration(style: Style, chance: torch.Generator) -> Calibration:
+def _calibration(style: Style, row: Draw) -> Calibration:
     if not style.calibrations:
-        return lighting.lit(style.lamps, style.base, style.dim)
-    which = int(torch.randint(len(style.calibrations), (), generator=chance))
-    return lighting.load(style.calibrations[which])
+        how = lighting.lit(style.lamps, style.base, style.dim)
+    else:
+        which = row.rng("calibration").integers(len(style.calibrations)) if row["specimen"] else 0
+        how = lighting.load(style.calibrations[which])
+    angles = row["light_turn"] * row.rng("light_turn").uniform(-1, 1, 3)
+    return how.turned(angles.tolist()).contrasted(row["contrast"])
 
 
-def _gradient(height: int, width: int, chance: torch.Generator) -> Tensor:
+def _mixing(row: Draw) -> Tensor:
+    """How lights of another strength and colour mix the channels, (3, 3)."""
+    gains = torch.exp(row["light_power"] * _randn(row, "light_power", 3).clamp(-2, 2))
+    share = row["light_colour"] * torch.from_numpy(row.rng("light_colour").random((3, 3))).float()
+    share = share * (1 - torch.eye(3))
+    return (torch.eye(3) + share - torch.diag(share.sum(1))) * gains
+
+
+def _gradient(height: int, width: int, row: Draw) -> Tensor:
     """A factor near 1 that grows slowly in some direction for each colour, (3, H, W)."""
-    slope = 0.06 * torch.randn(2, 3, 1, 1, generator=chance)
+    slope = 0.06 * row["unevenness"] * _randn(row, "gradient", 2, 3, 1, 1)
     x, y = torch.linspace(-1, 1, width), torch.linspace(-1, 1, height)[:, None]
     return slope[0] * x + slope[1] * y + 1
 
 
-def _clouds(strength: float, height: int, width: int, chance: torch.Generator) -> Tensor:
+def _levelled(still: Tensor, style: Style, row: Draw) -> Tensor:
+    """The background of a camera that balances colours, (3, H, W)."""
+    if style.level is None:
+        return still
+    wanted = torch.tensor(style.level) + 4 * row["specimen"] * _randn(row, "level", 3)
+    return still * (wanted / still.mean((1, 2)))[:, None, None]
+
+
+def _clouds(strength: float, height: int, width: int, row: Draw) -> Tensor:
     """Unevenness of light and gel, grey levels, (3, H, W): broad in colour, fine in all alike."""
+    chance = _chance(row, "clouds")
     total = torch.zeros(1, 3, height, width)
     for cells, depth, shared in ((4, strength, 0.2), (11, strength / 2, 0.5), (70, 0.4, 0.9)):
         rows = max(2, cells * height // width)
         grain = torch.randn(1, 3, rows, cells, generator=chance)
         grain = (1 - shared) * grain + shared * grain[:, :1]
         total += depth * F.interpolate(grain, (height, width), mode="bicubic")
-    return total[0]
+    return row["unevenness"] * total[0]
 
 
-def _worn(style: Style, height: int, width: int, spacing: float, chance: torch.Generator) -> Tensor:
+def _markers(pattern: Grid, row: Draw) -> Markers:
+    """The markers of one gel, of which some are missing."""
+    pitch = row["marker_pitch"]
+    near = replace(
+        pattern,
+        pitch=(pattern.pitch[0] * pitch, pattern.pitch[1] * pitch),
+        radius=pattern.radius * row["marker_size"] * min(1.0, pitch),
+        columns=round(pattern.columns / min(1.0, pitch)),
+        rows=round(pattern.rows / min(1.0, pitch)),
+    )
+    made = near.markers(_chance(row, "markers"))
+    kept = torch.from_numpy(row.rng("marker_loss").random(len(made.places))) >= row["marker_loss"]
+    opacity = min(1.0, made.opacity * row["marker_contrast"])
+    return replace(made, places=made.places[kept], radii=made.radii[kept], opacity=opacity)
+
+
+def _worn(style: Style, height: int, width: int, spacing: float, row: Draw) -> Tensor:
     """Scratches and specks of dust, grey levels, (1, H, W)."""
+    chance = _chance(row, "wear")
     scratches, specks = (
-        int(torch.poisson(torch.tensor(mean), generator=chance)) for mean in style.wear
+        int(torch.poisson(row["wear"] * torch.tensor(mean), generator=chance))
+        for mean in style.wear
     )
     extent = torch.tensor([width, height]).float()
     out = torch.zeros(1, height, width)

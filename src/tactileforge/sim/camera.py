@@ -1,0 +1,139 @@
+"""The camera behind the gel: focus, exposure, tone curve, noise, and what a codec leaves."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import torch
+import torch.nn.functional as F
+from numpy.typing import NDArray
+from torch import Tensor
+
+#: Rows or columns, whichever are fewer, of the picture that `Camera.blur` counts pixels of.
+FULL = 240
+#: Lowest JPEG quality that is used.
+_WORST = 10
+
+
+@dataclass(frozen=True)
+class Camera:
+    """How a unit's camera turns light into numbers.
+
+    Attributes:
+        blur: Deviation of its focus, pixels of a picture of `FULL` rows or columns.
+        exposure: Factor on all light.
+        gamma: Exponent of the tone curve; 1 leaves grey levels as the calibration has them.
+        distortion: Share by which a corner of the picture is displaced outwards.
+        jpeg: JPEG quality that is missing to 100, at full size; 0 stores pictures as they are.
+        mpeg: The same of the change from the picture before; 0 for none.
+    """
+
+    blur: float = 0.0
+    exposure: float = 1.0
+    gamma: float = 1.0
+    distortion: float = 0.0
+    jpeg: float = 0.0
+    mpeg: float = 0.0
+
+    def places(self, height: int, width: int, spacing: float, device: str = "cpu") -> Tensor:
+        """Where on the gel pixels look, float32 (H, W, 2), x and y, mm from the centre."""
+        x = (torch.arange(width, device=device) - (width - 1) / 2) * spacing
+        y = (torch.arange(height, device=device) - (height - 1) / 2) * spacing
+        grid = torch.stack(torch.meshgrid(x, y, indexing="xy"), -1)
+        corner = (width**2 + height**2) * (spacing / 2) ** 2
+        return grid * (1 + self.distortion * grid.square().sum(-1, keepdim=True) / corner)
+
+    def seen(self, places: Tensor, height: int, width: int, spacing: float) -> Tensor:
+        """Where in an undistorted picture a place of the gel is seen, mm; undoes `places`."""
+        corner = (width**2 + height**2) * (spacing / 2) ** 2
+        out = places
+        for _ in range(3):
+            out = places / (1 + self.distortion * out.square().sum(-1, keepdim=True) / corner)
+        return out
+
+    def tone(self, light: Tensor) -> Tensor:
+        """Grey levels of light (in grey levels of the calibration), in place."""
+        if self.exposure != 1:
+            light *= self.exposure
+        if self.gamma != 1:
+            light.clamp_(0, 255).div_(255).pow_(self.gamma).mul_(255)
+        return light
+
+
+class Lens:
+    """Blurs a picture that was drawn finer, and shrinks it to its size.
+
+    Args:
+        blur: Deviation of a Gaussian, pixels of the fine picture; beyond the border, the picture is
+            as at the border.
+        shrink: Fine pixels to a pixel, along rows and columns; they divide the picture.
+        device: Where pictures are.
+    """
+
+    def __init__(self, blur: float, shrink: int, device: str | torch.device = "cpu") -> None:
+        self.reach = math.ceil(3 * blur)
+        steps = torch.arange(-self.reach, self.reach + 1)
+        spot = torch.softmax(-0.5 * (steps / max(blur, 1e-6)) ** 2, 0)
+        cell = torch.full((shrink,), 1 / shrink)
+        self.kernel = F.conv1d(spot[None, None], cell[None, None], padding=shrink - 1).to(device)
+        self.shrink = shrink
+
+    def __call__(self, picture: Tensor) -> Tensor:
+        """(B, 3, k H, k W) to (B, 3, H, W)."""
+        if self.kernel.numel() == 1:
+            return picture
+        x = F.pad(picture, (self.reach,) * 4, mode="replicate").flatten(0, 1)[None]
+        count, step = x.shape[1], self.shrink
+        across = self.kernel[None].expand(count, -1, -1, -1).contiguous()
+        x = F.conv2d(x, across, stride=(1, step), groups=count)
+        x = F.conv2d(x, across.transpose(2, 3).contiguous(), stride=(step, 1), groups=count)
+        return x.view(*picture.shape[:2], *x.shape[-2:])
+
+
+class Codec:
+    """Compresses the pictures of one film, in their order, as a camera or a video file does.
+
+    JPEG codes each picture. MPEG, which takes its place where a unit has both, codes the change
+    from the picture before as that was decoded, in the same blocks of cosines; motion between
+    pictures is not compensated.
+
+    Args:
+        camera: How much is lost.
+        shrink: Pixels of the sensor to a pixel: what is lost in blocks of a full picture is small
+            in one that was shrunk.
+    """
+
+    def __init__(self, camera: Camera, shrink: float = 1.0) -> None:
+        self.jpeg, self.mpeg = (
+            round(max(_WORST, 100 - lost / max(1.0, shrink))) if lost else None
+            for lost in (camera.jpeg, camera.mpeg)
+        )
+        self._before: NDArray[np.int16] | None = None
+
+    def __call__(self, pictures: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """The next pictures (K, H, W, 3), RGB, as they are decoded."""
+        if self.jpeg is None and self.mpeg is None:
+            return pictures
+        return np.stack([self._next(picture) for picture in pictures])
+
+    def _next(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        if self.mpeg is None:
+            return picture if self.jpeg is None else _coded(picture, self.jpeg)
+        if self._before is None:
+            self._before = picture.astype(np.int16)
+            return picture
+        change = np.clip(picture - self._before + 128, 0, 255).astype(np.uint8)
+        now = self._before + _coded(change, self.mpeg).astype(np.int16) - 128
+        self._before = np.clip(now, 0, 255)
+        return self._before.astype(np.uint8)
+
+
+def _coded(picture: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
+    """A picture (H, W, 3), RGB, as JPEG gives it back."""
+    _, code = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
+    decoded = cv2.imdecode(code, cv2.IMREAD_COLOR)
+    assert decoded is not None  # it was coded here
+    return np.asarray(decoded[..., ::-1], dtype=np.uint8)

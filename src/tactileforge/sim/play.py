@@ -1,0 +1,228 @@
+"""Pictures and forces of touches on any number of sensors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from itertools import islice
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from tactileforge.errors import ConfigError
+from tactileforge.sim import units
+from tactileforge.sim.camera import FULL, Codec
+from tactileforge.sim.devices import device
+from tactileforge.sim.gel import Gel
+from tactileforge.sim.optics import Optics
+from tactileforge.sim.randomise import Draw
+from tactileforge.sim.scene import POINTS, SPACING, Scene, frame_rate
+from tactileforge.sim.surface import DETAIL, Fields, Surface
+from tactileforge.sim.touch import Contact, contacts
+from tactileforge.specs import spec
+
+#: Frames that are rendered at a time.
+_CHUNK = 8
+#: Pictures are drawn with no larger pixels (mm), and then shrunk: edges are sharper than pixels.
+_FINEST = 0.13
+
+
+@dataclass(frozen=True)
+class Shots:
+    """Some frames of one sensor in one scene, in order.
+
+    Attributes:
+        scene: Place of the scene in the list that `play` was given.
+        sensor: Place of the sensor in the list that `play` was given.
+        pictures: uint8 (K, H, W, 3), RGB.
+        force: float32 (K, 3), N.
+        torque: float32 (K,), N mm.
+    """
+
+    scene: int
+    sensor: int
+    pictures: NDArray[np.uint8]
+    force: NDArray[np.float32]
+    torque: NDArray[np.float32]
+
+
+def play(
+    scenes: Scene | Sequence[Scene],
+    sensors: Sequence[str],
+    size: int = 240,
+    *,
+    markers: bool | None = None,
+    viscosity: float = 0.0,
+    device_name: str = "cpu",
+) -> Iterator[Shots]:
+    """Pictures and forces of touches on several sensors at once, a few frames at a time.
+
+    All sensors feel the same object on the same path. Contacts of all scenes and sensors that one
+    solver serves are solved in one batch; each is the same, to the bit, alone or beside others.
+
+    Args:
+        scenes: The touches.
+        sensors: Types of sensors, see `devices.DEVICES`.
+        size: Rows or columns of the pictures, whichever are fewer.
+        markers: Whether the gels have markers; None as their types have.
+        viscosity: Relaxation time of the gels, s; their forces then lead their pictures. Scenes
+            that draw their own have at least this.
+        device_name: Torch device that computes.
+
+    Raises:
+        ConfigError: An unknown sensor, a size that is none, or a shape that is finer than the grid.
+        contact.NotConverged: The message names the seed.
+    """
+    if size < 8:
+        raise ConfigError(f"size is {size} pixels; give 8 or more")
+    many = [scenes] if isinstance(scenes, Scene) else list(scenes)
+    groups: dict[tuple[float, float, int], list[_Feel]] = {}
+    for number, scene in enumerate(many):
+        for feel in _feels(number, scene, sensors, viscosity):
+            layer = (feel.gel.thickness, feel.gel.poisson, scene.window)
+            groups.setdefault(layer, []).append(feel)
+    for (*_, window), group in sorted(groups.items(), key=lambda item: item[0]):
+        yield from _play(group, window, size, markers, device_name)
+
+
+@dataclass(frozen=True)
+class _Feel:
+    """A gel that feels a scene, and the sensors that see it: their gels and rates are the same."""
+
+    number: int
+    scene: Scene
+    gel: Gel
+    fps: float
+    seen: dict[int, str]
+
+
+def _feels(number: int, scene: Scene, sensors: Sequence[str], viscosity: float) -> Iterator[_Feel]:
+    felt: dict[tuple[Gel, float], dict[int, str]] = {}
+    slow = max(viscosity, scene.row["viscosity"])
+    for place, name in enumerate(sensors):
+        base = replace(device(name).touched(scene.grip), viscosity=slow)
+        seed = scene.seed if scene.unit is None else scene.unit
+        gel = units.gel(base, name, seed, scene.randomise)
+        felt.setdefault((gel, frame_rate(name)), {})[place] = name
+    for (gel, fps), seen in felt.items():
+        yield _Feel(number, scene, gel, fps, seen)
+
+
+def _play(
+    group: Sequence[_Feel], window: int, size: int, markers: bool | None, where: str
+) -> Iterator[Shots]:
+    """Plays touches on gels that one solver serves."""
+    poses, frames = _aligned([feel.scene.poses(feel.fps) for feel in group])
+    heights = torch.from_numpy(np.stack([feel.scene.heights for feel in group]))
+    moments = contacts(
+        heights.to(where),
+        SPACING,
+        [feel.gel for feel in group],
+        poses.to(where),
+        [feel.fps for feel in group],
+        f"touch of seed {', '.join(str(s) for s in sorted({f.scene.seed for f in group}))}",
+        [feel.scene.row["softness"] for feel in group],
+        window,
+    )
+    films = [_Film(feel, size, markers, where) for feel in group]
+    first = 0
+    while chunk := list(islice(moments, _CHUNK)):
+        for row, film in enumerate(films):
+            count = min(len(chunk), frames[row] - first)
+            if count > 0:
+                yield from film.shots(first, _part(chunk[:count], row))
+        first += len(chunk)
+
+
+class _Film:
+    """What the sensors of a gel see of a scene."""
+
+    def __init__(self, feel: _Feel, size: int, markers: bool | None, where: str) -> None:
+        fine = feel.scene.shape.map(POINTS * DETAIL, SPACING / DETAIL)
+        self.number = feel.number
+        self.surface = Surface(torch.from_numpy(fine)[None].to(where), SPACING, feel.gel)
+        drift = torch.from_numpy(feel.scene.drift(feel.fps)).to(where)
+        self.views = [
+            _View(feel.scene, place, name, size, markers, drift, where)
+            for place, name in feel.seen.items()
+        ]
+
+    def shots(self, first: int, part: Contact) -> Iterator[Shots]:
+        """Renders a batch of moments, the first of which has a number."""
+        fields = self.surface.fields(part)
+        for view in self.views:
+            pictures = view.pictures(first, self.surface, fields, part)
+            force, torque = part.force.cpu().numpy(), part.torque.cpu().numpy()
+            yield Shots(self.number, view.place, pictures, force, torque)
+
+
+class _View:
+    """What one sensor sees of a scene."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        place: int,
+        sensor: str,
+        size: int,
+        markers: bool | None,
+        drift: Tensor,
+        where: str,
+    ) -> None:
+        known = spec(sensor)
+        full = min(known.height, known.width)
+        shown = [round(side * size / full) for side in (known.height, known.width)]
+        seed = scene.seed if scene.unit is None else scene.unit
+        coarse = units.spacing(sensor, shown[0])
+        shrink = math.ceil(coarse / _FINEST)
+        height, width = (side * shrink for side in shown)
+        unit = units.draw(sensor, seed, (height, width), markers, scene.randomise)
+        # A pixel of a picture that is smaller than the sensor's is a mean of many.
+        unit = replace(unit, noise=unit.noise * min(1.0, size / FULL))
+        self.place = place
+        self.optics = Optics(unit, where, shrink)
+        self.codec = Codec(unit.camera, FULL / size)
+        self.drift = drift if Draw(scene.randomise, 0).chosen & {"drift"} else None
+        self.places = unit.camera.places(height, width, unit.spacing, where)
+
+    def pictures(
+        self, first: int, surface: Surface, fields: Fields, part: Contact
+    ) -> NDArray[np.uint8]:
+        """Renders a batch of moments: uint8 (K, H, W, 3)."""
+        count = len(part.pose)
+        dent = surface.picture(fields, part, self.places)
+        dent = torch.where((part.force[:, 2] > 0)[:, None, None], dent, 0.0)
+        drift = None if self.drift is None else self.drift[first : first + count]
+        pictures = self.optics.render(dent, self._motion(surface, part), first, drift)
+        return self.codec(pictures.permute(0, 2, 3, 1).contiguous().cpu().numpy())
+
+    def _motion(self, surface: Surface, part: Contact) -> Tensor | None:
+        """How far markers move in the picture, mm (K, M, 2)."""
+        markers, unit = self.optics.markers, self.optics.unit
+        if markers is None:
+            return None
+        rest = markers.places.expand(len(part.pose), -1, -1)
+        there = rest + surface.lateral(part, rest)
+        return unit.camera.seen(there, *self.optics.size, unit.spacing) - rest
+
+
+def _aligned(poses: Sequence[NDArray[np.float64]]) -> tuple[Tensor, list[int]]:
+    """Paths of different length as one tensor (B, T, 6): the shorter ones stand still at the end.
+
+    Returns:
+        The poses, and the number of frames of each path.
+    """
+    frames = [len(p) for p in poses]
+    longest = max(frames)
+    full = [np.concatenate([p, np.repeat(p[-1:], longest - len(p), 0)]) for p in poses]
+    return torch.from_numpy(np.stack(full)).float(), frames
+
+
+def _part(moments: Sequence[Contact], row: int) -> Contact:
+    """One touch of a batch at several moments, as a batch of moments."""
+    return Contact(
+        *(torch.stack([getattr(m, field.name)[row] for m in moments]) for field in fields(Contact))
+    )
