@@ -205,7 +205,7 @@ def test_shear_tilts_the_surface_as_the_transform_says() -> None:
     layer = kernel(GEL, n, spacing)
     wave = 2 * math.pi / 4.0
     line = (torch.arange(n) - (n - 1) / 2) * spacing
-    envelope = torch.exp(-((line / 2.5) ** 2))
+    envelope = torch.exp(-((line / 12) ** 2))
     traction = (envelope[:, None] * envelope * torch.cos(wave * line))[None]
     zero = torch.zeros_like(traction)
     along = layer.lift(torch.stack([traction, zero], 1))[0]

@@ -21,6 +21,8 @@ _WINDOWS = (16, 20, 24, 30, 32, 36, 40, 48, 50, 54, 60, 64, 72, 80, 90, 96, 108,
 #: Gel bulges around a contact, and ahead of what drags it; a window leaves this much room (mm) for
 #: what might touch.
 _ROOM = 0.08
+#: Tolerance of the pressure that bounds the shear, before the pressure that answers to it.
+_FIRST = 5 * contact.TOLERANCE
 
 
 @dataclass(frozen=True)
@@ -153,7 +155,7 @@ class _State:
         entered = overlap(pose)
         before = _rotated(self.shear, old[:, 2] - pose[:, 2])
         tilted = entered - solver.lift(before)
-        pressure = contact.press(solver, tilted, self.pressure, give=laws.give)
+        pressure = contact.press(solver, tilted, self.pressure, _FIRST, laws.give)
         felt = self._felt(pressure, laws)
         if not bool((felt > 0).any()):
             return _State(pose, pressure, felt, torch.zeros_like(before), pressure.sum((1, 2)))
