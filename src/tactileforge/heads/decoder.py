@@ -43,6 +43,8 @@ class MaskedDecoder(nn.Module):
         out: Numbers that are predicted for a masked patch; None for its pixels.
         relative: Bias of attention by offset, see `RelativeBias`; with ``neighbours`` and four
             heads or more, filling in from the neighbours is learned in a tenth of the steps.
+        norm: Whether there is a norm before the last linear layer; without one, a patch twice as
+            bright is predicted twice as bright, before anything is learned.
     """
 
     def __init__(
@@ -53,6 +55,7 @@ class MaskedDecoder(nn.Module):
         heads: int,
         out: int | None = None,
         relative: Relative = "none",
+        norm: bool = True,
     ) -> None:
         super().__init__()
         self.tube = encoder.tube
@@ -60,7 +63,7 @@ class MaskedDecoder(nn.Module):
         self.embed = nn.Linear(encoder.projected, width)
         self.mask_token = nn.Parameter(torch.empty(width))
         self.transformer = Transformer(width, depth, heads)
-        self.norm = nn.LayerNorm(width)
+        self.norm = nn.LayerNorm(width) if norm else nn.Identity()
         self.predict = nn.Linear(width, out or 3 * encoder.tube * encoder.patch**2)
         self.register_buffer("position", waves(encoder.grid, width), persistent=False)
         self.position: Tensor

@@ -18,6 +18,7 @@ class DiffHead(nn.Module):
         depth: Blocks.
         heads: Attention heads.
         relative: Bias of the decoder's attention by offset, see `MaskedDecoder`.
+        norm: Whether the decoder has a last norm, see `MaskedDecoder`.
     """
 
     def __init__(
@@ -27,9 +28,10 @@ class DiffHead(nn.Module):
         depth: int = 6,
         heads: int = 8,
         relative: Relative = "none",
+        norm: bool = True,
     ) -> None:
         super().__init__()
-        self.decoder = MaskedDecoder(encoder, width, depth, heads, relative=relative)
+        self.decoder = MaskedDecoder(encoder, width, depth, heads, relative=relative, norm=norm)
 
     def forward(self, views: Views, batch: Batch) -> Reconstruction:
         """Predicted and true differences D_n = T_n - T_1, n = 2..T, of the masked tubes."""
