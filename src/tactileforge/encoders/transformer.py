@@ -43,9 +43,13 @@ class Attention(nn.Module):
         self.bias_kv = nn.Parameter(torch.zeros(2, width)) if bias_kv else None
 
     def forward(self, x: Tensor, mask: Tensor | None = None, only: int | None = None) -> Tensor:
-        """Attends over (B, L, width); ``mask`` is bool (B, 1, 1, L), True where a key is seen.
+        """Attends over (B, L, width).
 
-        With ``only``, the number of a token, what that one reads: (B, 1, width).
+        Args:
+            x: float (B, L, width).
+            mask: bool (B, 1, 1, L), True where a key is seen; or float (1 or B, heads, L, L), added
+                to the scores of a query (third axis) and a key (fourth).
+            only: Number of a token; what that one reads is returned, (B, 1, width).
         """
         query, key, value = (
             self.qkv(x).unflatten(-1, (3, self.heads, -1)).permute(2, 0, 3, 1, 4).unbind(0)
@@ -55,6 +59,9 @@ class Attention(nn.Module):
             key, value = torch.cat([key, extra[0]], dim=2), torch.cat([value, extra[1]], dim=2)
         if only is not None:
             query = query[:, :, only : only + 1]
+            mask = mask if mask is None or mask.shape[2] == 1 else mask[:, :, only : only + 1]
+        if mask is not None and mask.is_floating_point():
+            mask = mask.to(query.dtype)
         x = F.scaled_dot_product_attention(query, key, value, attn_mask=mask)
         out: Tensor = self.out(x.transpose(1, 2).flatten(2))
         return out

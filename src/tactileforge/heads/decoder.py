@@ -9,6 +9,7 @@ from torch import Tensor, nn
 
 from tactileforge.contracts import Encoder, MaskedFeatures
 from tactileforge.encoders.positions import waves
+from tactileforge.encoders.relative import Relative, RelativeBias
 from tactileforge.encoders.transformer import Transformer, init_weights
 
 
@@ -31,8 +32,8 @@ class MaskedDecoder(nn.Module):
     """Visible tokens and mask tokens to the pixels, or features, of the masked tubes.
 
     A token's place is given by fixed sines and cosines of its slot, row and column. (Positions of
-    row and column alone would make the two slots of a masked tube the same.) The order of tokens
-    carries no meaning, so mask tokens simply follow the visible ones, and only they are predicted.
+    row and column alone would make the two slots of a masked tube the same.) Visible and mask
+    tokens are put in the order of their places; masked ones alone are predicted.
 
     Args:
         encoder: Whose masked view is decoded.
@@ -40,17 +41,29 @@ class MaskedDecoder(nn.Module):
         depth: Blocks.
         heads: Attention heads.
         out: Numbers that are predicted for a masked patch; None for its pixels.
+        relative: Bias of attention by offset, see `RelativeBias`; with ``neighbours`` and four
+            heads or more, filling in from the neighbours is learned in a tenth of the steps.
+        norm: Whether there is a norm before the last linear layer; without one, a patch twice as
+            bright is predicted twice as bright, before anything is learned.
     """
 
     def __init__(
-        self, encoder: Encoder, width: int, depth: int, heads: int, out: int | None = None
+        self,
+        encoder: Encoder,
+        width: int,
+        depth: int,
+        heads: int,
+        out: int | None = None,
+        relative: Relative = "none",
+        norm: bool = True,
     ) -> None:
         super().__init__()
         self.tube = encoder.tube
+        self.relative = RelativeBias.of(relative, heads, encoder.grid, encoder.prefix)
         self.embed = nn.Linear(encoder.projected, width)
         self.mask_token = nn.Parameter(torch.empty(width))
         self.transformer = Transformer(width, depth, heads)
-        self.norm = nn.LayerNorm(width)
+        self.norm = nn.LayerNorm(width) if norm else nn.Identity()
         self.predict = nn.Linear(width, out or 3 * encoder.tube * encoder.patch**2)
         self.register_buffer("position", waves(encoder.grid, width), persistent=False)
         self.position: Tensor
@@ -61,19 +74,24 @@ class MaskedDecoder(nn.Module):
     def forward(self, features: MaskedFeatures) -> Tensor:
         """The masked view to float (B, slots, M, out)."""
         slots = features.grid[0]
-        visible = self.embed(features.tokens)
-        prefix, patches = visible.split(
-            [features.prefix, visible.shape[1] - features.prefix], dim=1
+        x = self.embed(features.tokens)
+        prefix, patches = x.split([features.prefix, x.shape[1] - features.prefix], dim=1)
+        tokens = self._placed(patches.unflatten(1, (slots, -1)), features) + self.position.flatten(
+            1, 2
         )
-        place = self.position.flatten(1, 2)
-        kept, masked = (place[:, rows].transpose(0, 1) for rows in (features.kept, features.masked))
-        x = torch.cat(
-            [prefix, patches + kept.flatten(1, 2), self.mask_token + masked.flatten(1, 2)], dim=1
-        )
-        x = self.transformer(x)[:, visible.shape[1] :]
-        x = self.predict(self.norm(x))
-        out: Tensor = x.view(len(x), slots, -1, x.shape[-1])
+        x = torch.cat([prefix, tokens.flatten(1, 2)], dim=1)
+        x = self.transformer(x, None if self.relative is None else self.relative())
+        x = x[:, features.prefix :].unflatten(1, (slots, -1))
+        out: Tensor = self.predict(self.norm(masked_patches(x, features)))
         return out
+
+    def _placed(self, visible: Tensor, features: MaskedFeatures) -> Tensor:
+        """Visible tokens (B, slots, K, width) and mask tokens, each at its place: (..., N, ...)."""
+        batch, slots, _, width = visible.shape
+        count = features.kept.shape[1] + features.masked.shape[1]
+        blank = self.mask_token.to(visible.dtype).expand(batch, slots, count, width)
+        index = features.kept[:, None, :, None].expand(-1, slots, -1, width)
+        return blank.scatter(2, index, visible)
 
     def frames(self, patches: Tensor) -> Tensor:
         """(B, slots, M, 3 * tube * P) to (B, M, slots * tube, 3 * P): frames in their order."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from torch import nn
 
 from tactileforge.contracts import Batch, Encoder, Views
+from tactileforge.encoders.relative import Relative
 from tactileforge.heads.decoder import MaskedDecoder, Reconstruction, masked_patches
 
 
@@ -16,11 +17,21 @@ class DiffHead(nn.Module):
         width: Width of the decoder.
         depth: Blocks.
         heads: Attention heads.
+        relative: Bias of the decoder's attention by offset, see `MaskedDecoder`.
+        norm: Whether the decoder has a last norm, see `MaskedDecoder`.
     """
 
-    def __init__(self, encoder: Encoder, width: int = 512, depth: int = 6, heads: int = 8) -> None:
+    def __init__(
+        self,
+        encoder: Encoder,
+        width: int = 512,
+        depth: int = 6,
+        heads: int = 8,
+        relative: Relative = "none",
+        norm: bool = True,
+    ) -> None:
         super().__init__()
-        self.decoder = MaskedDecoder(encoder, width, depth, heads)
+        self.decoder = MaskedDecoder(encoder, width, depth, heads, relative=relative, norm=norm)
 
     def forward(self, views: Views, batch: Batch) -> Reconstruction:
         """Predicted and true differences D_n = T_n - T_1, n = 2..T, of the masked tubes."""

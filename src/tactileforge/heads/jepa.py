@@ -9,6 +9,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from tactileforge.contracts import Batch, Encoder, Views
+from tactileforge.encoders.relative import Relative
 from tactileforge.heads.decoder import MaskedDecoder, masked_patches
 from tactileforge.heads.slow import SlowCopy
 
@@ -38,6 +39,7 @@ class JepaHead(nn.Module):
         depth: Blocks.
         heads: Attention heads.
         momentum: Share of the slow copy that a first step keeps; it rises linearly to 1.
+        relative: Bias of the predictor's attention by offset, see `MaskedDecoder`.
     """
 
     def __init__(
@@ -47,9 +49,10 @@ class JepaHead(nn.Module):
         depth: int = 6,
         heads: int = 6,
         momentum: float = 0.998,
+        relative: Relative = "none",
     ) -> None:
         super().__init__()
-        self.predictor = MaskedDecoder(encoder, width, depth, heads, out=encoder.width)
+        self.predictor = MaskedDecoder(encoder, width, depth, heads, encoder.width, relative)
         self.target = SlowCopy(encoder, momentum)
 
     def follow(self, encoder: Encoder, step: int, total: int) -> None:

@@ -1,0 +1,78 @@
+"""Attention that knows how far apart two patches are."""
+
+from __future__ import annotations
+
+from typing import Literal, TypeAlias
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+#: How a bias starts: there is none, it is 0, or every head looks at one neighbour.
+Relative: TypeAlias = Literal["none", "zero", "neighbours"]
+
+#: Row and column that a head looks at first, from the patch that asks; heads take them in turn.
+NEIGHBOURS = ((0, -1), (0, 1), (-1, 0), (1, 0), (0, 0), (-1, -1), (1, 1), (-1, 1), (1, -1))
+
+
+class RelativeBias(nn.Module):
+    """A learned number a head and an offset, added to the scores of attention.
+
+    Offsets are of slot, row and column. With ``start="neighbours"`` head ``h`` starts with
+    ``-((dr - r_h)**2 + (dc - c_h)**2 + |ds|)``, so that it reads the neighbour at ``(r_h, c_h)``,
+    or the visible patch that is nearest to it: then filling in from the neighbours is linear from
+    the first step, which attention on absolute places does not find in a thousand steps. Tokens
+    before the patches have no place; their bias is 0.
+    Sources: relative bias, Raffel et al. 2020 (T5), section 2.1; the start, d'Ascoli et al. 2021
+    (ConViT), section 2.
+
+    Args:
+        heads: Attention heads.
+        grid: Temporal slots, rows, columns.
+        prefix: Tokens before the patches.
+        start: ``zero`` or ``neighbours``.
+    """
+
+    def __init__(
+        self,
+        heads: int,
+        grid: tuple[int, int, int],
+        prefix: int,
+        start: Literal["zero", "neighbours"],
+    ) -> None:
+        super().__init__()
+        self.prefix = prefix
+        self.slots, self.count = grid[0], grid[1] * grid[2]
+        sizes = [2 * count - 1 for count in grid]
+        offsets = torch.cartesian_prod(*(torch.arange(1.0 - count, count) for count in grid))
+        table = torch.zeros(heads, len(offsets))
+        if start == "neighbours":
+            turns = [NEIGHBOURS[head % len(NEIGHBOURS)] for head in range(heads)]
+            apart = offsets[:, 1:] - torch.tensor(turns)[:, None].float()
+            table = -apart.square().sum(-1) - offsets[:, 0].abs()
+        self.table = nn.Parameter(table)
+        places = torch.cartesian_prod(*(torch.arange(count) for count in grid))
+        steps = places[None] - places[:, None] + torch.tensor(grid) - 1
+        rows = (steps[..., 0] * sizes[1] + steps[..., 1]) * sizes[2] + steps[..., 2]
+        self.register_buffer("rows", rows, persistent=False)
+        self.rows: Tensor
+
+    @classmethod
+    def of(
+        cls, relative: Relative, heads: int, grid: tuple[int, int, int], prefix: int
+    ) -> RelativeBias | None:
+        """The bias of a configuration; None where there is none."""
+        return None if relative == "none" else cls(heads, grid, prefix, relative)
+
+    def forward(self, kept: Tensor | None = None) -> Tensor:
+        """What is added to scores: (1 or B, heads, L, L), asking token before asked one.
+
+        Args:
+            kept: int64 (B, K), spatial positions that are there; None for all.
+        """
+        ahead = (self.prefix, 0, self.prefix, 0)
+        if kept is None:
+            return F.pad(self.table[:, self.rows], ahead)[None]
+        places = torch.cat([kept + slot * self.count for slot in range(self.slots)], dim=1)
+        rows = self.rows[places[:, :, None], places[:, None, :]]
+        return F.pad(self.table[:, rows], ahead).transpose(0, 1)
