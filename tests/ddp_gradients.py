@@ -1,6 +1,7 @@
 """Run by test_ddp.py in every process: gradients of the first step, written to a file.
 
-Usage: python ddp_gradients.py OUT; RANK, WORLD_SIZE, MASTER_ADDR, MASTER_PORT as torch wants them.
+Usage: python ddp_gradients.py OUT [local]; RANK, WORLD_SIZE, MASTER_ADDR, MASTER_PORT as torch wants
+them. With `local` the force objective is wrong on purpose: each rank divides by its own labels.
 """
 
 import os
@@ -13,6 +14,7 @@ from torch.nn.parallel import DistributedDataParallel
 
 from tactileforge.contracts import Batch
 from tactileforge.module import TouchModule
+from tactileforge.objectives import force
 from tactileforge.testing import batch as make_batch
 
 CONFIG = {
@@ -48,12 +50,18 @@ class Losses(nn.Module):
         return self.module.losses(batch, weights, universal=0.5)[0]
 
 
+def local_mean(losses: Tensor, valid: Tensor) -> Tensor:
+    return torch.where(valid, losses, 0.0).sum() / valid.sum().clamp(min=1)
+
+
 def rows_of(batch: Batch, rows: slice) -> Batch:
     return {key: value[rows] for key, value in batch.items()}
 
 
 def main() -> None:
     rank, world = int(os.environ.get("RANK", "0")), int(os.environ.get("WORLD_SIZE", "1"))
+    if "local" in sys.argv[2:]:
+        force.masked_mean = local_mean
     torch.manual_seed(0)
     module = TouchModule.from_config(CONFIG, {"text", "image", "force"})
     batch = make_batch(size=8, frames=4, image=32)
