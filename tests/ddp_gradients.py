@@ -1,7 +1,8 @@
 """Run by test_ddp.py in every process: gradients of the first step, written to a file.
 
-Usage: python ddp_gradients.py OUT [local]; RANK, WORLD_SIZE, MASTER_ADDR, MASTER_PORT as torch wants
-them. With `local` the force objective is wrong on purpose: each rank divides by its own labels.
+Usage: python ddp_gradients.py OUT [local]; RANK, WORLD_SIZE, MASTER_ADDR, MASTER_PORT as torch
+wants them. With `local` the force objective is wrong on purpose: each rank divides by its own
+labels.
 """
 
 import os
