@@ -66,7 +66,8 @@ def main() -> None:
     torch.manual_seed(0)
     module = TouchModule.from_config(CONFIG, {"text", "image", "force"})
     batch = make_batch(size=8, frames=4, image=32)
-    batch["force_valid"] = torch.tensor([True, True, True, False, True, False, False, False])
+    batch["force_valid"][[3, 5, 6, 7]] = False
+    batch["force_valid"][2, :2] = False  # z alone
     batch["text"] = ["a", "b", "", "", "c", "d", "e", ""]
     batch["image_valid"] = torch.tensor([True, False, False, False, True, True, True, True])
     torch.manual_seed(7)

@@ -93,8 +93,8 @@ def read_force(table: FrameTable, path: Path, times: NDArray[np.float64]) -> NDA
         times: float64 (T,), seconds of the frames.
 
     Returns:
-        float32 (T, 3), newton; a row with an empty cell is NaN, and so is what lies before the
-        first label once the lag is applied.
+        float32 (T, 3), newton; an empty cell is NaN, and so are an axis without a column and what
+        lies before the first label once the lag is applied.
 
     Raises:
         DataNotFoundError: There is no such CSV.
@@ -102,9 +102,11 @@ def read_force(table: FrameTable, path: Path, times: NDArray[np.float64]) -> NDA
     """
     force = np.full((len(times), 3), np.nan)
     for frame, where, cells in _per_frame(table, path, len(times)):
-        row = [_number(cell, f"{where}, column {name!r}") for name, cell in cells.items()]
+        row = [
+            _number(cells[name], f"{where}, column {name!r}") if name else math.nan
+            for name in table.columns
+        ]
         force[frame] = np.array(row) * table.sign
-    force[~np.isfinite(force).all(axis=1)] = np.nan
     return _delayed(times, force, table.lag_s).astype(np.float32)
 
 
@@ -127,7 +129,8 @@ def read_actions(table: FrameTable, path: Path, count: int) -> NDArray[np.int64]
 
 def _per_frame(table: FrameTable, path: Path, count: int) -> list[tuple[int, str, dict[str, str]]]:
     """Frame number, place and the cells asked for of each row of a CSV per frame."""
-    needed = [*table.columns, *([table.frame] if table.frame else [])]
+    named = [name for name in table.columns if name]
+    needed = [*named, *([table.frame] if table.frame else [])]
     out, seen = [], set()
     for i, (where, cells) in enumerate(_read(path, needed)):
         text = cells[table.frame] if table.frame else str(i)
@@ -143,7 +146,7 @@ def _per_frame(table: FrameTable, path: Path, count: int) -> list[tuple[int, str
         if frame in seen:
             raise DataError(f"{where}: frame {frame} has a row already; remove one of them")
         seen.add(frame)
-        out.append((frame, where, {name: cells[name] for name in table.columns}))
+        out.append((frame, where, {name: cells[name] for name in named}))
     return out
 
 
