@@ -72,6 +72,15 @@ def test_a_wrong_gradient_is_seen(tmp_path: Path, joint: dict[str, torch.Tensor]
     assert set(visible) <= set(differing({k: 1.001 * v for k, v in joint.items()}, joint))
 
 
+def test_balanced_gradients_are_those_of_the_joint_batch(tmp_path: Path) -> None:
+    """Norms are of the joint batch, not of a rank's rows, and so are the factors."""
+    alone, shared = (gradients(tmp_path / f"{n}.pt", n, "gradnorm") for n in (1, 2))
+    factor = alone["balance.factor"]
+    assert (factor.max() / factor.min()).item() > 2
+    assert (alone["balance.norm"] > 0).all()
+    assert differing(shared, alone) == []
+
+
 @pytest.mark.slow
 def test_two_processes_train_across_the_start_of_an_objective(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "tactileforge", "train", "scale=demo", "debug=steps"]

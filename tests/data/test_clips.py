@@ -128,6 +128,14 @@ def test_one_unlabelled_frame_makes_a_clip_unlabelled() -> None:
     assert [cut[i]["force_valid"].all().item() for i in range(4)] == [True, False, False, True]
 
 
+def test_a_force_along_one_axis_is_a_label_of_that_axis() -> None:
+    force = np.ones((40, 3), np.float32)
+    force[:, :2] = np.nan
+    row = clips(recording(force=force))[0]
+    assert row["force_valid"].tolist() == [False, False, True]
+    assert row["force"].tolist() == [[0, 0, 1]] * len(row["force"])
+
+
 def test_the_background_is_the_median_of_the_no_contact_frames() -> None:
     assert (clips(recording(no_contact=Counted(5)))[0]["background"] == 2).all()
 

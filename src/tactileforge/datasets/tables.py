@@ -132,7 +132,7 @@ def _per_frame(table: FrameTable, path: Path, count: int) -> list[tuple[int, str
     named = [name for name in table.columns if name]
     needed = [*named, *([table.frame] if table.frame else [])]
     out, seen = [], set()
-    for i, (where, cells) in enumerate(_read(path, needed)):
+    for i, (where, cells) in enumerate(_read(path, needed, whole=table.frame is None)):
         text = cells[table.frame] if table.frame else str(i)
         try:
             frame = int(text)
@@ -150,8 +150,8 @@ def _per_frame(table: FrameTable, path: Path, count: int) -> list[tuple[int, str
     return out
 
 
-def _read(path: Path, needed: list[str]) -> list[tuple[str, dict[str, str]]]:
-    """Place and cells of each row of a CSV."""
+def _read(path: Path, needed: list[str], whole: bool = False) -> list[tuple[str, dict[str, str]]]:
+    """Place and cells of each row of a CSV; ``whole`` if a row must not be skipped in silence."""
     if not path.is_file():
         raise DataNotFoundError(f"{path}: no such CSV; correct the layout, or add the file")
     with path.open(newline="", encoding="utf-8-sig") as file:
@@ -161,8 +161,16 @@ def _read(path: Path, needed: list[str]) -> list[tuple[str, dict[str, str]]]:
             if name not in header:
                 raise ConfigError(f"{path}: {unknown('column', name, header)}")
         rows = []
+        line = reader.line_num
         for cells in reader:
             where = f"{path}, row {reader.line_num}"
+            lines = 1 + sum(str(value).count("\n") for value in cells.values())
+            if whole and reader.line_num > line + lines:  # an empty line is no row to the reader
+                raise DataError(
+                    f"{where}: an empty line is before it; rows are frames here, so write a row of "
+                    'empty cells (,, or "") for a frame without a label'
+                )
+            line = reader.line_num
             if None in cells:
                 raise DataError(f"{where}: more cells than the header has; quote the commas")
             rows.append((where, {name: value.strip() for name, value in cells.items()}))
