@@ -76,6 +76,11 @@ class ForceHead(nn.Module):
         tokens = self._tokens(views.full)
         return Forces(self.force(tokens), self.delta(tokens))
 
+    def hidden(self, views: Views) -> Tensor:
+        """What the last layer of the forces reads, float (B, T - 1, width / 4)."""
+        out: Tensor = self.force.probe[:-1](self.force.pooler(self._tokens(views.full)))
+        return out
+
     def _tokens(self, full: Features) -> Tensor:
         if not self.difference:
             return full.tokens
