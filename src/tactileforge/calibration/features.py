@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Frames, Recording
+from tactileforge.data.clips import resized
 from tactileforge.errors import DataError, unknown
 from tactileforge.sensors.taxels import REST
 
@@ -133,7 +134,8 @@ def _pictures(
 
 def _read_by(model: Model, recording: Recording) -> Iterator[dict[str, NDArray[np.float64]]]:
     """What a model reads in the clips that end at each frame; it is shown the last."""
-    rest = background(recording).round().astype(np.uint8)
+    rest, size = background(recording).round().astype(np.uint8), model.encoder.image_size
+    rest = resized(rest, size) if model.recipe else rest
     period = float(np.median(np.diff(recording.times))) if len(recording.times) > 1 else 1.0
     stride = max(1, round(model.spacing / period))
     back = np.arange(model.frames - 1, -1, -1) * stride
@@ -141,7 +143,10 @@ def _read_by(model: Model, recording: Recording) -> Iterator[dict[str, NDArray[n
         ends = np.arange(start, min(start + _CHUNK, len(recording.frames)))
         rows = np.maximum(ends[:, None] - back, 0)
         known, places = np.unique(rows, return_inverse=True)
-        clips = recording.frames.read(known.tolist())[places.reshape(rows.shape)]
+        pictures = recording.frames.read(known.tolist())
+        if model.recipe:  # trained here, on pictures of the size of its input
+            pictures = np.stack([resized(one, size) for one in pictures])
+        clips = pictures[places.reshape(rows.shape)]
         found = model.force_inputs(clips, rest, recording.sensor)
         yield {name: one[:, -1].cpu().double().numpy() for name, one in found.items()}
 

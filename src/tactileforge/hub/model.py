@@ -244,7 +244,7 @@ class Model:
             out = self._taps(scale is not None, x, still, self._rows(names, unknown_sensor))
             vector, force = out["projected"].float(), None
             if head is not None and scale is not None:
-                axes = None if calibration is None else self._axes(calibration, names)
+                axes = None if calibration is None else self.axes_of(calibration, names)
                 force = forces.newton(self._readable(out, scale), axes)
         if single:
             return Readings(vector[0], None if force is None else force[0])
@@ -281,7 +281,16 @@ class Model:
         head, scale = self.heads["force"], scale.to(out["tokens"].device)
         return forces.readable(head, self.encoder, out["tokens"], out["projected"], scale)
 
-    def _axes(self, calibration: Calibration, names: Sequence[str]) -> Mapping[str, Axis]:
+    def axes_of(self, calibration: Calibration, names: Sequence[str]) -> Mapping[str, Axis]:
+        """The fits of a calibration, if they are those of this model's forces.
+
+        Args:
+            calibration: Of one unit.
+            names: Sensors that they are for.
+
+        Raises:
+            ConfigError: They are of another model or sensor.
+        """
         for name in sorted(set(names)):
             calibration.check(name)
         if calibration.force is None or calibration.force.model != self.fingerprint:
