@@ -50,7 +50,7 @@ def batch() -> Batch:
         "background": torch.randint(90, 160, (8, 3, 32, 32), dtype=torch.uint8, generator=rng),
         "sensor": ["digit", "gelsight"] * 4,
         "force": torch.randn(8, 4, 3, generator=rng),
-        "force_valid": torch.tensor([True, False] * 4),
+        "force_valid": torch.tensor([[True] * 3, [False] * 3] * 4),
         "force_scale": torch.tensor([[5.25, 10.61, 14.14], [6.84, 9.87, 8.52]] * 4),
         "action": torch.tensor([0, 0, 1, 1, 2, 2, -1, -1]),
         "object": torch.tensor([0, 0, 1, 1, 2, 2, 3, 3]),

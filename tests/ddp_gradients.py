@@ -1,6 +1,8 @@
 """Run by test_ddp.py in every process: gradients of the first step, written to a file.
 
-Usage: python ddp_gradients.py OUT; RANK, WORLD_SIZE, MASTER_ADDR, MASTER_PORT as torch wants them.
+Usage: python ddp_gradients.py OUT [local] [gradnorm]; RANK, WORLD_SIZE, MASTER_ADDR, MASTER_PORT as
+torch wants them. With `local` the force objective is wrong on purpose: each rank divides by its own
+labels. With `gradnorm` objectives are balanced, and what the balance found is written too.
 """
 
 import os
@@ -13,6 +15,7 @@ from torch.nn.parallel import DistributedDataParallel
 
 from tactileforge.contracts import Batch
 from tactileforge.module import TouchModule
+from tactileforge.objectives import force
 from tactileforge.testing import batch as make_batch
 
 CONFIG = {
@@ -45,7 +48,14 @@ class Losses(nn.Module):
 
     def forward(self, batch: Batch) -> Tensor:
         weights = dict.fromkeys(self.module.objectives, 1.0)
-        return self.module.losses(batch, weights, universal=0.5)[0]
+        terms = self.module.terms(batch, weights, universal=0.5)
+        losses = {key: term.loss for key, term in terms.items()}
+        total: Tensor = self.module.balance(losses, weights, 0, self.module.encoder)
+        return total
+
+
+def local_mean(losses: Tensor, valid: Tensor) -> Tensor:
+    return torch.where(valid, losses, 0.0).sum() / valid.sum().clamp(min=1)
 
 
 def rows_of(batch: Batch, rows: slice) -> Batch:
@@ -54,10 +64,14 @@ def rows_of(batch: Batch, rows: slice) -> Batch:
 
 def main() -> None:
     rank, world = int(os.environ.get("RANK", "0")), int(os.environ.get("WORLD_SIZE", "1"))
+    if "local" in sys.argv[2:]:
+        force.masked_mean = local_mean
+    config = CONFIG | ({"balance": {"name": "gradnorm"}} if "gradnorm" in sys.argv[2:] else {})
     torch.manual_seed(0)
-    module = TouchModule.from_config(CONFIG, {"text", "image", "force"})
+    module = TouchModule.from_config(config, {"text", "image", "force"})
     batch = make_batch(size=8, frames=4, image=32)
-    batch["force_valid"] = torch.tensor([True, True, True, False, True, False, False, False])
+    batch["force_valid"][[3, 5, 6, 7]] = False
+    batch["force_valid"][2, :2] = False  # z alone
     batch["text"] = ["a", "b", "", "", "c", "d", "e", ""]
     batch["image_valid"] = torch.tensor([True, False, False, False, True, True, True, True])
     torch.manual_seed(7)
@@ -69,7 +83,8 @@ def main() -> None:
     losses(rows_of(batch, slice(rank * share, (rank + 1) * share))).backward()
     if rank == 0:
         grads = {k: p.grad for k, p in module.named_parameters() if p.grad is not None}
-        torch.save(grads, sys.argv[1])
+        balance = {f"balance.{k}": v for k, v in module.balance.state_dict().items()}
+        torch.save(grads | balance, sys.argv[1])
     if world > 1:
         dist.barrier()
         dist.destroy_process_group()

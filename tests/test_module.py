@@ -79,7 +79,7 @@ def test_samples_without_a_label_change_nothing(module: TouchModule, batch: Batc
     """Force, text and image of the labelled alone, and among others that have none."""
     nothing = torch.zeros(8, dtype=torch.bool)
     changed = batch | {
-        "force": torch.where(batch["force_valid"][:, None, None], batch["force"], 1e6),
+        "force": torch.where(batch["force_valid"][:, None], batch["force"], 1e6),
         "image": torch.where(batch["image_valid"][:, None, None, None], batch["image"], 7),
     }
     for name in ("force", "align"):
@@ -87,7 +87,11 @@ def test_samples_without_a_label_change_nothing(module: TouchModule, batch: Batc
         one = module.losses(batch, {name: 1.0})[0]
         torch.manual_seed(0)
         assert module.losses(changed, {name: 1.0})[0].item() == one.item() > 0
-    bare = batch | {"force_valid": nothing, "image_valid": nothing, "text": [""] * 8}
+    bare = batch | {
+        "force_valid": nothing[:, None].expand(8, 3),
+        "image_valid": nothing,
+        "text": [""] * 8,
+    }
     bare |= {"group": torch.full((8,), -1)}
     assert module.losses(bare, {"force": 1.0, "align": 1.0, "match": 1.0})[0].item() == 0
 

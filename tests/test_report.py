@@ -25,7 +25,7 @@ from tactileforge.module import TouchModule
 from tactileforge.report.embedding import Embedding, neighbours, principal
 from tactileforge.report.figures import curve_figure
 from tactileforge.report.forces import ForceResult
-from tactileforge.report.metrics import Curve, read_metrics
+from tactileforge.report.metrics import Curve, read_metrics, weighed
 from tactileforge.report.page import MINUS, NONE, duration, number, percent
 from tactileforge.report.pictures import strips_of
 from tactileforge.report.run import report_of_run, write_report
@@ -63,6 +63,8 @@ class Touches:
             growth = np.linspace(0, 60, length)[:, None, None, None] * np.ones((1, SIZE, SIZE, 3))
             growth[:, :, : SIZE // 2] = 0
             force = np.linspace([0, 0, 0], [0.5, -1, i], length).astype(np.float32)
+            if self.missing.get("shear"):
+                force[:, :2] = np.nan
             labels = not self.missing.get("labels")
             yield Recording(
                 key=f"{split}/<{i}>",
@@ -137,7 +139,10 @@ def write(tmp_path: Path) -> Write:
     """Writes the report of a run that never was: fresh weights, metrics as given."""
 
     def build(
-        dataset: Touches, *overrides: str, metrics: list[dict[str, float]] | None = None
+        dataset: Touches,
+        *overrides: str,
+        metrics: list[dict[str, float]] | None = None,
+        met: dict[str, dict[str, int]] | None = None,
     ) -> Page:
         config = config_of(*overrides)
         OmegaConf.save(OmegaConf.create(config), tmp_path / "config.yaml")
@@ -146,6 +151,7 @@ def write(tmp_path: Path) -> Write:
         data = TouchData(dataset, 4, (SIZE, SIZE), batch_size=8, match=0, workers=0)
         data.setup()
         module = TouchModule.from_config(config, data.summary("train").labels)
+        module.labels.counts = met or {}
         report = write_report(tmp_path, module, data)
         assert not list(tmp_path.glob("*.part"))
         return Page(report.read_text())
@@ -289,6 +295,37 @@ def test_without_force_and_labels(write: Write) -> None:
     assert "Not known of these clips: object, action." in page.text
     page = write(Touches(labels=True), "objective=[force]")
     assert "No clip has a force label." in page.text
+
+
+def test_forces_along_one_axis(write: Write) -> None:
+    count = {"batches": 25, "clips": 800, "labelled": 800, "x": 0, "y": 0, "z": 800}
+    page = write(Touches(shear=True), "objective=[force]", met={"force": count})
+    rows = {row[0]: row[1:] for row in page.tables["force-force"]}
+    assert set(rows["x, validation"]) == {NONE}
+    assert float(rows["z, validation"][4]) > 1000  # mN that were measured
+    assert "Objective 'force' has met no force along x and y in its first 25 batches" in page.text
+    assert "Better than it along" in page.text
+    recordings = {row[0]: row[1:] for row in page.tables["recordings"]}
+    assert "6 (x 0, y 0, z 6)" in recordings["digit, training"]
+
+
+def test_what_reaches_the_encoder_is_drawn(write: Write) -> None:
+    steps = [
+        {"step": 9, "train/pixel": 1.0, "gradient/pixel": 0.5, "weight/pixel": 2.0},
+        {"step": 19, "train/pixel": 0.9, "gradient/pixel": 0.25, "weight/pixel": 4.0},
+    ]
+    page = write(Touches(), "objective=[pixel]", metrics=steps)
+    assert "Norms of each objective's gradient on the encoder" in page.text
+    names = [given["aria-label"] for tag, given in page.tags if "aria-label" in given]
+    assert [name for name in names if "over steps: pixel" in str(name)] == [
+        "norm over steps: pixel",
+        "weight over steps: pixel",
+        "norm over steps: pixel",
+    ]
+    product = weighed(
+        Curve(np.array([9, 19]), np.array([0.5, 0.25])), Curve(np.array([19]), np.array([4.0]))
+    )
+    assert (product.steps.tolist(), product.values.tolist()) == ([19], [1.0])
 
 
 @pytest.mark.parametrize(
@@ -465,6 +502,20 @@ def test_a_force_that_does_not_vary_has_no_correlation() -> None:
     score = ForceResult("x", {"val": reading}, "", {}).scores("val")[0]
     assert (score.mae, score.median) == (1000, 0)
     assert np.isnan(score.correlation)
+    assert np.isnan(score.r2)
+
+
+def test_a_collapsed_axis_is_told() -> None:
+    rng = np.random.default_rng(0)
+    measured = rng.normal(0, [0.4, 0.4, 4], (50, 3, 3)).astype(np.float32)
+    predicted = measured * np.array([0.05, 0.5, 1], np.float32)
+    measured[:25, :, 1] = np.nan
+    reading = ForceReading(measured, predicted, np.arange(50))
+    x, y, z = ForceResult("x", {"val": reading}, "", {}).scores("val")
+    assert [score.collapsed for score in (x, y, z)] == [True, False, False]
+    assert z.r2 == 1
+    assert y.r2 == pytest.approx(0.75, abs=0.01)  # half of what is there, around a mean near 0
+    assert x.measured == pytest.approx(1000 * measured[..., 0].std())
 
 
 @pytest.mark.parametrize("share", [1.0, 0.5, 0.0])

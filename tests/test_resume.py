@@ -11,6 +11,7 @@ import pytest
 import torch
 
 from tactileforge import cli
+from tactileforge.balance import GradNorm
 from tactileforge.checkpoints import AtomicCheckpointIO, find, initialise, read
 from tactileforge.errors import ConfigError, DataNotFoundError
 from tactileforge.sim.record import Config, write_seconds
@@ -61,6 +62,14 @@ def options_of(data: str, folder: Path) -> list[str]:
     """
     if data == "whole":
         return [*OPTIONS, *SMALL]
+    if data == "balanced":
+        return [
+            *OPTIONS,
+            *SMALL,
+            "balance=gradnorm",
+            "balance.every=3",
+            "objective.force.scaled=true",
+        ]
     if data == "dino":
         return ["recipe=dino", *OPTIONS, *SMALL]
     for number in range(2):
@@ -84,7 +93,7 @@ def options_of(data: str, folder: Path) -> list[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("data", ["whole", "windows", "dino"])
+@pytest.mark.parametrize("data", ["whole", "windows", "dino", "balanced"])
 def test_a_killed_run_resumes_bit_identically(tmp_path: Path, data: str) -> None:
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     options = options_of(data, tmp_path / "shards")
@@ -161,5 +170,8 @@ def test_init_takes_what_fits_and_refuses_another_encoder() -> None:
     line = initialise(module, state | {"heads.weight": torch.ones(1, 5), "old.bias": torch.ones(1)})
     assert (module["encoder"].weight == 1).all()
     assert "2 tensors taken; new: ['heads']; not used: ['heads', 'old']" in line
+    module["balance"] = GradNorm(["a"])
+    initialise(module, state | {"balance.factor": torch.full((1,), 5.0)})
+    assert module["balance"].factor.tolist() == [1.0]  # of that run
     with pytest.raises(ConfigError, match=r"encoder\.bias \(missing in the checkpoint"):
         initialise(module, {"encoder.weight": torch.ones(3, 2)})

@@ -132,7 +132,8 @@ def read(path: str | Path) -> dict[str, Any]:
 def initialise(module: nn.Module, state: Mapping[str, torch.Tensor]) -> str:
     """Starts a module from the weights of another run; everything of the encoder must fit.
 
-    Heads and objectives are taken where name and shape agree, because the new run may have others.
+    Heads and objectives are taken where name and shape agree, because the new run may have others;
+    how they were balanced is not.
 
     Returns:
         A line that says what was taken and what was not.
@@ -140,7 +141,10 @@ def initialise(module: nn.Module, state: Mapping[str, torch.Tensor]) -> str:
     Raises:
         ConfigError: Encoder tensors are missing, left over, or of another shape; names them.
     """
-    own = module.state_dict()
+    own, state = (
+        {key: value for key, value in one.items() if not key.startswith("balance.")}
+        for one in (module.state_dict(), state)
+    )
     fits = {k: v for k, v in state.items() if k in own and own[k].shape == v.shape}
     wrong = [
         f"{key} ({tuple(state[key].shape) if key in state else 'missing'} in the checkpoint, "

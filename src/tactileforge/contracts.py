@@ -20,7 +20,7 @@ A batch is a plain dict:
 | `frames` | uint8 (B, T, 3, H, W) | RGB, oldest first |
 | `background` | uint8 (B, 3, H, W) | no-contact frame of the same recording |
 | `sensor` | list of B names | the encoder maps names to its own rows |
-| `force` | float32 (B, T, 3), `force_valid` bool (B,) | newton |
+| `force` | float32 (B, T, 3), `force_valid` bool (B, 3) | newton; which axes are labelled |
 | `force_scale` | float32 (B, 3) | newton that count as 1, from the `SensorSpec` |
 | `action` | int64 (B,) | index into `ACTIONS`; -1 unknown |
 | `object` | int64 (B,) | identity across sensors; -1 unknown |
@@ -52,6 +52,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from torch import Tensor
 
+    from tactileforge.data.clips import Clips
+
 Batch: TypeAlias = dict[str, Any]
 
 #: The eight atomic actions (paper, section Method), in the order of their labels.
@@ -68,6 +70,9 @@ ACTIONS = (
 
 #: Labels of a batch: what a data set may provide, and an objective may need.
 LABELS = ("force", "action", "object", "text", "image")
+
+#: Axes of a force, in the order of its columns.
+AXES = ("x", "y", "z")
 
 #: A background of this value, subtracted and offset by 130/255, leaves a frame as it is.
 NEUTRAL_BACKGROUND = 130
@@ -142,7 +147,8 @@ class Recording:
         times: float64 (T,), seconds, strictly increasing.
         no_contact: Frames without contact, whose median is the background; None where the source
             has none and says so (then nothing is subtracted).
-        force: float32 (T, 3), newton; a row of NaN is a frame without a label.
+        force: float32 (T, 3), newton; NaN is no label: a frame without any is a row of NaN, and a
+            source that knows z alone has NaN in x and y.
         action: int64 (T,), index into `ACTIONS`, -1 unknown.
         object: Name of what is touched, the same for every sensor that touches it.
         text: Caption; ``{action}`` in it stands for the action of the clip.
@@ -442,6 +448,37 @@ class Follower(Protocol):
             step: Optimiser steps taken so far.
             total: Steps of the run.
         """
+        ...
+
+
+@runtime_checkable
+class Prepared(Protocol):
+    """An objective that measures its training data before the first step of a new run.
+
+    Having the method is enough. What it finds are buffers: a resumed run takes them from its
+    checkpoint.
+    """
+
+    def prepare(self, clips: Clips) -> None:
+        """Called once, on every rank with the same clips; draws no random numbers.
+
+        Args:
+            clips: Clips of the training data; of a source that is read window by window, of some of
+                its recordings.
+        """
+        ...
+
+
+@runtime_checkable
+class Scored(Protocol):
+    """An objective with scores of a whole split that are no means over its batches, such as R2."""
+
+    def sums(self, prediction: Any, batch: Batch) -> Tensor:
+        """What adds up over batches and ranks, of one batch; float64 of any shape."""
+        ...
+
+    def scores(self, sums: Tensor) -> dict[str, float]:
+        """Scores by name, from the sums of all batches; one that has no value is left out."""
         ...
 
 

@@ -26,6 +26,14 @@ def rand_rows(rows: int, *columns: int, device: torch.device) -> Tensor:
     return torch.rand(size * rows, *columns, device=device)[rank * rows : (rank + 1) * rows]
 
 
+def summed(x: Tensor) -> Tensor:
+    """The sum over ranks, without gradients; ``x`` itself in a single process."""
+    if world()[1] > 1:
+        x = x.clone()
+        dist.all_reduce(x)
+    return x
+
+
 class _Gather(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, x: Tensor) -> Tensor:
@@ -54,15 +62,15 @@ def gather(x: Tensor) -> Tensor:
 
 
 def masked_mean(losses: Tensor, valid: Tensor) -> Tensor:
-    """Mean of the valid samples' losses over all ranks; 0 where there is none.
+    """Mean of the valid losses over all ranks; 0 where there is none.
 
     DDP averages gradients over ranks that may hold different numbers of labelled samples. Each
     rank's sum is divided by the joint count and multiplied by the number of ranks, so that average
     is the joint mean.
 
     Args:
-        losses: float (B,), one a sample.
-        valid: bool (B,).
+        losses: float (B,), one a sample, or of any other shape.
+        valid: bool, alike.
 
     Returns:
         A scalar, connected to the graph even when nothing is valid.

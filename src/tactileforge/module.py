@@ -12,11 +12,16 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from tactileforge import registry
-from tactileforge.contracts import Batch, Follower
+from tactileforge import balance as balances
+from tactileforge.contracts import Batch, Follower, Prepared, Scored
 from tactileforge.curriculum import Curriculum, from_config
 from tactileforge.data.augment import Augment, fill_captions
+from tactileforge.data.clips import Clips
+from tactileforge.distributed import summed
 from tactileforge.errors import ConfigError, DataError, TactileForgeError
+from tactileforge.labels import Labels
+from tactileforge.optim import optimiser
+from tactileforge.parts import Term, build_parts, logs_of
 
 log = logging.getLogger(__name__)
 
@@ -35,15 +40,16 @@ class TouchModule(L.LightningModule):
         objectives: By name.
         weights: Largest weight of each objective.
         curriculum: See `curriculum.from_config`.
-        optim: ``lr``, ``weight_decay``, ``betas``, and ``warmup``, the share of the run in which
-            the learning rate rises; it falls linearly to 0 afterwards.
+        optim: See `optim.optimiser`.
         augment: Changes clips and their labels, or None.
         seed: Seed of the run.
+        balance: See `balance.build`; None leaves weights as they are.
 
     Attributes:
         skipped: What could not be read so far: by its name, a line that says why, and how many
             recordings it costs.
         allowed: How many recordings may be skipped before the run stops; None for any number.
+        labels: The labels that were met in training.
     """
 
     def __init__(
@@ -56,12 +62,14 @@ class TouchModule(L.LightningModule):
         optim: Mapping[str, Any],
         augment: Augment | None = None,
         seed: int = 0,
+        balance: Mapping[str, Any] | None = None,
     ) -> None:
         super().__init__()
         self.encoder: Any = encoder
         self.heads = nn.ModuleDict(heads)
         self.objectives = nn.ModuleDict(objectives)
         self.weights = dict(weights)
+        self.balance = balances.build(balance, list(objectives))
         self.curriculum_config = dict(curriculum)
         self.optim = dict(optim)
         self.augment = augment
@@ -70,6 +78,8 @@ class TouchModule(L.LightningModule):
         self.total = 0
         self.skipped: dict[str, tuple[str, int]] = {}
         self.allowed: int | None = None
+        self.labels = Labels()
+        self._sums: dict[str, Tensor] = {}
 
     @classmethod
     def from_config(cls, config: Mapping[str, Any], provides: AbstractSet[str]) -> TouchModule:
@@ -79,31 +89,8 @@ class TouchModule(L.LightningModule):
             config: Plain data.
             provides: Labels the data has; towers for others are not built.
         """
-        encoder = registry.build("encoders", config["encoder"])
-        modality = getattr(encoder, "modality", "touch")
-        if modality != "touch":
-            name = config["encoder"]["name"]
-            raise ConfigError(f"encoder={name} encodes {modality}, not touch")
-        heads, objectives, weights = {}, {}, {}
-        for key, node in config["objective"].items():
-            options = dict(node)
-            weights[key] = float(options.pop("weight", 1.0))
-            objectives[key] = registry.build("objectives", options)
-            wanted = registry.context(registry.get("heads", config["head"][key]["name"]))
-            towers = {
-                f"{kind}_encoder": tower(config, kind)
-                if kind in provides and config.get(f"{kind}_encoder")
-                else None
-                for kind in ("text", "image")
-                if f"{kind}_encoder" in wanted
-            }
-            if towers and not any(towers.values()):
-                raise ConfigError(
-                    f"head {key!r} has nothing to align with: the data has "
-                    f"{', '.join(sorted(provides)) or 'frames only'}; choose text_encoder= or "
-                    "image_encoder= for what it has"
-                )
-            heads[key] = registry.build("heads", config["head"][key], encoder=encoder, **towers)
+        encoder, heads, objectives = build_parts(config, provides)
+        weights = {k: float(node.get("weight", 1.0)) for k, node in config["objective"].items()}
         augment = config.get("augment")
         return cls(
             encoder,
@@ -114,6 +101,7 @@ class TouchModule(L.LightningModule):
             config["optim"],
             Augment(**augment) if augment else None,
             config["seed"],
+            config.get("balance"),
         )
 
     def setup(self, stage: str) -> None:
@@ -129,10 +117,16 @@ class TouchModule(L.LightningModule):
             raise TactileForgeError("the curriculum is known once training starts")
         return self.plan.weights(self.global_step)
 
-    def losses(
+    def prepare(self, clips: Clips) -> None:
+        """Lets objectives measure the training data, before the first step of a new run."""
+        for objective in self.objectives.values():
+            if isinstance(objective, Prepared):
+                objective.prepare(clips)
+
+    def terms(
         self, batch: Batch, weights: Mapping[str, float], universal: float = 0.0
-    ) -> tuple[Tensor, dict[str, Tensor]]:
-        """The weighted loss, and what to log: each objective's loss and its further scalars.
+    ) -> dict[str, Term]:
+        """What each objective makes of a batch.
 
         Args:
             batch: See `tactileforge.contracts`, on this module's device.
@@ -140,16 +134,28 @@ class TouchModule(L.LightningModule):
             universal: Chance of the universal sensor tokens.
         """
         views = self.encoder.views(batch, universal)
-        total = torch.zeros((), device=self.device)
-        logs: dict[str, Tensor] = {}
+        found = {}
         for key, objective in self.objectives.items():
-            if not weights.get(key):
-                continue
-            loss, extra = objective(self.heads[key](views, batch), batch)
-            total = total + weights[key] * loss
-            logs[key] = loss.detach()
-            logs |= {f"{key}/{name}": value for name, value in extra.items()}
-        return total, logs
+            if weights.get(key):
+                prediction = self.heads[key](views, batch)
+                found[key] = Term(prediction, *objective(prediction, batch))
+        return found
+
+    def losses(
+        self, batch: Batch, weights: Mapping[str, float], universal: float = 0.0
+    ) -> tuple[Tensor, dict[str, Tensor]]:
+        """The weighted loss, and what to log: each objective's loss and its further scalars.
+
+        Args:
+            batch: See `terms`.
+            weights: See `terms`.
+            universal: See `terms`.
+        """
+        found = self.terms(batch, weights, universal)
+        total = torch.zeros((), device=self.device)
+        for key, term in found.items():
+            total = total + weights[key] * term.loss
+        return total, logs_of(found)
 
     def on_before_batch_transfer(self, batch: Batch, dataloader_idx: int) -> Batch:
         """Host side: flips are drawn, labels and captions follow."""
@@ -157,9 +163,15 @@ class TouchModule(L.LightningModule):
             self._reseed(self._batch_number() + 1, self.global_rank + 1)
             if self.augment:
                 batch = self.augment.labels(batch)
+            self._count(batch)
         fill_captions(batch)
         self.skip(batch["skipped"])
         return batch
+
+    def _count(self, batch: Batch) -> None:
+        for key, weight in (self.current_weights() if self.plan else {}).items():
+            if weight:
+                self.labels.add(key, getattr(self.objectives[key], "needs", frozenset()), batch)
 
     def training_step(self, batch: Batch, batch_idx: int) -> Tensor:
         """One step of all objectives whose weight is above 0."""
@@ -169,13 +181,15 @@ class TouchModule(L.LightningModule):
         assert self.plan is not None
         weights = self.current_weights()
         universal = self.plan.universal(self.global_step)
-        total, logs = self.losses(batch, weights, universal)
+        found = self.terms(batch, weights, universal)
+        losses = {key: term.loss for key, term in found.items()}
+        total: Tensor = self.balance(losses, weights, self.global_step, self.encoder)
         if not total.requires_grad:  # every objective is still asleep
             raise ConfigError(
                 f"no objective has a weight above 0 at step {self.global_step}; let one start at 0"
             )
         if (self.global_step + 1) % log_interval(self.trainer) == 0:
-            self._log_step(total.detach(), logs, weights, universal)
+            self._log_step(total.detach(), logs_of(found), weights, universal)
         return total
 
     def on_train_start(self) -> None:
@@ -200,43 +214,37 @@ class TouchModule(L.LightningModule):
         if not bool((batch["group"] >= 0).any()):
             paired = [k for k, v in self.objectives.items() if getattr(v, "pairs", False)]
             weights |= dict.fromkeys(paired, 0.0)
-        _, logs = self.losses(batch, weights)
+        found = self.terms(batch, weights)
+        for key, term in found.items():
+            if isinstance(objective := self.objectives[key], Scored):
+                sums = objective.sums(term.prediction, batch)
+                self._sums[key] = self._sums[key] + sums if key in self._sums else sums
+        logs = logs_of(found)
         size = len(batch["frames"])
         self.log_dict({f"val/{k}": v for k, v in logs.items()}, batch_size=size, on_epoch=True)
 
+    def on_validation_epoch_end(self) -> None:
+        """Scores of the whole split, over all ranks."""
+        for key, sums in self._sums.items():
+            objective: Any = self.objectives[key]
+            scores: dict[str, float] = objective.scores(summed(sums))
+            self.log_dict({f"val/{key}/{name}": value for name, value in scores.items()})
+        self._sums = {}
+
     def configure_optimizers(self) -> Any:
-        """AdamW without decay of vectors; linear warm-up, then linear decay to 0."""
-        matrices: list[nn.Parameter] = []
-        vectors: list[nn.Parameter] = []
-        for parameter in self.parameters():
-            if parameter.requires_grad:
-                (matrices if parameter.ndim > 1 else vectors).append(parameter)
-        optimizer = torch.optim.AdamW(
-            [
-                {"params": matrices, "weight_decay": self.optim["weight_decay"]},
-                {"params": vectors, "weight_decay": 0.0},
-            ],
-            lr=self.optim["lr"],
-            betas=tuple(self.optim["betas"]),
-        )
+        """See `optim.optimiser`."""
         total = int(self.trainer.estimated_stepping_batches)
-        warm = max(1, round(self.optim["warmup"] * total))
-        schedule = torch.optim.lr_scheduler.LambdaLR(
-            optimizer,
-            lambda step: min((step + 1) / warm, (total - step) / max(1, total - warm + 1)),
-        )
-        return {
-            "optimizer": optimizer,
-            "lr_scheduler": {"scheduler": schedule, "interval": "step"},
-        }
+        return optimiser(self.parameters(), self.optim, total)
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Keeps what was skipped, for the report of a resumed run."""
+        """Keeps what was skipped and the labels that were met, for the report of a resumed run."""
         checkpoint["skipped"] = dict(self.skipped)
+        checkpoint["labels"] = {key: dict(count) for key, count in self.labels.counts.items()}
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """See `on_save_checkpoint`."""
         self.skipped = dict(checkpoint["skipped"])
+        self.labels.counts = {key: dict(count) for key, count in checkpoint["labels"].items()}
 
     def skip(self, found: Mapping[str, tuple[str, int]]) -> None:
         """Notes what could not be read.
@@ -283,26 +291,11 @@ class TouchModule(L.LightningModule):
         optimizer: Any = self.optimizers()
         row = {f"train/{key}": value for key, value in logs.items()} | {"train/loss": total}
         self.log_dict(row)
-        settings = {f"weight/{key}": value for key, value in weights.items()}
-        settings |= {"universal": universal, "lr": float(optimizer.param_groups[0]["lr"])}
-        self.log_dict(settings)
+        self.log_dict(self.balance.logs(weights))
+        self.log_dict({"universal": universal, "lr": float(optimizer.param_groups[0]["lr"])})
 
 
 def log_interval(trainer: L.Trainer) -> int:
     """Steps between two logged ones."""
     every: int = trainer.log_every_n_steps  # type: ignore[attr-defined]
     return every
-
-
-def tower(config: Mapping[str, Any], kind: str) -> nn.Module:
-    """Builds the tower for ``text`` or ``image``.
-
-    Raises:
-        ConfigError: The plugin chosen encodes something else.
-    """
-    node = config[f"{kind}_encoder"]
-    built: nn.Module = registry.build("encoders", node)
-    modality = getattr(built, "modality", "touch")
-    if modality != kind:
-        raise ConfigError(f"{kind}_encoder={node['name']} encodes {modality}, not {kind}")
-    return built

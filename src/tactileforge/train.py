@@ -75,6 +75,9 @@ def train(config: DictConfig, folder: Path) -> TouchModule:
     module.skip(data.skipped)
     if state is not None:
         log.info(checkpoints.initialise(module, state))
+    if not resume:
+        assert data.train is not None  # set up by `build_data`
+        module.prepare(data.train)
     trainer, saver = build_trainer(plain, folder)
     if trainer.is_global_zero and not resume:
         licences = {kind.licence for split in data.sources for kind in data.summary(split)}

@@ -94,7 +94,7 @@ def test_a_clip_carries_everything_its_recording_has() -> None:
     assert row["frames"].shape == (4, 3, 8, 8)
     assert row["frames"][:, 0, 0, 0].tolist() == [12, 14, 16, 18]
     np.testing.assert_array_equal(row["force"], force[[12, 14, 16, 18]])
-    assert row["force_valid"]
+    assert row["force_valid"].tolist() == [True] * 3
     assert row["force_scale"].tolist() == pytest.approx([5.25, 10.61, 14.14])
     assert (row["action"], row["text"]) == (0, "{action} a ball")
     assert row["object"] == object_id("ball") == cut[0]["object"] >= 0
@@ -116,7 +116,7 @@ def test_the_camera_view_is_the_nearest_in_time() -> None:
 
 def test_an_unlabelled_recording_says_so() -> None:
     row = clips(recording())[0]
-    assert not row["force_valid"]
+    assert row["force_valid"].tolist() == [False] * 3
     assert not row["image_valid"]
     assert (row["action"], row["object"], row["text"]) == (-1, -1, "")
 
@@ -125,7 +125,15 @@ def test_one_unlabelled_frame_makes_a_clip_unlabelled() -> None:
     force = np.zeros((40, 3), np.float32)
     force[12] = np.nan
     cut = clips(recording(force=force))
-    assert [cut[i]["force_valid"] for i in range(4)] == [True, False, False, True]
+    assert [cut[i]["force_valid"].all().item() for i in range(4)] == [True, False, False, True]
+
+
+def test_a_force_along_one_axis_is_a_label_of_that_axis() -> None:
+    force = np.ones((40, 3), np.float32)
+    force[:, :2] = np.nan
+    row = clips(recording(force=force))[0]
+    assert row["force_valid"].tolist() == [False, False, True]
+    assert row["force"].tolist() == [[0, 0, 1]] * len(row["force"])
 
 
 def test_the_background_is_the_median_of_the_no_contact_frames() -> None:

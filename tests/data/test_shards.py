@@ -22,6 +22,7 @@ def touch() -> Recording:
     frames = rng.integers(0, 256, (5, 24, 32, 3), np.uint8)
     force = rng.normal(size=(5, 3)).astype(np.float32)
     force[2] = np.nan
+    force[3, :2] = np.nan
     return Recording(
         key="cups/7.press [0:5]",
         sensor="digit",

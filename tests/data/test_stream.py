@@ -266,7 +266,7 @@ def test_every_batch_holds_the_portions_and_the_force_it_was_asked_for() -> None
     assert [track.count for track in stream.tracks] == [3, 5]
     for number in range(12):
         batch = stream[number]
-        assert batch["force_valid"].tolist() == [False] * 3 + [True] * 5
+        assert batch["force_valid"].all(1).tolist() == [False] * 3 + [True] * 5
         assert len(batch["frames"]) == 8
 
 

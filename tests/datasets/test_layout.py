@@ -95,6 +95,11 @@ FORCE = {"file": "f.csv", "columns": ["x", "y", "z"]}
         ({"force": {"file": "f.csv"}}, "force: columns is missing"),
         ({"force": {"columns": ["x", "y", "z"]}}, "force: file is missing"),
         ({"force": FORCE | {"columns": ["z"]}}, "columns are those of x, y and z"),
+        (
+            {"force": FORCE | {"columns": [None] * 3}},
+            r"null to an axis .* \[null, null, fz\]",
+        ),
+        ({"force": FORCE | {"columns": ["z", "z", None]}}, "give each axis a column of its own"),
         ({"force": FORCE | {"sign": [1, 1]}}, "sign is .* must be 3 numbers"),
         ({"force": FORCE | {"lag": 1}}, "unknown key in layout 'x', force 'lag'"),
         ({"labels": {"csv": "l.csv"}}, "unknown key in layout 'x', labels 'csv'"),

@@ -64,7 +64,18 @@ def test_force_with_gaps(tmp_path: Path, write: Write) -> None:
     force = read_force(FORCE, path, TIMES)
     assert force.dtype == np.float32
     nan = [np.nan] * 3
-    np.testing.assert_array_equal(force, [[2, 3, 1], nan, nan, [5, 6, 4], nan])
+    np.testing.assert_array_equal(force, [[2, 3, 1], [7, 8, np.nan], nan, [5, 6, 4], nan])
+
+
+def test_force_along_one_axis(tmp_path: Path, write: Write) -> None:
+    """Most grippers and load cells measure the normal force alone."""
+    path = write("f.csv", 'fz\n-1\n-2\n""\n-4\n-5\n')
+    table = FrameTable("f.csv", None, ("", "", "fz"), (1, 1, -1), lag_s=0.1)
+    force = read_force(table, path, TIMES)
+    assert np.isnan(force[:, :2]).all()
+    np.testing.assert_array_equal(force[:, 2], [np.nan, 1, 2, np.nan, 4])
+    with pytest.raises(DataError, match=r"row 5: an empty line is before it"):
+        read_force(table, write("f.csv", "fz\n-1\n-2\n\n-4\n-5\n"), TIMES)
 
 
 def test_force_axes_and_signs(tmp_path: Path, write: Write) -> None:

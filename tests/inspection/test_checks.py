@@ -162,6 +162,14 @@ def test_missing_labels_are_no_fault(touch: Touch) -> None:
     assert list(of_labels(touch(force=force))) == []
 
 
+def test_a_force_along_one_axis_is_no_fault(touch: Touch) -> None:
+    one = touch(0)
+    one.force[:, :2] = np.nan
+    assert flags(one) == {}
+    one.force[:, 2] *= -1
+    assert set(flags(one)) == {"pulling_force"}
+
+
 def test_without_a_background_contact_cannot_be_told(touch: Touch) -> None:
     assert set(flags(touch(no_contact=None, height=0.0, force=None))) == {"no_background"}
 

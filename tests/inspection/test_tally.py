@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from tactileforge.contracts import ACTIONS, Recording
+from tactileforge.data.summary import counted
 from tactileforge.inspection.tally import (
     DURATIONS,
     Histogram,
@@ -86,14 +87,16 @@ def test_a_tally_adds_up(touch: Touch) -> None:
     tally = Tally()
     tally.add(touch(0, action=action, object="cup", text="a cup"), "train")
     tally.add(touch(1, object="cup", force=None), "train")
+    axes = dict.fromkeys(("force.x", "force.y", "force.z"), 1)
     tally.add(touch(2, count=1, sensor="gelsight", no_contact=None), "val")
     digit, gelsight = tally.totals["train", "digit"], tally.totals["val", "gelsight"]
     assert (digit.recordings, digit.frames, digit.stills) == (2, 180, 0)
     assert digit.seconds == pytest.approx(6.0)
     assert digit.slowest == pytest.approx(30)
-    assert digit.carrying == {"force": 1, "action": 1, "object": 2, "text": 1, "background": 2}
+    labels = {"force": 1, "action": 1, "object": 2, "text": 1}
+    assert digit.carrying == labels | axes | {"background": 2}
     assert (gelsight.recordings, gelsight.stills, gelsight.seconds) == (1, 1, 0)
-    assert gelsight.carrying == {"force": 1}
+    assert gelsight.carrying == {"force": 1} | axes
     assert dict(tally.names.top("action", 9)) == {"press": 30, "unknown": 30, ACTIONS[3]: 30}
     assert tally.names.top("object", 9) == [("cup", 2)]
     assert list(sources(tally.names, 9)) == [("made here", "CC0-1.0", "5", 3)]
@@ -102,6 +105,20 @@ def test_a_tally_adds_up(touch: Touch) -> None:
     assert DURATIONS[place] <= 3.0 < DURATIONS[place + 1]
     assert tally.durations[place] == 2
     assert [one.counts.sum() for one in tally.forces["digit"]] == [90] * 3
+
+
+def test_forces_are_counted_along_their_axes(touch: Touch) -> None:
+    one, whole, nothing = touch(0), touch(1), touch(2)
+    one.force[:, :2] = np.nan
+    nothing.force[:] = np.nan
+    tally = Tally()
+    for recording in (one, whole, nothing):
+        tally.add(recording, "train")
+    carrying = tally.totals["train", "digit"].carrying
+    assert carrying["force"] == 2  # NaN throughout is no label
+    assert counted(carrying, "force") == "2 (x 1, y 1, z 2)"
+    assert counted(carrying, "object") == "none"
+    assert counted({"force": 3, "force.x": 3, "force.y": 3, "force.z": 3}, "force") == "3"
 
 
 def test_durations(touch: Touch) -> None:

@@ -16,6 +16,7 @@ from tactileforge.data import index, shards
 from tactileforge.data.frames import ArrayFrames
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.packing import Options, pack, summary
+from tactileforge.packing.statistics import Statistics
 
 PNG = Options(codec="png", shard_frames=30, processes=1)
 
@@ -120,6 +121,14 @@ def test_statistics(packable: ModuleType, tmp_path: Path) -> None:
         assert counts.sum() == len(known) == 88
         inside = (values >= -1) & (values < 1)
         assert counts[(edges[:-1] >= -1) & (edges[1:] <= 1)].sum() == inside.sum()
+
+
+def test_statistics_of_forces_along_one_axis() -> None:
+    one = noise("a", 12, force=np.full((12, 3), 2.0, np.float32))
+    one.force[:, :2] = np.nan
+    found = Statistics()
+    found.add(one)
+    assert found.force.sum(1).tolist() == [0, 0, 12]
 
 
 def test_pictures_shrink_to_the_size_asked_for(packable: ModuleType, tmp_path: Path) -> None:

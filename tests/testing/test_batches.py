@@ -12,7 +12,7 @@ def test_batch_has_every_key_of_the_contract():
         "frames": (6, 2, 3, 24, 24),
         "background": (6, 3, 24, 24),
         "force": (6, 2, 3),
-        "force_valid": (6,),
+        "force_valid": (6, 3),
         "force_scale": (6, 3),
         "action": (6,),
         "object": (6,),

@@ -82,7 +82,7 @@ class Push(nn.Module):
         return (self.scale * prediction["score"] - target).square()[:, 0]
 
     def forward(self, prediction, batch):
-        loss = masked_mean(self.errors(prediction, batch), batch["force_valid"])
+        loss = masked_mean(self.errors(prediction, batch), batch["force_valid"][:, 2])
         return self.change(loss), {"rmse": loss.detach().sqrt()}
 
     def change(self, loss):
@@ -140,7 +140,7 @@ class ThroughNumpy(Push):
 class CountsTheUnlabelled(Push):
     def forward(self, prediction, batch):
         errors = self.errors(prediction, batch)
-        return (errors * batch["force_valid"]).mean(), {}
+        return (errors * batch["force_valid"][:, 2]).mean(), {}
 
 
 class UsesGarbage(Push):
@@ -150,7 +150,7 @@ class UsesGarbage(Push):
 
 class MeanOfNothing(Push):
     def forward(self, prediction, batch):
-        return self.errors(prediction, batch)[batch["force_valid"]].mean(), {}
+        return self.errors(prediction, batch)[batch["force_valid"][:, 2]].mean(), {}
 
 
 class Shrugs(Push):

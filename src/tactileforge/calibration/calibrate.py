@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,9 @@ from tactileforge.calibration.light import drift, light, punch_mm_per_pixel
 from tactileforge.contracts import Recording
 from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.specs import spec
+
+if TYPE_CHECKING:
+    from tactileforge.hub.model import Model
 
 #: Between lags that are tried, s.
 _LAG_STEP = 1 / 60
@@ -31,7 +34,8 @@ class Options:
     Attributes:
         device: Which sensor, where the data hold several: the label ``device``, or the type.
         unit: Which unit, by the label ``unit``.
-        fit: What forces are fitted to: ``auto``, ``none``, ``pictures``, ``taxels``, or a track.
+        fit: What forces are fitted to: ``auto``, ``none``, ``pictures``, ``taxels``, ``model``, or
+            a track.
         axes: Which axes of the force.
         max_lag: Longest time by which pictures may come later than forces, s; 0 looks for none.
         punch_mm: Diameter of a flat round punch that presses in the recordings whose ``object`` is
@@ -85,7 +89,10 @@ class Found:
 
 
 def calibrate(
-    recordings: Iterable[Recording], options: Options, reference: Calibration | None = None
+    recordings: Iterable[Recording],
+    options: Options,
+    reference: Calibration | None = None,
+    model: Model | None = None,
 ) -> Found:
     """Calibrates one unit.
 
@@ -93,6 +100,9 @@ def calibrate(
         recordings: Of it, and maybe of others, see ``device`` and ``unit``.
         options: What, and how.
         reference: A calibration whose colours are right; see `light.light`.
+        model: What forces are fitted to, where it is ``model``: what it says of each axis (a gain
+            and an offset), all three of it, or what the last layer of its head reads, whichever
+            predicts presses best that were not seen.
 
     Raises:
         ConfigError: The recordings are of several units, or the options do not fit them.
@@ -105,10 +115,10 @@ def calibrate(
     if len(sizes) > 1:
         told = " and ".join(f"{h} x {w}" for h, w in sorted(sizes))
         raise DataError(f"frames of {told} pixels: calibrate recordings of one size")
-    kind = _kind(one, chosen, options)
+    kind = _kind(one, chosen, options, model)
     shines, still = _light(chosen, reference, notes)
     scale, source = _scale(chosen, options)
-    force, fits = _force(chosen, kind, options, notes) if kind != "none" else (None, {})
+    force, fits = _force(chosen, kind, options, notes, model) if kind != "none" else (None, {})
     calibration = Calibration(
         sensor=one.sensor,
         unit=str(one.labels.get("unit", "")),
@@ -150,11 +160,17 @@ def _chosen(recordings: Iterable[Recording], options: Options) -> list[Recording
     return chosen
 
 
-def _kind(one: Recording, chosen: Sequence[Recording], options: Options) -> str:
+def _kind(
+    one: Recording, chosen: Sequence[Recording], options: Options, model: Model | None
+) -> str:
+    if (options.fit == "model") > (model is not None):
+        raise ConfigError("fit=model: say which, model=NAME")
     if options.fit != "auto":
         return options.fit
     if all(recording.force is None for recording in chosen):
         return "none"
+    if model is not None:
+        return "model"
     return "taxels" if spec(one.sensor).kind == "array" else "pictures"
 
 
@@ -201,7 +217,11 @@ def _scale(chosen: Sequence[Recording], options: Options) -> tuple[float | None,
 
 
 def _force(
-    chosen: Sequence[Recording], kind: str, options: Options, notes: list[str]
+    chosen: Sequence[Recording],
+    kind: str,
+    options: Options,
+    notes: list[str],
+    model: Model | None,
 ) -> tuple[Force, dict[str, Fit]]:
     presses = [one for one in chosen if one.force is not None]
     if not presses:
@@ -209,14 +229,15 @@ def _force(
             "no recording has forces: record with force=NAME, or give fit=none to leave them out"
         )
     noise = max(features.noise_of(one) for one in presses) if kind == "pictures" else 0.0
-    parts = [features.of(one, kind, noise) for one in presses]
+    parts = [features.of(one, kind, noise, model) for one in presses]
     joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     held = folds([len(one.frames) for one in presses])
 
     def fitted(name: str, lag: float) -> Fit:
         column = AXES.index(name)
         force = np.concatenate([_lagged(one, column, lag) for one in presses])
-        return fit(joined, _choices(kind, name, joined), force, held, name)
+        raw = name if kind == "model" else None
+        return fit(joined, _choices(kind, name, joined), force, held, name, raw)
 
     wanted = [name for name in AXES if name in options.axes]
     lag = 0.0
@@ -234,11 +255,15 @@ def _force(
     if not fits:
         raise DataError(f"forces do not follow from {kind}: {'; '.join(notes)}")
     axes = {name: one.axis for name, one in fits.items()}
-    return Force(kind, noise, round(lag, 4), axes), fits
+    of = model.fingerprint if kind == "model" and model is not None else ""
+    return Force(kind, noise, round(lag, 4), axes, of), fits
 
 
 def _choices(kind: str, axis: str, found: Mapping[str, Any]) -> list[Sequence[str]]:
     """What an axis may be fitted to: of arrays and tracks its own values, scale and offset."""
+    if kind == "model":
+        hidden = [one for one in found if one not in AXES]
+        return [[axis], list(AXES), *([[*AXES, *hidden]] if hidden else [])]
     return [features.NORMAL, list(found)] if kind == "pictures" else [[axis]]
 
 

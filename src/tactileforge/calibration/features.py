@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Frames, Recording
+from tactileforge.data.clips import resized
 from tactileforge.errors import DataError, unknown
 from tactileforge.sensors.taxels import REST
+
+if TYPE_CHECKING:
+    from tactileforge.hub.model import Model
 
 #: Rows or columns, whichever are more, that features are taken at: noise is averaged away.
 _SIZE = 64
@@ -23,24 +28,31 @@ _COLOURS = ("red", "green", "blue")
 LEAST = 3.0
 
 
-def of(recording: Recording, kind: str, noise: float = LEAST) -> dict[str, NDArray[np.float64]]:
+def of(
+    recording: Recording, kind: str, noise: float = LEAST, model: Model | None = None
+) -> dict[str, NDArray[np.float64]]:
     """Features of every frame, float64 (T,) each.
 
     ``pictures`` are compared with the background: how much they change on the whole
     (``strength``), where they do (``area``, a share), how much at most (``peak``), their
     product ``volume`` = peak * sqrt(area); what each colour changes; and the first moments of all
     that along x and y, which a shear shifts. ``taxels`` are pictures of an array: the sums ``x``,
-    ``y``, ``z`` of what taxels show, in units of full colour. Else it is the name of a track
-    (T, 3), whose columns are ``x``, ``y``, ``z``.
+    ``y``, ``z`` of what taxels show, in units of full colour. ``model`` is what a model reads of
+    the force, see `hub.forces.readable`. Else it is the name of a track (T, 3), whose columns are
+    ``x``, ``y``, ``z``.
 
     Args:
         recording: The touch.
-        kind: ``pictures``, ``taxels``, or the name of a track.
+        kind: ``pictures``, ``taxels``, ``model``, or the name of a track.
         noise: Change of a pixel that counts as contact, grey levels.
+        model: The model, of the kind ``model``.
 
     Raises:
         DataError: It has no background, or no such track.
+        ConfigError: The model has no force head, or does not know the sensor.
     """
+    if kind == "model" and model is not None:
+        return _joined(_read_by(model, recording))
     if kind == "taxels":
         return _joined(_taxels(part) for part in _chunks(recording.frames))
     if kind != "pictures":
@@ -118,6 +130,25 @@ def _pictures(
         found[f"{colour}_x"] = (one * columns).mean((1, 2))
         found[f"{colour}_y"] = (one * rows[:, None]).mean((1, 2))
     return found
+
+
+def _read_by(model: Model, recording: Recording) -> Iterator[dict[str, NDArray[np.float64]]]:
+    """What a model reads in the clips that end at each frame; it is shown the last."""
+    rest, size = background(recording).round().astype(np.uint8), model.encoder.image_size
+    rest = resized(rest, size) if model.recipe else rest
+    period = float(np.median(np.diff(recording.times))) if len(recording.times) > 1 else 1.0
+    stride = max(1, round(model.spacing / period))
+    back = np.arange(model.frames - 1, -1, -1) * stride
+    for start in range(0, len(recording.frames), _CHUNK):
+        ends = np.arange(start, min(start + _CHUNK, len(recording.frames)))
+        rows = np.maximum(ends[:, None] - back, 0)
+        known, places = np.unique(rows, return_inverse=True)
+        pictures = recording.frames.read(known.tolist())
+        if model.recipe:  # trained here, on pictures of the size of its input
+            pictures = np.stack([resized(one, size) for one in pictures])
+        clips = pictures[places.reshape(rows.shape)]
+        found = model.force_inputs(clips, rest, recording.sensor)
+        yield {name: one[:, -1].cpu().double().numpy() for name, one in found.items()}
 
 
 def _taxels(frames: NDArray[np.uint8]) -> dict[str, NDArray[np.float64]]:

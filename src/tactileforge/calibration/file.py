@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import yaml
@@ -15,6 +16,9 @@ from tactileforge.atomic import write_text
 from tactileforge.contracts import Recording
 from tactileforge.datasets.node import Node
 from tactileforge.errors import ConfigError, DataNotFoundError
+
+if TYPE_CHECKING:
+    from tactileforge.hub.model import Model
 
 #: Version of the file; a reader refuses another.
 VERSION = 1
@@ -49,6 +53,7 @@ class Axis:
         rmse: Error on recordings that the fit did not see, N.
         r2: Share of the variance that it explains there.
         span: Lowest and highest force that it was fitted to, N.
+        before: Error there of the model as it is, N; None where there is no model.
     """
 
     offset: float
@@ -56,6 +61,7 @@ class Axis:
     rmse: float
     r2: float
     span: list[float]
+    before: float | None = None
 
     def __call__(self, features: Mapping[str, NDArray[np.floating]]) -> NDArray[np.float64]:
         """The force, float64 (T,), N.
@@ -72,16 +78,19 @@ class Force:
     """How forces follow from what the unit shows.
 
     Attributes:
-        of: ``pictures``, ``taxels``, or the name of a track, see `features.of`.
+        of: ``pictures``, ``taxels``, ``model``, or the name of a track, see `features.of`.
         noise: Change of a pixel that counts as contact, grey levels.
         lag: Seconds by which pictures come later than forces.
         axes: Those of ``x``, ``y``, ``z`` that were fitted.
+        model: Fingerprint of the model that it was fitted to (`hub.model.Model.fingerprint`); ""
+            for none.
     """
 
     of: str
     noise: float
     lag: float
     axes: dict[str, Axis]
+    model: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,11 +143,16 @@ class Calibration:
         scaled = frames * np.asarray(self.light.balance, np.float32)
         return np.rint(scaled).clip(0, 255).astype(np.uint8)
 
-    def forces(self, recording: Recording) -> NDArray[np.float32]:
+    def forces(self, recording: Recording, model: Model | None = None) -> NDArray[np.float32]:
         """The forces of a recording of this unit, float32 (T, 3), N; NaN on axes without a fit.
 
+        Args:
+            recording: Of this unit.
+            model: That the forces were fitted to, where they were fitted to one.
+
         Raises:
-            ConfigError: It is of another type of sensor, or no force was calibrated.
+            ConfigError: It is of another type of sensor, no force was calibrated, or the model is
+                missing or another.
             DataError: It has no background, or not the track.
         """
         from tactileforge.calibration.features import of
@@ -146,7 +160,11 @@ class Calibration:
         if self.force is None:
             raise ConfigError(f"the calibration of {self.sensor} {self.unit} has no force")
         self.check(recording.sensor, str(recording.labels.get("unit", "")))
-        found = of(recording, self.force.of, self.force.noise)
+        if self.force.model and (model is None or model.fingerprint != self.force.model):
+            raise ConfigError(
+                f"the forces of {self.sensor} {self.unit} were fitted to a model: give that model"
+            )
+        found = of(recording, self.force.of, self.force.noise, model)
         out = np.full((len(recording.frames), 3), np.nan, np.float32)
         for column, name in enumerate(AXES):
             if name in self.force.axes:
@@ -272,6 +290,7 @@ def _force(node: Node) -> Force:
             for name in AXES
             if axes.has(name)
         },
+        model=node.take("model", str, ""),
     )
     axes.close()
     node.close()
@@ -289,6 +308,7 @@ def _axis(node: Node) -> Axis:
         rmse=_number(node, "rmse"),
         r2=_number(node, "r2"),
         span=node.numbers("span", 2),
+        before=_number(node, "before") if node.take("before", (int, float)) is not None else None,
     )
     node.close()
     return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,8 @@ _FOLDS = 5
 _LEAST_FRAMES, _PER_FEATURE = 20, 5
 #: Directions of the features that vary by less than this share are noise.
 _RCOND = 1e-6
+#: The same of features that are many: as few as predict best are taken.
+_MANY, _RCONDS = 12, (3e-1, 1e-1, 3e-2, 1e-2)
 
 
 @dataclass(frozen=True)
@@ -28,12 +30,14 @@ class Fit:
         measured: float64 (N,), N.
         predicted: float64 (N,), N, each by the fit to the other folds.
         fold: int64 (N,), in which fold each frame was held out.
+        before: float64 (N,), N, what the model says as it is; None where there is no model.
     """
 
     axis: Axis
     measured: NDArray[np.float64]
     predicted: NDArray[np.float64]
     fold: NDArray[np.int64]
+    before: NDArray[np.float64] | None = None
 
 
 def folds(lengths: Sequence[int]) -> NDArray[np.int64]:
@@ -56,6 +60,7 @@ def fit(
     force: NDArray[np.floating],
     fold: NDArray[np.int64],
     name: str,
+    raw: str | None = None,
 ) -> Fit:
     """Fits one axis with the choice of features that predicts best.
 
@@ -65,6 +70,7 @@ def fit(
         force: Float (N,), N; NaN where it is not known.
         fold: See `folds`.
         name: Of the axis, for messages.
+        raw: The feature that is a force already; its error is told beside that of the fit.
 
     Raises:
         DataError: Too few forces, or one that does not vary.
@@ -83,11 +89,17 @@ def fit(
     best: Fit | None = None
     for names in _affordable(choices, len(measured)):
         columns = np.stack([features[one][known] for one in names], 1)
-        found = _fit(names, columns, measured, held)
-        if best is None or found.axis.rmse < best.axis.rmse:
-            best = found
+        for rcond in _RCONDS if len(names) > _MANY else (_RCOND,):
+            found = _fit(names, columns, measured, held, rcond)
+            if best is None or found.axis.rmse < best.axis.rmse:
+                best = found
     assert best is not None
-    return best
+    return best if raw is None else _beside(best, features[raw][known])
+
+
+def _beside(found: Fit, raw: NDArray[np.float64]) -> Fit:
+    error = _short(float(np.sqrt(np.mean((raw - found.measured) ** 2))))
+    return replace(found, axis=replace(found.axis, before=error), before=raw)
 
 
 def _affordable(choices: Sequence[Sequence[str]], frames: int) -> Iterator[Sequence[str]]:
@@ -100,13 +112,14 @@ def _fit(
     columns: NDArray[np.float64],
     measured: NDArray[np.float64],
     held: NDArray[np.int64],
+    rcond: float,
 ) -> Fit:
     predicted = np.empty_like(measured)
     for one in np.unique(held):
         out = held == one
-        offset, weights = _solved(columns[~out], measured[~out])
+        offset, weights = _solved(columns[~out], measured[~out], rcond)
         predicted[out] = offset + columns[out] @ weights
-    offset, weights = _solved(columns, measured)
+    offset, weights = _solved(columns, measured, rcond)
     error = predicted - measured
     axis = Axis(
         offset=_short(offset),
@@ -119,13 +132,13 @@ def _fit(
 
 
 def _solved(
-    columns: NDArray[np.float64], measured: NDArray[np.float64]
+    columns: NDArray[np.float64], measured: NDArray[np.float64], rcond: float
 ) -> tuple[float, NDArray[np.float64]]:
     """Offset and weights of the least squares."""
     middle, scale = columns.mean(0), columns.std(0)
     scale = np.where(scale > 0, scale, 1.0)
     level = float(measured.mean())
-    weights, *_ = np.linalg.lstsq((columns - middle) / scale, measured - level, rcond=_RCOND)
+    weights, *_ = np.linalg.lstsq((columns - middle) / scale, measured - level, rcond=rcond)
     weights = weights / scale
     return level - float(middle @ weights), weights
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
 
 from tactileforge.calibration.calibrate import Found
@@ -37,30 +38,44 @@ def _force(found: Found) -> Section:
     for name, one in found.fits.items():
         drawn += [panel(f"Force {name}", _against(one, name))]
         drawn += [panel(f"Error of {name}", _residual(one, name))]
+    with_model = force.of == "model"
     rows = [
         (
             name,
+            *([number(axis.before) if axis.before is not None else ""] * with_model),
             number(axis.rmse),
             number(axis.r2),
             f"{number(axis.span[0])} to {number(axis.span[1])}",
             str(len(found.fits[name].measured)),
-            f"text|{', '.join(axis.weights)}",
+            f"text|{_told(list(axis.weights))}",
         )
         for name, axis in force.axes.items()
     ]
-    head = ("axis", "error (N)", "R\N{SUPERSCRIPT TWO}", "range (N)", "frames", "text|fitted to")
+    before = ["before (N)"] * with_model
+    rest = ("R\N{SUPERSCRIPT TWO}", "range (N)", "frames", "text|fitted to")
+    head = ("axis", *before, "error (N)", *rest)
     told = f"Fitted to {force.of} by least squares"
     told += f", pictures {1000 * force.lag:.0f} ms after forces." if force.lag else "."
     told += " Each frame is predicted by a fit that has not seen its press; colours are folds."
+    if with_model:
+        told += " Before: the error of the model as it is, drawn faintly."
     return Section(
         "force", "Force", paragraph(told) + table("axes", head, rows) + panels(drawn, wide=True)
     )
+
+
+def _told(names: Sequence[str]) -> str:
+    hidden = [name for name in names if name.startswith("hidden")]
+    told = [name for name in names if name not in hidden]
+    return ", ".join([*told, *([f"{len(hidden)} values of the head"] if hidden else [])])
 
 
 def _against(fit: Fit, name: str) -> str:
     with drawing(4.2, 3.2) as (drawn, axes):
         ends = [float(fit.measured.min()), float(fit.measured.max())]
         axes.plot(ends, ends, color=INK, linewidth=0.9)
+        if fit.before is not None:
+            axes.plot(fit.measured, fit.before, ".", color=INK, alpha=0.15, markersize=2.6)
         _dots(axes, fit, fit.predicted)
         axes.set(xlabel=f"measured {name} (N)", ylabel=f"predicted {name} (N)")
         return svg(drawn, f"predicted against measured force along {name}")

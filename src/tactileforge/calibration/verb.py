@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tactileforge import registry, settings
 from tactileforge.atomic import write_text
@@ -12,6 +13,9 @@ from tactileforge.calibration.calibrate import Found, Options, calibrate
 from tactileforge.calibration.file import load
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.errors import ConfigError
+
+if TYPE_CHECKING:
+    from tactileforge.hub.model import Model
 
 
 def main(argv: Sequence[str]) -> int:
@@ -38,7 +42,8 @@ def main(argv: Sequence[str]) -> int:
     options = Options(**{one.name: config[one.name] for one in fields(Options)})
     reference = load(config["reference"]) if config["reference"] else None
     dataset = registry.build("datasets", config["data"])
-    found = calibrate(_recordings(dataset), options, reference)
+    model = load_model(config["model"]) if config["model"] else None
+    found = calibrate(_recordings(dataset), options, reference, model)
 
     from tactileforge.calibration.page import render
 
@@ -49,6 +54,13 @@ def main(argv: Sequence[str]) -> int:
         print(f"note: {line}")
     print(f"calibration: {out}\npage: {out.with_suffix('.html')}")
     return 0
+
+
+def load_model(name: str) -> Model:
+    """The model of a name; see `tactileforge.load`."""
+    import tactileforge
+
+    return tactileforge.load(name)
 
 
 def _recordings(dataset: Dataset) -> Iterator[Recording]:
@@ -66,6 +78,7 @@ def _told(found: Found) -> str:
     if one.force is not None:
         lines += [
             f"force {name}: error {axis.rmse:.3g} N, R2 {axis.r2:.3f}, on presses not seen"
+            + ("" if axis.before is None else f" (before: {axis.before:.3g} N)")
             for name, axis in one.force.axes.items()
         ]
     return "\n".join(lines)

@@ -47,6 +47,11 @@ class Clips(Dataset[dict[str, Any]]):
         image_size: Height and width the camera view is resized to.
         cache_mb: Megabytes of resized frames kept in each process.
 
+    Attributes:
+        recordings: What is cut.
+        scales: Newton along x, y and z that count as 1, by sensor.
+        strides: int32, of each recording: its frames from one frame of a clip to the next.
+
     Raises:
         ConfigError: A recording names an unknown sensor.
         DataError: There is nothing to cut.
@@ -68,10 +73,10 @@ class Clips(Dataset[dict[str, Any]]):
         self.image_size = image_size
         self.scales = {name: spec(name).force_scale for name in self.sensors}
         self._cache = _Cache(int(cache_mb * 2**20))
-        self._strides = np.zeros(len(self.recordings), np.int32)
+        self.strides = np.zeros(len(self.recordings), np.int32)
         ends = []
         for i, recording in enumerate(self.recordings):
-            self._strides[i], rows = _ends(recording.times, frames, spacing, hop)
+            self.strides[i], rows = _ends(recording.times, frames, spacing, hop)
             ends.append(np.stack([np.full(len(rows), i), rows], axis=1))
         self.index = np.concatenate(ends).astype(np.int32) if ends else np.zeros((0, 2), np.int32)
         if not len(self.index):
@@ -88,7 +93,7 @@ class Clips(Dataset[dict[str, Any]]):
     def rows(self, clip: int) -> NDArray[np.int64]:
         """Frame numbers of a clip, oldest first, within its recording."""
         recording, end = self.index[clip]
-        steps = np.arange(self.frames - 1, -1, -1) * self._strides[recording]
+        steps = np.arange(self.frames - 1, -1, -1) * self.strides[recording]
         rows: NDArray[np.int64] = np.maximum(end - steps, 0).astype(np.int64)
         return rows
 
@@ -135,7 +140,7 @@ class Clips(Dataset[dict[str, Any]]):
     def _read(self, clip: int, group: int) -> dict[str, Any]:
         number = int(self.index[clip, 0])
         recording, rows = self.recordings[number], self.rows(clip)
-        force = np.zeros((self.frames, 3), np.float32)
+        force = np.full((self.frames, 3), np.nan, np.float32)
         if recording.force is not None:
             force = recording.force[rows]
         height, width = self.image_size, self.image_size
@@ -150,7 +155,7 @@ class Clips(Dataset[dict[str, Any]]):
             "background": _tensor(self._background(number)),
             "sensor": recording.sensor,
             "force": torch.from_numpy(np.nan_to_num(force)),
-            "force_valid": recording.force is not None and bool(np.isfinite(force).all()),
+            "force_valid": torch.from_numpy(np.isfinite(force).all(axis=0)),
             "force_scale": torch.tensor(self.scales[recording.sensor]),
             "action": self._action(clip),
             "object": object_id(recording.object),

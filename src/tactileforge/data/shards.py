@@ -69,8 +69,8 @@ def head(recording: Recording) -> dict[str, Any]:
     """All of a recording but its pictures, as plain data."""
     force = None
     if recording.force is not None:
-        rows = recording.force.astype(float).tolist()
-        force = [None if any(map(math.isnan, row)) else row for row in rows]
+        rows = _plain(recording.force.astype(float))
+        force = [None if row == [None] * 3 else row for row in rows]
     seen = recording.image_times
     return {
         "version": VERSION,

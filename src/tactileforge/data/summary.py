@@ -9,7 +9,30 @@ from typing import Any
 
 import numpy as np
 
-from tactileforge.contracts import LABELS, Recording
+from tactileforge.contracts import AXES, LABELS, Recording
+
+#: What is counted: labels, and the axes along which there is force.
+COUNTED = (*LABELS, *(f"force.{axis}" for axis in AXES))
+
+
+def carried(recording: Recording) -> list[str]:
+    """Which of `COUNTED` a recording has; a force that is NaN throughout is none."""
+    found = [key for key in LABELS if key != "force" and getattr(recording, key) is not None]
+    if recording.force is None:
+        return found
+    axes = [
+        axis for axis, row in zip(AXES, recording.force.T, strict=True) if np.isfinite(row).any()
+    ]
+    return [*found, *(["force"] if axes else []), *(f"force.{axis}" for axis in axes)]
+
+
+def counted(labels: Mapping[str, int], label: str) -> str:
+    """A count for a table; of forces by axis, where not all are known alike."""
+    count = labels.get(label, 0)
+    axes = {axis: labels.get(f"{label}.{axis}", 0) for axis in AXES}
+    partial = label == "force" and any(axes.values()) and set(axes.values()) != {count}
+    told = ", ".join(f"{axis} {n:,}" for axis, n in axes.items())
+    return f"{count:,} ({told})" if partial else f"{count:,}" if count else "none"
 
 
 @dataclass(frozen=True, order=True)
@@ -37,7 +60,7 @@ class Count:
         recordings: Recordings.
         frames: Frames.
         seconds: How long the frames last, without gaps between them; a still lasts no time.
-        labels: Recordings that carry each of `LABELS`, whole or in part.
+        labels: Recordings that carry each of `COUNTED`, whole or in part.
     """
 
     recordings: int = 0
@@ -69,7 +92,7 @@ class Summary(dict[Kind, Count]):
         count.recordings += 1
         count.frames += len(recording.frames)
         count.seconds += seconds(recording)
-        count.labels.update(key for key in LABELS if getattr(recording, key) is not None)
+        count.labels.update(carried(recording))
 
     def merge(self, other: Mapping[Kind, Count]) -> None:
         """Adds the counts of another summary."""
@@ -103,7 +126,8 @@ class Summary(dict[Kind, Count]):
     @property
     def labels(self) -> frozenset[str]:
         """The labels that at least one recording carries."""
-        return frozenset(key for count in self.values() for key, n in count.labels.items() if n)
+        found = {key for count in self.values() for key, n in count.labels.items() if n}
+        return frozenset(found & set(LABELS))
 
     def to_json(self) -> list[dict[str, Any]]:
         """As plain data; see `from_json`."""
@@ -116,7 +140,7 @@ class Summary(dict[Kind, Count]):
                 "recordings": count.recordings,
                 "frames": count.frames,
                 "seconds": round(count.seconds, 6),
-                "labels": {key: count.labels[key] for key in LABELS if count.labels[key]},
+                "labels": {key: count.labels[key] for key in COUNTED if count.labels[key]},
             }
             for kind, count in sorted(self.items())
         ]
@@ -132,7 +156,7 @@ class Summary(dict[Kind, Count]):
         found = cls()
         for row in rows:
             kind = Kind(row["sensor"], row["source"], row["licence"], int(row["tier"]))
-            labels = Counter({key: int(n) for key, n in row["labels"].items() if key in LABELS})
+            labels = Counter({key: int(n) for key, n in row["labels"].items() if key in COUNTED})
             count = Count(int(row["recordings"]), int(row["frames"]), float(row["seconds"]), labels)
             found.merge({kind: count})
         return found

@@ -60,7 +60,7 @@ class FrameTable:
     Attributes:
         file: Path from the layout's folder.
         frame: Column of the frame number; None: row ``i`` is frame ``i``.
-        columns: Columns of the values.
+        columns: Columns of the values; "" for one that there is not.
         sign: What each value is multiplied by.
         lag_s: Seconds by which the images lag the values.
     """
@@ -255,10 +255,16 @@ def _force(node: Node) -> FrameTable | None:
     names = inner.need("columns", list, "[fx, fy, fz]")
     if len(names) != 3:
         raise ConfigError(f"{inner.where}: columns are those of x, y and z, not {names}")
+    given = [name for name in names if name is not None]
+    if not given or len(set(given)) < len(given):
+        raise ConfigError(
+            f"{inner.where}: columns are {names}; give each axis a column of its own, and null to "
+            "an axis that was not measured: [null, null, fz]"
+        )
     table = FrameTable(
         file=inner.need("file", str, '"{stem}.csv"'),
         frame=inner.take("frame", str),
-        columns=tuple(map(str, names)),
+        columns=tuple("" if name is None else str(name) for name in names),
         sign=tuple(inner.numbers("sign", 3, [1, 1, 1])),
         lag_s=float(inner.take("lag_s", (int, float), 0)),
     )

@@ -93,8 +93,8 @@ def read_force(table: FrameTable, path: Path, times: NDArray[np.float64]) -> NDA
         times: float64 (T,), seconds of the frames.
 
     Returns:
-        float32 (T, 3), newton; a row with an empty cell is NaN, and so is what lies before the
-        first label once the lag is applied.
+        float32 (T, 3), newton; an empty cell is NaN, and so are an axis without a column and what
+        lies before the first label once the lag is applied.
 
     Raises:
         DataNotFoundError: There is no such CSV.
@@ -102,9 +102,11 @@ def read_force(table: FrameTable, path: Path, times: NDArray[np.float64]) -> NDA
     """
     force = np.full((len(times), 3), np.nan)
     for frame, where, cells in _per_frame(table, path, len(times)):
-        row = [_number(cell, f"{where}, column {name!r}") for name, cell in cells.items()]
+        row = [
+            _number(cells[name], f"{where}, column {name!r}") if name else math.nan
+            for name in table.columns
+        ]
         force[frame] = np.array(row) * table.sign
-    force[~np.isfinite(force).all(axis=1)] = np.nan
     return _delayed(times, force, table.lag_s).astype(np.float32)
 
 
@@ -127,9 +129,10 @@ def read_actions(table: FrameTable, path: Path, count: int) -> NDArray[np.int64]
 
 def _per_frame(table: FrameTable, path: Path, count: int) -> list[tuple[int, str, dict[str, str]]]:
     """Frame number, place and the cells asked for of each row of a CSV per frame."""
-    needed = [*table.columns, *([table.frame] if table.frame else [])]
+    named = [name for name in table.columns if name]
+    needed = [*named, *([table.frame] if table.frame else [])]
     out, seen = [], set()
-    for i, (where, cells) in enumerate(_read(path, needed)):
+    for i, (where, cells) in enumerate(_read(path, needed, whole=table.frame is None)):
         text = cells[table.frame] if table.frame else str(i)
         try:
             frame = int(text)
@@ -143,12 +146,12 @@ def _per_frame(table: FrameTable, path: Path, count: int) -> list[tuple[int, str
         if frame in seen:
             raise DataError(f"{where}: frame {frame} has a row already; remove one of them")
         seen.add(frame)
-        out.append((frame, where, {name: cells[name] for name in table.columns}))
+        out.append((frame, where, {name: cells[name] for name in named}))
     return out
 
 
-def _read(path: Path, needed: list[str]) -> list[tuple[str, dict[str, str]]]:
-    """Place and cells of each row of a CSV."""
+def _read(path: Path, needed: list[str], whole: bool = False) -> list[tuple[str, dict[str, str]]]:
+    """Place and cells of each row of a CSV; ``whole`` if a row must not be skipped in silence."""
     if not path.is_file():
         raise DataNotFoundError(f"{path}: no such CSV; correct the layout, or add the file")
     with path.open(newline="", encoding="utf-8-sig") as file:
@@ -158,8 +161,16 @@ def _read(path: Path, needed: list[str]) -> list[tuple[str, dict[str, str]]]:
             if name not in header:
                 raise ConfigError(f"{path}: {unknown('column', name, header)}")
         rows = []
+        line = reader.line_num
         for cells in reader:
             where = f"{path}, row {reader.line_num}"
+            lines = 1 + sum(str(value).count("\n") for value in cells.values())
+            if whole and reader.line_num > line + lines:  # an empty line is no row to the reader
+                raise DataError(
+                    f"{where}: an empty line is before it; rows are frames here, so write a row of "
+                    'empty cells (,, or "") for a frame without a label'
+                )
+            line = reader.line_num
             if None in cells:
                 raise DataError(f"{where}: more cells than the header has; quote the commas")
             rows.append((where, {name: value.strip() for name, value in cells.items()}))

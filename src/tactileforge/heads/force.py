@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import torch
 from torch import Tensor, nn
 
-from tactileforge.contracts import Batch, Encoder, Views
+from tactileforge.contracts import Batch, Encoder, Features, Views
 from tactileforge.encoders.transformer import AttentivePooler
+from tactileforge.errors import ConfigError
 
 
 @dataclass(frozen=True)
@@ -45,15 +47,44 @@ class ForceHead(nn.Module):
     Args:
         encoder: The touch encoder (given by the framework).
         heads: Attention heads; None takes one for 64 channels.
+        difference: Whether it is shown, beside the tokens, how the patches of each later slot
+            differ from those of the first: a shear moves what a press leaves where it is.
+
+    Raises:
+        ConfigError: Differences are asked for, and the encoder has one temporal slot.
     """
 
-    def __init__(self, encoder: Encoder, heads: int | None = None) -> None:
+    def __init__(
+        self, encoder: Encoder, heads: int | None = None, difference: bool = False
+    ) -> None:
         super().__init__()
         heads = heads or encoder.width // 64
         self.force = ForceDecoder(encoder.width, encoder.frames - 1, heads)
         self.delta = ForceDecoder(encoder.width, encoder.frames - 1, heads)
+        self.width = encoder.width
+        self.difference = difference
+        if difference:
+            if encoder.grid[0] < 2:
+                raise ConfigError(
+                    "head.force.difference compares temporal slots, and the encoder has one: give "
+                    "encoder.frames of at least twice encoder.tube"
+                )
+            self.norm = nn.LayerNorm(encoder.width)
 
     def forward(self, views: Views, batch: Batch) -> Forces:
         """Normalised forces of frames 2..T."""
-        tokens = views.full.tokens
+        tokens = self._tokens(views.full)
         return Forces(self.force(tokens), self.delta(tokens))
+
+    def hidden(self, views: Views) -> Tensor:
+        """What the last layer of the forces reads, float (B, T - 1, width / 4)."""
+        out: Tensor = self.force.probe[:-1](self.force.pooler(self._tokens(views.full)))
+        return out
+
+    def _tokens(self, full: Features) -> Tensor:
+        if not self.difference:
+            return full.tokens
+        slots, rows, columns = full.grid
+        patches = full.tokens[:, full.prefix :].reshape(-1, slots, rows * columns, self.width)
+        changes = (patches[:, 1:] - patches[:, :1]).flatten(1, 2)
+        return torch.cat([full.tokens, self.norm(changes)], dim=1)

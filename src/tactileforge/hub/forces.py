@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor, nn
 
-from tactileforge.contracts import Features
+from tactileforge.contracts import AXES, Features
+
+if TYPE_CHECKING:
+    from tactileforge.calibration.file import Axis
 
 
 @dataclass(frozen=True)
@@ -40,8 +44,52 @@ def scales(entry: Mapping[str, Any], sensors: Sequence[str]) -> Tensor | None:
     return torch.tensor([known[name] for name in sensors])[:, None]
 
 
-def normalised(head: nn.Module, encoder: Any, tokens: Tensor, projected: Tensor) -> Tensor:
-    """Forces (B, T - 1, 3) in units of the scale, of tokens (B, L, width)."""
+def readable(
+    head: Any, encoder: Any, tokens: Tensor, projected: Tensor, scale: Tensor
+) -> dict[str, Tensor]:
+    """What a calibration may be fitted to, float32 (B, T - 1) each.
+
+    The forces ``x``, ``y``, ``z`` in newton, and what the last layer of the head reads
+    (``hidden0``, ...) where the head tells.
+
+    Args:
+        head: Of the forces.
+        encoder: The touch encoder.
+        tokens: Float (B, L, width).
+        projected: Float (B, projected).
+        scale: See `scales`.
+    """
     views = SimpleNamespace(full=Features(tokens, projected, encoder.prefix, encoder.grid))
-    found: Tensor = head(views, {}).force
-    return found.float()
+    newton = head(views, {}).force.float() * scale
+    found = dict(zip(AXES, newton.unbind(-1), strict=True))
+    if hasattr(head, "hidden"):
+        hidden = head.hidden(views).float().unbind(-1)
+        found |= {f"hidden{i}": column for i, column in enumerate(hidden)}
+    return found
+
+
+def fingerprint(parts: Iterable[nn.Module]) -> str:
+    """Sixteen hexadecimal digits of the weights of some modules."""
+    digest = hashlib.sha256()
+    for part in parts:
+        for key, value in part.state_dict().items():
+            digest.update(key.encode())
+            digest.update(value.detach().float().cpu().contiguous().numpy().tobytes())
+    return digest.hexdigest()[:16]
+
+
+def newton(found: Mapping[str, Tensor], axes: Mapping[str, Axis] | None = None) -> Tensor:
+    """Forces (B, T - 1, 3), N; an axis without a calibration stays what the head says.
+
+    Args:
+        found: See `readable`.
+        axes: Fits of a unit, by axis.
+    """
+    columns = []
+    for name in AXES:
+        column = found[name]
+        if axes and name in axes:
+            terms = (weight * found[one] for one, weight in axes[name].weights.items())
+            column = sum(terms, torch.full_like(column, axes[name].offset))
+        columns.append(column)
+    return torch.stack(columns, -1)

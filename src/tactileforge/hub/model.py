@@ -5,9 +5,10 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
+from functools import cached_property
 from itertools import islice
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import torch
@@ -24,6 +25,9 @@ from tactileforge.hub.forces import Readings
 from tactileforge.hub.header import Header
 from tactileforge.hub.inputs import Images, prepare
 from tactileforge.hub.video import Times, cut, open_video
+
+if TYPE_CHECKING:
+    from tactileforge.calibration.file import Axis, Calibration
 
 #: What to do with a sensor that the model never saw.
 Policy = Literal["error", "universal"]
@@ -179,6 +183,8 @@ class Model:
         frames: Images,
         background: Images | str | None = None,
         sensor: str | Sequence[str] | None = None,
+        *,
+        calibration: Calibration | None = None,
     ) -> Tensor:
         """The force of the object on the gel in frames 2..T of each clip.
 
@@ -186,12 +192,15 @@ class Model:
             frames: See `encode`.
             background: See `encode`.
             sensor: See `encode`; the universal tokens do not fit forces.
+            calibration: Of this unit, fitted to what this model reads (``tactileforge calibrate
+                model=...``); an axis that it leaves out stays the model's estimate.
 
         Returns:
             float32 (T - 1, 3), or (B, T - 1, 3) for a batch, N; axes as in `contracts`.
 
         Raises:
-            ConfigError: The file has no force head, or no scale for a sensor.
+            ConfigError: The file has no force head, no scale for a sensor, or the calibration is of
+                another model or sensor.
             DataError: See `encode`.
         """
         if "force" not in self.heads:
@@ -199,7 +208,7 @@ class Model:
                 f"{self!r} has no force head: pack a run whose objectives include force "
                 "(tactileforge zoo pack RUN)"
             )
-        found = self.readings(frames, background, sensor).force
+        found = self.readings(frames, background, sensor, calibration=calibration).force
         if found is None:
             known = self.header.heads["force"].get("scale", {})
             raise ConfigError(f"force: say which sensor it is, one of: {', '.join(known)}")
@@ -212,6 +221,7 @@ class Model:
         sensor: str | Sequence[str] | None = None,
         *,
         unknown_sensor: Policy = "error",
+        calibration: Calibration | None = None,
     ) -> Readings:
         """Vectors and forces of clips, from one pass of the encoder.
 
@@ -220,10 +230,11 @@ class Model:
             background: See `encode`.
             sensor: See `encode`.
             unknown_sensor: See `encode`.
+            calibration: See `force`.
 
         Raises:
             DataError: See `encode`.
-            ConfigError: See `encode`.
+            ConfigError: See `force`.
         """
         x, still, single = self._prepare(frames, background)
         names = self._names(sensor, len(x))
@@ -233,11 +244,61 @@ class Model:
             out = self._taps(scale is not None, x, still, self._rows(names, unknown_sensor))
             vector, force = out["projected"].float(), None
             if head is not None and scale is not None:
-                units = forces.normalised(head, self.encoder, out["tokens"], out["projected"])
-                force = units * scale.to(units.device)
+                axes = None if calibration is None else self.axes_of(calibration, names)
+                force = forces.newton(self._readable(out, scale), axes)
         if single:
             return Readings(vector[0], None if force is None else force[0])
         return Readings(vector, force)
+
+    def force_inputs(
+        self, frames: Images, background: Images | str | None, sensor: str
+    ) -> dict[str, Tensor]:
+        """What a calibration may be fitted to, float32 (B, T - 1) each; see `forces.readable`.
+
+        Args:
+            frames: See `encode`; a batch.
+            background: See `encode`.
+            sensor: See `encode`.
+
+        Raises:
+            ConfigError: See `force`.
+            DataError: See `encode`.
+        """
+        x, still, _ = self._prepare(frames, background)
+        names = self._names(sensor, len(x))
+        scale = forces.scales(self.header.heads.get("force", {}), names)
+        if "force" not in self.heads or scale is None:
+            raise ConfigError(f"{self!r} has no force head, or no scale for {sensor}")
+        with torch.no_grad():
+            return self._readable(self._taps(True, x, still, self._rows(names, "error")), scale)
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Sixteen hexadecimal digits of its weights, by which a calibration knows its model."""
+        return forces.fingerprint([self.encoder, *(self.heads[key] for key in sorted(self.heads))])
+
+    def _readable(self, out: Mapping[str, Tensor], scale: Tensor) -> dict[str, Tensor]:
+        head, scale = self.heads["force"], scale.to(out["tokens"].device)
+        return forces.readable(head, self.encoder, out["tokens"], out["projected"], scale)
+
+    def axes_of(self, calibration: Calibration, names: Sequence[str]) -> Mapping[str, Axis]:
+        """The fits of a calibration, if they are those of this model's forces.
+
+        Args:
+            calibration: Of one unit.
+            names: Sensors that they are for.
+
+        Raises:
+            ConfigError: They are of another model or sensor.
+        """
+        for name in sorted(set(names)):
+            calibration.check(name)
+        if calibration.force is None or calibration.force.model != self.fingerprint:
+            raise ConfigError(
+                f"the calibration of {calibration.sensor} {calibration.unit} was not fitted to the "
+                "forces of this model: make one with tactileforge calibrate model=NAME"
+            )
+        return calibration.force.axes
 
     def cut(
         self, video: str | Path | Frames, hop: float = 0.2, times: Times | None = None

@@ -187,8 +187,9 @@ def _times(recording: Recording) -> Iterator[Flag]:
 
 def _force(recording: Recording) -> Iterator[Flag]:
     force = recording.force
-    if force is None or not np.isfinite(force).all(axis=1).any():
+    if force is None or not np.isfinite(force).any():
         return
+    force = np.where(np.isfinite(force).any(axis=0), force, 0.0)  # an axis that nobody measured
     scale = np.ones(3)
     with suppress(ConfigError):  # a sensor that is not installed here
         scale = np.array(spec(recording.sensor).force_scale)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS, LABELS
 from tactileforge.data.cropped import as_text
+from tactileforge.data.summary import counted
 from tactileforge.inspection import charts
 from tactileforge.inspection.checks import LAG_CORRELATION, LAG_PROMINENCE, is_sure
 from tactileforge.inspection.findings import Total
@@ -68,14 +69,13 @@ def _row(total: Total, sizes: Sequence[str]) -> list[str]:
     low, high = round(total.slowest, 1), round(total.fastest, 1)
     rate = NONE if low != low else f"{low:g} to {high:g}" if high > low else f"{low:g}"
     more = f" and {len(sizes) - 3} more" if len(sizes) > 3 else ""
-    counts = (total.carrying.get(label, 0) for label in (*LABELS, "background"))
     return [
         f"{total.recordings:,}",
         f"{total.frames:,}",
         duration(total.seconds) if total.seconds else "stills",
         rate,
         f"text|{', '.join(sizes[:3]) or NONE}{more}",
-        *(f"{count:,}" if count else "none" for count in counts),
+        *(counted(total.carrying, label) for label in (*LABELS, "background")),
     ]
 
 

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.contracts import ACTIONS, LABELS, Recording
+from tactileforge.contracts import ACTIONS, Recording
+from tactileforge.data.summary import carried
 from tactileforge.inspection.findings import Total
 
 #: Edges of the durations that are told apart, s: eight a decade.
@@ -150,9 +151,8 @@ class Tally:
         total.frames += len(recording.frames)
         total.seconds += duration_of(recording)
         self._clock(total, recording)
-        for label in LABELS:
-            if getattr(recording, label) is not None:
-                total.carrying[label] = total.carrying.get(label, 0) + 1
+        for label in carried(recording):
+            total.carrying[label] = total.carrying.get(label, 0) + 1
         if recording.no_contact is not None:
             total.carrying["background"] = total.carrying.get("background", 0) + 1
         self._labels(recording)

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tactileforge.calibration.file import Calibration
 from tactileforge.contracts import Frame, Sensor
 from tactileforge.data.clips import resized
 from tactileforge.errors import ConfigError, SensorError, unknown
@@ -89,6 +90,7 @@ class Finger:
         slip: When something slips.
         reconnect: Seconds for which a sensor that is lost is waited for.
         unknown_sensor: What to do where the model does not know the sensor, see `Model.encode`.
+        calibration: Of this unit, for the model's forces; see `Model.force`.
 
     Attributes:
         background: uint8 (H, W, 3), the frame without contact.
@@ -97,7 +99,7 @@ class Finger:
         done: Frames of which a reading was computed.
 
     Raises:
-        ConfigError: The model does not know the sensor.
+        ConfigError: The model does not know the sensor, or the calibration is of another.
     """
 
     def __init__(
@@ -110,7 +112,11 @@ class Finger:
         slip: SlipOptions,
         reconnect: float = 10.0,
         unknown_sensor: str = "error",
+        calibration: Calibration | None = None,
     ) -> None:
+        self.calibration = calibration
+        if calibration is not None and model is not None:
+            model.axes_of(calibration, [sensor.spec.name])
         self.name, self.sensor, self.model, self.wake = name, sensor, model, wake
         self.type = known_as(sensor.spec.name, model, unknown_sensor)
         frames, spacing = (1, 0.0) if model is None else (model.frames, model.spacing)
@@ -222,7 +228,9 @@ class Finger:
         if not trouble:
             contact = self.contact.update(difference)
             if self.model is not None and shot.clip is not None:
-                found = self.model.readings(shot.clip, self._still, self.type)
+                found = self.model.readings(
+                    shot.clip, self._still, self.type, calibration=self.calibration
+                )
                 force = None if found.force is None else found.force[-1].cpu().numpy()
                 vector = found.vector.cpu().numpy() if with_vector else None
             if force is not None:

@@ -11,8 +11,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from tactileforge.calibration.file import Calibration, load
 from tactileforge.contracts import Sensor
-from tactileforge.errors import ConfigError, SensorError
+from tactileforge.errors import ConfigError, SensorError, unknown
 from tactileforge.hub.model import Model
 from tactileforge.live.contact import ContactOptions, SlipOptions
 from tactileforge.live.finger import Finger, Reading, picture_of
@@ -39,6 +40,7 @@ class ShowOptions:
         embedding: Whether messages carry the model's vector.
         unknown_sensor: ``error`` or ``universal``.
         reconnect: Seconds for which a sensor that is lost is waited for.
+        calibration: Files of `tactileforge calibrate model=...`, by sensor, for its forces.
         seconds: After which it ends; None until stopped.
         frames: Readings after which it ends; None until stopped.
     """
@@ -50,6 +52,7 @@ class ShowOptions:
     embedding: bool = False
     unknown_sensor: str = "error"
     reconnect: float = 10.0
+    calibration: Mapping[str, str] = field(default_factory=dict)
     seconds: float | None = None
     frames: int | None = None
 
@@ -117,9 +120,9 @@ class Show:
 
         Raises:
             SensorError: One cannot be opened, gives nothing, or two are the same device.
-            ConfigError: The model does not know one.
+            ConfigError: The model does not know one, or a calibration is of another.
         """
-        given = self.options
+        given, known = self.options, self._calibrations()
         with ExitStack() as stack:
             stack.enter_context(quick_switches())
             open_all(self.sensors, stack)
@@ -133,6 +136,7 @@ class Show:
                     given.slip,
                     given.reconnect,
                     given.unknown_sensor,
+                    known.get(name),
                 )
                 for name, sensor in self.sensors.items()
             }
@@ -145,6 +149,12 @@ class Show:
 
     def __exit__(self, *error: object) -> None:
         self._stack.close()
+
+    def _calibrations(self) -> dict[str, Calibration]:
+        given = self.options.calibration
+        if strange := sorted(set(given) - set(self.sensors)):
+            raise ConfigError(unknown("sensor of calibration", strange[0], self.sensors))
+        return {name: load(path) for name, path in given.items()}
 
     def _wait_for_all(self) -> None:
         end = time.monotonic() + _PATIENCE

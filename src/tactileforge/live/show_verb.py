@@ -83,7 +83,7 @@ def options_of(config: Mapping[str, Any]) -> ShowOptions:
     for key in ("seconds", "frames"):
         if config[key] is not None and not config[key] > 0:
             raise ConfigError(f"{key}={config[key]}: give a value above 0")
-    names = ("embedding", "unknown_sensor", "reconnect", "seconds", "frames")
+    names = ("embedding", "unknown_sensor", "reconnect", "calibration", "seconds", "frames")
     return ShowOptions(
         background=part("background", Background, background),
         image=str(image),

@@ -4,45 +4,102 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+import torch
 from torch import Tensor, nn
+from torch.nn import functional as F
 
-from tactileforge.contracts import Batch
+from tactileforge.contracts import AXES, Batch
+from tactileforge.data.clips import Clips
+from tactileforge.data.spread import force_spread
 from tactileforge.distributed import masked_mean
+from tactileforge.errors import ConfigError, unknown
 from tactileforge.heads.force import Forces
+
+#: Losses by name, of errors in units of what counts as 1; ``huber`` is linear from 1 on.
+_LOSSES = {"l1": F.l1_loss, "huber": F.smooth_l1_loss, "mse": F.mse_loss}
 
 
 class Force(nn.Module):
-    """L1 on the force of frames 2..N and on its change from the frame before.
+    """Errors of the force of frames 2..T and of its change from the frame before.
 
-    Forces are normalised by the sensor's force scale. Source: AnyTouch 2, section Physical-Level
-    Dynamic Properties.
+    Forces are normalised by the sensor's force scale; ``scaled`` divides the errors of each axis by
+    its own deviation in the training data besides, which is kept in the checkpoint. An axis that a
+    clip has no label for stays out. Source: AnyTouch 2, section Physical-Level Dynamic Properties
+    (L1, not scaled).
 
     Args:
         delta: Strength of the change of force.
         shear: Whether x and y are learned too, or z alone.
+        loss: ``l1``, ``huber`` or ``mse``.
+        scaled: Whether an axis that varies little counts as much as one that varies much.
+
+    Raises:
+        ConfigError: An unknown loss.
     """
 
     head: ClassVar[str] = "force"
     needs: ClassVar[frozenset[str]] = frozenset({"force"})
+    deviation: Tensor
 
-    def __init__(self, delta: float = 1.0, shear: bool = True) -> None:
+    def __init__(
+        self, delta: float = 1.0, shear: bool = True, loss: str = "l1", scaled: bool = False
+    ) -> None:
         super().__init__()
+        if loss not in _LOSSES:
+            raise ConfigError(unknown("objective.force.loss", loss, _LOSSES))
         self.delta = delta
         self.shear = shear
+        self.loss = loss
+        self.scaled = scaled
+        #: Of force and of its change along x, y and z, in units of the force scale; (2, 3).
+        self.register_buffer("deviation", torch.ones(2, 3))
+
+    def prepare(self, clips: Clips) -> None:
+        """Measures the deviations, in one pass over the forces; see `contracts.Prepared`."""
+        if self.scaled:
+            self.deviation.copy_(torch.from_numpy(force_spread(clips)))
 
     def forward(self, prediction: Forces, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
         """The loss; logs the mean absolute error of each axis in mN."""
-        valid = batch["force_valid"]
+        first = 0 if self.shear else 2
+        valid = batch["force_valid"][:, first:]
         scale = batch["force_scale"][:, None]
         force = batch["force"].nan_to_num() / scale
-        of_force = (prediction.force - force[:, 1:]).abs()
-        of_delta = (prediction.delta - force.diff(dim=1)).abs()
-        first = 0 if self.shear else 2
-        loss = masked_mean((of_force + self.delta * of_delta)[..., first:].mean((1, 2)), valid)
-        milli = 1000 * (of_force.detach() * scale).mean(1)
+        of_force = self._errors(prediction.force, force[:, 1:], self.deviation[0])
+        of_delta = self._errors(prediction.delta, force.diff(dim=1), self.deviation[1])
+        loss = masked_mean((of_force + self.delta * of_delta).mean(1)[:, first:], valid)
+        newton = ((prediction.force.detach() - force[:, 1:]) * scale).abs().mean(1)[:, first:]
         logs = {
-            f"mae_{axis}_mN": masked_mean(milli[:, i], valid)
-            for i, axis in enumerate(("x", "y", "z"))
-            if i >= first
+            f"mae_{axis}_mN": masked_mean(1000 * newton[:, i], valid[:, i])
+            for i, axis in enumerate(AXES[first:])
         }
         return loss, logs
+
+    def _errors(self, predicted: Tensor, true: Tensor, deviation: Tensor) -> Tensor:
+        return _LOSSES[self.loss](predicted.float() / deviation, true / deviation, reduction="none")
+
+    def sums(self, prediction: Forces, batch: Batch) -> Tensor:
+        """Moments of each axis, float64 (6, 3), N; see `contracts.Scored`."""
+        valid = batch["force_valid"][:, None].expand(prediction.force.shape)
+        true = torch.where(valid, batch["force"][:, 1:], 0).double()
+        scaled = prediction.force.detach() * batch["force_scale"][:, None]
+        found = torch.where(valid, scaled, 0).double()
+        parts = (valid.double(), true, true**2, found, found**2, (found - true) ** 2)
+        return torch.stack([part.sum((0, 1)) for part in parts])
+
+    def scores(self, sums: Tensor) -> dict[str, float]:
+        """R2 of each axis that has labels and varies, and the deviation of what is predicted, mN.
+
+        An axis whose predictions hardly deviate has collapsed: the same is said of every clip.
+        """
+        found: dict[str, float] = {}
+        for i, axis in enumerate(AXES):
+            count, true, square, said, said_square, error = sums[:, i].tolist()
+            if not count or (i < 2 and not self.shear):
+                continue
+            variance = square / count - (true / count) ** 2
+            if variance > 1e-12:
+                found[f"r2_{axis}"] = 1 - error / count / variance
+            spread = max(said_square / count - (said / count) ** 2, 0.0)
+            found[f"deviation_{axis}_mN"] = 1000 * spread**0.5
+        return found

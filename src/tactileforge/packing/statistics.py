@@ -67,10 +67,9 @@ class Statistics:
         for label, number in zip(*np.unique(action, return_counts=True), strict=True):
             self.actions[ACTIONS[label] if label >= 0 else "unknown"] += int(number)
         if recording.force is not None:
-            known = recording.force[np.isfinite(recording.force).all(1)]
-            inside = known.clip(FORCE_EDGES[0], FORCE_EDGES[-1])
-            for i in range(len(AXES)):
-                self.force[i] += np.histogram(inside[:, i], FORCE_EDGES)[0]
+            for i, along in enumerate(recording.force.T):
+                inside = along[np.isfinite(along)].clip(FORCE_EDGES[0], FORCE_EDGES[-1])
+                self.force[i] += np.histogram(inside, FORCE_EDGES)[0]
 
     def merge(self, other: Statistics) -> None:
         """Adds the counts of another part."""

@@ -103,6 +103,25 @@ def curve_figure(
         return svg(figure, f"{label} over {unit}s{shaded}")
 
 
+def lines_figure(label: str, last_step: int, lines: Mapping[str, Curve]) -> str:
+    """Several values over the steps of a run, each in the colour of its place.
+
+    Args:
+        label: What the values are.
+        last_step: End of the axis.
+        lines: By name.
+    """
+    with drawing(4.2, 2.4) as (figure, axes):
+        for number, curve in enumerate(lines.values()):
+            thin = curve.thinned()
+            style = ".-" if len(thin.steps) < 30 else "-"
+            axes.plot(thin.steps, thin.values, style, color=CLASSES[number % len(CLASSES)][0])
+        values = np.concatenate([curve.values for curve in lines.values()])
+        _log_if_wide(axes, values)
+        axes.set(xlim=(0, max(last_step, 1)), xlabel="step", ylabel=label)
+        return svg(figure, f"{label} over steps: {', '.join(lines)}")
+
+
 def _shade(axes: Any, weight: Curve) -> None:
     behind = axes.twinx()
     axes.set_zorder(behind.get_zorder() + 1)

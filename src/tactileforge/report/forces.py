@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from html import escape
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.contracts import Recording
+from tactileforge.contracts import AXES, Recording
 from tactileforge.data.clips import Clips
 from tactileforge.data.datamodule import TouchData
 from tactileforge.heads.force import Forces
 from tactileforge.module import TouchModule
-from tactileforge.report.figures import SPLITS, force_curve_figure, scatter_figure
+from tactileforge.report.axes import AxisScore, score
+from tactileforge.report.figures import (
+    SPLITS,
+    force_curve_figure,
+    lines_figure,
+    scatter_figure,
+)
+from tactileforge.report.metrics import Curve
 from tactileforge.report.page import (
     NONE,
     SPLIT_WORDS,
@@ -27,23 +35,7 @@ from tactileforge.report.page import (
 )
 from tactileforge.report.samples import ForceReading, even, read_forces, spread, whole_key
 
-AXES = ("x", "y", "z")
 _CLIPS = 200
-
-
-@dataclass(frozen=True)
-class AxisScore:
-    """One axis of one split.
-
-    Attributes:
-        mae: Mean absolute error, mN.
-        median: That of always giving the median of the training clips, mN.
-        correlation: Of measured and predicted; NaN where one of them does not vary.
-    """
-
-    mae: float
-    median: float
-    correlation: float
 
 
 @dataclass(frozen=True)
@@ -63,22 +55,12 @@ class ForceResult:
     curve: dict[str, ForceReading]
 
     def scores(self, split: str) -> list[AxisScore]:
-        """Scores of x, y and z."""
-        reading = self.readings[split]
-        guess = np.median(self.readings.get("train", reading).measured, axis=(0, 1))
-        out = []
-        for axis in range(3):
-            measured = reading.measured[..., axis].ravel().astype(np.float64)
-            predicted = reading.predicted[..., axis].ravel().astype(np.float64)
-            varies = measured.std() > 1e-6 and predicted.std() > 1e-9
-            out.append(
-                AxisScore(
-                    1000 * float(np.abs(predicted - measured).mean()),
-                    1000 * float(np.abs(guess[axis] - measured).mean()),
-                    float(np.corrcoef(measured, predicted)[0, 1]) if varies else float("nan"),
-                )
-            )
-        return out
+        """Scores of x, y and z; NaN along an axis without a label."""
+        reading, known = self.readings[split], self.readings.get("train", self.readings[split])
+        return [
+            score(reading.measured[..., i], reading.predicted[..., i], known.measured[..., i])
+            for i in range(len(AXES))
+        ]
 
 
 def force_results(
@@ -126,14 +108,27 @@ def _liveliest(data: TouchData, readings: dict[str, ForceReading]) -> str:
             recording = clips.recordings[row]
             if split == next(iter(readings)) and recording.force is not None:
                 forces.setdefault(whole_key(recording), []).append(recording.force)
-    varies = {
-        key: float(np.nanstd(np.concatenate(parts), axis=0).sum()) for key, parts in forces.items()
-    }
+    varies = {key: _spread(np.concatenate(parts)) for key, parts in forces.items()}
     return max(varies, key=lambda key: varies[key], default="")
 
 
-def section(results: list[ForceResult], data: TouchData) -> Section:
-    """Scatter and numbers of each axis, and one recording over time."""
+def _spread(force: NDArray[np.float32]) -> float:
+    """Deviations of the axes that have labels, together, N."""
+    known = (axis[np.isfinite(axis)] for axis in force.T)
+    return float(sum(values.std() for values in known if len(values)))
+
+
+def section(
+    results: list[ForceResult], data: TouchData, curves: Mapping[str, Curve], last_step: int
+) -> Section:
+    """Scatter and numbers of each axis, R2 over the run, and one recording over time.
+
+    Args:
+        results: Of each head that predicts force.
+        data: The data of the run.
+        curves: What was logged.
+        last_step: End of the run.
+    """
     name, title = "force", "Force"
     if not results:
         return Section(name, title, paragraph("No objective predicts force."))
@@ -142,12 +137,29 @@ def section(results: list[ForceResult], data: TouchData) -> Section:
         if len(results) > 1:
             body += f"<h3>{escape(result.objective)}</h3>"
         body += (
-            _result(result, data) if result.readings else paragraph("No clip has a force label.")
+            _result(result, data, _learning(result.objective, curves, last_step))
+            if result.readings
+            else paragraph("No clip has a force label.")
         )
     return Section(name, title, body)
 
 
-def _result(result: ForceResult, data: TouchData) -> str:
+def _learning(objective: str, curves: Mapping[str, Curve], last_step: int) -> str:
+    """R2 and deviation of the predictions of each axis, over the run."""
+    drawn = []
+    for name, title, unit in (
+        ("r2_{}", "R\N{SUPERSCRIPT TWO} of each axis, validation", "R\N{SUPERSCRIPT TWO}"),
+        ("deviation_{}_mN", "Deviation of the predictions, validation", "mN"),
+    ):
+        found = {axis: curves.get(f"val/{objective}/{name.format(axis)}") for axis in AXES}
+        lines = {axis: curve for axis, curve in found.items() if curve is not None}
+        if lines:
+            drawn.append(panel(title, lines_figure(unit, last_step, lines)))
+    names = dict(enumerate(AXES))
+    return f"<h3>Over the run</h3>{legend(names)}{panels(drawn)}" if drawn else ""
+
+
+def _result(result: ForceResult, data: TouchData, learning: str) -> str:
     sensors = sorted(
         {
             sensor
@@ -162,13 +174,16 @@ def _result(result: ForceResult, data: TouchData) -> str:
     faint = " (drawn faintly)" if len(result.readings) > 1 else ""
     text = f"Each point is a frame of {splits}{faint}; on the dashed line the prediction is right."
     drawings = [
-        panel(f"{axis} (N)", _scatter(result, data, sensors, i)) for i, axis in enumerate(AXES)
+        panel(f"{axis} (N)", _scatter(result, data, sensors, i))
+        for i, axis in enumerate(AXES)
+        if any(np.isfinite(one.measured[..., i]).any() for one in result.readings.values())
     ]
     return (
         paragraph(text)
         + panels(drawings)
         + legend(dict(enumerate(sensors)))
         + _scores(result)
+        + learning
         + _over_time(result, data)
     )
 
@@ -183,8 +198,9 @@ def _scatter(result: ForceResult, data: TouchData, sensors: list[str], axis: int
         names = _sensors(getattr(data, split), reading)
         classes = np.repeat([sensors.index(name) for name in names], reading.measured.shape[1])
         faint = split == "train" and len(result.readings) > 1
-        values = [part[..., axis].ravel() for part in (reading.measured, reading.predicted)]
-        groups.append((values[0], values[1], classes, 0.25 if faint else 0.9))
+        true, said = (part[..., axis].ravel() for part in (reading.measured, reading.predicted))
+        known = np.isfinite(true)
+        groups.append((true[known], said[known], classes[known], 0.25 if faint else 0.9))
     return scatter_figure(groups, ("measured (N)", "predicted (N)"), identity=True)
 
 
@@ -192,16 +208,23 @@ def _scores(result: ForceResult) -> str:
     rows = [
         (
             f"{axis}, {SPLIT_WORDS[split]}",
-            milli(score.mae),
-            milli(score.median),
-            number(round(score.correlation, 2) + 0.0),
+            milli(one.mae),
+            milli(one.median),
+            number(round(one.correlation, 2) + 0.0),
+            number(round(one.r2, 2) + 0.0),
+            milli(one.measured),
+            f"{'bad|' if one.collapsed else ''}{milli(one.predicted)}",
         )
         for split in result.readings
-        for axis, score in zip(AXES, result.scores(split), strict=True)
+        for axis, one in zip(AXES, result.scores(split), strict=True)
     ]
-    note = "Median guess: the error of always giving the median force of the training clips."
-    head = ("Axis", "MAE (mN)", "median guess (mN)", "correlation")
-    return table(f"force-{result.objective}", head, rows, note)
+    note = (
+        "Median guess: the error of always giving the median force of the training clips. An axis "
+        "whose predictions deviate by less than a tenth of the force's deviation has collapsed."
+    )
+    head = ("Axis", "MAE (mN)", "median guess (mN)", "correlation", "R\N{SUPERSCRIPT TWO}")
+    columns = (*head, "deviation (mN)", "predicted (mN)")
+    return table(f"force-{result.objective}", columns, rows, note)
 
 
 def _over_time(result: ForceResult, data: TouchData) -> str:
@@ -216,6 +239,8 @@ def _over_time(result: ForceResult, data: TouchData) -> str:
         predicted[split] = (times, reading.predicted.reshape(-1, 3))
     drawings = []
     for i, axis in enumerate(AXES):
+        if not any(force is not None and np.isfinite(force[:, i]).any() for _, force in measured):
+            continue
         lines = [(times, force[:, i]) for times, force in measured]
         points = {split: (times, force[:, i]) for split, (times, force) in predicted.items()}
         drawings.append(panel(f"{axis} (N)", force_curve_figure(lines, points, axis)))

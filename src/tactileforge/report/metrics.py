@@ -68,3 +68,9 @@ def _version(path: Path) -> int:
 def _curve(points: dict[int, float]) -> Curve:
     steps = np.array(sorted(points), np.int64)
     return Curve(steps, np.array([points[step] for step in steps.tolist()]))
+
+
+def weighed(values: Curve, weights: Curve) -> Curve:
+    """Values times weights, at the steps at which both were logged."""
+    steps, at, of = np.intersect1d(values.steps, weights.steps, return_indices=True)
+    return Curve(steps, values.values[at] * weights.values[of])

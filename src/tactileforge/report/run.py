@@ -68,11 +68,12 @@ def write_report(folder: Path, module: TouchModule, data: TouchData) -> Path:
     weights = {key: float(node["weight"]) for key, node in config["objective"].items()}
     versions = sections.kept_versions(folder).get("versions", {})
     top = summary.facts(config, module, data, steps, seconds, versions)
-    top += summary.verdict(curves, weights, found)
+    top += summary.verdict(curves, weights, found, module.labels)
     parts = [
         sections.losses(curves, list(weights), steps),
+        *sections.balance(curves, list(weights), steps),
         sections.frames(found),
-        forces.section(found.forces, data),
+        forces.section(found.forces, data, curves, steps),
         embedding.section(found.embedding, found.scores),
         sections.data_section(data, found.skipped),
         sections.recipe(folder),

@@ -29,7 +29,7 @@ class ForceReading:
     """Forces of labelled clips, frames 2..T.
 
     Attributes:
-        measured: float32 (n, T - 1, 3), newton.
+        measured: float32 (n, T - 1, 3), newton; NaN along axes without a label.
         predicted: float32 (n, T - 1, 3), newton.
         clips: int64 (n,), which clips.
     """
@@ -203,11 +203,13 @@ def read_forces(
     with quiet(module):
         for batch in batches(module, clips, which):
             forces: Forces = module.heads[key](module.encoder.views(batch), batch)
-            valid = batch["force_valid"]
+            valid = batch["force_valid"][:, None]
             scaled = forces.force.float() * batch["force_scale"][:, None]
-            predicted.append(scaled[valid].cpu().numpy())
-            measured.append(batch["force"][:, 1:][valid].cpu().numpy())
-            numbers.append(batch["clip"][valid].cpu().numpy())
+            true = torch.where(valid, batch["force"][:, 1:], torch.nan)
+            kept = batch["force_valid"].any(1)
+            predicted.append(scaled[kept].cpu().numpy())
+            measured.append(true[kept].cpu().numpy())
+            numbers.append(batch["clip"][kept].cpu().numpy())
     if not sum(map(len, numbers)):
         return None
     return ForceReading(*(np.concatenate(part) for part in (measured, predicted, numbers)))

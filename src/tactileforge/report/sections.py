@@ -16,10 +16,10 @@ from torch import Tensor
 from tactileforge.contracts import LABELS
 from tactileforge.data.clips import Clips
 from tactileforge.data.datamodule import TouchData
-from tactileforge.data.summary import Count
-from tactileforge.report.figures import SPLITS, curve_figure
+from tactileforge.data.summary import Count, counted
+from tactileforge.report.figures import SPLITS, curve_figure, lines_figure
 from tactileforge.report.findings import Findings
-from tactileforge.report.metrics import Curve
+from tactileforge.report.metrics import Curve, weighed
 from tactileforge.report.page import (
     SPLIT_WORDS,
     Section,
@@ -76,6 +76,25 @@ def losses(curves: Mapping[str, Curve], objectives: Sequence[str], last_step: in
     if details:
         body += f"<details><summary>Parts of the losses</summary>{panels(details)}</details>"
     return Section("losses", "Losses", body)
+
+
+def balance(
+    curves: Mapping[str, Curve], objectives: Sequence[str], last_step: int
+) -> list[Section]:
+    """What of each objective reaches the encoder; nothing where that was not measured."""
+    norms = {key: curves[f"gradient/{key}"] for key in objectives if f"gradient/{key}" in curves}
+    if not norms:
+        return []
+    weights = {key: curves[f"weight/{key}"] for key in norms}
+    given = {key: weighed(norms[key], weights[key]) for key in norms}
+    shares = [
+        panel("norm of the gradient, not weighted", lines_figure("norm", last_step, norms)),
+        panel("weight", lines_figure("weight", last_step, weights)),
+        panel("weight times norm", lines_figure("norm", last_step, given)),
+    ]
+    text = "Norms of each objective's gradient on the encoder, as last measured."
+    body = paragraph(text) + legend(dict(enumerate(norms))) + panels(shares)
+    return [Section("balance", "Balance", body)]
 
 
 def frames(found: Findings) -> Section:
@@ -158,12 +177,14 @@ def data_section(data: TouchData, skipped: Sequence[str]) -> Section:
 
 
 def _row(counts: Sequence[Count]) -> list[str]:
-    total = [sum(count.labels[label] for count in counts) for label in LABELS]
+    total: Counter[str] = Counter()
+    for count in counts:
+        total.update(count.labels)
     return [
         str(sum(count.recordings for count in counts)),
         str(sum(count.frames for count in counts)),
         duration(sum(count.seconds for count in counts)),
-        *(str(number) if number else "none" for number in total),
+        *(counted(total, label) for label in LABELS),
     ]
 
 

@@ -6,11 +6,13 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
+from tactileforge.contracts import AXES
 from tactileforge.data.datamodule import TouchData
+from tactileforge.labels import Labels
 from tactileforge.module import TouchModule
 from tactileforge.report.embedding import Score
 from tactileforge.report.findings import Findings
-from tactileforge.report.forces import AXES, ForceResult, milli
+from tactileforge.report.forces import ForceResult, milli
 from tactileforge.report.metrics import Curve
 from tactileforge.report.page import NONE, SPLIT_WORDS, duration, number, percent, table
 
@@ -65,6 +67,7 @@ def verdict(
     curves: Mapping[str, Curve],
     weights: Mapping[str, float],
     found: Findings,
+    labels: Labels,
 ) -> str:
     """The run in a few sentences, each marked as good, bad or plain; then the losses as a table."""
     lines = [_fell(curves, weights, "train")]
@@ -72,6 +75,9 @@ def verdict(
         lines.append(_fell(curves, weights, "val"))
     else:
         lines.append(("plain", "No validation: the data holds nothing out."))
+    lines += [
+        ("bad", f"{line[0].upper()}{line[1:]}.") for key in weights if (line := labels.missing(key))
+    ]
     lines += _rebuilt(found.explained)
     lines += [line for result in found.forces for line in _force(result)]
     lines += _read(found.scores)
@@ -140,7 +146,8 @@ def _and(words: Sequence[str]) -> str:
 
 def _force(result: ForceResult) -> list[tuple[str, str]]:
     for split, reading in result.readings.items():
-        scores = dict(zip(AXES, result.scores(split), strict=True))
+        every = zip(AXES, result.scores(split), strict=True)
+        scores = {axis: score for axis, score in every if score.mae == score.mae}  # with labels
         errors = ", ".join(f"{axis} {milli(score.mae)}" for axis, score in scores.items())
         guesses = ", ".join(f"{axis} {milli(score.median)}" for axis, score in scores.items())
         better = [axis for axis, score in scores.items() if score.mae < score.median]
@@ -148,7 +155,18 @@ def _force(result: ForceResult) -> list[tuple[str, str]]:
             f"Force error on {len(reading.clips)} {SPLIT_WORDS[split]} clips: {errors} mN; always "
             f"guessing the median: {guesses} mN. Better than it along {_and(better) or 'no axis'}."
         )
-        return [("good" if len(better) == 3 else "plain" if better else "bad", text)]
+        if collapsed := [axis for axis, score in scores.items() if score.collapsed]:
+            text += f" Predictions hardly vary along {_and(collapsed)}: it has collapsed."
+        return [
+            (
+                "good"
+                if len(better) == len(scores) and not collapsed
+                else "plain"
+                if better
+                else "bad",
+                text,
+            )
+        ]
     return []
 
 

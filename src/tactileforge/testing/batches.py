@@ -46,7 +46,7 @@ def batch(size: int = 8, frames: int = 4, image: int = 32, seed: int = 0) -> Bat
         "background": background.to(torch.uint8),
         "sensor": sensor,
         "force": rise * scale[:, None],
-        "force_valid": torch.ones(size, dtype=torch.bool),
+        "force_valid": torch.ones(size, 3, dtype=torch.bool),
         "force_scale": scale,
         "action": pair % len(ACTIONS),
         "object": pair,

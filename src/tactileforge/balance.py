@@ -1,0 +1,274 @@
+"""Objectives weighed by what reaches the encoder.
+
+The curriculum says how much each objective is to count; a balance multiplies that by a factor. Its
+state are buffers, so a resumed run goes on with it, and it is the same on every rank.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+import torch
+from torch import Tensor, nn
+
+from tactileforge.distributed import summed, world
+from tactileforge.errors import ConfigError, unknown
+
+
+class Fixed(nn.Module):
+    """Weights as the curriculum gives them.
+
+    Args:
+        keys: The objectives.
+        every: Steps between two measurements of each objective's gradient; 0 measures none.
+
+    Attributes:
+        moves: Whether `update` changes the factors.
+        keys: As given.
+        factor: float (K,), what each weight is multiplied by.
+        norm: float (K,), norm of the gradient of each objective's loss, not weighted, on all of the
+            encoder's parameters, when last measured; 0 where it never was.
+    """
+
+    moves: ClassVar[bool] = False
+    factor: Tensor
+    norm: Tensor
+
+    def __init__(self, keys: Sequence[str], every: int = 0) -> None:
+        super().__init__()
+        if every < 0:
+            raise ConfigError(f"balance.every={every}: give a number of steps, 0 for never")
+        self.keys = list(keys)
+        self.every = every
+        self.register_buffer("factor", torch.ones(len(keys)))
+        self.register_buffer("norm", torch.zeros(len(keys)))
+
+    def forward(
+        self, losses: Mapping[str, Tensor], weights: Mapping[str, float], step: int, shared: Any
+    ) -> Tensor:
+        """The weighted sum of the losses of a training step.
+
+        Args:
+            losses: Of the objectives that are computed.
+            weights: Of the curriculum.
+            step: Optimiser steps taken so far.
+            shared: The touch encoder.
+        """
+        if self.every and step % self.every == 0:
+            fresh = self._measured(losses, shared)
+            self.norm.copy_(torch.where(fresh > 0, self._followed(fresh), self.norm))
+        if self.moves:
+            awake = torch.tensor([key in losses for key in self.keys], device=self.factor.device)
+            asleep = torch.zeros_like(self.factor[0])
+            joint = torch.stack([losses.get(key, asleep).detach().float() for key in self.keys])
+            self.update(summed(joint) / world()[1], awake, weights, step)
+        total = torch.zeros((), device=self.factor.device)
+        for key, loss in losses.items():
+            total = total + weights[key] * self.factor[self.keys.index(key)] * loss
+        return total
+
+    def update(
+        self, losses: Tensor, awake: Tensor, weights: Mapping[str, float], step: int
+    ) -> None:
+        """Changes the factors; here they stay 1.
+
+        Args:
+            losses: float (K,), of the joint batch; 0 for what is not computed or meets no label.
+            awake: bool (K,), which are computed.
+            weights: Of the curriculum.
+            step: Optimiser steps taken so far.
+        """
+
+    def logs(self, weights: Mapping[str, float]) -> dict[str, Tensor | float]:
+        """Effective weights, and norms of the gradients where they are measured."""
+        found: dict[str, Tensor | float] = {}
+        for i, key in enumerate(self.keys):
+            found[f"weight/{key}"] = weights[key] * self.factor[i]
+            if self.every and weights[key]:
+                found[f"gradient/{key}"] = self.norm[i]
+        return found
+
+    def _followed(self, fresh: Tensor) -> Tensor:
+        return fresh
+
+    def _measured(self, losses: Mapping[str, Tensor], shared: Any) -> Tensor:
+        """Norms (K,) of the gradients of the joint batch; 0 where there is none."""
+        parameters = [p for p in shared.parameters() if p.requires_grad]
+        found = torch.zeros_like(self.norm)
+        for i, key in enumerate(self.keys):
+            if key in losses and losses[key].requires_grad:
+                found[i] = joint_norm(losses[key], parameters)
+        return found
+
+
+class Clip(Fixed):
+    """Clips each objective's weighted gradient on the encoder by itself, in every step.
+
+    Args:
+        keys: The objectives.
+        limit: Largest norm of one objective's gradient.
+    """
+
+    moves: ClassVar[bool] = True
+
+    def __init__(self, keys: Sequence[str], limit: float = 1.0) -> None:
+        super().__init__(keys, every=1)
+        if not limit > 0:
+            raise ConfigError(f"balance.limit={limit}: give a value above 0")
+        self.limit = limit
+
+    def update(
+        self, losses: Tensor, awake: Tensor, weights: Mapping[str, float], step: int
+    ) -> None:
+        """See `Fixed.update`."""
+        given = self.norm.new_tensor([weights.get(key, 0.0) for key in self.keys]) * self.norm
+        self.factor.copy_((self.limit / given.clamp(min=self.limit)).clamp(max=1))
+
+
+class GradNorm(Fixed):
+    """Factors that make the objectives' gradients on the encoder alike.
+
+    An objective whose loss has fallen less than the others' is given more: with loss ratio
+    ``r = (L / L first) / mean(L / L first)`` the norm of ``factor * gradient`` goes as
+    ``r ** alpha``. Source: GradNorm (Chen et al. 2018, equations 1 and 2), whose learned weights
+    are here set to what they are learned towards, on a moving average of the norms; their geometric
+    mean is 1, and each stays within ``bound`` times the curriculum's, so that a loss that has
+    nothing left to learn does not take over.
+
+    Args:
+        keys: The objectives.
+        every: Steps between two measurements; a measurement costs a backward pass an objective.
+        alpha: Strength with which training rates are made alike; 0 looks at norms alone.
+        keep: Share of the moving average that a measurement leaves.
+        bound: Largest factor; the smallest is its inverse.
+    """
+
+    moves: ClassVar[bool] = True
+    first: Tensor
+    loss: Tensor
+
+    def __init__(
+        self,
+        keys: Sequence[str],
+        every: int = 10,
+        alpha: float = 0.5,
+        keep: float = 0.8,
+        bound: float = 8.0,
+    ) -> None:
+        super().__init__(keys, every)
+        _check(every=every, bound=bound - 1, keep=1 - keep)
+        self.alpha = alpha
+        self.keep = keep
+        self.bound = bound
+        #: First losses, (K,); 0 before.
+        self.register_buffer("first", torch.zeros(len(keys)))
+        #: Moving average of the losses, (K,); 0 before.
+        self.register_buffer("loss", torch.zeros(len(keys)))
+
+    def _followed(self, fresh: Tensor) -> Tensor:
+        return torch.where(self.norm > 0, self.keep * self.norm + (1 - self.keep) * fresh, fresh)
+
+    def update(
+        self, losses: Tensor, awake: Tensor, weights: Mapping[str, float], step: int
+    ) -> None:
+        """See `Fixed.update`."""
+        if step % self.every:
+            return
+        met = losses > 0
+        self.first.copy_(torch.where(met & (self.first == 0), losses, self.first))
+        moved = torch.where(self.loss > 0, self.keep * self.loss + (1 - self.keep) * losses, losses)
+        self.loss.copy_(torch.where(met, moved, self.loss))
+        known = awake & (self.norm > 0) & (self.first > 0)
+        count = known.sum().clamp(min=1)
+        ratio = torch.where(known, self.loss / self.first.clamp(min=1e-12), 0.0)
+        rate = ratio / (ratio.sum() / count).clamp(min=1e-12)
+        wanted = self.alpha * rate.clamp(min=1e-6).log() - self.norm.clamp(min=1e-12).log()
+        middle = torch.where(known, wanted, 0.0).sum() / count
+        limit = math.log(self.bound)
+        self.factor.copy_(torch.where(known, (wanted - middle).clamp(-limit, limit).exp(), 1.0))
+
+
+class Uncertainty(Fixed):
+    """Factors ``exp(-s)``, where ``s`` follows what is left of each loss.
+
+    Minimises ``exp(-s) * L + s`` over ``s`` by gradient descent, beside the network: where it
+    settles, each objective's loss counts 1. Source: Kendall, Gal and Cipolla 2018, equation 10,
+    for any positive loss.
+
+    Args:
+        keys: The objectives.
+        rate: Of the descent.
+        bound: Largest factor; the smallest is its inverse.
+        every: See `Fixed`.
+    """
+
+    moves: ClassVar[bool] = True
+
+    def __init__(
+        self, keys: Sequence[str], rate: float = 0.05, bound: float = 8.0, every: int = 0
+    ) -> None:
+        super().__init__(keys, every)
+        _check(rate=rate, bound=bound - 1)
+        self.rate = rate
+        self.bound = bound
+
+    def update(
+        self, losses: Tensor, awake: Tensor, weights: Mapping[str, float], step: int
+    ) -> None:
+        """See `Fixed.update`; a step without labels leaves its factor as it is."""
+        log = self.factor.log()
+        moved = log + self.rate * (1 - self.factor * losses)
+        limit = math.log(self.bound)
+        moved = moved.clamp(-limit, limit).exp()
+        self.factor.copy_(torch.where(awake & (losses > 0), moved, self.factor))
+
+
+def joint_norm(loss: Tensor, parameters: Sequence[Tensor]) -> Tensor:
+    """Norm of the gradient of the joint batch; the graph is kept for the step.
+
+    Args:
+        loss: A scalar of this rank, whose mean over ranks is that of the joint batch.
+        parameters: What the gradient is of.
+    """
+    found = torch.autograd.grad(loss, parameters, retain_graph=True, allow_unused=True)
+    flat = torch.cat(
+        [
+            (torch.zeros_like(p) if g is None else g).flatten().float()
+            for p, g in zip(parameters, found, strict=True)
+        ]
+    )
+    norm: Tensor = torch.linalg.vector_norm(summed(flat) / world()[1])
+    return norm
+
+
+#: By name; see `build`.
+BALANCES: dict[str, type[Fixed]] = {
+    "none": Fixed,
+    "clip": Clip,
+    "gradnorm": GradNorm,
+    "uncertainty": Uncertainty,
+}
+
+
+def build(config: Mapping[str, Any] | None, keys: Sequence[str]) -> Fixed:
+    """The balance of a configuration: its ``name``, and the options of that class.
+
+    Raises:
+        ConfigError: An unknown name or option, or a value that does not fit.
+    """
+    options = dict(config or {"name": "none"})
+    name = str(options.pop("name"))
+    if name not in BALANCES:
+        raise ConfigError(unknown("balance", name, BALANCES))
+    try:
+        return BALANCES[name](keys, **options)
+    except TypeError as error:
+        raise ConfigError(f"balance={name}: {error}") from error
+
+
+def _check(**values: float) -> None:
+    for name, value in values.items():
+        if not value > 0:
+            raise ConfigError(f"balance.{name}: the value given is out of range")

@@ -1,0 +1,90 @@
+"""Labels that objectives meet while they are trained: counted, and missed out loud."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Set as AbstractSet
+
+from torch import Tensor
+
+from tactileforge.contracts import AXES, Batch
+
+log = logging.getLogger(__name__)
+
+#: Batches of an objective after which one that has met no label is named.
+PATIENCE = 20
+
+
+class Labels:
+    """Counts of the clips that each objective could learn from, on this process.
+
+    Attributes:
+        counts: Of each objective that needs labels: ``batches`` and ``clips`` that it was given,
+            ``labelled`` clips, and of forces the clips labelled along ``x``, ``y`` and ``z``.
+    """
+
+    def __init__(self) -> None:
+        self.counts: dict[str, dict[str, int]] = {}
+
+    def add(self, key: str, needs: AbstractSet[str], batch: Batch) -> None:
+        """Counts a batch on the host, and warns of an objective that meets no label.
+
+        Args:
+            key: The objective.
+            needs: See `contracts.Objective`.
+            batch: See `tactileforge.contracts`.
+        """
+        if not needs:
+            return
+        count = self.counts.setdefault(key, dict.fromkeys(("batches", "clips", "labelled"), 0))
+        count["batches"] += 1
+        count["clips"] += len(batch["frames"])
+        count["labelled"] += sum(known(batch, needs))
+        if "force" in needs:
+            met = batch["force_valid"].sum(0).tolist()
+            for axis, number in zip(AXES, met, strict=True):
+                count[axis] = count.get(axis, 0) + int(number)
+        if count["batches"] == PATIENCE and (line := self.missing(key)):
+            log.warning(line)
+
+    def missing(self, key: str) -> str:
+        """What is wrong with the labels of an objective; "" where nothing is, or it is early."""
+        count = self.counts.get(key)
+        if count is None or count["batches"] < PATIENCE:
+            return ""
+        given = f"its first {count['batches']} batches ({count['clips']} clips)"
+        if not count["labelled"]:
+            return (
+                f"objective {key!r} has met no label in {given}: it learns nothing. Give sources "
+                "that have its labels a share (batch.shares), or leave it out of objective=[...]"
+            )
+        if blind := [axis for axis in AXES if not count.get(axis, 1)]:
+            return (
+                f"objective {key!r} has met no force along {' and '.join(blind)} in {given}: it "
+                "learns the other axes alone"
+            )
+        return ""
+
+
+def known(batch: Batch, needs: AbstractSet[str]) -> list[bool]:
+    """Whether each clip has a label of every need, on the host.
+
+    Args:
+        batch: See `tactileforge.contracts`.
+        needs: See `contracts.Objective`.
+
+    Example:
+        >>> known({"text": ["a ball", ""]}, {"text"})
+        [True, False]
+    """
+    rows = [[_has(batch, label) for label in need.split("|")] for need in needs]
+    every = [[any(clip) for clip in zip(*row, strict=True)] for row in rows]
+    return [all(clip) for clip in zip(*every, strict=True)]
+
+
+def _has(batch: Batch, label: str) -> list[bool]:
+    if label == "text":
+        return [bool(text) for text in batch["text"]]
+    value: Tensor = batch[f"{label}_valid"] if f"{label}_valid" in batch else batch[label] >= 0
+    found: list[bool] = value.reshape(len(value), -1).any(1).tolist()
+    return found

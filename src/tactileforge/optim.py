@@ -1,0 +1,44 @@
+"""The optimiser and its schedule."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import torch
+from torch import nn
+
+
+def optimiser(
+    parameters: Iterable[nn.Parameter], config: Mapping[str, Any], total: int
+) -> dict[str, Any]:
+    """AdamW without decay of vectors; linear warm-up, then linear decay to 0.
+
+    Args:
+        parameters: Those that need no gradient are left out.
+        config: ``lr``, ``weight_decay``, ``betas``, and ``warmup``, the share of the run in which
+            the learning rate rises.
+        total: Steps of the run.
+
+    Returns:
+        What `LightningModule.configure_optimizers` gives.
+    """
+    matrices: list[nn.Parameter] = []
+    vectors: list[nn.Parameter] = []
+    for parameter in parameters:
+        if parameter.requires_grad:
+            (matrices if parameter.ndim > 1 else vectors).append(parameter)
+    optimizer = torch.optim.AdamW(
+        [
+            {"params": matrices, "weight_decay": config["weight_decay"]},
+            {"params": vectors, "weight_decay": 0.0},
+        ],
+        lr=config["lr"],
+        betas=tuple(config["betas"]),
+    )
+    warm = max(1, round(config["warmup"] * total))
+    schedule = torch.optim.lr_scheduler.LambdaLR(
+        optimizer,
+        lambda step: min((step + 1) / warm, (total - step) / max(1, total - warm + 1)),
+    )
+    return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}

@@ -1,0 +1,96 @@
+"""The parts of a module, from a finished configuration; and what objectives make of a batch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from collections.abc import Set as AbstractSet
+from dataclasses import dataclass
+from typing import Any
+
+from torch import Tensor, nn
+
+from tactileforge import registry
+from tactileforge.errors import ConfigError
+
+
+@dataclass(frozen=True)
+class Term:
+    """What one objective makes of a batch.
+
+    Attributes:
+        prediction: Of its head.
+        loss: A scalar, not weighted.
+        extra: Further scalars to log.
+    """
+
+    prediction: Any
+    loss: Tensor
+    extra: Mapping[str, Tensor]
+
+
+def logs_of(terms: Mapping[str, Term]) -> dict[str, Tensor]:
+    """Losses by objective, and their further scalars as ``objective/name``."""
+    logs: dict[str, Tensor] = {}
+    for key, term in terms.items():
+        logs[key] = term.loss.detach()
+        logs |= {f"{key}/{name}": value for name, value in term.extra.items()}
+    return logs
+
+
+def build_parts(
+    config: Mapping[str, Any], provides: AbstractSet[str]
+) -> tuple[Any, dict[str, nn.Module], dict[str, nn.Module]]:
+    """Encoder, heads and objectives.
+
+    Args:
+        config: Plain data.
+        provides: Labels the data has; towers for others are not built.
+
+    Raises:
+        ConfigError: The encoder encodes something else, or a head has nothing to align with.
+    """
+    encoder = registry.build("encoders", config["encoder"])
+    modality = getattr(encoder, "modality", "touch")
+    if modality != "touch":
+        raise ConfigError(f"encoder={config['encoder']['name']} encodes {modality}, not touch")
+    heads, objectives = {}, {}
+    for key, node in config["objective"].items():
+        options = {name: value for name, value in node.items() if name != "weight"}
+        objectives[key] = registry.build("objectives", options)
+        heads[key] = _head(key, config, provides, encoder)
+    return encoder, heads, objectives
+
+
+def _head(
+    key: str, config: Mapping[str, Any], provides: AbstractSet[str], encoder: Any
+) -> nn.Module:
+    wanted = registry.context(registry.get("heads", config["head"][key]["name"]))
+    towers = {
+        f"{kind}_encoder": tower(config, kind)
+        if kind in provides and config.get(f"{kind}_encoder")
+        else None
+        for kind in ("text", "image")
+        if f"{kind}_encoder" in wanted
+    }
+    if towers and not any(towers.values()):
+        raise ConfigError(
+            f"head {key!r} has nothing to align with: the data has "
+            f"{', '.join(sorted(provides)) or 'frames only'}; choose text_encoder= or "
+            "image_encoder= for what it has"
+        )
+    built: nn.Module = registry.build("heads", config["head"][key], encoder=encoder, **towers)
+    return built
+
+
+def tower(config: Mapping[str, Any], kind: str) -> nn.Module:
+    """Builds the tower for ``text`` or ``image``.
+
+    Raises:
+        ConfigError: The plugin chosen encodes something else.
+    """
+    node = config[f"{kind}_encoder"]
+    built: nn.Module = registry.build("encoders", node)
+    modality = getattr(built, "modality", "touch")
+    if modality != kind:
+        raise ConfigError(f"{kind}_encoder={node['name']} encodes {modality}, not {kind}")
+    return built

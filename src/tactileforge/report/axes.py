@@ -1,0 +1,65 @@
+"""Scores of one axis of the force."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: Share of the deviation of a force below which its prediction has collapsed.
+_COLLAPSED = 0.1
+
+
+@dataclass(frozen=True)
+class AxisScore:
+    """One axis of one split.
+
+    Attributes:
+        mae: Mean absolute error, mN.
+        median: That of always giving the median of the training clips, mN.
+        correlation: Of measured and predicted; NaN where one of them does not vary.
+        r2: Share of the variance that is explained; NaN where the force does not vary.
+        measured: Deviation of what was measured, mN.
+        predicted: Deviation of what is predicted, mN.
+    """
+
+    mae: float
+    median: float
+    correlation: float
+    r2: float
+    measured: float
+    predicted: float
+
+    @property
+    def collapsed(self) -> bool:
+        """Whether the same is said of every clip, although the force varies."""
+        return self.predicted < _COLLAPSED * self.measured
+
+
+def score(
+    measured: NDArray[np.float32], predicted: NDArray[np.float32], known: NDArray[np.float32]
+) -> AxisScore:
+    """Scores of predictions, mN.
+
+    Args:
+        measured: Float of any shape, N; NaN where there is no label.
+        predicted: Alike, N.
+        known: Forces of the training clips, N, whose median is the guess.
+    """
+    labelled = np.isfinite(measured)
+    true, said = (part[labelled].astype(np.float64) for part in (measured, predicted))
+    if not len(true):
+        return AxisScore(*[float("nan")] * 6)
+    guess = np.median(known[np.isfinite(known)]) if np.isfinite(known).any() else np.median(true)
+    moves = true.std() > 1e-6
+    return AxisScore(
+        mae=1000 * float(np.abs(said - true).mean()),
+        median=1000 * float(np.abs(guess - true).mean()),
+        correlation=float(np.corrcoef(true, said)[0, 1])
+        if moves and said.std() > 1e-9
+        else float("nan"),
+        r2=1 - float(((said - true) ** 2).mean() / true.var()) if moves else float("nan"),
+        measured=1000 * float(true.std()),
+        predicted=1000 * float(said.std()),
+    )

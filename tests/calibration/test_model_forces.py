@@ -1,0 +1,157 @@
+"""Forces of a model, calibrated to one unit."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from omegaconf import OmegaConf
+
+import tactileforge
+from tactileforge.calibration.calibrate import Found, Options, calibrate
+from tactileforge.calibration.file import parse
+from tactileforge.calibration.page import render
+from tactileforge.contracts import Recording
+from tactileforge.data.frames import ArrayFrames
+from tactileforge.datasets.recordings import Recordings
+from tactileforge.encoders.tactile_vit import TactileViT
+from tactileforge.errors import ConfigError
+from tactileforge.heads.force import ForceHead
+from tactileforge.hub.files import describe
+from tactileforge.hub.model import Model
+
+NODE = {"name": "tactile_vit", "size": "tiny", "frames": 4, "image_size": 32}
+SCALE = {"digit": [2.0, 2.0, 4.0], "gelsight": [2.0, 2.0, 4.0]}
+PUBLIC = Path(__file__).parents[2] / "conf/data/public_samples.yaml"
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    torch.manual_seed(0)
+    encoder = TactileViT(**{key: value for key, value in NODE.items() if key != "name"})
+    head = ForceHead(encoder)
+    for part in (head.force, head.delta):  # so that an untrained one says something
+        torch.nn.init.normal_(part.probe[-1].weight, std=0.5)
+    heads = {"force": {"node": {"name": "force"}, "scale": SCALE}}
+    header = describe(encoder, NODE, licence="MIT", spacing=1 / 15, heads=heads)
+    return Model(encoder.requires_grad_(False), header, None, "cpu", {"force": head})
+
+
+def touches(model: Model, count: int = 6, noise: float = 0.02) -> list[Recording]:
+    """Forces are 1.5 times what the model says, and 0.3 N, along z; shear is another mixture."""
+    rng = np.random.default_rng(0)
+    made = []
+    for number in range(count):
+        still = rng.integers(90, 150, (1, 32, 32, 3)).astype(np.uint8)
+        dents = rng.normal(0, 40, (2, 32, 32, 3))
+        phases = np.sin(np.linspace(0, [3, 5], 20) + rng.uniform(0, 6, 2))
+        frames = (still + np.einsum("tk,khwc->thwc", phases, dents)).clip(0, 255).astype(np.uint8)
+        one = Recording(
+            key=f"press{number}",
+            sensor="digit",
+            frames=ArrayFrames(frames),
+            times=np.arange(20) / 15,
+            no_contact=ArrayFrames(still),
+            force=np.zeros((20, 3), np.float32),
+            labels={"unit": "D1"},
+        )
+        said = np.stack([model_says(model, one, axis) for axis in "xyz"], 1)
+        true = np.stack([said[:, 0] - 2 * said[:, 1], said[:, 1], 1.5 * said[:, 2] + 0.3], 1)
+        made.append(
+            replace(one, force=(true + rng.normal(0, noise, true.shape)).astype(np.float32))
+        )
+    return made
+
+
+def model_says(model: Model, one: Recording, axis: str) -> np.ndarray:
+    rest = one.no_contact.read([0])[0]
+    frames = one.frames.read(range(len(one.frames)))
+    rows = np.maximum(np.arange(20)[:, None] - np.arange(3, -1, -1), 0)
+    return model.force(frames[rows], rest, "digit").numpy()[:, -1, "xyz".index(axis)]
+
+
+@pytest.fixture(scope="module")
+def found(model: Model) -> Found:
+    return calibrate(touches(model), Options(), model=model)
+
+
+def test_gain_and_offset_of_a_unit_are_found(found: Found) -> None:
+    force = found.calibration.force
+    assert force.of == "model"
+    z = force.axes["z"]
+    assert z.weights["z"] == pytest.approx(1.5, abs=0.05)
+    assert z.offset == pytest.approx(0.3, abs=0.05)
+    assert z.rmse == pytest.approx(0.02, rel=0.3)  # the noise
+    assert force.axes["x"].weights["y"] == pytest.approx(-2, abs=0.2)  # axes that are mixed
+    truth = found.fits["z"].measured
+    assert z.before == pytest.approx(np.sqrt(np.mean((truth - 0.3) ** 2)) / 3, rel=0.5)
+    assert z.before > 5 * z.rmse
+
+
+def test_the_model_gives_calibrated_forces(model: Model, found: Found) -> None:
+    one = touches(model, 7)[6]
+    rest, frames = one.no_contact.read([0])[0], one.frames.read(range(20))
+    given = model.force(frames[8:12], rest, "digit", calibration=found.calibration)[-1]
+    assert given.numpy() == pytest.approx(one.force[11], abs=0.1)
+    assert found.calibration.forces(one, model)[11] == pytest.approx(given.numpy(), abs=1e-4)
+    plain = model.readings(frames[8:12], rest, "digit")
+    both = model.readings(frames[8:12], rest, "digit", calibration=found.calibration)
+    assert torch.equal(plain.vector, both.vector)
+    assert not torch.allclose(plain.force, both.force, atol=0.1)
+
+
+def test_an_axis_that_is_left_out_stays_what_the_model_says(model: Model) -> None:
+    alone = calibrate(touches(model), Options(axes=["z"]), model=model).calibration
+    one = touches(model, 1)[0]
+    rest, frames = one.no_contact.read([0])[0], one.frames.read(range(4))
+    plain, given = (model.force(frames, rest, "digit", calibration=c) for c in (None, alone))
+    assert torch.equal(plain[:, :2], given[:, :2])
+    assert not torch.equal(plain[:, 2], given[:, 2])
+    assert np.isnan(alone.forces(one, model)[:, :2]).all()
+
+
+def test_a_calibration_knows_its_model(model: Model, found: Found) -> None:
+    text = found.calibration.text()
+    assert parse(text, "here") == found.calibration
+    one = touches(model, 1)[0]
+    with pytest.raises(ConfigError, match="were fitted to a model: give that model"):
+        found.calibration.forces(one)
+    frames, rest = one.frames.read(range(4)), one.no_contact.read([0])[0]
+    with pytest.raises(ConfigError, match="that of digit D1, and this is gelsight"):
+        model.force(frames, rest, "gelsight", calibration=found.calibration)
+    other = replace(found.calibration, force=replace(found.calibration.force, model="0" * 16))
+    with pytest.raises(ConfigError, match="was not fitted to the forces of this model"):
+        model.force(frames, rest, "digit", calibration=other)
+    with pytest.raises(ConfigError, match=r"fit=model: say which, model=NAME"):
+        calibrate([one], Options(fit="model"))
+
+
+def test_the_page_says_the_error_before_and_after(found: Found) -> None:
+    page = render(found)
+    z = found.calibration.force.axes["z"]
+    assert "before (N)" in page
+    assert f"{z.before:.3g}" in page
+    assert f"{z.rmse:.3g}" in page
+    assert "the error of the model as it is" in page
+
+
+@pytest.mark.realdata
+@pytest.mark.parametrize("name", ["touchd_force_gelsight_mini", "touchd_force_digit"])
+def test_half_a_real_trial_calibrates_the_other_half(realdata: Path, name: str) -> None:
+    """Of one trial, the first half in time is fitted, the second is told; z alone is read."""
+    layout = OmegaConf.to_container(OmegaConf.load(PUBLIC).data.layouts[name]) | {"split": "train"}
+    (one,) = Recordings(str(realdata), {name: layout}).recordings("train")
+    middle = len(one.frames) // 2
+    model = tactileforge.load("anytouch2.tiny-sim")
+    first, second = one.part(0, middle), one.part(middle, len(one.frames))
+    found = calibrate([first], Options(axes=["z"]), model=model).calibration
+    after = found.forces(second, model)[:, 2] - second.force[:, 2]
+    before = replace(found, force=replace(found.force, axes={"z": as_it_is(found)}))
+    raw = before.forces(second, model)[:, 2] - second.force[:, 2]
+    errors = [float(np.sqrt(np.nanmean(error**2))) for error in (raw, after)]
+    assert errors[1] < 0.65 * errors[0], errors
+
+
+def as_it_is(found: object) -> object:
+    return replace(found.force.axes["z"], offset=0.0, weights={"z": 1.0})
