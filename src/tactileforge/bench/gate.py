@@ -232,7 +232,8 @@ def plain(found: Sequence[Row], results: Results) -> dict[str, Any]:
         "tasks": {task.name: {"title": task.title, "metric": task.main} for task in results.tasks},
         "models": {
             model.name: passes(found, model.name)
-            | {"sha256": model.sha256, "trained_on": model.facts.get("trained_on", "unknown")}
+            | {key: model.facts.get(key, []) for key in ("trained_on", "seen_of_held_out")}
+            | {"sha256": model.sha256}
             for model in models
         },
         "rows": [

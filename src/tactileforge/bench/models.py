@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from tactileforge import registry
+from tactileforge.bench import provenance
 from tactileforge.bench.baselines import BASELINES
 from tactileforge.bench.probes.base import Probe
 from tactileforge.bench.tasks import Clip
@@ -69,13 +70,18 @@ class Subject:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """Parameters, frames, image size, and steps where they are known."""
+        """Parameters, frames, image size; what trained it, and how long, where that is known."""
         height, width = self.encoder.image_size
         found = {
             "parameters": sum(p.numel() for p in self.encoder.parameters()),
             "frames": self.encoder.frames,
             "image_size": f"{height} x {width}",
         }
+        if not self.header.source:
+            return found
+        found |= {"trained_on": provenance.trained_on(self.header)}
+        if told := provenance.seen(self.header):
+            found |= {"seen_of_held_out": told}
         steps = self.header.source.get("steps")
         return found if steps is None else found | {"steps": steps}
 

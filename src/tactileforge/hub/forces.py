@@ -40,6 +40,16 @@ def scales(entry: Mapping[str, Any], sensors: Sequence[str]) -> Tensor | None:
     return torch.tensor([known[name] for name in sensors])[:, None]
 
 
+def uncalibrated(entry: Mapping[str, Any], sensors: Sequence[str]) -> list[str]:
+    """Sensors no unit of which was calibrated, sorted.
+
+    Args:
+        entry: Of a head, see `Header.heads`.
+        sensors: Names.
+    """
+    return sorted(set(sensors) - set(entry.get("calibrated", ())))
+
+
 def normalised(head: nn.Module, encoder: Any, tokens: Tensor, projected: Tensor) -> Tensor:
     """Forces (B, T - 1, 3) in units of the scale, of tokens (B, L, width)."""
     views = SimpleNamespace(full=Features(tokens, projected, encoder.prefix, encoder.grid))

@@ -1,0 +1,1 @@
+"""The release gate: intervals against closed forms, and what passes."""
