@@ -108,9 +108,9 @@ def _show(model: str) -> int:
         table += [(r.model, r.task, r.metric, f"{r.value:g} {r.unit}", r.source) for r in results]
         print(f"\n{columns(table)}")
     for weight in weights:
-        if rows := gate_rows(card, weight):
+        if gate := gate_rows(card, weight):
             print(f"\n{weight.tag}, release gate: {gates.verdict(card.gate(weight))}")
-            print(columns(rows))
+            print(columns(gate))
     print(f"\n{card.text}")
     return 0
 

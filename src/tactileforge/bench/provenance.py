@@ -1,4 +1,4 @@
-"""What a model was trained on, as far as its file says, and whether the gate may be reported on it."""
+"""What a model was trained on, as far as its file says, and what of it the gate holds out."""
 
 from __future__ import annotations
 

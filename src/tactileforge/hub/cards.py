@@ -18,7 +18,8 @@ from typing import Any
 import yaml
 
 from tactileforge.errors import ConfigError, unknown
-from tactileforge.hub import gates, strict
+from tactileforge.hub import strict
+from tactileforge.hub.gates import TOKENS, Gate
 
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
@@ -128,9 +129,9 @@ class Card:
     results: list[Result]
     text: str
     recipe: bool
-    gates: list[gates.Gate] = field(default_factory=list)
+    gates: list[Gate] = field(default_factory=list)
 
-    def gate(self, weight: Weight) -> list[gates.Gate]:
+    def gate(self, weight: Weight) -> list[Gate]:
         """The release gate of some weights."""
         return [row for row in self.gates if row.model == weight.tag]
 
@@ -228,7 +229,7 @@ def parse(name: str, text: str, recipe: bool) -> Card:
         raise ConfigError(f"{where}: {error}") from error
     given = strict.mapping(where, given)
     given.setdefault("gates", [])
-    for key, kind in (("weights", Weight), ("results", Result), ("gates", gates.Gate)):
+    for key, kind in (("weights", Weight), ("results", Result), ("gates", Gate)):
         rows = given.get(key)
         if not isinstance(rows, list):
             raise ConfigError(f"{where}: {key} must be a list")
@@ -256,9 +257,10 @@ def _check(card: Card) -> None:
         if not weight.layout and not verified:
             raise ConfigError(f"{place}: sha256 (64 hexadecimal digits) and bytes are needed")
     for gate in card.gates:
-        if gate.model not in tags or gate.tokens not in gates.TOKENS:
+        if gate.model not in tags or gate.tokens not in TOKENS:
             raise ConfigError(
-                f"{where}, gates: {gate.model} {gate.tokens}: no such weights or tokens"
+                f"{where}, gates: {gate.model} with {gate.tokens}: no such weights, or tokens that "
+                f"are not {' or '.join(TOKENS)}; write them with tactileforge zoo gate"
             )
     for row in [None, *card.weights]:
         frames, spacing = card.clip(row)

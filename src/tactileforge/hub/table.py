@@ -20,10 +20,10 @@ means that we know of none: ask the authors.
 
 
 _GATE = """\
-Real touches that nobody trained on here, ridge probes in closed form ([how](bench.md#the-release-gate)):
-the value, and what it is above random weights of the same architecture and above 16 x 16 pixels,
-with the lower end of the 95 % interval. A task is won above both. A model passes that wins most
-tasks, from pooled tokens and from all patches."""
+Real touches that nobody trained on here, ridge probes in closed form
+([how](bench.md#the-release-gate)): the value, and what it is above random weights of the same
+architecture and above 16 x 16 pixels, with the lower end of the 95 % interval. A task is won above
+both. A model passes that wins most tasks, from pooled tokens and from all patches."""
 
 
 def columns(rows: Sequence[Sequence[str]]) -> str:
