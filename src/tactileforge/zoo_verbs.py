@@ -1,17 +1,18 @@
-"""``tactileforge zoo list | show | get | pack``."""
+"""``tactileforge zoo list | show | get | pack | gate``."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from tactileforge.errors import ConfigError, unknown
-from tactileforge.hub import cards, store
-from tactileforge.hub.table import clip, columns, page
+from tactileforge.hub import cards, gates, store
+from tactileforge.hub.table import clip, columns, gate_rows, page
 
 #: What ``zoo pack`` takes as ``key=value``.
-_PACK = ("out", "dtype", "name", "licence", "encoder")
+_PACK = ("out", "dtype", "name", "licence", "encoder", "gate")
 
 
 def main(argv: Sequence[str]) -> int:
@@ -33,6 +34,8 @@ def main(argv: Sequence[str]) -> int:
         return _show(words.model)
     if words.action == "get":
         return _get(words.model, words.source)
+    if words.action == "gate":
+        return _gate(words.model, words.benches)
     return _pack(words.run, words.settings)
 
 
@@ -52,6 +55,9 @@ def _parser() -> argparse.ArgumentParser:
     pack = actions.add_parser("pack", help="a run's encoder as one file")
     pack.add_argument("run", type=Path, metavar="RUN")
     pack.add_argument("settings", nargs="*", metavar="key=value", help=", ".join(_PACK))
+    gate = actions.add_parser("gate", help="write what the release gate measured into the card")
+    gate.add_argument("model", metavar="NAME.TAG")
+    gate.add_argument("benches", nargs="+", type=Path, metavar="BENCH")
     return parser
 
 
@@ -101,6 +107,10 @@ def _show(model: str) -> int:
         table = [("model", "task", "metric", "value", "source")]
         table += [(r.model, r.task, r.metric, f"{r.value:g} {r.unit}", r.source) for r in results]
         print(f"\n{columns(table)}")
+    for weight in weights:
+        if gate := gate_rows(card, weight):
+            print(f"\n{weight.tag}, release gate: {gates.verdict(card.gate(weight))}")
+            print(columns(gate))
     print(f"\n{card.text}")
     return 0
 
@@ -117,13 +127,32 @@ def _get(model: str, source: Path | None) -> int:
 
 
 def _pack(run: Path, settings: Sequence[str]) -> int:
-    given = dict(word.partition("=")[::2] for word in settings)
+    given: dict[str, Any] = dict(word.partition("=")[::2] for word in settings)
     for key in given:
         if key not in _PACK:
             raise ConfigError(unknown("option of zoo pack", key, _PACK))
     from tactileforge.hub.pack import pack
 
-    path = pack(run, **given)  # type: ignore[arg-type]
+    benches = [Path(word) for word in given.pop("gate", "").split(",") if word]
+    path = pack(run, **given)
+    if benches:
+        _put(str(given.get("name", "")), benches, [f"run:{run}", f"file:{path}"])
     print(f"{path}: {path.stat().st_size / 1e6:.1f} MB, sha256 {store.sha256(path)}")
     print(f'load it: tactileforge.load("file:{path}")')
     return 0
+
+
+def _gate(model: str, benches: Sequence[Path]) -> int:
+    card, weight = cards.find(model)
+    words = [f"{card.name}.{weight.tag}", f"file:{cards.zoo() / weight.file}"]
+    _put(words[0], benches, words, weight.sha256)
+    return 0
+
+
+def _put(model: str, benches: Sequence[Path], words: Sequence[str], sha256: str = "") -> None:
+    """Writes the gate of a model into its card."""
+    card, weight = cards.find(model)
+    path = Path(str(cards.zoo() / "recipe" / f"{card.name}.md"))
+    rows = [row for bench in benches for row in gates.read(bench, weight.tag, words, sha256)]
+    gates.write(path, rows)
+    print(f"{path}: {gates.verdict(rows)}")

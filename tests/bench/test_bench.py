@@ -15,7 +15,7 @@ from tactileforge.bench import run as bench_run
 from tactileforge.bench import stored
 from tactileforge.bench.choices import choose, row_of
 from tactileforge.bench.features import Store
-from tactileforge.bench.models import Entry, Subject, pixels
+from tactileforge.bench.models import Entry, Subject, baseline
 from tactileforge.bench.run import Bench, Options
 from tactileforge.bench.source import Source
 from tactileforge.bench.tasks import Clip, Task, parse
@@ -105,7 +105,7 @@ def bench(folder: Path, tasks: dict[str, Any], **options: Any) -> Bench:
 def test_everything_is_in_the_file(data: Any, tmp_path: Path) -> None:
     one = bench(tmp_path, {"force": FORCE, "hard": HARD})
     one.run(tiny())
-    one.run(Entry(name="pixels", title="raw pixels", open=[pixels]))
+    one.run(Entry(name="pixels", title="raw pixels", open=[lambda: baseline("pixels")]))
     found = stored.read(tmp_path)
     assert [(c.task, c.model, c.seed) for c in found.cells] == [
         (task, model, seed)

@@ -12,12 +12,14 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from tactileforge.bench import finetune, metrics
+from tactileforge.bench import finetune, metrics, splits
 from tactileforge.bench.choices import Choice, Prepared
 from tactileforge.bench.features import FLIPS, PLAIN, Array, Flip, Store
 from tactileforge.bench.models import Subject
 from tactileforge.bench.probes.base import Probe, Values
 from tactileforge.bench.probes.knn import Knn
+from tactileforge.bench.probes.ridge import Ridge
+from tactileforge.bench.splits import Split
 from tactileforge.bench.training import Examples, Outcome, train
 
 #: Places of the clips to train on, to select on, and to test on.
@@ -105,20 +107,26 @@ def run(
         score, uses = _scorer(prepared, select), (split.train, select, split.test)
         if features is None:
             found = finetune.train(prepared, choice, subject, store, uses, seeds, score, higher)
-        elif choice.kind.trained:
-            examples = _examples(prepared, choice, subject, features)
-            found = train(build, choice.training, examples, uses, seeds, score, higher)
+            folds.append(found)
+            continue
+        taps = subject.taps(choice.kind)
+        examples = [_examples(prepared, tap, features, subject) for tap in taps]
+        if choice.kind.trained:
+            found = train(build, choice.training, examples[0], uses, seeds, score, higher)
+        elif issubclass(choice.kind, Ridge):
+            pairs = zip(taps, examples, strict=True)
+            found = [_solve(prepared, build(), rows, split, tap) for tap, rows in pairs]
         else:
-            found = [_vote(build(), _examples(prepared, choice, subject, features), uses, score)]
+            found = [_vote(build(), examples[0], uses, score)]
         folds.append(found)
     return [_result(prepared, outcomes) for outcomes in zip(*folds, strict=True)]
 
 
-def _examples(prepared: Prepared, choice: Choice, subject: Subject, features: Features) -> Examples:
+def _examples(prepared: Prepared, tap: str, features: Features, subject: Subject) -> Examples:
     flips = FLIPS if prepared.task.flips else (PLAIN,)
     parts = prepared.target.parts.items()
     return Examples(
-        {flip: features.arrays[choice.kind.tap, flip] for flip in flips},
+        {flip: features.arrays[tap, flip] for flip in flips},
         np.searchsorted(features.clips, prepared.target.clips),
         {flip: {name: part.flipped(*flip).normalised for name, part in parts} for flip in flips},
         subject.device,
@@ -142,6 +150,19 @@ def _vote(
     decoded = [model.vote(known, truth, examples.take(places)[0]) for places in uses[1:]]
     on_cpu = [{key: value.cpu() for key, value in one.items()} for one in decoded]
     return Outcome(0, math.nan, on_cpu[1], score(on_cpu[0]))
+
+
+def _solve(prepared: Prepared, model: Probe, examples: Examples, split: Split, tap: str) -> Outcome:
+    """A closed form: training and validation clips are one, inner folds choose."""
+    assert isinstance(model, Ridge)
+    known = np.sort(np.concatenate([split.train, split.validation]))
+    plan = prepared.task.split
+    groups = splits.names(prepared.source, prepared.target, known, plan.group)
+    rows, truth = examples.take(known)
+    inner, outer = model.solve(rows, truth, groups, examples.take(split.test)[0])
+    score = _scorer(prepared, known)({name: values.cpu() for name, values in inner.items()})
+    predicted = {name: values.cpu() for name, values in outer.items()}
+    return Outcome(0, math.nan, predicted, score, reading=tap)
 
 
 def _result(prepared: Prepared, outcomes: Sequence[Outcome]) -> Result:

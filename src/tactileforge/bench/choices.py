@@ -50,12 +50,14 @@ class Choice:
     """The probe of a task: its class, its options and its training.
 
     Attributes:
+        name: What it is called.
         kind: The class.
         options: Arguments of its constructor.
         training: How it is trained.
         finetune: Learning rate of the encoder where that is trained too; 0 leaves it frozen.
     """
 
+    name: str
     kind: type[Probe]
     options: dict[str, Any]
     training: Training
@@ -73,7 +75,8 @@ def choose(task: Task, given: Mapping[str, Any]) -> Choice:
         ConfigError: An unknown probe or option.
     """
     node = {**task.probe, **{key: value for key, value in given.items() if value is not None}}
-    kind = probe(str(node.pop("name")))
+    name = str(node.pop("name"))
+    kind = probe(name)
     rate = float(node.pop("finetune", 0.0))
     known = {one.name for one in fields(Training)}
     own = set(signature(kind).parameters) - {"width", "parts"}
@@ -89,7 +92,7 @@ def choose(task: Task, given: Mapping[str, Any]) -> Choice:
         values["betas"] = tuple(values["betas"])
     training = replace(kind.published, **values)
     options = {key: value for key, value in node.items() if key in own}
-    return Choice(kind=kind, options=options, training=training, finetune=rate)
+    return Choice(name=name, kind=kind, options=options, training=training, finetune=rate)
 
 
 def row_of(task: Task, choice: Choice, selection: str) -> results.Task:
@@ -98,7 +101,7 @@ def row_of(task: Task, choice: Choice, selection: str) -> results.Task:
     return results.Task(
         name=task.name,
         title=task.title,
-        probe=str(task.probe["name"]) + (", encoder trained too" if choice.finetune else ""),
+        probe=choice.name + (", encoder trained too" if choice.finetune else ""),
         data=task.about or str(task.data.get("name") or task.data.get("preset")),
         split=describe(task),
         metrics=[

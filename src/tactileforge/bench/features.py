@@ -16,6 +16,7 @@ from torch.utils.data import DataLoader, Subset
 from tqdm import tqdm
 
 from tactileforge.atomic import write_text
+from tactileforge.bench import decoded
 from tactileforge.bench.models import Subject
 from tactileforge.bench.source import Source
 from tactileforge.contracts import Batch
@@ -124,6 +125,7 @@ class _Extraction:
     ) -> None:
         self.store = store
         self.subject = subject
+        self.source = source
         self.paths = paths
         self.policy = policy
         self.readers = list(readers(subject, source, clips))
@@ -171,12 +173,20 @@ class _Extraction:
             skipped = min(done, len(places))
             done -= skipped
             rest = places[skipped:]
-            batches = loader(clips, range(skipped, len(places)), self.store, self.store.batch)
             start = 0
-            for batch in batches:
+            for batch in self._read(clips, range(skipped, len(places))):
                 count = len(batch["sensor"])
                 yield rest[start : start + count], batch
                 start += count
+
+    def _read(self, clips: Clips, rows: range) -> Iterator[Batch]:
+        """Batches of some rows; decoded for the first encoder that wants them in this form."""
+        size, spacing = self.store.batch, self.subject.spacing_of(self.source.clip)
+        folder = decoded.place(self.store.folder.parent / "clips", self.source, clips, spacing)
+        if folder is None or rows.start:
+            return loader(clips, rows, self.store, size)
+        batches = decoded.stored(folder, size)
+        return batches or decoded.keep(folder, len(rows), loader(clips, rows, self.store, size))
 
     def _done(self, parts: Any) -> int:
         if not self.note.is_file() or not all(path.is_file() for path in parts):

@@ -110,6 +110,34 @@ class Distance(AxisErrors):
         return self.distance / self.count * 100
 
 
+class R2(Metric):
+    """Coefficient of determination of each axis, mean over the axes.
+
+    Args:
+        axes: Number of axes.
+        axis: One of them alone; -1 for their mean.
+    """
+
+    full_state_update = False
+    moments: Tensor
+
+    def __init__(self, axes: int = 3, axis: int = -1) -> None:
+        super().__init__()
+        self.axis = axis
+        self.add_state("moments", torch.zeros(4, axes, dtype=torch.float64), dist_reduce_fx="sum")
+
+    def update(self, predicted: Tensor, truth: Tensor) -> None:
+        """Adds samples, (n, axes)."""
+        y, error = truth.double(), predicted.double() - truth.double()
+        self.moments += torch.stack([torch.ones_like(y), y, y * y, error**2]).sum(1)
+
+    def compute(self) -> Tensor:
+        """See the class."""
+        n, y, yy, ee = self.moments
+        found: Tensor = 1 - ee / (yy - y * y / n)
+        return found.mean() if self.axis < 0 else found[self.axis]
+
+
 class Correlation(Metric):
     """Pearson's correlation of each axis, mean over the axes; NaN where the truth stands still.
 
@@ -165,6 +193,10 @@ def _accuracy(part: Part) -> Metric:
     return Percent(MulticlassAccuracy(len(part.names), average="micro"))
 
 
+def _balanced(part: Part) -> Metric:
+    return Percent(MulticlassAccuracy(len(part.names), average="macro"))
+
+
 def _f1(part: Part) -> Metric:
     """Of the second class where there are two; else the mean over classes."""
     if len(part.names) == 2:
@@ -177,29 +209,39 @@ class Kind:
     """A metric that a task may name.
 
     Attributes:
-        of: Kind of the part it measures: ``classes``, ``force`` or ``place``.
+        of: Kinds of the part it measures, see `targets.Part`.
         unit: Of its values.
         better: ``lower`` or ``higher``.
         build: From the part.
     """
 
-    of: str
+    of: tuple[str, ...]
     unit: str
     better: str
     build: Callable[[Part], Metric]
 
 
+_VECTORS = ("force", "place", "numbers")
+
 METRICS: dict[str, Kind] = {
-    "accuracy": Kind("classes", "%", "higher", _accuracy),
-    "f1": Kind("classes", "%", "higher", _f1),
-    "rmse_sum_axes": Kind("force", "mN", "lower", lambda _: RmseSumAxes()),
-    "mae_mean_axes": Kind("force", "mN", "lower", lambda _: MaeMeanAxes()),
+    "accuracy": Kind(("classes",), "%", "higher", _accuracy),
+    "balanced_accuracy": Kind(("classes",), "%", "higher", _balanced),
+    "f1": Kind(("classes",), "%", "higher", _f1),
+    "rmse_sum_axes": Kind(("force",), "mN", "lower", lambda _: RmseSumAxes()),
+    "mae_mean_axes": Kind(("force",), "mN", "lower", lambda _: MaeMeanAxes()),
     **{
-        f"rmse_{name}": Kind("force", "mN", "lower", partial(lambda axis, _: RmseAxis(axis), axis))
+        f"rmse_{name}": Kind(
+            ("force",), "mN", "lower", partial(lambda axis, _: RmseAxis(axis), axis)
+        )
         for axis, name in enumerate("xyz")
     },
-    "correlation": Kind("force", "", "higher", lambda _: Correlation()),
-    "distance": Kind("place", "% of width", "lower", lambda _: Distance()),
+    "r2": Kind(_VECTORS, "", "higher", lambda part: R2(part.truth.shape[1])),
+    **{
+        f"r2_{name}": Kind(("force",), "", "higher", partial(lambda axis, _: R2(3, axis), axis))
+        for axis, name in enumerate("xyz")
+    },
+    "correlation": Kind(("force",), "", "higher", lambda _: Correlation()),
+    "distance": Kind(("place",), "% of width", "lower", lambda _: Distance()),
 }
 
 
@@ -222,9 +264,11 @@ def part_of(name: str, parts: dict[str, Part]) -> str:
     """
     wanted = kind(name).of
     for key, part in parts.items():
-        if part.kind == wanted:
+        if part.kind in wanted:
             return key
-    raise ConfigError(f"metric {name} measures {wanted}, which the target does not have")
+    raise ConfigError(
+        f"metric {name} measures {' or '.join(wanted)}, which the target does not have"
+    )
 
 
 def measure(name: str, part: Part, predicted: Tensor, truth: Tensor) -> float:

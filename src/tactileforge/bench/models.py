@@ -7,6 +7,7 @@ import json
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,9 @@ import torch
 from torch import Tensor
 
 from tactileforge import registry
-from tactileforge.bench.pixels import PixelFeatures
+from tactileforge.bench import provenance
+from tactileforge.bench.baselines import BASELINES
+from tactileforge.bench.probes.base import Probe
 from tactileforge.bench.tasks import Clip
 from tactileforge.contracts import Batch
 from tactileforge.errors import ConfigError
@@ -24,6 +27,8 @@ from tactileforge.hub.pack import pack
 
 #: Frames that a model of single frames is shown.
 STILL_FRAMES = 2
+#: Draws of random weights that are compared.
+UNTRAINED = 3
 
 
 class Subject:
@@ -54,8 +59,9 @@ class Subject:
         self.header = header
         self.device = torch.device(device)
         self.single = encoder.frames == 1
+        self.flat: bool = getattr(encoder, "flat", False)
         self.frames: int = STILL_FRAMES if self.single else encoder.frames
-        self.native = not header.recipe and header.encoder["name"] != "pixels"
+        self.native = not header.recipe and header.encoder["name"] not in BASELINES
         self.weights = _hash(encoder)
         self.sha256 = sha256 or self.weights
         self.preprocessing = json.loads(
@@ -64,13 +70,18 @@ class Subject:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """Parameters, frames, image size, and steps where they are known."""
+        """Parameters, frames, image size; what trained it, and how long, where that is known."""
         height, width = self.encoder.image_size
         found = {
             "parameters": sum(p.numel() for p in self.encoder.parameters()),
             "frames": self.encoder.frames,
             "image_size": f"{height} x {width}",
         }
+        if not self.header.source:
+            return found
+        found |= {"trained_on": provenance.trained_on(self.header)}
+        if told := provenance.seen(self.header):
+            found |= {"seen_of_held_out": told}
         steps = self.header.source.get("steps")
         return found if steps is None else found | {"steps": steps}
 
@@ -78,6 +89,12 @@ class Subject:
         """Size of a feature."""
         found: int = self.encoder.projected if tap == "projected" else self.encoder.width
         return found
+
+    def taps(self, kind: type[Probe]) -> tuple[str, ...]:
+        """Features that a probe of a kind reads; of several readings, those that it has."""
+        if not kind.readings:
+            return (kind.tap,)
+        return kind.readings[:1] if self.flat else kind.readings
 
     def spacing_of(self, clip: Clip) -> float:
         """Seconds between the frames that it is shown."""
@@ -101,9 +118,18 @@ class Subject:
         return found
 
     def features(self, batch: Batch, flip: tuple[bool, bool], policy: str) -> dict[str, Tensor]:
-        """``tokens`` (B, L, width) and ``projected`` (B, projected), without gradients."""
+        """What probes read, without gradients.
+
+        Returns:
+            ``tokens`` (B, L, width) and ``projected`` (B, projected). ``patches`` (B, n width), the
+            tokens without those in front, one after another; ``pooled`` (B, width), their mean. Of
+            a baseline without patches ``pooled`` is ``projected``.
+        """
         with torch.inference_mode():
-            return self.run(batch, flip, policy)
+            found = self.run(batch, flip, policy)
+            patches = found["tokens"][:, self.encoder.prefix :]
+            pooled = found["projected"] if self.flat else patches.float().mean(1)
+            return found | {"pooled": pooled, "patches": patches.flatten(1)}
 
     def run(self, batch: Batch, flip: tuple[bool, bool], policy: str) -> dict[str, Tensor]:
         """The same, with gradients where the encoder has them.
@@ -174,7 +200,8 @@ def entry(
 
     Args:
         word: A name of the zoo, ``file:PATH``, ``run:FOLDER``, ``untrained:WORD`` (new random
-            weights in the shape of another model, or of a recipe), or ``pixels``.
+            weights in the shape of another model, or of a recipe), or one of
+            `baselines.BASELINES`.
         composed: Overrides with which a recipe is composed for ``untrained:RECIPE``.
         device: Where it computes.
         runs: Folders of models that were trained, which ``untrained:NAME`` may name.
@@ -182,15 +209,21 @@ def entry(
     Raises:
         ConfigError: There is no such model.
     """
-    if word == "pixels":
-        return Entry(name=word, title="raw pixels", open=[lambda: pixels(device)])
+    if word in BASELINES:
+        title = BASELINES[word][1]
+        return Entry(name=word, title=title, open=[lambda: baseline(word, device)])
     if word.startswith("untrained:"):
         of = word.removeprefix("untrained:")
         shape = f"run:{runs[of]}" if runs and of in runs else of
         return Entry(
             name=word,
             title=f"untrained {of.rpartition('/')[2]}",
-            open=[lambda: untrained(word, header_of(shape, composed), device)],
+            open=[
+                partial(
+                    lambda seed: untrained(word, header_of(shape, composed), device, seed), seed
+                )
+                for seed in range(UNTRAINED)
+            ],
         )
     if word.startswith("run:"):
         folder = Path(word.removeprefix("run:")).expanduser()
@@ -228,18 +261,20 @@ def untrained(name: str, header: Header, device: str = "cpu", seed: int = 0) -> 
     return Subject(name, encoder, replace(header, source={}), device=device)
 
 
-def pixels(device: str = "cpu") -> Subject:
-    """No encoder at all: small pictures, and patches of them."""
-    encoder = PixelFeatures()
-    header = files.describe(encoder, {"name": "pixels"}, licence="Apache-2.0", spacing=0.2)
-    return Subject("pixels", encoder, header, device=device)
+def baseline(word: str, device: str = "cpu") -> Subject:
+    """No encoder at all: see `baselines.BASELINES`."""
+    encoder = BASELINES[word][0]()
+    header = files.describe(encoder, {"name": word}, licence="Apache-2.0", spacing=0.2)
+    return Subject(word, encoder, header, device=device)
 
 
 def header_of(word: str, composed: Sequence[str] = ()) -> Header:
     """What is known of a model; of a recipe without weights, what it would train."""
     if word.startswith(("run:", "file:")):
         return entry(word).open[0]().header
-    name = word.partition(".")[0]
+    name, _, tag = word.partition(".")
+    if tag and store.available(*cards.find(word)):
+        return entry(word).open[0]().header
     from omegaconf import OmegaConf
 
     from tactileforge.compose import compose

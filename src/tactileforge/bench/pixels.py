@@ -19,10 +19,13 @@ class PixelFeatures(nn.Module):
     what stands for the class token are both frames at 16 x 16.
 
     Attributes:
+        flat: True: a closed-form probe reads the small pictures alone.
         frames: 2.
         width: Size of a token.
         projected: Size of the small picture.
     """
+
+    flat = True
 
     def __init__(self) -> None:
         super().__init__()

@@ -19,6 +19,7 @@ from tactileforge.bench.features import FLIPS, PLAIN, Store, features
 from tactileforge.bench.models import Entry, Subject
 from tactileforge.bench.source import Source, open_source
 from tactileforge.bench.tasks import Task
+from tactileforge.bench.training import Outcome
 from tactileforge.bench.writer import Writer
 from tactileforge.errors import ConfigError, DataError, TactileForgeError
 
@@ -116,7 +117,8 @@ class Bench:
 
     def _features(self, subject: Subject, group: Sequence[Prepared]) -> Features:
         clips = np.unique(np.concatenate([one.target.clips for one in group]))
-        taps = sorted({self.choices[one.task.name].kind.tap for one in group})
+        kinds = [self.choices[one.task.name].kind for one in group]
+        taps = sorted({tap for kind in kinds for tap in subject.taps(kind)})
         flips = FLIPS if any(one.task.flips for one in group) else (PLAIN,)
         policy = group[0].task.unknown_sensor
         source = group[0].source
@@ -161,27 +163,26 @@ class Bench:
         main = one.task.metrics[0]
         name = metrics.part_of(main, one.target.parts)
         sign = 1 if metrics.kind(main).better == "lower" else -1
-        scores: dict[float, list[float]] = {}
+        scores: dict[str, list[float]] = {}
         for _, result in measured:
-            scores.setdefault(result.outcomes[0].lr, []).append(sign * result.score)
-        order = sorted(scores, key=lambda lr: sum(scores[lr]))
+            scores.setdefault(_name(result), []).append(sign * result.score)
+        order = sorted(scores, key=lambda name: sum(scores[name]))
+        units = _units(one)
         rows = []
-        for seed, result in sorted(
-            measured, key=lambda row: (order.index(row[1].outcomes[0].lr), row[0])
-        ):
+        for seed, result in sorted(measured, key=lambda row: (order.index(_name(row[1])), row[0])):
             first = result.outcomes[0]
             cell = results.Cell(
                 task=one.task.name,
                 model=entry.name,
                 seed=seed,
-                setting=_setting(choice, first.lr),
+                setting=_setting(choice, first),
                 metrics=result.metrics,
                 epoch=first.epoch,
                 curve=result.curve if first.train else {},
             )
             part = one.target.parts[name]
             predicted, truth = result.predicted[name], result.truth[name]
-            rows.append(self.writer.predictions(cell, name, part, predicted, truth))
+            rows.append(self.writer.predictions(cell, name, part, predicted, truth, units))
         return rows
 
     def _is_done(self, one: Prepared, entry: Entry, subjects: Sequence[Subject]) -> bool:
@@ -227,11 +228,24 @@ class Bench:
         self.writer.not_run(reason, task=one.task.name, model=entry.name, fix=fix)
 
 
-def _setting(choice: Choice, lr: float) -> dict[str, Any]:
+def _name(result: cells.Result) -> str:
+    """What tells the settings of a probe apart."""
+    first = result.outcomes[0]
+    return first.reading or str(first.lr)
+
+
+def _units(one: Prepared) -> list[str]:
+    """What the test clips are drawn by where intervals draw them again, in their order."""
+    plan = one.task.split
+    test = np.concatenate([split.test for split in one.splits])
+    return splits.names(one.source, one.target, test, plan.unit or plan.group)
+
+
+def _setting(choice: Choice, first: Outcome) -> dict[str, Any]:
     training = choice.training
     if not choice.kind.trained:
-        return dict(choice.options)
-    found = {"lr": lr, "epochs": training.epochs, "batch": training.batch, **choice.options}
+        return dict(choice.options) | ({"reading": first.reading} if first.reading else {})
+    found = {"lr": first.lr, "epochs": training.epochs, "batch": training.batch, **choice.options}
     return found | ({"encoder_lr": choice.finetune} if choice.finetune else {})
 
 

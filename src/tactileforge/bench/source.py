@@ -128,7 +128,8 @@ def _fixed(recordings: list[Recording], ends: list[Any]) -> NDArray[np.int32]:
     for number, one in enumerate(recordings):
         count = len(one.times)
         places = [
-            round(end * (count - 1)) if isinstance(end, float) else count + end for end in ends
+            round(end * (count - 1)) if isinstance(end, float) else end + count * (end < 0)
+            for end in ends
         ]
         rows += [(number, place) for place in dict.fromkeys(places) if 0 <= place < count]
     if not rows:

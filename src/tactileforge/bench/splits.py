@@ -42,7 +42,9 @@ def build(task: Task, source: Source, target: Target) -> list[Split]:
         DataError: The labels of a part are all of one class.
     """
     plan, of = task.split, source.index[target.clips, 0]
-    numbers = sorted(set(of.tolist()))
+    numbers = [n for n in sorted(set(of.tolist())) if _fits(source, n, plan.only)]
+    if not numbers:
+        raise ConfigError(f"task {task.name}: split.only leaves no recording; change it")
     stratum = _strata(numbers, of, target)
     if plan.folds:
         names = {n: fact(source, n, plan.group) for n in numbers}
@@ -91,6 +93,13 @@ def fact(source: Source, number: int, name: str) -> str:
         have = ", ".join([*known, *one.labels])
         raise ConfigError(f"split: recording {one.key!r} has no {name!r} (it has: {have})")
     return value if isinstance(value, str) else f"{value:g}"
+
+
+def names(source: Source, target: Target, places: NDArray[np.int64], fact_name: str) -> list[str]:
+    """The fact of the recording of each clip, by places in the clips of a target."""
+    numbers = source.index[target.clips[places], 0].tolist()
+    known = {number: fact(source, number, fact_name) for number in set(numbers)}
+    return [known[number] for number in numbers]
 
 
 def check(

@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from tactileforge.atomic import write_text
-from tactileforge.bench import comparisons, published, render
+from tactileforge.bench import comparisons, gate_table, published, render
 from tactileforge.bench.grid import Grid
 from tactileforge.bench.longform import long_form
 from tactileforge.bench.published import Published
@@ -21,7 +21,9 @@ _LATEX_HEAD = "% Needs \\usepackage{booktabs,amssymb} and \\usepackage[T1]{fonte
 
 
 def write_all(folder: Path) -> list[Path]:
-    """Writes ``table.md``, ``table.tex``, ``table.csv`` and ``report.html``, each whole or not.
+    """Writes ``table.md``, ``table.tex``, ``table.csv``, ``report.html``, and ``gate.json``.
+
+    Each is written whole, or not at all; the last only where probes are in closed form.
 
     Args:
         folder: With ``results.json`` and ``predictions/``; of a bench that has ended or not.
@@ -37,7 +39,8 @@ def write_all(folder: Path) -> list[Path]:
     results = read(folder)
     found = scores(results)
     rows = published.of_zoo()
-    grids = tables(results, found, rows)
+    gate = gate_table.write(folder, results)
+    grids = tables(results, found, rows, gate_table.grid(gate, results))
     texts = {
         "table.md": "\n".join(map(render.markdown, grids)),
         "table.tex": _LATEX_HEAD + "\n".join(map(render.latex, grids)),
@@ -49,9 +52,12 @@ def write_all(folder: Path) -> list[Path]:
     return [folder / name for name in texts]
 
 
-def tables(results: Results, found: Scores, rows: list[Published]) -> list[Grid]:
+def tables(
+    results: Results, found: Scores, rows: list[Published], gate: Grid | None = None
+) -> list[Grid]:
     """The tables, our own first; only those that have something to say."""
     grids = [
+        gate,
         comparisons.main_table(results, found),
         comparisons.ablation_table(results, found),
         comparisons.settings_table(results, found),

@@ -22,6 +22,7 @@ _SHIFTS = (-5.0, -2.0, -1.0, -0.5, -0.1, 0.1, 0.5, 1.0, 2.0, 5.0)
 _TURNS = (-2.0, -1.0, -0.5, -0.2, -0.03, 0.03, 0.2, 0.5, 1.0, 2.0)
 #: Share of the friction cone from which a simulated touch slips, and the least normal force, N.
 _CONE, _TOUCH_N = 0.95, 0.1
+_NUMBERS = "numbers:"
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,8 @@ class Part:
     """One thing that is predicted.
 
     Attributes:
-        kind: ``classes``, ``force`` (N) or ``place`` (shares of the width of the image).
+        kind: ``classes``, ``force`` (N), ``place`` (shares of the width of the image), or
+            ``numbers``.
         truth: float32 (n, columns); class indices where it is classes.
         scale: float32 (n, columns), what counts as 1; ones for classes.
         names: Classes, or axes.
@@ -55,7 +57,7 @@ class Part:
         """The truth of mirrored clips."""
         if not (horizontal or vertical):
             return self
-        if self.kind == "place":
+        if self.kind in ("place", "numbers"):
             raise ConfigError("flips: a place in the image is not mirrored; set flips: false")
         count = len(self.truth)
         batch = {"action": torch.full((count,), -1), "force": torch.zeros(count, 1, 3)}
@@ -102,11 +104,17 @@ def build(task: Task, source: Source) -> Target:
     """
     if task.target.startswith("label:"):
         parts = {"class": _classes(source, lambda r, *_: _label(r, task.target[6:]))}
+    elif task.target.startswith(_NUMBERS):
+        parts = {"numbers": _numbers(source, task.target.removeprefix(_NUMBERS).split("+"))}
     elif task.target in TARGETS:
         parts = TARGETS[task.target](task, source)
     else:
         raise ConfigError(
-            unknown(f"target of task {task.name}", task.target, [*TARGETS, "label:NAME"])
+            unknown(
+                f"target of task {task.name}",
+                task.target,
+                [*TARGETS, "label:NAME", "numbers:NAME+NAME"],
+            )
         )
     good = torch.stack([part.truth.isfinite().all(1) for part in parts.values()]).all(0)
     clips = good.nonzero()[:, 0]
@@ -214,6 +222,25 @@ def _place(task: Task, source: Source) -> dict[str, Part]:
     return {"place": Part("place", truth, torch.ones_like(truth), ("x", "y"))}
 
 
+def _numbers(source: Source, columns: list[str]) -> Part:
+    """Labels as numbers; ``_px`` in a name stands for pixels, which are counted in widths."""
+
+    def value(recording: Recording, first: int, last: int) -> list[float]:
+        found = [float(recording.labels.get(name, np.nan)) for name in columns]
+        width = recording.frames.shape[1]
+        return [x / width if "_px" in n else x for x, n in zip(found, columns, strict=True)]
+
+    truth = torch.tensor(np.array(_each(source, value), np.float32).reshape(-1, len(columns)))
+    return Part("numbers", truth, torch.ones_like(truth), tuple(columns))
+
+
+def _time(task: Task, source: Source) -> dict[str, Part]:
+    """Seconds since the first frame of the whole recording."""
+    seconds = _each(source, lambda recording, first, last: recording.times[last])
+    truth = torch.tensor(np.array(seconds, np.float32))[:, None]
+    return {"time": Part("numbers", truth, torch.ones_like(truth), ("time",))}
+
+
 def _slip(task: Task, source: Source) -> dict[str, Part]:
     return {
         "slip": _classes(source, _slips, ("stick", "slip")),
@@ -221,7 +248,8 @@ def _slip(task: Task, source: Source) -> dict[str, Part]:
     }
 
 
-#: Target by name, besides ``label:NAME``: the class that a label of the recording names.
+#: Target by name, besides ``label:NAME``, the class that a label of the recording names, and
+#: ``numbers:NAME+NAME``, labels as numbers.
 TARGETS: dict[str, Callable[[Task, Source], dict[str, Part]]] = {
     "force": lambda task, source: {"force": _newton(task, source, change=False)},
     "delta_force": lambda task, source: {"delta_force": _newton(task, source, change=True)},
@@ -230,4 +258,5 @@ TARGETS: dict[str, Callable[[Task, Source], dict[str, Part]]] = {
     "object": lambda _, source: {"object": _classes(source, lambda r, *_: r.object)},
     "place": _place,
     "pose": _pose,
+    "time": _time,
 }

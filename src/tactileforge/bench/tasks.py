@@ -18,8 +18,8 @@ class Clip:
         span: Seconds from the first to the last frame. Models cut their own frames back from the
             same last frame; the change of force is counted over this span.
         hop: Seconds between the ends of neighbouring clips; 0 for one at each frame.
-        ends: Fixed ends in place of a hop: whole numbers count frames from the end (-1 is the
-            last), numbers between 0 and 1 are shares of the recording.
+        ends: Fixed ends in place of a hop: whole numbers count frames, negative ones from the end
+            (-1 is the last), numbers between 0 and 1 are shares of the recording.
         parts: Parts in time that each recording is cut into, to split by; 0 leaves it whole.
         spread: Whether all models have their frames spread over the span; else each has its own
             spacing, and only those of single frames, which are shown two, the span.
@@ -48,6 +48,9 @@ class Plan:
         folds: Number of folds; each recording is tested once.
         group: Fact by which folds keep recordings together.
         unseen: Facts of which training and test may share no value.
+        only: Filter of the recordings that are used at all.
+        unit: Fact by which recordings belong together where intervals draw from them again;
+            "" takes ``group``.
     """
 
     train: dict[str, Any] = field(default_factory=dict)
@@ -56,6 +59,8 @@ class Plan:
     folds: int = 0
     group: str = "recording"
     unseen: list[str] = field(default_factory=list)
+    only: dict[str, Any] = field(default_factory=dict)
+    unit: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,7 +102,7 @@ class Task:
     def sides(self) -> tuple[str, ...]:
         """Sides of the data set that the split speaks of; both usual ones if of none."""
         named: list[str] = []
-        for chosen in (self.split.train, self.split.test, self.split.validation):
+        for chosen in (self.split.only, self.split.train, self.split.test, self.split.validation):
             named += _values(chosen.get("side", []))
         return tuple(dict.fromkeys(named)) or ("train", "val")
 

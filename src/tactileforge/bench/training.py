@@ -73,6 +73,7 @@ class Outcome:
         predicted: Predictions on the test clips, normalised, of its best epoch.
         score: Of the validation clips, in that epoch.
         epoch: That epoch, from 1; -1 where nothing is trained.
+        reading: Features that it reads, where its kind reads several.
         train: Loss of each epoch.
         validation: Loss of the validation clips after each.
     """
@@ -82,6 +83,7 @@ class Outcome:
     predicted: Values = field(default_factory=dict)
     score: float = math.nan
     epoch: int = -1
+    reading: str = ""
     train: list[float] = field(default_factory=list)
     validation: list[float] = field(default_factory=list)
 

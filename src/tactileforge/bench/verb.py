@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -65,7 +65,8 @@ def _run(config: dict[str, Any], ablation: str, hydra: Sequence[str] | None) -> 
     folders = {name: found[0].folder for name, found in runs.items()}
     device = _device(config["device"])
     # mistakes are named before data is read, and overlaps before anything is trained
-    known = [models.entry(word, config["untrained"], device, folders) for word in config["model"]]
+    beside = _beside(config["model"], trained, config["baselines"])
+    known = [models.entry(word, config["untrained"], device, folders) for word in beside]
     bench = _bench(config, suite, folder, {"pretrain": " ".join(words)} if trained else {})
     pretrain.train_all([job for found in runs.values() for job in found], hydra)
     for name, model in trained.items():
@@ -112,6 +113,17 @@ def _report(writer: Writer) -> int:
         where = ", ".join(filter(None, (row.task, row.model)))
         print(f"not run: {where}: {row.reason} {row.fix}".rstrip())
     return NOT_RUN if writer.results.not_run else 0
+
+
+def _beside(given: Sequence[str], trained: Iterable[str], baselines: Sequence[str]) -> list[str]:
+    """Models, and where there are baselines those, and each model with random weights."""
+    if not baselines:
+        return list(given)
+    from tactileforge.bench.baselines import BASELINES
+
+    models = [word for word in (*trained, *given) if word not in BASELINES]
+    random = [f"untrained:{word}" for word in models if not word.startswith("untrained:")]
+    return list(dict.fromkeys([*given, *random, *baselines]))
 
 
 def _tasks(config: dict[str, Any]) -> dict[str, Any]:

@@ -115,7 +115,15 @@ class Writer:
         }
         write_text(self.folder / _MEASURED, _text(kept))
 
-    def predictions(self, cell: Cell, name: str, part: Part, predicted: Any, truth: Any) -> Cell:
+    def predictions(
+        self,
+        cell: Cell,
+        name: str,
+        part: Part,
+        predicted: Any,
+        truth: Any,
+        units: Sequence[str],
+    ) -> Cell:
         """Keeps what was predicted; gives the cell that knows where."""
         words = [cell.task, cell.model, *map(str, cell.setting.values()), str(cell.seed)]
         file = ".".join(re.sub(r"[^\w-]+", "_", word) for word in words)
@@ -127,6 +135,7 @@ class Writer:
             "truth": truth.numpy().astype(kind),
             "predicted": predicted.numpy().astype(kind),
             names: np.array(part.names),
+            "units": np.array(units),
         }
         if part.kind == "classes" and truth.shape[1] == 1:
             arrays |= {key: arrays[key][:, 0] for key in ("truth", "predicted")}

@@ -87,7 +87,7 @@ class Layout:
 
     name: str
     path: str
-    glob: str
+    globs: tuple[str, ...]
     each: str
     sensor: str | None
     fps: float | None
@@ -119,7 +119,7 @@ def parse(name: str, config: Any) -> Layout:
         ConfigError: Names the layout, the key and what belongs there.
     """
     node = Node(config, f"layout {name!r}")
-    glob, each = _files(node)
+    globs, each = _files(node)
     sensor, crops = _sensors(node)
     labels = Node(node.take("labels", dict, {}), f"{node.where}, labels")
     force = _force(node)
@@ -134,7 +134,7 @@ def parse(name: str, config: Any) -> Layout:
     layout = Layout(
         name=name,
         path=node.take("path", str, "."),
-        glob=glob,
+        globs=globs,
         each=each,
         sensor=sensor,
         fps=fps,
@@ -183,15 +183,20 @@ def columns(template: str) -> list[str]:
         raise ConfigError(f"template {template!r}: {error}; write {{column}}") from error
 
 
-def _files(node: Node) -> tuple[str, str]:
+def _files(node: Node) -> tuple[tuple[str, ...], str]:
     if node.has("videos") == node.has("images"):
         raise ConfigError(f'{node.where}: give one of videos: "*.mp4" and images: "*.png"')
     if node.has("videos"):
-        return str(node.take("videos", str)), "video"
+        return _patterns(node, "videos"), "video"
     each = node.need("each", str, "touch (one image, one touch) or sequence (one folder, one)")
     if each not in ("touch", "sequence"):
         raise ConfigError(f"{node.where}: {unknown('each', each, ('touch', 'sequence'))}")
-    return str(node.take("images", str)), str(each)
+    return _patterns(node, "images"), str(each)
+
+
+def _patterns(node: Node, key: str) -> tuple[str, ...]:
+    given = node.take(key, (str, list))
+    return (given,) if isinstance(given, str) else tuple(map(str, given))
 
 
 def _sensors(node: Node) -> tuple[str | None, dict[str, Tile]]:

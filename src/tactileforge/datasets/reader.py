@@ -68,14 +68,14 @@ class Reader:
             DataNotFoundError: No file matches.
             DataError: A row of the labels names no file.
         """
-        files = _matches(self.folder, self.layout.glob)
+        files = [path for glob in self.layout.globs for path in _matches(self.folder, glob)]
         background = self.layout.background
         if background and background.file and self.layout.each != "video":
             files = [path for path in files if path != self.folder / str(background.file)]
         if not files:
             raise DataNotFoundError(
-                f"{self.folder}: no file matches {self.layout.glob!r}; set data.root to the folder "
-                f"of the data, or correct the pattern of layout {self.layout.name!r}"
+                f"{self.folder}: no file matches {' or '.join(self.layout.globs)!r}; set data.root "
+                f"to the folder of the data, or correct the pattern of layout {self.layout.name!r}"
             )
         named: dict[str, list[Path]] = {}
         for path in files:

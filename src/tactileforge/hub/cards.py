@@ -19,6 +19,7 @@ import yaml
 
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.hub import strict
+from tactileforge.hub.gates import TOKENS, Gate
 
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
@@ -44,6 +45,8 @@ class Weight:
         spacing: Seconds between them, where ``frames`` is given.
         source: Where the published file is to be had.
         gated: Whether its authors ask for terms to be accepted first.
+        demonstration: Whether it only shows how things work: it may then be shipped without
+            passing the release gate, and says so wherever it is listed.
     """
 
     tag: str
@@ -58,6 +61,7 @@ class Weight:
     spacing: float = 0.0
     source: str = ""
     gated: bool = False
+    demonstration: bool = False
 
     @property
     def kind(self) -> str:
@@ -107,6 +111,7 @@ class Card:
         spacing: Seconds between them; 0 for one frame.
         weights: Its weights, the default first.
         results: Numbers of the paper, or measured.
+        gates: The release gate of weights of ours, task by task; `zoo gate` writes it.
         text: The page below the front matter.
         recipe: Whether the zoo has a recipe that trains it.
     """
@@ -124,6 +129,11 @@ class Card:
     results: list[Result]
     text: str
     recipe: bool
+    gates: list[Gate] = field(default_factory=list)
+
+    def gate(self, weight: Weight) -> list[Gate]:
+        """The release gate of some weights."""
+        return [row for row in self.gates if row.model == weight.tag]
 
     def weight(self, tag: str = "") -> Weight:
         """The weights with a tag, or the first.
@@ -218,7 +228,8 @@ def parse(name: str, text: str, recipe: bool) -> Card:
     except yaml.YAMLError as error:
         raise ConfigError(f"{where}: {error}") from error
     given = strict.mapping(where, given)
-    for key, kind in (("weights", Weight), ("results", Result)):
+    given.setdefault("gates", [])
+    for key, kind in (("weights", Weight), ("results", Result), ("gates", Gate)):
         rows = given.get(key)
         if not isinstance(rows, list):
             raise ConfigError(f"{where}: {key} must be a list")
@@ -245,6 +256,12 @@ def _check(card: Card) -> None:
         verified = re.fullmatch(r"[0-9a-f]{64}", weight.sha256) and weight.bytes > 0
         if not weight.layout and not verified:
             raise ConfigError(f"{place}: sha256 (64 hexadecimal digits) and bytes are needed")
+    for gate in card.gates:
+        if gate.model not in tags or gate.tokens not in TOKENS:
+            raise ConfigError(
+                f"{where}, gates: {gate.model} with {gate.tokens}: no such weights, or tokens that "
+                f"are not {' or '.join(TOKENS)}; write them with tactileforge zoo gate"
+            )
     for row in [None, *card.weights]:
         frames, spacing = card.clip(row)
         spaced = 0 < spacing < math.inf if frames > 1 else spacing == 0

@@ -44,6 +44,16 @@ def scales(entry: Mapping[str, Any], sensors: Sequence[str]) -> Tensor | None:
     return torch.tensor([known[name] for name in sensors])[:, None]
 
 
+def uncalibrated(entry: Mapping[str, Any], sensors: Sequence[str]) -> list[str]:
+    """Sensors no unit of which was calibrated, sorted.
+
+    Args:
+        entry: Of a head, see `Header.heads`.
+        sensors: Names.
+    """
+    return sorted(set(sensors) - set(entry.get("calibrated", ())))
+
+
 def readable(
     head: Any, encoder: Any, tokens: Tensor, projected: Tensor, scale: Tensor
 ) -> dict[str, Tensor]:

@@ -188,6 +188,9 @@ class Model:
     ) -> Tensor:
         """The force of the object on the gel in frames 2..T of each clip.
 
+        Warns where no unit of the sensor was calibrated for this model: units differ in gel and
+        light, and the newtons are then an estimate, no measurement.
+
         Args:
             frames: See `encode`.
             background: See `encode`.
@@ -212,6 +215,13 @@ class Model:
         if found is None:
             known = self.header.heads["force"].get("scale", {})
             raise ConfigError(f"force: say which sensor it is, one of: {', '.join(known)}")
+        names = [sensor] if isinstance(sensor, str) else list(sensor or self.encoder.sensors)
+        if strange := forces.uncalibrated(self.header.heads["force"], names):
+            warnings.warn(
+                f"force: no unit of {', '.join(strange)} was calibrated for this model; its forces "
+                "are an estimate, not a measurement: compare them with a force sensor before use",
+                stacklevel=2,
+            )
         return found
 
     def readings(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from tactileforge.hub import cards
+from tactileforge.hub import cards, gates
 
 _INTRO = """\
 # The zoo
@@ -17,6 +17,13 @@ loaded. `import` means that you download what the authors publish, and import it
 `tactileforge zoo get NAME --from FILE`. Licences are SPDX identifiers of the weights; `NOASSERTION`
 means that we know of none: ask the authors.
 """
+
+
+_GATE = """\
+Real touches that nobody trained on here, ridge probes in closed form
+([how](bench.md#the-release-gate)): the value, and what it is above random weights of the same
+architecture and above 16 x 16 pixels, with the lower end of the 95 % interval. A task is won above
+both. A model passes that wins most tasks, from pooled tokens and from all patches."""
 
 
 def columns(rows: Sequence[Sequence[str]]) -> str:
@@ -37,6 +44,36 @@ def clip(card: cards.Card, weight: cards.Weight | None) -> str:
     return f"{frames} frames, {spacing:.3g} s apart" if spacing else "1 frame"
 
 
+def gate_rows(card: cards.Card, weight: cards.Weight) -> list[tuple[str, ...]]:
+    """The release gate of some weights, with its head; none where it was not measured."""
+    rows = [
+        (
+            f"{row.task} ({row.suite})",
+            row.tokens,
+            row.metric,
+            f"{row.value:.3f}",
+            f"{row.chance:.3f}",
+            f"{row.random:+.3f} (> {row.random_low:+.3f})",
+            f"{row.pixels:+.3f} (> {row.pixels_low:+.3f})",
+            "yes" if row.beats else "no",
+        )
+        for row in card.gate(weight)
+    ]
+    head = ("task", "tokens", "metric", "value", "chance", "above random", "above pixels", "won")
+    return [head, *rows] if rows else []
+
+
+def _gates() -> list[str]:
+    """The section of the release gate, of all weights of ours."""
+    parts = ["\n## Release gate\n", _GATE]
+    for name, card, weight in cards.models():
+        if weight and (rows := gate_rows(card, weight)):
+            kept = " Kept as a demonstration." if weight.demonstration else ""
+            verdict = gates.verdict(card.gate(weight))
+            parts += [f"\n`{name}` {verdict}.{kept}\n", markdown(rows)]
+    return parts
+
+
 def page() -> str:
     """The page ``docs/zoo.md``."""
     models = [("name", "model", "sensors", "clip", "licence", "weights")]
@@ -48,13 +85,14 @@ def page() -> str:
                 ", ".join(card.sensors) or "none",
                 clip(card, weight),
                 weight.licence if weight else card.licence,
-                weight.kind if weight else "none",
+                (weight.kind + ", demonstration" * weight.demonstration) if weight else "none",
             )
         )
     parts = [_INTRO, "## Models\n", markdown(models), "\n## Recipes\n"]
     for card in map(cards.read, cards.names()):
         how = f"`tactileforge train recipe={card.name}`" if card.recipe else "importer only"
         parts.append(f"- **{card.title}**: {how}. {card.paper}.")
+    parts += _gates()
     parts.append("\n## Results\n")
     parts.append("Numbers of the source that is named, not ours.\n")
     results = [("model", "task", "metric", "value", "source")]

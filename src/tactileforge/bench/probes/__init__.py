@@ -19,6 +19,7 @@ PROBES = {
     "slip": "slip:Slip",
     "pose": "pose:Pose",
     "knn": "knn:Knn",
+    "ridge": "ridge:Ridge",
 }
 
 

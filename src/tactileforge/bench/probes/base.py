@@ -51,11 +51,13 @@ class Probe(nn.Module):
 
     Attributes:
         tap: Features it reads: ``tokens`` (B, L, width), or ``projected`` (B, width).
+        readings: Taps that it reads in turn, each a setting of its own; none takes ``tap`` alone.
         published: How it is trained, as published where it is.
         trained: Whether it is trained at all.
     """
 
     tap: ClassVar[str] = "tokens"
+    readings: ClassVar[tuple[str, ...]] = ()
     published: ClassVar[Training] = Training()
     trained: ClassVar[bool] = True
     #: Error below which the loss of vectors is quadratic, in normalised units.

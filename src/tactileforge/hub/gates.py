@@ -1,0 +1,161 @@
+"""The release gate on a card: what `bench suite=[real,real_held_out]` measured of some weights.
+
+Nothing here needs torch. Differences are those of `bench.gate`: paired, with 95 % intervals.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tactileforge.atomic import write_text
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError
+
+FILE = "gate.json"
+#: Which tokens a probe reads.
+TOKENS = ("pooled", "patches")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gate:
+    """One task of the gate.
+
+    Attributes:
+        model: Tag of the weights.
+        suite: ``real``, or ``real_held_out``.
+        task: Its name in print.
+        tokens: What the probe reads: ``pooled``, the mean of the patch tokens, or all ``patches``.
+        metric: What is measured; accuracies as shares.
+        value: The number.
+        chance: That of a probe that sees nothing.
+        random: Above random weights of the same architecture, mean of three.
+        random_low: Lower end of its interval.
+        pixels: Above 16 x 16 pixels of the difference.
+        pixels_low: Lower end of its interval.
+    """
+
+    model: str
+    suite: str
+    task: str
+    tokens: str
+    metric: str
+    value: float
+    chance: float
+    random: float
+    random_low: float
+    pixels: float
+    pixels_low: float
+
+    @property
+    def beats(self) -> bool:
+        """Whether it is above random weights and above pixels, both beyond the interval."""
+        return self.random_low > 0 and self.pixels_low > 0
+
+
+def won(rows: Sequence[Gate], tokens: str) -> tuple[int, int]:
+    """Tasks that are won by one reading of the tokens, and all of them."""
+    own = [row for row in rows if row.tokens == tokens]
+    return sum(row.beats for row in own), len(own)
+
+
+def passes(rows: Sequence[Gate]) -> bool:
+    """Whether the majority of tasks is won, pooled and with all tokens; not without any."""
+    counts = [won(rows, tokens) for tokens in TOKENS]
+    return all(2 * one > every > 0 for one, every in counts)
+
+
+def verdict(rows: Sequence[Gate]) -> str:
+    """The outcome in a few words."""
+    if not rows:
+        return "not measured"
+    counts = {tokens: won(rows, tokens) for tokens in TOKENS}
+    parts = [f"{one} of {every} {tokens}" for tokens, (one, every) in counts.items()]
+    return f"{'passes' if passes(rows) else 'fails'}: {', '.join(parts)}"
+
+
+def read(folder: str | Path, tag: str, words: Sequence[str], sha256: str = "") -> list[Gate]:
+    """The rows of some weights.
+
+    Args:
+        folder: Of a bench with ``gate.json``.
+        tag: Of the weights.
+        words: How the bench may have called them.
+        sha256: What the file must have been; "" leaves it unchecked.
+
+    Raises:
+        DataNotFoundError: There is no gate in the folder.
+        DataError: It did not measure the model, or measured another file.
+    """
+    path = Path(folder) / FILE
+    if not path.is_file():
+        raise DataNotFoundError(
+            f"{path}: no such file; measure the model: tactileforge bench suite=real "
+            f"model=[{words[0]}]"
+        )
+    given = json.loads(path.read_text("utf-8"))
+    name = next((word for word in words if word in given["models"]), None)
+    if name is None:
+        raise DataError(f"{path}: it measured {', '.join(given['models'])}, not {words[0]}")
+    if sha256 not in ("", given["models"][name]["sha256"]):
+        raise DataError(f"{path}: it measured other weights of {name}; run the bench again")
+    chance = {row["task"]: row["value"] for row in given["rows"] if row["model"] == "chance"}
+    own = [row for row in given["rows"] if row["model"] == name]
+    return [_row(path, given, row, tag, chance) for row in own]
+
+
+def _row(path: Path, given: Any, row: Any, tag: str, chance: dict[str, float]) -> Gate:
+    task, above = given["tasks"][row["task"]], row["above"]
+    if not {"random", "pixels"} <= above.keys() or row["task"] not in chance:
+        raise DataError(f"{path}: no baselines; run the bench without baselines=[]")
+    return Gate(
+        model=tag,
+        suite=given["suite"],
+        task=task["title"],
+        tokens=row["reading"],
+        metric=task["metric"],
+        value=row["value"],
+        chance=chance[row["task"]],
+        random=above["random"]["value"],
+        random_low=above["random"]["low"],
+        pixels=above["pixels"]["value"],
+        pixels_low=above["pixels"]["low"],
+    )
+
+
+def write(card: Path, rows: Sequence[Gate]) -> None:
+    """Puts the rows of one model into the front matter of its card, in place of those before.
+
+    Args:
+        card: The file ``NAME.md``.
+        rows: All of one tag.
+
+    Raises:
+        ConfigError: The card has no list of results to put them before.
+    """
+    text = card.read_text("utf-8")
+    kept = [
+        line
+        for line in _lines(text)
+        if not any(line.startswith(f"  - {{model: {row.model}, ") for row in rows)
+    ]
+    block = "\n".join(["gates:", *kept, *map(_line, rows), ""])
+    text = re.sub(r"^gates:\n(?:  - .*\n)*", "", text, count=1, flags=re.M)
+    head, mark, rest = text.partition("\nresults:")
+    if not mark:
+        raise ConfigError(f"{card}: no line 'results:' in its front matter")
+    write_text(card, f"{head}\n{block}results:{rest}")
+
+
+def _lines(text: str) -> list[str]:
+    found = re.search(r"^gates:\n((?:  - .*\n)*)", text, flags=re.M)
+    return found[1].splitlines() if found else []
+
+
+def _line(row: Gate) -> str:
+    values = {**vars(row), "task": json.dumps(row.task)}
+    words = [f"{key}: {value}" for key, value in values.items()]
+    return f"  - {{{', '.join(words)}}}"
