@@ -12,7 +12,7 @@ from tactileforge.contracts import Recording
 from tactileforge.reality import measures
 from tactileforge.reality.measures import Array
 from tactileforge.reality.response import Response, response
-from tactileforge.reality.touches import Look, Touch, look, touch
+from tactileforge.reality.touches import Look, Touch, look, touches
 
 #: Touches of a source of which pictures are kept, and trials that are fitted.
 SHOWN, _TRIALS = 4, 6
@@ -56,14 +56,14 @@ def profile(name: str, sensor: str, recordings: Iterable[Recording]) -> Profile:
     """
     out = Profile(name, sensor)
     for recording in recordings:
-        seen = touch(recording)
-        found = None if seen is None else look(seen)
-        if seen is None or found is None:
-            out.faint += 1
-            continue
-        out.looks.append(found)
-        if len(out.shown) < SHOWN:
-            out.shown.append(seen)
+        for seen in touches(recording):
+            found = look(seen)
+            if found is None:
+                out.faint += 1
+                continue
+            out.looks.append(found)
+            if len(out.shown) < SHOWN:
+                out.shown.append(seen)
         if len(out.responses) < _TRIALS and (answer := response(recording)) is not None:
             out.responses.append(answer)
     return out
@@ -107,7 +107,7 @@ def _sample(one: Profile, name: str) -> Array:
     if name == "background colour":
         return one.of("ground").reshape(-1, 3)
     if name == "channel correlation":
-        return np.array([_correlation(look.covariance) for look in one.looks]).reshape(-1, 3)
+        return correlations(one)
     if name == "normal force":
         return _logs([answer.normal for answer in one.responses])
     if name == "shear":
@@ -125,11 +125,12 @@ def _logs(values: Sequence[float]) -> Array:
     return np.log10(np.where(known > 0, known, np.nan))
 
 
-def _correlation(covariance: Array) -> Array:
-    """Correlation of red and green, red and blue, green and blue."""
-    deviation = np.sqrt(np.maximum(np.diag(covariance), 1e-9))
-    matrix: Array = covariance / np.outer(deviation, deviation)
-    return matrix[[0, 0, 1], [1, 2, 2]]
+def correlations(one: Profile) -> Array:
+    """Correlation of the changes of red and green, red and blue, green and blue, (touches, 3)."""
+    covariance = one.of("covariance").reshape(-1, 3, 3)
+    deviation = np.sqrt(np.maximum(np.einsum("ncc->nc", covariance), 1e-9))
+    shared: Array = covariance / (deviation[:, :, None] * deviation[:, None])
+    return shared[:, [0, 0, 1], [1, 2, 2]]
 
 
 def summary(one: Profile) -> dict[str, Any]:
@@ -148,9 +149,7 @@ def summary(one: Profile) -> dict[str, Any]:
     out["change deviation"] = _rounded(
         np.median([np.sqrt(np.diag(look.covariance)) for look in one.looks], axis=0)
     )
-    out["channel correlation"] = _rounded(
-        np.median([_correlation(look.covariance) for look in one.looks], axis=0)
-    )
+    out["channel correlation"] = _rounded(np.median(correlations(one), axis=0))
     if one.responses:
         out["grey levels per N, normal"] = _rounded([a.normal for a in one.responses])
         out["grey levels per N, shear"] = [_rounded(a.shear) for a in one.responses]

@@ -1,10 +1,12 @@
 """How the picture answers to normal force and to shear, by regression over the frames of a trial.
 
-The imprint moves when the object slides, and the picture with it, so each change picture is first
-moved back onto the reference by the displacement of its imprint. What is left is fitted pixel by
-pixel as ``a + b z + c z^2 + d x + e y`` of the forces x, y and z. The fit is made on two halves of the
-trial, and the response is the part that both agree on: noise, which differs, drops out of the product
-of their coefficients.
+When the object slides, its imprint moves in the picture. Each change picture is first moved back
+onto the strongest one, by the translation of largest enhanced correlation (Evangelidis and Psarakis,
+2008). What is left is fitted pixel by pixel as ``a + b z + c z^2 + d x + e y`` of the forces x, y and
+z, and a quadratic of where the imprint was, because light differs from place to place. Trials slide
+forth and back: the same place is seen with shear of both signs. The fit is made on two halves of the
+trial, and the response is the part that both agree on: noise differs, and drops out of the product of
+their coefficients.
 """
 
 from __future__ import annotations
@@ -25,7 +27,9 @@ from tactileforge.reality.measures import Array
 #: frames of a block that goes to one half.
 _FRAMES, _PRESSED, _BLOCK = 240, 0.25, 8
 #: Fewest frames in contact, and smallest deviation of a shear force (N), of which a fit tells.
-_LEAST, _SHEARED = 24, 0.1
+_LEAST, _SHEARED = 60, 0.3
+#: Pixels by which the translation that is found may differ from that of the centre of the change.
+_ASTRAY = 15.0
 #: Places on the curve of change against normal force, shares of the largest force.
 SHARES = (0.25, 0.5, 0.75)
 
@@ -86,16 +90,17 @@ def fitted(changes: Array, force: Array) -> Response | None:
     if len(pressed) < _LEAST:
         return None
     curve = _curve(np.abs(changes).mean(axis=(1, 2, 3)), force[:, 2])
-    moved, touched = _aligned(changes[pressed])
-    if not touched.any():
+    moved, places, touched = _aligned(changes[pressed])
+    kept = np.isfinite(places[:, 0])
+    if not touched.any() or np.count_nonzero(kept) < _LEAST:
         return None
-    pixels = moved[:, touched].reshape(len(pressed), -1)
-    axes = [i for i in (0, 1) if force[pressed, i].std() >= _SHEARED]
-    slopes = _slopes(pixels, force[pressed], axes)
+    pixels, held = moved[kept][:, touched], force[pressed][kept]
+    pixels = pixels.reshape(len(pixels), -1)
+    axes = [i for i in (0, 1) if held[:, i].std() >= _SHEARED]
+    slopes = _slopes(pixels, held, places[kept], axes)
     shear = [slopes[1 + axes.index(i)] if i in axes else np.nan for i in (0, 1)]
     size = np.sqrt(np.square(pixels.mean(axis=0)).mean())
-    known = [one for one in shear if np.isfinite(one)]
-    relative = float(np.mean(known) / size) if known else np.nan
+    relative = float(np.mean(slopes[1:]) / size) if axes else np.nan
     return Response(slopes[0], (shear[0], shear[1]), relative, curve)
 
 
@@ -107,37 +112,65 @@ def _curve(size: Array, normal: Array) -> tuple[float, ...]:
     return tuple(one / found[-1] for one in found[:-1])
 
 
-def _aligned(changes: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Changes moved onto the strongest of them, and the contact there.
+def _aligned(changes: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Changes moved onto the strongest of them.
 
     Returns:
-        float32 (T, H, W, 3) and bool (H, W).
+        float32 (T, H, W, 3); where their imprints were (T, 2), pixels from the strongest, NaN for
+        those that were not found; and the contact of the strongest, bool (H, W).
     """
     sizes = np.stack([measures.smooth(change) for change in changes])
     strongest = int(sizes.mean(axis=(1, 2)).argmax())
-    reference = sizes[strongest]
-    height, width = reference.shape
-    window = cv2.createHanningWindow((width, height), cv2.CV_32F)
-    out = np.empty_like(changes)
+    height, width = sizes.shape[1:]
+    out, places = np.empty_like(changes), np.full((len(changes), 2), np.nan)
     for row, change in enumerate(changes):
-        (x, y), _ = cv2.phaseCorrelate(reference, sizes[row], window)
-        step = np.array([[1, 0, -x], [0, 1, -y]])
-        out[row] = cv2.warpAffine(change, step, (width, height), borderMode=cv2.BORDER_REPLICATE)
-    return out, measures.contact(changes[strongest])
+        step = _translation(sizes[strongest], sizes[row])
+        if step is not None:
+            places[row] = step[:, 2]
+            how = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+            out[row] = cv2.warpAffine(
+                change, step, (width, height), flags=how, borderMode=cv2.BORDER_REPLICATE
+            )
+    return out, places, measures.contact(changes[strongest])
 
 
-def _slopes(pixels: Array, force: Array, axes: Sequence[int]) -> list[float]:
+def _translation(reference: Array, size: Array) -> Array | None:
+    """What moves the reference onto a picture, float32 (2, 3); None if nothing does."""
+    middle = _centre(size) - _centre(reference)
+    start = np.array([[1, 0, middle[0]], [0, 1, middle[1]]], np.float32)
+    stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 1e-3)
+    try:
+        _, found = cv2.findTransformECC(
+            reference, size, start.copy(), cv2.MOTION_TRANSLATION, stop, None, 5
+        )
+    except cv2.error:  # it did not converge
+        return None
+    return found if np.hypot(*(found - start)[:, 2]) < _ASTRAY else None
+
+
+def _centre(size: Array) -> Array:
+    """Centre of the change, x and y in pixels."""
+    weight = np.maximum(size - 0.3 * size.max(), 0)
+    y, x = np.indices(size.shape)
+    return np.array([(weight * x).sum(), (weight * y).sum()]) / weight.sum()
+
+
+def _slopes(pixels: Array, force: Array, places: Array, axes: Sequence[int]) -> list[float]:
     """Size of the change per newton of normal force, and of shear along each of the axes.
 
     Args:
         pixels: (T, P), grey levels.
         force: (T, 3), N.
+        places: (T, 2), of the imprint, pixels.
         axes: Of the shear that is fitted.
     """
     normal = force[:, 2] - force[:, 2].mean()
-    columns = [np.ones_like(normal), normal, normal**2, *(force[:, i] for i in axes)]
-    by = np.stack(columns, axis=1)
+    x, y = ((places - places.mean(axis=0)) / max(float(places.std()), 1e-6)).T
+    place = [x, y, x * x, y * y, x * y]
+    shear = [force[:, i] for i in axes]
+    by = np.stack([np.ones_like(normal), normal, *shear, normal**2, *place], axis=1)
     half = (np.arange(len(by)) // _BLOCK) % 2 == 0
     one, other = (np.linalg.lstsq(by[rows], pixels[rows], rcond=None)[0] for rows in (half, ~half))
-    common = (one * other).mean(axis=1)
-    return np.sqrt(np.maximum(common, 0))[[1, *range(3, by.shape[1])]].tolist()
+    common = (one * other).mean(axis=1)[1 : 2 + len(axes)]
+    found: list[float] = np.sqrt(np.maximum(common, 0)).tolist()
+    return found

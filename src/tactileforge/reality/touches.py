@@ -14,10 +14,12 @@ from tactileforge.inspection.look import evenly
 from tactileforge.reality import measures
 from tactileforge.reality.measures import Array
 
-#: Frames of a recording in which the strongest contact is looked for.
+#: Frames of a part of a recording in which the strongest contact is looked for.
 _FRAMES = 24
 #: Frames without contact that are read.
 _STILL = 15
+#: A recording counts as a touch for each so many frames, but not as more than so many.
+_LONG, _MOST = 64, 8
 
 
 @dataclass(frozen=True)
@@ -46,15 +48,22 @@ class Touch:
         return self.picture - self.background
 
 
-def touch(recording: Recording) -> Touch | None:
-    """Reads a recording; None where it has no picture without contact.
+def touches(recording: Recording, most: int = _MOST) -> list[Touch]:
+    """Reads the strongest frame of each part of a recording.
+
+    Args:
+        recording: Long ones have several parts, of at least 64 frames each.
+        most: Parts, at most.
+
+    Returns:
+        Touches; none where the recording has no picture without contact.
 
     Raises:
         DataError: A frame cannot be decoded, or the background has another size than the frames.
     """
     still = recording.no_contact
     if still is None:
-        return None
+        return []
     if still.shape != recording.frames.shape:
         raise DataError(
             f"{recording.key}: the background has {as_text(still.shape)} pixels, the frames "
@@ -62,19 +71,29 @@ def touch(recording: Recording) -> Touch | None:
         )
     first = still.read(range(min(len(still), _STILL)))
     background = np.median(first, axis=0).astype(np.float32)
-    rows = evenly(len(recording.frames), _FRAMES).tolist()
+    level = measures.noise([measures.sized(one) for one in first])
+    count = len(recording.frames)
+    parts = np.array_split(np.arange(count), max(1, min(most, count // _LONG)))
+    pictures = (_strongest(recording, part, background) for part in parts)
+    return [
+        Touch(
+            key=recording.key,
+            sensor=recording.sensor,
+            background=measures.sized(background),
+            picture=picture,
+            touched=measures.contact(picture - measures.sized(background)),
+            noise=level,
+        )
+        for picture in pictures
+    ]
+
+
+def _strongest(recording: Recording, part: Array, background: Array) -> NDArray[np.float32]:
+    """The frame that differs most from the background, of some of a part of a recording."""
+    rows = part[evenly(len(part), _FRAMES)].tolist()
     frames = recording.frames.read(rows)
     away = [float(np.abs(frame - background).mean()) for frame in frames]
-    picture = measures.sized(frames[int(np.argmax(away))])
-    background = measures.sized(background)
-    return Touch(
-        key=recording.key,
-        sensor=recording.sensor,
-        background=background,
-        picture=picture,
-        touched=measures.contact(picture - background),
-        noise=measures.noise([measures.sized(one) for one in first]),
-    )
+    return measures.sized(frames[int(np.argmax(away))])
 
 
 @dataclass(frozen=True)
