@@ -109,8 +109,8 @@ def compare(dataset: Dataset, options: Options, progress: bool = True) -> dict[s
             )
     if not wanted:
         raise ConfigError(
-            f"the simulator knows none of the data's sensors ({', '.join(sorted(found)) or 'none'}), "
-            f"only {', '.join(DEVICES)}; give recordings of one of these"
+            f"the simulator knows none of the data's sensors ({', '.join(sorted(found)) or 'none'})"
+            f", only {', '.join(DEVICES)}; give recordings of one of these"
         )
     return {sensor: _side(sensor, found[sensor], options, progress) for sensor in wanted}
 
@@ -123,9 +123,7 @@ def _by_sensor(dataset: Dataset) -> dict[str, list[Recording]]:
     return out
 
 
-def _side(
-    sensor: str, recordings: Sequence[Recording], options: Options, progress: bool
-) -> Side:
+def _side(sensor: str, recordings: Sequence[Recording], options: Options, progress: bool) -> Side:
     real = []
     for name, held in by_source(recordings).items():
         rows = evenly(len(held), options.recordings).tolist()

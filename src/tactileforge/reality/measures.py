@@ -8,6 +8,7 @@ picture whose shorter side is `SIDE`.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any, TypeAlias
 
 import cv2
@@ -89,7 +90,7 @@ def bands(change: Array) -> Array:
     far, power = density(change)
     low = power[far < LOW].mean()
     found = []
-    for start, stop in zip(BANDS[:-1], BANDS[1:], strict=True):
+    for start, stop in pairwise(BANDS):
         seen = power[(far >= start) & (far < stop)]
         reached = far.max() >= stop and low > 0 and seen.mean() > 0
         found.append(np.log10(seen.mean() / low) if reached else np.nan)
@@ -106,9 +107,9 @@ def noise(still: Sequence[Array]) -> float:
     Args:
         still: Frames in order, without contact; NaN for fewer than two.
     """
-    pairs = zip(still[:-1], still[1:], strict=True)
-    found = [np.std(np.subtract(b, a, dtype=np.float32), axis=(0, 1)) / 2**0.5 for a, b in pairs]
-    return float(np.median([np.sqrt(np.square(one).mean()) for one in found] or [np.nan]))
+    steps = (np.subtract(after, before, dtype=np.float32) for before, after in pairwise(still))
+    found = [np.sqrt(step.var(axis=(0, 1)).mean() / 2) for step in steps]
+    return float(np.median(found or [np.nan]))
 
 
 def smooth(change: Array) -> Array:

@@ -22,17 +22,21 @@ _METHOD = """
 A touch is the frame that differs most from the picture without contact, and its change is the
 difference of the two. All pictures are averaged down to 240 pixels on their shorter side.
 """
-_CONFOUNDED = (
-    "Real pictures went through a camera and a codec before they were measured, and both change what "
-    "is compared. H.264 and MPEG-4 remove fine detail and most of the noise of a still picture, repeat "
-    "blocks between frames and halve the resolution of colour; so the noise of a video is a lower "
-    "bound, and its detail also. JPEG adds blocks of 8 pixels and removes what its quality asks for. "
-    "The palette of a GIF adds steps of some grey levels, which count as detail and noise. Sharpening, "
-    "white balance and automatic exposure of a camera count as the sensor's. Pictures that were made "
-    "smaller lost noise. So compare with each source by itself, and trust lossless ones most (PNG).",
-    "Objects and forces differ between sets: contact area, contrast and spectrum depend on them. How "
-    "far real sources are from each other says how much of a distance is that.",
-)
+_CONFOUNDED = """
+Real pictures went through a camera and a codec before they were measured, and both change what is
+compared. H.264 and MPEG-4 remove fine detail and most of the noise of a still picture, repeat
+blocks from frame to frame, and halve the resolution of colour: the noise and the detail of a video
+are lower bounds. JPEG adds blocks of 8 pixels and removes what its quality asks for. The palette of
+a GIF adds steps of some grey levels, which count as detail and as noise. Sharpening, white balance
+and automatic exposure count as the sensor's. Pictures that were made smaller have lost noise. So
+compare with each source by itself, and trust the lossless ones most (PNG); the table of each sensor
+says how a source is stored.
+
+Objects and forces differ between sets, and contact area, contrast and spectrum depend on them. How
+far real sources are from each other says how much of a distance that can be.
+
+A source may be one unit: its colours say nothing about others.
+"""
 
 
 def render(name: str, sides: Mapping[str, Side]) -> str:
@@ -45,7 +49,7 @@ def render(name: str, sides: Mapping[str, Side]) -> str:
     verdicts = "".join(_verdict(sensor, side) for sensor, side in sides.items())
     top = f"{paragraph(' '.join(_METHOD.split()), soft=True)}<ul class=verdict>{verdicts}</ul>"
     parts = [_section(sensor, side) for sensor, side in sides.items()]
-    words = "".join(map(paragraph, _CONFOUNDED))
+    words = "".join(paragraph(" ".join(one.split())) for one in _CONFOUNDED.split("\n\n"))
     last = Section("confounds", "What codec, camera and objects confound", words)
     return page(f"Simulated touch beside {name}", top, [*parts, last])
 
@@ -57,7 +61,9 @@ def _verdict(sensor: str, side: Side) -> str:
         words = f"{sensor}: one real source, so nothing says what distance is small."
         return f'<li class="plain">{escape(words)}</li>'
     if not far:
-        return f'<li class="good">{escape(sensor)}: no number is further from all real sources than '
+        return (
+            f'<li class="good">{escape(sensor)}: no number is further from all real sources than '
+        )
         "these are from each other.</li>"
     words = f"{sensor}: further from all real sources than these are from each other: "
     return f'<li class="bad">{escape(words + ", ".join(far))}.</li>'
@@ -158,7 +164,9 @@ def _list(values: Array) -> str:
 
 
 def _bands(one: Profile) -> str:
-    return ", ".join(f"{value:.1f}".replace("-", "\N{MINUS SIGN}") for value in _middle(one, "bands"))
+    return ", ".join(
+        f"{value:.1f}".replace("-", "\N{MINUS SIGN}") for value in _middle(one, "bands")
+    )
 
 
 def _middle(one: Profile, name: str) -> Array:
@@ -203,6 +211,7 @@ def _curve(one: Profile) -> str:
 
 #: What is told of a source, by its row.
 _ROWS: dict[str, Callable[[Profile], str]] = {
+    "stored as": lambda one: f"text|{', '.join(one.stored) or 'pixels'}",
     "log10 power, .06-.12, -.2, -.3, -.5": _bands,
     "noise (grey levels)": _of("noise"),
     "contact (% of the picture)": _of("area", 100),
@@ -234,10 +243,10 @@ def _distances(sensor: str, side: Side) -> str:
         told = [f"{mark}{number(one[name])}" for one in apart.values()]
         rows.append((name, unit, *told, *(number(among[pair][name]) for pair in _few(side))))
     note = (
-        "One number for each: the Wasserstein distance between touches of the two sets, 0 for equal "
-        "ones; 0.3 decades are a factor of 2. The last columns are real sources among themselves: "
-        "smaller than these cannot be told from real. Marked: further from all real sources than "
-        "any two of these are from each other."
+        "One number for each: the Wasserstein distance between touches of the two sets, 0 for "
+        "equal ones; 0.3 decades are a factor of 2. The last columns are real sources among "
+        "themselves: smaller than these cannot be told from real. Marked: further from all real "
+        "sources than any two of these are from each other."
     )
     return "<h3>Distances</h3>" + table(f"{sensor}-distances", head, rows, note)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,7 +77,7 @@ def spectra(cut: Array) -> Array:
     grey = (grey - np.tensordot(grey, window / window.sum(), 2)[:, None, None]) * window
     power = np.abs(np.fft.fft2(grey)) ** 2 / np.square(window).sum()
     far = np.hypot(np.fft.fftfreq(PATCH)[:, None], np.fft.fftfreq(PATCH))
-    rings = [(far >= a) & (far < b) for a, b in zip(_BANDS[:-1], _BANDS[1:], strict=True)]
+    rings = [(far >= a) & (far < b) for a, b in pairwise(_BANDS)]
     means = np.stack([power[:, ring].mean(axis=1) for ring in rings], axis=1)
     out: Array = np.log(means + _FLOOR).astype(np.float32)
     return out

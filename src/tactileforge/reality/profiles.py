@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from pathlib import Path
 
 import numpy as np
 
-from tactileforge.contracts import Recording
+from tactileforge.contracts import Frames, FrameSubset, Recording
 from tactileforge.reality import measures
 from tactileforge.reality.measures import Array
 from tactileforge.reality.response import Response, response
 from tactileforge.reality.touches import Look, Touch, look, touches
 
+#: Smallest number of which a logarithm is compared: a hundredth of a grey level is nothing.
+_FLOOR = 0.01
 #: Touches of a source of which pictures are kept, and trials that are fitted.
 SHOWN, _TRIALS = 4, 6
 
@@ -28,7 +30,8 @@ class Profile:
         looks: The numbers of each touch.
         responses: To force, of the trials that tell.
         shown: A few touches, with pictures.
-        faint: Touches that were too faint to measure, or had no background.
+        faint: Touches that were too faint to measure.
+        stored: Endings of the files that the frames come from, without the dot.
     """
 
     name: str
@@ -37,6 +40,7 @@ class Profile:
     responses: list[Response] = field(default_factory=list)
     shown: list[Touch] = field(default_factory=list)
     faint: int = 0
+    stored: list[str] = field(default_factory=list)
 
     def of(self, name: str) -> Array:
         """A number of all touches, stacked along the first axis."""
@@ -56,6 +60,8 @@ def profile(name: str, sensor: str, recordings: Iterable[Recording]) -> Profile:
     """
     out = Profile(name, sensor)
     for recording in recordings:
+        if (ending := _ending(recording.frames)) and ending not in out.stored:
+            out.stored.append(ending)
         for seen in touches(recording):
             found = look(seen)
             if found is None:
@@ -67,6 +73,17 @@ def profile(name: str, sensor: str, recordings: Iterable[Recording]) -> Profile:
         if len(out.responses) < _TRIALS and (answer := response(recording)) is not None:
             out.responses.append(answer)
     return out
+
+
+def _ending(frames: Frames) -> str:
+    """Of the first file of frames; "" where they come from none."""
+    while isinstance(frames, FrameSubset):
+        frames = frames.base
+    if codec := getattr(frames, "codec", ""):
+        return str(codec)
+    paths = getattr(frames, "paths", None)
+    path = paths[0] if paths else getattr(frames, "path", "")
+    return Path(str(path)).suffix.lstrip(".").lower()
 
 
 #: The numbers that are compared: the unit of the distance, and what it is told in.
@@ -93,9 +110,7 @@ def distances(ours: Profile, theirs: Profile) -> dict[str, float]:
     """
     pairs = {name: (_sample(ours, name), _sample(theirs, name)) for name in DISTANCES}
     return {
-        name: float(
-            np.mean([measures.distance(a, b) for a, b in zip(one.T, other.T, strict=True)])
-        )
+        name: float(np.mean([measures.distance(a, b) for a, b in zip(one.T, other.T, strict=True)]))
         for name, (one, other) in pairs.items()
     }
 
@@ -122,7 +137,7 @@ def _told(answer: Response) -> bool:
 
 def _logs(values: Sequence[float]) -> Array:
     known = np.array(values, np.float64).reshape(-1, 1)
-    return np.log10(np.where(known > 0, known, np.nan))
+    return np.log10(np.maximum(known, _FLOOR))
 
 
 def correlations(one: Profile) -> Array:
@@ -131,32 +146,3 @@ def correlations(one: Profile) -> Array:
     deviation = np.sqrt(np.maximum(np.einsum("ncc->nc", covariance), 1e-9))
     shared: Array = covariance / (deviation[:, :, None] * deviation[:, None])
     return shared[:, [0, 0, 1], [1, 2, 2]]
-
-
-def summary(one: Profile) -> dict[str, Any]:
-    """Medians over the touches of a source, as plain data."""
-    out: dict[str, Any] = {"touches": len(one.looks), "faint": one.faint}
-    if not one.looks:
-        return out
-    out["bands, log10"] = _rounded(np.nanmedian(one.of("bands"), axis=0))
-    for name in ("noise", "area", "contrast", "inside", "outside"):
-        values = one.of(name)
-        known = values[np.isfinite(values)]
-        out[name] = _rounded(np.quantile(known, (0.1, 0.5, 0.9))) if len(known) else None
-    ground = one.of("ground")
-    out["background"] = _rounded(ground.mean(axis=0))
-    out["background spread"] = _rounded(ground.std(axis=0))
-    out["change deviation"] = _rounded(
-        np.median([np.sqrt(np.diag(look.covariance)) for look in one.looks], axis=0)
-    )
-    out["channel correlation"] = _rounded(np.median(correlations(one), axis=0))
-    if one.responses:
-        out["grey levels per N, normal"] = _rounded([a.normal for a in one.responses])
-        out["grey levels per N, shear"] = [_rounded(a.shear) for a in one.responses]
-        out["shear over contrast, per N"] = _rounded([a.relative for a in one.responses])
-        out["curve at 1/4, 1/2, 3/4"] = [_rounded(a.curve) for a in one.responses]
-    return out
-
-
-def _rounded(values: Iterable[float]) -> list[float | None]:
-    return [round(float(v), 3) if np.isfinite(v) else None for v in values]

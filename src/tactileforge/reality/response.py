@@ -1,12 +1,12 @@
 """How the picture answers to normal force and to shear, by regression over the frames of a trial.
 
 When the object slides, its imprint moves in the picture. Each change picture is first moved back
-onto the strongest one, by the translation of largest enhanced correlation (Evangelidis and Psarakis,
-2008). What is left is fitted pixel by pixel as ``a + b z + c z^2 + d x + e y`` of the forces x, y and
-z, and a quadratic of where the imprint was, because light differs from place to place. Trials slide
-forth and back: the same place is seen with shear of both signs. The fit is made on two halves of the
-trial, and the response is the part that both agree on: noise differs, and drops out of the product of
-their coefficients.
+onto the strongest one, by the translation of largest enhanced correlation (Evangelidis and
+Psarakis, 2008). What is left is fitted pixel by pixel as ``a + b z + c z^2 + d x + e y`` of the
+forces x, y and z, and a quadratic of where the imprint was, because light differs from place to
+place. Trials slide forth and back: the same place is seen with shear of both signs. The fit is made
+on two halves of the trial, and the response is the part that both agree on: noise differs, and
+drops out of the product of their coefficients.
 """
 
 from __future__ import annotations

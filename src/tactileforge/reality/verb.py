@@ -53,6 +53,8 @@ def _told(sensor: str, side: Side) -> str:
     """The nearest real source by each number."""
     lines = [f"{sensor}: {len(side.simulated.looks)} simulated touches"]
     for source, found in side.apart.items():
-        numbers = ", ".join(f"{name} {value:.2g}" for name, value in found.items() if value == value)
+        numbers = ", ".join(
+            f"{name} {value:.2g}" for name, value in found.items() if value == value
+        )
         lines.append(f"  to {source}: {numbers}")
     return "\n".join(lines)
