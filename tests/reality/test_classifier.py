@@ -21,7 +21,7 @@ def patches(seed: int, count: int = 120, blur: float = 0.0, red: float = 1.0) ->
 def score(view: str, **how: float) -> float:
     train = Split(patches(0), patches(1, **how))
     test = Split(patches(2), patches(3, **how))
-    found = told_apart(train, test, view)
+    found = told_apart(train, test, view, steps=60 if view == "pixels" else 150)
     assert found.patches == (120, 120)
     return found.auc
 
@@ -53,7 +53,8 @@ def test_auc_counts_pairs():
 def test_features_are_those_of_noise():
     cut = patches(0, 40)
     # Mean of three channels of variance 25 has 25/3.
-    assert np.exp(spectra(cut)).mean(axis=0) == pytest.approx(np.full(10, 25 / 3), rel=0.1)
+    bands = np.exp(spectra(cut)).mean(axis=0)
+    assert bands[1:] == pytest.approx(np.full(9, 25 / 3), rel=0.1), "the first loses the mean"
     told = colours(cut)
     assert told.shape == (40, 9)
     assert np.exp(told[:, 3:6]).mean() == pytest.approx(5.0, rel=0.02)

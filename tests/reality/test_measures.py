@@ -26,7 +26,7 @@ def disc(level: tuple[float, float, float], radius: float = 40.0) -> np.ndarray:
 def test_white_noise_has_a_flat_spectrum_of_its_variance():
     power = np.mean([measures.radial(white(seed, 3.0)) for seed in range(8)], axis=0)
     assert power[2:] == pytest.approx(np.full(38, 9.0), rel=0.15)
-    assert power[2:].mean() == pytest.approx(9.0, rel=0.01)
+    assert power[2:].mean() == pytest.approx(9.0, rel=0.02)
     bands = np.mean([measures.bands(white(seed)) for seed in range(8)], axis=0)
     assert bands == pytest.approx(np.zeros(4), abs=0.03)
 
@@ -41,10 +41,10 @@ def test_a_blur_takes_away_what_its_transform_says(blur):
     before = np.mean([measures.radial(white(seed)) for seed in range(4)], axis=0)
     blurred = (cv2.GaussianBlur(white(seed), (0, 0), blur) for seed in range(4))
     after = np.mean([measures.radial(one) for one in blurred], axis=0)
-    seen = RINGS < 0.5 / blur  # beyond, the kernel's cut-off tails show
-    wanted = np.exp(-((2 * np.pi * blur * RINGS) ** 2))
-    found = np.log10(after / before)[seen & (RINGS > LOW)]
-    assert found == pytest.approx(np.log10(wanted)[seen & (RINGS > LOW)], abs=0.12)
+    wanted = -((2 * np.pi * blur * RINGS) ** 2) / np.log(10)
+    seen = (wanted > -2) & (RINGS > LOW)  # below, the cut-off tails of the kernel show
+    assert seen.sum() > 14
+    assert np.log10(after / before)[seen] == pytest.approx(wanted[seen], abs=0.1)
 
 
 def test_a_wave_is_in_the_band_of_its_frequency():

@@ -5,13 +5,14 @@ import pytest
 
 from tactileforge.contracts import Recording
 from tactileforge.data.frames import ArrayFrames
+from tactileforge.reality import measures
 from tactileforge.reality.response import fitted, response
 
 COUNT, HEIGHT, WIDTH = 240, 60, 80
 
 
 def trial() -> tuple[np.ndarray, np.ndarray]:
-    """Forces (T, 3) of press, slides forth and back along y and x, lift; and place (T, 2) in pixels."""
+    """Forces (T, 3) of press, slides forth and back along y and x, lift; and place (T, 2)."""
     t = np.linspace(0, 1, COUNT)
     normal = 5 * np.clip(np.minimum(t, 1 - t) / 0.1, 0, 1) + 0.4 * np.sin(40 * t)
     shear, place = np.zeros((2, 2, COUNT))
@@ -24,40 +25,40 @@ def trial() -> tuple[np.ndarray, np.ndarray]:
     return force, place.T
 
 
+#: What shear along x, shear along y and normal force do to red, green and blue of the imprint. The
+#: sum of the first two is 0: what makes the imprint as a whole brighter or moves it is no answer.
+CHANNELS = np.array([[1.0, 0.0, -1.0], [0.5, -1.0, 0.5], [1.0, 1.0, 1.0]])
+
+
 def changes(
     force: np.ndarray, place: np.ndarray, slopes: tuple[float, float, float], noise: float = 0.0
 ) -> np.ndarray:
-    """A round imprint that moves, brightens by normal force, and tilts by shear."""
+    """A round imprint that moves, brightens by normal force, and changes colour by shear."""
     y, x = np.mgrid[:HEIGHT, :WIDTH].astype(np.float64)
     rng = np.random.default_rng(0)
     out = []
-    for (fx, fy, fz), (right, down) in zip(force, place, strict=True):
-        u, v = (x - 40 - right) / 10, (y - 30 - down) / 10
-        bump = np.exp(-(u**2) - v**2)
-        out.append(bump * (slopes[2] * fz + 2**0.5 * (slopes[0] * fx * u + slopes[1] * fy * v)))
-    drawn = np.repeat(np.stack(out)[..., None], 3, axis=3)
+    for newton, (right, down) in zip(force, place, strict=True):
+        bump = np.exp(-((x - 40 - right) ** 2 + (y - 30 - down) ** 2) / 100)
+        out.append(bump[..., None] * ((newton * slopes) @ CHANNELS))
+    drawn = np.stack(out)
     return (drawn + rng.normal(0, noise or 1e-9, drawn.shape)).astype(np.float32)
 
 
-def size_of(force: np.ndarray, axis: int) -> float:
-    """Root mean square over the contact of the pattern that one newton makes."""
-    from tactileforge.reality import measures
-
+def one_newton(axis: int) -> float:
+    """Root mean square over the contact of what one newton does at a slope of 1."""
     y, x = np.mgrid[:HEIGHT, :WIDTH].astype(np.float64)
-    u, v = (x - 40) / 10, (y - 30) / 10
-    bump = np.exp(-(u**2) - v**2)
-    pattern = bump if axis == 2 else bump * 2**0.5 * (u, v)[axis]
+    bump = np.exp(-((x - 40) ** 2 + (y - 30) ** 2) / 100)
     touched = measures.contact(np.repeat((30 * bump)[..., None], 3, axis=2).astype(np.float32))
-    return float(np.sqrt(np.square(pattern[touched]).mean()))
+    return float(np.sqrt(np.square(bump[touched]).mean() * np.square(CHANNELS[axis]).mean()))
 
 
 @pytest.mark.parametrize("noise", [0.0, 2.0])
 def test_known_slopes_are_found(noise):
     force, place = trial()
     found = fitted(changes(force, place, (1.5, 0.8, 6.0), noise), force)
-    assert found.normal == pytest.approx(6.0 * size_of(force, 2), rel=0.06)
-    assert found.shear[0] == pytest.approx(1.5 * size_of(force, 0), rel=0.1)
-    assert found.shear[1] == pytest.approx(0.8 * size_of(force, 1), rel=0.1)
+    assert found.normal == pytest.approx(6.0 * one_newton(2), rel=0.03)
+    assert found.shear[0] == pytest.approx(1.5 * one_newton(0), rel=0.05)
+    assert found.shear[1] == pytest.approx(0.8 * one_newton(1), rel=0.05)
 
 
 def test_a_picture_that_does_not_answer_to_shear_shows_none():

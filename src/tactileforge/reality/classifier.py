@@ -20,7 +20,7 @@ from tactileforge.reality.patches import colours, spectra
 
 #: Fewest patches of a class.
 _LEAST = 16
-_STEPS, _BATCH, _RATE, _DECAY = 300, 64, 2e-3, 1e-2
+_BATCH, _RATE, _DECAY = 64, 2e-3, 1e-2
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ VIEWS: dict[str, tuple[Callable[[Array], Array], Callable[[int], nn.Module]]] = 
 }
 
 
-def told_apart(train: Split, test: Split, view: str, seed: int = 0) -> Score:
+def told_apart(train: Split, test: Split, view: str, seed: int = 0, steps: int = 300) -> Score:
     """Trains a classifier and tests it on patches of another source.
 
     Args:
@@ -105,6 +105,7 @@ def told_apart(train: Split, test: Split, view: str, seed: int = 0) -> Score:
         test: Another real source, and other simulated scenes.
         view: One of `VIEWS`.
         seed: Of its weights and batches.
+        steps: Of training.
 
     Raises:
         ConfigError: Too few patches.
@@ -117,7 +118,7 @@ def told_apart(train: Split, test: Split, view: str, seed: int = 0) -> Score:
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         net = network(x.shape[1])
-        _fit(net, x, y)
+        _fit(net, x, y, steps)
     with torch.no_grad():
         seen, scores = net(x)[:, 0], net(other)[:, 0]
     right = float(((scores > 0) == (truth > 0)).float().mean())
@@ -132,11 +133,11 @@ def _labelled(one: Split, shown: Callable[[Array], Array]) -> tuple[Tensor, Tens
     return torch.from_numpy(inputs), labels
 
 
-def _fit(net: nn.Module, x: Tensor, y: Tensor) -> None:
+def _fit(net: nn.Module, x: Tensor, y: Tensor, steps: int) -> None:
     """Adam with a cosine schedule; patches are mirrored, as lights differ from unit to unit."""
     optimiser = torch.optim.AdamW(net.parameters(), _RATE, weight_decay=_DECAY)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, _STEPS)
-    for step in range(_STEPS):
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
+    for step in range(steps):
         rows = torch.randint(len(x), (_BATCH,))
         batch = x[rows]
         if batch.ndim == 4:

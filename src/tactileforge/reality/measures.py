@@ -70,12 +70,17 @@ def density(change: Array) -> tuple[Array, Array]:
     return far * (min(height, width) / SIDE), power
 
 
+def _finest(change: Array) -> float:
+    """Highest frequency along the sides, cycles per pixel."""
+    return 0.5 * min(change.shape[:2]) / SIDE
+
+
 def radial(change: Array) -> Array:
     """Mean power density in rings around `RINGS`, squared grey levels; NaN beyond the pixels."""
     far, power = density(change)
     half = (RINGS[1] - RINGS[0]) / 2
     ring = np.floor((far - RINGS[0] + half) / (2 * half)).astype(int)
-    kept = (ring >= 0) & (ring < len(RINGS))
+    kept = (ring < len(RINGS)) & (far <= _finest(change))
     total = np.bincount(ring[kept], power[kept], len(RINGS))
     count = np.bincount(ring[kept], minlength=len(RINGS))
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
@@ -92,7 +97,7 @@ def bands(change: Array) -> Array:
     found = []
     for start, stop in pairwise(BANDS):
         seen = power[(far >= start) & (far < stop)]
-        reached = far.max() >= stop and low > 0 and seen.mean() > 0
+        reached = _finest(change) >= stop and low > 0 and seen.mean() > 0
         found.append(np.log10(seen.mean() / low) if reached else np.nan)
     return np.array(found)
 

@@ -206,7 +206,12 @@ def _relative(one: Profile) -> str:
 
 def _curve(one: Profile) -> str:
     found = np.array([answer.curve for answer in one.responses])
-    return _list(np.nanmedian(found, axis=0)) if len(found) else NONE
+    return ", ".join(_middle_of(column) for column in found.T) if len(found) else NONE
+
+
+def _middle_of(values: Array) -> str:
+    known = values[np.isfinite(values)]
+    return number(float(np.median(known))) if len(known) else NONE
 
 
 #: What is told of a source, by its row.

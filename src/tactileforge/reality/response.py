@@ -6,7 +6,8 @@ Psarakis, 2008). What is left is fitted pixel by pixel as ``a + b z + c z^2 + d 
 forces x, y and z, and a quadratic of where the imprint was, because light differs from place to
 place. Trials slide forth and back: the same place is seen with shear of both signs. The fit is made
 on two halves of the trial, and the response is the part that both agree on: noise differs, and
-drops out of the product of their coefficients.
+drops out of the product of their coefficients. What cannot be told from a motion of the imprint
+does not count.
 """
 
 from __future__ import annotations
@@ -87,12 +88,12 @@ def fitted(changes: Array, force: Array) -> Response | None:
         force: float64 (T, 3), N.
     """
     pressed = np.flatnonzero(force[:, 2] > _PRESSED * force[:, 2].max())
-    if len(pressed) < _LEAST:
+    if len(pressed) < _LEAST or not measures.contact(changes[_strongest(changes)]).any():
         return None
     curve = _curve(np.abs(changes).mean(axis=(1, 2, 3)), force[:, 2])
     moved, places, touched = _aligned(changes[pressed])
     kept = np.isfinite(places[:, 0])
-    if not touched.any() or np.count_nonzero(kept) < _LEAST:
+    if np.count_nonzero(kept) < _LEAST:
         return None
     pixels, held = moved[kept][:, touched], force[pressed][kept]
     pixels = pixels.reshape(len(pixels), -1)
@@ -109,7 +110,7 @@ def _curve(size: Array, normal: Array) -> tuple[float, ...]:
     share = normal / normal.max()
     near = [np.abs(share - at) < 0.1 for at in (*SHARES, 1.0)]
     found = [float(np.median(size[rows])) if rows.any() else np.nan for rows in near]
-    return tuple(one / found[-1] for one in found[:-1])
+    return tuple(one / found[-1] if found[-1] else np.nan for one in found[:-1])
 
 
 def _aligned(changes: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
@@ -119,9 +120,9 @@ def _aligned(changes: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
         float32 (T, H, W, 3); where their imprints were (T, 2), pixels from the strongest, NaN for
         those that were not found; and the contact of the strongest, bool (H, W).
     """
-    sizes = np.stack([measures.smooth(change) for change in changes])
-    strongest = int(sizes.mean(axis=(1, 2)).argmax())
-    height, width = sizes.shape[1:]
+    strongest = _strongest(changes)
+    sizes = [measures.smooth(change) for change in changes]
+    height, width = changes.shape[1:3]
     out, places = np.empty_like(changes), np.full((len(changes), 2), np.nan)
     for row, change in enumerate(changes):
         step = _translation(sizes[strongest], sizes[row])
@@ -132,6 +133,10 @@ def _aligned(changes: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
                 change, step, (width, height), flags=how, borderMode=cv2.BORDER_REPLICATE
             )
     return out, places, measures.contact(changes[strongest])
+
+
+def _strongest(changes: Array) -> int:
+    return int(np.argmax([np.abs(change).mean() for change in changes]))
 
 
 def _translation(reference: Array, size: Array) -> Array | None:
