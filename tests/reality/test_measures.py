@@ -1,5 +1,7 @@
 """Each measurement on pictures whose answer is known."""
 
+from itertools import pairwise
+
 import cv2
 import numpy as np
 import pytest
@@ -28,7 +30,7 @@ def test_white_noise_has_a_flat_spectrum_of_its_variance():
     assert power[2:] == pytest.approx(np.full(38, 9.0), rel=0.15)
     assert power[2:].mean() == pytest.approx(9.0, rel=0.02)
     bands = np.mean([measures.bands(white(seed)) for seed in range(8)], axis=0)
-    assert bands == pytest.approx(np.zeros(4), abs=0.03)
+    assert bands == pytest.approx(np.zeros(4), abs=0.06), "its mean is taken out of the low"
 
 
 def test_noise_that_channels_do_not_share_is_averaged_by_three():
@@ -49,7 +51,7 @@ def test_a_blur_takes_away_what_its_transform_says(blur):
 
 def test_a_wave_is_in_the_band_of_its_frequency():
     x = np.arange(SIZE[1]) / SIZE[1]
-    for number, (start, stop) in enumerate(zip(BANDS[:-1], BANDS[1:], strict=True)):
+    for number, (start, stop) in enumerate(pairwise(BANDS)):
         wave = np.sin(2 * np.pi * 320 * (start + stop) / 2 * x) + np.sin(2 * np.pi * 3 * x)
         change = np.broadcast_to(wave[None, :, None], SIZE) * 5
         assert measures.bands(change).argmax() == number
@@ -128,7 +130,5 @@ def test_distance_is_that_between_quantile_functions():
     rng = np.random.default_rng(8)
     a, b = rng.normal(size=37), rng.exponential(size=53)
     at = (np.arange(37 * 53) + 0.5) / (37 * 53)
-    wanted = np.abs(
-        np.sort(a)[(at * 37).astype(int)] - np.sort(b)[(at * 53).astype(int)]
-    ).mean()
+    wanted = np.abs(np.sort(a)[(at * 37).astype(int)] - np.sort(b)[(at * 53).astype(int)]).mean()
     assert measures.distance(a, b) == pytest.approx(wanted)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib.ticker import FuncFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator
 
 from tactileforge.reality import measures
 from tactileforge.reality.profiles import Profile
@@ -43,6 +43,7 @@ def touches(profiles: Sequence[Profile]) -> str:
         axes.set(xscale="log", xlabel="contact, share of the picture (%)")
         axes.set(yscale="log", ylabel="change in contact (grey levels)")
         for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
             axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
             axis.set_minor_formatter(FuncFormatter(lambda value, _: ""))
         return svg(figure, "contrast against contact area of touches, simulated and real")

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from tqdm import tqdm
 
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.inspection.look import evenly
-from tactileforge.reality.profiles import Profile, distances, profile
+from tactileforge.reality.profiles import Profile, distances, profile, ratio
 from tactileforge.reality.simulated import config, simulated, trial
 from tactileforge.sim.devices import DEVICES
 
@@ -31,7 +32,7 @@ class Options:
         trials: Simulated force trials, where a source has forces.
         indenters: See `sim.record.Config`, as are those below.
         motions: Of the touches.
-        force: Range of the largest normal force of the touches, N.
+        newton: Range of the largest normal force of the touches, N.
         markers: Whether the simulated gels have markers.
         seed: Another seed, other touches.
     """
@@ -42,7 +43,7 @@ class Options:
     trials: int = 3
     indenters: str | tuple[str, ...] = "all"
     motions: str | tuple[str, ...] = "atomic"
-    force: tuple[float, float] = (0.5, 8.0)
+    newton: tuple[float, float] = (0.5, 8.0)
     markers: bool | None = None
     seed: int = 0
 
@@ -69,12 +70,12 @@ class Side:
     simulated: Profile
     real: Sequence[Profile] = field(default_factory=list)
 
-    @property
+    @cached_property
     def apart(self) -> dict[str, dict[str, float]]:
         """Distances of the simulated touches to each source, see `profiles.distances`."""
         return {one.name: distances(self.simulated, one) for one in self.real}
 
-    @property
+    @cached_property
     def among(self) -> dict[tuple[str, str], dict[str, float]]:
         """Distances of real sources to each other: what can be hoped for."""
         return {
@@ -82,6 +83,11 @@ class Side:
             for i, a in enumerate(self.real)
             for b in self.real[i + 1 :]
         }
+
+    def ratio(self, name: str) -> float:
+        """How far off one of the distances is, see `profiles.ratio`."""
+        apart, among = ([one[name] for one in found.values()] for found in (self.apart, self.among))
+        return ratio(apart, among)
 
 
 def compare(dataset: Dataset, options: Options, progress: bool = True) -> dict[str, Side]:
@@ -144,13 +150,13 @@ def _simulated(sensor: str, options: Options, forces: bool, progress: bool) -> P
         sensor,
         indenters=options.indenters,
         motions=options.motions,
-        force=options.force,
+        force=options.newton,
         markers=options.markers,
         seed=options.seed,
     )
     out = profile(SIMULATED, sensor, simulated(shown, range(options.scenes), progress))
     if not out.looks:
-        raise DataError(f"{sensor}: no simulated touch can be seen; raise force={options.force}")
+        raise DataError(f"{sensor}: no simulated touch can be seen; raise newton={options.newton}")
     if forces:
         pressed = trial(sensor, markers=options.markers, seed=options.seed)
         scenes = simulated(pressed, range(options.trials), progress)

@@ -72,14 +72,13 @@ def density(change: Array) -> tuple[Array, Array]:
 
 def _finest(change: Array) -> float:
     """Highest frequency along the sides, cycles per pixel."""
-    return 0.5 * min(change.shape[:2]) / SIDE
+    return float(0.5 * min(change.shape[:2]) / SIDE)
 
 
 def radial(change: Array) -> Array:
     """Mean power density in rings around `RINGS`, squared grey levels; NaN beyond the pixels."""
     far, power = density(change)
-    half = (RINGS[1] - RINGS[0]) / 2
-    ring = np.floor((far - RINGS[0] + half) / (2 * half)).astype(int)
+    ring = (far * 2 * len(RINGS)).astype(int)
     kept = (ring < len(RINGS)) & (far <= _finest(change))
     total = np.bincount(ring[kept], power[kept], len(RINGS))
     count = np.bincount(ring[kept], minlength=len(RINGS))

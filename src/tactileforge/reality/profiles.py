@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from tactileforge.contracts import Frames, FrameSubset, Recording
+from tactileforge.inspection.look import evenly
 from tactileforge.reality import measures
 from tactileforge.reality.measures import Array
 from tactileforge.reality.response import Response, response
@@ -16,8 +17,8 @@ from tactileforge.reality.touches import Look, Touch, look, touches
 
 #: Smallest number of which a logarithm is compared: a hundredth of a grey level is nothing.
 _FLOOR = 0.01
-#: Touches of a source of which pictures are kept, and trials that are fitted.
-SHOWN, _TRIALS = 4, 6
+#: Touches of a source of which pictures are shown, and trials that are fitted.
+SHOWN, _TRIALS = 3, 6
 
 
 @dataclass
@@ -58,7 +59,7 @@ def profile(name: str, sensor: str, recordings: Iterable[Recording]) -> Profile:
     Raises:
         DataError: A recording cannot be read.
     """
-    out = Profile(name, sensor)
+    out, every = Profile(name, sensor), 1
     for recording in recordings:
         if (ending := _ending(recording.frames)) and ending not in out.stored:
             out.stored.append(ending)
@@ -68,10 +69,13 @@ def profile(name: str, sensor: str, recordings: Iterable[Recording]) -> Profile:
                 out.faint += 1
                 continue
             out.looks.append(found)
-            if len(out.shown) < SHOWN:
+            if len(out.looks) % every == 1 % every:
                 out.shown.append(seen)
+            if len(out.shown) == 2 * SHOWN:
+                out.shown, every = out.shown[::2], 2 * every
         if len(out.responses) < _TRIALS and (answer := response(recording)) is not None:
             out.responses.append(answer)
+    out.shown = [out.shown[row] for row in evenly(len(out.shown), SHOWN)]
     return out
 
 
@@ -113,6 +117,18 @@ def distances(ours: Profile, theirs: Profile) -> dict[str, float]:
         name: float(np.mean([measures.distance(a, b) for a, b in zip(one.T, other.T, strict=True)]))
         for name, (one, other) in pairs.items()
     }
+
+
+def ratio(apart: Iterable[float], among: Iterable[float]) -> float:
+    """How much further simulated touches are from real sources than these are from each other.
+
+    Returns:
+        The median of one over the median of the other; NaN where there is no other.
+    """
+    ours, theirs = (np.array([one for one in pair if one == one]) for pair in (apart, among))
+    if not len(ours) or not len(theirs) or not np.median(theirs):
+        return float("nan")
+    return float(np.median(ours) / np.median(theirs))
 
 
 def _sample(one: Profile, name: str) -> Array:

@@ -28,7 +28,7 @@ from tactileforge.reality.measures import Array
 #: frames of a block that goes to one half.
 _FRAMES, _PRESSED, _BLOCK = 240, 0.25, 8
 #: Fewest frames in contact, and smallest deviation of a shear force (N), of which a fit tells.
-_LEAST, _SHEARED = 60, 0.3
+_LEAST, _SHEARED = 120, 0.3
 #: Pixels by which the translation that is found may differ from that of the centre of the change.
 _ASTRAY = 15.0
 #: Places on the curve of change against normal force, shares of the largest force.
@@ -77,7 +77,9 @@ def response(recording: Recording) -> Response | None:
 
 def _half(change: Array) -> Array:
     """A quarter of the pixels: the response is smooth, and trials are long."""
-    return cv2.resize(change, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    height, width = change.shape[:2]
+    out: Array = cv2.resize(change, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
+    return out
 
 
 def fitted(changes: Array, force: Array) -> Response | None:
@@ -150,14 +152,16 @@ def _translation(reference: Array, size: Array) -> Array | None:
         )
     except cv2.error:  # it did not converge
         return None
-    return found if np.hypot(*(found - start)[:, 2]) < _ASTRAY else None
+    step: Array = np.asarray(found)
+    return step if np.hypot(*(step - start)[:, 2]) < _ASTRAY else None
 
 
 def _centre(size: Array) -> Array:
     """Centre of the change, x and y in pixels."""
     weight = np.maximum(size - 0.3 * size.max(), 0)
     y, x = np.indices(size.shape)
-    return np.array([(weight * x).sum(), (weight * y).sum()]) / weight.sum()
+    out: Array = np.array([(weight * x).sum(), (weight * y).sum()]) / weight.sum()
+    return out
 
 
 def _slopes(pixels: Array, force: Array, places: Array, axes: Sequence[int]) -> list[float]:
