@@ -20,6 +20,7 @@ tactileforge: train, compare and run encoders of touch
   tactileforge report RUN                 write the report of a run again
   tactileforge bench suite=NAME model=[NAME,...]    compare encoders; --help shows every key
   tactileforge sim out=DIR [key=value ...]  simulate touch and write it as shards; --help: keys
+  tactileforge sim compare data=NAME      a page with simulated and real touches side by side
   tactileforge record sensor=[NAME,...] out=DIR   record sensors, forces and a camera as shards
   tactileforge calibrate data=NAME out=FILE.yaml  light, scale and force of one unit; --help: keys
   tactileforge live model=NAME sensor=NAME        touch as it happens: contact, force, slip, a page
@@ -114,6 +115,10 @@ def _hydra_error() -> type[Exception]:
 def _sim(argv: Sequence[str]) -> int:
     from tactileforge import settings
 
+    if argv[:1] == ["compare"]:
+        from tactileforge.reality.verb import main as compare
+
+        return compare(argv[1:])
     if argv in (["--help"], ["-h"]):
         print(settings.text("sim"))
         return 0

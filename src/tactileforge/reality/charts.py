@@ -1,0 +1,57 @@
+"""Charts of simulated beside real touches, in the style of the report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.ticker import FuncFormatter, LogLocator
+
+from tactileforge.reality import measures
+from tactileforge.reality.profiles import Profile
+from tactileforge.report.figures import CLASSES, INK, SHADE, drawing, svg
+
+
+def spectra(profiles: Sequence[Profile]) -> str:
+    """Median spectrum of each source relative to its lowest frequencies; the first is black.
+
+    Args:
+        profiles: The simulated one first.
+    """
+    with drawing(5.2, 3.2) as (figure, axes):
+        for start in measures.BANDS:
+            axes.axvline(start, color=SHADE, linewidth=1.0)
+        for number, one in enumerate(profiles):
+            power = one.of("spectrum")
+            low = np.nanmean(power[:, measures.RINGS < measures.LOW], axis=1, keepdims=True)
+            level = np.median(np.log10(np.maximum(power, 1e-9) / low), axis=0)
+            axes.plot(measures.RINGS, level, color=_colour(number), linewidth=_width(number))
+        axes.set(xlabel="cycles per pixel", ylabel="log10 of power", xlim=(0, 0.5))
+        return svg(figure, "power of the change picture over frequency, simulated and real")
+
+
+def touches(profiles: Sequence[Profile]) -> str:
+    """Contrast against contact area, a point a touch.
+
+    Args:
+        profiles: The simulated one first.
+    """
+    with drawing(5.2, 3.2) as (figure, axes):
+        for number, one in reversed(list(enumerate(profiles))):
+            style = {"color": _colour(number), "markersize": 4, "markeredgewidth": 0}
+            axes.plot(100 * one.of("area"), one.of("contrast"), "o", alpha=0.7, **style)
+        axes.set(xscale="log", xlabel="contact, share of the picture (%)")
+        axes.set(yscale="log", ylabel="change in contact (grey levels)")
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            axis.set_minor_formatter(FuncFormatter(lambda value, _: ""))
+        return svg(figure, "contrast against contact area of touches, simulated and real")
+
+
+def _colour(number: int) -> str:
+    return CLASSES[(number - 1) % len(CLASSES)][0] if number else INK
+
+
+def _width(number: int) -> float:
+    return 1.4 if number else 2.4

@@ -1,0 +1,161 @@
+"""A classifier of real against simulated patches: what gives a simulated picture away.
+
+Trained on one real source and tested on another, so that it cannot know the unit, and on other
+simulated scenes. 0.5 is chance: the two cannot be told apart by what the classifier sees.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from tactileforge.errors import ConfigError
+from tactileforge.reality.measures import Array
+from tactileforge.reality.patches import colours, spectra
+
+#: Fewest patches of a class.
+_LEAST = 16
+_BATCH, _RATE, _DECAY = 64, 2e-3, 1e-2
+
+
+@dataclass(frozen=True)
+class Score:
+    """How well patches that were not trained on are told apart.
+
+    Attributes:
+        accuracy: Share that is right, of as many real as simulated ones.
+        auc: Chance that a real patch is held for real more than a simulated one.
+        seen: Accuracy on the patches of training.
+        patches: Of each class, trained and tested.
+    """
+
+    accuracy: float
+    auc: float
+    seen: float
+    patches: tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Split:
+    """Patches (N, 48, 48, 3) of change pictures, see `patches.patches`.
+
+    Attributes:
+        real: Of a real source.
+        simulated: Of simulated scenes.
+    """
+
+    real: Array
+    simulated: Array
+
+    def balanced(self) -> Split:
+        """As many of one as of the other, evenly spread.
+
+        Raises:
+            ConfigError: Fewer than 16 of one.
+        """
+        count = min(len(self.real), len(self.simulated))
+        if count < _LEAST:
+            raise ConfigError(
+                f"{len(self.real)} real and {len(self.simulated)} simulated patches in contact; a "
+                f"classifier needs {_LEAST} of each: give more touches or more scenes"
+            )
+        rows = (
+            np.linspace(0, len(one) - 1, count).round().astype(int)
+            for one in (self.real, self.simulated)
+        )
+        first, second = rows
+        return Split(self.real[first], self.simulated[second])
+
+
+def _pixels(cut: Array) -> Array:
+    """Change pictures for a network, (N, 3, 48, 48), of the order of 1."""
+    return np.ascontiguousarray(cut.transpose(0, 3, 1, 2), np.float32) / 32
+
+
+def _perceptron(inputs: int) -> nn.Module:
+    return nn.Sequential(nn.Linear(inputs, 32), nn.ReLU(), nn.Linear(32, 1))
+
+
+def _convolutions(inputs: int) -> nn.Module:
+    """Three layers, 48 to 6 pixels, and the mean over the places."""
+    layers: list[nn.Module] = []
+    for before, after in ((inputs, 16), (16, 32), (32, 32)):
+        layers += [nn.Conv2d(before, after, 5, 2, 2), nn.ReLU()]
+    return nn.Sequential(*layers, nn.AdaptiveAvgPool2d(1), nn.Flatten(), nn.Linear(32, 1))
+
+
+#: What a classifier is shown, and what it is.
+VIEWS: dict[str, tuple[Callable[[Array], Array], Callable[[int], nn.Module]]] = {
+    "colour": (colours, _perceptron),
+    "spectrum": (spectra, _perceptron),
+    "pixels": (_pixels, _convolutions),
+}
+
+
+def told_apart(train: Split, test: Split, view: str, seed: int = 0, steps: int = 300) -> Score:
+    """Trains a classifier and tests it on patches of another source.
+
+    Args:
+        train: One real source, and simulated scenes.
+        test: Another real source, and other simulated scenes.
+        view: One of `VIEWS`.
+        seed: Of its weights and batches.
+        steps: Of training.
+
+    Raises:
+        ConfigError: Too few patches.
+    """
+    shown, network = VIEWS[view]
+    (x, y), (other, truth) = (_labelled(one.balanced(), shown) for one in (train, test))
+    if x.ndim == 2:
+        mean, spread = x.mean(0), x.std(0) + 1e-6
+        x, other = (x - mean) / spread, (other - mean) / spread
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        net = network(x.shape[1])
+        _fit(net, x, y, steps)
+    with torch.no_grad():
+        seen, scores = net(x)[:, 0], net(other)[:, 0]
+    right = float(((scores > 0) == (truth > 0)).float().mean())
+    fitted = float(((seen > 0) == (y > 0)).float().mean())
+    return Score(right, auc(scores, truth > 0), fitted, (len(y) // 2, len(truth) // 2))
+
+
+def _labelled(one: Split, shown: Callable[[Array], Array]) -> tuple[Tensor, Tensor]:
+    """Inputs, and 1 for real and 0 for simulated."""
+    inputs = np.concatenate([shown(one.real), shown(one.simulated)])
+    labels = torch.cat([torch.ones(len(one.real)), torch.zeros(len(one.simulated))])
+    return torch.from_numpy(inputs), labels
+
+
+def _fit(net: nn.Module, x: Tensor, y: Tensor, steps: int) -> None:
+    """Adam with a cosine schedule; patches are mirrored, as lights differ from unit to unit."""
+    optimiser = torch.optim.AdamW(net.parameters(), _RATE, weight_decay=_DECAY)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
+    for step in range(steps):
+        rows = torch.randint(len(x), (_BATCH,))
+        batch = x[rows]
+        if batch.ndim == 4:
+            batch = batch.flip([axis for axis in (2, 3) if step >> (axis - 2) & 1])
+        loss = F.binary_cross_entropy_with_logits(net(batch)[:, 0], y[rows])
+        optimiser.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        optimiser.step()
+        schedule.step()
+
+
+def auc(scores: Tensor, positive: Tensor) -> float:
+    """Chance that a positive has a larger score than a negative; ties count half.
+
+    Example:
+        >>> auc(torch.tensor([0.1, 0.4, 0.4, 0.9]), torch.tensor([False, False, True, True]))
+        0.875
+    """
+    yes, no = scores[positive], scores[~positive]
+    above = (yes[:, None] > no).double() + 0.5 * (yes[:, None] == no).double()
+    return float(above.mean())

@@ -1,0 +1,177 @@
+"""Simulated touches beside those of a data set, per type of sensor and per source."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from tqdm import tqdm
+
+from tactileforge.contracts import Dataset, Recording
+from tactileforge.errors import ConfigError, DataError, unknown
+from tactileforge.inspection.look import evenly
+from tactileforge.reality.profiles import Profile, distances, profile, ratio
+from tactileforge.reality.simulated import config, simulated, trial
+from tactileforge.sim.devices import DEVICES
+
+#: Sources of one sensor that are told apart by the folder of their keys; more go by `source`.
+_SOURCES = 8
+#: What simulated touches are called.
+SIMULATED = "simulated"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """What is compared.
+
+    Attributes:
+        sensors: Types; None for all that the data has and the simulator knows.
+        recordings: Of each source that are read.
+        scenes: Simulated touches of each sensor.
+        trials: Simulated force trials, where a source has forces.
+        indenters: See `sim.record.Config`, as are those below.
+        motions: Of the touches.
+        newton: Range of the largest normal force of the touches, N.
+        markers: Whether the simulated gels have markers.
+        seed: Another seed, other touches.
+    """
+
+    sensors: tuple[str, ...] | None = None
+    recordings: int = 60
+    scenes: int = 30
+    trials: int = 3
+    indenters: str | tuple[str, ...] = "all"
+    motions: str | tuple[str, ...] = "atomic"
+    newton: tuple[float, float] = (0.5, 8.0)
+    markers: bool | None = None
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.recordings < 1 or self.scenes < 1 or self.trials < 0:
+            raise ConfigError(
+                f"recordings={self.recordings}, scenes={self.scenes}, trials={self.trials}: give 1 "
+                "or more, 1 or more, 0 or more"
+            )
+        for sensor in self.sensors or ():
+            if sensor not in DEVICES:
+                raise ConfigError(unknown("simulated sensor", sensor, DEVICES))
+
+
+@dataclass(frozen=True)
+class Side:
+    """One type of sensor, simulated and real.
+
+    Attributes:
+        simulated: Its simulated touches.
+        real: A profile for each source.
+    """
+
+    simulated: Profile
+    real: Sequence[Profile] = field(default_factory=list)
+
+    @cached_property
+    def apart(self) -> dict[str, dict[str, float]]:
+        """Distances of the simulated touches to each source, see `profiles.distances`."""
+        return {one.name: distances(self.simulated, one) for one in self.real}
+
+    @cached_property
+    def among(self) -> dict[tuple[str, str], dict[str, float]]:
+        """Distances of real sources to each other: what can be hoped for."""
+        return {
+            (a.name, b.name): distances(a, b)
+            for i, a in enumerate(self.real)
+            for b in self.real[i + 1 :]
+        }
+
+    def ratio(self, name: str) -> float:
+        """How far off one of the distances is, see `profiles.ratio`."""
+        apart, among = ([one[name] for one in found.values()] for found in (self.apart, self.among))
+        return ratio(apart, among)
+
+
+def compare(dataset: Dataset, options: Options, progress: bool = True) -> dict[str, Side]:
+    """Measures a data set, and simulated touches on its types of sensors.
+
+    Args:
+        dataset: Real touches; the splits ``train`` and ``val`` are read.
+        options: What is compared.
+        progress: Whether to show progress bars.
+
+    Returns:
+        By type of sensor.
+
+    Raises:
+        ConfigError: The data has no sensor that the simulator knows, or not one that was asked for.
+        DataError: Not one touch of a sensor can be measured.
+    """
+    found = _by_sensor(dataset)
+    wanted = options.sensors or tuple(name for name in DEVICES if name in found)
+    for sensor in wanted:
+        if sensor not in found:
+            raise ConfigError(
+                f"sensors={sensor}: the data has no recording of it, only of "
+                f"{', '.join(sorted(found)) or 'none'}; leave it out, or give other data"
+            )
+    if not wanted:
+        raise ConfigError(
+            f"the simulator knows none of the data's sensors ({', '.join(sorted(found)) or 'none'})"
+            f", only {', '.join(DEVICES)}; give recordings of one of these"
+        )
+    return {sensor: _side(sensor, found[sensor], options, progress) for sensor in wanted}
+
+
+def _by_sensor(dataset: Dataset) -> dict[str, list[Recording]]:
+    out: dict[str, list[Recording]] = {}
+    for split in ("train", "val"):
+        for one in dataset.recordings(split):
+            out.setdefault(one.sensor, []).append(one)
+    return out
+
+
+def _side(sensor: str, recordings: Sequence[Recording], options: Options, progress: bool) -> Side:
+    real = []
+    for name, held in by_source(recordings).items():
+        rows = evenly(len(held), options.recordings).tolist()
+        chosen = (held[row] for row in rows)
+        bar = tqdm(chosen, desc=f"{sensor}, {name}", total=len(rows), disable=not progress)
+        real.append(profile(name, sensor, bar))
+    real = [one for one in real if one.looks]
+    if not real:
+        raise DataError(
+            f"{sensor}: not one of {len(recordings)} recordings shows a touch that differs from "
+            "its background; give recordings with backgrounds (docs/data.md)"
+        )
+    return Side(_simulated(sensor, options, any(one.responses for one in real), progress), real)
+
+
+def _simulated(sensor: str, options: Options, forces: bool, progress: bool) -> Profile:
+    shown = config(
+        sensor,
+        indenters=options.indenters,
+        motions=options.motions,
+        force=options.newton,
+        markers=options.markers,
+        seed=options.seed,
+    )
+    out = profile(SIMULATED, sensor, simulated(shown, range(options.scenes), progress))
+    if not out.looks:
+        raise DataError(f"{sensor}: no simulated touch can be seen; raise newton={options.newton}")
+    if forces:
+        pressed = trial(sensor, markers=options.markers, seed=options.seed)
+        scenes = simulated(pressed, range(options.trials), progress)
+        out.responses = profile(SIMULATED, sensor, scenes).responses
+    return out
+
+
+def by_source(recordings: Iterable[Recording]) -> dict[str, list[Recording]]:
+    """Recordings by the first part of their key, or by `source` where that makes too many."""
+    found: dict[str, list[Recording]] = {}
+    held = list(recordings)
+    for one in held:
+        found.setdefault(one.key.split("/")[0], []).append(one)
+    if len(found) > _SOURCES:
+        found = {}
+        for one in held:
+            found.setdefault(one.source or "source not given", []).append(one)
+    return found

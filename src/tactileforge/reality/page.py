@@ -1,0 +1,263 @@
+"""The page of a comparison: pictures, spectra and numbers of simulated and real touches."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from html import escape
+
+import numpy as np
+
+from tactileforge.inspection.sections import image
+from tactileforge.reality import charts
+from tactileforge.reality.compare import Side
+from tactileforge.reality.measures import Array
+from tactileforge.reality.profiles import DISTANCES, Profile, correlations
+from tactileforge.reality.touches import Touch
+from tactileforge.report.figures import CLASSES
+from tactileforge.report.page import NONE, Section, number, page, panel, panels, paragraph, table
+
+#: Grey levels of the amplified difference for one of the change; the same everywhere.
+_GAIN = 4.0
+#: How many times the distance between real sources is far.
+_FAR = 1.5
+_METHOD = """
+A touch is the frame that differs most from the picture without contact, and its change is the
+difference of the two. All pictures are averaged down to 240 pixels on their shorter side.
+"""
+_CONFOUNDED = """
+Real pictures went through a camera and a codec before they were measured, and both change what is
+compared. H.264 and MPEG-4 remove fine detail and most of the noise of a still picture, repeat
+blocks from frame to frame, and halve the resolution of colour: the noise and the detail of a video
+are lower bounds. JPEG adds blocks of 8 pixels and removes what its quality asks for. The palette of
+a GIF adds steps of some grey levels, which count as detail and as noise. Sharpening, white balance
+and automatic exposure count as the sensor's. Pictures that were made smaller have lost noise. So
+compare with each source by itself, and trust the lossless ones most (PNG); the table of each sensor
+says how a source is stored.
+
+Objects and forces differ between sets, and contact area, contrast and spectrum depend on them. How
+far real sources are from each other says how much of a distance that can be.
+
+A source may be one unit: its colours say nothing about others.
+"""
+
+
+def render(name: str, sides: Mapping[str, Side]) -> str:
+    """The page, as HTML.
+
+    Args:
+        name: What the data set is called.
+        sides: By type of sensor, see `compare.compare`.
+    """
+    verdicts = "".join(_verdict(sensor, side) for sensor, side in sides.items())
+    top = f"{paragraph(' '.join(_METHOD.split()), soft=True)}<ul class=verdict>{verdicts}</ul>"
+    parts = [_section(sensor, side) for sensor, side in sides.items()]
+    words = "".join(paragraph(" ".join(one.split())) for one in _CONFOUNDED.split("\n\n"))
+    last = Section("confounds", "What codec, camera and objects confound", words)
+    return page(f"Simulated touch beside {name}", top, [*parts, last])
+
+
+def _verdict(sensor: str, side: Side) -> str:
+    """Which numbers are further from real sources than these are from each other."""
+    ratios = {name: side.ratio(name) for name in DISTANCES}
+    far = [f"{name} ({number(found)} times)" for name, found in ratios.items() if found > _FAR]
+    if len(side.real) < 2:
+        kind, words = "plain", "one real source, so nothing says which distance is small"
+    elif far:
+        kind, words = (
+            "bad",
+            f"further from real sources than these from each other: {', '.join(far)}",
+        )
+    else:
+        kind, words = "good", "as near to real sources as these are to each other"
+    return f'<li class="{kind}">{escape(f"{sensor}: {words}")}.</li>'
+
+
+def _section(sensor: str, side: Side) -> Section:
+    profiles = [side.simulated, *side.real]
+    drawn = [
+        panel(
+            "Spectrum of the change",
+            charts.spectra(profiles),
+            "Median over touches, over the power below 0.03 cycles per pixel.",
+        ),
+        panel("Contrast and contact", charts.touches(profiles), "A point a touch."),
+    ]
+    body = _pictures(profiles) + "<h3>Spectrum, contrast, contact</h3>"
+    body += _legend(profiles) + panels(drawn, wide=True)
+    body += _numbers(sensor, profiles) + _distances(sensor, side)
+    return Section(sensor, sensor, body)
+
+
+def _legend(profiles: Sequence[Profile]) -> str:
+    items = ""
+    for place, one in enumerate(profiles):
+        colour = f"var(--c{(place - 1) % len(CLASSES)})" if place else "currentColor"
+        dot = f'<svg viewBox="0 0 10 10" fill="{colour}"><circle cx="5" cy="5" r="4.4"/></svg>'
+        items += f"<li>{dot}{escape(one.name)}</li>"
+    return f'<ul class="legend">{items}</ul>'
+
+
+def _pictures(profiles: Sequence[Profile]) -> str:
+    words = (
+        f"Background, touch, and {_GAIN:g} times the difference around mid-grey, the same for all."
+    )
+    body = "<h3>Pictures</h3>" + paragraph(words, soft=True)
+    for one in profiles:
+        cards = "".join(_card(touch) for touch in one.shown)
+        body += (
+            f'<p class="strip-name"><b>{escape(one.name)}</b>, {_count(len(one.looks), "touch")}'
+            f"{f', {one.faint} too faint to measure' if one.faint else ''}</p>"
+            f'<div style="display:grid;gap:.8rem;margin:.3rem 0 1rem">{cards}</div>'
+        )
+    return body
+
+
+def _card(touch: Touch) -> str:
+    shown = (touch.background, touch.picture, 128 + _GAIN * touch.change)
+    names = ("background", "touch", "difference")
+    images = "".join(
+        image(np.clip(np.round(one), 0, 255).astype(np.uint8), f"{touch.key}, {name}")
+        for one, name in zip(shown, names, strict=True)
+    )
+    width = 3 * touch.picture.shape[1]
+    return (
+        f'<figure style="max-width:{width}px">'
+        '<div class="strip" style="grid-template-columns:repeat(3,1fr);margin:0">'
+        f'{images}</div><figcaption style="font-size:.75rem;line-height:1.3;'
+        f'overflow-wrap:anywhere">{escape(touch.key)}</figcaption></figure>'
+    )
+
+
+def _count(count: int, word: str) -> str:
+    return f"{count} {word}{'es' if count != 1 else ''}"
+
+
+def _numbers(sensor: str, profiles: Sequence[Profile]) -> str:
+    rows = [(name, *(tell(one) for one in profiles)) for name, tell in _ROWS.items()]
+    note = (
+        "Medians over touches; in brackets what 80 % of them lie between. Power in bands of cycles "
+        "per pixel, over that below 0.03. Noise: deviation of a pixel over neighbouring frames "
+        "without contact. Detail: what a blur of 2 pixels takes away. Change per newton: root mean "
+        "square over the contact, fitted over force trials with the imprint moved back; shear at "
+        "constant normal force."
+    )
+    head = ("", *(f"text|{one.name}" for one in profiles))
+    return "<h3>Numbers</h3>" + table(f"{sensor}-numbers", head, rows, note)
+
+
+def _spread(values: Array) -> str:
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return NONE
+    low, middle, high = np.quantile(known, (0.1, 0.5, 0.9))
+    return f"{number(middle)} ({number(low)} to {number(high)})"
+
+
+def _of(name: str, scale: float = 1.0) -> Callable[[Profile], str]:
+    return lambda one: _spread(scale * one.of(name))
+
+
+def _list(values: Array) -> str:
+    return ", ".join(number(float(value)) for value in values)
+
+
+def _bands(one: Profile) -> str:
+    return ", ".join(
+        f"{value:.1f}".replace("-", "\N{MINUS SIGN}") for value in _middle(one, "bands")
+    )
+
+
+def _middle(one: Profile, name: str) -> Array:
+    out: Array = np.median(one.of(name), axis=0)
+    return out
+
+
+def _ground(one: Profile) -> str:
+    return ", ".join(f"{value:.0f}" for value in one.of("ground").mean(axis=0))
+
+
+def _ground_spread(one: Profile) -> str:
+    return _list(one.of("ground").std(axis=0).round(1))
+
+
+def _deviation(one: Profile) -> str:
+    deviations = np.sqrt([np.diag(matrix) for matrix in one.of("covariance")])
+    return _list(np.median(deviations, axis=0))
+
+
+def _correlations(one: Profile) -> str:
+    return _list(np.median(correlations(one), axis=0).round(2))
+
+
+def _normal(one: Profile) -> str:
+    return _spread(np.array([answer.normal for answer in one.responses]))
+
+
+def _shear(one: Profile) -> str:
+    found = np.array([answer.shear for answer in one.responses]).reshape(-1, 2)
+    return " and ".join(_spread(column) for column in found.T)
+
+
+def _relative(one: Profile) -> str:
+    return _spread(np.array([100 * answer.relative for answer in one.responses]))
+
+
+def _curve(one: Profile) -> str:
+    found = np.array([answer.curve for answer in one.responses])
+    return ", ".join(_middle_of(column) for column in found.T) if len(found) else NONE
+
+
+def _middle_of(values: Array) -> str:
+    known = values[np.isfinite(values)]
+    return number(float(np.median(known))) if len(known) else NONE
+
+
+#: What is told of a source, by its row.
+_ROWS: dict[str, Callable[[Profile], str]] = {
+    "stored as": lambda one: f"text|{', '.join(one.stored) or 'pixels'}",
+    "log10 power, .06-.12, -.2, -.3, -.5": _bands,
+    "noise (grey levels)": _of("noise"),
+    "contact (% of the picture)": _of("area", 100),
+    "contrast in contact (grey levels)": _of("contrast"),
+    "detail in contact (grey levels)": _of("inside"),
+    "detail outside (grey levels)": _of("outside"),
+    "background, mean R, G, B": _ground,
+    "its deviation over touches": _ground_spread,
+    "change, deviation of R, G, B": _deviation,
+    "correlation of RG, RB, GB": _correlations,
+    "grey levels per N, normal": _normal,
+    "grey levels per N, shear x and y": _shear,
+    "shear, % of contrast per N": _relative,
+    "change at 1/4, 1/2, 3/4 of the force": _curve,
+}
+
+
+def _distances(sensor: str, side: Side) -> str:
+    apart, among = side.apart, side.among
+    few = _few(side)
+    head = (
+        "",
+        "unit",
+        *(f"text|simulated to {name}" for name in apart),
+        *(f"text|{a} to {b}" for a, b in few),
+        "text|simulated over real",
+    )
+    rows = []
+    for name, unit in DISTANCES.items():
+        times = side.ratio(name)
+        told = [number(one[name]) for one in apart.values()]
+        told += [number(among[pair][name]) for pair in few]
+        rows.append((name, unit, *told, f"{'bad|' if times > _FAR else ''}{number(times)}"))
+    note = (
+        "One number for each: the Wasserstein distance between touches of the two sets, 0 for "
+        "equal ones; 0.3 decades are a factor of 2. Then real sources among themselves, at most "
+        "four pairs, and the median of the first over the median of all pairs: 1 cannot be told "
+        "from real."
+    )
+    return "<h3>Distances</h3>" + table(f"{sensor}-distances", head, rows, note)
+
+
+def _few(side: Side) -> list[tuple[str, str]]:
+    """At most four pairs of real sources."""
+    pairs = list(side.among)
+    return pairs[:: -(-len(pairs) // 4)] if pairs else []

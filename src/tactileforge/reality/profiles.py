@@ -1,0 +1,164 @@
+"""All the numbers of a set of touches, and how far two sets are from each other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from tactileforge.contracts import Frames, FrameSubset, Recording
+from tactileforge.inspection.look import evenly
+from tactileforge.reality import measures
+from tactileforge.reality.measures import Array
+from tactileforge.reality.response import Response, response
+from tactileforge.reality.touches import Look, Touch, look, touches
+
+#: Smallest number of which a logarithm is compared: a hundredth of a grey level is nothing.
+_FLOOR = 0.01
+#: Touches of a source of which pictures are shown, and trials that are fitted.
+SHOWN, _TRIALS = 3, 6
+
+
+@dataclass
+class Profile:
+    """The touches of one source by one type of sensor.
+
+    Attributes:
+        name: Of the source.
+        sensor: Type of the sensor.
+        looks: The numbers of each touch.
+        responses: To force, of the trials that tell.
+        shown: A few touches, with pictures.
+        faint: Touches that were too faint to measure.
+        stored: Endings of the files that the frames come from, without the dot.
+    """
+
+    name: str
+    sensor: str
+    looks: list[Look] = field(default_factory=list)
+    responses: list[Response] = field(default_factory=list)
+    shown: list[Touch] = field(default_factory=list)
+    faint: int = 0
+    stored: list[str] = field(default_factory=list)
+
+    def of(self, name: str) -> Array:
+        """A number of all touches, stacked along the first axis."""
+        return np.array([getattr(one, name) for one in self.looks], np.float64)
+
+
+def profile(name: str, sensor: str, recordings: Iterable[Recording]) -> Profile:
+    """Measures the recordings of a source, one in memory at a time.
+
+    Args:
+        name: Of the source.
+        sensor: Type of the sensor of all recordings.
+        recordings: Each is one touch.
+
+    Raises:
+        DataError: A recording cannot be read.
+    """
+    out, every = Profile(name, sensor), 1
+    for recording in recordings:
+        if (ending := _ending(recording.frames)) and ending not in out.stored:
+            out.stored.append(ending)
+        for seen in touches(recording):
+            found = look(seen)
+            if found is None:
+                out.faint += 1
+                continue
+            out.looks.append(found)
+            if len(out.looks) % every == 1 % every:
+                out.shown.append(seen)
+            if len(out.shown) == 2 * SHOWN:
+                out.shown, every = out.shown[::2], 2 * every
+        if len(out.responses) < _TRIALS and (answer := response(recording)) is not None:
+            out.responses.append(answer)
+    out.shown = [out.shown[row] for row in evenly(len(out.shown), SHOWN)]
+    return out
+
+
+def _ending(frames: Frames) -> str:
+    """Of the first file of frames; "" where they come from none."""
+    while isinstance(frames, FrameSubset):
+        frames = frames.base
+    if codec := getattr(frames, "codec", ""):
+        return str(codec)
+    paths = getattr(frames, "paths", None)
+    path = paths[0] if paths else getattr(frames, "path", "")
+    return Path(str(path)).suffix.lstrip(".").lower()
+
+
+#: The numbers that are compared: the unit of the distance, and what it is told in.
+DISTANCES = {
+    "spectrum": "decades",
+    "noise": "decades",
+    "area": "decades",
+    "contrast": "decades",
+    "detail inside": "decades",
+    "detail outside": "decades",
+    "background colour": "grey levels",
+    "channel correlation": "of 1",
+    "normal force": "decades",
+    "shear": "decades",
+}
+
+
+def distances(ours: Profile, theirs: Profile) -> dict[str, float]:
+    """One number for each thing that is compared, see `DISTANCES`; 0 for equal sets.
+
+    All are Wasserstein distances over touches, see `measures.distance`, of base-10 logarithms
+    where the unit is decades (0.3 is a factor of 2), averaged over bands or channels. NaN where a
+    set does not tell.
+    """
+    pairs = {name: (_sample(ours, name), _sample(theirs, name)) for name in DISTANCES}
+    return {
+        name: float(np.mean([measures.distance(a, b) for a, b in zip(one.T, other.T, strict=True)]))
+        for name, (one, other) in pairs.items()
+    }
+
+
+def ratio(apart: Iterable[float], among: Iterable[float]) -> float:
+    """How much further simulated touches are from real sources than these are from each other.
+
+    Returns:
+        The median of one over the median of the other; NaN where there is no other.
+    """
+    ours, theirs = (np.array([one for one in pair if one == one]) for pair in (apart, among))
+    if not len(ours) or not len(theirs) or not np.median(theirs):
+        return float("nan")
+    return float(np.median(ours) / np.median(theirs))
+
+
+def _sample(one: Profile, name: str) -> Array:
+    """What is compared, (touches, columns)."""
+    if name == "spectrum":
+        return one.of("bands").reshape(-1, len(measures.BANDS) - 1)
+    if name == "background colour":
+        return one.of("ground").reshape(-1, 3)
+    if name == "channel correlation":
+        return correlations(one)
+    if name == "normal force":
+        return _logs([answer.normal for answer in one.responses])
+    if name == "shear":
+        return _logs([float(np.nanmean(answer.shear)) for answer in one.responses if _told(answer)])
+    words = {"detail inside": "inside", "detail outside": "outside"}
+    return _logs(one.of(words.get(name, name)).tolist())
+
+
+def _told(answer: Response) -> bool:
+    return bool(np.isfinite(answer.shear).any())
+
+
+def _logs(values: Sequence[float]) -> Array:
+    known = np.array(values, np.float64).reshape(-1, 1)
+    return np.log10(np.maximum(known, _FLOOR))
+
+
+def correlations(one: Profile) -> Array:
+    """Correlation of the changes of red and green, red and blue, green and blue, (touches, 3)."""
+    covariance = one.of("covariance").reshape(-1, 3, 3)
+    deviation = np.sqrt(np.maximum(np.einsum("ncc->nc", covariance), 1e-9))
+    shared: Array = covariance / (deviation[:, :, None] * deviation[:, None])
+    return shared[:, [0, 0, 1], [1, 2, 2]]

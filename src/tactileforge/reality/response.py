@@ -1,0 +1,185 @@
+"""How the picture answers to normal force and to shear, by regression over the frames of a trial.
+
+When the object slides, its imprint moves in the picture. Each change picture is first moved back
+onto the strongest one, by the translation of largest enhanced correlation (Evangelidis and
+Psarakis, 2008). What is left is fitted pixel by pixel as ``a + b z + c z^2 + d x + e y`` of the
+forces x, y and z, and a quadratic of where the imprint was, because light differs from place to
+place. Trials slide forth and back: the same place is seen with shear of both signs. The fit is made
+on two halves of the trial, and the response is the part that both agree on: noise differs, and
+drops out of the product of their coefficients. What cannot be told from a motion of the imprint
+does not count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import Recording
+from tactileforge.inspection.look import evenly
+from tactileforge.reality import measures
+from tactileforge.reality.measures import Array
+
+#: Frames of a trial that are fitted, the share of the largest force from which on they are, and the
+#: frames of a block that goes to one half.
+_FRAMES, _PRESSED, _BLOCK = 240, 0.25, 8
+#: Fewest frames in contact, and smallest deviation of a shear force (N), of which a fit tells.
+_LEAST, _SHEARED = 120, 0.3
+#: Pixels by which the translation that is found may differ from that of the centre of the change.
+_ASTRAY = 15.0
+#: Places on the curve of change against normal force, shares of the largest force.
+SHARES = (0.25, 0.5, 0.75)
+
+
+@dataclass(frozen=True)
+class Response:
+    """What a newton does to the picture of one trial.
+
+    Attributes:
+        normal: Root mean square over the contact of the change by normal force at its mean, grey
+            levels per N.
+        shear: The same by shear along x and along y, at constant normal force; NaN along an axis
+            that the trial does not shear.
+        relative: Mean change by 1 N of shear over the mean change in the contact.
+        curve: Mean change of the picture at `SHARES` of the largest normal force, over that at the
+            largest.
+    """
+
+    normal: float
+    shear: tuple[float, float]
+    relative: float
+    curve: tuple[float, ...]
+
+
+def response(recording: Recording) -> Response | None:
+    """Fits a trial; None where it has no force, no background, or too few frames in contact.
+
+    Raises:
+        DataError: A frame cannot be decoded.
+    """
+    if recording.force is None or recording.no_contact is None:
+        return None
+    known = np.flatnonzero(np.isfinite(recording.force).all(axis=1))
+    known = known[evenly(len(known), _FRAMES)] if len(known) else known
+    force = recording.force[known].astype(np.float64)
+    if len(known) < _LEAST or force[:, 2].max() <= 0:
+        return None
+    still = recording.no_contact.read(range(min(len(recording.no_contact), 15)))
+    background = measures.sized(np.median(still, axis=0))
+    frames = recording.frames.read(known.tolist())
+    changes = np.stack([_half(measures.sized(frame) - background) for frame in frames])
+    return fitted(changes, force)
+
+
+def _half(change: Array) -> Array:
+    """A quarter of the pixels: the response is smooth, and trials are long."""
+    height, width = change.shape[:2]
+    out: Array = cv2.resize(change, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
+    return out
+
+
+def fitted(changes: Array, force: Array) -> Response | None:
+    """The response of change pictures to forces.
+
+    Args:
+        changes: float32 (T, H, W, 3), grey levels, in order of time.
+        force: float64 (T, 3), N.
+    """
+    pressed = np.flatnonzero(force[:, 2] > _PRESSED * force[:, 2].max())
+    if len(pressed) < _LEAST or not measures.contact(changes[_strongest(changes)]).any():
+        return None
+    curve = _curve(np.abs(changes).mean(axis=(1, 2, 3)), force[:, 2])
+    moved, places, touched = _aligned(changes[pressed])
+    kept = np.isfinite(places[:, 0])
+    if np.count_nonzero(kept) < _LEAST:
+        return None
+    pixels, held = moved[kept][:, touched], force[pressed][kept]
+    pixels = pixels.reshape(len(pixels), -1)
+    axes = [i for i in (0, 1) if held[:, i].std() >= _SHEARED]
+    slopes = _slopes(pixels, held, places[kept], axes)
+    shear = [slopes[1 + axes.index(i)] if i in axes else np.nan for i in (0, 1)]
+    size = np.sqrt(np.square(pixels.mean(axis=0)).mean())
+    relative = float(np.mean(slopes[1:]) / size) if axes else np.nan
+    return Response(slopes[0], (shear[0], shear[1]), relative, curve)
+
+
+def _curve(size: Array, normal: Array) -> tuple[float, ...]:
+    """Median change near shares of the largest force, over that near the largest."""
+    share = normal / normal.max()
+    near = [np.abs(share - at) < 0.1 for at in (*SHARES, 1.0)]
+    found = [float(np.median(size[rows])) if rows.any() else np.nan for rows in near]
+    return tuple(one / found[-1] if found[-1] else np.nan for one in found[:-1])
+
+
+def _aligned(changes: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Changes moved onto the strongest of them.
+
+    Returns:
+        float32 (T, H, W, 3); where their imprints were (T, 2), pixels from the strongest, NaN for
+        those that were not found; and the contact of the strongest, bool (H, W).
+    """
+    strongest = _strongest(changes)
+    sizes = [measures.smooth(change) for change in changes]
+    height, width = changes.shape[1:3]
+    out, places = np.empty_like(changes), np.full((len(changes), 2), np.nan)
+    for row, change in enumerate(changes):
+        step = _translation(sizes[strongest], sizes[row])
+        if step is not None:
+            places[row] = step[:, 2]
+            how = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+            out[row] = cv2.warpAffine(
+                change, step, (width, height), flags=how, borderMode=cv2.BORDER_REPLICATE
+            )
+    return out, places, measures.contact(changes[strongest])
+
+
+def _strongest(changes: Array) -> int:
+    return int(np.argmax([np.abs(change).mean() for change in changes]))
+
+
+def _translation(reference: Array, size: Array) -> Array | None:
+    """What moves the reference onto a picture, float32 (2, 3); None if nothing does."""
+    middle = _centre(size) - _centre(reference)
+    start = np.array([[1, 0, middle[0]], [0, 1, middle[1]]], np.float32)
+    stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 1e-3)
+    try:
+        _, found = cv2.findTransformECC(
+            reference, size, start.copy(), cv2.MOTION_TRANSLATION, stop, None, 5
+        )
+    except cv2.error:  # it did not converge
+        return None
+    step: Array = np.asarray(found)
+    return step if np.hypot(*(step - start)[:, 2]) < _ASTRAY else None
+
+
+def _centre(size: Array) -> Array:
+    """Centre of the change, x and y in pixels."""
+    weight = np.maximum(size - 0.3 * size.max(), 0)
+    y, x = np.indices(size.shape)
+    out: Array = np.array([(weight * x).sum(), (weight * y).sum()]) / weight.sum()
+    return out
+
+
+def _slopes(pixels: Array, force: Array, places: Array, axes: Sequence[int]) -> list[float]:
+    """Size of the change per newton of normal force, and of shear along each of the axes.
+
+    Args:
+        pixels: (T, P), grey levels.
+        force: (T, 3), N.
+        places: (T, 2), of the imprint, pixels.
+        axes: Of the shear that is fitted.
+    """
+    normal = force[:, 2] - force[:, 2].mean()
+    x, y = ((places - places.mean(axis=0)) / max(float(places.std()), 1e-6)).T
+    place = [x, y, x * x, y * y, x * y]
+    shear = [force[:, i] for i in axes]
+    by = np.stack([np.ones_like(normal), normal, *shear, normal**2, *place], axis=1)
+    half = (np.arange(len(by)) // _BLOCK) % 2 == 0
+    one, other = (np.linalg.lstsq(by[rows], pixels[rows], rcond=None)[0] for rows in (half, ~half))
+    common = (one * other).mean(axis=1)[1 : 2 + len(axes)]
+    found: list[float] = np.sqrt(np.maximum(common, 0)).tolist()
+    return found

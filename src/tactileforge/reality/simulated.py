@@ -1,0 +1,89 @@
+"""Simulated touches to compare with real ones, one in memory at a time."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from tactileforge.contracts import FrameSubset, Recording
+from tactileforge.data import shards
+from tactileforge.errors import DataError
+from tactileforge.reality import measures
+from tactileforge.sim.record import Config, recordings
+
+#: The trial of the ToucHD demonstrations, at both sensors' forces; edges show where a fit fails.
+_TRIAL: dict[str, Any] = {
+    "motions": "force_trial",
+    "seconds": 2.0,
+    "force": (4.0, 9.0),
+    "indenters": ("one_quarter_cylindrical", "square_prism", "regular_triangular"),
+}
+
+
+def config(sensor: str, **given: Any) -> Config:
+    """What is simulated for a sensor: touches at the size at which pictures are compared.
+
+    Args:
+        sensor: Its type.
+        given: Of `sim.record.Config`, instead of what is chosen here.
+
+    Raises:
+        ConfigError: The simulator does not know the sensor, or a word in ``given``.
+    """
+    how: dict[str, Any] = {
+        "sensors": (sensor,),
+        "indenters": "all",
+        "motions": "atomic",
+        "size": measures.SIDE,
+        "seconds": 0.5,
+        "force": (0.5, 8.0),
+        "markers": None,
+        "viscosity": 0.0,
+        "lag": 0.0,
+        "seed": 0,
+        "codec": "png",  # JPEG would be compared as well
+    }
+    return Config(**(how | given))
+
+
+def trial(sensor: str, **given: Any) -> Config:
+    """What is simulated for the answer to force: press, slides in four directions, lift."""
+    return config(sensor, **(_TRIAL | given))
+
+
+def simulated(config: Config, scenes: range, progress: bool = False) -> Iterator[Recording]:
+    """Plays scenes and yields their recordings; each can be read until the next is asked for.
+
+    All frames before the first contact are its background.
+
+    Args:
+        config: What is simulated.
+        scenes: Numbers of the scenes.
+        progress: Whether to show a progress bar.
+
+    Raises:
+        DataError: A scene starts in contact.
+    """
+    told = f"simulating {', '.join(config.sensors)}"
+    with tempfile.TemporaryDirectory() as folder:
+        for number in tqdm(scenes, desc=told, unit="touch", disable=not progress):
+            path = Path(folder) / f"{number}.tar"
+            shards.write(path, recordings(config, number))
+            for one in shards.read(path):
+                yield _from_rest(one)
+            path.unlink()
+
+
+def _from_rest(one: Recording) -> Recording:
+    assert one.force is not None
+    touched = one.force[:, 2] > 0
+    first = int(np.argmax(touched)) if touched.any() else len(touched)
+    if first == 0:
+        raise DataError(f"{one.key} starts in contact: choose motions that press first")
+    return replace(one, no_contact=FrameSubset(one.frames, range(first)))
