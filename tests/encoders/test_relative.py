@@ -20,10 +20,10 @@ def test_the_first_bias_is_the_distance_from_a_neighbour() -> None:
     ):
         slots, rows, columns = (there - here for here, there in zip(asks, asked, strict=True))
         down, right = NEIGHBOURS[head]
-        expected = -((rows - down) ** 2 + (columns - right) ** 2 + abs(slots))
+        expected = -2 * ((rows - down) ** 2 + (columns - right) ** 2 + abs(slots))
         assert made[0, head, PREFIX + i, PREFIX + j].item() == expected
     assert not made[0, :, :PREFIX].any()
-    assert not made[0, :, :, :PREFIX].any()
+    assert (made[0, :, PREFIX:, :PREFIX] == -4).all()
 
 
 def test_the_same_offset_shares_a_number_and_others_do_not() -> None:

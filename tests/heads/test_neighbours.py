@@ -1,5 +1,6 @@
 """The masked decoder against ridge regression on the patches beside the masked one."""
 
+from itertools import islice
 from pathlib import Path
 
 import pytest
@@ -61,7 +62,7 @@ def test_the_decoder_beats_ridge_on_the_neighbours(tmp_path: Path) -> None:
     data = module.trainer.datamodule
     torch.manual_seed(0)
     with torch.no_grad():
-        old = [seen_and_true(module, batch) for batch, _ in zip(data.train_dataloader(), range(30))]
+        old = [seen_and_true(module, batch) for batch in islice(data.train_dataloader(), 30)]
         new = [seen_and_true(module, batch) for batch in data.val_dataloader()]
     sides, true = (torch.cat([part[i] for part in old]) for i in (0, 1))
     new_sides, new_true, answer = (torch.cat([part[i] for part in new]) for i in range(3))

@@ -48,6 +48,22 @@ def test_targets_are_the_masked_tubes_of_the_frames(encoder: TactileViT, batch: 
                     torch.testing.assert_close(diff.target[b, m, t - 1], true - first)
 
 
+def test_normed_patches_are_those_of_mae(encoder: TactileViT, batch: Batch) -> None:
+    """The decoder's own numbers against patches less their mean and over their deviation."""
+    torch.manual_seed(0)
+    head = PixelHead(encoder, 64, 1, 2, norm_pix=True)
+    views = encoder.views(batch)
+    found = head(views, batch)
+    raw = head.decoder.frames(head.decoder(views.masked))
+    errors = []
+    for clip, true in zip(raw.flatten(0, 2), found.target.flatten(0, 2), strict=True):
+        mean = true.sum() / len(true)
+        variance = (true - mean).square().sum() / (len(true) - 1)
+        errors.append((clip - (true - mean) / (variance + 1e-6).sqrt()).square().mean())
+    loss, _ = Pixel()(found, batch)
+    torch.testing.assert_close(loss, torch.stack(errors).mean())
+
+
 def test_reconstruction_losses_are_the_papers() -> None:
     def formula(x: Reconstruction, frames: int) -> float:
         total = 0.0

@@ -19,10 +19,10 @@ class RelativeBias(nn.Module):
     """A learned number a head and an offset, added to the scores of attention.
 
     Offsets are of slot, row and column. With ``start="neighbours"`` head ``h`` starts with
-    ``-((dr - r_h)**2 + (dc - c_h)**2 + |ds|)``, so that it reads the neighbour at ``(r_h, c_h)``,
+    ``-2 ((dr - r_h)**2 + (dc - c_h)**2 + |ds|)``, so that it reads the neighbour at ``(r_h, c_h)``,
     or the visible patch that is nearest to it: then filling in from the neighbours is linear from
-    the first step, which attention on absolute places does not find in a thousand steps. Tokens
-    before the patches have no place; their bias is 0.
+    the first step, which attention on absolute places takes long to find. Tokens before the
+    patches have no place; a number a head says how much patches read them, at first little.
     Sources: relative bias, Raffel et al. 2020 (T5), section 2.1; the start, d'Ascoli et al. 2021
     (ConViT), section 2.
 
@@ -49,8 +49,9 @@ class RelativeBias(nn.Module):
         if start == "neighbours":
             turns = [NEIGHBOURS[head % len(NEIGHBOURS)] for head in range(heads)]
             apart = offsets[:, 1:] - torch.tensor(turns)[:, None].float()
-            table = -apart.square().sum(-1) - offsets[:, 0].abs()
+            table = -2 * (apart.square().sum(-1) + offsets[:, 0].abs())
         self.table = nn.Parameter(table)
+        self.ahead = nn.Parameter(torch.full((heads,), -4.0 if start == "neighbours" else 0.0))
         places = torch.cartesian_prod(*(torch.arange(count) for count in grid))
         steps = places[None] - places[:, None] + torch.tensor(grid) - 1
         rows = (steps[..., 0] * sizes[1] + steps[..., 1]) * sizes[2] + steps[..., 2]
@@ -70,9 +71,10 @@ class RelativeBias(nn.Module):
         Args:
             kept: int64 (B, K), spatial positions that are there; None for all.
         """
-        ahead = (self.prefix, 0, self.prefix, 0)
-        if kept is None:
-            return F.pad(self.table[:, self.rows], ahead)[None]
-        places = torch.cat([kept + slot * self.count for slot in range(self.slots)], dim=1)
-        rows = self.rows[places[:, :, None], places[:, None, :]]
-        return F.pad(self.table[:, rows], ahead).transpose(0, 1)
+        rows = self.rows[None]
+        if kept is not None:
+            places = torch.cat([kept + slot * self.count for slot in range(self.slots)], dim=1)
+            rows = self.rows[places[:, :, None], places[:, None, :]]
+        among = self.table[:, rows].transpose(0, 1)
+        ahead = self.ahead.view(1, -1, 1, 1).expand(len(among), -1, among.shape[2], self.prefix)
+        return F.pad(torch.cat([ahead, among], dim=3), (0, 0, self.prefix, 0))

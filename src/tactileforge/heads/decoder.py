@@ -21,11 +21,19 @@ class Reconstruction:
         predicted: float (B, M, n, 3 * patch * patch), of n frames.
         target: The same shape.
         masked: int64 (B, M), spatial positions of the tubes.
+        unit: float (B, M, n, 1), by what errors are divided; None for 1.
     """
 
     predicted: Tensor
     target: Tensor
     masked: Tensor
+    unit: Tensor | None = None
+
+    @property
+    def loss(self) -> Tensor:
+        """Squared error, averaged over frames, masked tubes and pixels."""
+        error = self.predicted - self.target
+        return (error if self.unit is None else error / self.unit).square().mean()
 
 
 class MaskedDecoder(nn.Module):

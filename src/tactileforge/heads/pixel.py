@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import torch
 from torch import nn
 
 from tactileforge.contracts import Batch, Encoder, Views
 from tactileforge.encoders.relative import Relative
 from tactileforge.heads.decoder import MaskedDecoder, Reconstruction, masked_patches
+
+#: MAE's least variance of a patch.
+_LEAST = 1e-6
 
 
 class PixelHead(nn.Module):
@@ -19,6 +23,9 @@ class PixelHead(nn.Module):
         heads: Attention heads.
         relative: Bias of the decoder's attention by offset, see `MaskedDecoder`.
         norm: Whether the decoder has a last norm, see `MaskedDecoder`.
+        norm_pix: Whether the decoder predicts patches less their mean and over their deviation
+            (He et al. 2022, MAE, section 4.1). How bright a patch is, which reads force, is then
+            not learned; pictures are drawn with the true mean and deviation.
     """
 
     def __init__(
@@ -29,13 +36,19 @@ class PixelHead(nn.Module):
         heads: int = 8,
         relative: Relative = "none",
         norm: bool = True,
+        norm_pix: bool = False,
     ) -> None:
         super().__init__()
         self.decoder = MaskedDecoder(encoder, width, depth, heads, relative=relative, norm=norm)
+        self.norm_pix = norm_pix
 
     def forward(self, views: Views, batch: Batch) -> Reconstruction:
         """Predicted and true frames 1..T of the masked tubes."""
         features = views.masked
         predicted = self.decoder.frames(self.decoder(features))
         target = self.decoder.frames(masked_patches(views.patches, features))
-        return Reconstruction(predicted, target, features.masked)
+        if not self.norm_pix:
+            return Reconstruction(predicted, target, features.masked)
+        variance, mean = torch.var_mean(target, dim=-1, keepdim=True)
+        unit = (variance + _LEAST).sqrt()
+        return Reconstruction(mean + unit * predicted, target, features.masked, unit)

@@ -24,5 +24,4 @@ class Diff(nn.Module):
     def forward(self, prediction: Reconstruction, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
         """The loss, averaged over masked tubes and pixels."""
         count = prediction.target.shape[2]
-        error = (prediction.predicted - prediction.target).square().mean()
-        return error * (count / (count + 1)), {}
+        return prediction.loss * (count / (count + 1)), {}
