@@ -216,7 +216,8 @@ class Model:
             known = self.header.heads["force"].get("scale", {})
             raise ConfigError(f"force: say which sensor it is, one of: {', '.join(known)}")
         names = [sensor] if isinstance(sensor, str) else list(sensor or self.encoder.sensors)
-        if strange := forces.uncalibrated(self.header.heads["force"], names):
+        strange = forces.uncalibrated(self.header.heads["force"], names)
+        if strange and calibration is None:
             warnings.warn(
                 f"force: no unit of {', '.join(strange)} was calibrated for this model; its forces "
                 "are an estimate, not a measurement: compare them with a force sensor before use",
