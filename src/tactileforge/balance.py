@@ -98,7 +98,7 @@ class Fixed(nn.Module):
         parameters = [p for p in shared.parameters() if p.requires_grad]
         found = torch.zeros_like(self.norm)
         for i, key in enumerate(self.keys):
-            if key in losses and losses[key].requires_grad:
+            if parameters and key in losses and losses[key].requires_grad:
                 found[i] = joint_norm(losses[key], parameters)
         return found
 

@@ -214,6 +214,14 @@ def test_targets() -> None:
         targets.build(task("forse"), of)
 
 
+def test_forces_along_one_axis_are_named() -> None:
+    force = np.ones((10, 3), np.float32)
+    force[:, :2] = np.nan
+    of = source([recording("a", force=force)], ["train"])
+    with pytest.raises(DataError, match=r"along all of x, y, z \(it has z\); a benchmark"):
+        targets.build(task("force"), of)
+
+
 def test_mirrored_targets_follow_physics() -> None:
     of = source([recording("a", action=np.full(10, 2))], ["train"])
     force = targets.build(task("force"), of).parts["force"]

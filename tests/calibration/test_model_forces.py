@@ -78,7 +78,7 @@ def found(model: Model) -> Found:
 
 def test_gain_and_offset_of_a_unit_are_found(found: Found) -> None:
     force = found.calibration.force
-    assert force.of == "model"
+    assert force.of == "head"
     z = force.axes["z"]
     assert z.weights["z"] == pytest.approx(1.5, abs=0.05)
     assert z.offset == pytest.approx(0.3, abs=0.05)
@@ -123,8 +123,8 @@ def test_a_calibration_knows_its_model(model: Model, found: Found) -> None:
     other = replace(found.calibration, force=replace(found.calibration.force, model="0" * 16))
     with pytest.raises(ConfigError, match="was not fitted to the forces of this model"):
         model.force(frames, rest, "digit", calibration=other)
-    with pytest.raises(ConfigError, match=r"fit=model: say which, model=NAME"):
-        calibrate([one], Options(fit="model"))
+    with pytest.raises(ConfigError, match="fit=head: say whose, model=NAME"):
+        calibrate([one], Options(fit="head"))
 
 
 def test_the_page_says_the_error_before_and_after(found: Found) -> None:

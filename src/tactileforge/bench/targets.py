@@ -119,12 +119,27 @@ def build(task: Task, source: Source) -> Target:
     good = torch.stack([part.truth.isfinite().all(1) for part in parts.values()]).all(0)
     clips = good.nonzero()[:, 0]
     if not len(clips):
-        raise DataError(f"task {task.name}: no clip of the data has the label {task.target!r}")
+        raise DataError(
+            f"task {task.name}: no clip of the data has the label {task.target!r}{_partial(parts)}"
+        )
     kept = {
         name: replace(part, truth=part.truth[clips], scale=part.scale[clips])
         for name, part in parts.items()
     }
     return Target({name: _clamped(part, task.clamp) for name, part in kept.items()}, clips.numpy())
+
+
+def _partial(parts: dict[str, Part]) -> str:
+    """Which axes of a force are known, where some are, and clips with all of them are none."""
+    for part in parts.values():
+        known = part.truth.isfinite().any(0).tolist()
+        if part.kind == "force" and any(known):
+            told = [name for name, there in zip(part.names, known, strict=True) if there]
+            return (
+                f" along all of {', '.join(part.names)} (it has {', '.join(told)}); a benchmark of "
+                "forces needs all axes in one clip"
+            )
+    return ""
 
 
 def _clamped(part: Part, limit: float) -> Part:

@@ -34,8 +34,8 @@ class Options:
     Attributes:
         device: Which sensor, where the data hold several: the label ``device``, or the type.
         unit: Which unit, by the label ``unit``.
-        fit: What forces are fitted to: ``auto``, ``none``, ``pictures``, ``taxels``, ``model``, or
-            a track.
+        fit: What forces are fitted to: ``auto``, ``none``, ``pictures``, ``taxels``, ``head``, or a
+            track.
         axes: Which axes of the force.
         max_lag: Longest time by which pictures may come later than forces, s; 0 looks for none.
         punch_mm: Diameter of a flat round punch that presses in the recordings whose ``object`` is
@@ -100,7 +100,7 @@ def calibrate(
         recordings: Of it, and maybe of others, see ``device`` and ``unit``.
         options: What, and how.
         reference: A calibration whose colours are right; see `light.light`.
-        model: What forces are fitted to, where it is ``model``: what it says of each axis (a gain
+        model: What forces are fitted to, where that is ``head``: what it says of each axis (a gain
             and an offset), all three of it, or what the last layer of its head reads, whichever
             predicts presses best that were not seen.
 
@@ -163,14 +163,14 @@ def _chosen(recordings: Iterable[Recording], options: Options) -> list[Recording
 def _kind(
     one: Recording, chosen: Sequence[Recording], options: Options, model: Model | None
 ) -> str:
-    if (options.fit == "model") > (model is not None):
-        raise ConfigError("fit=model: say which, model=NAME")
+    if (options.fit == "head") > (model is not None):
+        raise ConfigError("fit=head: say whose, model=NAME")
     if options.fit != "auto":
         return options.fit
     if all(recording.force is None for recording in chosen):
         return "none"
     if model is not None:
-        return "model"
+        return "head"
     return "taxels" if spec(one.sensor).kind == "array" else "pictures"
 
 
@@ -236,7 +236,7 @@ def _force(
     def fitted(name: str, lag: float) -> Fit:
         column = AXES.index(name)
         force = np.concatenate([_lagged(one, column, lag) for one in presses])
-        raw = name if kind == "model" else None
+        raw = name if kind == "head" else None
         return fit(joined, _choices(kind, name, joined), force, held, name, raw)
 
     wanted = [name for name in AXES if name in options.axes]
@@ -255,13 +255,13 @@ def _force(
     if not fits:
         raise DataError(f"forces do not follow from {kind}: {'; '.join(notes)}")
     axes = {name: one.axis for name, one in fits.items()}
-    of = model.fingerprint if kind == "model" and model is not None else ""
+    of = model.fingerprint if kind == "head" and model is not None else ""
     return Force(kind, noise, round(lag, 4), axes, of), fits
 
 
 def _choices(kind: str, axis: str, found: Mapping[str, Any]) -> list[Sequence[str]]:
     """What an axis may be fitted to: of arrays and tracks its own values, scale and offset."""
-    if kind == "model":
+    if kind == "head":
         hidden = [one for one in found if one not in AXES]
         return [[axis], list(AXES), *([[*AXES, *hidden]] if hidden else [])]
     return [features.NORMAL, list(found)] if kind == "pictures" else [[axis]]

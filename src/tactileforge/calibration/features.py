@@ -37,21 +37,21 @@ def of(
     (``strength``), where they do (``area``, a share), how much at most (``peak``), their
     product ``volume`` = peak * sqrt(area); what each colour changes; and the first moments of all
     that along x and y, which a shear shifts. ``taxels`` are pictures of an array: the sums ``x``,
-    ``y``, ``z`` of what taxels show, in units of full colour. ``model`` is what a model reads of
+    ``y``, ``z`` of what taxels show, in units of full colour. ``head`` is what a model reads of
     the force, see `hub.forces.readable`. Else it is the name of a track (T, 3), whose columns are
     ``x``, ``y``, ``z``.
 
     Args:
         recording: The touch.
-        kind: ``pictures``, ``taxels``, ``model``, or the name of a track.
+        kind: ``pictures``, ``taxels``, ``head``, or the name of a track.
         noise: Change of a pixel that counts as contact, grey levels.
-        model: The model, of the kind ``model``.
+        model: Whose head, of the kind ``head``.
 
     Raises:
         DataError: It has no background, or no such track.
         ConfigError: The model has no force head, or does not know the sensor.
     """
-    if kind == "model" and model is not None:
+    if kind == "head" and model is not None:
         return _joined(_read_by(model, recording))
     if kind == "taxels":
         return _joined(_taxels(part) for part in _chunks(recording.frames))

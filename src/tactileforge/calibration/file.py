@@ -78,7 +78,7 @@ class Force:
     """How forces follow from what the unit shows.
 
     Attributes:
-        of: ``pictures``, ``taxels``, ``model``, or the name of a track, see `features.of`.
+        of: ``pictures``, ``taxels``, ``head``, or the name of a track, see `features.of`.
         noise: Change of a pixel that counts as contact, grey levels.
         lag: Seconds by which pictures come later than forces.
         axes: Those of ``x``, ``y``, ``z`` that were fitted.

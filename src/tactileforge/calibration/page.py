@@ -38,7 +38,7 @@ def _force(found: Found) -> Section:
     for name, one in found.fits.items():
         drawn += [panel(f"Force {name}", _against(one, name))]
         drawn += [panel(f"Error of {name}", _residual(one, name))]
-    with_model = force.of == "model"
+    with_model = force.of == "head"
     rows = [
         (
             name,
@@ -54,7 +54,7 @@ def _force(found: Found) -> Section:
     before = ["before (N)"] * with_model
     rest = ("R\N{SUPERSCRIPT TWO}", "range (N)", "frames", "text|fitted to")
     head = ("axis", *before, "error (N)", *rest)
-    told = f"Fitted to {force.of} by least squares"
+    told = f"Fitted to {'what a model reads' if with_model else force.of} by least squares"
     told += f", pictures {1000 * force.lag:.0f} ms after forces." if force.lag else "."
     told += " Each frame is predicted by a fit that has not seen its press; colours are folds."
     if with_model:
