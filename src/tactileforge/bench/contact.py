@@ -60,9 +60,10 @@ def state(contact: tuple[int, int] | None, frame: int, times: NDArray[np.float64
         frame: The frame that is asked about.
         times: Seconds of each frame.
     """
-    if contact is None or times[contact[1]] - times[contact[0]] < HELD_S[1]:
+    if contact is None or round(times[contact[1]] - times[contact[0]], 6) < HELD_S[1]:
         return None
-    before = float(times[contact[1]] - times[frame])
+    # rounded, so that frames on a bound count alike in every recording
+    before = round(float(times[contact[1]] - times[frame]), 6)
     if HELD_S[0] <= before <= HELD_S[1]:
         return "held"
     return "losing" if 0 <= before <= LOSING_S else None
