@@ -1,5 +1,6 @@
 """The release gate on cards: who may be shipped, and how it gets there."""
 
+import hashlib
 import json
 import re
 from pathlib import Path
@@ -9,7 +10,7 @@ import pytest
 
 from tactileforge.cli import run
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
-from tactileforge.hub import cards, gates
+from tactileforge.hub import cards, gates, pack
 from tactileforge.hub.gates import Gate, passes, verdict, won
 from tactileforge.hub.table import gate_rows
 
@@ -192,6 +193,36 @@ def test_the_verb_writes_the_card(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     finally:
         for cached in (cards.names, cards.read):
             cached.cache_clear()
+
+
+def test_packing_writes_the_card(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "recipe").mkdir()
+    (tmp_path / "recipe" / "a.md").write_text(card())
+    out = tmp_path / "out.safetensors"
+    monkeypatch.setattr(cards, "zoo", lambda: tmp_path)
+    monkeypatch.setattr(pack, "pack", lambda run, name: out.write_bytes(b"123") and out)
+    for cached in (cards.names, cards.read):
+        cached.cache_clear()
+    try:
+        folder = bench(tmp_path / "gate", name="run:runs/a")
+        assert run(["zoo", "pack", "runs/a", "name=a.small", f"gate={folder}"]) == 0
+        cards.read.cache_clear()
+        found = cards.read("a")
+        assert (len(found.gates), found.weights[0].bytes) == (1, 3)
+        assert found.weights[0].sha256 == hashlib.sha256(b"123").hexdigest()
+    finally:
+        for cached in (cards.names, cards.read):
+            cached.cache_clear()
+
+
+def test_a_new_file_is_stamped(tmp_path: Path) -> None:
+    path = tmp_path / "a.md"
+    path.write_text(card())
+    gates.stamp(path, "small", "ab" * 32, 77)
+    weight = cards.parse("a", path.read_text(), recipe=False).weights[0]
+    assert (weight.sha256, weight.bytes) == ("ab" * 32, 77)
+    with pytest.raises(ConfigError, match="'large' have no line sha256"):
+        gates.stamp(path, "large", "ab" * 32, 77)
 
 
 def test_gates_name_weights_of_the_card(tmp_path: Path) -> None:
