@@ -136,7 +136,9 @@ def _pack(run: Path, settings: Sequence[str]) -> int:
     benches = [Path(word) for word in given.pop("gate", "").split(",") if word]
     path = pack(run, **given)
     if benches:
-        _put(str(given.get("name", "")), benches, [f"run:{run}", f"file:{path}"])
+        model = str(given.get("name", ""))
+        _put(model, benches, [f"run:{run}", f"file:{path}"])
+        gates.stamp(_card(model), model.partition(".")[2], store.sha256(path), path.stat().st_size)
     print(f"{path}: {path.stat().st_size / 1e6:.1f} MB, sha256 {store.sha256(path)}")
     print(f'load it: tactileforge.load("file:{path}")')
     return 0
@@ -152,7 +154,11 @@ def _gate(model: str, benches: Sequence[Path]) -> int:
 def _put(model: str, benches: Sequence[Path], words: Sequence[str], sha256: str = "") -> None:
     """Writes the gate of a model into its card."""
     card, weight = cards.find(model)
-    path = Path(str(cards.zoo() / "recipe" / f"{card.name}.md"))
+    path = _card(card.name)
     rows = [row for bench in benches for row in gates.read(bench, weight.tag, words, sha256)]
     gates.write(path, rows)
     print(f"{path}: {gates.verdict(rows)}")
+
+
+def _card(model: str) -> Path:
+    return Path(str(cards.zoo() / "recipe" / f"{model.partition('.')[0]}.md"))

@@ -7,7 +7,16 @@ import numpy as np
 import pytest
 import torch
 
-from tactileforge.bench.baselines import BASELINES, Chance, Flat, Hog, Motion, Statistics, rings
+from tactileforge.bench.baselines import (
+    BASELINES,
+    Background,
+    Chance,
+    Flat,
+    Hog,
+    Motion,
+    Statistics,
+    rings,
+)
 from tactileforge.bench.models import baseline, entry
 
 
@@ -52,6 +61,16 @@ def test_hog_points_the_way_of_opencv() -> None:
         blocks = found.reshape(9, 4, 49)
         assert {int(i) for i in blocks.sum((1, 2)).topk(len(bins)).indices} == bins
         assert blocks.square().sum((0, 1)) == pytest.approx([1.0] * 49, rel=1e-5)
+
+
+def test_the_background_is_all_that_background_sees() -> None:
+    still = torch.zeros(1, 3, 64, 64, dtype=torch.uint8)
+    still[0, 2, :32] = 255
+    frames = torch.randint(0, 256, (1, 2, 3, 64, 64), dtype=torch.uint8)
+    _, found = Background()(frames, still, torch.zeros(1))
+    wanted = torch.zeros(3, 16, 16)
+    wanted[2, :8] = 1
+    assert torch.equal(found[0], wanted.flatten())
 
 
 def test_chance_sees_nothing() -> None:

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
@@ -13,6 +14,7 @@ from tactileforge.bench.published import of_zoo
 from tactileforge.bench.source import open_source
 from tactileforge.bench.tasks import Task, parse
 from tactileforge.compose import settings
+from tactileforge.datasets.splits import is_held_out
 
 ROOT = Path(__file__).parents[2]
 SUITES = sorted(path.stem for path in (ROOT / "conf" / "suite").glob("*.yaml"))
@@ -29,7 +31,7 @@ def test_a_suite_can_be_run(name: str) -> None:
         row = row_of(task, choose(task, {}), "validation")
         assert row.main == task.metrics[0]
         assert all(metrics.kind(metric) for metric in task.metrics)
-        assert task.target in targets.TARGETS or task.target.startswith("label:")
+        assert task.target in targets.TARGETS or task.target.startswith(("label:", "numbers:"))
         if "preset" not in task.data:
             registry.build("datasets", task.data)
 
@@ -86,3 +88,39 @@ def test_public_samples(name: str, recordings: int, tested: int | None, realdata
     assert count == len(target.clips), "every clip is tested once"
     if tested is not None:
         assert count == pytest.approx(tested, rel=0.03)
+
+
+@pytest.mark.realdata
+@pytest.mark.parametrize(("name", "half"), [("real", "train"), ("real_held_out", "val")])
+def test_the_gate_never_shares_a_recording_or_an_object(
+    name: str, half: str, realdata: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TACTILEFORGE_REALDATA", str(realdata))
+    for task in suite(name).values():
+        source = open_source(task.data, task.sides, task.clip)
+        target = targets.build(task, source)
+        folds = splits.build(task, source, target)  # raises where a recording is on two sides
+        tested = np.concatenate([fold.test for fold in folds])
+        assert len(set(tested.tolist())) == len(tested)
+        groups = [splits.names(source, target, fold.test, task.split.group) for fold in folds]
+        assert sum(len(set(one)) for one in groups) == len({n for one in groups for n in one})
+        for fold in folds:
+            known = splits.names(source, target, fold.train, task.split.group)
+            assert not set(known) & set(splits.names(source, target, fold.test, task.split.group))
+        if "octopi" in task.name or "losing" in task.name:
+            objects = splits.names(source, target, tested, "object")
+            assert {is_held_out(one, 0.5) for one in objects} == {half == "val"}
+
+
+def test_the_two_parts_of_the_gate_share_nothing() -> None:
+    """Other halves of the objects, other layouts of the same folders."""
+    for ours, theirs in (("octopi_object", "octopi_object"), ("losing_grip", "losing_grip")):
+        one, other = suite("real")[f"real_{ours}"], suite("real_held_out")[f"held_{theirs}"]
+        assert one.split.only["side"] == "train"
+        assert other.split.only["side"] == "val"
+        assert one.data == other.data
+    layouts = [
+        {layout for task in suite(name).values() for layout in task.data["layouts"]}
+        for name in ("real", "real_held_out")
+    ]
+    assert layouts[0] & layouts[1] == {"octopi", "slip_b"}

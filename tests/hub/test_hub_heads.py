@@ -47,9 +47,11 @@ def test_forces_are_those_of_the_head_in_newton(
     views = vit.views({"frames": batch, "background": batch[:, 0], "sensor": ["digit", "digit"]})
     with torch.no_grad():
         expected = head(views, {}).force * torch.tensor([1.0, 2.0, 4.0])
-    found = model.force(frames, "first", "digit")
+    with pytest.warns(UserWarning, match=r"^force: no unit of digit was calibrated"):
+        found = model.force(frames, "first", "digit")
     assert found.shape == (2, 3, 3)
     assert torch.allclose(found, expected, atol=1e-5)
+    model.header.heads["force"]["calibrated"] = ["digit"]  # and it warns no more
     assert torch.allclose(model.force(frames[1], "first", "digit"), expected[1], atol=1e-5)
     both = model.readings(frames, "first", ["digit", "digit"])
     assert torch.allclose(both.vector, model.encode(frames, "first", "digit"), atol=1e-5)

@@ -17,6 +17,7 @@ _QUANTILES = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
 #: Edges of the rings of the spectrum, in cycles per pixel.
 _RINGS = (0.0, 0.015, 0.03, 0.06, 0.12, 0.2, 0.3, 0.5)
 _CELL, _BINS = 16, 9
+_SMALL = 16
 
 
 class Flat(nn.Module):
@@ -104,6 +105,18 @@ class Hog(Flat):
         return F.normalize(blocks, dim=1).flatten(1)
 
 
+class Background(Flat):
+    """The frame without contact at 16 x 16: what can be known before anything is touched.
+
+    A task that it answers has a shortcut, as where all recordings of an object are of one hour.
+    """
+
+    def forward(self, frames: Tensor, background: Tensor, sensor: Tensor) -> tuple[Tensor, Tensor]:
+        """(B, 1, width) and (B, width) of uint8 backgrounds (B, 3, H, W)."""
+        found = F.adaptive_avg_pool2d(background.float() / 255, _SMALL).flatten(1)
+        return found[:, None], found
+
+
 class Chance(Flat):
     """Nothing: a probe predicts the mean, or the first class."""
 
@@ -127,5 +140,6 @@ BASELINES: dict[str, tuple[type[nn.Module], str]] = {
     "statistics": (Statistics, "picture statistics"),
     "motion": (Motion, "motion energy"),
     "hog": (Hog, "HOG"),
+    "background": (Background, "background alone"),
     "chance": (Chance, "chance"),
 }

@@ -158,6 +158,8 @@ def _solve(prepared: Prepared, model: Probe, examples: Examples, split: Split, t
     known = np.sort(np.concatenate([split.train, split.validation]))
     plan = prepared.task.split
     groups = splits.names(prepared.source, prepared.target, known, plan.group)
+    if len(set(groups)) == 1 and plan.unit:
+        groups = splits.names(prepared.source, prepared.target, known, plan.unit)
     rows, truth = examples.take(known)
     inner, outer = model.solve(rows, truth, groups, examples.take(split.test)[0])
     score = _scorer(prepared, known)({name: values.cpu() for name, values in inner.items()})

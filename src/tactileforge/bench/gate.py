@@ -24,7 +24,7 @@ FILE = "gate.json"
 AGAINST = ("random", "pixels")
 DRAWS = 2000
 #: Words of models that are compared with, besides ``untrained:NAME``.
-_BASELINES = ("pixels", "statistics", "motion", "hog", "chance")
+_BASELINES = ("pixels", "statistics", "motion", "hog", "background", "chance")
 _SEED = 20261122
 
 Sums = NDArray[np.float64]

@@ -19,7 +19,13 @@ from tactileforge.bench.scores import Scores, titles
 from tactileforge.report.page import Section, page, paragraph
 
 
-def bench_page(folder: Path, results: Results, found: Scores, rows: Sequence[Published]) -> str:
+def bench_page(
+    folder: Path,
+    results: Results,
+    found: Scores,
+    rows: Sequence[Published],
+    gate: Grid | None = None,
+) -> str:
     """The whole page.
 
     Args:
@@ -27,9 +33,11 @@ def bench_page(folder: Path, results: Results, found: Scores, rows: Sequence[Pub
         results: What was measured.
         found: The same, by task and model.
         rows: Published numbers.
+        gate: The release gate, where it was measured.
     """
     parts = [_compared(results, found)]
     for name, title, grid in (
+        ("gate", "Release gate", gate),
         ("ablation", "Ablations", comparisons.ablation_table(results, found)),
         ("setting", "Settings", comparisons.settings_table(results, found)),
     ):

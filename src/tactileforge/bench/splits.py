@@ -6,11 +6,11 @@ import hashlib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tactileforge.bench.facts import fact, fits
 from tactileforge.bench.source import Source
 from tactileforge.bench.targets import Target
 from tactileforge.bench.tasks import Plan, Task
@@ -42,7 +42,7 @@ def build(task: Task, source: Source, target: Target) -> list[Split]:
         DataError: The labels of a part are all of one class.
     """
     plan, of = task.split, source.index[target.clips, 0]
-    numbers = [n for n in sorted(set(of.tolist())) if _fits(source, n, plan.only)]
+    numbers = [n for n in sorted(set(of.tolist())) if fits(source, n, plan.only)]
     if not numbers:
         raise ConfigError(f"task {task.name}: split.only leaves no recording; change it")
     stratum = _strata(numbers, of, target)
@@ -51,10 +51,10 @@ def build(task: Task, source: Source, target: Target) -> list[Split]:
         fold = _folds(names, stratum, plan.folds)
         tests = [[n for n in numbers if fold[names[n]] == k] for k in range(plan.folds)]
     else:
-        tests = [[n for n in numbers if _fits(source, n, plan.test)]]
+        tests = [[n for n in numbers if fits(source, n, plan.test)]]
     splits = []
     for test in tests:
-        rest = [n for n in numbers if n not in set(test) and _fits(source, n, plan.train)]
+        rest = [n for n in numbers if n not in set(test) and fits(source, n, plan.train)]
         validation = _validation(plan, source, rest, stratum)
         train = [n for n in rest if n not in set(validation)]
         for name, chosen in (("train", train), ("validation", validation), ("test", test)):
@@ -65,34 +65,6 @@ def build(task: Task, source: Source, target: Target) -> list[Split]:
         splits.append(Split(*places))
     _check_classes(task, target, splits)
     return splits
-
-
-def fact(source: Source, number: int, name: str) -> str:
-    """What is known of a recording; see `tasks.Plan`.
-
-    Raises:
-        ConfigError: Nothing is known by that name.
-    """
-    one = source.recordings[number]
-    known = {
-        "side": source.sides[number],
-        "sensor": one.sensor,
-        "object": one.object or "",
-        "recording": one.key,
-        "tier": str(one.tier),
-    }
-    if name.startswith("re:"):
-        found = re.search(name[3:], one.key)
-        if not found:
-            raise ConfigError(f"split: {name!r} finds nothing in the key {one.key!r}")
-        return found[found.lastindex or 0]
-    if name in known:
-        return known[name]
-    value = one.labels.get(name)
-    if value is None:
-        have = ", ".join([*known, *one.labels])
-        raise ConfigError(f"split: recording {one.key!r} has no {name!r} (it has: {have})")
-    return value if isinstance(value, str) else f"{value:g}"
 
 
 def names(source: Source, target: Target, places: NDArray[np.int64], fact_name: str) -> list[str]:
@@ -138,14 +110,6 @@ def _span(key: str) -> tuple[str, float, float]:
     return _PART.sub("", key), start, stop
 
 
-def _fits(source: Source, number: int, chosen: Mapping[str, Any]) -> bool:
-    for name, wanted in chosen.items():
-        values = {str(one) for one in (wanted if isinstance(wanted, list) else [wanted])}
-        if fact(source, number, name) not in values:
-            return False
-    return True
-
-
 def _strata(numbers: Sequence[int], of: NDArray[np.int64], target: Target) -> dict[int, int]:
     """The class of each recording all of whose clips have the same; else -1."""
     names = target.names
@@ -184,7 +148,7 @@ def _validation(
     chosen = dict(plan.validation)
     share = chosen.pop("share", None)
     if share is None:
-        return [n for n in rest if _fits(source, n, chosen)]
+        return [n for n in rest if fits(source, n, chosen)]
     group = str(chosen.pop("group", "recording"))
     if chosen:
         raise ConfigError(f"split.validation: share goes with group alone, not {sorted(chosen)}")

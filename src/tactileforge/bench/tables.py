@@ -39,13 +39,13 @@ def write_all(folder: Path) -> list[Path]:
     results = read(folder)
     found = scores(results)
     rows = published.of_zoo()
-    gate = gate_table.write(folder, results)
-    grids = tables(results, found, rows, gate_table.grid(gate, results))
+    gate = gate_table.grid(gate_table.write(folder, results), results)
+    grids = tables(results, found, rows, gate)
     texts = {
         "table.md": "\n".join(map(render.markdown, grids)),
         "table.tex": _LATEX_HEAD + "\n".join(map(render.latex, grids)),
         "table.csv": long_form(results, found, rows),
-        "report.html": bench_page(folder, results, found, rows),
+        "report.html": bench_page(folder, results, found, rows, gate),
     }
     for name, text in texts.items():
         write_text(folder / name, text)

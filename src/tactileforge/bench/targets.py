@@ -10,6 +10,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from tactileforge.bench import contact
+from tactileforge.bench.facts import fits
 from tactileforge.bench.source import Source
 from tactileforge.bench.tasks import Task
 from tactileforge.contracts import ACTIONS, Recording
@@ -256,6 +258,20 @@ def _time(task: Task, source: Source) -> dict[str, Part]:
     return {"time": Part("numbers", truth, torch.ones_like(truth), ("time",))}
 
 
+def _losing(task: Task, source: Source) -> dict[str, Part]:
+    """Whether a grasped object is held, or about to be lost; recordings that are used alone."""
+    held = {
+        number: contact.held(contact.energy(one))
+        for number, one in enumerate(source.recordings)
+        if fits(source, number, task.split.only)
+    }
+    states = iter(
+        contact.state(held.get(number), last, source.recordings[number].times)
+        for number, last in source.index.tolist()
+    )
+    return {"losing": _classes(source, lambda *_: next(states), ("held", "losing"))}
+
+
 def _slip(task: Task, source: Source) -> dict[str, Part]:
     return {
         "slip": _classes(source, _slips, ("stick", "slip")),
@@ -274,4 +290,5 @@ TARGETS: dict[str, Callable[[Task, Source], dict[str, Part]]] = {
     "place": _place,
     "pose": _pose,
     "time": _time,
+    "losing": _losing,
 }

@@ -19,7 +19,7 @@ import yaml
 
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.hub import strict
-from tactileforge.hub.gates import TOKENS, Gate
+from tactileforge.hub.gates import TOKENS, Gate, passes
 
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
@@ -134,6 +134,16 @@ class Card:
     def gate(self, weight: Weight) -> list[Gate]:
         """The release gate of some weights."""
         return [row for row in self.gates if row.model == weight.tag]
+
+    def may_ship(self, weight: Weight) -> bool:
+        """Whether weights may come with the package: what is only a demonstration has to say so.
+
+        The text of the card then has the word *demonstration* below the heading of the weights.
+        """
+        if passes(self.gate(weight)):
+            return True
+        below = self.text.partition(f"## `{weight.tag}`")[2].partition("\n## ")[0]
+        return weight.demonstration and "demonstration" in below
 
     def weight(self, tag: str = "") -> Weight:
         """The weights with a tag, or the first.

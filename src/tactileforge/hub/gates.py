@@ -150,6 +150,27 @@ def write(card: Path, rows: Sequence[Gate]) -> None:
     write_text(card, f"{head}\n{block}results:{rest}")
 
 
+def stamp(card: Path, tag: str, sha256: str, size: int) -> None:
+    """Puts the hash and the size of a new file of weights into their card.
+
+    Args:
+        card: The file ``NAME.md``.
+        tag: Of the weights.
+        sha256: Of the file.
+        size: Its bytes.
+
+    Raises:
+        ConfigError: The card gives none for the tag.
+    """
+    text = card.read_text("utf-8")
+    for key, value in (("sha256", sha256), ("bytes", str(size))):
+        pattern = rf"(^  - tag: {re.escape(tag)}\n(?:    .*\n)*?    {key}: )\w+"
+        text, count = re.subn(pattern, rf"\g<1>{value}", text, flags=re.M)
+        if not count:
+            raise ConfigError(f"{card}: weights {tag!r} have no line {key}: to write it to")
+    write_text(card, text)
+
+
 def _lines(text: str) -> list[str]:
     found = re.search(r"^gates:\n((?:  - .*\n)*)", text, flags=re.M)
     return found[1].splitlines() if found else []

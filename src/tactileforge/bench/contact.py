@@ -1,0 +1,74 @@
+"""When a grasped object is lost, as far as the pictures tell."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import Recording
+
+_SIZE = (40, 30)
+#: Grey levels that are noise, and the share of what is usual above it that is contact.
+_NOISE, _SHARE = 1.0, 0.3
+#: Seconds before the loss that count as losing, and between which an object is held. All contacts
+#: that count last as long, so that every recording has as much of each.
+LOSING_S, HELD_S = 0.32, (0.8, 1.6)
+#: Frames at the end that have to be without contact.
+_AFTER = 3
+#: Frames that are decoded at once.
+_CHUNK = 64
+
+
+def energy(recording: Recording) -> NDArray[np.float64]:
+    """Mean change from the background of each frame, grey levels, (frames,).
+
+    Args:
+        recording: One with frames without contact.
+    """
+    assert recording.no_contact is not None
+    still = recording.no_contact.read(range(len(recording.no_contact)))
+    background = _small(np.median(still, axis=0).astype(np.uint8))
+    found = []
+    for start in range(0, len(recording.frames), _CHUNK):
+        rows = range(start, min(start + _CHUNK, len(recording.frames)))
+        found += [np.abs(_small(f) - background).mean() for f in recording.frames.read(rows)]
+    return np.array(found)
+
+
+def held(change: NDArray[np.float64]) -> tuple[int, int] | None:
+    """The first and last frame of the last contact.
+
+    None where the recording ends in contact, or never has any.
+
+    Args:
+        change: See `energy`.
+    """
+    bound = _NOISE + _SHARE * max(float(np.percentile(change, 80)) - _NOISE, 0.0)
+    there = np.flatnonzero(change > bound)
+    if not len(there) or there[-1] >= len(change) - _AFTER:
+        return None
+    apart = np.flatnonzero(change[: there[-1]] <= bound)
+    return int(apart[-1]) + 1 if len(apart) else 0, int(there[-1])
+
+
+def state(contact: tuple[int, int] | None, frame: int, times: NDArray[np.float64]) -> str | None:
+    """``held``, ``losing``, or None elsewhere, and where contact is not known or too short.
+
+    Args:
+        contact: See `held`.
+        frame: The frame that is asked about.
+        times: Seconds of each frame.
+    """
+    if contact is None or round(times[contact[1]] - times[contact[0]], 6) < HELD_S[1]:
+        return None
+    # rounded, so that frames on a bound count alike in every recording
+    before = round(float(times[contact[1]] - times[frame]), 6)
+    if HELD_S[0] <= before <= HELD_S[1]:
+        return "held"
+    return "losing" if 0 <= before <= LOSING_S else None
+
+
+def _small(frame: NDArray[np.uint8]) -> NDArray[np.float64]:
+    small: NDArray[np.float64] = cv2.resize(frame, _SIZE, interpolation=cv2.INTER_AREA) * 1.0
+    return small
