@@ -20,6 +20,8 @@ from tactileforge.reality.patches import colours, spectra
 
 #: Fewest patches of a class.
 _LEAST = 16
+#: Variance that is added where contrast is taken out, so that noise does not become large.
+_QUIET = 4.0
 _BATCH, _RATE, _DECAY = 64, 2e-3, 1e-2
 
 
@@ -73,8 +75,13 @@ class Split:
 
 
 def _pixels(cut: Array) -> Array:
-    """Change pictures for a network, (N, 3, 48, 48), of the order of 1."""
-    return np.ascontiguousarray(cut.transpose(0, 3, 1, 2), np.float32) / 32
+    """Change pictures for a network, (N, 3, 48, 48): each of mean 0 and deviation 1.
+
+    How strong a contrast is differs between sources, and would hide what does not.
+    """
+    away = cut - cut.mean(axis=(1, 2), keepdims=True)
+    deviation = np.sqrt(np.square(away).mean(axis=(1, 2, 3), keepdims=True) + _QUIET)
+    return np.ascontiguousarray((away / deviation).transpose(0, 3, 1, 2), np.float32)
 
 
 def _perceptron(inputs: int) -> nn.Module:

@@ -149,8 +149,13 @@ def _spread(values: Array) -> str:
     known = values[np.isfinite(values)]
     if not len(known):
         return NONE
-    low, middle, high = np.quantile(known, (0.1, 0.5, 0.9))
-    return f"{number(middle)} ({number(low)} to {number(high)})"
+    low, middle, high = (_rounded(float(one)) for one in np.quantile(known, (0.1, 0.5, 0.9)))
+    return middle if low == high else f"{middle} ({low} to {high})"
+
+
+def _rounded(value: float) -> str:
+    """Three digits, but not more than two decimals."""
+    return number(round(value, 2))
 
 
 def _of(name: str, scale: float = 1.0) -> Callable[[Profile], str]:
@@ -193,9 +198,8 @@ def _normal(one: Profile) -> str:
     return _spread(np.array([answer.normal for answer in one.responses]))
 
 
-def _shear(one: Profile) -> str:
-    found = np.array([answer.shear for answer in one.responses]).reshape(-1, 2)
-    return " and ".join(_spread(column) for column in found.T)
+def _shear(axis: int) -> Callable[[Profile], str]:
+    return lambda one: _spread(np.array([answer.shear[axis] for answer in one.responses]))
 
 
 def _relative(one: Profile) -> str:
@@ -226,7 +230,8 @@ _ROWS: dict[str, Callable[[Profile], str]] = {
     "change, deviation of R, G, B": _deviation,
     "correlation of RG, RB, GB": _correlations,
     "grey levels per N, normal": _normal,
-    "grey levels per N, shear x and y": _shear,
+    "grey levels per N, shear x": _shear(0),
+    "grey levels per N, shear y": _shear(1),
     "shear, % of contrast per N": _relative,
     "change at 1/4, 1/2, 3/4 of the force": _curve,
 }
@@ -238,21 +243,22 @@ def _distances(sensor: str, side: Side) -> str:
     head = (
         "",
         "unit",
+        "text|simulated over real",
         *(f"text|simulated to {name}" for name in apart),
         *(f"text|{a} to {b}" for a, b in few),
-        "text|simulated over real",
     )
     rows = []
     for name, unit in DISTANCES.items():
         times = side.ratio(name)
-        told = [number(one[name]) for one in apart.values()]
+        told = [f"{'bad|' if times > _FAR else ''}{number(times)}"]
+        told += [number(one[name]) for one in apart.values()]
         told += [number(among[pair][name]) for pair in few]
-        rows.append((name, unit, *told, f"{'bad|' if times > _FAR else ''}{number(times)}"))
+        rows.append((name, unit, *told))
     note = (
         "One number for each: the Wasserstein distance between touches of the two sets, 0 for "
-        "equal ones; 0.3 decades are a factor of 2. Then real sources among themselves, at most "
-        "four pairs, and the median of the first over the median of all pairs: 1 cannot be told "
-        "from real."
+        "equal ones; 0.3 decades are a factor of 2. At the end real sources among themselves, at "
+        "most four pairs. Simulated over real: the median of the distances to real sources over "
+        "the median of those between them; 1 cannot be told from real."
     )
     return "<h3>Distances</h3>" + table(f"{sensor}-distances", head, rows, note)
 

@@ -1,0 +1,44 @@
+"""Numbers of real recordings, which simulated ones are compared with."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from omegaconf import OmegaConf
+
+from tactileforge.contracts import Recording
+from tactileforge.datasets.recordings import Recordings
+from tactileforge.reality.profiles import profile
+from tactileforge.reality.response import response
+
+CONFIG = Path(__file__).parents[2] / "conf/data/public_samples.yaml"
+
+pytestmark = pytest.mark.realdata
+
+
+def real(realdata: Path, name: str) -> list[Recording]:
+    layouts: Any = OmegaConf.to_container(OmegaConf.load(CONFIG).data.layouts)
+    layout = {**layouts[name], "split": "train"} if "force" in layouts[name] else layouts[name]
+    return list(Recordings(str(realdata), {name: layout}, val=0).recordings("train"))
+
+
+def test_real_pictures_fall_off_with_frequency(realdata: Path) -> None:
+    """What was measured by hand with a script of its own: -2.7, -3.5, -4.1, -4.4."""
+    found = profile("fots", "digit", real(realdata, "fots_digit")[::6])
+    assert found.faint == 0
+    assert found.of("bands").mean(axis=0) == pytest.approx([-2.7, -3.3, -3.9, -4.2], abs=0.3)
+    assert found.stored == ["png"]
+
+
+@pytest.mark.parametrize(
+    ("sensor", "shear", "relative"),
+    [("gelsight_mini", (1.50, 1.23), 0.09), ("digit", (0.76, 1.31), 0.06)],
+)
+def test_real_pictures_answer_to_shear(
+    realdata: Path, sensor: str, shear: tuple[float, float], relative: float
+) -> None:
+    (one,) = real(realdata, f"touchd_force_{sensor}")
+    found = response(one)
+    assert found is not None
+    assert found.shear == pytest.approx(shear, rel=0.1)
+    assert found.relative == pytest.approx(relative, abs=0.01)
