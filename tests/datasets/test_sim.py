@@ -22,7 +22,7 @@ SMALL = {"scenes": 3, "val": 1, "size": 32}
 
 @pytest.fixture(scope="module")
 def touches() -> list[Recording]:
-    return list(Sim(scenes=12, val=0, size=48).recordings("train"))
+    return list(Sim(scenes=12, val=0, size=48, randomise="unit").recordings("train"))
 
 
 def digest(folder: Path) -> dict[str, str]:
@@ -66,7 +66,9 @@ def test_forces_obey_coulomb(touches: list[Recording]) -> None:
         assert one.force is not None
         shear, normal = np.linalg.norm(one.force[:, :2], axis=1), one.force[:, 2]
         assert (normal >= 0).all()
-        assert 0.1 < normal.max() < 12
+        assert (
+            0.1 < normal.max() < 20
+        )  # the range is of a nominal gel; units are up to twice as stiff
         assert (shear <= 1.4 * normal + 1e-5).all()
         assert normal[0] == normal[-1] == 0
 
