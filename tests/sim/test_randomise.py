@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
@@ -124,3 +126,11 @@ def test_scenes_together_are_scenes_alone() -> None:
                 [s.pictures for s in together if (s.scene, s.sensor) == (number, place)]
             )
             np.testing.assert_array_equal(one, other)
+
+
+def test_the_page_has_every_row_with_its_range() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "simulator.md").read_text().splitlines()
+    for name, row in TABLE.items():
+        (line,) = (line for line in page if line.startswith(f"| `{name}` |"))
+        assert row.what in line
+        assert row.low == row.high or f"{row.low:g} to {row.high:g}" in line

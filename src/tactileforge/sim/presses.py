@@ -118,7 +118,8 @@ def _ball_presses(ball: float, thickness: float) -> list[tuple[float, Array]]:
     axis = (torch.arange(_POINTS) - _POINTS // 2) * _SPACING
     far = torch.hypot(axis[:, None], axis)
     height = torch.where(far < ball, ball - (ball**2 - far**2).clamp(min=0).sqrt(), 4 * ball)
-    layer = kernel(Gel(thickness=thickness), _POINTS, _SPACING)
+    # Without friction, this ratio gives the forces and shapes that the gel's own has with it.
+    layer = kernel(Gel(thickness=thickness, poisson=0.49), _POINTS, _SPACING)
     rings = (far / _SPACING).round().long().clamp(max=_POINTS // 2).flatten()
     count = torch.bincount(rings)
     found: list[tuple[float, Array]] = []
