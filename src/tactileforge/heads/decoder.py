@@ -50,7 +50,7 @@ class MaskedDecoder(nn.Module):
         heads: Attention heads.
         out: Numbers that are predicted for a masked patch; None for its pixels.
         relative: Bias of attention by offset, see `RelativeBias`; with ``neighbours`` and four
-            heads or more, filling in from the neighbours is learned in a tenth of the steps.
+            heads or more, filling in from the neighbours is learned much sooner.
         norm: Whether there is a norm before the last linear layer; without one, a patch twice as
             bright is predicted twice as bright, before anything is learned.
     """
