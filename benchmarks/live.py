@@ -2,7 +2,7 @@
 
 A synthetic camera of 320 x 240 gives a picture every 1/30 s, in the thread that live reads it in.
 The encoders are AnyTouch 2's with random weights, which take as long as trained ones: ``tiny`` is
-that of ``anytouch2.tiny-sim`` (64 pixels, 4 blocks), ``small`` and ``base`` read 224 pixels. Give
+that of ``anytouch2.tiny`` (64 pixels, 4 blocks), ``small`` and ``base`` read 224 pixels. Give
 ``--model NAME`` to time a model of the zoo. Nobody looks at the page unless ``--page`` asks for its
 state and pictures twenty times a second.
 """

@@ -143,7 +143,7 @@ def test_half_a_real_trial_calibrates_the_other_half(realdata: Path, name: str) 
     layout = OmegaConf.to_container(OmegaConf.load(PUBLIC).data.layouts[name]) | {"split": "train"}
     (one,) = Recordings(str(realdata), {name: layout}).recordings("train")
     middle = len(one.frames) // 2
-    model = tactileforge.load("anytouch2.tiny-sim")
+    model = tactileforge.load("anytouch2.tiny")
     first, second = one.part(0, middle), one.part(middle, len(one.frames))
     found = calibrate([first], Options(axes=["z"]), model=model).calibration
     after = found.forces(second, model)[:, 2] - second.force[:, 2]

@@ -11,7 +11,7 @@ from tactileforge.datasets.sim import Sim
 from tactileforge.hub import cards
 
 
-@pytest.mark.parametrize("name", ["anytouch2.tiny-sim", "mae.tiny-sim"])
+@pytest.mark.parametrize("name", ["anytouch2.tiny", "mae.tiny-sim"])
 def test_it_works_without_a_network_and_is_small(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -22,17 +22,17 @@ def test_it_works_without_a_network_and_is_small(
     assert weight.kind == "shipped"
     assert weight.bytes < 15_000_000
     assert model.header.licence == weight.licence == "Apache-2.0"
-    assert model.header.data["licences"] == ["CC0-1.0"]  # simulated
+    assert set(model.header.data["licences"]) <= {"BSD-2-Clause", "CC0-1.0"}  # CC0: simulated
     assert list(tmp_path.iterdir()) == []
 
 
 def test_it_reads_the_normal_force_of_touches_it_never_saw() -> None:
-    """The indenters are those of the bench, which are not among the ones it was trained on."""
+    """Force trials of the bench's indenters, by units and hands that it was not trained on."""
     touches = Sim(scenes=4, val=0, indenters="bench", motions="force_trial", seed=5)
     clips = Clips(touches.recordings("train"), 4, 1 / 15, 0.2, (64, 64))
     rows = [clips[i] for i in range(len(clips))]
     frames, background = (np.stack([row[key] for row in rows]) for key in ("frames", "background"))
-    model = tactileforge.load("anytouch2.tiny-sim")
+    model = tactileforge.load("anytouch2.tiny")
     with pytest.warns(UserWarning, match="was calibrated for this model"):
         found = model.force(frames, background, [row["sensor"] for row in rows])[:, -1, 2].numpy()
     true = np.array([row["force"][-1, 2] for row in rows])
