@@ -256,7 +256,7 @@ def test_errors_that_are_the_users(touch: Touch, listed: Any, tmp_path: Path) ->
 
 
 def test_simulated_touch_is_not_suspicious(tmp_path: Path) -> None:
-    data = Sim(scenes=1, val=0, size=64, processes=1, motions="slide_right")
+    data = Sim(scenes=1, val=0, size=64, processes=1, motions="slide_right", randomise="none")
     found, text = written(data, tmp_path / "page.html")
     Checked(text)
     assert found.recordings == 3

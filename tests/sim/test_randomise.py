@@ -109,6 +109,12 @@ def test_scenes_start_and_end_clear_of_the_gel(motion: str) -> None:
 def test_a_force_that_a_shape_does_not_reach_is_refused() -> None:
     with pytest.raises(ConfigError, match="small_sphere presses with"):
         draw(0, shape("small_sphere"), "press", force=(50, 50))
+    hard, most = (
+        draw(0, shape("small_sphere"), "press", force=force, reach="clip")
+        for force in ((50, 50), (0.5, 50))
+    )
+    assert hard.path.poses[:, 3].max() == pytest.approx(1.5)
+    assert most.path.poses[:, 3].max() < 1.5
 
 
 def test_scenes_together_are_scenes_alone() -> None:

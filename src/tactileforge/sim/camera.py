@@ -16,6 +16,8 @@ from torch import Tensor
 FULL = 240
 #: Lowest JPEG quality that is used.
 _WORST = 10
+#: Pictures from one that a video codes whole to the next.
+_KEY = 15
 
 
 @dataclass(frozen=True)
@@ -112,6 +114,7 @@ class Codec:
             for lost in (camera.jpeg, camera.mpeg)
         )
         self._before: NDArray[np.int16] | None = None
+        self._count = 0
 
     def __call__(self, pictures: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """The next pictures (K, H, W, 3), RGB, as they are decoded."""
@@ -122,9 +125,10 @@ class Codec:
     def _next(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
         if self.mpeg is None:
             return picture if self.jpeg is None else _coded(picture, self.jpeg)
-        if self._before is None:
-            self._before = picture.astype(np.int16)
-            return picture
+        self._count += 1
+        if self._before is None or self._count % _KEY == 1:
+            self._before = _coded(picture, self.mpeg).astype(np.int16)
+            return self._before.astype(np.uint8)
         change = np.clip(picture - self._before + 128, 0, 255).astype(np.uint8)
         now = self._before + _coded(change, self.mpeg).astype(np.int16) - 128
         self._before = np.clip(now, 0, 255)

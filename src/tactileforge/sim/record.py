@@ -78,7 +78,8 @@ class Config:
             names of motions.
         size: Rows or columns of a picture, whichever are fewer.
         seconds: Mean duration of one action.
-        force: Range of the largest normal force, N.
+        force: Range of the largest normal force on a nominal gel, N; a shape that does not reach it
+            within 1.5 mm presses as hard as it can.
         markers: Whether the gels have markers; None as their types have.
         viscosity: Relaxation time of the gels, s.
         lag: Seconds by which pictures come later than forces, as from a real camera.
@@ -163,6 +164,7 @@ class Config:
             force=self.force,
             seconds=self.seconds,
             randomise=self.randomise,
+            reach="clip",
         )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 import torch
@@ -115,6 +116,7 @@ def draw(
     force: tuple[float, float] = (0.5, 8.0),
     seconds: float = 0.6,
     randomise: Choice = "unit",
+    reach: Literal["error", "clip"] = "error",
 ) -> Scene:
     """Draws a touch: where, how deep, how tilted, how far, how fast, and how sticky.
 
@@ -126,6 +128,8 @@ def draw(
             Mini's is looked up. What a shape reaches between 0.05 and 1.5 mm bounds the range.
         seconds: Mean duration of one action.
         randomise: How units and scenes differ, see `randomise.rows`.
+        reach: Whether a shape that does not reach the range is an error, or presses as near to it
+            as it can.
 
     Raises:
         ConfigError: An unknown motion, a range that is none, or one that the shape does not reach.
@@ -139,7 +143,7 @@ def draw(
     tilt = rng.normal(0, row["tilt"], 2)
     shape = _finished(shape, row)
     speeds = Speeds(
-        depth=_depth(shape, tilt, row["softness"], force, rng.uniform()),
+        depth=_depth(shape, tilt, row["softness"], force, rng.uniform(), reach),
         slide=rng.uniform(1.5, 4.0),
         turn=rng.uniform(0.15, 0.6),
         seconds=seconds * rng.uniform(0.8, 1.2),
@@ -172,6 +176,7 @@ def _depth(
     softness: float,
     force: tuple[float, float],
     place: float,
+    reach: str,
 ) -> float:
     """Depth (mm) at which a shape presses with a force at a place (0 to 1) of a range (N)."""
     poses = torch.zeros(1, len(_DEPTHS), 6)
@@ -181,6 +186,8 @@ def _depth(
     moments = contacts(heights, SPACING, [Gel()], poses, [FPS], shape.name, [softness])
     forces = np.array([float(moment.force[0, 2]) for moment in moments])
     low, high = max(force[0], forces[0]), min(force[1], forces[-1])
+    if low > high and reach == "clip":
+        low = high = float(np.clip(low, forces[0], forces[-1]))
     if low > high:
         raise ConfigError(
             f"scene: force={force} N, but {shape.name} presses with {forces[0]:.2g} to "
