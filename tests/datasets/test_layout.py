@@ -10,7 +10,12 @@ VIDEO = {"videos": "*.mp4", "sensor": "digit", "background": {"first": 3}}
 
 def test_the_smallest_layout() -> None:
     layout = parse("cups", VIDEO)
-    assert (layout.name, layout.path, layout.globs, layout.each) == ("cups", ".", "*.mp4", "video")
+    assert (layout.name, layout.path, layout.globs, layout.each) == (
+        "cups",
+        ".",
+        ("*.mp4",),
+        "video",
+    )
     assert layout.background == Background(None, 3, 0, False)
     assert layout.force is layout.action is layout.object is layout.image is None
     assert (layout.split, layout.tier, layout.provides) == ("recording", 5, frozenset())
