@@ -22,7 +22,7 @@ _KEY = 15
 
 @dataclass(frozen=True)
 class Camera:
-    """How a unit's camera turns light into numbers.
+    """Camera of a unit, which turns light into numbers.
 
     Attributes:
         blur: Deviation of its focus, pixels of a picture of `FULL` rows or columns.
@@ -41,7 +41,7 @@ class Camera:
     mpeg: float = 0.0
 
     def places(self, height: int, width: int, spacing: float, device: str = "cpu") -> Tensor:
-        """Where on the gel pixels look, float32 (H, W, 2), x and y, mm from the centre."""
+        """Places on the gel that pixels look at, float32 (H, W, 2), x and y, mm from the centre."""
         x = (torch.arange(width, device=device) - (width - 1) / 2) * spacing
         y = (torch.arange(height, device=device) - (height - 1) / 2) * spacing
         grid = torch.stack(torch.meshgrid(x, y, indexing="xy"), -1)
@@ -49,7 +49,7 @@ class Camera:
         return grid * (1 + self.distortion * grid.square().sum(-1, keepdim=True) / corner)
 
     def seen(self, places: Tensor, height: int, width: int, spacing: float) -> Tensor:
-        """Where in an undistorted picture a place of the gel is seen, mm; undoes `places`."""
+        """Places of the gel as an undistorted picture would show them, mm; undoes `places`."""
         corner = (width**2 + height**2) * (spacing / 2) ** 2
         out = places
         for _ in range(3):

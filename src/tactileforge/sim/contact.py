@@ -119,7 +119,7 @@ def _first(kernel: Kernel, overlap: Tensor, start: Tensor | None, soft: Tensor |
 
 
 def _yielding(kernel: Kernel, pressure: Tensor, soft: Tensor | None) -> Tensor:
-    """How far gel and object together yield, mm."""
+    """Displacement of gel and object together, mm."""
     depth = kernel.press(pressure)
     return depth if soft is None else depth + soft * pressure
 

@@ -97,7 +97,7 @@ class Calibration:
 
 @lru_cache(maxsize=64)
 def _turning(angle: float) -> Tensor:
-    """What turns weights of `features.fine`: float32 (len(POWERS), len(POWERS)).
+    """Matrix that turns weights of `features.fine`: float32 (len(POWERS), len(POWERS)).
 
     Light that comes from ``angle`` further on sees a normal as the old light sees the normal turned
     back. Powers of one degree become powers of that degree, so few normals determine all.

@@ -33,7 +33,7 @@ FORCE_TRIAL = ("press", "slide_up", "slide_down", "slide_left", "slide_right", "
 
 @dataclass(frozen=True)
 class Sway:
-    """How a path is left by a hand that is not steady, and by a table that is not level.
+    """Deviation from a path by a hand that is not steady, and by a table that is not level.
 
     It grows with the depth of the path, and is nothing where the object is clear of the gel.
 

@@ -109,7 +109,7 @@ class Optics:
         return out
 
     def _film(self, light: Tensor, first: int | None) -> Tensor:
-        """What the camera makes of it."""
+        """Picture that the camera makes of light, float32 (B, 3, H, W)."""
         out = self.unit.camera.tone(self.lens(light)) + 0.5
         if first is not None:
             for number, picture in enumerate(out, first):

@@ -18,7 +18,6 @@ from tactileforge.sim.camera import FULL, Codec
 from tactileforge.sim.devices import device
 from tactileforge.sim.gel import Gel
 from tactileforge.sim.optics import Optics
-from tactileforge.sim.randomise import Draw
 from tactileforge.sim.scene import POINTS, SPACING, Scene, frame_rate
 from tactileforge.sim.surface import DETAIL, Fields, Surface
 from tactileforge.sim.touch import Contact, contacts
@@ -138,7 +137,7 @@ def _play(
 
 
 class _Film:
-    """What the sensors of a gel see of a scene."""
+    """Views of a scene by the sensors of one gel."""
 
     def __init__(self, feel: _Feel, size: int, markers: bool | None, where: str) -> None:
         fine = feel.scene.shape.map(POINTS * DETAIL, SPACING / DETAIL)
@@ -160,7 +159,7 @@ class _Film:
 
 
 class _View:
-    """What one sensor sees of a scene."""
+    """View of a scene by one sensor."""
 
     def __init__(
         self,
@@ -185,7 +184,7 @@ class _View:
         self.place = place
         self.optics = Optics(unit, where, shrink)
         self.codec = Codec(unit.camera, FULL / size)
-        self.drift = drift if Draw(scene.randomise, 0).chosen & {"drift"} else None
+        self.drift = drift if "drift" in scene.row.chosen else None
         self.places = unit.camera.places(height, width, unit.spacing, where)
 
     def pictures(
@@ -200,7 +199,7 @@ class _View:
         return self.codec(pictures.permute(0, 2, 3, 1).contiguous().cpu().numpy())
 
     def _motion(self, surface: Surface, part: Contact) -> Tensor | None:
-        """How far markers move in the picture, mm (K, M, 2)."""
+        """Displacement of markers in the picture, mm (K, M, 2)."""
         markers, unit = self.optics.markers, self.optics.unit
         if markers is None:
             return None

@@ -71,13 +71,13 @@ class Scene:
         return np.arange(int(self.path.seconds * fps) + 1) / fps
 
     def poses(self, fps: float) -> NDArray[np.float64]:
-        """Where the object is when frames are taken, (T, 6): they come a little early or late."""
+        """Poses of the object when frames are taken, (T, 6): they come a little early or late."""
         times = self.times(fps)
         late = self.row["jitter"] * self.row.rng("jitter").standard_normal(len(times)).clip(-2, 2)
         return self.path.pose(times + late)
 
     def drift(self, fps: float) -> NDArray[np.float32]:
-        """How the light of each colour has changed, grey levels (T, 3)."""
+        """Change of the light of each colour, grey levels (T, 3)."""
         draw = self.row.rng("drift")
         phase, turns = draw.uniform(0, 2 * np.pi, 3), draw.uniform(0.2, 1.0, 3)
         times = self.times(fps)[:, None] / max(1e-6, self.path.seconds)
@@ -142,8 +142,9 @@ def draw(
     row = Draw(randomise, seed)
     tilt = rng.normal(0, row["tilt"], 2)
     shape = _finished(shape, row)
+    heights = shape.map(POINTS, SPACING)
     speeds = Speeds(
-        depth=_depth(shape, tilt, row["softness"], force, rng.uniform(), reach),
+        depth=_depth(shape.name, heights, tilt, row["softness"], force, rng.uniform(), reach),
         slide=rng.uniform(1.5, 4.0),
         turn=rng.uniform(0.15, 0.6),
         seconds=seconds * rng.uniform(0.8, 1.2),
@@ -151,7 +152,7 @@ def draw(
     )
     angle = rng.uniform(-np.pi, np.pi)
     start = (*rng.uniform(-2, 2, 2), angle, *tilt)
-    path = _cleared(MOTIONS[motion](start, speeds, rng), shape)
+    path = _cleared(MOTIONS[motion](start, speeds, rng), heights)
     path = replace(path, sway=_sway(row, speeds.depth))
     grip = float(rng.uniform())
     return Scene(seed=seed, shape=shape, path=path, motion=motion, grip=grip, randomise=randomise)
@@ -171,7 +172,8 @@ def _finished(shape: Shape, row: Draw) -> Shape:
 
 
 def _depth(
-    shape: Shape,
+    name: str,
+    heights: NDArray[np.float32],
     tilt: NDArray[np.float64],
     softness: float,
     force: tuple[float, float],
@@ -182,26 +184,26 @@ def _depth(
     poses = torch.zeros(1, len(_DEPTHS), 6)
     poses[0, :, 3] = torch.tensor(_DEPTHS)
     poses[0, :, 4:] = torch.from_numpy(tilt)
-    heights = torch.from_numpy(shape.map(POINTS, SPACING))[None]
-    moments = contacts(heights, SPACING, [Gel()], poses, [FPS], shape.name, [softness])
+    moments = contacts(
+        torch.from_numpy(heights)[None], SPACING, [Gel()], poses, [FPS], name, [softness]
+    )
     forces = np.array([float(moment.force[0, 2]) for moment in moments])
     low, high = max(force[0], forces[0]), min(force[1], forces[-1])
     if low > high and reach == "clip":
         low = high = float(np.clip(low, forces[0], forces[-1]))
     if low > high:
         raise ConfigError(
-            f"scene: force={force} N, but {shape.name} presses with {forces[0]:.2g} to "
+            f"scene: force={force} N, but {name} presses with {forces[0]:.2g} to "
             f"{forces[-1]:.3g} N at {_DEPTHS[0]} to {_DEPTHS[-1]} mm; give a range that meets these"
         )
     wanted = low * (high / low) ** place
     return float(np.exp(np.interp(np.log(wanted), np.log(forces), np.log(_DEPTHS))))
 
 
-def _cleared(path: Path, shape: Shape) -> Path:
+def _cleared(path: Path, height: NDArray[np.float32]) -> Path:
     """The path with an end that is clear of any gel, wherever on its dome the object then is."""
     line = (np.arange(POINTS) - (POINTS - 1) / 2) * SPACING
     x, y = np.meshgrid(line, line)
-    height = shape.map(POINTS, SPACING)
 
     def lowest(pose: NDArray[np.float64], bend: float) -> float:
         cos, sin = np.cos(pose[2]), np.sin(pose[2])
@@ -219,7 +221,7 @@ def _cleared(path: Path, shape: Shape) -> Path:
 
 
 def _sway(row: Draw, depth: float) -> Sway | None:
-    """How a hand leaves the path, for a depth (mm)."""
+    """Deviation of a hand from the path, for a depth (mm)."""
     share, steep = row["sway"], row["force_follows_shear"]
     if not share and not steep:
         return None

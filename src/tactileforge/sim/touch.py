@@ -53,7 +53,7 @@ class Contact:
     give: Tensor
 
     def overlap(self, x: Tensor, y: Tensor, heights: Tensor) -> Tensor:
-        """How far the objects enter the undeformed gels, mm, (B, ...).
+        """Overlap of the objects with the undeformed gels, mm, (B, ...).
 
         Args:
             x: mm along the objects' own x, (B, ...).
@@ -118,7 +118,7 @@ def contacts(
 
 @dataclass(frozen=True)
 class _Laws:
-    """What a batch obeys: the gel, friction, viscosity in frames, and how objects yield."""
+    """Laws that a batch obeys: the gel, friction, viscosity in frames, and how objects yield."""
 
     solver: Kernel
     mu: Tensor
@@ -193,7 +193,7 @@ class _Overlap:
         return _overlap(self.x, self.y, self.heights, pose, self.depth(pose), self.bend)
 
     def depth(self, pose: Tensor) -> Tensor:
-        """How far the lowest planes of the objects lie beyond the apex, mm (B,)."""
+        """Depth of the lowest planes of the objects beyond the apex, mm (B,)."""
         return pose[:, 3] - self.first
 
     def motion(self, old: Tensor, new: Tensor) -> Tensor:

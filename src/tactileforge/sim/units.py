@@ -202,7 +202,7 @@ def _calibration(style: Style, row: Draw) -> Calibration:
 
 
 def _mixing(row: Draw) -> Tensor:
-    """How lights of another strength and colour mix the channels, (3, 3)."""
+    """Matrix by which lights of another strength and colour mix the channels, (3, 3)."""
     gains = torch.exp(row["light_power"] * _randn(row, "light_power", 3).clamp(-2, 2))
     share = row["light_colour"] * torch.from_numpy(row.rng("light_colour").random((3, 3))).float()
     share = share * (1 - torch.eye(3))
