@@ -6,12 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from omegaconf import OmegaConf
-
-from tactileforge import checkpoints
+from tactileforge import checkpoints, run_folder
 from tactileforge.atomic import write_text
 from tactileforge.data.datamodule import TouchData
-from tactileforge.errors import ConfigError, DataNotFoundError
+from tactileforge.errors import ConfigError
 from tactileforge.module import TouchModule
 from tactileforge.report import embedding, forces, sections, summary
 from tactileforge.report.findings import find
@@ -36,7 +34,7 @@ def report_of_run(folder: Path) -> Path:
     from tactileforge.assemble import build_data
 
     config = _config(folder)
-    state = checkpoints.read(folder)
+    state = checkpoints.read_own(folder, config.get("run"))
     data = build_data(config)
     module = TouchModule.from_config(config, data.summary("train").labels)
     try:
@@ -85,11 +83,7 @@ def write_report(folder: Path, module: TouchModule, data: TouchData) -> Path:
 
 
 def _config(folder: Path) -> dict[str, Any]:
-    path = folder / "config.yaml"
-    if not path.is_file():
-        raise DataNotFoundError(f"{folder}: no config.yaml there; give the folder of a run")
-    config: dict[str, Any] = OmegaConf.to_container(OmegaConf.load(path))  # type: ignore[assignment]
-    return config
+    return run_folder.read_config(folder)
 
 
 def _progress(folder: Path, curves: Mapping[str, Curve]) -> tuple[int, float | None]:

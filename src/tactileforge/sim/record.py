@@ -21,7 +21,7 @@ import torch
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from tactileforge.atomic import write_text
+from tactileforge.atomic import sealed, unsealed, write_text
 from tactileforge.contracts import Recording
 from tactileforge.data import shards
 from tactileforge.data.frames import ArrayFrames
@@ -358,7 +358,7 @@ def _claim(config: Config, folder: Path) -> None:
     path = folder / "sim.json"
     wanted = json.loads(json.dumps(asdict(config)))
     if path.exists():
-        held = json.loads(path.read_text())
+        held = _held(path)
         changed = [key for key in wanted if held.get(key) != wanted[key]]
         if changed:
             raise ConfigError(
@@ -366,7 +366,14 @@ def _claim(config: Config, folder: Path) -> None:
                 f"{', '.join(changed)}); give another out="
             )
         return
-    write_text(path, json.dumps(wanted, indent=2))
+    write_text(path, sealed(wanted))
+
+
+def _held(path: Path) -> dict[str, Any]:
+    try:
+        return unsealed(path.read_bytes())
+    except ValueError as error:
+        raise ConfigError(f"{path}: damaged ({error}); give another out=") from error
 
 
 def _main(config: str, folder: str, *numbers: str) -> None:
