@@ -51,7 +51,8 @@ _Dumper.yaml_implicit_resolvers = _Loader.yaml_implicit_resolvers
 
 def dump_yaml(plain: Any, **options: Any) -> str:
     """The YAML of plain values, which `load_yaml` reads back; keys stay in their order."""
-    return yaml.dump(plain, Dumper=_Dumper, sort_keys=False, allow_unicode=True, **options)
+    text: str = yaml.dump(plain, Dumper=_Dumper, sort_keys=False, allow_unicode=True, **options)
+    return text
 
 
 def load_yaml(text: str) -> Any:

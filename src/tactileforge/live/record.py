@@ -22,7 +22,7 @@ from tactileforge.errors import ConfigError, DataError, TactileForgeError, unkno
 from tactileforge.live.options import Options
 from tactileforge.live.raw import Raw
 from tactileforge.live.reel import Reel, Samples, Shot
-from tactileforge.live.rig import Device, Rig
+from tactileforge.live.rig import Device, Rig, check
 from tactileforge.live.status import Status, Summary
 from tactileforge.live.store import Store
 from tactileforge.live.threads import quick_switches
@@ -170,6 +170,7 @@ class _Take:
                 self._check_room()
             if self.status is not None:
                 self.status.show(self.rig, self.number, time.monotonic() - self.start, self.found)
+        check([device.capture for device in self.rig.all], at_end=True)
 
     def _check_room(self) -> None:
         free = shutil.disk_usage(self.store.out).free
@@ -190,6 +191,8 @@ class _Take:
         for device in self.rig.all:
             dropped = self.found.dropped
             dropped[device.name] = dropped.get(device.name, 0) + device.keeps.dropped
+            late = {"late": dropped[device.name]}
+            self.found.reasons[device.name] = late | device.capture.drops()
         if not self.segments:
             self.say(f"take {self.number}: nothing came")
             return
@@ -285,7 +288,8 @@ class _Take:
             "begun": self.begun,
             "clock": self.start,
             "dropped": device.keeps.dropped,
-            "frozen": counts.frozen,
+            **device.capture.drops(),
+            "stalled": counts.stalled,
             "reopened": counts.reopened,
         }
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -18,12 +18,15 @@ from tactileforge.live import background
 from tactileforge.live.capture import Capture
 from tactileforge.live.options import Options
 from tactileforge.live.reel import Reel, Samples
+from tactileforge.live.threads import within
 from tactileforge.specs import spec
 
 #: Seconds of frames, beside two segments, that may wait for the disk.
 _SLACK = 10.0
 #: Seconds in which every device must begin to send.
 _PATIENCE = 10.0
+#: Seconds that a driver may take to open a device, and to close it.
+_OPEN, _CLOSE = 30.0, 5.0
 #: Frames that are looked at for a background; more would only take memory.
 _LOOKED_AT = 60
 
@@ -143,9 +146,7 @@ class Rig:
 
     def check(self) -> None:
         """Raises the error of the first device that has ended with one."""
-        for device in self.all:
-            if device.capture.error is not None:
-                raise device.capture.error
+        check([device.capture for device in self.all])
 
     @property
     def is_over(self) -> bool:
@@ -217,6 +218,27 @@ class Rig:
         return all(device.capture.latest >= time for device in waits)
 
 
+def check(captures: Sequence[Capture], at_end: bool = False) -> None:
+    """Looks after sensors that are read.
+
+    Args:
+        captures: Of each.
+        at_end: Whether this was all; then a sensor that is lost will not come back.
+
+    Raises:
+        SensorError: One has ended with an error, hangs for too long, or is lost at the end.
+    """
+    for capture in captures:
+        capture.watch()
+        if capture.error is not None:
+            raise capture.error
+        if at_end and capture.is_lost and not capture.ended:
+            raise SensorError(
+                f"{capture.name}: it was lost, and had not come back at the end; what came before "
+                "is kept"
+            )
+
+
 def open_all(sensors: Mapping[str, Sensor], stack: ExitStack) -> None:
     """Opens sensors; the stack closes them.
 
@@ -225,8 +247,9 @@ def open_all(sensors: Mapping[str, Sensor], stack: ExitStack) -> None:
     """
     owners: dict[str, str] = {}
     for name, sensor in sensors.items():
+        stack.callback(within, _CLOSE, f"{name}: close()", sensor.close)
         try:
-            stack.enter_context(sensor)
+            within(_OPEN, f"{name}: open()", sensor.open)
         except OSError as error:  # a driver that has no words of its own for it
             raise SensorError(f"{name}: cannot be opened: {error}") from error
         address = str(getattr(sensor, "address", ""))

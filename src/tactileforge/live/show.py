@@ -19,7 +19,7 @@ from tactileforge.live.contact import ContactOptions, SlipOptions
 from tactileforge.live.finger import Finger, Reading, picture_of
 from tactileforge.live.options import Background
 from tactileforge.live.publish import Publisher
-from tactileforge.live.rig import open_all
+from tactileforge.live.rig import check, open_all
 from tactileforge.live.threads import quick_switches
 
 #: Seconds in which every sensor must begin to send; and that the loop waits for a frame.
@@ -166,9 +166,7 @@ class Show:
 
     def check(self) -> None:
         """Raises the error of the first sensor that has ended with one."""
-        for finger in self.fingers.values():
-            if finger.capture.error is not None:
-                raise finger.capture.error
+        check([finger.capture for finger in self.fingers.values()])
 
     def take_background(self) -> None:
         """Takes the frame without contact of every sensor; nothing may touch meanwhile.
@@ -255,6 +253,7 @@ def show(
                     publisher.send(message)
             if tell is not None:
                 tell(view)
+    check([finger.capture for finger in view.fingers.values()], at_end=True)
 
 
 @contextmanager

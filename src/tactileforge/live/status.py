@@ -5,7 +5,8 @@ from __future__ import annotations
 import shutil
 import sys
 import time
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TextIO
 
 from tactileforge.live.reel import Reel
@@ -28,6 +29,8 @@ class Summary:
         frames: Frames of each sensor.
         dropped: Frames of each device that found the queues full.
         bytes: Size of the shards.
+        reasons: All frames of each device that were dropped, by reason; ``late`` found the queues
+            full.
     """
 
     takes: int
@@ -35,6 +38,7 @@ class Summary:
     frames: dict[str, int]
     dropped: dict[str, int]
     bytes: int
+    reasons: dict[str, dict[str, int]] = field(default_factory=dict)
 
 
 class Status:
@@ -100,6 +104,16 @@ def of_device(device: Device) -> str:
         words.append(f"queue {keeps.waiting}")
     words.append(f"dropped {keeps.dropped}")
     counts = capture.counts
-    others = {"frozen": counts.frozen, "backwards": counts.backwards, "reopened": counts.reopened}
+    others = capture.drops() | {"stalled": counts.stalled, "reopened": counts.reopened}
     words += [f"{name} {count}" for name, count in others.items() if count]
     return " ".join(words)
+
+
+def of_drops(reasons: Mapping[str, Mapping[str, int]]) -> str:
+    """Dropped frames of each device by reason; ``none`` where there are none."""
+    told = [
+        f"{name} {sum(counts.values())} ({', '.join(f'{k} {n}' for k, n in counts.items() if n)})"
+        for name, counts in reasons.items()
+        if any(counts.values())
+    ]
+    return "; ".join(told) or "none"

@@ -13,7 +13,7 @@ from tactileforge.contracts import Sensor
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.live.options import Options
 from tactileforge.live.record import record
-from tactileforge.live.status import Status, Summary
+from tactileforge.live.status import Status, Summary, of_drops
 
 
 def main(argv: Sequence[str]) -> int:
@@ -94,9 +94,8 @@ def _say(status: Status) -> Any:
 
 def _told(found: Summary) -> str:
     frames = ", ".join(f"{name} {count}" for name, count in found.frames.items())
-    lost = ", ".join(f"{name} {count}" for name, count in found.dropped.items() if count)
     takes = "1 take" if found.takes == 1 else f"{found.takes} takes"
     return (
         f"{takes}, {found.seconds:.1f} s, {found.bytes / 1e6:.1f} MB; frames: {frames}; "
-        f"dropped: {lost or 'none'}"
+        f"dropped: {of_drops(found.reasons)}"
     )
