@@ -57,6 +57,8 @@ def batch() -> Batch:
         "text": ["a ball", "a ball", "", "a bar", "", "a ring", "a cross", "a nut"],
         "image": torch.randint(0, 256, (8, 3, 96, 96), dtype=torch.uint8, generator=rng),
         "image_valid": torch.tensor([True, True, False, True, True, False, True, True]),
+        "surface": torch.randint(1, 256, (8, 4, 3, 32, 32), dtype=torch.uint8, generator=rng),
+        "surface_valid": torch.tensor([True, False] * 4),
         "group": torch.tensor([0, 0, 1, 1, 2, 2, 3, 3]),
         "skipped": {},
     }

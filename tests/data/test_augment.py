@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from tactileforge.contracts import ACTIONS, Batch
+from tactileforge.data import displacement
 from tactileforge.data.augment import PHRASES, Augment, fill_captions, flip_labels
 
 MIRRORED = {
@@ -112,3 +113,21 @@ def test_captions_follow_the_action() -> None:
     fill_captions(batch)
     assert batch["text"] == ["sliding left a ball", "touching", "plain"]
     assert set(PHRASES) == {*ACTIONS, ""}
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_the_surface_is_mirrored_with_the_pixels(axis: int) -> None:
+    moved = np.random.default_rng(0).normal(0, 0.1, (1, 4, 8, 8, 3)).astype(np.float32)
+    mirrored = np.flip(moved, 3 - axis).copy()
+    mirrored[..., axis] *= -1
+    given, want = (
+        torch.from_numpy(displacement.encode(field)).movedim(-1, 2) for field in (moved, mirrored)
+    )
+    frames = torch.zeros(1, 4, 3, 8, 8, dtype=torch.uint8)
+    chances = [0.0, 0.0]
+    chances[axis] = 1.0
+    augment = Augment(*chances)
+    labels = {"action": torch.tensor([0]), "force": torch.zeros(1, 4, 3)}
+    batch = augment.labels(labels | {"group": torch.tensor([-1])})
+    found = augment(batch | {"frames": frames, "background": frames[:, 0], "surface": given})
+    assert torch.equal(found["surface"], want)

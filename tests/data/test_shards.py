@@ -35,6 +35,7 @@ def touch() -> Recording:
         text="{action} a cup, plainly",
         image=ArrayFrames(frames[3:]),
         image_times=np.array([0.1, 0.3]),
+        surface=ArrayFrames(frames[:, ::3, ::4]),
         labels={"hardness": 0.3, "place": "rim"},
         tracks={
             "pose": np.arange(20, dtype=np.float32).reshape(5, 2, 2) / 3,
@@ -57,6 +58,7 @@ def packed(recording: Recording, codec: str = "png") -> shards.Packed:
         encoded(recording.frames),
         encoded(recording.no_contact),
         encoded(recording.image),
+        [shards.encode(image, "png") for image in recording.surface.array],
     )
 
 
@@ -73,7 +75,7 @@ def test_a_recording_comes_back_as_it_went(touch: Recording, tmp_path: Path) -> 
         for name, values in touch.tracks.items():
             np.testing.assert_array_equal(back.tracks[name], values)
             assert back.tracks[name].dtype == values.dtype
-        for name in ("frames", "no_contact", "image"):
+        for name in ("frames", "no_contact", "image", "surface"):
             there, here = getattr(back, name), getattr(touch, name)
             np.testing.assert_array_equal(there.read(range(len(here))), here.array)
 
@@ -87,7 +89,7 @@ def test_what_a_recording_lacks_stays_lacking(touch: Recording, tmp_path: Path) 
     shards.write(tmp_path / "a.tar", [shards.Packed(shards.head(bare), "jpg", frames, [], [])])
     (back,) = shards.read(tmp_path / "a.tar")
     missing = (back.no_contact, back.force, back.action, back.object, back.text, back.image)
-    assert missing == (None,) * 6
+    assert (*missing, back.surface) == (None,) * 7
 
 
 def test_any_tool_reads_it(touch: Recording, tmp_path: Path) -> None:
@@ -98,6 +100,7 @@ def test_any_tool_reads_it(touch: Recording, tmp_path: Path) -> None:
         "000000.json",
         *(f"000000.background.{i:04d}.png" for i in range(2)),
         *(f"000000.image.{i:04d}.png" for i in range(2)),
+        *(f"000000.surface.{i:04d}.png" for i in range(5)),
         *(f"000000.{i:04d}.png" for i in range(5)),
     ]
 
@@ -290,7 +293,7 @@ def test_what_is_no_shard_is_named(touch: Recording, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"version": 99}, "shard version 99, but this tactileforge reads 2"),
+        ({"version": 99}, "shard version 99, but this tactileforge reads 3"),
         ({"sensor": 3}, "sensor is 3, not a string"),
         ({"times": [0.0]}, "5 frames and 1 rows of times"),
         ({"times": ["a"] * 5}, "could not convert string to float"),

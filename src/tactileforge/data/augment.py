@@ -12,6 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from tactileforge.contracts import ACTIONS, Batch
+from tactileforge.data import displacement
 
 #: What a caption says of an action; "" stands for an unknown one.
 PHRASES = {
@@ -114,4 +115,14 @@ class Augment(nn.Module):
         if self.jitter is not None:
             moved: Any = self.jitter(clip.float() / 255)
             clip = (moved * 255).round().clamp(0, 255).to(torch.uint8)
-        return batch | {"background": clip[:, 0], "frames": clip[:, 1:]}
+        moved = {"background": clip[:, 0], "frames": clip[:, 1:]}
+        if "surface" in batch:
+            moved["surface"] = _mirrored(batch["surface"], batch["flip"])
+        return batch | moved
+
+
+def _mirrored(surface: Tensor, flip: Tensor) -> Tensor:
+    for axis in (0, 1):
+        flipped = flip[:, axis, None, None, None, None]
+        surface = torch.where(flipped, displacement.mirrored(surface, axis), surface)
+    return surface

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from torch.utils.data import Dataset
 
 from tactileforge.contracts import NEUTRAL_BACKGROUND, Batch, Frames, Recording
+from tactileforge.data import displacement
 from tactileforge.data.align import nearest
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.specs import spec
@@ -22,6 +23,8 @@ from tactileforge.specs import spec
 Skipped: TypeAlias = dict[str, tuple[str, int]]
 #: Recordings that may fail one after another before reading gives up.
 _MAX_FAILURES = 20
+#: Height and width of images of the surface's displacement.
+SURFACE = (32, 32)
 #: Frames that shrink at least this much are averaged; below, bilinear interpolation sees all pixels
 #: and is six times as fast.
 _AVERAGE = 1.5
@@ -148,6 +151,9 @@ class Clips(Dataset[dict[str, Any]]):
         if recording.image is not None:
             row = _view(recording, int(rows[-1]))
             image = self._frames(("image", number), recording.image, [row], (height, width))[0]
+        surface = np.full((self.frames, *SURFACE, 3), displacement.NONE, np.uint8)
+        if recording.surface is not None:
+            surface = self._frames(("surface", number), recording.surface, rows.tolist(), SURFACE)
         return {
             "frames": _tensor(
                 self._frames(("touch", number), recording.frames, rows.tolist(), self.size)
@@ -162,6 +168,8 @@ class Clips(Dataset[dict[str, Any]]):
             "text": recording.text or "",
             "image": _tensor(image),
             "image_valid": recording.image is not None,
+            "surface": _tensor(surface),
+            "surface_valid": recording.surface is not None,
             "group": group,
             "clip": clip,
         }

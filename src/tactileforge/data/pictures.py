@@ -24,7 +24,9 @@ CODECS: dict[str, list[int]] = {
 }
 
 #: What the groups of pictures are called in a member's name, in the order they are written.
-GROUPS = {"background": "background.", "image": "image.", "frames": ""}
+GROUPS = {"background": "background.", "image": "image.", "surface": "surface.", "frames": ""}
+#: Codecs of groups that lossy compression would spoil; the others have the recording's.
+_LOSSLESS = {"surface": "png"}
 #: Bytes of a block of a tar file: a member is one with its name, and its content in whole ones.
 BLOCK = 512
 
@@ -55,7 +57,12 @@ def encode(picture: NDArray[np.uint8], codec: str = "jpg", quality: int | None =
 
 def member_name(group: str, number: int, codec: str) -> str:
     """Name of a picture's member, after the number of its recording."""
-    return f"{GROUPS[group]}{number:04d}.{codec}"
+    return f"{GROUPS[group]}{number:04d}.{codec_of(group, codec)}"
+
+
+def codec_of(group: str, codec: str) -> str:
+    """The codec of a group in a recording of some codec."""
+    return _LOSSLESS.get(group, codec)
 
 
 def size_of(picture: bytes) -> tuple[int, int]:
@@ -77,8 +84,8 @@ class PackedFrames:
         name: Of the recording, for messages.
         path: The shard.
         stem: What the members' names begin with.
-        group: ``frames``, ``background`` or ``image``.
-        codec: One of `CODECS`.
+        group: A key of `GROUPS`.
+        codec: One of `CODECS`, of the recording.
         shape: Height and width.
         starts: int64 (n,), where the header of each member begins.
         sizes: int64 (n,), bytes of each picture.
@@ -103,7 +110,7 @@ class PackedFrames:
         self.path = path
         self.stem = stem
         self.group = group
-        self.codec = codec
+        self.codec = codec_of(group, codec)
         self.shape = shape
         self.starts, self.sizes, self.crcs = starts, sizes, crcs
 

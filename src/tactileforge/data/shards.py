@@ -1,9 +1,9 @@
 """Shards: plain tar files of recordings, that any tool can read (`docs/shards.md`).
 
 A recording is ``KEY.json`` (all but the pictures), ``KEY.background.0000.jpg`` and on,
-``KEY.image.0000.jpg`` and on, and ``KEY.0000.jpg`` and on. The JSON says how large each picture is
-and its checksum, so a shard is opened by reading its JSON alone, and pictures are read, and
-checked, where they lie.
+``KEY.image.0000.jpg`` and on, ``KEY.surface.0000.png`` and on, and ``KEY.0000.jpg`` and on. The
+JSON says how large each picture is and its checksum, so a shard is opened by reading its JSON
+alone, and pictures are read, and checked, where they lie.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from tactileforge.errors import DataError
 __all__ = ["CODECS", "VERSION", "Packed", "PackedFrames", "encode", "head", "read", "write"]
 
 #: Version of the layout; a reader refuses another.
-VERSION = 2
+VERSION = 3
 
 _JSON = re.compile(r"\d{6,}\.json")
 #: A JSON of more bytes, and a picture of more pixels, are none of ours.
@@ -56,6 +56,7 @@ class Packed:
         frames: Encoded frames.
         background: Encoded frames without contact; [] where there are none.
         image: Encoded camera views; [] where there are none.
+        surface: Encoded displacements of the surface, PNG; [] where there are none.
     """
 
     head: dict[str, Any]
@@ -63,6 +64,7 @@ class Packed:
     frames: Sequence[bytes]
     background: Sequence[bytes]
     image: Sequence[bytes]
+    surface: Sequence[bytes] = ()
 
 
 def head(recording: Recording) -> dict[str, Any]:
@@ -285,7 +287,8 @@ def _build(about: dict[str, Any], lazy: dict[str, PackedFrames]) -> Recording:
     times = np.array(about["times"], np.float64)
     force, action, seen = about["force"], about["action"], about["image_times"]
     tracks = {name: _track(track) for name, track in about["tracks"].items()}
-    columns = {"times": times, "force": force, "action": action, **tracks}
+    surface = lazy.get("surface")
+    columns = {"times": times, "force": force, "action": action, "surface": surface, **tracks}
     for name, column in columns.items():
         if column is not None and len(column) != len(lazy["frames"]):
             raise ValueError(f"{len(lazy['frames'])} frames and {len(column)} rows of {name}")
@@ -309,6 +312,7 @@ def _build(about: dict[str, Any], lazy: dict[str, PackedFrames]) -> Recording:
         text=about["text"],
         image=lazy.get("image"),
         image_times=None if seen is None else np.array(seen, np.float64),
+        surface=surface,
         labels={name: math.nan if x is None else x for name, x in dict(about["labels"]).items()},
         tracks=tracks,
         source=about["source"],

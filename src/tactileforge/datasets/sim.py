@@ -46,7 +46,7 @@ class Sim:
         ConfigError: A number of touches is negative, or not positive for training.
     """
 
-    provides = frozenset({"force", "action", "object", "text", "image"})
+    provides = frozenset({"force", "action", "object", "text", "image", "surface"})
 
     def __init__(
         self,

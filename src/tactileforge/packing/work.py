@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.atomic import write_text
-from tactileforge.contracts import Frames, Recording
+from tactileforge.contracts import Frames, FrameSubset, Recording
 from tactileforge.data import shards
 from tactileforge.data.index import Entry
 from tactileforge.errors import DataError
@@ -199,6 +199,7 @@ class _Packer:
             frames,
             self._all(whole.no_contact),
             self._all(whole.image),
+            [] if recording.surface is None else _lossless(recording.surface),
         )
         return recording, packed
 
@@ -273,6 +274,11 @@ class _Packer:
         return shards.encode(shown, self.options.codec, self.options.quality)
 
 
+def _lossless(frames: Frames) -> list[bytes]:
+    """All images of a group that is never shrunk."""
+    return [shards.encode(image, "png") for image in frames.read(range(len(frames)))]
+
+
 def _smaller(shape: Sequence[int], size: int | None) -> tuple[int, int] | None:
     """Height and width after shrinking; None where a picture stays as it is."""
     shorter = min(shape)
@@ -294,6 +300,7 @@ def _with_rows(whole: Recording, rows: Sequence[int]) -> Recording:
         force=None if whole.force is None else whole.force[rows],
         action=None if whole.action is None else whole.action[rows],
         image_times=seen,
+        surface=None if whole.surface is None else FrameSubset(whole.surface, rows),
         tracks={name: values[rows] for name, values in whole.tracks.items()},
     )
 

@@ -192,6 +192,7 @@ def recordings(config: Config, number: int) -> list[shards.Packed]:
     scene = config.scene(number)
     count = len(config.sensors)
     pictures: list[list[bytes]] = [[] for _ in range(count)]
+    surface: list[list[bytes]] = [[] for _ in range(count)]
     force: list[list[np.ndarray]] = [[] for _ in range(count)]
     torque: list[float] = [0.0] * count
     for shots in play(
@@ -202,12 +203,14 @@ def recordings(config: Config, number: int) -> list[shards.Packed]:
         viscosity=config.viscosity,
     ):
         pictures[shots.sensor] += [shards.encode(p, config.codec) for p in shots.pictures]
+        surface[shots.sensor] += [shards.encode(p, "png") for p in shots.surface]
         force[shots.sensor].append(shots.force)
         torque[shots.sensor] = max(torque[shots.sensor], float(np.abs(shots.torque).max()))
     photo = shards.encode(view(scene.shape, config.size, scene.seed), config.codec)
     kind = "surface" if scene.shape.index is None else "indenter"
     out = []
-    for sensor, encoded, forces, twist in zip(config.sensors, pictures, force, torque, strict=True):
+    felt = zip(config.sensors, pictures, surface, force, torque, strict=True)
+    for sensor, encoded, moved, forces, twist in felt:
         times = scene.times(frame_rate(sensor))
         about = Recording(
             key=f"sim/{number:06d}_{sensor}_{scene.shape.name}_{scene.motion}",
@@ -230,7 +233,9 @@ def recordings(config: Config, number: int) -> list[shards.Packed]:
             licence="CC0-1.0",
         )
         # The path starts clear of the gel.
-        out.append(shards.Packed(shards.head(about), config.codec, encoded, encoded[:1], [photo]))
+        out.append(
+            shards.Packed(shards.head(about), config.codec, encoded, encoded[:1], [photo], moved)
+        )
     return out
 
 
