@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from torch import Tensor
 
-    from tactileforge.data.clips import Clips
+    from tactileforge.data.batches.clips import Clips
 
 Batch: TypeAlias = dict[str, Any]
 
@@ -297,8 +297,8 @@ class Dataset(Protocol):
     ``skipped`` grows as `recordings` meets files it cannot read: one line each, which names the
     file.
 
-    A large data set may also have ``sources(split)``, see `data.sources.Parted`: it is then opened
-    part by part while it is read, and not as a whole.
+    A large data set may also have ``sources(split)``, see `data.batches.sources.Parted`: it is then
+    opened part by part while it is read, and not as a whole.
     """
 
     skipped: list[str]

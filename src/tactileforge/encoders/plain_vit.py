@@ -9,8 +9,8 @@ import torch
 from torch import Tensor, nn
 
 from tactileforge.encoders.backbone import Backbone, of_length, visible
-from tactileforge.encoders.pixels import SPARSH
 from tactileforge.encoders.positions import sincos
+from tactileforge.encoders.preprocess import SPARSH
 from tactileforge.encoders.tactile_vit import PUBLISHED_SENSORS
 from tactileforge.encoders.transformer import Transformer, init_weights
 from tactileforge.errors import ConfigError, unknown

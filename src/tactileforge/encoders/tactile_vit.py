@@ -9,8 +9,8 @@ import torch
 from torch import Tensor, nn
 
 from tactileforge.encoders.backbone import Backbone, of_length, visible
-from tactileforge.encoders.pixels import ANYTOUCH2, CLIP_MEAN, CLIP_STD
 from tactileforge.encoders.positions import waves
+from tactileforge.encoders.preprocess import ANYTOUCH2, CLIP_MEAN, CLIP_STD
 from tactileforge.encoders.transformer import Transformer, init_weights
 from tactileforge.errors import ConfigError, unknown
 

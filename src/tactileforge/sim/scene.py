@@ -11,15 +11,16 @@ import torch
 from numpy.typing import NDArray
 
 from tactileforge.errors import ConfigError, unknown
-from tactileforge.sim.devices import DEVICES, FPS
-from tactileforge.sim.gel import Gel
-from tactileforge.sim.motions import CLEAR, MOTIONS, Path, Speeds, Sway
-from tactileforge.sim.randomise import TABLE, Choice, Draw
-from tactileforge.sim.reliefs import bumps
-from tactileforge.sim.shapes import Shape
-from tactileforge.sim.solids import DEEP, printed
-from tactileforge.sim.touch import contacts, window
-from tactileforge.specs import spec
+from tactileforge.sensors.specs import spec
+from tactileforge.sim.geometry.heightfields import bumps
+from tactileforge.sim.geometry.indenter_geometry import DEEP, printed
+from tactileforge.sim.geometry.shapes import Shape
+from tactileforge.sim.mechanics.gel import Gel
+from tactileforge.sim.mechanics.motions import CLEAR, MOTIONS, Path, Speeds, Sway
+from tactileforge.sim.mechanics.sensor_gels import DEVICES, FPS
+from tactileforge.sim.mechanics.touch import contacts, window
+from tactileforge.sim.randomise.draw import Choice, Draw
+from tactileforge.sim.randomise.table import TABLE
 
 #: The solver's grid: points a side, mm between them. It is 14.4 mm wide.
 POINTS, SPACING = 72, 0.2

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 
 from tactileforge.contracts import ACTIONS, Batch
-from tactileforge.specs import spec
+from tactileforge.sensors.specs import spec
 
 _SENSORS = ("gelsight", "digit")
 
