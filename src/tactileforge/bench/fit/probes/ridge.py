@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from tactileforge.bench.fit import ridge
+from tactileforge.bench.fit.probes import ridge_regression
 from tactileforge.bench.fit.probes.base import Probe, Values
 from tactileforge.bench.tasks.targets import Part
 
@@ -42,13 +42,13 @@ class Ridge(Probe):
             groups: n names; samples of one name are left out together.
             asked: (m, d).
         """
-        known, asked = ridge.standardised(known, asked)
+        known, asked = ridge_regression.standardised(known, asked)
         gram, cross = known @ known.T, (asked @ known.T).double()
         places = _places(groups)
         inner: Values = {}
         outer: Values = {}
         for name, part in self.parts.items():
-            found = ridge.fit(gram, _coded(part, truth[name]))
+            found = ridge_regression.fit(gram, _coded(part, truth[name]))
             tried = [found.left_out(penalty, places) for penalty in found.penalties]
             best = _best(part, torch.stack(tried), truth[name])
             inner[name] = _decoded(part, _chosen(tried, best))

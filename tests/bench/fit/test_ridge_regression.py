@@ -5,8 +5,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from tactileforge.bench.fit import ridge
-from tactileforge.bench.fit.probes import probe
+from tactileforge.bench.fit.probes import probe, ridge_regression
 from tactileforge.bench.fit.probes.ridge import Ridge
 from tactileforge.bench.tasks.targets import Part
 
@@ -29,9 +28,9 @@ def solved(x: Tensor, y: Tensor, penalty: float, asked: Tensor) -> Tensor:
 @pytest.mark.parametrize("size", [1, 4])
 def test_groups_left_out_in_closed_form_are_those_left_out_by_hand(width: int, size: int) -> None:
     x, rng = made(24, width)
-    x = ridge.standardised(x, x)[0].double()
+    x = ridge_regression.standardised(x, x)[0].double()
     y = torch.randn(24, 2, generator=rng)
-    found = ridge.fit(x @ x.T, y)
+    found = ridge_regression.fit(x @ x.T, y)
     groups = list(torch.arange(24).split(size))
     for penalty in found.penalties[4::4]:
         closed = found.left_out(penalty, groups)
@@ -47,7 +46,7 @@ def test_groups_left_out_in_closed_form_are_those_left_out_by_hand(width: int, s
 def test_features_that_stand_still_do_not_count() -> None:
     x, _ = made(10, 3)
     x[:, 1] = 7.0
-    known, asked = ridge.standardised(x, x + 1)
+    known, asked = ridge_regression.standardised(x, x + 1)
     assert known[:, 1].abs().max() == asked[:, 1].abs().max() == 0
     assert known[:, [0, 2]].std(0, correction=0) == pytest.approx([1.0, 1.0], rel=1e-5)
 
