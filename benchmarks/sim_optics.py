@@ -152,7 +152,7 @@ def speed() -> dict[str, float]:
 
 def write() -> None:
     """Fits on all presses, and writes the calibrations that ship."""
-    folder = Path(lighting.__file__).parent / "calibration"
+    folder = Path(lighting.__file__).parents[1] / "calibration"
     for name, source in SOURCES.items():
         made = fit.fit(read(name))
         if name == "digit":

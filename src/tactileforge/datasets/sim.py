@@ -37,7 +37,7 @@ class Sim:
         viscosity: Relaxation time of the gels, s; forces then lead pictures.
         lag: Seconds by which pictures come later than forces, as from a real camera.
         randomise: How units of a sensor, and touches, differ: ``none``, ``unit``, ``all``, or names
-            of rows, see `sim.randomise.TABLE`.
+            of rows, see `sim.randomise.table.TABLE`.
         seed: Another seed, other touches.
         cache: Folder that keeps them; None for ``$TACTILEFORGE_CACHE``, or the user's cache.
         processes: Processes that simulate; None for one a core.

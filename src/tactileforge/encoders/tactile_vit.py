@@ -57,7 +57,7 @@ class TactileViT(Backbone):
         eps: Of the norms.
         bias_kv: Whether attention has a learned key and value besides the tokens (ImageBind).
         length: Projected class tokens are scaled to this length; None leaves them as they are.
-        pixels: Preprocessing, see `pixels.Pixels`.
+        pixels: Preprocessing, see `preprocess.Pixels`.
 
     Attributes:
         width: Size of a token.

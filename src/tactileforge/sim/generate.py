@@ -85,7 +85,7 @@ class Config:
         lag: Seconds by which pictures come later than forces, as from a real camera.
         seed: Another seed, other touches.
         codec: How pictures are stored, see `data.shards.shards.CODECS`.
-        randomise: How units and scenes differ, see `randomise.rows`.
+        randomise: How units and scenes differ, see `randomise.draw.rows`.
     """
 
     sensors: tuple[str, ...]

@@ -64,7 +64,7 @@ def play(
 
     Args:
         scenes: The touches.
-        sensors: Types of sensors, see `devices.DEVICES`.
+        sensors: Types of sensors, see `sensor_gels.DEVICES`.
         size: Rows or columns of the pictures, whichever are fewer.
         markers: Whether the gels have markers; None as their types have.
         viscosity: Relaxation time of the gels, s; their forces then lead their pictures. Scenes

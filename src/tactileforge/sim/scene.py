@@ -56,7 +56,7 @@ class Scene:
         motion: Name of the motion.
         grip: From slippery (0) to sticky (1).
         unit: Draws the units of the sensors instead of the seed, if given.
-        randomise: How units and scenes differ, see `randomise.rows`.
+        randomise: How units and scenes differ, see `randomise.draw.rows`.
     """
 
     seed: int
@@ -128,7 +128,7 @@ def draw(
         force: Range of the largest normal force, N; the depth that gives it on a flat gel like the
             Mini's is looked up. What a shape reaches between 0.05 and 1.5 mm bounds the range.
         seconds: Mean duration of one action.
-        randomise: How units and scenes differ, see `randomise.rows`.
+        randomise: How units and scenes differ, see `randomise.draw.rows`.
         reach: Whether a shape that does not reach the range is an error, or presses as near to it
             as it can.
 

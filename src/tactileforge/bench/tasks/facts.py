@@ -11,7 +11,7 @@ from tactileforge.errors import ConfigError
 
 
 def fact(source: Source, number: int, name: str) -> str:
-    """What is known of a recording; see `tasks.Plan`.
+    """What is known of a recording; see `suite.Plan`.
 
     Raises:
         ConfigError: Nothing is known by that name.
@@ -39,7 +39,7 @@ def fact(source: Source, number: int, name: str) -> str:
 
 
 def fits(source: Source, number: int, chosen: Mapping[str, Any]) -> bool:
-    """Whether a recording has the facts that a filter names; see `tasks.Plan`."""
+    """Whether a recording has the facts that a filter names; see `suite.Plan`."""
     for name, wanted in chosen.items():
         values = {str(one) for one in (wanted if isinstance(wanted, list) else [wanted])}
         if fact(source, number, name) not in values:

@@ -69,7 +69,7 @@ def open_source(data: Mapping[str, Any], sides: tuple[str, ...], clip: Clip) -> 
     """Opens the data of a task.
 
     Args:
-        data: See `tasks.Task`.
+        data: See `suite.Task`.
         sides: Sides of the data set to read.
         clip: Where clips are cut.
 

@@ -129,7 +129,7 @@ def draw(
         seed: Not negative.
         size: Height and width of its pictures; None for those of the sensor.
         markers: Whether its gel has markers; None as the type has.
-        randomise: How it differs from others, see `randomise.rows`.
+        randomise: How it differs from others, see `randomise.draw.rows`.
 
     Raises:
         ConfigError: The sensor is unknown, or has no gel with markers.
