@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from tactileforge import cli
-from tactileforge.data import shards
+from tactileforge.data.shards import shards
 from tactileforge.datasets.sim import Sim
 from tactileforge.packing import Options, pack
 

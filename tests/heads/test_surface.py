@@ -8,8 +8,8 @@ import pytest
 import torch
 
 from tactileforge.contracts import Batch, Features
-from tactileforge.data import displacement
-from tactileforge.data.clips import SURFACE
+from tactileforge.data.batches.clips import SURFACE
+from tactileforge.data.labels import displacement
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError
 from tactileforge.heads.surface import SurfaceHead

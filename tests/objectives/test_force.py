@@ -5,13 +5,13 @@ import pytest
 import torch
 
 from tactileforge.contracts import Batch, Recording
-from tactileforge.data.clips import Clips
-from tactileforge.data.frames import ArrayFrames
+from tactileforge.data.batches.clips import Clips
+from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError
 from tactileforge.heads.force import ForceHead, Forces
 from tactileforge.objectives.force import Force
-from tactileforge.specs import spec
+from tactileforge.sensors.specs import spec
 
 FORMULAS = {
     "l1": lambda e: abs(e),

@@ -3,13 +3,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactileforge.data import displacement
+from tactileforge.data.labels import displacement
 from tactileforge.errors import ConfigError
-from tactileforge.sim import contact
+from tactileforge.sim.geometry.indenter_geometry import Shape
+from tactileforge.sim.geometry.shapes import shape
+from tactileforge.sim.mechanics import contact
 from tactileforge.sim.play import play
 from tactileforge.sim.scene import Scene, draw
-from tactileforge.sim.shapes import shape
-from tactileforge.sim.solids import Shape
 
 SIZE = 48
 

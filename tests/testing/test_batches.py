@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from tactileforge.specs import spec
+from tactileforge.sensors.specs import spec
 from tactileforge.testing import batch
 
 

@@ -12,10 +12,10 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from tactileforge.atomic import write_text
 from tactileforge.contracts import Recording
-from tactileforge.datasets.node import Node
 from tactileforge.errors import ConfigError, DataNotFoundError
+from tactileforge.files import write_text
+from tactileforge.node import Node
 
 if TYPE_CHECKING:
     from tactileforge.hub.model import Model

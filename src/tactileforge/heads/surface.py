@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from tactileforge.contracts import Batch, Encoder, Views
-from tactileforge.data.clips import SURFACE
+from tactileforge.data.batches.clips import SURFACE
 from tactileforge.errors import ConfigError
 
 

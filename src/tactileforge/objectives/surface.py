@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from tactileforge.contracts import AXES, Batch
-from tactileforge.data import displacement
+from tactileforge.data.labels import displacement
 from tactileforge.distributed import masked_mean
 
 

@@ -17,11 +17,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.atomic import write_text
 from tactileforge.contracts import Frames, FrameSubset, Recording
-from tactileforge.data import shards
-from tactileforge.data.index import Entry
+from tactileforge.data.shards import shards
+from tactileforge.data.shards.index import Entry
 from tactileforge.errors import DataError
+from tactileforge.files import write_text
 from tactileforge.packing import filters
 from tactileforge.packing.options import Options
 from tactileforge.packing.statistics import Statistics

@@ -8,15 +8,15 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
-from tactileforge import checkpoints
-from tactileforge.atomic import write_text
-from tactileforge.data.datamodule import TouchData
+from tactileforge.callbacks import checkpoints
+from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import ConfigError, DataNotFoundError
+from tactileforge.files import write_text
 from tactileforge.module import TouchModule
+from tactileforge.pages.curves import Curve, read_metrics
+from tactileforge.pages.page import page
 from tactileforge.report import embedding, forces, sections, summary
 from tactileforge.report.findings import find
-from tactileforge.report.metrics import Curve, read_metrics
-from tactileforge.report.page import page
 
 
 def report_of_run(folder: Path) -> Path:

@@ -13,17 +13,17 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional as F
 
-from tactileforge.data import displacement
+from tactileforge.data.labels import displacement
 from tactileforge.errors import ConfigError
-from tactileforge.sim import units
-from tactileforge.sim.camera import FULL, Codec
-from tactileforge.sim.devices import device
-from tactileforge.sim.gel import Gel
-from tactileforge.sim.optics import Optics
+from tactileforge.sensors.specs import spec
+from tactileforge.sim.mechanics.gel import Gel
+from tactileforge.sim.mechanics.sensor_gels import device
+from tactileforge.sim.mechanics.surface import DETAIL, Fields, Surface
+from tactileforge.sim.mechanics.touch import Contact, contacts
+from tactileforge.sim.optics import sensor_instances
+from tactileforge.sim.optics.camera import FULL, Codec
+from tactileforge.sim.optics.render import Optics
 from tactileforge.sim.scene import POINTS, SPACING, Scene, frame_rate
-from tactileforge.sim.surface import DETAIL, Fields, Surface
-from tactileforge.sim.touch import Contact, contacts
-from tactileforge.specs import spec
 
 #: Frames that are rendered at a time.
 _CHUNK = 8
@@ -68,7 +68,7 @@ def play(
 
     Args:
         scenes: The touches.
-        sensors: Types of sensors, see `devices.DEVICES`.
+        sensors: Types of sensors, see `sensor_gels.DEVICES`.
         size: Rows or columns of the pictures, whichever are fewer.
         markers: Whether the gels have markers; None as their types have.
         viscosity: Relaxation time of the gels, s; their forces then lead their pictures. Scenes
@@ -108,7 +108,7 @@ def _feels(number: int, scene: Scene, sensors: Sequence[str], viscosity: float) 
     for place, name in enumerate(sensors):
         base = replace(device(name).touched(scene.grip), viscosity=slow)
         seed = scene.seed if scene.unit is None else scene.unit
-        gel = units.gel(base, name, seed, scene.randomise)
+        gel = sensor_instances.gel(base, name, seed, scene.randomise)
         felt.setdefault((gel, frame_rate(name)), {})[place] = name
     for (gel, fps), seen in felt.items():
         yield _Feel(number, scene, gel, fps, seen)
@@ -179,10 +179,10 @@ class _View:
         full = min(known.height, known.width)
         shown = [round(side * size / full) for side in (known.height, known.width)]
         seed = scene.seed if scene.unit is None else scene.unit
-        coarse = units.spacing(sensor, shown[0])
+        coarse = sensor_instances.spacing(sensor, shown[0])
         shrink = math.ceil(coarse / _FINEST)
         height, width = (side * shrink for side in shown)
-        unit = units.draw(sensor, seed, (height, width), markers, scene.randomise)
+        unit = sensor_instances.draw(sensor, seed, (height, width), markers, scene.randomise)
         # A pixel of a picture that is smaller than the sensor's is a mean of many.
         unit = replace(unit, noise=unit.noise * min(1.0, size / FULL))
         self.place = place

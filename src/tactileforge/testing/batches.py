@@ -7,9 +7,9 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from tactileforge.contracts import ACTIONS, Batch
-from tactileforge.data import displacement
-from tactileforge.data.clips import SURFACE
-from tactileforge.specs import spec
+from tactileforge.data.batches.clips import SURFACE
+from tactileforge.data.labels import displacement
+from tactileforge.sensors.specs import spec
 
 _SENSORS = ("gelsight", "digit")
 

@@ -1,0 +1,122 @@
+"""A sensor in a thread: what it loses is counted, and what it cannot mend is an error."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tactileforge.errors import SensorError
+from tactileforge.sensors import capture as module
+from tactileforge.sensors.capture import Capture
+
+
+def run(sensor, until, **options):
+    """Captures until a condition holds; gives the capture and its frames."""
+    frames = []
+    with sensor:
+        capture = Capture("left", sensor, frames.append, **options)
+        capture.start()
+        end = time.monotonic() + 10
+        while not until(capture, frames):
+            assert time.monotonic() < end, "it does not come"
+            time.sleep(0.005)
+        capture.stop()
+    return capture, frames
+
+
+def over(capture, frames):
+    return capture.is_done
+
+
+def test_every_frame_comes_once_in_order(scripted):
+    sensor = scripted(fps=200, limit=40)
+    capture, frames = run(sensor, over)
+    assert [frame.time for frame in frames] == sensor.times
+    assert capture.counts.frames == len(frames) == 40
+    assert capture.ended
+    assert capture.error is None
+    assert capture.fps == pytest.approx(200, rel=1e-3)
+
+
+def test_a_clock_that_goes_back_costs_those_frames_and_no_others(scripted):
+    back = {
+        5: lambda f: replace(f, time=f.time - 0.02),
+        6: lambda f: replace(f, time=f.time - 0.02),
+    }
+    capture, frames = run(scripted(fps=200, limit=20, events=back), over)
+    assert capture.counts.backwards == 2
+    assert len(frames) == 18
+    assert (np.diff([frame.time for frame in frames]) > 0).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda f: replace(f, time=f.time + 60), "left: a frame is 60.0 s ahead of the clock"),
+        (lambda f: replace(f, time=0.5), r"left: a frame is \d+\.\d s behind the clock"),
+        (lambda f: replace(f, array=f.array[:5]), r"left: a frame of \(5, 32\) pixels"),
+    ],
+)
+def test_frames_that_cannot_be_true_end_it(scripted, change, message):
+    capture, frames = run(scripted(events={0: change}), over)
+    assert frames == []
+    with pytest.raises(SensorError, match=message):
+        raise capture.error
+
+
+def test_a_picture_that_stays_for_a_second_is_dropped_and_counted(scripted):
+    sensor = scripted(fps=100)
+    sensor.picture = lambda number: np.full((24, 32, 3), 90 if number >= 20 else number, np.uint8)
+    capture, frames = run(sensor, lambda c, f: c.counts.frozen >= 30)
+    assert capture.health.counts["frozen"] == capture.counts.frozen
+    assert len(frames) == 20 + 100
+    assert capture.counts.frames == 120
+
+
+def test_a_sensor_that_is_unplugged_is_opened_again(scripted, monkeypatch):
+    monkeypatch.setattr(module, "_RETRY", 0.02)
+
+    def unplug(frame):
+        sensor.refuse.append(SensorError("not there yet"))
+        raise SensorError("unplugged")
+
+    sensor = scripted(fps=200, limit=40, events={10: unplug})
+    capture, frames = run(sensor, over)
+    assert sensor.opened == 2
+    assert capture.counts.reopened == 1
+    assert len(frames) == 39
+    assert not capture.is_lost
+    assert capture.error is None
+
+
+def test_a_sensor_that_does_not_come_back_is_an_error(scripted, monkeypatch):
+    monkeypatch.setattr(module, "_RETRY", 0.02)
+    sensor = scripted(events={3: SensorError("ttyUSB0: unplugged")})
+    sensor.open()
+    sensor.refuse.extend([SensorError("no")] * 1000)
+    capture = Capture("left", sensor, lambda frame: None, reconnect=0.1)
+    capture.start()
+    end = time.monotonic() + 5
+    while capture.error is None:
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    capture.stop()
+    text = "left: ttyUSB0: unplugged (it has not come back within 0.1 s)"
+    assert str(capture.error) == text
+
+
+def test_silence_counts_as_lost(scripted, monkeypatch):
+    monkeypatch.setattr(module, "_RETRY", 0.01)
+    silent = {number: TimeoutError("no frame") for number in range(5, 30)}
+    sensor = scripted(fps=50, limit=60, events=silent)
+    capture, frames = run(sensor, over, silence=0.2)
+    assert capture.counts.reopened >= 1
+    assert len(frames) == 60 - 25
+    assert capture.error is None
+
+
+def test_a_driver_that_raises_anything_ends_with_a_named_error(scripted):
+    capture, _ = run(scripted(events={2: ZeroDivisionError("oops")}), over)
+    assert str(capture.error) == "left: its driver fails with ZeroDivisionError: oops"
+    assert isinstance(capture.error.__cause__, ZeroDivisionError)
