@@ -156,7 +156,7 @@ class Recording:
         image: Paired camera view.
         image_times: float64, seconds on the clock of ``times``, ascending, one for each view; None
             where they are spread evenly over the recording.
-        surface: Displacement of the gel's surface, an image a frame; see `data.labels.displacement`.
+        surface: Displacement of the gel's surface, an image a frame; see `displacement`.
         labels: Whatever else is known, by name.
         tracks: Whatever else is known per frame: arrays (T, ...) by name.
         source: Where the recording comes from.
