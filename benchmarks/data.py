@@ -36,11 +36,11 @@ from PIL import Image
 from torch.nn import functional as F
 
 from tactileforge.contracts import Recording
-from tactileforge.data import shards
-from tactileforge.data.clips import Clips, collate
-from tactileforge.data.datamodule import TouchData
-from tactileforge.data.frames import VideoFrames
-from tactileforge.data.index import Entry, Index
+from tactileforge.data.batches.clips import Clips, collate
+from tactileforge.data.batches.datamodule import TouchData
+from tactileforge.data.frames.lazy import VideoFrames
+from tactileforge.data.shards import shards
+from tactileforge.data.shards.index import Entry, Index
 from tactileforge.datasets.shards import Shards
 from tactileforge.datasets.sim import Sim
 from tactileforge.encoders.tactile_vit import CLIP_MEAN, CLIP_STD

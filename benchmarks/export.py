@@ -25,7 +25,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 from transformers import CLIPVisionConfig, CLIPVisionModel
 
-from tactileforge.encoders.pixels import CLIP_MEAN, CLIP_STD
+from tactileforge.encoders.preprocess import CLIP_MEAN, CLIP_STD
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.export import Exported, export
 from tactileforge.hub.files import describe

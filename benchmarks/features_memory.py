@@ -18,10 +18,10 @@ import torch
 from common import Memory, save
 from probe import NODE, task
 
-from tactileforge.bench import targets
-from tactileforge.bench.features import Store, features
-from tactileforge.bench.models import Subject
-from tactileforge.bench.source import Source, open_source
+from tactileforge.bench.fit.features import Store, features
+from tactileforge.bench.fit.models import Subject
+from tactileforge.bench.tasks import targets
+from tactileforge.bench.tasks.source import Source, open_source
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.hub.files import describe
 

@@ -28,10 +28,10 @@ from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.heads.force import ForceHead
 from tactileforge.hub.files import describe
 from tactileforge.hub.model import Model
-from tactileforge.live.options import Background
 from tactileforge.live.server import Page
-from tactileforge.live.show import Show, ShowOptions
-from tactileforge.specs import spec
+from tactileforge.live.session import Show, ShowOptions
+from tactileforge.sensors.background import Background
+from tactileforge.sensors.specs import spec
 
 FPS = 30.0
 ENCODERS: dict[str, dict[str, Any]] = {

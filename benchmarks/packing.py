@@ -28,8 +28,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tactileforge.contracts import Recording
-from tactileforge.data import shards
-from tactileforge.data.frames import ImageFrames
+from tactileforge.data.frames.lazy import ImageFrames
+from tactileforge.data.shards import shards
 from tactileforge.datasets.sim import Sim
 from tactileforge.packing import Filter, Options, work
 from tactileforge.packing.plan import plan

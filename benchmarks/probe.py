@@ -23,14 +23,14 @@ from common import save, side_by_side
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from tactileforge.bench import splits, targets
-from tactileforge.bench.cells import Features, run
-from tactileforge.bench.choices import Prepared, choose
-from tactileforge.bench.features import PLAIN, Store, features, loader, readers
-from tactileforge.bench.intervals import Interval, mean_interval
-from tactileforge.bench.models import Subject
-from tactileforge.bench.source import Source, open_source
-from tactileforge.bench.tasks import Task, parse
+from tactileforge.bench.fit.evaluate import Features, run
+from tactileforge.bench.fit.features import PLAIN, Store, features, loader, readers
+from tactileforge.bench.fit.models import Subject
+from tactileforge.bench.fit.resolve import Prepared, choose
+from tactileforge.bench.results.intervals import Interval, mean_interval
+from tactileforge.bench.tasks import splits, targets
+from tactileforge.bench.tasks.source import Source, open_source
+from tactileforge.bench.tasks.suite import Task, parse
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.encoders.transformer import AttentivePooler
 from tactileforge.hub.files import describe

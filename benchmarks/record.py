@@ -23,11 +23,12 @@ from common import Memory, save
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Frame, Recording, SensorSpec
-from tactileforge.data import shards
-from tactileforge.live.options import Background, Options
-from tactileforge.live.raw import read_raw
-from tactileforge.live.record import record
-from tactileforge.sensors.force_torque import ForceTorque
+from tactileforge.data.shards import shards
+from tactileforge.record.options import Options
+from tactileforge.record.raw import read_raw
+from tactileforge.record.record import record
+from tactileforge.sensors.background import Background
+from tactileforge.sensors.drivers.force_torque import ForceTorque
 from tactileforge.sensors.framing import CHECKSUMS
 from tactileforge.testing.emulators import PtyDevice
 

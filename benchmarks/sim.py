@@ -20,10 +20,10 @@ import numpy as np
 import torch
 from common import save, side_by_side
 
-from tactileforge.sim.motions import MOTIONS, Path, Speeds
+from tactileforge.sim.geometry.shapes import shape
+from tactileforge.sim.mechanics.motions import MOTIONS, Path, Speeds
 from tactileforge.sim.play import play
 from tactileforge.sim.scene import Scene
-from tactileforge.sim.shapes import shape
 
 NAMES = ("small_sphere", "pentagram", "small_square_array", "cylindrical")
 FIVE = ("digit", "gelsight", "gelsight_mini", "gelslim", "duragel")

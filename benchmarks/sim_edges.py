@@ -19,14 +19,14 @@ from common import save
 from PIL import Image
 from torch import Tensor
 
-from tactileforge.sim.devices import device
-from tactileforge.sim.gel import Gel, kernel
-from tactileforge.sim.optics import Optics
+from tactileforge.sim.geometry.shapes import shape
+from tactileforge.sim.mechanics.gel import Gel, kernel
+from tactileforge.sim.mechanics.sensor_gels import device
+from tactileforge.sim.mechanics.surface import DETAIL, Surface
+from tactileforge.sim.mechanics.touch import Contact, contacts
+from tactileforge.sim.optics.render import Optics
+from tactileforge.sim.optics.sensor_instances import Unit, draw
 from tactileforge.sim.scene import POINTS, SPACING
-from tactileforge.sim.shapes import shape
-from tactileforge.sim.surface import DETAIL, Surface
-from tactileforge.sim.touch import Contact, contacts
-from tactileforge.sim.units import Unit, draw
 
 SENSOR = "gelsight_mini"
 NAMES = (

@@ -30,12 +30,12 @@ import torch
 from common import save
 from torch import Tensor
 
-from tactileforge.sim import fit, lighting
-from tactileforge.sim.features import places
-from tactileforge.sim.lighting import Calibration
-from tactileforge.sim.optics import Optics
-from tactileforge.sim.presses import KNOWN, Presses, read_known, read_picture, read_presses
-from tactileforge.sim.units import STYLES, Unit, draw
+from tactileforge.sim.optics import fit, lighting
+from tactileforge.sim.optics.features import places
+from tactileforge.sim.optics.lighting import Calibration
+from tactileforge.sim.optics.presses import KNOWN, Presses, read_known, read_picture, read_presses
+from tactileforge.sim.optics.render import Optics
+from tactileforge.sim.optics.sensor_instances import STYLES, Unit, draw
 
 ROOT = Path(__file__).parents[1]
 DATA = Path(os.environ.get("TACTILEFORGE_REALDATA", ROOT.parent / "shared" / "realdata"))
@@ -152,7 +152,7 @@ def speed() -> dict[str, float]:
 
 def write() -> None:
     """Fits on all presses, and writes the calibrations that ship."""
-    folder = Path(lighting.__file__).parent / "calibration"
+    folder = Path(lighting.__file__).parents[1] / "calibration"
     for name, source in SOURCES.items():
         made = fit.fit(read(name))
         if name == "digit":

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tactileforge.contracts import ACTIONS
-from tactileforge.data.video import VideoFrames
-from tactileforge.sim.devices import DEVICES
-from tactileforge.sim.motions import MOTIONS, Speeds
+from tactileforge.data.frames.video import VideoFrames
+from tactileforge.sim.geometry.shapes import shape
+from tactileforge.sim.mechanics.motions import MOTIONS, Speeds
+from tactileforge.sim.mechanics.sensor_gels import DEVICES
 from tactileforge.sim.play import play
 from tactileforge.sim.scene import Scene, frame_rate
-from tactileforge.sim.shapes import shape
 
 ROOT = Path(__file__).parents[1]
 ASSETS = ROOT / "docs" / "assets"

@@ -28,7 +28,7 @@ from common import RESULTS, save
 from omegaconf import OmegaConf
 
 from tactileforge.contracts import Recording
-from tactileforge.data.frames import ArrayFrames
+from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.datasets.recordings import Recordings
 from tactileforge.reality.classifier import VIEWS, Split, told_apart
 from tactileforge.reality.measures import Array

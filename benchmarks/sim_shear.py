@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from tactileforge.datasets.sim import Sim
-from tactileforge.sim.devices import DEVICES
-from tactileforge.sim.shapes import INDENTERS
+from tactileforge.sim.geometry.shapes import INDENTERS
+from tactileforge.sim.mechanics.sensor_gels import DEVICES
 
 #: Every fifth indenter is kept for the test.
 NAMES = [name for name, known in INDENTERS.items() if known.split == "pretrain"]

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tactileforge import cli
-from tactileforge.specs import SPECS
+from tactileforge.sensors.specs import SPECS
 
 
 def error_of(capsys: pytest.CaptureFixture[str], *words: str) -> str:

@@ -8,7 +8,7 @@ import torch
 
 from tactileforge.compose import compose
 from tactileforge.module import TouchModule
-from tactileforge.report.metrics import read_metrics
+from tactileforge.pages.curves import read_metrics
 from tactileforge.train import train
 
 pytestmark = pytest.mark.slow

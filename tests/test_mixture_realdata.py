@@ -8,7 +8,7 @@ import yaml
 
 from tactileforge import cli
 from tactileforge.compose import compose
-from tactileforge.data.datamodule import TouchData
+from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.datasets.mixture import Mixture
 from tactileforge.datasets.recordings import Recordings
 from tactileforge.datasets.sim import Sim

@@ -11,7 +11,7 @@ import cv2
 import pytest
 
 from tactileforge import registry
-from tactileforge.specs import spec
+from tactileforge.sensors.specs import spec
 
 ROOT = Path(__file__).parents[1]
 NAMES = ("anyskin", "digit", "dmtac", "flexitac", "ft", "gelsight")

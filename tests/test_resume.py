@@ -12,9 +12,9 @@ import torch
 
 from tactileforge import cli
 from tactileforge.balance import GradNorm
-from tactileforge.checkpoints import AtomicCheckpointIO, find, initialise, read, seal
+from tactileforge.callbacks.checkpoints import AtomicCheckpointIO, find, initialise, read, seal
 from tactileforge.errors import ConfigError, DataNotFoundError, TactileForgeError
-from tactileforge.sim.record import Config, write_seconds
+from tactileforge.sim.generate import Config, write_seconds
 
 OPTIONS = ["scale=demo", "encoder.image_size=32", "batch.size=8", "batch.workers=1"]
 OPTIONS += ["trainer.max_steps=40", "trainer.save_every=5", "trainer.val_check_interval=7"]

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from tactileforge import cli, run_folder
-from tactileforge.checkpoints import LAST, AtomicCheckpointIO, read, read_own, seal
+from tactileforge.callbacks.checkpoints import LAST, AtomicCheckpointIO, read, read_own, seal
 from tactileforge.errors import ConfigError, DataError
 
 SMALL = ["train", "scale=demo", "debug=steps", "encoder.image_size=32", "batch.workers=0"]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tactileforge.data.frames import ImageFrames
+from tactileforge.data.frames.lazy import ImageFrames
 from tactileforge.errors import DataError
 from tactileforge.untrusted import dump_yaml, load_json, load_yaml, open_picture
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import tactileforge
-from tactileforge.checkpoints import LAST, AtomicCheckpointIO
+from tactileforge.callbacks.checkpoints import LAST, AtomicCheckpointIO
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataNotFoundError
 from tactileforge.hub.files import describe, save

@@ -10,8 +10,8 @@ from typing import Any
 import torch
 
 from tactileforge import registry
-from tactileforge.data.datamodule import TouchData
-from tactileforge.specs import spec
+from tactileforge.data.batches.datamodule import TouchData
+from tactileforge.sensors.specs import spec
 
 log = logging.getLogger(__name__)
 

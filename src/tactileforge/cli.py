@@ -63,7 +63,7 @@ def run(argv: Sequence[str]) -> int:
 
             return data(rest)
         if verb == "record":
-            from tactileforge.live.verb import main as record
+            from tactileforge.record.verb import main as record
 
             return record(rest)
         if verb == "calibrate":
@@ -123,7 +123,7 @@ def _sim(argv: Sequence[str]) -> int:
         print(settings.text("sim"))
         return 0
     config = settings.load("sim", argv)
-    from tactileforge.sim.record import Config, write_seconds
+    from tactileforge.sim.generate import Config, write_seconds
 
     given = Config(
         sensors=tuple(config.sensors),

@@ -26,6 +26,7 @@ A batch is a plain dict:
 | `object` | int64 (B,) | identity across sensors; -1 unknown |
 | `text` | list of B strings | "" where there is none |
 | `image` | uint8 (B, 3, h, w), `image_valid` bool (B,) | paired camera view |
+| `surface` | uint8 (B, T, 3, 32, 32), `surface_valid` bool (B,) | see `data.labels.displacement` |
 | `group` | int64 (B,) | samples with one non-negative group were drawn together for matching |
 
 A sample without a label stays out of that objective's loss, and changes nothing in it.
@@ -52,7 +53,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from torch import Tensor
 
-    from tactileforge.data.clips import Clips
+    from tactileforge.data.batches.clips import Clips
 
 Batch: TypeAlias = dict[str, Any]
 
@@ -69,7 +70,7 @@ ACTIONS = (
 )
 
 #: Labels of a batch: what a data set may provide, and an objective may need.
-LABELS = ("force", "action", "object", "text", "image")
+LABELS = ("force", "action", "object", "text", "image", "surface")
 
 #: Axes of a force, in the order of its columns.
 AXES = ("x", "y", "z")
@@ -155,6 +156,7 @@ class Recording:
         image: Paired camera view.
         image_times: float64, seconds on the clock of ``times``, ascending, one for each view; None
             where they are spread evenly over the recording.
+        surface: Displacement of the gel's surface, an image a frame; see `displacement`.
         labels: Whatever else is known, by name.
         tracks: Whatever else is known per frame: arrays (T, ...) by name.
         source: Where the recording comes from.
@@ -173,6 +175,7 @@ class Recording:
     text: str | None = None
     image: Frames | None = None
     image_times: NDArray[np.float64] | None = None
+    surface: Frames | None = None
     labels: Mapping[str, str | float] = field(default_factory=dict)
     tracks: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     source: str = ""
@@ -194,6 +197,7 @@ class Recording:
             force=None if self.force is None else self.force[start:stop],
             action=None if self.action is None else self.action[start:stop],
             image=image,
+            surface=None if self.surface is None else FrameSubset(self.surface, list(rows)),
             tracks={name: values[start:stop] for name, values in self.tracks.items()},
         )
 
@@ -297,8 +301,8 @@ class Dataset(Protocol):
     ``skipped`` grows as `recordings` meets files it cannot read: one line each, which names the
     file.
 
-    A large data set may also have ``sources(split)``, see `data.sources.Parted`: it is then opened
-    part by part while it is read, and not as a whole.
+    A large data set may also have ``sources(split)``, see `data.batches.sources.Parted`: it is then
+    opened part by part while it is read, and not as a whole.
     """
 
     skipped: list[str]

@@ -15,8 +15,8 @@ from torch import Tensor, nn
 from tactileforge import balance as balances
 from tactileforge.contracts import Batch, Follower, Prepared, Scored
 from tactileforge.curriculum import Curriculum, from_config
-from tactileforge.data.augment import Augment, fill_captions
-from tactileforge.data.clips import Clips
+from tactileforge.data.batches.clips import Clips
+from tactileforge.data.labels.augment import Augment, fill_captions
 from tactileforge.distributed import summed
 from tactileforge.errors import ConfigError, DataError, TactileForgeError
 from tactileforge.labels import Labels

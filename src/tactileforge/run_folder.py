@@ -11,8 +11,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from tactileforge.atomic import unsealed, write_text
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
+from tactileforge.files import unsealed, write_text
 from tactileforge.untrusted import dump_yaml, load_yaml
 
 #: File that is locked while a process writes into the folder.
@@ -94,7 +94,7 @@ def claimed(folder: Path, resumes: bool) -> Iterator[None]:
     """
     from lightning.pytorch.utilities.rank_zero import rank_zero_only
 
-    from tactileforge.checkpoints import LAST
+    from tactileforge.callbacks.checkpoints import LAST
 
     if rank_zero_only.rank != 0:
         yield

@@ -17,13 +17,14 @@ from lightning.pytorch.callbacks import Timer
 from lightning.pytorch.loggers import CSVLogger, Logger
 from omegaconf import DictConfig, OmegaConf
 
-from tactileforge import checkpoints, curriculum, registry, run_folder
+from tactileforge import curriculum, registry, run_folder
 from tactileforge.assemble import build_data, with_sensors
-from tactileforge.atomic import sealed, write_text
+from tactileforge.callbacks import checkpoints
+from tactileforge.callbacks.progress import Progress
 from tactileforge.errors import ConfigError
-from tactileforge.hub.pack import commit
+from tactileforge.files import sealed, write_text
 from tactileforge.module import TouchModule
-from tactileforge.progress import Progress
+from tactileforge.provenance import commit
 
 log = logging.getLogger(__name__)
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from tactileforge.errors import ConfigError, unknown
+from tactileforge.files import sha256
 from tactileforge.hub import cards, gates, store
 from tactileforge.hub.table import clip, columns, gate_rows, page
 
@@ -138,8 +139,8 @@ def _pack(run: Path, settings: Sequence[str]) -> int:
     if benches:
         model = str(given.get("name", ""))
         _put(model, benches, [f"run:{run}", f"file:{path}"])
-        gates.stamp(_card(model), model.partition(".")[2], store.sha256(path), path.stat().st_size)
-    print(f"{path}: {path.stat().st_size / 1e6:.1f} MB, sha256 {store.sha256(path)}")
+        gates.stamp(_card(model), model.partition(".")[2], sha256(path), path.stat().st_size)
+    print(f"{path}: {path.stat().st_size / 1e6:.1f} MB, sha256 {sha256(path)}")
     print(f'load it: tactileforge.load("file:{path}")')
     return 0
 

@@ -12,16 +12,16 @@ import torch
 
 from tactileforge import cli
 from tactileforge.bench import run as bench_run
-from tactileforge.bench import stored
-from tactileforge.bench.choices import choose, row_of
-from tactileforge.bench.features import Store
-from tactileforge.bench.models import Entry, Subject, baseline
+from tactileforge.bench.fit.features import Store
+from tactileforge.bench.fit.models import Entry, Subject, baseline
+from tactileforge.bench.fit.resolve import choose, row_of
+from tactileforge.bench.results import load
+from tactileforge.bench.results.write import Writer
 from tactileforge.bench.run import Bench, Options
-from tactileforge.bench.source import Source
-from tactileforge.bench.tasks import Clip, Task, parse
-from tactileforge.bench.writer import Writer
+from tactileforge.bench.tasks.source import Source
+from tactileforge.bench.tasks.suite import Clip, Task, parse
 from tactileforge.contracts import Recording
-from tactileforge.data.frames import ArrayFrames
+from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataNotFoundError, TactileForgeError
 from tactileforge.hub.files import describe
@@ -106,7 +106,7 @@ def test_everything_is_in_the_file(data: Any, tmp_path: Path) -> None:
     one = bench(tmp_path, {"force": FORCE, "hard": HARD})
     one.run(tiny())
     one.run(Entry(name="pixels", title="raw pixels", open=[lambda: baseline("pixels")]))
-    found = stored.read(tmp_path)
+    found = load.read(tmp_path)
     assert [(c.task, c.model, c.seed) for c in found.cells] == [
         (task, model, seed)
         for model in ("tiny", "pixels")
@@ -167,18 +167,18 @@ def test_a_bench_of_other_models_forgets_no_cell(
     """Nor does one that was stopped before it came to them."""
     bench(tmp_path, {"force": FORCE}).run(tiny("a"))
     bench(tmp_path, {"force": FORCE}).run(tiny("b"))
-    assert {cell.model for cell in stored.read(tmp_path).cells} == {"b"}
+    assert {cell.model for cell in load.read(tmp_path).cells} == {"b"}
     monkeypatch.setattr(bench_run.cells, "run", None)
     both = bench(tmp_path, {"force": FORCE})
     both.run(tiny("a"))
     both.run(tiny("b"))
-    assert [cell.model for cell in stored.read(tmp_path).cells] == ["a", "a", "b", "b"]
+    assert [cell.model for cell in load.read(tmp_path).cells] == ["a", "a", "b", "b"]
 
 
 def test_trainings_take_turns(data: Any, tmp_path: Path) -> None:
     one = bench(tmp_path, {"force": FORCE}, seeds=3)
     one.run(tiny(count=2))
-    found = stored.read(tmp_path)
+    found = load.read(tmp_path)
     assert [cell.seed for cell in found.cells] == [0, 1, 2]
     assert len(found.models[0].sha256.split()) == 2
 
@@ -186,7 +186,7 @@ def test_trainings_take_turns(data: Any, tmp_path: Path) -> None:
 def test_learning_rates_are_settings_and_validation_orders_them(data: Any, tmp_path: Path) -> None:
     task = FORCE | {"probe": {"name": "force", "epochs": 6, "lr": [1e-9, 3e-3]}}
     bench(tmp_path, {"force": task}).run(tiny())
-    found = stored.read(tmp_path).cells
+    found = load.read(tmp_path).cells
     assert [cell.setting["lr"] for cell in found] == [3e-3, 3e-3, 1e-9, 1e-9]
     assert found[0].metrics["rmse_z"] < found[2].metrics["rmse_z"]
     assert len({cell.predictions for cell in found}) == 4
@@ -200,7 +200,7 @@ def test_neighbours_fine_tuning_and_flips(data: Any, tmp_path: Path) -> None:
     entry = tiny()
     before = subject().weights
     one.run(replace(entry, open=[lambda: subject()]))
-    found = {cell.task: cell for cell in stored.read(tmp_path).cells}
+    found = {cell.task: cell for cell in load.read(tmp_path).cells}
     assert found["knn"].epoch == -1
     assert found["knn"].setting == {"neighbours": 3}
     assert found["tuned"].curve["train"][-1] < 0.7 * found["tuned"].curve["train"][0]
@@ -222,13 +222,13 @@ def test_selection_on_the_test_is_marked(data: Any, tmp_path: Path) -> None:
     task = FORCE | {"probe": {"name": "force", "epochs": 5, "lr": 3e-3}}
     for selection in ("validation", "test"):
         bench(tmp_path / selection, {"f": task}, seeds=1, selection=selection).run(tiny())
-    fair, best = (stored.read(tmp_path / name) for name in ("validation", "test"))
+    fair, best = (load.read(tmp_path / name) for name in ("validation", "test"))
     assert (fair.tasks[0].selection, best.tasks[0].selection) == ("validation", "test")
     assert best.cells[0].metrics["rmse_sum_axes"] <= fair.cells[0].metrics["rmse_sum_axes"] + 1e-3
 
 
 def not_run(folder: Path) -> list[tuple[str, str, str]]:
-    return [(row.task, row.model, row.reason) for row in stored.read(folder).not_run]
+    return [(row.task, row.model, row.reason) for row in load.read(folder).not_run]
 
 
 def test_a_sensor_the_model_does_not_know(data: Any, tmp_path: Path) -> None:
@@ -244,7 +244,7 @@ def test_a_sensor_the_model_does_not_know(data: Any, tmp_path: Path) -> None:
     ((task, model, reason),) = not_run(tmp_path)
     assert (task, model) == ("force", "tiny")
     assert "does not know the sensor duragel (it knows: digit)" in reason
-    assert {cell.task for cell in stored.read(tmp_path).cells} == {"any"}
+    assert {cell.task for cell in load.read(tmp_path).cells} == {"any"}
 
 
 def test_one_class_and_absent_data_do_not_stop_the_rest(data: Any, tmp_path: Path) -> None:
@@ -253,10 +253,10 @@ def test_one_class_and_absent_data_do_not_stop_the_rest(data: Any, tmp_path: Pat
     ((task, model, reason),) = not_run(tmp_path)
     assert (task, model) == ("hard", "")
     assert "one class" in reason
-    assert {cell.task for cell in stored.read(tmp_path).cells} == {"force"}
+    assert {cell.task for cell in load.read(tmp_path).cells} == {"force"}
     data(error=DataNotFoundError("cloth: no folder x. Download it from https://a.b, and give it"))
     bench(tmp_path / "gone", {"force": FORCE}).run(tiny())
-    found = stored.read(tmp_path / "gone")
+    found = load.read(tmp_path / "gone")
     assert found.not_run[0].reason == "cloth: no folder x"
     assert found.not_run[0].fix == "Download it from https://a.b."
     assert found.cells == []
@@ -279,7 +279,7 @@ def test_a_metric_that_is_no_number(data: Any, tmp_path: Path, monkeypatch: Any)
     ((task, model, reason),) = not_run(tmp_path)
     assert (task, model) == ("force", "tiny")
     assert "rmse_sum_axes is nan" in reason
-    assert {cell.task for cell in stored.read(tmp_path).cells} == {"hard"}
+    assert {cell.task for cell in load.read(tmp_path).cells} == {"hard"}
 
 
 def test_a_model_that_cannot_be_opened(data: Any, tmp_path: Path) -> None:
@@ -290,7 +290,7 @@ def test_a_model_that_cannot_be_opened(data: Any, tmp_path: Path) -> None:
     one.run(Entry(name="x", title="X", open=[broken]))
     one.run(tiny())
     assert not_run(tmp_path) == [("", "x", "training x-0 failed: out of memory")]
-    assert {cell.model for cell in stored.read(tmp_path).cells} == {"tiny"}
+    assert {cell.model for cell in load.read(tmp_path).cells} == {"tiny"}
 
 
 def test_options_of_probes(data: Any, tmp_path: Path) -> None:
@@ -356,7 +356,7 @@ def test_on_simulated_touch(
     assert cli.run(["bench", *words]) == 0
     out = capsys.readouterr().out
     assert "Force, rmse_sum_axes (mN)" in out
-    found = stored.read(tmp_path / "here")
+    found = load.read(tmp_path / "here")
     assert [(c.model, c.seed) for c in found.cells if c.setting["lr"] == 5e-4] == [
         (model, seed) for model in ("untrained:anytouch2", "pixels") for seed in range(3)
     ]

@@ -13,9 +13,9 @@ from tactileforge.calibration.features import background
 from tactileforge.calibration.fit import folds
 from tactileforge.calibration.light import drift, light, punch_mm_per_pixel
 from tactileforge.contracts import Recording
-from tactileforge.data import shards
-from tactileforge.data.frames import ArrayFrames
-from tactileforge.data.pictures import encode
+from tactileforge.data.frames.image_codecs import encode
+from tactileforge.data.frames.lazy import ArrayFrames
+from tactileforge.data.shards import shards
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 
 ROWS, COLUMNS = np.mgrid[-1:1:48j, -1:1:64j]

@@ -13,7 +13,7 @@ from tactileforge.calibration.calibrate import Found, Options, calibrate
 from tactileforge.calibration.file import parse
 from tactileforge.calibration.page import render
 from tactileforge.contracts import Recording
-from tactileforge.data.frames import ArrayFrames
+from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.datasets.recordings import Recordings
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError

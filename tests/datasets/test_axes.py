@@ -18,7 +18,7 @@ from tactileforge.datasets.sim_array import SimArray
 from tactileforge.datasets.sparsh_force import SparshForce
 from tactileforge.datasets.sparsh_slip import SparshSlip
 from tactileforge.datasets.touchd_force import TouchdForce
-from tactileforge.sim.record import path_of
+from tactileforge.sim.generate import path_of
 
 Make = Callable[..., Any]
 PAGE = Path(__file__).parents[2] / "docs/datasets.md"

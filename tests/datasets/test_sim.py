@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from tactileforge.contracts import ACTIONS, Dataset, Recording
-from tactileforge.data.actions import label_actions
+from tactileforge.data.labels.actions import label_actions
 from tactileforge.datasets.shards import Shards
 from tactileforge.datasets.sim import Sim
 from tactileforge.errors import ConfigError, DataNotFoundError, TactileForgeError
-from tactileforge.sim import record
+from tactileforge.sim import generate
 from tactileforge.testing import check
 
 SMALL = {"scenes": 3, "val": 1, "size": 32}
@@ -141,7 +141,7 @@ def test_validation_does_not_depend_on_the_number_of_scenes() -> None:
 def test_bench_holds_out_the_papers_indenters() -> None:
     config = Sim(indenters="bench").config
     train = {config.scene(i).shape.index for i in range(14)}
-    held_out = {config.scene(record.FIRST_VAL + i).shape.index for i in range(6)}
+    held_out = {config.scene(generate.FIRST_VAL + i).shape.index for i in range(6)}
     assert train == {62, 65, 66, 67, 68, 70, 71}
     assert held_out == {63, 64, 69}
 
@@ -150,7 +150,7 @@ def test_by_default_every_shape_of_validation_is_one_of_training() -> None:
     config = Sim().config
     train = {config.scene(i).shape.name for i in range(40)}
     assert len(train) == 12
-    assert {config.scene(record.FIRST_VAL + i).shape.name for i in range(8)} <= train
+    assert {config.scene(generate.FIRST_VAL + i).shape.name for i in range(8)} <= train
 
 
 def test_pretraining_never_sees_the_bench() -> None:
@@ -187,9 +187,9 @@ def test_a_process_whose_parent_is_gone_stops(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     parents = iter([7, 7, 1])
-    monkeypatch.setattr(record.os, "getppid", lambda: next(parents))
+    monkeypatch.setattr(generate.os, "getppid", lambda: next(parents))
     given = json.dumps(asdict(Sim(sensors=["digit"], size=32).config))
-    record._main(given, str(tmp_path), "0", "1")
+    generate._main(given, str(tmp_path), "0", "1")
     assert [path.name for path in tmp_path.iterdir()] == ["train-000000.tar"]
 
 

@@ -8,13 +8,13 @@ import torch
 
 from tactileforge.compose import compose
 from tactileforge.contracts import ACTIONS
-from tactileforge.datasets.array_scenes import Array, taxel_forces
 from tactileforge.datasets.sim_array import SimArray
 from tactileforge.errors import ConfigError
-from tactileforge.report.metrics import read_metrics
+from tactileforge.pages.curves import read_metrics
 from tactileforge.sensors.taxels import REST
+from tactileforge.sim.array_scenes import Array, taxel_forces
+from tactileforge.sim.mechanics.touch import Contact
 from tactileforge.sim.scene import POINTS, SPACING
-from tactileforge.sim.touch import Contact
 from tactileforge.testing import check
 from tactileforge.train import train
 

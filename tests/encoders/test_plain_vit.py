@@ -5,9 +5,9 @@ import pytest
 import torch
 
 from tactileforge.contracts import Batch
-from tactileforge.encoders.pixels import SPARSH
 from tactileforge.encoders.plain_vit import PlainViT
 from tactileforge.encoders.positions import sincos
+from tactileforge.encoders.preprocess import SPARSH
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError
 from tactileforge.testing import batch, check

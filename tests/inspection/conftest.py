@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Recording
-from tactileforge.data.frames import ArrayFrames
+from tactileforge.data.frames.lazy import ArrayFrames
 
 Touch = Callable[..., Recording]
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from tactileforge.contracts import Recording
-from tactileforge.data.align import Lag
-from tactileforge.data.frames import ArrayFrames
+from tactileforge.data.frames.lazy import ArrayFrames
+from tactileforge.data.labels.align import Lag
 from tactileforge.inspection.checks import (
     REASONS,
     Flag,

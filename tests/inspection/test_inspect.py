@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tactileforge.contracts import Recording
-from tactileforge.data.frames import ImageFrames
+from tactileforge.data.frames.lazy import ImageFrames
 from tactileforge.datasets.sim import Sim
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.inspection import Findings, inspect

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactileforge.contracts import FrameSubset, Recording
-from tactileforge.data.frames import ArrayFrames
+from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.inspection import duplicates
 from tactileforge.inspection.look import (
     FRAMES,

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from tactileforge.contracts import ACTIONS, Recording
-from tactileforge.data.summary import counted
+from tactileforge.data.shards.summary import counted
 from tactileforge.inspection.tally import (
     DURATIONS,
     Histogram,

@@ -10,7 +10,7 @@ import pytest
 
 from tactileforge import cli
 from tactileforge.contracts import Recording
-from tactileforge.data.frames import ArrayFrames
+from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.datasets.lerobot import LeRobot
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.lerobot import folder

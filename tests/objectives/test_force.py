@@ -5,13 +5,13 @@ import pytest
 import torch
 
 from tactileforge.contracts import Batch, Recording
-from tactileforge.data.clips import Clips
-from tactileforge.data.frames import ArrayFrames
+from tactileforge.data.batches.clips import Clips
+from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError
 from tactileforge.heads.force import ForceHead, Forces
 from tactileforge.objectives.force import Force
-from tactileforge.specs import spec
+from tactileforge.sensors.specs import spec
 
 FORMULAS = {
     "l1": lambda e: abs(e),
@@ -159,3 +159,17 @@ def test_the_head_is_shown_differences_between_slots(encoder: TactileViT, batch:
 def test_a_loss_that_there_is_not_is_named() -> None:
     with pytest.raises(ConfigError, match=r"objective\.force\.loss 'l3'"):
         Force(loss="l3")
+
+
+def test_a_mean_readout_is_linear_in_the_mean_of_the_patches(
+    batch: Batch, encoder: TactileViT
+) -> None:
+    head = ForceHead(encoder, readout="mean")
+    views = encoder.views(batch)
+    patches = views.full.tokens[:, encoder.prefix :].mean(1)
+    found = head(views, batch)
+    want = patches @ head.force.linear.weight.T + head.force.linear.bias
+    torch.testing.assert_close(found.force, want.view(8, 3, 3))
+    assert head.hidden(views).shape == (8, 3, encoder.width)
+    with pytest.raises(ConfigError, match="readout=attention"):
+        ForceHead(encoder, readout="mean", difference=True)

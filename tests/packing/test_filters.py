@@ -10,11 +10,11 @@ import pytest
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Recording
-from tactileforge.data import shards
-from tactileforge.data.align import nearest
-from tactileforge.data.clips import Clips
-from tactileforge.data.frames import ArrayFrames
-from tactileforge.data.index import Index
+from tactileforge.data.batches.clips import Clips
+from tactileforge.data.frames.lazy import ArrayFrames
+from tactileforge.data.labels.align import nearest
+from tactileforge.data.shards import shards
+from tactileforge.data.shards.index import Index
 from tactileforge.packing import Filter, Options, filters, pack
 from tactileforge.packing.filters import Numbered
 

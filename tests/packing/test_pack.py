@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from tactileforge.contracts import ACTIONS, Recording
-from tactileforge.data import index, shards
-from tactileforge.data.frames import ArrayFrames
+from tactileforge.data.frames.lazy import ArrayFrames
+from tactileforge.data.shards import index, shards
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.packing import Options, pack, summary
 from tactileforge.packing.statistics import Statistics

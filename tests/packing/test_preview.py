@@ -11,7 +11,7 @@ from omegaconf import OmegaConf
 
 from tactileforge.compose import register
 from tactileforge.contracts import Recording
-from tactileforge.data.frames import ArrayFrames
+from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.errors import DataError
 from tactileforge.packing import Filter, Options, pack
 from tactileforge.packing.preview import judge, preview, threshold_for

@@ -127,7 +127,7 @@ def test_a_full_disk_leaves_whole_shards_and_says_so(
 def test_room_that_ends_in_the_middle(
     packable: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from tactileforge.data import shards
+    from tactileforge.data.shards import shards
 
     write = shards.write
     calls = []

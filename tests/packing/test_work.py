@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tactileforge.contracts import Frames, FrameSubset, Recording
-from tactileforge.data import shards
-from tactileforge.data.encoded import Blob, EncodedFrames
-from tactileforge.data.frames import ArrayFrames, ImageFrames, VideoFrames
+from tactileforge.data.frames.encoded import Blob, EncodedFrames
+from tactileforge.data.frames.lazy import ArrayFrames, ImageFrames, VideoFrames
+from tactileforge.data.shards import shards
 from tactileforge.errors import DataError
 from tactileforge.packing import Options
 from tactileforge.packing.plan import plan

@@ -9,7 +9,7 @@ import pytest
 
 from tactileforge import cli
 from tactileforge.contracts import Recording
-from tactileforge.data.frames import ArrayFrames
+from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.reality.compare import Options, by_source, compare
 from tactileforge.reality.profiles import DISTANCES, distances, profile, ratio

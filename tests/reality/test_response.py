@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tactileforge.contracts import Recording
-from tactileforge.data.frames import ArrayFrames
+from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.reality import measures
 from tactileforge.reality.response import fitted, response
 

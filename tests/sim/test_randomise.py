@@ -5,12 +5,13 @@ import pytest
 import torch
 
 from tactileforge.errors import ConfigError
-from tactileforge.sim import units
-from tactileforge.sim.devices import device
+from tactileforge.sim.geometry.shapes import shape
+from tactileforge.sim.mechanics.sensor_gels import device
+from tactileforge.sim.optics import sensor_instances
 from tactileforge.sim.play import play
-from tactileforge.sim.randomise import CHOICES, TABLE, Draw, rows
+from tactileforge.sim.randomise.draw import CHOICES, Draw, rows
+from tactileforge.sim.randomise.table import TABLE
 from tactileforge.sim.scene import draw
-from tactileforge.sim.shapes import shape
 
 
 def test_choices() -> None:
@@ -43,25 +44,30 @@ def test_rows_are_independent() -> None:
 
 
 def test_no_randomisation_is_one_nominal_unit() -> None:
-    one, other = (units.draw("digit", seed, (64, 48), randomise="none") for seed in (1, 2))
+    one, other = (
+        sensor_instances.draw("digit", seed, (64, 48), randomise="none") for seed in (1, 2)
+    )
     assert torch.equal(one.background, other.background)
     assert torch.equal(one.calibration.fine, other.calibration.fine)
     base = device("gelsight_mini").gel
-    assert units.gel(base, "gelsight_mini", 5, "none") == base
-    assert units.gel(base, "gelsight_mini", 5, "unit") != base
+    assert sensor_instances.gel(base, "gelsight_mini", 5, "none") == base
+    assert sensor_instances.gel(base, "gelsight_mini", 5, "unit") != base
 
 
 def test_contrast_scales_the_change() -> None:
-    how = units.draw("gelsight_mini", 3, (48, 64), randomise="none").calibration
+    how = sensor_instances.draw("gelsight_mini", 3, (48, 64), randomise="none").calibration
     gain = Draw("contrast", 3, "gelsight_mini")["contrast"]
-    found = units.draw("gelsight_mini", 3, (48, 64), randomise="contrast").calibration
+    found = sensor_instances.draw("gelsight_mini", 3, (48, 64), randomise="contrast").calibration
     torch.testing.assert_close(found.fine, gain * how.fine)
 
 
 def test_real_digits_are_as_bright_as_each_other() -> None:
     """Channel means of eight real units deviate by 3.7 to 4.8 grey levels."""
     means = torch.stack(
-        [units.draw("digit", seed, (64, 48)).background.mean((1, 2)) for seed in range(40)]
+        [
+            sensor_instances.draw("digit", seed, (64, 48)).background.mean((1, 2))
+            for seed in range(40)
+        ]
     )
     assert 2.5 < float(means.std(0).mean()) < 6.5
 

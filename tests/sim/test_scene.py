@@ -3,12 +3,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tactileforge.data.labels import displacement
 from tactileforge.errors import ConfigError
-from tactileforge.sim import contact
+from tactileforge.sim.geometry.indenter_geometry import Shape
+from tactileforge.sim.geometry.shapes import shape
+from tactileforge.sim.mechanics import contact
 from tactileforge.sim.play import play
 from tactileforge.sim.scene import Scene, draw
-from tactileforge.sim.shapes import shape
-from tactileforge.sim.solids import Shape
 
 SIZE = 48
 
@@ -104,3 +105,22 @@ def test_mistakes_are_named(touch: Scene, monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(contact, "_STEPS", 1)
     with pytest.raises(contact.NotConverged, match="touch of seed 3, frame"):
         film(touch, "digit")
+
+
+def test_the_surface_is_the_dent_of_the_object() -> None:
+    """A flat punch dents the gel as deep as it goes, and drags it along as it slides."""
+    slid = draw(
+        5, shape("square_prism"), "slide_right", force=(4, 4), seconds=0.3, randomise="none"
+    )
+    shots = list(play(slid, ["gelsight"], 64))
+    moved = displacement.decode(np.concatenate([s.surface for s in shots]))
+    force = np.concatenate([s.force for s in shots])
+    assert moved.shape[1:] == (32, 42, 3)
+    deep = moved[..., 2].max((1, 2))
+    depth = slid.poses(30.0)[:, 3]
+    pressed = force[:, 2] > 2
+    np.testing.assert_allclose(deep[pressed], depth[pressed], atol=0.06)
+    assert (moved[force[:, 2] == 0] == 0).all()
+    last = int(force[:, 0].argmax())
+    under = moved[last][moved[last, ..., 2] > 0.5 * deep[last]]
+    assert under[:, 0].mean() > 0.03 > abs(under[:, 1].mean())

@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from tactileforge.specs import spec
+from tactileforge.sensors.specs import spec
 from tactileforge.testing import batch
 
 
@@ -18,6 +18,8 @@ def test_batch_has_every_key_of_the_contract():
         "object": (6,),
         "image": (6, 3, 24, 24),
         "image_valid": (6,),
+        "surface": (6, 2, 3, 32, 32),
+        "surface_valid": (6,),
         "group": (6,),
     }
     assert made["sensor"] == ["gelsight", "digit"] * 3

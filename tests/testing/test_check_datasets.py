@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tactileforge.contracts import ACTIONS, Recording
-from tactileforge.data.frames import ArrayFrames
+from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.errors import DataNotFoundError
 
 

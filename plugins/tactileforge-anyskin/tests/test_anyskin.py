@@ -166,7 +166,7 @@ def test_unplugged_and_back(board):
 
 
 def test_a_board_that_is_silent(board, monkeypatch):
-    monkeypatch.setattr("tactileforge.sensors.serial_array._PATIENCE", 0.1)
+    monkeypatch.setattr("tactileforge.sensors.drivers.serial_array._PATIENCE", 0.1)
     with pytest.raises(SensorError, match="needs 30 packets, 0 came"):
         AnySkin(port=board.port).open()
 

@@ -7,7 +7,7 @@ from tactileforge_digit.attached import Unit, attached
 from tactileforge_digit.sensor import Digit, packed
 
 from tactileforge.errors import ConfigError, SensorError
-from tactileforge.sensors import camera, v4l2
+from tactileforge.sensors.drivers import camera, v4l2
 from tactileforge.testing import check
 
 

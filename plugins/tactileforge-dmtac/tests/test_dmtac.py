@@ -9,7 +9,7 @@ from tactileforge_dmtac.sdk import DmTacSdk
 from tactileforge_dmtac.sensor import DmTac
 
 from tactileforge.errors import ConfigError, SensorError, TactileForgeError
-from tactileforge.sensors import v4l2
+from tactileforge.sensors.drivers import v4l2
 from tactileforge.testing import check
 
 

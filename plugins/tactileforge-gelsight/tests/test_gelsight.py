@@ -7,7 +7,7 @@ import pytest
 from tactileforge_gelsight.sensor import GelSightMini, GelSightMiniMarkers
 
 from tactileforge.errors import ConfigError, SensorError
-from tactileforge.sensors import camera, v4l2
+from tactileforge.sensors.drivers import camera, v4l2
 from tactileforge.testing import check
 
 

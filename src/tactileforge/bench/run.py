@@ -12,15 +12,17 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from tactileforge.bench import cells, metrics, results, splits, targets
-from tactileforge.bench.cells import Features
-from tactileforge.bench.choices import Choice, Prepared, choose
-from tactileforge.bench.features import FLIPS, PLAIN, Store, features
-from tactileforge.bench.models import Entry, Subject
-from tactileforge.bench.source import Source, open_source
-from tactileforge.bench.tasks import Task
-from tactileforge.bench.training import Outcome
-from tactileforge.bench.writer import Writer
+from tactileforge.bench.fit import evaluate
+from tactileforge.bench.fit.evaluate import Features
+from tactileforge.bench.fit.features import FLIPS, PLAIN, Store, features
+from tactileforge.bench.fit.models import Entry, Subject
+from tactileforge.bench.fit.resolve import Choice, Prepared, choose
+from tactileforge.bench.fit.training import Outcome
+from tactileforge.bench.results import results
+from tactileforge.bench.results.write import Writer
+from tactileforge.bench.tasks import metrics, splits, targets
+from tactileforge.bench.tasks.source import Source, open_source
+from tactileforge.bench.tasks.suite import Task
 from tactileforge.errors import ConfigError, DataError, TactileForgeError
 
 
@@ -133,10 +135,10 @@ class Bench:
         one: Prepared,
     ) -> None:
         choice = self.choices[one.task.name]
-        measured: list[tuple[int, cells.Result]] = []
+        measured: list[tuple[int, evaluate.Result]] = []
         for number, subject in enumerate(subjects):
             seeds = range(number, self.options.seeds, len(subjects))
-            done = cells.run(
+            done = evaluate.run(
                 one,
                 choice,
                 subject,
@@ -157,7 +159,7 @@ class Bench:
         entry: Entry,
         one: Prepared,
         choice: Choice,
-        measured: Sequence[tuple[int, cells.Result]],
+        measured: Sequence[tuple[int, evaluate.Result]],
     ) -> list[results.Cell]:
         """The rows of the file; first those of the rate that validation prefers."""
         main = one.task.metrics[0]
@@ -228,7 +230,7 @@ class Bench:
         self.writer.not_run(reason, task=one.task.name, model=entry.name, fix=fix)
 
 
-def _name(result: cells.Result) -> str:
+def _name(result: evaluate.Result) -> str:
     """What tells the settings of a probe apart."""
     first = result.outcomes[0]
     return first.reading or str(first.lr)
@@ -282,7 +284,7 @@ def _split(error: TactileForgeError) -> tuple[str, str]:
 
 def finish(folder: Path) -> str:
     """Writes the tables and the report; gives the tables as Markdown."""
-    from tactileforge.bench.tables import write_all
+    from tactileforge.bench.output.write import write_all
 
     write_all(folder)
     return (folder / "table.md").read_text("utf-8")

@@ -11,8 +11,8 @@ from tactileforge import settings
 from tactileforge.errors import ConfigError, unknown
 
 if TYPE_CHECKING:
+    from tactileforge.bench.results.write import Writer
     from tactileforge.bench.run import Bench
-    from tactileforge.bench.writer import Writer
 
 #: Exit status where something was not run.
 NOT_RUN = 3
@@ -50,7 +50,7 @@ def main(argv: Sequence[str]) -> int:
 
 
 def _run(config: dict[str, Any], ablation: str, hydra: Sequence[str] | None) -> int:
-    from tactileforge.bench import models, pretrain
+    from tactileforge.bench.fit import models, pretrain
     from tactileforge.bench.run import finish
 
     trained = pretrain.read(config["pretrain"])
@@ -82,14 +82,14 @@ def _run(config: dict[str, Any], ablation: str, hydra: Sequence[str] | None) -> 
 
 def _bench(config: dict[str, Any], suite: str, folder: Path, facts: dict[str, str]) -> Bench:
     """Opens the data of all tasks."""
-    from tactileforge.bench import tasks
-    from tactileforge.bench.choices import choose, row_of
-    from tactileforge.bench.features import Store
+    from tactileforge.bench.fit.features import Store
+    from tactileforge.bench.fit.resolve import choose, row_of
+    from tactileforge.bench.results.write import Writer
     from tactileforge.bench.run import Bench, Options
-    from tactileforge.bench.writer import Writer
-    from tactileforge.cache import cache_folder
+    from tactileforge.bench.tasks.suite import parse
+    from tactileforge.files import cache_folder
 
-    chosen = [tasks.parse(name, node) for name, node in _tasks(config).items()]
+    chosen = [parse(name, node) for name, node in _tasks(config).items()]
     options = Options(seeds=config["seeds"], selection=config["selection"], probe=config["probe"])
     rows = [row_of(task, choose(task, options.probe), options.selection) for task in chosen]
     settings = {"seeds": options.seeds, "selection": options.selection, **facts}
@@ -119,7 +119,7 @@ def _beside(given: Sequence[str], trained: Iterable[str], baselines: Sequence[st
     """Models, and where there are baselines those, and each model with random weights."""
     if not baselines:
         return list(given)
-    from tactileforge.bench.baselines import BASELINES
+    from tactileforge.bench.fit.baselines import BASELINES
 
     models = [word for word in (*trained, *given) if word not in BASELINES]
     random = [f"untrained:{word}" for word in models if not word.startswith("untrained:")]

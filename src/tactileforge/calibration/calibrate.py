@@ -16,7 +16,7 @@ from tactileforge.calibration.fit import Fit, fit, folds
 from tactileforge.calibration.light import drift, light, punch_mm_per_pixel
 from tactileforge.contracts import Recording
 from tactileforge.errors import ConfigError, DataError, unknown
-from tactileforge.specs import spec
+from tactileforge.sensors.specs import spec
 
 if TYPE_CHECKING:
     from tactileforge.hub.model import Model

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Frames, Recording
-from tactileforge.data.clips import resized
+from tactileforge.data.batches.clips import resized
 from tactileforge.errors import DataError, unknown
 from tactileforge.sensors.taxels import REST
 

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.atomic import write_text
 from tactileforge.contracts import Recording
-from tactileforge.datasets.node import Node
 from tactileforge.errors import ConfigError, DataNotFoundError
+from tactileforge.files import write_text
+from tactileforge.node import Node
 from tactileforge.untrusted import dump_yaml, load_yaml
 
 if TYPE_CHECKING:

@@ -7,17 +7,9 @@ from html import escape
 
 from tactileforge.calibration.calibrate import Found
 from tactileforge.calibration.fit import Fit
-from tactileforge.inspection.sections import figure
-from tactileforge.report.figures import CLASSES, INK, MARKERS, drawing, svg
-from tactileforge.report.page import (
-    Section,
-    number,
-    page,
-    panel,
-    panels,
-    paragraph,
-    table,
-)
+from tactileforge.pages.figures import CLASSES, INK, MARKERS, drawing, svg
+from tactileforge.pages.images import figure
+from tactileforge.pages.page import Section, number, page, panel, panels, paragraph, table
 
 
 def render(found: Found) -> str:

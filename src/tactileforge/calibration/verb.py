@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tactileforge import registry, settings
-from tactileforge.atomic import write_text
 from tactileforge.calibration.calibrate import Found, Options, calibrate
 from tactileforge.calibration.file import load
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.errors import ConfigError
+from tactileforge.files import write_text
 
 if TYPE_CHECKING:
     from tactileforge.hub.model import Model

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from tactileforge.contracts import FrameSubset, Recording
-from tactileforge.datasets.official import ALL, ANYTOUCH2_CLOTH, CLOTH_OFFICIAL
-from tactileforge.datasets.published import Item, Numbered, Published, seconds
+from tactileforge.datasets.reading.official import ALL, ANYTOUCH2_CLOTH, CLOTH_OFFICIAL
+from tactileforge.datasets.reading.published import Item, Numbered, Published, seconds
 from tactileforge.errors import DataError
 from tactileforge.untrusted import load_json
 

@@ -9,8 +9,8 @@ from functools import partial
 import numpy as np
 
 from tactileforge.contracts import FrameSubset, Recording
-from tactileforge.data.frames import ImageFrames
-from tactileforge.datasets.published import Item, Published
+from tactileforge.data.frames.lazy import ImageFrames
+from tactileforge.datasets.reading.published import Item, Published
 from tactileforge.errors import DataError
 
 _MOMENTS = ("before", "during", "after")

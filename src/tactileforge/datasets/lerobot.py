@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tactileforge.contracts import Recording
-from tactileforge.datasets.splits import is_held_out
+from tactileforge.datasets.reading.splits import is_held_out
 from tactileforge.errors import ConfigError, DataError, unknown
 
 if TYPE_CHECKING:
@@ -133,7 +133,7 @@ class LeRobot:
 
     def plot(self, recording: Recording) -> Figure:
         """A figure of a recording."""
-        from tactileforge.datasets.figure import plot
+        from tactileforge.datasets.reading.figure import plot
 
         return plot(recording)
 

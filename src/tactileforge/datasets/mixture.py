@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from tactileforge import registry
 from tactileforge.contracts import Dataset, Recording
-from tactileforge.data.sources import Bad, Part, Source, sources_of
+from tactileforge.data.batches.sources import Bad, Part, Source, sources_of
 from tactileforge.errors import ConfigError, unknown
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ class Mixture:
         return [line for data in self.datasets.values() for line in data.skipped]
 
     def sources(self, split: str) -> list[Source]:
-        """The sources of all data sets; see `data.sources.Parted`."""
+        """The sources of all data sets; see `data.batches.sources.Parted`."""
         return [
             replace(
                 source,
@@ -88,7 +88,7 @@ class Mixture:
 
     def plot(self, recording: Recording) -> Figure:
         """A figure of a recording."""
-        from tactileforge.datasets.figure import plot
+        from tactileforge.datasets.reading.figure import plot
 
         return plot(recording)
 
@@ -111,7 +111,7 @@ class _Named:
         return self.part.seconds
 
     def open(self, bad: Bad) -> Iterator[Recording]:
-        """Opens them; see `data.sources.Part`."""
+        """Opens them; see `data.batches.sources.Part`."""
         for recording in self.part.open(bad):
             yield _named(self.name, recording)
 

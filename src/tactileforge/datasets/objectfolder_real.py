@@ -9,8 +9,8 @@ from functools import partial
 from pathlib import Path
 
 from tactileforge.contracts import FrameSubset, Recording
-from tactileforge.data.frames import ImageFrames
-from tactileforge.datasets.published import Item, Numbered, Published, seconds
+from tactileforge.data.frames.lazy import ImageFrames
+from tactileforge.datasets.reading.published import Item, Numbered, Published, seconds
 
 
 class ObjectFolderReal(Published):

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from tactileforge.contracts import FrameSubset, Recording
-from tactileforge.data.frames import VideoFrames
-from tactileforge.datasets.official import ALL, OCTOPI_OFFICIAL
-from tactileforge.datasets.published import Item, Published
+from tactileforge.data.frames.lazy import VideoFrames
+from tactileforge.datasets.reading.official import ALL, OCTOPI_OFFICIAL
+from tactileforge.datasets.reading.published import Item, Published
 from tactileforge.errors import DataError
 
 _PREFIX = "physiclear_"

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 from omegaconf import OmegaConf
 
 from tactileforge.contracts import Recording
-from tactileforge.datasets.layout import EXAMPLE, SPLITS, Layout, parse
-from tactileforge.datasets.node import Node
-from tactileforge.datasets.reader import Reader, Touch
-from tactileforge.datasets.splits import is_held_out, parts
+from tactileforge.datasets.reading.layout import EXAMPLE, SPLITS, Layout, parse
+from tactileforge.datasets.reading.reader import Reader, Touch
+from tactileforge.datasets.reading.splits import is_held_out, parts
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
+from tactileforge.node import Node
 from tactileforge.untrusted import load_yaml
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ class Recordings:
 
     def plot(self, recording: Recording) -> Figure:
         """A figure of a recording: frames, their difference to the background, forces, actions."""
-        from tactileforge.datasets.figure import plot
+        from tactileforge.datasets.reading.figure import plot
 
         return plot(recording)
 

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from tactileforge.cache import cache_folder
 from tactileforge.contracts import Recording
-from tactileforge.data import index, shards
-from tactileforge.data.fetch import Folder
-from tactileforge.data.index import Entry, Index
-from tactileforge.data.sources import Bad, Opened, Source
-from tactileforge.data.summary import Summary
+from tactileforge.data.batches.sources import Bad, Opened, Source
+from tactileforge.data.shards import index, shards
+from tactileforge.data.shards.fetch import Folder
+from tactileforge.data.shards.index import Entry, Index
+from tactileforge.data.shards.summary import Summary
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
+from tactileforge.files import cache_folder
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -37,7 +37,7 @@ class Shards:
     """
 
     #: What shards may carry; what they do carry is in the index.
-    provides = frozenset({"force", "action", "object", "text", "image"})
+    provides = frozenset({"force", "action", "object", "text", "image", "surface"})
 
     def __init__(
         self, root: str = ".", cache: str | None = None, cache_gb: float | None = None
@@ -71,7 +71,7 @@ class Shards:
         return None
 
     def sources(self, split: str) -> list[Source]:
-        """One source, of one part a shard; see `data.sources.Parted`.
+        """One source, of one part a shard; see `data.batches.sources.Parted`.
 
         Args:
             split: ``train`` or ``val``.
@@ -110,7 +110,7 @@ class Shards:
 
     def plot(self, recording: Recording) -> Figure:
         """A figure of a recording."""
-        from tactileforge.datasets.figure import plot
+        from tactileforge.datasets.reading.figure import plot
 
         return plot(recording)
 
@@ -147,7 +147,7 @@ class _Shard:
         return self.entry.summary.seconds
 
     def open(self, bad: Bad) -> Iterator[Recording]:
-        """Fetches the shard if need be and yields its recordings; see `data.sources.Part`."""
+        """Fetches the shard if need be, yields its recordings; see `data.batches.sources.Part`."""
         left, lines = self.recordings, []
         try:
             path = self.folder.get(self.entry.file, self.entry.bytes, self.entry.sha256)

@@ -6,15 +6,15 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tactileforge.cache import cache_folder
 from tactileforge.contracts import Recording
-from tactileforge.data import shards
+from tactileforge.data.shards import shards
 from tactileforge.errors import ConfigError, unknown
+from tactileforge.files import cache_folder
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from tactileforge.sim.record import Config
+    from tactileforge.sim.generate import Config
 
 
 class Sim:
@@ -26,7 +26,7 @@ class Sim:
     Args:
         scenes: Number of touches for training; each is one recording a sensor.
         val: Number of touches for validation.
-        sensors: Types of sensors, of `sim.devices.DEVICES`.
+        sensors: Types of sensors, of `sim.mechanics.sensor_gels.DEVICES`.
         indenters: ``few`` (twelve for pretraining), ``pretrain`` (all 61), ``bench`` (validation
             has indenters of its own), ``textures``, ``all``, or names of shapes.
         motions: ``atomic``, ``force_trial``, ``manipulation``, ``all``, or names of motions.
@@ -37,7 +37,7 @@ class Sim:
         viscosity: Relaxation time of the gels, s; forces then lead pictures.
         lag: Seconds by which pictures come later than forces, as from a real camera.
         randomise: How units of a sensor, and touches, differ: ``none``, ``unit``, ``all``, or names
-            of rows, see `sim.randomise.TABLE`.
+            of rows, see `sim.randomise.table.TABLE`.
         seed: Another seed, other touches.
         cache: Folder that keeps them; None for ``$TACTILEFORGE_CACHE``, or the user's cache.
         processes: Processes that simulate; None for one a core.
@@ -46,7 +46,7 @@ class Sim:
         ConfigError: A number of touches is negative, or not positive for training.
     """
 
-    provides = frozenset({"force", "action", "object", "text", "image"})
+    provides = frozenset({"force", "action", "object", "text", "image", "surface"})
 
     def __init__(
         self,
@@ -92,7 +92,7 @@ class Sim:
         Raises:
             ConfigError: An unknown sensor, indenter or motion.
         """
-        from tactileforge.sim.record import Config
+        from tactileforge.sim.generate import Config
 
         return Config(**self._given)  # type: ignore[arg-type]
 
@@ -112,7 +112,7 @@ class Sim:
         Raises:
             ConfigError: An unknown split, sensor, indenter or motion.
         """
-        from tactileforge.sim.record import FIRST_VAL, path_of, write
+        from tactileforge.sim.generate import FIRST_VAL, path_of, write
 
         numbers = {"train": range(self.scenes), "val": range(FIRST_VAL, FIRST_VAL + self.val)}
         if split not in numbers:
@@ -124,6 +124,6 @@ class Sim:
 
     def plot(self, recording: Recording) -> Figure:
         """A figure of a recording."""
-        from tactileforge.datasets.figure import plot
+        from tactileforge.datasets.reading.figure import plot
 
         return plot(recording)

@@ -6,16 +6,16 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tactileforge.cache import cache_folder
 from tactileforge.contracts import Recording
-from tactileforge.data import shards
+from tactileforge.data.shards import shards
 from tactileforge.errors import ConfigError, unknown
+from tactileforge.files import cache_folder
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from tactileforge.datasets.array_scenes import Array
-    from tactileforge.sim.record import Config
+    from tactileforge.sim.array_scenes import Array
+    from tactileforge.sim.generate import Config
 
 
 class SimArray:
@@ -29,7 +29,7 @@ class SimArray:
     Args:
         scenes: Number of touches for training.
         val: Number of touches for validation.
-        sensor: Name of the array in recordings; see `tactileforge.specs`.
+        sensor: Name of the array in recordings; see `tactileforge.sensors.specs`.
         shape: Rows and columns of taxels.
         pitch: mm from taxel to taxel.
         axes: 3 for taxels that feel shear, 1 for normal force alone.
@@ -90,7 +90,7 @@ class SimArray:
         Raises:
             ConfigError: A number makes no sense.
         """
-        from tactileforge.datasets.array_scenes import Array
+        from tactileforge.sim.array_scenes import Array
 
         if len(self.shape) != 2:
             raise ConfigError(f"sim_array: shape={list(self.shape)}; give rows and columns")
@@ -112,7 +112,7 @@ class SimArray:
         Raises:
             ConfigError: An unknown indenter or motion.
         """
-        from tactileforge.sim.record import Config
+        from tactileforge.sim.generate import Config
 
         def plain(names: str | Sequence[str]) -> str | tuple[str, ...]:
             return names if isinstance(names, str) else tuple(names)
@@ -134,7 +134,7 @@ class SimArray:
     @property
     def folder(self) -> Path:
         """Where the touches of this configuration are kept."""
-        from tactileforge.datasets.array_scenes import folder_name
+        from tactileforge.sim.array_scenes import folder_name
 
         return cache_folder(self.cache) / "sim_array" / folder_name(self.config, self.array)
 
@@ -147,8 +147,8 @@ class SimArray:
         Raises:
             ConfigError: An unknown split, indenter or motion, or an array that makes no sense.
         """
-        from tactileforge.datasets.array_scenes import write
-        from tactileforge.sim.record import FIRST_VAL, path_of
+        from tactileforge.sim.array_scenes import write
+        from tactileforge.sim.generate import FIRST_VAL, path_of
 
         numbers = {"train": range(self.scenes), "val": range(FIRST_VAL, FIRST_VAL + self.val)}
         if split not in numbers:
@@ -160,6 +160,6 @@ class SimArray:
 
     def plot(self, recording: Recording) -> Figure:
         """A figure of a recording."""
-        from tactileforge.datasets.figure import plot
+        from tactileforge.datasets.reading.figure import plot
 
         return plot(recording)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from tactileforge.datasets.official import FORCE_SPLITS
-from tactileforge.datasets.sparsh import SparshTrajectories
+from tactileforge.datasets.reading.official import FORCE_SPLITS
+from tactileforge.datasets.reading.sparsh import SparshTrajectories
 
 
 class SparshForce(SparshTrajectories):

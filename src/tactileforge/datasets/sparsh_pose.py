@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from tactileforge.contracts import Recording
-from tactileforge.data.encoded import EncodedFrames
-from tactileforge.datasets.official import ALL, POSE_OFFICIAL
-from tactileforge.datasets.pickles import load
-from tactileforge.datasets.published import Item, Published, still
+from tactileforge.data.frames.encoded import EncodedFrames
+from tactileforge.datasets.reading.official import ALL, POSE_OFFICIAL
+from tactileforge.datasets.reading.pickles import load
+from tactileforge.datasets.reading.published import Item, Published, still
 from tactileforge.errors import ConfigError, DataError, unknown
 
 _FINGERS = ("index", "middle", "ring")

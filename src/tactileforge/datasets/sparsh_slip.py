@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from tactileforge.datasets.official import SLIP_SPLITS
-from tactileforge.datasets.sparsh import SparshTrajectories
+from tactileforge.datasets.reading.official import SLIP_SPLITS
+from tactileforge.datasets.reading.sparsh import SparshTrajectories
 
 
 class SparshSlip(SparshTrajectories):

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from tactileforge.contracts import Recording
-from tactileforge.data.frames import ImageFrames
-from tactileforge.datasets.official import ALL, TVL_OFFICIAL
-from tactileforge.datasets.published import Item, Numbered, Published
+from tactileforge.data.frames.lazy import ImageFrames
+from tactileforge.datasets.reading.official import ALL, TVL_OFFICIAL
+from tactileforge.datasets.reading.published import Item, Numbered, Published
 
 
 class Ssvtp(Published):

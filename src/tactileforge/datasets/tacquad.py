@@ -8,8 +8,8 @@ from functools import partial
 from pathlib import Path
 
 from tactileforge.contracts import Frames, FrameSubset, Recording
-from tactileforge.data.frames import ImageFrames
-from tactileforge.datasets.published import Item, Numbered, Published, rate, seconds
+from tactileforge.data.frames.lazy import ImageFrames
+from tactileforge.datasets.reading.published import Item, Numbered, Published, rate, seconds
 from tactileforge.errors import DataError
 
 #: Sensor by folder, in the order of the columns of the index.

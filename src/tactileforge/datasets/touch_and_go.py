@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import NamedTuple
 
 from tactileforge.contracts import Recording
-from tactileforge.data.frames import ImageFrames
-from tactileforge.datasets.official import (
+from tactileforge.data.frames.lazy import ImageFrames
+from tactileforge.datasets.reading.official import (
     ALL,
     ANYTOUCH2_MATERIAL,
     ANYTOUCH2_ROUGH,
     TAG_MATERIAL,
     TAG_ROUGH,
 )
-from tactileforge.datasets.published import Item, Numbered, Published, runs, seconds, still
+from tactileforge.datasets.reading.published import Item, Numbered, Published, runs, seconds, still
 from tactileforge.errors import DataError
 
 #: Materials by label, as `category_reference.txt` of the data set has them.

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from tactileforge.contracts import Recording
-from tactileforge.data.encoded import EncodedFrames
-from tactileforge.datasets.pickles import load
-from tactileforge.datasets.published import Item, Published, median, still
+from tactileforge.data.frames.encoded import EncodedFrames
+from tactileforge.datasets.reading.pickles import load
+from tactileforge.datasets.reading.published import Item, Published, median, still
 from tactileforge.datasets.ycb_slide import BACKGROUNDS
 from tactileforge.errors import DataError
 

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from tactileforge.contracts import Recording
-from tactileforge.data.actions import label_actions
-from tactileforge.data.frames import ImageFrames
-from tactileforge.datasets.official import ALL, TOUCHD_BENCH, TOUCHD_PRETRAIN
-from tactileforge.datasets.published import Item, Published, rate, seconds, still
+from tactileforge.data.frames.lazy import ImageFrames
+from tactileforge.data.labels.actions import label_actions
+from tactileforge.datasets.reading.official import ALL, TOUCHD_BENCH, TOUCHD_PRETRAIN
+from tactileforge.datasets.reading.published import Item, Published, rate, seconds, still
 from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.untrusted import load_json
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from tactileforge.contracts import Recording
-from tactileforge.datasets.layout import check_sensor
-from tactileforge.datasets.published import Item, Numbered, Published, rate, seconds, still
+from tactileforge.datasets.reading.layout import check_sensor
+from tactileforge.datasets.reading.published import Item, Numbered, Published, rate, seconds, still
 from tactileforge.errors import DataError
 from tactileforge.untrusted import load_json
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from tactileforge.contracts import ACTIONS, Recording
-from tactileforge.datasets.published import Item, Numbered, Published, seconds, still
+from tactileforge.datasets.reading.published import Item, Numbered, Published, seconds, still
 from tactileforge.errors import DataError, unknown
 
 _FPS = 30.0

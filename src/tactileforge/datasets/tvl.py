@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from tactileforge.contracts import Recording
-from tactileforge.data.frames import ImageFrames
-from tactileforge.datasets.official import ALL, TVL_OFFICIAL
-from tactileforge.datasets.published import Item, Published, runs, seconds, still
+from tactileforge.data.frames.lazy import ImageFrames
+from tactileforge.datasets.reading.official import ALL, TVL_OFFICIAL
+from tactileforge.datasets.reading.published import Item, Published, runs, seconds, still
 from tactileforge.errors import DataError
 from tactileforge.untrusted import load_json
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from functools import partial
 
 from tactileforge.contracts import FrameSubset, Recording
-from tactileforge.datasets.published import Item, Numbered, Published, seconds
+from tactileforge.datasets.reading.published import Item, Numbered, Published, seconds
 
 
 class VisGel(Published):

@@ -7,7 +7,14 @@ from functools import partial
 from pathlib import Path
 
 from tactileforge.contracts import Recording
-from tactileforge.datasets.published import Item, Numbered, Published, median, seconds, still
+from tactileforge.datasets.reading.published import (
+    Item,
+    Numbered,
+    Published,
+    median,
+    seconds,
+    still,
+)
 
 #: Which background Sparsh chose for which object (``bgs/bg_N.jpg`` in its data).
 BACKGROUNDS = {

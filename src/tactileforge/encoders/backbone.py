@@ -13,7 +13,7 @@ from torch.nn import functional as F
 
 from tactileforge.contracts import Batch, Features, MaskedFeatures
 from tactileforge.distributed import rand_rows
-from tactileforge.encoders.pixels import Pixels
+from tactileforge.encoders.preprocess import Pixels
 from tactileforge.encoders.transformer import size_of
 from tactileforge.errors import ConfigError
 

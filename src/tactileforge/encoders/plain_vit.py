@@ -9,8 +9,8 @@ import torch
 from torch import Tensor, nn
 
 from tactileforge.encoders.backbone import Backbone, of_length, visible
-from tactileforge.encoders.pixels import SPARSH
 from tactileforge.encoders.positions import sincos
+from tactileforge.encoders.preprocess import SPARSH
 from tactileforge.encoders.tactile_vit import PUBLISHED_SENSORS
 from tactileforge.encoders.transformer import Transformer, init_weights
 from tactileforge.errors import ConfigError, unknown
@@ -101,7 +101,7 @@ class PlainViT(Backbone):
         length: Projected class tokens are scaled to this length; None leaves them as they are.
         mask_ratio: Share of spatial positions that the masked view hides, the same in every slot.
         spacing: Seconds between the frames of a clip that it is trained with; 0 for one frame.
-        pixels: Preprocessing, see `pixels.Pixels`.
+        pixels: Preprocessing, see `preprocess.Pixels`.
 
     Attributes:
         width: Size of a token.

@@ -9,8 +9,8 @@ import torch
 from torch import Tensor, nn
 
 from tactileforge.encoders.backbone import Backbone, of_length, visible
-from tactileforge.encoders.pixels import ANYTOUCH2, CLIP_MEAN, CLIP_STD
 from tactileforge.encoders.positions import waves
+from tactileforge.encoders.preprocess import ANYTOUCH2, CLIP_MEAN, CLIP_STD
 from tactileforge.encoders.transformer import Transformer, init_weights
 from tactileforge.errors import ConfigError, unknown
 
@@ -57,7 +57,7 @@ class TactileViT(Backbone):
         eps: Of the norms.
         bias_kv: Whether attention has a learned key and value besides the tokens (ImageBind).
         length: Projected class tokens are scaled to this length; None leaves them as they are.
-        pixels: Preprocessing, see `pixels.Pixels`.
+        pixels: Preprocessing, see `preprocess.Pixels`.
 
     Attributes:
         width: Size of a token.

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from tactileforge import strict
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
-from tactileforge.hub import strict
 from tactileforge.untrusted import load_json
 
 #: Key of the text in ``metadata_props`` of ONNX, and in ``extra_files`` of ``torch.export``.

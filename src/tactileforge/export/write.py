@@ -16,9 +16,9 @@ from torch import nn
 from tactileforge.errors import ConfigError, TactileForgeError, unknown
 from tactileforge.export.facts import Exported, need_onnx
 from tactileforge.export.program import ProgramFile, compare, sizes_of, trace
+from tactileforge.files import new_part
 from tactileforge.hub.loading import load
 from tactileforge.hub.model import Model
-from tactileforge.hub.store import new_part
 
 FORMATS = ("onnx", "torch_export")
 

@@ -11,7 +11,7 @@ from torch.nn import functional as F
 from tactileforge.contracts import Batch, Encoder, Views
 from tactileforge.distributed import gather
 from tactileforge.encoders.transformer import init_weights
-from tactileforge.heads.slow import SlowCopy
+from tactileforge.heads.ema import SlowCopy
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import torch
 from torch import Tensor, nn
@@ -35,10 +36,38 @@ class ForceDecoder(nn.Module):
         self.probe = nn.Sequential(nn.Linear(width, width // 4), nn.ReLU(), last)
         nn.init.normal_(last.weight, std=0.02)
 
+    def hidden(self, tokens: Tensor) -> Tensor:
+        """What the last layer reads, (B, frames, width / 4)."""
+        out: Tensor = self.probe[:-1](self.pooler(tokens))
+        return out
+
     def forward(self, tokens: Tensor) -> Tensor:
         """(B, L, width) to (B, frames, 3)."""
-        out: Tensor = self.probe(self.pooler(tokens))
+        out: Tensor = self.probe[-1](self.hidden(tokens))
         return out
+
+
+class MeanReadout(nn.Module):
+    """One linear layer on the mean of the patch tokens.
+
+    What it reads, any linear probe of pooled features finds too.
+    """
+
+    def __init__(self, width: int, frames: int, prefix: int) -> None:
+        super().__init__()
+        self.frames, self.prefix = frames, prefix
+        self.linear = nn.Linear(width, 3 * frames)
+        nn.init.normal_(self.linear.weight, std=0.01)
+        nn.init.zeros_(self.linear.bias)
+
+    def hidden(self, tokens: Tensor) -> Tensor:
+        """What the layer reads, (B, frames, width): the same for every frame."""
+        return tokens[:, self.prefix :].mean(1, keepdim=True).expand(-1, self.frames, -1)
+
+    def forward(self, tokens: Tensor) -> Tensor:
+        """(B, L, width) to (B, frames, 3)."""
+        out: Tensor = self.linear(self.hidden(tokens)[:, 0])
+        return out.view(-1, self.frames, 3)
 
 
 class ForceHead(nn.Module):
@@ -49,21 +78,37 @@ class ForceHead(nn.Module):
         heads: Attention heads; None takes one for 64 channels.
         difference: Whether it is shown, beside the tokens, how the patches of each later slot
             differ from those of the first: a shear moves what a press leaves where it is.
+        readout: ``attention``, the paper's decoders, or ``mean``, see `MeanReadout`.
 
     Raises:
-        ConfigError: Differences are asked for, and the encoder has one temporal slot.
+        ConfigError: Differences are asked for, and the encoder has one temporal slot, or the
+            readout is a mean.
     """
 
     def __init__(
-        self, encoder: Encoder, heads: int | None = None, difference: bool = False
+        self,
+        encoder: Encoder,
+        heads: int | None = None,
+        difference: bool = False,
+        readout: Literal["attention", "mean"] = "attention",
     ) -> None:
         super().__init__()
         heads = heads or encoder.width // 64
-        self.force = ForceDecoder(encoder.width, encoder.frames - 1, heads)
-        self.delta = ForceDecoder(encoder.width, encoder.frames - 1, heads)
+        frames = encoder.frames - 1
+        self.force, self.delta = (
+            ForceDecoder(encoder.width, frames, heads)
+            if readout == "attention"
+            else MeanReadout(encoder.width, frames, encoder.prefix)
+            for _ in range(2)
+        )
         self.width = encoder.width
         self.difference = difference
         if difference:
+            if readout == "mean":
+                raise ConfigError(
+                    "head.force.difference adds tokens, which a mean would mix with the others: "
+                    "give head.force.readout=attention"
+                )
             if encoder.grid[0] < 2:
                 raise ConfigError(
                     "head.force.difference compares temporal slots, and the encoder has one: give "
@@ -77,8 +122,8 @@ class ForceHead(nn.Module):
         return Forces(self.force(tokens), self.delta(tokens))
 
     def hidden(self, views: Views) -> Tensor:
-        """What the last layer of the forces reads, float (B, T - 1, width / 4)."""
-        out: Tensor = self.force.probe[:-1](self.force.pooler(self._tokens(views.full)))
+        """What the last layer of the forces reads, float (B, T - 1, width or width / 4)."""
+        out: Tensor = self.force.hidden(self._tokens(views.full))
         return out
 
     def _tokens(self, full: Features) -> Tensor:

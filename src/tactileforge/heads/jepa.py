@@ -11,7 +11,7 @@ from torch.nn import functional as F
 from tactileforge.contracts import Batch, Encoder, Views
 from tactileforge.encoders.relative import Relative
 from tactileforge.heads.decoder import MaskedDecoder, masked_patches
-from tactileforge.heads.slow import SlowCopy
+from tactileforge.heads.ema import SlowCopy
 
 
 @dataclass(frozen=True)

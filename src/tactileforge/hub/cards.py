@@ -17,8 +17,8 @@ from typing import Any
 
 import yaml
 
+from tactileforge import strict
 from tactileforge.errors import ConfigError, unknown
-from tactileforge.hub import strict
 from tactileforge.hub.gates import TOKENS, Gate, passes
 
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)

@@ -16,8 +16,8 @@ from torch import Tensor, nn
 
 from tactileforge import registry
 from tactileforge.errors import ConfigError, DataError, PluginError
+from tactileforge.files import new_part
 from tactileforge.hub.header import FORMAT, Header, read_header
-from tactileforge.hub.store import new_part
 
 DTYPES = {"float32": torch.float32, "float16": torch.float16}
 

@@ -1,6 +1,7 @@
 """The release gate on a card: what `bench suite=[real,real_held_out]` measured of some weights.
 
-Nothing here needs torch. Differences are those of `bench.gate`: paired, with 95 % intervals.
+Nothing here needs torch. Differences are those of `bench.results.gate`: paired, with 95 %
+intervals.
 """
 
 from __future__ import annotations
@@ -12,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tactileforge.atomic import write_text
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
+from tactileforge.files import write_text
 
 FILE = "gate.json"
 #: Which tokens a probe reads.

@@ -12,8 +12,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from tactileforge import strict
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
-from tactileforge.hub import strict
 from tactileforge.untrusted import load_json
 
 #: Version of the format that this package writes and reads.

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
+import numpy as np
+import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
-from tactileforge.encoders.inputs import Images, check_clip
-from tactileforge.errors import ConfigError
+from tactileforge.contracts import NEUTRAL_BACKGROUND
+from tactileforge.errors import ConfigError, DataError
 
-__all__ = ["Clips", "Images", "prepare"]
+Images: TypeAlias = NDArray[Any] | Tensor
+
+_CLIP = "(T, H, W, 3) or (T, 3, H, W), or a batch of these"
+_STILL = "(H, W, 3) or (3, H, W), or one for each clip"
 
 
 class Clips(NamedTuple):
@@ -55,3 +61,97 @@ def prepare(frames: Images, background: Images | str | None, count: int, needed:
         f"{given}: give a frame without contact of the same recording; background='first' takes "
         "the first frame of each clip, background='none' subtracts nothing"
     )
+
+
+def check_clip(
+    frames: Images, background: Images | None = None, count: int | None = None
+) -> tuple[Tensor, Tensor]:
+    """Frames and background as encoders take them; nothing is guessed and nothing is resized.
+
+    Time is always the axis before the image. Three frames are no exception: (3, 3, H, W) is three
+    frames of three colours.
+
+    Args:
+        frames: uint8, (T, H, W, 3) or (T, 3, H, W), RGB, oldest first; or a batch of clips.
+        background: uint8, (H, W, 3) or (3, H, W), the frame without contact; one for each clip, or
+            one for all. None is a neutral one, which leaves frames as they are.
+        count: Frames that the encoder takes; None takes any number.
+
+    Returns:
+        uint8 (B, T, 3, H, W) and uint8 (B, 3, H, W).
+
+    Raises:
+        DataError: Another type, shape, number of frames, or size of the background; says what was
+            expected and found.
+
+    Example:
+        >>> import numpy as np
+        >>> frames, background = check_clip(np.zeros((4, 240, 320, 3), np.uint8))
+        >>> frames.shape, background.shape
+        (torch.Size([1, 4, 3, 240, 320]), torch.Size([1, 3, 240, 320]))
+    """
+    clips = _channels_first("frames", _pixels("frames", frames), 4, _CLIP)
+    if count is not None and clips.shape[1] != count:
+        raise DataError(
+            f"frames: {clips.shape[1]} frames in {tuple(frames.shape)}, but the encoder takes "
+            f"{count}: give that many, oldest first, at its spacing"
+        )
+    size = tuple(clips.shape[-2:])
+    if background is None:
+        return clips, torch.full_like(clips[:, 0], NEUTRAL_BACKGROUND)
+    still = _channels_first("background", _pixels("background", background), 3, _STILL)
+    if tuple(still.shape[-2:]) != size:
+        raise DataError(
+            f"background: {still.shape[-2]} x {still.shape[-1]} pixels, but the frames have "
+            f"{size[0]} x {size[1]}: give a frame without contact of the same recording"
+        )
+    if len(still) not in (1, len(clips)):
+        raise DataError(
+            f"background: {len(still)} of them for {len(clips)} clips: give one, or one for each"
+        )
+    return clips, still.expand(len(clips), -1, -1, -1).to(clips.device)
+
+
+def _pixels(what: str, images: Images) -> Tensor:
+    if not isinstance(images, np.ndarray | Tensor):
+        raise DataError(
+            f"{what}: expected a numpy array or a torch tensor, found {type(images).__name__}"
+        )
+    if images.dtype not in (np.uint8, torch.uint8):
+        raise DataError(
+            f"{what}: expected uint8 values from 0 to 255, found {images.dtype}{_fix(images)}"
+        )
+    if isinstance(images, Tensor):
+        return images
+    # torch takes no negative strides, and warns of memory that is read-only, as Pillow gives it
+    return torch.from_numpy(np.require(images, requirements=["C", "W"]))
+
+
+def _fix(images: Images) -> str:
+    """How to make integers of these numbers."""
+    if 0 in images.shape:
+        return ""
+    low, high = float(images.min()), float(images.max())
+    found = f" from {low:.3g} to {high:.3g}"
+    if low < 0:
+        return f"{found}: give the frames as they were before normalisation"
+    scaled = "x" if high > 1 else "255 * x"
+    if isinstance(images, Tensor):
+        return f"{found}: convert with ({scaled}).round().byte()"
+    return f"{found}: convert with np.rint({scaled}).astype(np.uint8)"
+
+
+def _channels_first(what: str, images: Tensor, single: int, expected: str) -> Tensor:
+    """A batch, with colours before rows; ``single`` is the number of axes without a batch."""
+    shape = tuple(images.shape)
+    if images.ndim not in (single, single + 1) or 0 in shape:
+        raise DataError(f"{what}: expected {expected}; found {shape}")
+    images = images if images.ndim > single else images[None]
+    first, last = images.shape[-3] == 3, images.shape[-1] == 3
+    if first and last:
+        raise DataError(f"{what}: {shape} is too small an image to tell rows from colours")
+    if not first and not last:
+        swapped = single == 4 and images.shape[1] == 3
+        hint = "; the colours are before the time: swap these two axes" if swapped else ""
+        raise DataError(f"{what}: expected {expected}; found {shape}{hint}")
+    return images if first else images.movedim(-1, -3)

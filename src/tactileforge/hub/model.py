@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from tactileforge.contracts import Frames
-from tactileforge.cpu import PackedLinears
 from tactileforge.encoders.backbone import Backbone
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.hub import forces
@@ -24,6 +23,7 @@ from tactileforge.hub.cards import Card
 from tactileforge.hub.forces import Readings
 from tactileforge.hub.header import Header
 from tactileforge.hub.inputs import Images, prepare
+from tactileforge.hub.packed_linear import PackedLinears
 from tactileforge.hub.video import Times, cut, open_video
 
 if TYPE_CHECKING:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 from collections.abc import Mapping
 from contextlib import suppress
 from importlib.metadata import version
@@ -11,10 +10,13 @@ from typing import Any, Literal
 
 from torch import Tensor, nn
 
-from tactileforge import checkpoints, registry, run_folder
+from tactileforge import registry, run_folder
+from tactileforge.callbacks import checkpoints
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
+from tactileforge.files import new_part, sha256
 from tactileforge.hub import cards, files, store
-from tactileforge.specs import spec
+from tactileforge.provenance import commit
+from tactileforge.sensors.specs import spec
 
 #: Heads that are of use without an objective, and what `Model` reads with them.
 KEPT_HEADS = ("force",)
@@ -32,7 +34,7 @@ def pack(
     """Makes a one-file checkpoint of a run's encoder, with its force head if it has one.
 
     V-JEPA and DINO are published and evaluated by the slow copy of the encoder, which the
-    objective's head keeps (`heads.slow.SlowCopy`), so that is what is packed where there is one.
+    objective's head keeps (`heads.ema.SlowCopy`), so that is what is packed where there is one.
     A head is kept beside the encoder that it was trained on, and not beside a slow copy. The
     sensors are those that the run was trained on.
 
@@ -163,7 +165,7 @@ def import_published(model: str, source: str | Path) -> Path:
     _check_variant(card, weight, converted.name, node, source)
     encoder = registry.build("encoders", node)
     files.fill(encoder, converted.state, str(source))
-    digest = store.sha256(source) if source.is_file() else ""
+    digest = sha256(source) if source.is_file() else ""
     header = files.describe(
         encoder,
         node,
@@ -175,7 +177,7 @@ def import_published(model: str, source: str | Path) -> Path:
         data={"name": ", ".join(card.data), "licences": []},
         source={"file": source.name, "sha256": digest, "layout": converted.name},
     )
-    with store.new_part(store.folder() / f"{full}.safetensors") as part:
+    with new_part(store.folder() / f"{full}.safetensors") as part:
         files.save(part, encoder, header)
         return store.keep_import(card, weight, part, source.name, digest)
 
@@ -201,19 +203,6 @@ def _check_variant(
 def _variant(card: cards.Card, weight: cards.Weight) -> dict[str, Any]:
     """What an importer must find for these weights."""
     return {"layout": weight.layout, "frames": card.clip(weight)[0], **weight.encoder}
-
-
-def commit() -> str:
-    """The commit of the checkout this package runs from, ``-dirty`` if changed; "" if installed."""
-    root = Path(__file__).parents[3]
-    if not (root / ".git").exists() or not (root / "src" / "tactileforge").is_dir():
-        return ""
-    command = ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=40"]
-    try:
-        done = subprocess.run([*command, "--exclude=*"], capture_output=True, text=True, check=True)
-    except (OSError, subprocess.CalledProcessError):
-        return ""
-    return done.stdout.strip()
 
 
 def _without_folders(value: Any) -> Any:

@@ -6,30 +6,24 @@ lies where a model is looked for. It is hashed again on every load.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import re
-import time
 import urllib.request
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from http.client import HTTPException
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from uuid import uuid4
 
-from tactileforge.cache import cache_folder
+from tactileforge import strict
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
-from tactileforge.hub import cards, strict
+from tactileforge.files import cache_folder, new_part, sha256
+from tactileforge.hub import cards
 from tactileforge.hub.cards import Card, Weight
 from tactileforge.untrusted import load_json
 
 #: Seconds without a byte after which a server counts as gone.
 _TIMEOUT = 30.0
-#: Seconds after which a part that nobody writes to is that of a process that was killed.
-_ABANDONED = 3600.0
 _CHUNK = 1 << 20
 
 
@@ -55,12 +49,6 @@ class Import:
 def folder() -> Path:
     """Where downloaded and imported weights are kept: ``models`` in the cache."""
     return cache_folder() / "models"
-
-
-def sha256(path: Path) -> str:
-    """The hash of a file, in hexadecimal digits."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def available(card: Card, weight: Weight) -> bool:
@@ -150,25 +138,6 @@ def keep_import(card: Card, weight: Weight, part: Path, source: str, source_sha2
         if old != target:
             old.unlink(missing_ok=True)
     return target
-
-
-@contextmanager
-def new_part(target: Path) -> Iterator[Path]:
-    """A name beside a file, for the time in which it is written; of this process alone.
-
-    It is removed at the end, if it is still there. Parts that killed processes left are removed
-    when nobody has written to them for an hour.
-    """
-    target.parent.mkdir(parents=True, exist_ok=True)
-    for old in target.parent.glob(f".{target.name}.*.part"):
-        with suppress(FileNotFoundError):  # another process may do the same
-            if time.time() - old.stat().st_mtime > _ABANDONED:
-                old.unlink()
-    part = target.with_name(f".{target.name}.{uuid4().hex}.part")
-    try:
-        yield part
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def _get(card: Card, weight: Weight) -> str:

@@ -17,7 +17,7 @@ Times = NDArray[np.float64]
 def open_video(video: str | Path | Frames) -> Frames:
     """A file as lazy frames; frames as they are."""
     if isinstance(video, str | Path):
-        from tactileforge.data.video import VideoFrames
+        from tactileforge.data.frames.video import VideoFrames
 
         return VideoFrames(video)
     return video

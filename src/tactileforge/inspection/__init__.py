@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tactileforge.atomic import write_text
 from tactileforge.contracts import Dataset
 from tactileforge.errors import ConfigError
+from tactileforge.files import write_text
 from tactileforge.inspection import sections, trouble
 from tactileforge.inspection.findings import Findings, Reason, Suspect, Total
 from tactileforge.inspection.survey import survey
-from tactileforge.report.page import page
+from tactileforge.pages.page import page
 
 __all__ = ["Findings", "Reason", "Suspect", "Total", "inspect"]
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS, Recording
 from tactileforge.inspection.tally import DURATIONS, Histogram
-from tactileforge.report.figures import CLASSES, SHADE, drawing, svg
+from tactileforge.pages.figures import CLASSES, SHADE, drawing, svg
 
 #: Points of a force curve.
 _POINTS = 400

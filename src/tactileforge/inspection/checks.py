@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactileforge.contracts import Recording
-from tactileforge.data.align import Lag, estimate_lag
+from tactileforge.data.labels.align import Lag, estimate_lag
 from tactileforge.errors import ConfigError
 from tactileforge.inspection.findings import Reason
 from tactileforge.inspection.look import Look, changes
-from tactileforge.report.page import number, percent
-from tactileforge.specs import spec
+from tactileforge.pages.page import number, percent
+from tactileforge.sensors.specs import spec
 
 #: Step in time, as a multiple of the usual one, that counts as a gap: a clip across it is not cut.
 GAP = 2.5

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Frames, Recording
-from tactileforge.data.cropped import as_text
+from tactileforge.data.frames.crop import as_text
 from tactileforge.errors import DataError
 
 #: Frames of a recording that are looked at, and those of them that a strip shows.

@@ -7,19 +7,18 @@ from collections.abc import Iterable, Sequence
 from html import escape
 
 import numpy as np
-import torch
-from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS, LABELS
-from tactileforge.data.cropped import as_text
-from tactileforge.data.summary import counted
+from tactileforge.data.frames.crop import as_text
+from tactileforge.data.shards.summary import counted
 from tactileforge.inspection import charts
 from tactileforge.inspection.checks import LAG_CORRELATION, LAG_PROMINENCE, is_sure
 from tactileforge.inspection.findings import Total
 from tactileforge.inspection.look import evenly
 from tactileforge.inspection.survey import Seen, Survey
 from tactileforge.inspection.tally import sources
-from tactileforge.report.page import (
+from tactileforge.pages.images import figure, image
+from tactileforge.pages.page import (
     MINUS,
     NONE,
     SPLIT_WORDS,
@@ -32,7 +31,6 @@ from tactileforge.report.page import (
     paragraph,
     table,
 )
-from tactileforge.report.pictures import jpeg
 
 AXES = ("x", "y", "z")
 _SHEET = 24
@@ -110,22 +108,6 @@ def card(one: Seen, words: str = "") -> str:
         pictures.append(one.look.difference)
     key = one.of.recording.key
     return figure(pictures, words or key, key, 2)
-
-
-def figure(pictures: Sequence[NDArray[np.uint8]], caption: str, alt: str, columns: int) -> str:
-    """Pictures in a row, and a line below."""
-    images = "".join(image(picture, alt) for picture in pictures)
-    return (
-        f'<figure><div class="strip" style="grid-template-columns:repeat({columns},1fr);'
-        f'margin:0">{images}</div><figcaption style="font-size:.75rem;line-height:1.3;'
-        f'overflow-wrap:anywhere">{escape(caption)}</figcaption></figure>'
-    )
-
-
-def image(picture: NDArray[np.uint8], alt: str) -> str:
-    """A picture, uint8 (H, W, 3), that is part of the page."""
-    url, width, height = jpeg(torch.from_numpy(picture).permute(2, 0, 1) / 255)
-    return f'<img src="{url}" width="{width}" height="{height}" alt="{escape(alt)}" loading="lazy">'
 
 
 def strips(found: Survey) -> Section:

@@ -10,7 +10,7 @@ import numpy as np
 from tqdm import tqdm
 
 from tactileforge.contracts import Dataset
-from tactileforge.data.align import Lag
+from tactileforge.data.labels.align import Lag
 from tactileforge.errors import DataError, DataNotFoundError
 from tactileforge.inspection import duplicates
 from tactileforge.inspection.checks import REASONS, Flag, lag_of, of_labels, of_lag, of_pixels

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS, Recording
-from tactileforge.data.summary import carried
+from tactileforge.data.shards.summary import carried
 from tactileforge.inspection.findings import Total
 
 #: Edges of the durations that are told apart, s: eight a decade.

@@ -8,9 +8,10 @@ from html import escape
 from tactileforge.contracts import LABELS
 from tactileforge.inspection.checks import REASONS, is_sure
 from tactileforge.inspection.findings import Findings, Suspect
-from tactileforge.inspection.sections import card, figure, grid, image
+from tactileforge.inspection.sections import card, grid
 from tactileforge.inspection.survey import Survey
-from tactileforge.report.page import SPLIT_WORDS, Section, duration, paragraph, table
+from tactileforge.pages.images import figure, image
+from tactileforge.pages.page import SPLIT_WORDS, Section, duration, paragraph, table
 
 #: Reasons that are told without a pixel, of all recordings.
 _COUNTED = ("no_background", "gaps_in_time", "force_out_of_range", "pulling_force")

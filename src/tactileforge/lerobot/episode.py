@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Recording
 from tactileforge.errors import DataError
-from tactileforge.specs import spec
+from tactileforge.sensors.specs import spec
 
 
 @dataclass(frozen=True)

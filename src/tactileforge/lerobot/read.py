@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS, Frames, FrameSubset, Recording
-from tactileforge.data.cropped import Crop
-from tactileforge.data.encoded import EncodedFrames
-from tactileforge.data.frames import ImageFrames
-from tactileforge.data.video import VideoFrames
+from tactileforge.data.frames.crop import Crop
+from tactileforge.data.frames.encoded import EncodedFrames
+from tactileforge.data.frames.lazy import ImageFrames
+from tactileforge.data.frames.video import VideoFrames
 from tactileforge.errors import DataError, DataNotFoundError, unknown
 from tactileforge.lerobot import folder
 from tactileforge.lerobot.folder import Info

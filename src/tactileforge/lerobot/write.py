@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.atomic import write_text
 from tactileforge.contracts import Recording
-from tactileforge.data.pictures import encode
-from tactileforge.data.shards import head
+from tactileforge.data.frames.image_codecs import encode
+from tactileforge.data.shards.shards import head
 from tactileforge.errors import ConfigError, DataError
+from tactileforge.files import write_text
 from tactileforge.lerobot import folder
 from tactileforge.lerobot.episode import (
     Episode,

@@ -1,1 +1,1 @@
-"""Live sensors: read in threads, recorded to shards (`docs/record.md`)."""
+"""Live sensors: read in threads, estimated, shown and published (`docs/live.md`)."""

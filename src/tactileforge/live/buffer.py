@@ -36,9 +36,9 @@ class Shot:
 class ClipBuffer:
     """Keeps as many frames as a clip needs; one thread writes, another reads the newest clip.
 
-    A clip is cut as those a model is trained on (`data.clips`): the frames of a recording that are
-    a whole number of periods apart, as near to the spacing as that goes. A frame that was lost is
-    replaced by its neighbour; a longer gap makes no clip.
+    A clip is cut as those a model is trained on (`data.batches.clips`): the frames of a recording
+    that are a whole number of periods apart, as near to the spacing as that goes. A frame that was
+    lost is replaced by its neighbour; a longer gap makes no clip.
 
     Args:
         frames: Of a clip, T.

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.errors import ConfigError
-from tactileforge.live.finger import Finger
 from tactileforge.live.page import html
-from tactileforge.live.show import Show
+from tactileforge.live.sensor_stream import Finger
+from tactileforge.live.session import Show
 
 #: Pixels of the longer side of a picture on the page, and of the shorter side of a small one.
 _LARGE = 480

@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Any
 from tactileforge import settings
 from tactileforge.errors import ConfigError
 from tactileforge.live.contact import ContactOptions, SlipOptions
-from tactileforge.live.options import Background, part
 from tactileforge.live.publish import JsonLines, Publisher, built
-from tactileforge.live.show import Show, ShowOptions, show
-from tactileforge.live.show_status import ShowStatus
-from tactileforge.live.verb import built as built_sensors
-from tactileforge.live.verb import stopped_by_signals
+from tactileforge.live.session import Show, ShowOptions, show
+from tactileforge.live.status_line import ShowStatus
+from tactileforge.sensors.background import Background
+from tactileforge.sensors.opening import built as built_sensors
+from tactileforge.signals import stopped_by_signals
+from tactileforge.strict import part
 
 if TYPE_CHECKING:
     from tactileforge.hub.model import Model

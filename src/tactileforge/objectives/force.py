@@ -9,8 +9,8 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from tactileforge.contracts import AXES, Batch
-from tactileforge.data.clips import Clips
-from tactileforge.data.spread import force_spread
+from tactileforge.data.batches.clips import Clips
+from tactileforge.data.batches.force_spread import force_spread
 from tactileforge.distributed import masked_mean
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.heads.force import Forces

@@ -13,10 +13,10 @@ from typing import Any
 
 from tqdm import tqdm
 
-from tactileforge.atomic import sealed, unsealed, write_text
 from tactileforge.contracts import Dataset
-from tactileforge.data.index import NAME, Index
+from tactileforge.data.shards.index import NAME, Index
 from tactileforge.errors import ConfigError, DataError, TactileForgeError
+from tactileforge.files import sealed, unsealed, write_text
 from tactileforge.packing.executors import execute
 from tactileforge.packing.options import Filter, Options
 from tactileforge.packing.plan import SPLITS, Plan, plan

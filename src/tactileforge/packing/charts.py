@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.report.figures import CLASSES, INK, SHADE, drawing, svg
+from tactileforge.pages.figures import CLASSES, INK, SHADE, drawing, svg
 
 #: Scores below are drawn here: nothing moves.
 _LEAST = 0.01

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.data.align import nearest
+from tactileforge.data.labels.align import nearest
 
 #: Rounding of times, s.
 _ROUNDING = 1e-6

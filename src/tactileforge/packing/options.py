@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any, TypeVar
 
-from tactileforge.data.shards import CODECS
+from tactileforge.data.shards.shards import CODECS
 from tactileforge.errors import ConfigError, unknown
 
 #: Who does the work.
@@ -52,7 +52,7 @@ class Options:
     """How recordings are packed.
 
     Attributes:
-        codec: How pictures are stored, see `data.shards.CODECS`.
+        codec: How pictures are stored, see `data.shards.shards.CODECS`.
         quality: Of jpg, 1 to 100; None for 95.
         size: Rows or columns of a picture, whichever are fewer; smaller pictures, and all where it
             is None, stay as they are.

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from tactileforge.contracts import Dataset, Recording
-from tactileforge.data import shards
-from tactileforge.data.index import arranged
+from tactileforge.data.shards import shards
+from tactileforge.data.shards.index import arranged
 from tactileforge.errors import DataError
 from tactileforge.packing.options import Options
 from tactileforge.packing.work import Job

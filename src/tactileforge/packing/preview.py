@@ -13,15 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from tactileforge.atomic import write_text
 from tactileforge.contracts import Dataset, Recording
-from tactileforge.data import shards
-from tactileforge.data.index import arranged
+from tactileforge.data.shards import shards
+from tactileforge.data.shards.index import arranged
 from tactileforge.errors import DataError
+from tactileforge.files import write_text
 from tactileforge.packing import charts, filters
 from tactileforge.packing.options import Filter, Options
 from tactileforge.packing.plan import SPLITS
-from tactileforge.report.page import (
+from tactileforge.pages.page import (
     NONE,
     Section,
     legend,

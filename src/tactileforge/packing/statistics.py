@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS, Recording
-from tactileforge.data.summary import seconds
+from tactileforge.data.shards.summary import seconds
 
 #: Edges of the bins of forces, N; the outermost bins also hold what is beyond.
 FORCE_EDGES = np.linspace(-20.0, 20.0, 81)

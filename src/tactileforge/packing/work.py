@@ -16,11 +16,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.atomic import sealed, unsealed, write_text
-from tactileforge.contracts import Frames, Recording
-from tactileforge.data import shards
-from tactileforge.data.index import Entry, sha256
+from tactileforge.contracts import Frames, FrameSubset, Recording
+from tactileforge.data.shards import shards
+from tactileforge.data.shards.index import Entry
 from tactileforge.errors import DataError
+from tactileforge.files import sealed, sha256, unsealed, write_text
 from tactileforge.packing import filters
 from tactileforge.packing.options import Options
 from tactileforge.packing.statistics import Statistics
@@ -198,6 +198,7 @@ class _Packer:
             frames,
             self._all(whole.no_contact),
             self._all(whole.image),
+            [] if recording.surface is None else _lossless(recording.surface),
         )
         return recording, packed
 
@@ -272,6 +273,11 @@ class _Packer:
         return shards.encode(shown, self.options.codec, self.options.quality)
 
 
+def _lossless(frames: Frames) -> list[bytes]:
+    """All images of a group that is never shrunk."""
+    return [shards.encode(image, "png") for image in frames.read(range(len(frames)))]
+
+
 def _smaller(shape: Sequence[int], size: int | None) -> tuple[int, int] | None:
     """Height and width after shrinking; None where a picture stays as it is."""
     shorter = min(shape)
@@ -293,6 +299,7 @@ def _with_rows(whole: Recording, rows: Sequence[int]) -> Recording:
         force=None if whole.force is None else whole.force[rows],
         action=None if whole.action is None else whole.action[rows],
         image_times=seen,
+        surface=None if whole.surface is None else FrameSubset(whole.surface, rows),
         tracks={name: values[rows] for name, values in whole.tracks.items()},
     )
 

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.ticker import FuncFormatter, LogLocator
 
+from tactileforge.pages.figures import CLASSES, INK, SHADE, drawing, svg
 from tactileforge.reality import measures
 from tactileforge.reality.profiles import Profile
-from tactileforge.report.figures import CLASSES, INK, SHADE, drawing, svg
 
 
 def spectra(profiles: Sequence[Profile]) -> str:

@@ -13,7 +13,7 @@ from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.inspection.look import evenly
 from tactileforge.reality.profiles import Profile, distances, profile, ratio
 from tactileforge.reality.simulated import config, simulated, trial
-from tactileforge.sim.devices import DEVICES
+from tactileforge.sim.mechanics.sensor_gels import DEVICES
 
 #: Sources of one sensor that are told apart by the folder of their keys; more go by `source`.
 _SOURCES = 8
@@ -30,7 +30,7 @@ class Options:
         recordings: Of each source that are read.
         scenes: Simulated touches of each sensor.
         trials: Simulated force trials, where a source has forces.
-        indenters: See `sim.record.Config`, as are those below.
+        indenters: See `sim.generate.Config`, as are those below.
         motions: Of the touches.
         newton: Range of the largest normal force of the touches, N.
         markers: Whether the simulated gels have markers.

@@ -7,14 +7,14 @@ from html import escape
 
 import numpy as np
 
-from tactileforge.inspection.sections import image
+from tactileforge.pages.figures import CLASSES
+from tactileforge.pages.images import image
+from tactileforge.pages.page import NONE, Section, number, page, panel, panels, paragraph, table
 from tactileforge.reality import charts
 from tactileforge.reality.compare import Side
 from tactileforge.reality.measures import Array
 from tactileforge.reality.profiles import DISTANCES, Profile, correlations
 from tactileforge.reality.touches import Touch
-from tactileforge.report.figures import CLASSES
-from tactileforge.report.page import NONE, Section, number, page, panel, panels, paragraph, table
 
 #: Grey levels of the amplified difference for one of the change; the same everywhere.
 _GAIN = 4.0

@@ -12,10 +12,10 @@ import numpy as np
 from tqdm import tqdm
 
 from tactileforge.contracts import FrameSubset, Recording
-from tactileforge.data import shards
+from tactileforge.data.shards import shards
 from tactileforge.errors import DataError
 from tactileforge.reality import measures
-from tactileforge.sim.record import Config, recordings
+from tactileforge.sim.generate import Config, recordings
 
 #: The trial of the ToucHD demonstrations, at both sensors' forces; edges show where a fit fails.
 _TRIAL: dict[str, Any] = {
@@ -31,7 +31,7 @@ def config(sensor: str, **given: Any) -> Config:
 
     Args:
         sensor: Its type.
-        given: Of `sim.record.Config`, instead of what is chosen here.
+        given: Of `sim.generate.Config`, instead of what is chosen here.
 
     Raises:
         ConfigError: The simulator does not know the sensor, or a word in ``given``.

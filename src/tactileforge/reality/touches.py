@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Recording
-from tactileforge.data.cropped import as_text
+from tactileforge.data.frames.crop import as_text
 from tactileforge.errors import DataError
 from tactileforge.inspection.look import evenly
 from tactileforge.reality import measures

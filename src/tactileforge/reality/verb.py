@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from tactileforge import registry, settings
-from tactileforge.atomic import write_text
+from tactileforge.files import write_text
 from tactileforge.reality.compare import Options, Side, compare
 
 

@@ -1,1 +1,1 @@
-"""The report of a run, and what other pages share with it."""
+"""The report of a run."""

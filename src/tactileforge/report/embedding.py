@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS
-from tactileforge.data.clips import Clips
-from tactileforge.data.datamodule import TouchData
-from tactileforge.report.figures import scatter_figure
-from tactileforge.report.page import Section, legend, panel, panels, paragraph, percent, table
+from tactileforge.data.batches.clips import Clips
+from tactileforge.data.batches.datamodule import TouchData
+from tactileforge.pages.figures import scatter_figure
+from tactileforge.pages.page import Section, legend, panel, panels, paragraph, percent, table
 from tactileforge.report.samples import Look, whole_key
 
 _NEIGHBOURS = 5

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tactileforge.data.clips import Clips
-from tactileforge.data.datamodule import TouchData
+from tactileforge.data.batches.clips import Clips
+from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import DataError
 from tactileforge.heads.decoder import Reconstruction
 from tactileforge.module import TouchModule

@@ -10,19 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import AXES, Recording
-from tactileforge.data.clips import Clips
-from tactileforge.data.datamodule import TouchData
+from tactileforge.data.batches.clips import Clips
+from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.heads.force import Forces
 from tactileforge.module import TouchModule
-from tactileforge.report.axes import AxisScore, score
-from tactileforge.report.figures import (
-    SPLITS,
-    force_curve_figure,
-    lines_figure,
-    scatter_figure,
-)
-from tactileforge.report.metrics import Curve
-from tactileforge.report.page import (
+from tactileforge.pages.curves import Curve
+from tactileforge.pages.figures import SPLITS, force_curve_figure, lines_figure, scatter_figure
+from tactileforge.pages.page import (
     NONE,
     SPLIT_WORDS,
     Section,
@@ -33,6 +27,7 @@ from tactileforge.report.page import (
     paragraph,
     table,
 )
+from tactileforge.report.axes import AxisScore, score
 from tactileforge.report.samples import ForceReading, even, read_forces, spread, whole_key
 
 _CLIPS = 200

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import torch
-from PIL import Image
 from torch import Tensor
 
 from tactileforge.contracts import Encoder
@@ -17,8 +14,6 @@ from tactileforge.heads.decoder import Reconstruction
 
 #: Colour of what is hidden (sRGB, 0..1); frames are grey where nothing touches.
 _HIDDEN = (0.09, 0.09, 0.13)
-#: Pixels; wider frames are shrunk.
-_WIDEST = 144
 
 
 @dataclass(frozen=True)
@@ -99,22 +94,6 @@ def strips_of(
         pasted = _canvas(encoder, _pasted(true, found["differences"], row))
         rows["Difference, reconstructed"] = (0.5 + gain * pasted * _spread(encoder)).clamp(0, 1)
     return Strips(rows, gain, explained)
-
-
-def jpeg(frame: Tensor) -> tuple[str, int, int]:
-    """A frame as a data URL, and its width and height in pixels.
-
-    Args:
-        frame: float (3, H, W) in 0..1.
-    """
-    image = Image.fromarray((frame.permute(1, 2, 0) * 255).round().to(torch.uint8).numpy())
-    if image.width > _WIDEST:
-        size = (_WIDEST, max(1, round(image.height * _WIDEST / image.width)))
-        image = image.resize(size, Image.Resampling.LANCZOS)
-    file = io.BytesIO()
-    image.save(file, "JPEG", quality=90, subsampling=0)
-    text = base64.b64encode(file.getvalue()).decode()
-    return f"data:image/jpeg;base64,{text}", image.width, image.height
 
 
 def _framewise(patches: Tensor, tube: int) -> Tensor:

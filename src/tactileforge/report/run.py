@@ -6,15 +6,16 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from tactileforge import checkpoints, run_folder
-from tactileforge.atomic import write_text
-from tactileforge.data.datamodule import TouchData
+from tactileforge import run_folder
+from tactileforge.callbacks import checkpoints
+from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import ConfigError
+from tactileforge.files import write_text
 from tactileforge.module import TouchModule
+from tactileforge.pages.curves import Curve, read_metrics
+from tactileforge.pages.page import page
 from tactileforge.report import embedding, forces, sections, summary
 from tactileforge.report.findings import find
-from tactileforge.report.metrics import Curve, read_metrics
-from tactileforge.report.page import page
 
 
 def report_of_run(folder: Path) -> Path:

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from tactileforge.contracts import Batch, Recording
-from tactileforge.data.augment import fill_captions
-from tactileforge.data.clips import Clips, Skipped, collate
+from tactileforge.data.batches.clips import Clips, Skipped, collate
+from tactileforge.data.labels.augment import fill_captions
 from tactileforge.heads.decoder import Reconstruction
 from tactileforge.heads.force import Forces
 from tactileforge.module import TouchModule

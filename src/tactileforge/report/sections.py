@@ -14,13 +14,13 @@ from torch import Tensor
 
 from tactileforge import run_folder
 from tactileforge.contracts import LABELS
-from tactileforge.data.clips import Clips
-from tactileforge.data.datamodule import TouchData
-from tactileforge.data.summary import Count, counted
-from tactileforge.report.figures import SPLITS, curve_figure, lines_figure
-from tactileforge.report.findings import Findings
-from tactileforge.report.metrics import Curve, weighed
-from tactileforge.report.page import (
+from tactileforge.data.batches.clips import Clips
+from tactileforge.data.batches.datamodule import TouchData
+from tactileforge.data.shards.summary import Count, counted
+from tactileforge.pages.curves import Curve, weighed
+from tactileforge.pages.figures import SPLITS, curve_figure, lines_figure
+from tactileforge.pages.images import jpeg
+from tactileforge.pages.page import (
     SPLIT_WORDS,
     Section,
     duration,
@@ -31,7 +31,8 @@ from tactileforge.report.page import (
     percent,
     table,
 )
-from tactileforge.report.pictures import Strips, jpeg
+from tactileforge.report.findings import Findings
+from tactileforge.report.pictures import Strips
 
 _ROW_NOTES = {
     "Masked": "what the encoder is given; dark tubes are hidden in every frame",

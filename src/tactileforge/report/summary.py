@@ -7,14 +7,14 @@ from html import escape
 from typing import Any
 
 from tactileforge.contracts import AXES
-from tactileforge.data.datamodule import TouchData
+from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.labels import Labels
 from tactileforge.module import TouchModule
+from tactileforge.pages.curves import Curve
+from tactileforge.pages.page import NONE, SPLIT_WORDS, duration, number, percent, table
 from tactileforge.report.embedding import Score
 from tactileforge.report.findings import Findings
 from tactileforge.report.forces import ForceResult, milli
-from tactileforge.report.metrics import Curve
-from tactileforge.report.page import NONE, SPLIT_WORDS, duration, number, percent, table
 
 #: A loss that changes by less has not changed; a reconstruction that explains less shows nothing.
 _LEAST = 0.01

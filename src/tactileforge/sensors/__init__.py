@@ -1,1 +1,1 @@
-"""Built-in live sensors: one class a file, registered by entry point like anyone's."""
+"""Live sensors: specs, packets, health, and reading in threads."""

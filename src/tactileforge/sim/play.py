@@ -11,17 +11,19 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
+from torch.nn import functional as F
 
+from tactileforge.data.labels import displacement
 from tactileforge.errors import ConfigError
-from tactileforge.sim import units
-from tactileforge.sim.camera import FULL, Codec
-from tactileforge.sim.devices import device
-from tactileforge.sim.gel import Gel
-from tactileforge.sim.optics import Optics
+from tactileforge.sensors.specs import spec
+from tactileforge.sim.mechanics.gel import Gel
+from tactileforge.sim.mechanics.sensor_gels import device
+from tactileforge.sim.mechanics.surface import DETAIL, Fields, Surface
+from tactileforge.sim.mechanics.touch import Contact, contacts
+from tactileforge.sim.optics import sensor_instances
+from tactileforge.sim.optics.camera import FULL, Codec
+from tactileforge.sim.optics.render import Optics
 from tactileforge.sim.scene import POINTS, SPACING, Scene, frame_rate
-from tactileforge.sim.surface import DETAIL, Fields, Surface
-from tactileforge.sim.touch import Contact, contacts
-from tactileforge.specs import spec
 
 #: Frames that are rendered at a time.
 _CHUNK = 8
@@ -39,6 +41,7 @@ class Shots:
         pictures: uint8 (K, H, W, 3), RGB.
         force: float32 (K, 3), N.
         torque: float32 (K,), N mm.
+        surface: uint8 (K, h, w, 3), how the gel's surface is displaced, see `displacement.encode`.
     """
 
     scene: int
@@ -46,6 +49,7 @@ class Shots:
     pictures: NDArray[np.uint8]
     force: NDArray[np.float32]
     torque: NDArray[np.float32]
+    surface: NDArray[np.uint8]
 
 
 def play(
@@ -64,7 +68,7 @@ def play(
 
     Args:
         scenes: The touches.
-        sensors: Types of sensors, see `devices.DEVICES`.
+        sensors: Types of sensors, see `sensor_gels.DEVICES`.
         size: Rows or columns of the pictures, whichever are fewer.
         markers: Whether the gels have markers; None as their types have.
         viscosity: Relaxation time of the gels, s; their forces then lead their pictures. Scenes
@@ -104,7 +108,7 @@ def _feels(number: int, scene: Scene, sensors: Sequence[str], viscosity: float) 
     for place, name in enumerate(sensors):
         base = replace(device(name).touched(scene.grip), viscosity=slow)
         seed = scene.seed if scene.unit is None else scene.unit
-        gel = units.gel(base, name, seed, scene.randomise)
+        gel = sensor_instances.gel(base, name, seed, scene.randomise)
         felt.setdefault((gel, frame_rate(name)), {})[place] = name
     for (gel, fps), seen in felt.items():
         yield _Feel(number, scene, gel, fps, seen)
@@ -153,9 +157,9 @@ class _Film:
         """Renders a batch of moments, the first of which has a number."""
         fields = self.surface.fields(part)
         for view in self.views:
-            pictures = view.pictures(first, self.surface, fields, part)
+            pictures, displaced = view.pictures(first, self.surface, fields, part)
             force, torque = part.force.cpu().numpy(), part.torque.cpu().numpy()
-            yield Shots(self.number, view.place, pictures, force, torque)
+            yield Shots(self.number, view.place, pictures, force, torque, displaced)
 
 
 class _View:
@@ -175,10 +179,10 @@ class _View:
         full = min(known.height, known.width)
         shown = [round(side * size / full) for side in (known.height, known.width)]
         seed = scene.seed if scene.unit is None else scene.unit
-        coarse = units.spacing(sensor, shown[0])
+        coarse = sensor_instances.spacing(sensor, shown[0])
         shrink = math.ceil(coarse / _FINEST)
         height, width = (side * shrink for side in shown)
-        unit = units.draw(sensor, seed, (height, width), markers, scene.randomise)
+        unit = sensor_instances.draw(sensor, seed, (height, width), markers, scene.randomise)
         # A pixel of a picture that is smaller than the sensor's is a mean of many.
         unit = replace(unit, noise=unit.noise * min(1.0, size / FULL))
         self.place = place
@@ -186,26 +190,41 @@ class _View:
         self.codec = Codec(unit.camera, FULL / size)
         self.drift = drift if "drift" in scene.row.chosen else None
         self.places = unit.camera.places(height, width, unit.spacing, where)
+        self.cells = displacement.cells(height, width)
+        self.centres = F.adaptive_avg_pool2d(self.places.permute(2, 0, 1), self.cells).flatten(1).T
 
     def pictures(
         self, first: int, surface: Surface, fields: Fields, part: Contact
-    ) -> NDArray[np.uint8]:
-        """Renders a batch of moments: uint8 (K, H, W, 3)."""
-        count = len(part.pose)
-        dent = surface.picture(fields, part, self.places)
-        dent = torch.where((part.force[:, 2] > 0)[:, None, None], dent, 0.0)
-        drift = None if self.drift is None else self.drift[first : first + count]
-        pictures = self.optics.render(dent, self._motion(surface, part), first, drift)
-        return self.codec(pictures.permute(0, 2, 3, 1).contiguous().cpu().numpy())
+    ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+        """Renders a batch of moments.
 
-    def _motion(self, surface: Surface, part: Contact) -> Tensor | None:
-        """Displacement of markers in the picture, mm (K, M, 2)."""
+        Returns:
+            uint8 (K, H, W, 3), and the displacement of the surface, uint8 (K, h, w, 3).
+        """
+        count = len(part.pose)
+        touched = part.force[:, 2] > 0
+        dent = surface.picture(fields, part, self.places)
+        dent = torch.where(touched[:, None, None], dent, 0.0)
+        drift = None if self.drift is None else self.drift[first : first + count]
+        motion, lateral = self._motion(surface, part)
+        pictures = self.optics.render(dent, motion, first, drift)
+        deep = F.adaptive_avg_pool2d(dent[:, None], self.cells)
+        across = torch.where(touched[:, None, None], lateral, 0.0).mT.unflatten(2, self.cells)
+        moved = displacement.encode(torch.cat([across, deep], 1).permute(0, 2, 3, 1).cpu().numpy())
+        return self.codec(pictures.permute(0, 2, 3, 1).contiguous().cpu().numpy()), moved
+
+    def _motion(self, surface: Surface, part: Contact) -> tuple[Tensor | None, Tensor]:
+        """Displacement of markers in the picture, and of the surface at the cells; mm (K, M, 2)."""
         markers, unit = self.optics.markers, self.optics.unit
+        seen = self.centres if markers is None else torch.cat([markers.places, self.centres])
+        rest = seen.expand(len(part.pose), -1, -1)
+        lateral = surface.lateral(part, rest)
+        count = len(self.centres)
         if markers is None:
-            return None
-        rest = markers.places.expand(len(part.pose), -1, -1)
-        there = rest + surface.lateral(part, rest)
-        return unit.camera.seen(there, *self.optics.size, unit.spacing) - rest
+            return None, lateral
+        rest, there = rest[:, :-count], (rest + lateral)[:, :-count]
+        moved = unit.camera.seen(there, *self.optics.size, unit.spacing) - rest
+        return moved, lateral[:, -count:]
 
 
 def _aligned(poses: Sequence[NDArray[np.float64]]) -> tuple[Tensor, list[int]]:

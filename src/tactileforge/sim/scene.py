@@ -11,15 +11,16 @@ import torch
 from numpy.typing import NDArray
 
 from tactileforge.errors import ConfigError, unknown
-from tactileforge.sim.devices import DEVICES, FPS
-from tactileforge.sim.gel import Gel
-from tactileforge.sim.motions import CLEAR, MOTIONS, Path, Speeds, Sway
-from tactileforge.sim.randomise import TABLE, Choice, Draw
-from tactileforge.sim.reliefs import bumps
-from tactileforge.sim.shapes import Shape
-from tactileforge.sim.solids import DEEP, printed
-from tactileforge.sim.touch import contacts, window
-from tactileforge.specs import spec
+from tactileforge.sensors.specs import spec
+from tactileforge.sim.geometry.heightfields import bumps
+from tactileforge.sim.geometry.indenter_geometry import DEEP, printed
+from tactileforge.sim.geometry.shapes import Shape
+from tactileforge.sim.mechanics.gel import Gel
+from tactileforge.sim.mechanics.motions import CLEAR, MOTIONS, Path, Speeds, Sway
+from tactileforge.sim.mechanics.sensor_gels import DEVICES, FPS
+from tactileforge.sim.mechanics.touch import contacts, window
+from tactileforge.sim.randomise.draw import Choice, Draw
+from tactileforge.sim.randomise.table import TABLE
 
 #: The solver's grid: points a side, mm between them. It is 14.4 mm wide.
 POINTS, SPACING = 72, 0.2
@@ -55,7 +56,7 @@ class Scene:
         motion: Name of the motion.
         grip: From slippery (0) to sticky (1).
         unit: Draws the units of the sensors instead of the seed, if given.
-        randomise: How units and scenes differ, see `randomise.rows`.
+        randomise: How units and scenes differ, see `randomise.draw.rows`.
     """
 
     seed: int
@@ -127,7 +128,7 @@ def draw(
         force: Range of the largest normal force, N; the depth that gives it on a flat gel like the
             Mini's is looked up. What a shape reaches between 0.05 and 1.5 mm bounds the range.
         seconds: Mean duration of one action.
-        randomise: How units and scenes differ, see `randomise.rows`.
+        randomise: How units and scenes differ, see `randomise.draw.rows`.
         reach: Whether a shape that does not reach the range is an error, or presses as near to it
             as it can.
 

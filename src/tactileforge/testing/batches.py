@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import torch
+from torch import Tensor
+from torch.nn import functional as F
 
 from tactileforge.contracts import ACTIONS, Batch
-from tactileforge.specs import spec
+from tactileforge.data.batches.clips import SURFACE
+from tactileforge.data.labels import displacement
+from tactileforge.sensors.specs import spec
 
 _SENSORS = ("gelsight", "digit")
 
@@ -53,8 +57,18 @@ def batch(size: int = 8, frames: int = 4, image: int = 32, seed: int = 0) -> Bat
         "text": [f"a press on object {i}" for i in pair.tolist()],
         "image": torch.randint(256, (size, 3, image, image), generator=draw).to(torch.uint8),
         "image_valid": torch.ones(size, dtype=torch.bool),
+        "surface": _surface(dent, rise),
+        "surface_valid": torch.ones(size, dtype=torch.bool),
         "group": pair.clone(),
     }
+
+
+def _surface(dent: Tensor, rise: Tensor) -> Tensor:
+    """Coded displacements of dents (B, H, W) that go along with their forces (B, T, 3)."""
+    small = F.adaptive_avg_pool2d(dent[:, None], SURFACE)
+    moved = 0.3 * rise[..., None, None] * small[:, None]
+    coded = displacement.encode(moved.movedim(2, -1).numpy())
+    return torch.from_numpy(coded).movedim(-1, 2).contiguous()
 
 
 def rows_of(batch: Batch, rows: slice) -> Batch:

@@ -13,7 +13,7 @@ import numpy as np
 from tactileforge import registry
 from tactileforge.contracts import ACTIONS, LABELS, Recording
 from tactileforge.errors import DataNotFoundError
-from tactileforge.specs import spec
+from tactileforge.sensors.specs import spec
 from tactileforge.testing.results import Check, Skip, Subject, Violation, require
 
 _SPLITS = ("train", "val")

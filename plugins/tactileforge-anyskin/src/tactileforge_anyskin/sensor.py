@@ -13,8 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from tactileforge.contracts import SensorSpec
+from tactileforge.sensors.drivers.serial_array import SerialArray
 from tactileforge.sensors.links import Link, SerialLink
-from tactileforge.sensors.serial_array import SerialArray
 
 #: Temperatures that can be true, degrees Celsius.
 COLDEST, HOTTEST = -20.0, 100.0

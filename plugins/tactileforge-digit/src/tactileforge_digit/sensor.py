@@ -8,8 +8,8 @@ from typing import Any
 import cv2
 
 from tactileforge.errors import ConfigError, SensorError
-from tactileforge.sensors.camera import Camera
-from tactileforge.specs import SPECS
+from tactileforge.sensors.drivers.camera import Camera
+from tactileforge.sensors.specs import SPECS
 from tactileforge_digit.attached import USB, attached
 
 #: Width and height that the camera gives, before it is turned upright, and its rates.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Frame
 from tactileforge.errors import ConfigError, SensorError, TactileForgeError
-from tactileforge.specs import SPECS
+from tactileforge.sensors.specs import SPECS
 
 #: Pictures that it gives: of the camera, and cut and straightened.
 PICTURES = {"raw": "getRawImg", "infer": "getInferImg"}

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from tactileforge.sensors.camera import Camera
-from tactileforge.specs import SPECS
+from tactileforge.sensors.drivers.camera import Camera
+from tactileforge.sensors.specs import SPECS
 
 #: What its camera has in its name.
 NAME = "N160MU2"

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS, FrameSubset, Recording
-from tactileforge.specs import spec
+from tactileforge.sensors.specs import spec
 from tactileforge_example.synthetic import press
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from tactileforge.contracts import SensorSpec
 from tactileforge.errors import ConfigError
+from tactileforge.sensors.drivers.serial_array import SerialArray
 from tactileforge.sensors.framing import Parser
-from tactileforge.sensors.serial_array import SerialArray
 from tactileforge_flexitac.parser import GridParser
 
 

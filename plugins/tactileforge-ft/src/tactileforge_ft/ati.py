@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Frame, SensorSpec
 from tactileforge.errors import SensorError
-from tactileforge.sensors.force_torque import ForceTorque
+from tactileforge.sensors.drivers.force_torque import ForceTorque
 from tactileforge.sensors.links import Link
 
 #: Commands of a request.

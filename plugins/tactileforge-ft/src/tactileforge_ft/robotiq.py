@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 
 from tactileforge.contracts import SensorSpec
-from tactileforge.sensors.force_torque import ForceTorque
+from tactileforge.sensors.drivers.force_torque import ForceTorque
 from tactileforge.sensors.links import Link
 from tactileforge_ft import modbus
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from tactileforge.errors import ConfigError
-from tactileforge.sensors.camera import Camera
-from tactileforge.specs import SPECS
+from tactileforge.sensors.drivers.camera import Camera
+from tactileforge.sensors.specs import SPECS
 
 #: What every Mini's name begins with. Its USB id is that of other cameras as well.
 NAME = "GelSight Mini"

@@ -6,7 +6,7 @@ from typing import Any
 
 from torch import Tensor
 
-from tactileforge.encoders.pixels import ANYTOUCH2
+from tactileforge.encoders.preprocess import ANYTOUCH2
 from tactileforge.encoders.published.clip import HF_BLOCK
 from tactileforge.encoders.published.layout import (
     Keys,

@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from tactileforge.encoders.pixels import SPARSH
+from tactileforge.encoders.preprocess import SPARSH
 from tactileforge.encoders.published.layout import (
     Keys,
     Layout,

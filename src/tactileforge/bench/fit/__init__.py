@@ -1,0 +1,1 @@
+"""Encoders and the probes that are fitted on them."""

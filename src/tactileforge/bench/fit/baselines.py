@@ -1,0 +1,145 @@
+"""Baselines without weights: what a closed-form probe reads where there is no encoder."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from tactileforge.bench.fit.pixels import PixelFeatures
+from tactileforge.encoders.preprocess import ANYTOUCH2, Pixels
+
+_SIZE = 128
+_QUANTILES = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
+#: Edges of the rings of the spectrum, in cycles per pixel.
+_RINGS = (0.0, 0.015, 0.03, 0.06, 0.12, 0.2, 0.3, 0.5)
+_CELL, _BINS = 16, 9
+_SMALL = 16
+
+
+class Flat(nn.Module):
+    """Two frames less their background, to one vector; a subclass says which.
+
+    Attributes:
+        frames: 2.
+        width: Size of the vector, which is the only token.
+        projected: The same.
+        flat: True: it has no patches.
+    """
+
+    flat = True
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.frames, self.tube, self.prefix, self.patch = 2, 2, 0, _SIZE
+        self.image_size = (_SIZE, _SIZE)
+        self.grid = (1, 1, 1)
+        self.sensors: dict[str, int] = {}
+        self.pixels = Pixels.of(self.image_size, ANYTOUCH2)
+        blank = torch.zeros(1, 2, 3, _SIZE, _SIZE, dtype=torch.uint8)
+        self.width = self.projected = self(blank, blank[:, 0], torch.zeros(1))[1].shape[1]
+
+    def forward(self, frames: Tensor, background: Tensor, sensor: Tensor) -> tuple[Tensor, Tensor]:
+        """(B, 1, width) and (B, width) of uint8 frames (B, 2, 3, H, W)."""
+        found = self.read(self.pixels(frames, background))
+        return found[:, None], found
+
+    def read(self, x: Tensor) -> Tensor:
+        """(B, width) of two frames (B, 2, 3, H, W), less their background."""
+        raise NotImplementedError
+
+
+class Statistics(Flat):
+    """Statistics of the last frame: moments, quantiles, gradients and rings of the spectrum."""
+
+    def read(self, x: Tensor) -> Tensor:
+        """See the class."""
+        last = x[:, -1]
+        flat = last.flatten(2)
+        mean, spread = flat.mean(2), flat.std(2)
+        unit = (flat - mean[..., None]) / spread[..., None].clamp(min=1e-6)
+        edges = torch.tensor(_QUANTILES, device=x.device)
+        quantiles = flat.quantile(edges, dim=2).permute(1, 2, 0)
+        steps = [last.diff(dim=dim).flatten(2) for dim in (2, 3)]
+        slopes = [part for step in steps for part in (step.abs().mean(2), step.std(2))]
+        each = [mean, spread, unit.pow(3).mean(2), unit.pow(4).mean(2), *slopes]
+        between = (unit[:, [0, 0, 1]] * unit[:, [1, 2, 2]]).mean(2)
+        return torch.cat([*each, quantiles.flatten(1), rings(last).flatten(1), between], 1)
+
+
+class Motion(Flat):
+    """Energy of the change from the background, and between the frames, of each channel."""
+
+    def read(self, x: Tensor) -> Tensor:
+        """See the class."""
+        still = x[:, -1] - x[:, -1].median(dim=3, keepdim=True).values
+        change = x[:, -1] - x[:, 0]
+        parts = [part.flatten(2) for part in (x[:, -1], still, change)]
+        return torch.cat([s for p in parts for s in (p.abs().mean(2), p.square().mean(2))], 1)
+
+
+class Hog(Flat):
+    """Histograms of oriented gradients of the last frame (Dalal and Triggs, CVPR 2005).
+
+    Cells of 16 pixels at 128 x 128, nine directions without sign, each histogram normed together
+    with those of its 2 x 2 blocks' cells.
+    """
+
+    def read(self, x: Tensor) -> Tensor:
+        """See the class."""
+        grey = F.pad(x[:, -1].mean(1, keepdim=True), (1, 1, 1, 1), mode="replicate")
+        dx = grey[:, :, 1:-1, 2:] - grey[:, :, 1:-1, :-2]
+        dy = grey[:, :, 2:, 1:-1] - grey[:, :, :-2, 1:-1]
+        angle = torch.atan2(dy, dx).remainder(math.pi) / math.pi * _BINS
+        low = angle.floor()
+        part, low = angle - low, low.long() % _BINS
+        size = (dx**2 + dy**2).sqrt()
+        bins = torch.zeros(len(x), _BINS, *size.shape[2:], device=x.device)
+        bins.scatter_add_(1, low, size * (1 - part))
+        bins.scatter_add_(1, (low + 1) % _BINS, size * part)
+        cells = F.avg_pool2d(bins, _CELL)
+        blocks = F.unfold(cells, 2)
+        return F.normalize(blocks, dim=1).flatten(1)
+
+
+class Background(Flat):
+    """The frame without contact at 16 x 16: what can be known before anything is touched.
+
+    A task that it answers has a shortcut, as where all recordings of an object are of one hour.
+    """
+
+    def forward(self, frames: Tensor, background: Tensor, sensor: Tensor) -> tuple[Tensor, Tensor]:
+        """(B, 1, width) and (B, width) of uint8 backgrounds (B, 3, H, W)."""
+        found = F.adaptive_avg_pool2d(background.float() / 255, _SMALL).flatten(1)
+        return found[:, None], found
+
+
+class Chance(Flat):
+    """Nothing: a probe predicts the mean, or the first class."""
+
+    def read(self, x: Tensor) -> Tensor:
+        """See the class."""
+        return torch.zeros(len(x), 1, device=x.device)
+
+
+def rings(x: Tensor) -> Tensor:
+    """Logarithm of the power in rings of the spectrum, (B, C, 7) of (B, C, H, W)."""
+    power = torch.fft.fft2(x, norm="ortho").abs().square()
+    across, down = (torch.fft.fftfreq(n, device=x.device) for n in (x.shape[3], x.shape[2]))
+    radius = (across[None] ** 2 + down[:, None] ** 2).sqrt()
+    inside = [(radius > low) & (radius <= high) for low, high in pairwise(_RINGS)]
+    return torch.stack([(power * one).sum((2, 3)) / one.sum() for one in inside], 2).add(1e-6).log()
+
+
+#: Baseline by the word that names it, and its name in print.
+BASELINES: dict[str, tuple[type[nn.Module], str]] = {
+    "pixels": (PixelFeatures, "16 x 16 pixels of the difference"),
+    "statistics": (Statistics, "picture statistics"),
+    "motion": (Motion, "motion energy"),
+    "hog": (Hog, "HOG"),
+    "background": (Background, "background alone"),
+    "chance": (Chance, "chance"),
+}

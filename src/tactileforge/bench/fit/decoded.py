@@ -1,0 +1,101 @@
+"""Clips as encoders are shown them, decoded once: for the next encoder of the same input."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from tactileforge.bench.tasks.source import Source
+from tactileforge.contracts import Batch
+from tactileforge.data.batches.clips import Clips
+from tactileforge.files import write_text
+
+#: Bytes of clips beyond which they are decoded each time.
+LIMIT = 512 * 2**20
+_FORMAT = 1
+_ARRAYS = ("frames", "background")
+
+
+def place(folder: Path, source: Source, clips: Clips, spacing: float) -> Path | None:
+    """The folder of some clips; None where they are too many to keep.
+
+    Args:
+        folder: Of all clips that are kept.
+        source: What they are cut from.
+        clips: The clips.
+        spacing: Seconds between their frames.
+    """
+    if len(clips) * (clips.frames + 1) * 3 * clips.size[0] * clips.size[1] > LIMIT:
+        return None
+    facts = [_FORMAT, source.fingerprint, clips.frames, spacing, clips.size]
+    index = hashlib.sha256(np.ascontiguousarray(clips.index).tobytes()).hexdigest()
+    key = hashlib.sha256(json.dumps([facts, index]).encode()).hexdigest()[:24]
+    return folder / key
+
+
+def stored(folder: Path, size: int) -> Iterator[Batch] | None:
+    """Batches of clips that are kept, in order; None where they are not.
+
+    Args:
+        folder: See `place`.
+        size: Clips of a batch.
+    """
+    note = folder / "sensors.json"
+    if not note.is_file():
+        return None
+    sensors: list[str] = json.loads(note.read_text("utf-8"))
+    frames, background = (np.load(folder / f"{name}.npy", mmap_mode="r") for name in _ARRAYS)
+
+    def batches() -> Iterator[Batch]:
+        for start in range(0, len(sensors), size):
+            rows = slice(start, start + size)
+            yield {
+                "frames": torch.from_numpy(np.array(frames[rows])),
+                "background": torch.from_numpy(np.array(background[rows])),
+                "sensor": sensors[rows],
+            }
+
+    return batches()
+
+
+def keep(folder: Path, count: int, batches: Iterator[Batch]) -> Iterator[Batch]:
+    """Passes all batches on, and keeps their clips once the last has come.
+
+    Args:
+        folder: See `place`.
+        count: Clips in all.
+        batches: From the first clip on.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    arrays: dict[str, np.memmap] = {}
+    sensors: list[str] = []
+    for batch in batches:
+        rows = slice(len(sensors), len(sensors) + len(batch["sensor"]))
+        for name in _ARRAYS:
+            values = batch[name].numpy()
+            if name not in arrays:
+                shape = (count, *values.shape[1:])
+                part = _part(folder, name)
+                arrays[name] = np.lib.format.open_memmap(part, "w+", np.uint8, shape)
+            arrays[name][rows] = values
+        sensors += batch["sensor"]
+        yield batch
+    _finish(folder, arrays, sensors)
+
+
+def _finish(folder: Path, arrays: dict[str, np.memmap], sensors: Sequence[str]) -> None:
+    for name, array in arrays.items():
+        array.flush()
+        _part(folder, name).replace(folder / f"{name}.npy")
+    write_text(folder / "sensors.json", json.dumps(sensors))
+
+
+def _part(folder: Path, name: str) -> Path:
+    """What this process writes, and renames when it is whole."""
+    return folder / f"{name}.{os.getpid()}.part"

@@ -1,0 +1,183 @@
+"""One cell of the table: a probe of a task on an encoder."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TypeAlias
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from tactileforge.bench.fit import finetune
+from tactileforge.bench.fit.features import FLIPS, PLAIN, Array, Flip, Store
+from tactileforge.bench.fit.models import Subject
+from tactileforge.bench.fit.probes.base import Probe, Values
+from tactileforge.bench.fit.probes.knn import Knn
+from tactileforge.bench.fit.probes.ridge import Ridge
+from tactileforge.bench.fit.resolve import Choice, Prepared
+from tactileforge.bench.fit.training import Examples, Outcome, train
+from tactileforge.bench.tasks import metrics, splits
+from tactileforge.bench.tasks.splits import Split
+
+#: Places of the clips to train on, to select on, and to test on.
+Uses: TypeAlias = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]
+
+
+@dataclass(frozen=True)
+class Features:
+    """Features of the clips of a source.
+
+    Attributes:
+        clips: int64 (n,), ascending: which clips.
+        arrays: float16 (n, ...), by tap and flip.
+    """
+
+    clips: NDArray[np.int64]
+    arrays: Mapping[tuple[str, Flip], Array]
+
+
+@dataclass(frozen=True)
+class Result:
+    """A probe that was tested, on all folds.
+
+    Attributes:
+        outcomes: Of each fold.
+        predicted: In the units of the truth, of each part, (n, columns).
+        truth: Alike.
+        metrics: Values by name.
+    """
+
+    outcomes: Sequence[Outcome]
+    predicted: Values
+    truth: Values
+    metrics: dict[str, float]
+
+    @property
+    def score(self) -> float:
+        """Mean over the folds of what was selected on."""
+        return sum(one.score for one in self.outcomes) / len(self.outcomes)
+
+    @property
+    def curve(self) -> dict[str, list[float]]:
+        """Losses by epoch, means over the folds."""
+        losses = {
+            "train": [one.train for one in self.outcomes],
+            "validation": [one.validation for one in self.outcomes],
+        }
+        return {name: np.mean(rows, axis=0).tolist() for name, rows in losses.items()}
+
+
+def run(
+    prepared: Prepared,
+    choice: Choice,
+    subject: Subject,
+    features: Features | None,
+    store: Store,
+    seeds: Sequence[int],
+    select_on_test: bool = False,
+) -> list[Result]:
+    """Trains and tests the probes of a task on an encoder.
+
+    Args:
+        prepared: The task.
+        choice: Its probe.
+        subject: The encoder.
+        features: Of its clips at least; None where the encoder is trained too.
+        store: How clips are read where the encoder is trained too.
+        seeds: Of the probes; one is enough where nothing is drawn.
+        select_on_test: Whether the best epoch is that of the test clips.
+
+    Returns:
+        One result a learning rate and seed, rates first.
+
+    Raises:
+        DataError: Losses or metrics are not finite; or a clip cannot be read.
+        ConfigError: The probe does not fit the encoder.
+    """
+    main, target = prepared.task.metrics[0], prepared.target
+    higher = metrics.kind(main).better == "higher"
+    width = subject.width(choice.kind.tap)
+    build = partial(choice.build, width, target)
+    folds: list[list[Outcome]] = []
+    for split in prepared.splits:
+        select = split.test if select_on_test else split.validation
+        score, uses = _scorer(prepared, select), (split.train, select, split.test)
+        if features is None:
+            found = finetune.train(prepared, choice, subject, store, uses, seeds, score, higher)
+            folds.append(found)
+            continue
+        taps = subject.taps(choice.kind)
+        examples = [_examples(prepared, tap, features, subject) for tap in taps]
+        if choice.kind.trained:
+            found = train(build, choice.training, examples[0], uses, seeds, score, higher)
+        elif issubclass(choice.kind, Ridge):
+            pairs = zip(taps, examples, strict=True)
+            found = [_solve(prepared, build(), rows, split, tap) for tap, rows in pairs]
+        else:
+            found = [_vote(build(), examples[0], uses, score)]
+        folds.append(found)
+    return [_result(prepared, outcomes) for outcomes in zip(*folds, strict=True)]
+
+
+def _examples(prepared: Prepared, tap: str, features: Features, subject: Subject) -> Examples:
+    flips = FLIPS if prepared.task.flips else (PLAIN,)
+    parts = prepared.target.parts.items()
+    return Examples(
+        {flip: features.arrays[tap, flip] for flip in flips},
+        np.searchsorted(features.clips, prepared.target.clips),
+        {flip: {name: part.flipped(*flip).normalised for name, part in parts} for flip in flips},
+        subject.device,
+    )
+
+
+def _scorer(prepared: Prepared, places: NDArray[np.int64]) -> Callable[[Values], float]:
+    """The main metric of normalised predictions on some clips."""
+    main = prepared.task.metrics[0]
+    name = metrics.part_of(main, prepared.target.parts)
+    part = prepared.target.parts[name]
+    scale, truth = part.scale[places], part.truth[places]
+    return lambda decoded: metrics.measure(main, part, decoded[name] * scale, truth)
+
+
+def _vote(
+    model: Probe, examples: Examples, uses: Uses, score: Callable[[Values], float]
+) -> Outcome:
+    assert isinstance(model, Knn)
+    known, truth = examples.take(uses[0])
+    decoded = [model.vote(known, truth, examples.take(places)[0]) for places in uses[1:]]
+    on_cpu = [{key: value.cpu() for key, value in one.items()} for one in decoded]
+    return Outcome(0, math.nan, on_cpu[1], score(on_cpu[0]))
+
+
+def _solve(prepared: Prepared, model: Probe, examples: Examples, split: Split, tap: str) -> Outcome:
+    """A closed form: training and validation clips are one, inner folds choose."""
+    assert isinstance(model, Ridge)
+    known = np.sort(np.concatenate([split.train, split.validation]))
+    plan = prepared.task.split
+    groups = splits.names(prepared.source, prepared.target, known, plan.group)
+    if len(set(groups)) == 1 and plan.unit:
+        groups = splits.names(prepared.source, prepared.target, known, plan.unit)
+    rows, truth = examples.take(known)
+    inner, outer = model.solve(rows, truth, groups, examples.take(split.test)[0])
+    score = _scorer(prepared, known)({name: values.cpu() for name, values in inner.items()})
+    predicted = {name: values.cpu() for name, values in outer.items()}
+    return Outcome(0, math.nan, predicted, score, reading=tap)
+
+
+def _result(prepared: Prepared, outcomes: Sequence[Outcome]) -> Result:
+    parts = prepared.target.parts
+    test = np.concatenate([split.test for split in prepared.splits])
+    predicted = {
+        name: torch.cat([one.predicted[name] for one in outcomes]) * part.scale[test]
+        for name, part in parts.items()
+    }
+    truth = {name: part.truth[test] for name, part in parts.items()}
+    values = {}
+    for metric in prepared.task.metrics:
+        name = metrics.part_of(metric, parts)
+        values[metric] = metrics.measure(metric, parts[name], predicted[name], truth[name])
+    return Result(outcomes, predicted, truth, values)

@@ -1,0 +1,242 @@
+"""Features of a frozen encoder: computed once, kept on disk, mapped into memory."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch.utils.data import DataLoader, Subset
+from tqdm import tqdm
+
+from tactileforge.bench.fit import decoded
+from tactileforge.bench.fit.models import Subject
+from tactileforge.bench.tasks.source import Source
+from tactileforge.contracts import Batch
+from tactileforge.data.batches.clips import Clips, collate
+from tactileforge.data.batches.datamodule import start_worker
+from tactileforge.errors import DataError
+from tactileforge.files import write_text
+
+#: Changes when the same key would give other features.
+_FORMAT = 1
+#: Mirrored left to right, top to bottom.
+Flip: TypeAlias = tuple[bool, bool]
+PLAIN: Flip = (False, False)
+FLIPS: tuple[Flip, ...] = (PLAIN, (True, False), (False, True), (True, True))
+
+Array: TypeAlias = NDArray[np.float16]
+
+
+@dataclass(frozen=True)
+class Store:
+    """Where features are kept, and how they are computed.
+
+    Attributes:
+        folder: Folder of the features of all models.
+        workers: Processes that read clips.
+        batch: Clips that are computed at once.
+        every: Batches between two notes of how far it got.
+    """
+
+    folder: Path
+    workers: int = 2
+    batch: int = 32
+    every: int = 16
+
+
+def features(
+    store: Store,
+    subject: Subject,
+    source: Source,
+    clips: NDArray[np.int64],
+    taps: Sequence[str],
+    flips: Sequence[Flip] = (PLAIN,),
+    policy: str = "error",
+) -> dict[tuple[str, Flip], Array]:
+    """Features of some clips of a source; what is on disk already is not computed again.
+
+    They are float16, and only mapped: memory does not grow with the number of clips. A stopped
+    extraction goes on where it was.
+
+    Args:
+        store: Where they are kept.
+        subject: The encoder.
+        source: The clips.
+        clips: Which of them.
+        taps: ``projected``, ``tokens``.
+        flips: Which mirror images.
+        policy: What to do with an unknown sensor: ``error`` or ``universal``.
+
+    Returns:
+        By tap and flip, float16 (n, ...), in the order of ``clips``.
+
+    Raises:
+        DataError: A clip cannot be read, or a feature is not finite.
+        ConfigError: The model does not know a sensor.
+    """
+    key = _key(subject, source, clips, policy)
+    wanted = {
+        (tap, flip): store.folder / key / f"{tap}{_suffix(flip)}.npy"
+        for tap in taps
+        for flip in flips
+    }
+    missing = {what: path for what, path in wanted.items() if not path.is_file()}
+    if missing:
+        (store.folder / key).mkdir(parents=True, exist_ok=True)
+        _Extraction(store, subject, source, clips, missing, policy).run()
+    return {what: np.load(path, mmap_mode="r") for what, path in wanted.items()}
+
+
+def _suffix(flip: Flip) -> str:
+    return {(False, False): "", (True, False): "-h", (False, True): "-v", (True, True): "-hv"}[flip]
+
+
+def _key(subject: Subject, source: Source, clips: NDArray[np.int64], policy: str) -> str:
+    facts = {
+        "format": _FORMAT,
+        "weights": subject.weights,
+        "preprocessing": subject.preprocessing,
+        "spacing": subject.spacing_of(source.clip),
+        "data": source.fingerprint,
+        "clips": hashlib.sha256(clips.tobytes()).hexdigest(),
+        "policy": policy,
+    }
+    return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:24]
+
+
+class _Extraction:
+    """One pass over the clips, which fills several arrays."""
+
+    def __init__(
+        self,
+        store: Store,
+        subject: Subject,
+        source: Source,
+        clips: NDArray[np.int64],
+        paths: Mapping[tuple[str, Flip], Path],
+        policy: str,
+    ) -> None:
+        self.store = store
+        self.subject = subject
+        self.source = source
+        self.paths = paths
+        self.policy = policy
+        self.readers = list(readers(subject, source, clips))
+        self.total = len(clips)
+        names = json.dumps(sorted(path.name for path in paths.values()))
+        stem = hashlib.sha256(names.encode()).hexdigest()[:8]
+        self.note = next(iter(paths.values())).with_name(f"{stem}.json")
+
+    def run(self) -> None:
+        """Fills the arrays, from where a pass before was stopped, and renames them."""
+        parts = {what: path.with_suffix(f".{self.note.stem}") for what, path in self.paths.items()}
+        done = self._done(parts.values())
+        arrays: dict[tuple[str, Flip], Array] = {}
+        if done:
+            arrays = {what: np.lib.format.open_memmap(p, "r+") for what, p in parts.items()}
+        flips = tuple(dict.fromkeys(flip for _, flip in self.paths))
+        with tqdm(
+            total=self.total, initial=done, desc=f"features of {self.subject.name}", unit="clip"
+        ) as bar:
+            for number, (places, batch) in enumerate(self._batches(done), start=1):
+                for flip in flips:
+                    found = self.subject.features(batch, flip, self.policy)
+                    for what in [what for what in self.paths if what[1] == flip]:
+                        values = _half(found[what[0]], self.subject.name)
+                        if what not in arrays:
+                            shape = (self.total, *values.shape[1:])
+                            arrays[what] = np.lib.format.open_memmap(
+                                parts[what], "w+", np.float16, shape
+                            )
+                        arrays[what][places] = values
+                done += len(places)
+                bar.update(len(places))
+                if number % self.store.every == 0:
+                    self._keep(done, arrays.values())
+        for array in arrays.values():
+            array.flush()  # type: ignore[attr-defined]
+        arrays.clear()
+        for what, path in self.paths.items():
+            parts[what].replace(path)
+        self.note.unlink(missing_ok=True)
+
+    def _batches(self, done: int) -> Iterator[tuple[NDArray[np.int64], Batch]]:
+        """Places among the clips, and the clips; the first ``done`` are left out."""
+        for clips, places in self.readers:
+            skipped = min(done, len(places))
+            done -= skipped
+            rest = places[skipped:]
+            start = 0
+            for batch in self._read(clips, range(skipped, len(places))):
+                count = len(batch["sensor"])
+                yield rest[start : start + count], batch
+                start += count
+
+    def _read(self, clips: Clips, rows: range) -> Iterator[Batch]:
+        """Batches of some rows; decoded for the first encoder that wants them in this form."""
+        size, spacing = self.store.batch, self.subject.spacing_of(self.source.clip)
+        folder = decoded.place(self.store.folder.parent / "clips", self.source, clips, spacing)
+        if folder is None or rows.start:
+            return loader(clips, rows, self.store, size)
+        batches = decoded.stored(folder, size)
+        return batches or decoded.keep(folder, len(rows), loader(clips, rows, self.store, size))
+
+    def _done(self, parts: Any) -> int:
+        if not self.note.is_file() or not all(path.is_file() for path in parts):
+            return 0
+        return int(json.loads(self.note.read_text())["done"])
+
+    def _keep(self, done: int, arrays: Any) -> None:
+        for array in arrays:
+            array.flush()
+        write_text(self.note, json.dumps({"done": done}))
+
+
+def loader(clips: Clips, rows: Sequence[int], store: Store, size: int) -> Iterator[Batch]:
+    """Batches of some rows of an index, in order, read by other processes.
+
+    Raises:
+        DataError: A clip cannot be read: training replaces it by another, a bench may not.
+    """
+    for batch in DataLoader(
+        Subset(clips, list(rows)),
+        batch_size=size,
+        num_workers=store.workers if len(rows) else 0,
+        collate_fn=collate,
+        worker_init_fn=start_worker,
+        pin_memory=torch.cuda.is_available(),
+    ):
+        for line, _ in batch["skipped"].values():
+            raise DataError(f"a clip cannot be read, and a bench leaves none out: {line}")
+        yield batch
+
+
+def readers(
+    subject: Subject, source: Source, clips: NDArray[np.int64]
+) -> Iterator[tuple[Clips, NDArray[np.int64]]]:
+    """Clips as a model is shown them: of one size each, with their places among all."""
+    index = source.index[clips]
+    shapes = [subject.size_for(one.frames.shape) for one in source.recordings]
+    for size in dict.fromkeys(shapes[number] for number in index[:, 0]):
+        places = np.flatnonzero([shapes[number] == size for number in index[:, 0]])
+        frames, spacing = subject.frames, subject.spacing_of(source.clip)
+        reader = Clips(source.recordings, frames, spacing, source.clip.span, size, image_size=8)
+        reader.index = index[places].astype(np.int32)
+        yield reader, places
+
+
+def _half(values: torch.Tensor, name: str) -> Array:
+    out: Array = values.to(torch.float16).cpu().numpy()
+    if not np.isfinite(out).all():
+        raise DataError(
+            f"model {name}: features that are not finite, or beyond 65504 and so no float16; its "
+            "weights are damaged, or its training diverged"
+        )
+    return out

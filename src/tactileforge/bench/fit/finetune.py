@@ -1,0 +1,161 @@
+"""Full fine-tuning: the encoder learns with the probe, so nothing can be computed beforehand."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from tqdm import tqdm
+
+from tactileforge.bench.fit.features import FLIPS, PLAIN, Store, loader, readers
+from tactileforge.bench.fit.models import Subject
+from tactileforge.bench.fit.probes.base import Values
+from tactileforge.bench.fit.resolve import Choice, Prepared
+from tactileforge.bench.fit.training import Outcome, seeded
+from tactileforge.errors import ConfigError, DataError
+
+
+def train(
+    prepared: Prepared,
+    choice: Choice,
+    subject: Subject,
+    store: Store,
+    uses: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]],
+    seeds: Sequence[int],
+    score: Callable[[Values], float],
+    higher: bool,
+) -> list[Outcome]:
+    """Trains encoder and probe, for each learning rate and seed on its own.
+
+    Args:
+        prepared: The task.
+        choice: Its probe; ``choice.finetune`` is the learning rate of the encoder.
+        subject: The encoder; it is left as it was.
+        store: How clips are read.
+        uses: Clips to train on, to select on, and to test on.
+        seeds: Of the probes.
+        score: Metric of predictions on the clips to select on.
+        higher: Whether a higher score is better.
+
+    Raises:
+        ConfigError: The probe is not trained; or frames of several sizes cannot be batched.
+        DataError: A loss is not finite, or a clip cannot be read.
+    """
+    if not choice.kind.trained:
+        raise ConfigError(f"probe {choice.kind.__name__} is not trained: leave finetune out")
+    outcomes = []
+    for lr in choice.training.lr:
+        for seed in seeds:
+            run = _Run(prepared, choice, subject, store, seed, lr)
+            outcomes.append(run.train(uses, score, higher))
+    return outcomes
+
+
+class _Run:
+    """One encoder and one probe."""
+
+    def __init__(
+        self,
+        prepared: Prepared,
+        choice: Choice,
+        subject: Subject,
+        store: Store,
+        seed: int,
+        lr: float,
+    ) -> None:
+        self.task, self.target, self.choice, self.store = (
+            prepared.task,
+            prepared.target,
+            choice,
+            store,
+        )
+        found = list(readers(subject, prepared.source, prepared.target.clips))
+        if len(found) > 1:
+            raise ConfigError(
+                f"task {self.task.name}: frames have several sizes, which cannot be batched; "
+                "fine-tune on the recordings of one sensor"
+            )
+        self.clips = found[0][0]
+        self.subject = copy.copy(subject)
+        self.subject.encoder = copy.deepcopy(subject.encoder).requires_grad_(True)
+        self.tap = choice.kind.tap
+        width = subject.width(self.tap)
+        self.probe = seeded(lambda: choice.build(width, prepared.target), seed).to(subject.device)
+        self.outcome = Outcome(seed, lr)
+        self.truth = {
+            flip: {k: part.flipped(*flip).normalised for k, part in self.target.parts.items()}
+            for flip in (FLIPS if self.task.flips else (PLAIN,))
+        }
+
+    def train(
+        self, uses: tuple[Any, Any, Any], score: Callable[[Values], float], higher: bool
+    ) -> Outcome:
+        training, one = self.choice.training, self.outcome
+        kind = {"adamw": torch.optim.AdamW, "adam": torch.optim.Adam}[training.optimiser]
+        optimiser = kind(
+            [
+                {"params": list(self.probe.parameters()), "lr": one.lr},
+                {"params": list(self.subject.encoder.parameters()), "lr": self.choice.finetune},
+            ],
+            betas=training.betas,
+            weight_decay=training.weight_decay,
+        )
+        rates = [group["lr"] for group in optimiser.param_groups]
+        total = max(1, training.epochs * math.ceil(len(uses[0]) / training.batch))
+        best: dict[str, Tensor] = {}
+        done = 0
+        for epoch in tqdm(range(1, training.epochs + 1), desc=f"fine-tuning {self.subject.name}"):
+            rng, losses = np.random.default_rng([epoch, one.seed]), []
+            for places, batch in self._batches(rng.permutation(uses[0])):
+                if training.schedule == "cosine":
+                    for group, rate in zip(optimiser.param_groups, rates, strict=True):
+                        group["lr"] = rate * 0.5 * (1 + math.cos(math.pi * done / total))
+                flips = list(self.truth)
+                flip = flips[int(rng.integers(len(flips)))]
+                loss, _ = self._forward(places, batch, flip)
+                optimiser.zero_grad(set_to_none=True)
+                loss.backward()  # type: ignore[no-untyped-call]
+                optimiser.step()
+                losses.append(float(loss.detach()))
+                done += 1
+            if not np.isfinite(losses).all():
+                raise DataError(f"the loss is not finite in epoch {epoch}; lower probe.finetune")
+            one.train.append(float(np.mean(losses)))
+            loss_now, decoded = self._predict(uses[1])
+            one.validation.append(loss_now)
+            value = score(decoded)
+            if one.epoch < 0 or (value > one.score if higher else value < one.score):
+                one.score, one.epoch = value, epoch
+                best = {k: v.detach().clone() for k, v in self._module().state_dict().items()}
+        if best:
+            self._module().load_state_dict(best)
+        one.predicted = self._predict(uses[2])[1]
+        return one
+
+    def _module(self) -> torch.nn.ModuleList:
+        return torch.nn.ModuleList([self.probe, self.subject.encoder])
+
+    def _forward(self, places: Any, batch: Any, flip: Any) -> tuple[Tensor, Values]:
+        out = self.probe(self.subject.run(batch, flip, self.task.unknown_sensor)[self.tap])
+        truth = {k: v[places].to(self.subject.device) for k, v in self.truth[flip].items()}
+        return self.probe.loss(out, truth), out
+
+    @torch.no_grad()
+    def _predict(self, places: Any) -> tuple[float, Values]:
+        total, found = 0.0, []
+        for some, batch in self._batches(places):
+            loss, out = self._forward(some, batch, PLAIN)
+            total += float(loss) * len(some) / len(places)
+            found.append({k: v.cpu() for k, v in self.probe.decode(out).items()})
+        return total, {k: torch.cat([one[k] for one in found]) for k in found[0]}
+
+    def _batches(self, places: Any) -> Any:
+        size = self.choice.training.batch
+        for number, batch in enumerate(loader(self.clips, places.tolist(), self.store, size)):
+            yield places[number * size : (number + 1) * size], batch

@@ -1,0 +1,303 @@
+"""Encoders that are compared: models of the zoo, files, runs, and baselines that know nothing."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from tactileforge import registry
+from tactileforge.bench.fit import trained_on
+from tactileforge.bench.fit.baselines import BASELINES
+from tactileforge.bench.fit.probes.base import Probe
+from tactileforge.bench.tasks.suite import Clip
+from tactileforge.contracts import Batch
+from tactileforge.errors import ConfigError
+from tactileforge.files import sha256
+from tactileforge.hub import cards, files, store
+from tactileforge.hub.header import Header
+from tactileforge.hub.pack import pack
+
+#: Frames that a model of single frames is shown.
+STILL_FRAMES = 2
+#: Draws of random weights that are compared.
+UNTRAINED = 3
+
+
+class Subject:
+    """One frozen encoder, and how it is shown clips.
+
+    Clips are read as its training read them: what was trained here is given frames of the size of
+    its input, what was imported frames as they were recorded. A model of single frames is shown
+    two, along the batch, and its features are averaged (AnyTouch 2, Implementation Details).
+
+    Args:
+        name: The word that users type.
+        encoder: A touch encoder.
+        header: What is known of it.
+        sha256: Of its file; "" takes that of its weights.
+        device: Where it computes.
+
+    Attributes:
+        frames: Frames of a clip that it is shown.
+        weights: Hash of its weights.
+        preprocessing: What else its features depend on; plain data.
+    """
+
+    def __init__(
+        self, name: str, encoder: Any, header: Header, sha256: str = "", device: str = "cpu"
+    ) -> None:
+        self.name = name
+        self.encoder = encoder.to(device).eval().requires_grad_(False)
+        self.header = header
+        self.device = torch.device(device)
+        self.single = encoder.frames == 1
+        self.flat: bool = getattr(encoder, "flat", False)
+        self.frames: int = STILL_FRAMES if self.single else encoder.frames
+        self.native = not header.recipe and header.encoder["name"] not in BASELINES
+        self.weights = _hash(encoder)
+        self.sha256 = sha256 or self.weights
+        self.preprocessing = json.loads(
+            json.dumps([header.encoder, header.input, header.sensors, self.native, self.frames])
+        )
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """Parameters, frames, image size; what trained it, and how long, where that is known."""
+        height, width = self.encoder.image_size
+        found = {
+            "parameters": sum(p.numel() for p in self.encoder.parameters()),
+            "frames": self.encoder.frames,
+            "image_size": f"{height} x {width}",
+        }
+        if not self.header.source:
+            return found
+        found |= {"trained_on": trained_on.trained_on(self.header)}
+        if told := trained_on.seen(self.header):
+            found |= {"seen_of_held_out": told}
+        steps = self.header.source.get("steps")
+        return found if steps is None else found | {"steps": steps}
+
+    def width(self, tap: str) -> int:
+        """Size of a feature."""
+        found: int = self.encoder.projected if tap == "projected" else self.encoder.width
+        return found
+
+    def taps(self, kind: type[Probe]) -> tuple[str, ...]:
+        """Features that a probe of a kind reads; of several readings, those that it has."""
+        if not kind.readings:
+            return (kind.tap,)
+        return kind.readings[:1] if self.flat else kind.readings
+
+    def spacing_of(self, clip: Clip) -> float:
+        """Seconds between the frames that it is shown."""
+        if self.single or clip.spread:
+            return clip.span / (self.frames - 1)
+        return self.header.spacing
+
+    def size_for(self, shape: tuple[int, int]) -> tuple[int, int]:
+        """Height and width to which frames of a shape are read."""
+        size: tuple[int, int] = self.encoder.image_size
+        return shape if self.native else size
+
+    def unknown(self, sensors: Sequence[str]) -> list[str]:
+        """Those sensors that it does not know."""
+        found = []
+        for name in sensors:
+            try:
+                self._rows([name], "error")
+            except ConfigError:
+                found.append(name)
+        return found
+
+    def features(self, batch: Batch, flip: tuple[bool, bool], policy: str) -> dict[str, Tensor]:
+        """What probes read, without gradients.
+
+        Returns:
+            ``tokens`` (B, L, width) and ``projected`` (B, projected). ``patches`` (B, n width), the
+            tokens without those in front, one after another; ``pooled`` (B, width), their mean. Of
+            a baseline without patches ``pooled`` is ``projected``.
+        """
+        with torch.inference_mode():
+            found = self.run(batch, flip, policy)
+            patches = found["tokens"][:, self.encoder.prefix :]
+            pooled = found["projected"] if self.flat else patches.float().mean(1)
+            return found | {"pooled": pooled, "patches": patches.flatten(1)}
+
+    def run(self, batch: Batch, flip: tuple[bool, bool], policy: str) -> dict[str, Tensor]:
+        """The same, with gradients where the encoder has them.
+
+        Args:
+            batch: See `tactileforge.contracts`.
+            flip: Whether it is mirrored left to right, and top to bottom.
+            policy: What to do with an unknown sensor: ``error`` or ``universal``.
+        """
+        frames = batch["frames"].to(self.device, non_blocking=True)
+        background = batch["background"].to(self.device, non_blocking=True)
+        mirrored = [dim for dim, on in zip((-1, -2), flip, strict=True) if on]
+        if mirrored:
+            frames, background = frames.flip(mirrored), background.flip(mirrored)
+        rows = self._rows(batch["sensor"], policy).to(self.device)
+        if not self.single:
+            tokens, projected = self.encoder(frames, background, rows)
+            return {"tokens": tokens, "projected": projected}
+        count = frames.shape[1]
+        tokens, projected = self.encoder(
+            frames.flatten(0, 1)[:, None],
+            background.repeat_interleave(count, 0),
+            rows.repeat_interleave(count),
+        )
+        found = {"tokens": tokens, "projected": projected}
+        return {tap: value.unflatten(0, (-1, count)).mean(1) for tap, value in found.items()}
+
+    def _rows(self, sensors: Sequence[str], policy: str) -> Tensor:
+        if hasattr(self.encoder, "unknown_sensor"):
+            self.encoder.unknown_sensor = policy
+        if hasattr(self.encoder, "rows"):
+            rows: Tensor = self.encoder.rows(sensors)
+            return rows
+        known = self.encoder.sensors
+        if strange := [name for name in sensors if known and name not in known]:
+            raise ConfigError(f"the model does not know the sensor {strange[0]!r}")
+        return torch.tensor([known.get(name, 0) for name in sensors])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """A row of the tables, before anything is loaded.
+
+    Attributes:
+        name: The word users type.
+        title: Its name in print.
+        open: Its encoders, each from a training of its own.
+        group: ``model`` or ``ablation``.
+        recipe: What it was trained with; "" if unknown.
+        folders: Runs that trained it.
+    """
+
+    name: str
+    title: str
+    open: Sequence[Callable[[], Subject]]
+    group: str = "model"
+    recipe: str = ""
+    folders: Sequence[Path] = field(default_factory=tuple)
+
+
+def entry(
+    word: str,
+    composed: Sequence[str] = (),
+    device: str = "cpu",
+    runs: Mapping[str, Path] | None = None,
+) -> Entry:
+    """A model by the word that names it.
+
+    Args:
+        word: A name of the zoo, ``file:PATH``, ``run:FOLDER``, ``untrained:WORD`` (new random
+            weights in the shape of another model, or of a recipe), or one of
+            `baselines.BASELINES`.
+        composed: Overrides with which a recipe is composed for ``untrained:RECIPE``.
+        device: Where it computes.
+        runs: Folders of models that were trained, which ``untrained:NAME`` may name.
+
+    Raises:
+        ConfigError: There is no such model.
+    """
+    if word in BASELINES:
+        title = BASELINES[word][1]
+        return Entry(name=word, title=title, open=[lambda: baseline(word, device)])
+    if word.startswith("untrained:"):
+        of = word.removeprefix("untrained:")
+        shape = f"run:{runs[of]}" if runs and of in runs else of
+        return Entry(
+            name=word,
+            title=f"untrained {of.rpartition('/')[2]}",
+            open=[
+                partial(
+                    lambda seed: untrained(word, header_of(shape, composed), device, seed), seed
+                )
+                for seed in range(UNTRAINED)
+            ],
+        )
+    if word.startswith("run:"):
+        folder = Path(word.removeprefix("run:")).expanduser()
+        return Entry(
+            name=word,
+            title=folder.name,
+            open=[lambda: of_run(word, folder, device)],
+            folders=[folder],
+        )
+    if word.startswith("file:"):
+        path = Path(word.removeprefix("file:")).expanduser()
+        return Entry(name=word, title=path.stem, open=[lambda: _of_file(word, path, device)])
+    card, weight = cards.find(word)
+    return Entry(
+        name=word,
+        title=f"{card.title} ({weight.tag})",
+        open=[lambda: _of_file(word, store.fetch(card, weight), device)],
+        recipe=card.name,
+    )
+
+
+def of_run(name: str, folder: Path, device: str = "cpu") -> Subject:
+    """The encoder of a run, by way of a one-file checkpoint that is not kept."""
+    with tempfile.TemporaryDirectory() as place:
+        subject = _of_file(name, pack(folder, Path(place) / "model.safetensors"), device)
+    subject.sha256 = subject.weights
+    return subject
+
+
+def untrained(name: str, header: Header, device: str = "cpu", seed: int = 0) -> Subject:
+    """Random weights in the shape of a model."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        encoder = registry.build("encoders", header.encoder)
+    return Subject(name, encoder, replace(header, source={}), device=device)
+
+
+def baseline(word: str, device: str = "cpu") -> Subject:
+    """No encoder at all: see `baselines.BASELINES`."""
+    encoder = BASELINES[word][0]()
+    header = files.describe(encoder, {"name": word}, licence="Apache-2.0", spacing=0.2)
+    return Subject(word, encoder, header, device=device)
+
+
+def header_of(word: str, composed: Sequence[str] = ()) -> Header:
+    """What is known of a model; of a recipe without weights, what it would train."""
+    if word.startswith(("run:", "file:")):
+        return entry(word).open[0]().header
+    name, _, tag = word.partition(".")
+    if tag and store.available(*cards.find(word)):
+        return entry(word).open[0]().header
+    from omegaconf import OmegaConf
+
+    from tactileforge.compose import compose
+
+    config = compose(name, composed)
+    plain: dict[str, Any] = OmegaConf.to_container(config, resolve=True)  # type: ignore[assignment]
+    with torch.random.fork_rng(devices=[]):
+        encoder = registry.build("encoders", plain["encoder"])
+    spacing = plain["batch"]["spacing"] if encoder.frames > 1 else 0.0
+    return files.describe(
+        encoder, plain["encoder"], licence="Apache-2.0", spacing=spacing, recipe=plain
+    )
+
+
+def _of_file(name: str, path: Path, device: str) -> Subject:
+    encoder, header = files.open_encoder(path)
+    return Subject(name, encoder, header, sha256(path), device)
+
+
+def _hash(encoder: torch.nn.Module) -> str:
+    found = hashlib.sha256()
+    for key, value in sorted(encoder.state_dict().items()):
+        found.update(key.encode())
+        found.update(value.detach().cpu().contiguous().numpy().tobytes())
+    return found.hexdigest()

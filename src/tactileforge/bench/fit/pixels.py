@@ -1,0 +1,48 @@
+"""The baseline ``pixels``: what a probe reads without an encoder."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from tactileforge.encoders.positions import sincos
+from tactileforge.encoders.preprocess import ANYTOUCH2, Pixels
+
+_SIZE, _PATCH, _SMALL = 64, 8, 16
+
+
+class PixelFeatures(nn.Module):
+    """Two frames less their background: patches with their places, and a small picture.
+
+    It has no weights. Tokens are the patches of both frames, to which fixed positions are added;
+    what stands for the class token are both frames at 16 x 16.
+
+    Attributes:
+        flat: True: a closed-form probe reads the small pictures alone.
+        frames: 2.
+        width: Size of a token.
+        projected: Size of the small picture.
+    """
+
+    flat = True
+
+    def __init__(self) -> None:
+        super().__init__()
+        side = _SIZE // _PATCH
+        self.frames, self.tube, self.patch, self.prefix = 2, 2, _PATCH, 0
+        self.image_size = (_SIZE, _SIZE)
+        self.grid = (1, side, side)
+        self.width = 2 * 3 * _PATCH * _PATCH
+        self.projected = 2 * 3 * _SMALL * _SMALL
+        self.sensors: dict[str, int] = {}
+        self.pixels = Pixels.of(self.image_size, ANYTOUCH2)
+        self.register_buffer("position", sincos(self.grid, self.width), persistent=False)
+        self.position: Tensor
+
+    def forward(self, frames: Tensor, background: Tensor, sensor: Tensor) -> tuple[Tensor, Tensor]:
+        """(B, 64, width) and (B, projected) of uint8 frames (B, 2, 3, H, W)."""
+        x = self.pixels(frames, background).flatten(1, 2)
+        patches = F.unfold(x, _PATCH, stride=_PATCH).transpose(1, 2)
+        small = F.adaptive_avg_pool2d(x, _SMALL).flatten(1)
+        return torch.add(patches, self.position), small

@@ -1,0 +1,272 @@
+"""Models that are trained for a bench: each run in a process of its own, skipped once finished."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig
+
+from tactileforge import strict
+from tactileforge.bench.fit.models import Entry, Subject, of_run
+from tactileforge.bench.results.results import Training
+from tactileforge.callbacks import checkpoints
+from tactileforge.errors import ConfigError, TactileForgeError, unknown
+from tactileforge.files import write_text
+
+#: Written before a run starts: what it is trained with.
+_WORDS = "bench.json"
+#: Written where a run failed: why.
+_FAILED = "failed.txt"
+#: Characters of what a run says that are kept.
+_TAIL = 4000
+
+
+@dataclass(frozen=True, kw_only=True)
+class Model:
+    """A model to train.
+
+    Attributes:
+        title: Its name in print.
+        recipe: Of the zoo.
+        words: Overrides of ``tactileforge train``.
+        seeds: One run each.
+        group: ``model`` or ``ablation``.
+    """
+
+    title: str
+    recipe: str = "anytouch2"
+    words: list[str] = field(default_factory=list)
+    seeds: list[int] = field(default_factory=lambda: [0])
+    group: str = "model"
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run of ``tactileforge train``.
+
+    Attributes:
+        name: Model and seed.
+        folder: Of the run.
+        words: Its overrides.
+    """
+
+    name: str
+    folder: Path
+    words: Sequence[str]
+
+    @property
+    def finished(self) -> bool:
+        """Whether it has been trained to the end: the report comes last."""
+        return (self.folder / "report.html").is_file() and self.has_checkpoint
+
+    @property
+    def has_checkpoint(self) -> bool:
+        """Whether it can be resumed."""
+        return (self.folder / checkpoints.LAST).is_file()
+
+    @property
+    def failed(self) -> str:
+        """Why it failed; "" if it did not."""
+        path = self.folder / _FAILED
+        return path.read_text("utf-8") if path.is_file() else ""
+
+
+def read(given: Mapping[str, Any]) -> dict[str, Model]:
+    """The models of a configuration.
+
+    Raises:
+        ConfigError: A key is unknown or of another type.
+    """
+    return {
+        name: strict.build(Model, f"pretrain.models.{name}", node)
+        for name, node in (given.get("models") or {}).items()
+        if node is not None
+    }
+
+
+def ablations(wanted: str, known: Sequence[str], models: Mapping[str, Model]) -> dict[str, Model]:
+    """The first model, and one for each ablation of it.
+
+    Args:
+        wanted: ``all``, or names with commas between them.
+        known: Names in zoo/ablation.
+        models: Those to train already; without any, ``anytouch2``.
+
+    Raises:
+        ConfigError: An unknown ablation.
+    """
+    name, base = next(iter(models.items()), ("anytouch2", Model(title="AnyTouch 2")))
+    chosen = [one for one in known if one != "none"] if wanted == "all" else wanted.split(",")
+    for one in chosen:
+        if one not in known:
+            raise ConfigError(unknown("ablation", one, known))
+    return {name: base, **models} | {
+        one: models.get(one)
+        or Model(
+            title=one.replace("_", " "),
+            recipe=base.recipe,
+            words=[*base.words, f"ablation={one}"],
+            seeds=base.seeds,
+            group="ablation",
+        )
+        for one in chosen
+    }
+
+
+def jobs(folder: Path, words: Sequence[str], models: Mapping[str, Model]) -> dict[str, list[Job]]:
+    """The runs of each model."""
+    return {
+        name: [
+            Job(
+                f"{name}-{seed}",
+                folder / f"{name}-{seed}",
+                [f"recipe={model.recipe}", *words, *model.words, f"seed={seed}"],
+            )
+            for seed in model.seeds
+        ]
+        for name, model in models.items()
+    }
+
+
+def train(job: Job) -> None:
+    """Trains a run to its end; one that is finished stays, one that was stopped goes on.
+
+    A run that fails leaves its last words in its folder, see `Job.failed`.
+
+    Raises:
+        ConfigError: The folder holds a run of other settings.
+        KeyboardInterrupt: It was stopped; the same call goes on with it.
+    """
+    _claim(job)
+    if job.finished:
+        return
+    (job.folder / _FAILED).unlink(missing_ok=True)
+    words = [f"resume={job.folder}"]
+    if not job.has_checkpoint:
+        words = [*job.words, f"hydra.run.dir={job.folder}"]
+    print(f"tactileforge train {' '.join(words)}", flush=True)
+    status, said = _run([sys.executable, "-m", "tactileforge", "train", *words])
+    if status == 130:
+        raise KeyboardInterrupt(f"stopped in {job.folder}")
+    if status:
+        reason = said.strip().rpartition("error: ")[2] or f"exit status {status}"
+        write_text(job.folder / _FAILED, " ".join(reason.split()))
+
+
+def _run(command: Sequence[str]) -> tuple[int, str]:
+    """Exit status and last words of a program, whose words are shown as they come."""
+    said = b""
+    with subprocess.Popen(command, stderr=subprocess.PIPE) as process:
+        assert process.stderr is not None
+        try:
+            for chunk in iter(partial(os.read, process.stderr.fileno(), 4096), b""):
+                sys.stderr.write(chunk.decode(errors="replace"))
+                said = (said + chunk)[-_TAIL:]
+        except KeyboardInterrupt:
+            process.wait()  # the terminal has told it too, and it keeps a checkpoint
+            raise
+    return process.returncode, said.decode(errors="replace")
+
+
+def _claim(job: Job) -> None:
+    path = job.folder / _WORDS
+    if not path.is_file():
+        write_text(path, json.dumps({"words": list(job.words)}, indent=2))
+        return
+    before = json.loads(path.read_text("utf-8"))["words"]
+    if before != list(job.words):
+        raise ConfigError(
+            f"{job.folder} holds a run of other settings ({' '.join(before)}); remove it, or give "
+            "another pretrain.folder"
+        )
+
+
+def train_all(runs: Sequence[Job], hydra: Sequence[str] | None) -> None:
+    """Trains runs one after another, or as jobs of Hydra.
+
+    Args:
+        runs: What to train.
+        hydra: Words for Hydra, e.g. ``hydra/launcher=ray``, whose launcher then spreads the jobs
+            and has to see their folders; None without it.
+    """
+    for job in runs if hydra is None else ():
+        train(job)
+    if hydra is not None and runs:
+        _launch(runs[0].folder.parent, runs, hydra)
+
+
+def _launch(folder: Path, runs: Sequence[Job], words: Sequence[str]) -> None:
+    import hydra
+
+    listed = folder / "jobs.json"
+    rows = {job.name: [str(job.folder.resolve()), list(job.words)] for job in runs}
+    write_text(listed, json.dumps(rows, indent=2))
+    command = sys.argv
+    names = ",".join(rows)
+    sys.argv = ["tactileforge", "-m", f"job={names}", f"jobs={listed.resolve()}", *words]
+    sys.argv.append(f"hydra.sweep.dir={folder.resolve()}/hydra")
+    try:
+        hydra.main(version_base="1.3", config_path="pkg://tactileforge.conf", config_name="job")(
+            run_job
+        )()
+    finally:
+        sys.argv = command
+
+
+def run_job(config: DictConfig) -> None:
+    """One job of Hydra: trains the run that its list has under its name."""
+    rows = json.loads(Path(config.jobs).read_text("utf-8"))
+    folder, words = rows[config.job]
+    train(Job(config.job, Path(folder), words))
+
+
+def entry(name: str, model: Model, runs: Sequence[Job], device: str) -> Entry:
+    """A trained model as one that can be compared; opening it says why a run has failed."""
+    return Entry(
+        name=name,
+        title=model.title,
+        open=[partial(_open, name, job, device) for job in runs],
+        group=model.group,
+        recipe=model.recipe,
+        folders=[job.folder for job in runs],
+    )
+
+
+def _open(name: str, job: Job, device: str) -> Subject:
+    if not job.finished:
+        raise TactileForgeError(f"training {job.name} failed: {job.failed or f'see {job.folder}'}")
+    return of_run(name, job.folder, device)
+
+
+def curves(name: str, folder: Path) -> Iterator[Training]:
+    """Loss curves of a run, one for each objective."""
+    from tactileforge.pages.curves import read_metrics
+
+    found = read_metrics(folder)
+    for key, curve in found.items():
+        kind, _, objective = key.partition("/")
+        if kind != "train" or "/" in objective:
+            continue
+        thin = curve.thinned()
+        held_out = found.get(f"val/{objective}")
+        points = dict(zip(thin.steps.tolist(), thin.values.tolist(), strict=True))
+        others = {}
+        if held_out is not None:
+            others = dict(zip(held_out.steps.tolist(), held_out.values.tolist(), strict=True))
+        steps = sorted({*points, *others})
+        nan = float("nan")
+        yield Training(
+            model=name,
+            objective=objective,
+            step=[float(step) for step in steps],
+            train=[points.get(step, nan) for step in steps],
+            validation=[others.get(step, nan) for step in steps] if others else [],
+        )

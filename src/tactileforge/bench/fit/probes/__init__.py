@@ -1,0 +1,36 @@
+"""Probes by name: what is trained on the features of an encoder.
+
+A new probe is a file here with a subclass of `base.Probe`, and a line in `PROBES`.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+from tactileforge.bench.fit.probes.base import Probe
+from tactileforge.errors import ConfigError, unknown
+
+#: Module and class by name.
+PROBES = {
+    "linear": "linear:Linear",
+    "attentive": "attentive:Attentive",
+    "force": "force:Force",
+    "sparsh_force": "force:SparshForce",
+    "slip": "slip:Slip",
+    "pose": "pose:Pose",
+    "knn": "knn:Knn",
+    "ridge": "ridge:Ridge",
+}
+
+
+def probe(name: str) -> type[Probe]:
+    """The class of a probe.
+
+    Raises:
+        ConfigError: No such probe; lists those that there are.
+    """
+    if name not in PROBES:
+        raise ConfigError(unknown("probe", name, PROBES))
+    module, _, kind = PROBES[name].partition(":")
+    found: type[Probe] = getattr(import_module(f"{__name__}.{module}"), kind)
+    return found

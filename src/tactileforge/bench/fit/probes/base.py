@@ -1,0 +1,100 @@
+"""What a probe is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar, TypeAlias
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from tactileforge.bench.tasks.targets import Part
+
+#: Predictions or truth of each part, by its name.
+Values: TypeAlias = dict[str, Tensor]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Training:
+    """How a probe is trained.
+
+    Attributes:
+        epochs: Passes over the training clips.
+        batch: Clips of a batch.
+        lr: Learning rates; each is a setting of its own.
+        optimiser: ``adamw`` or ``adam``.
+        betas: Of the optimiser.
+        weight_decay: Of all parameters.
+        schedule: ``cosine`` to 0, a step at a time, or ``constant``.
+    """
+
+    epochs: int = 50
+    batch: int = 64
+    lr: tuple[float, ...] = (2e-4,)
+    optimiser: str = "adamw"
+    betas: tuple[float, float] = (0.9, 0.99)
+    weight_decay: float = 0.05
+    schedule: str = "constant"
+
+
+class Probe(nn.Module):
+    """Features to predictions; a subclass builds its layers and says how it is trained.
+
+    It is trained in a batch with others of its kind (``torch.func.vmap``), so its forward may not
+    depend on values of its input, and has no buffers.
+
+    Args:
+        width: Size of a feature: of a token, or of the projected class token.
+        parts: What is predicted.
+
+    Attributes:
+        tap: Features it reads: ``tokens`` (B, L, width), or ``projected`` (B, width).
+        readings: Taps that it reads in turn, each a setting of its own; none takes ``tap`` alone.
+        published: How it is trained, as published where it is.
+        trained: Whether it is trained at all.
+    """
+
+    tap: ClassVar[str] = "tokens"
+    readings: ClassVar[tuple[str, ...]] = ()
+    published: ClassVar[Training] = Training()
+    trained: ClassVar[bool] = True
+    #: Error below which the loss of vectors is quadratic, in normalised units.
+    beta: ClassVar[float] = 0.02
+
+    def __init__(self, width: int, parts: Mapping[str, Part]) -> None:
+        super().__init__()
+        self.parts = dict(parts)
+
+    def forward(self, features: Tensor) -> Values:
+        """(B, outputs) of each part."""
+        raise NotImplementedError
+
+    def loss(self, out: Values, truth: Values) -> Tensor:
+        """A scalar: cross-entropy of classes and smooth L1 of vectors, summed over the parts.
+
+        Args:
+            out: What `forward` gives.
+            truth: (B, columns), class indices or normalised vectors.
+        """
+        losses = [self.loss_of(part, out[name], truth[name]) for name, part in self.parts.items()]
+        return torch.stack(losses).sum()
+
+    def loss_of(self, part: Part, out: Tensor, truth: Tensor) -> Tensor:
+        """The loss of one part."""
+        if part.kind != "classes":
+            return F.smooth_l1_loss(out, truth, beta=self.beta)
+        return F.cross_entropy(scores(part, out).flatten(0, 1), truth.flatten().long())
+
+    def decode(self, out: Values) -> Values:
+        """Class indices, or normalised vectors, (B, columns)."""
+        return {
+            name: scores(part, out[name]).argmax(2).float() if part.kind == "classes" else out[name]
+            for name, part in self.parts.items()
+        }
+
+
+def scores(part: Part, out: Tensor) -> Tensor:
+    """Outputs for classes as (B, columns, classes)."""
+    return out.reshape(len(out), -1, len(part.names))

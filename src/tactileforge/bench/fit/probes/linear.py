@@ -1,0 +1,44 @@
+"""The probe ``linear``: a linear layer on the projected class token (Touch and Go)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from tactileforge.bench.fit.probes.base import Probe, Training, Values
+from tactileforge.bench.tasks.targets import Part
+
+
+class Linear(Probe):
+    """One linear layer a part; two classes have one logit and binary cross-entropy.
+
+    Source: AnyTouch 2's published probe of Touch and Go.
+
+    Args:
+        width: Size of the projected class token.
+        parts: What is predicted.
+    """
+
+    tap: ClassVar[str] = "projected"
+    published: ClassVar[Training] = Training(schedule="cosine")
+
+    def __init__(self, width: int, parts: Mapping[str, Part]) -> None:
+        super().__init__(width, parts)
+        self.head = nn.ModuleDict(
+            {k: nn.Linear(width, 1 if _is_binary(p) else p.outputs) for k, p in parts.items()}
+        )
+
+    def forward(self, features: Tensor) -> Values:
+        """(B, width) to (B, outputs) of each part."""
+        out = {name: head(features) for name, head in self.head.items()}
+        return {
+            name: F.pad(x, (1, 0)) if _is_binary(self.parts[name]) else x for name, x in out.items()
+        }
+
+
+def _is_binary(part: Part) -> bool:
+    """Its logit against 0: their cross-entropy is the binary one."""
+    return part.kind == "classes" and part.outputs == 2

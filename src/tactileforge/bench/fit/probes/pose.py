@@ -1,0 +1,53 @@
+"""The probe ``pose``: three motions in eleven classes each (Sparsh, task T3)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import torch
+from torch import Tensor
+from torch.nn import functional as F
+
+from tactileforge.bench.fit.probes.attentive import Attentive
+from tactileforge.bench.fit.probes.base import Training, scores
+from tactileforge.bench.tasks.targets import Part
+
+
+class Pose(Attentive):
+    """A pooler, and a linear layer for all motions; classes are weighted by their rarity.
+
+    Sparsh weights the classes, and does not publish how: here a class weighs the inverse of its
+    share, limited to ten times the mean, and each motion has weights of its own.
+
+    Args:
+        width: Size of a token.
+        parts: What is predicted: columns of classes.
+        heads: Attention heads.
+    """
+
+    published: ClassVar[Training] = Training(
+        epochs=51, batch=100, lr=(1e-4,), optimiser="adam", betas=(0.9, 0.999), weight_decay=0.0
+    )
+
+    def __init__(self, width: int, parts: Mapping[str, Part], heads: int = 12) -> None:
+        super().__init__(width, parts, heads)
+        self.weights = {name: _weights(part) for name, part in parts.items()}
+
+    def loss_of(self, part: Part, out: Tensor, truth: Tensor) -> Tensor:
+        """Mean of the weighted cross-entropies of the columns."""
+        name = next(key for key, value in self.parts.items() if value is part)
+        weights, found = self.weights[name].to(out.device), scores(part, out)
+        losses = [
+            F.cross_entropy(found[:, i], truth[:, i].long(), weight=weight)
+            for i, weight in enumerate(weights)
+        ]
+        return torch.stack(losses).mean()
+
+
+def _weights(part: Part) -> Tensor:
+    """(columns, classes)."""
+    count = len(part.names)
+    found = [column.long().bincount(minlength=count) for column in part.truth.T]
+    rare = [len(part.truth) / (count * counts.clamp(min=1)) for counts in found]
+    return torch.stack(rare).clamp(max=10)

@@ -1,0 +1,105 @@
+"""The probe ``ridge``: ridge regression in closed form, its penalty chosen by inner folds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+import torch
+from torch import Tensor
+from torch.nn import functional as F
+
+from tactileforge.bench.fit.probes import ridge_regression
+from tactileforge.bench.fit.probes.base import Probe, Values
+from tactileforge.bench.tasks.targets import Part
+
+
+class Ridge(Probe):
+    """Ridge on standardised features; nothing is drawn, and nothing but the penalty is chosen.
+
+    The penalty is that of the best predictions of training samples whose group is left out, in
+    closed form: of each column alone where it is a number, of the classes together by balanced
+    accuracy. Classes are regressed on as columns that are 1 / share where they are meant and 0
+    elsewhere, so that each class counts the same; the largest wins.
+
+    Args:
+        width: Size of a token; not needed.
+        parts: What is predicted.
+    """
+
+    tap: ClassVar[str] = "pooled"
+    readings: ClassVar[tuple[str, ...]] = ("pooled", "patches")
+    trained: ClassVar[bool] = False
+
+    def solve(
+        self, known: Tensor, truth: Values, groups: Sequence[str], asked: Tensor
+    ) -> tuple[Values, Values]:
+        """Predictions of the training samples, each without its group, and of others.
+
+        Args:
+            known: (n, d), features of the training samples.
+            truth: (n, columns), class indices or normalised vectors.
+            groups: n names; samples of one name are left out together.
+            asked: (m, d).
+        """
+        known, asked = ridge_regression.standardised(known, asked)
+        gram, cross = known @ known.T, (asked @ known.T).double()
+        places = _places(groups)
+        inner: Values = {}
+        outer: Values = {}
+        for name, part in self.parts.items():
+            found = ridge_regression.fit(gram, _coded(part, truth[name]))
+            tried = [found.left_out(penalty, places) for penalty in found.penalties]
+            best = _best(part, torch.stack(tried), truth[name])
+            inner[name] = _decoded(part, _chosen(tried, best))
+            used = sorted(set(best.tolist()))
+            far = [cross @ found.dual(found.penalties[i]) + found.mean for i in used]
+            where = torch.tensor([used.index(i) for i in best.tolist()])
+            outer[name] = _decoded(part, _chosen(far, where))
+        return inner, outer
+
+
+def _places(groups: Sequence[str]) -> list[Tensor]:
+    found: dict[str, list[int]] = {}
+    for place, name in enumerate(groups):
+        found.setdefault(name, []).append(place)
+    return [torch.tensor(places) for places in found.values()]
+
+
+def _coded(part: Part, truth: Tensor) -> Tensor:
+    """Targets of the regression, (n, k)."""
+    if part.kind != "classes":
+        return truth
+    coded = F.one_hot(truth.long(), len(part.names)).double()
+    return (coded / coded.mean(0).clamp(min=1 / len(truth))).flatten(1)
+
+
+def _decoded(part: Part, found: Tensor) -> Tensor:
+    """Class indices, or normalised vectors, float32 (n, columns)."""
+    if part.kind != "classes":
+        return found.float()
+    return found.reshape(len(found), -1, len(part.names)).argmax(-1).float()
+
+
+def _best(part: Part, tried: Tensor, truth: Tensor) -> Tensor:
+    """Which penalty each column of the regression takes, int64 (k,).
+
+    Args:
+        part: What is predicted.
+        tried: (penalties, n, k), predictions without the own group.
+        truth: (n, columns).
+    """
+    if part.kind != "classes":
+        return (tried - truth).square().mean(1).argmin(0)
+    right = torch.stack([_decoded(part, one) == truth for one in tried]).double()
+    weight = 1 / torch.bincount(truth.flatten().long(), minlength=len(part.names)).clamp(min=1)
+    score = (right * weight[truth.long()]).sum((1, 2))
+    # of equals the largest penalty
+    best = len(score) - 1 - score.flip(0).argmax()
+    return best.expand(tried.shape[2])
+
+
+def _chosen(rows: Sequence[Tensor], best: Tensor) -> Tensor:
+    """Each column from the row that it takes, (n, k)."""
+    stacked = torch.stack(list(rows))
+    return stacked[best, :, torch.arange(len(best))].T

@@ -1,0 +1,67 @@
+"""The probe ``slip``: does it slip, and how has the force changed (Sparsh, task T2)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from tactileforge.bench.fit.probes.attentive import Pooler
+from tactileforge.bench.fit.probes.base import Probe, Training, Values
+from tactileforge.bench.fit.probes.force import mlp
+from tactileforge.bench.tasks.targets import Part
+
+
+class Slip(Probe):
+    """A pooler and a norm for both; the change of force is limited to -1..1.
+
+    Weighted cross-entropy, plus smooth L1 with beta 1. Source: Sparsh, task T2.
+
+    Args:
+        width: Size of a token.
+        parts: What is predicted: classes and vectors.
+        heads: Attention heads.
+        weights: Of the classes in the loss.
+    """
+
+    published: ClassVar[Training] = Training(
+        epochs=51, batch=100, lr=(1e-4,), optimiser="adam", betas=(0.9, 0.999), weight_decay=0.0
+    )
+    beta: ClassVar[float] = 1.0
+
+    def __init__(
+        self,
+        width: int,
+        parts: Mapping[str, Part],
+        heads: int = 12,
+        weights: Sequence[float] = (0.1, 1.0),
+    ) -> None:
+        super().__init__(width, parts)
+        self.weights = list(weights)
+        self.pooler = Pooler(width, heads)
+        self.norm = nn.LayerNorm(width)
+        self.probe = nn.ModuleDict(
+            {
+                name: mlp(width, part.outputs, nn.Sigmoid if part.kind == "classes" else nn.ReLU)
+                for name, part in parts.items()
+            }
+        )
+
+    def loss_of(self, part: Part, out: Tensor, truth: Tensor) -> Tensor:
+        """Classes are weighted."""
+        if part.kind != "classes":
+            return super().loss_of(part, out, truth)
+        weights = torch.tensor(self.weights, device=out.device)
+        return F.cross_entropy(out, truth[:, 0].long(), weight=weights)
+
+    def forward(self, features: Tensor) -> Values:
+        """(B, L, width) to (B, outputs) of each part."""
+        pooled = self.norm(self.pooler(features))
+        out = {name: head(pooled) for name, head in self.probe.items()}
+        return {
+            name: value if self.parts[name].kind == "classes" else F.hardtanh(value)
+            for name, value in out.items()
+        }

@@ -1,0 +1,136 @@
+"""A task with its data, and the probe that is chosen for it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from inspect import signature
+from typing import Any
+
+import numpy as np
+
+from tactileforge.bench.fit.probes import probe
+from tactileforge.bench.fit.probes.base import Probe, Training
+from tactileforge.bench.results import results
+from tactileforge.bench.tasks import metrics
+from tactileforge.bench.tasks.source import Source
+from tactileforge.bench.tasks.splits import Split
+from tactileforge.bench.tasks.suite import Task
+from tactileforge.bench.tasks.targets import Target
+from tactileforge.errors import ConfigError, unknown
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A task whose data is at hand.
+
+    Attributes:
+        task: The task.
+        source: Its clips.
+        target: What they are to predict.
+        splits: Who trains and tests, one for each fold.
+    """
+
+    task: Task
+    source: Source
+    target: Target
+    splits: Sequence[Split]
+
+    @property
+    def sensors(self) -> list[str]:
+        """Names of the sensors of its clips."""
+        used = np.concatenate(
+            [np.concatenate([split.train, split.validation, split.test]) for split in self.splits]
+        )
+        numbers = np.unique(self.source.index[self.target.clips[used], 0])
+        return sorted({self.source.recordings[n].sensor for n in numbers})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Choice:
+    """The probe of a task: its class, its options and its training.
+
+    Attributes:
+        name: What it is called.
+        kind: The class.
+        options: Arguments of its constructor.
+        training: How it is trained.
+        finetune: Learning rate of the encoder where that is trained too; 0 leaves it frozen.
+    """
+
+    name: str
+    kind: type[Probe]
+    options: dict[str, Any]
+    training: Training
+    finetune: float = 0.0
+
+    def build(self, width: int, target: Target) -> Probe:
+        """A new probe."""
+        return self.kind(width, target.parts, **self.options)
+
+
+def choose(task: Task, given: Mapping[str, Any]) -> Choice:
+    """The probe of a task, with what was given for all tasks.
+
+    Raises:
+        ConfigError: An unknown probe or option.
+    """
+    node = {**task.probe, **{key: value for key, value in given.items() if value is not None}}
+    name = str(node.pop("name"))
+    kind = probe(name)
+    rate = float(node.pop("finetune", 0.0))
+    known = {one.name for one in fields(Training)}
+    own = set(signature(kind).parameters) - {"width", "parts"}
+    for key in node:
+        if key not in known | own:
+            names = {*known, *own, "name", "finetune"}
+            raise ConfigError(unknown(f"option of the probe of task {task.name}", key, names))
+    values = {key: value for key, value in node.items() if key in known}
+    if "lr" in values:
+        rates = values["lr"] if isinstance(values["lr"], list) else [values["lr"]]
+        values["lr"] = tuple(map(float, rates))
+    if "betas" in values:
+        values["betas"] = tuple(values["betas"])
+    training = replace(kind.published, **values)
+    options = {key: value for key, value in node.items() if key in own}
+    return Choice(name=name, kind=kind, options=options, training=training, finetune=rate)
+
+
+def row_of(task: Task, choice: Choice, selection: str) -> results.Task:
+    """A task as the results know it."""
+    kinds = {name: metrics.kind(name) for name in task.metrics}
+    return results.Task(
+        name=task.name,
+        title=task.title,
+        probe=choice.name + (", encoder trained too" if choice.finetune else ""),
+        data=task.about or str(task.data.get("name") or task.data.get("preset")),
+        split=describe(task),
+        metrics=[
+            results.Metric(name=name, unit=kind.unit, better=kind.better)
+            for name, kind in kinds.items()
+        ],
+        main=task.metrics[0],
+        selection=selection,
+    )
+
+
+def describe(task: Task) -> str:
+    """The split of a task, in words."""
+    plan = task.split
+    validation = dict(plan.validation)
+    share = validation.pop("share", None)
+    text = f"{plan.folds} folds by {plan.group}" if plan.folds else f"test: {_words(plan.test)}"
+    if plan.train:
+        text += f"; training: {_words(plan.train)}"
+    if share is None:
+        text += f"; validation: {_words(validation)}"
+    else:
+        text += f"; validation: {share:.0%} of training by {validation.get('group', 'recording')}"
+    return text + (f"; unseen in test: {', '.join(plan.unseen)}" if plan.unseen else "")
+
+
+def _words(chosen: Mapping[str, Any]) -> str:
+    return ", ".join(
+        f"{name} {' or '.join(map(str, value)) if isinstance(value, list) else value}"
+        for name, value in chosen.items()
+    )

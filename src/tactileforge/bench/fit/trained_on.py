@@ -1,0 +1,50 @@
+"""What a model was trained on, as far as its file says, and what of it the gate holds out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import PurePosixPath
+from typing import Any
+
+from tactileforge.hub.header import Header
+
+#: Sets of which the gate holds objects out, and the share that training has to leave out
+#: (`datasets.reading.splits.is_held_out` of the object's name, as `conf/data/gsmini_slip.yaml`
+#: asks for).
+HELD_OUT = {"gsmini_slip_franka": 0.5, "octopi_physiclear": 0.5}
+#: Sets that are held out as a whole.
+KEPT = ("wedge_ball_presses", "taxim_calibration/gelsight_mini", "digit_tactile_320x240.mp4")
+
+
+def trained_on(header: Header) -> list[str]:
+    """Names of data sets, sorted; of layouts their folders."""
+    node = header.recipe.get("data") or {"name": header.data.get("name") or "unknown"}
+    return sorted({name for name, _ in _sets(node)})
+
+
+def seen(header: Header) -> list[str]:
+    """What training may have seen of that which the gate holds out, sorted; best is none."""
+    found = []
+    for name, held in _sets(header.recipe.get("data") or {}):
+        for known, share in HELD_OUT.items():
+            if known in name and held < share:
+                found.append(f"{known} (val={held:g}, not {share:g})")
+        found += [f"{kept} (held out)" for kept in KEPT if kept in name]
+    return sorted(set(found))
+
+
+def _sets(node: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
+    """Names with the share of objects that is held out; 0 where it is not held out by object."""
+    for inner in (node.get("sources") or {}).values():
+        yield from _sets(inner)
+    layouts = {name: one for name, one in (node.get("layouts") or {}).items() if one}
+    for name, one in layouts.items():
+        by_object = one.get("split") == "object"
+        files = one.get("videos") or one.get("images") or ""
+        path = str(
+            PurePosixPath(str(one.get("path", name))) / (files if files == str(files) else "")
+        )
+        yield path, float(node.get("val", 0.1)) if by_object else 0.0
+    if not node.get("sources") and not layouts:
+        root = str(node.get("root") or "")
+        yield f"{node.get('name', 'unknown')} {root}".strip(), 0.0

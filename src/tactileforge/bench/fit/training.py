@@ -1,0 +1,256 @@
+"""Many probes trained at once, on the same batches in the same order."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.func import functional_call, vmap
+
+from tactileforge.bench.fit.features import PLAIN, Array, Flip
+from tactileforge.bench.fit.probes.base import Probe, Training, Values
+from tactileforge.errors import ConfigError, DataError
+
+#: Clips that are predicted at once.
+_CHUNK = 256
+
+Params = dict[str, Tensor]
+
+
+@dataclass(frozen=True)
+class Examples:
+    """Features and what they are to predict, without holding them in memory.
+
+    Attributes:
+        features: Mapped arrays (m, ...), by flip.
+        rows: int64 (n,), row of each example in them.
+        truth: Normalised truth (n, columns) of each part, by flip.
+        device: Where probes are trained.
+    """
+
+    features: dict[Flip, Array]
+    rows: NDArray[np.int64]
+    truth: dict[Flip, Values]
+    device: torch.device
+
+    def take(self, places: NDArray[np.int64], flip: Flip = PLAIN) -> tuple[Tensor, Values]:
+        """Features, float32, and truth of some clips."""
+        rows = torch.from_numpy(np.asarray(self.features[flip][self.rows[places]])).to(self.device)
+        truth = {name: values[places].to(self.device) for name, values in self.truth[flip].items()}
+        return rows.float(), truth
+
+    def mirrored(
+        self, places: NDArray[np.int64], rng: np.random.Generator
+    ) -> tuple[Tensor, Values]:
+        """The same, each clip mirrored with a chance of one half in each direction."""
+        flips = list(self.features)
+        if len(flips) == 1:
+            return self.take(places)
+        drawn = rng.integers(len(flips), size=len(places))
+        rows, truth = self.take(places, flips[0])
+        for number, flip in enumerate(flips[1:], start=1):
+            chosen = np.flatnonzero(drawn == number)
+            if len(chosen):
+                other, labels = self.take(places[chosen], flip)
+                rows[chosen] = other
+                for name, values in labels.items():
+                    truth[name][chosen] = values
+        return rows, truth
+
+
+@dataclass
+class Outcome:
+    """One probe after its training.
+
+    Attributes:
+        seed: Of its first weights.
+        lr: Its learning rate.
+        predicted: Predictions on the test clips, normalised, of its best epoch.
+        score: Of the validation clips, in that epoch.
+        epoch: That epoch, from 1; -1 where nothing is trained.
+        reading: Features that it reads, where its kind reads several.
+        train: Loss of each epoch.
+        validation: Loss of the validation clips after each.
+    """
+
+    seed: int
+    lr: float
+    predicted: Values = field(default_factory=dict)
+    score: float = math.nan
+    epoch: int = -1
+    reading: str = ""
+    train: list[float] = field(default_factory=list)
+    validation: list[float] = field(default_factory=list)
+
+
+class Members:
+    """Probes of one kind that see the same batches.
+
+    Each member has parameters and an optimiser of its own, so it becomes what it would become
+    alone; only the passes are shared.
+
+    Args:
+        probes: The members, on one device.
+        rates: Learning rate of each.
+        training: What else they are trained with.
+        steps: Optimiser steps in all.
+    """
+
+    def __init__(
+        self, probes: Sequence[Probe], rates: Sequence[float], training: Training, steps: int
+    ) -> None:
+        self.model = probes[0]
+        self.params = [dict(probe.named_parameters()) for probe in probes]
+        kinds: dict[str, type[torch.optim.Optimizer]] = {
+            "adamw": torch.optim.AdamW,
+            "adam": torch.optim.Adam,
+        }
+        if training.optimiser not in kinds or training.schedule not in ("cosine", "constant"):
+            raise ConfigError(
+                f"probe: optimiser={training.optimiser}, schedule={training.schedule}: give adamw "
+                "or adam, and cosine or constant"
+            )
+        groups = [
+            {"params": list(own.values()), "lr": rate}
+            for own, rate in zip(self.params, rates, strict=True)
+        ]
+        self.optimiser = kinds[training.optimiser](
+            groups, betas=training.betas, weight_decay=training.weight_decay
+        )  # type: ignore[call-arg]
+        self.rates = list(rates)
+        self.steps = steps
+        self.cosine = training.schedule == "cosine"
+        self.done = 0
+
+    def _stacked(self) -> Params:
+        return {name: torch.stack([own[name] for own in self.params]) for name in self.params[0]}
+
+    def step(self, rows: Tensor, truth: Values) -> Tensor:
+        """One optimiser step; the loss of each member before it."""
+        if self.cosine:
+            factor = 0.5 * (1 + math.cos(math.pi * self.done / self.steps))
+            for group, rate in zip(self.optimiser.param_groups, self.rates, strict=True):
+                group["lr"] = rate * factor
+        losses = self._losses(rows, truth)
+        self.optimiser.zero_grad(set_to_none=True)
+        losses.sum().backward()  # type: ignore[no-untyped-call]
+        self.optimiser.step()
+        self.done += 1
+        return losses.detach()
+
+    def _losses(self, rows: Tensor, truth: Values) -> Tensor:
+        def loss(params: Params) -> Tensor:
+            return self.model.loss(functional_call(self.model, params, (rows,)), truth)
+
+        out: Tensor = vmap(loss)(self._stacked())
+        return out
+
+    @torch.no_grad()
+    def predict(self, examples: Examples, places: NDArray[np.int64]) -> tuple[Tensor, Values]:
+        """Loss (members,) and decoded predictions (members, n, columns) of some clips."""
+        stacked, total, found = self._stacked(), torch.zeros(len(self.params)), []
+        for some in np.split(places, range(_CHUNK, len(places), _CHUNK)):
+            rows, truth = examples.take(some)
+
+            def run(
+                params: Params, rows: Tensor = rows, truth: Values = truth
+            ) -> tuple[Tensor, Values]:
+                out = functional_call(self.model, params, (rows,))
+                return self.model.loss(out, truth), self.model.decode(out)
+
+            losses, decoded = vmap(run)(stacked)
+            total += losses.cpu() * len(some) / len(places)
+            found.append(decoded)
+        return total, {name: torch.cat([one[name] for one in found], 1).cpu() for name in found[0]}
+
+    def copies(self, member: int) -> Params:
+        """The parameters of a member, as they are now."""
+        return {name: value.detach().clone() for name, value in self.params[member].items()}
+
+    def restore(self, member: int, kept: Params) -> None:
+        """Takes back kept parameters."""
+        with torch.no_grad():
+            for name, value in self.params[member].items():
+                value.copy_(kept[name])
+
+
+def train(
+    build: Callable[[], Probe],
+    training: Training,
+    examples: Examples,
+    uses: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]],
+    seeds: Sequence[int],
+    score: Callable[[Values], float],
+    higher: bool,
+) -> list[Outcome]:
+    """Trains a probe for each seed and learning rate, in one pass over the data.
+
+    A seed draws the first weights. Batches, and mirror images, are the same for all, and so is
+    their order.
+
+    Args:
+        build: A new probe with random weights.
+        training: How.
+        examples: Features and truth.
+        uses: Clips to train on, to select on, and to test on.
+        seeds: Of the probes.
+        score: Metric of predictions on the clips to select on; called once a member and epoch.
+        higher: Whether a higher score is better.
+
+    Returns:
+        One outcome a rate and seed, rates first.
+
+    Raises:
+        DataError: A loss or a score is not finite.
+    """
+    train_on, select_on, test_on = uses
+    outcomes = [Outcome(seed, lr) for lr in training.lr for seed in seeds]
+    probes = [seeded(build, one.seed).to(examples.device) for one in outcomes]
+    batches = math.ceil(len(train_on) / training.batch)
+    members = Members(
+        probes, [one.lr for one in outcomes], training, max(1, training.epochs * batches)
+    )
+    best: list[Params] = [{} for _ in outcomes]
+    for epoch in range(1, training.epochs + 1):
+        total = torch.zeros(len(outcomes))
+        for some, rng in _batches(train_on, training.batch, epoch):
+            total += members.step(*examples.mirrored(some, rng)).cpu() * len(some) / len(train_on)
+        losses, decoded = members.predict(examples, select_on)
+        if not torch.isfinite(total).all():
+            raise DataError(f"the loss of a probe is not finite in epoch {epoch}; lower probe.lr")
+        for i, one in enumerate(outcomes):
+            one.train.append(float(total[i]))
+            one.validation.append(float(losses[i]))
+            value = score({name: values[i] for name, values in decoded.items()})
+            if one.epoch < 0 or (value > one.score if higher else value < one.score):
+                one.score, one.epoch, best[i] = value, epoch, members.copies(i)
+    for i, kept in enumerate(best):
+        if kept:
+            members.restore(i, kept)
+    _, decoded = members.predict(examples, test_on)
+    for i, one in enumerate(outcomes):
+        one.predicted = {name: values[i] for name, values in decoded.items()}
+    return outcomes
+
+
+def seeded(build: Callable[[], nn.Module], seed: int) -> Probe:
+    """A probe whose weights are drawn from a seed; the state of the generator is left as it was."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        probe = build()
+    assert isinstance(probe, Probe)
+    return probe
+
+
+def _batches(
+    places: NDArray[np.int64], size: int, epoch: int
+) -> Iterator[tuple[NDArray[np.int64], np.random.Generator]]:
+    rng = np.random.default_rng([epoch, len(places)])
+    order = rng.permutation(places)
+    for some in np.split(order, range(size, len(order), size)):
+        yield np.sort(some), rng

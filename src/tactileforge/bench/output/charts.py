@@ -1,0 +1,138 @@
+"""The pictures of a bench, in the style of the report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
+from numpy.typing import NDArray
+
+from tactileforge.pages.figures import CLASSES, INK, drawing, svg
+from tactileforge.pages.page import MINUS, NONE
+
+#: Points that are drawn; numbers are of all.
+POINTS = 300
+#: Classes up to which a matrix has names.
+NAMED = 30
+_LETTERS = 14
+_SHADES = 12
+#: The darkest shade, so that words on it stay readable.
+_DARKEST = 0.62
+
+
+def rmse(truth: NDArray[Any], predicted: NDArray[Any]) -> float:
+    """Root of the mean squared error."""
+    error = predicted.astype(np.float64) - truth
+    return float(np.sqrt(np.mean(error**2)))
+
+
+def correlation(truth: NDArray[Any], predicted: NDArray[Any]) -> float:
+    """Pearson's r; NaN where one of the two does not vary."""
+    if truth.std() < 1e-9 or predicted.std() < 1e-9:
+        return float("nan")
+    return float(np.corrcoef(truth.astype(np.float64), predicted.astype(np.float64))[0, 1])
+
+
+def scatter(
+    truth: NDArray[Any],
+    predicted: NDArray[Any],
+    axis: str,
+    limits: tuple[float, float],
+    unit: str = "N",
+) -> str:
+    """Predicted against true values along one axis, with RMSE and r, and the line of no error.
+
+    Args:
+        truth: float (N,).
+        predicted: float (N,); what lies outside the limits is drawn on their edge.
+        axis: Its name.
+        limits: Of both axes.
+        unit: Of the values; errors of N are given in mN.
+    """
+    rows = np.unique(np.linspace(0, len(truth) - 1, POINTS).round().astype(int))
+    with drawing(3.4, 3.2) as (figure, axes):
+        axes.plot(limits, limits, color=INK, linewidth=0.8, dashes=(4, 3), zorder=1.5)
+        x, y = (np.clip(part[rows], *limits) for part in (truth, predicted))
+        axes.add_patch(_dots(x, y, (limits[1] - limits[0]) / 2000))
+        error = rmse(truth, predicted)
+        told = f"{1000 * error:.0f} mN" if unit == "N" else f"{error:.3g} {unit}".rstrip()
+        words = f"RMSE {told}\nr {_r(truth, predicted)}"
+        axes.text(0.04, 0.97, words, transform=axes.transAxes, va="top", linespacing=1.4, zorder=4)
+        room = 0.02 * (limits[1] - limits[0])
+        ends = (limits[0] - room, limits[1] + room)
+        axes.set(xlim=ends, ylim=ends, aspect="equal")
+        what = f"{axis} ({unit})" if unit else axis
+        axes.set(xlabel=f"true {what}", ylabel=f"predicted {what}")
+        return svg(figure, f"predicted against true {axis}")
+
+
+def _r(truth: NDArray[Any], predicted: NDArray[Any]) -> str:
+    value = correlation(truth, predicted)
+    return f"{value:.2f}".replace("-", MINUS) if value == value else NONE
+
+
+def _dots(x: NDArray[Any], y: NDArray[Any], length: float) -> PathPatch:
+    """All dots as one path, a short round line each: a tenth of the bytes of markers."""
+    ends = np.stack([np.stack([x, y], 1), np.stack([x + length, y], 1)], 1).reshape(-1, 2)
+    codes = np.tile([Path.MOVETO, Path.LINETO], len(x))
+    colour = CLASSES[0][0]
+    return PathPatch(
+        Path(ends, codes), fill=False, edgecolor=colour, linewidth=3, capstyle="round", alpha=0.6
+    )
+
+
+def confusion(
+    truth: NDArray[np.int64], predicted: NDArray[np.int64], names: Sequence[str]
+) -> tuple[str, NDArray[np.int64]]:
+    """Shares of each true class that are predicted as each class.
+
+    Args:
+        truth: int64 (N,).
+        predicted: int64 (N,).
+        names: Of the classes.
+
+    Returns:
+        The drawing, and the counts it shows, int64 (C, C), true classes first.
+    """
+    count = len(names)
+    counts = np.zeros((count, count), np.int64)
+    np.add.at(counts, (truth, predicted), 1)
+    shares = counts / np.maximum(1, counts.sum(1, keepdims=True))
+    size = 2.2 + 0.26 * count if count <= 8 else max(4.2, 1.9 + 0.17 * min(count, NAMED))
+    with drawing(size, size) as (figure, axes):
+        for level in range(1, _SHADES + 1):
+            low, high = (level - 0.5) / _SHADES, (level + 0.5) / _SHADES
+            chosen = np.argwhere((shares >= low) & (shares < high))
+            if len(chosen):
+                axes.add_patch(_squares(chosen, _DARKEST * level / _SHADES))
+        least = 0.005 if count <= 8 else 0.095
+        small = 9 if count <= 8 else 7
+        for row, column in np.argwhere(shares >= least) if count <= NAMED else ():
+            words = f"{100 * shares[row, column]:.0f}"
+            axes.text(column, row, words, ha="center", va="center", fontsize=small)
+        _name(axes, names, counts.sum(1))
+        return svg(figure, "shares of the true classes by predicted class"), counts
+
+
+def _squares(places: NDArray[np.int64], strength: float) -> PathPatch:
+    corners = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5], [-0.5, -0.5]]) * 0.96
+    points = (places[:, None, ::-1] + corners).reshape(-1, 2)
+    codes = np.tile([Path.MOVETO, *[Path.LINETO] * 3, Path.CLOSEPOLY], len(places))
+    return PathPatch(Path(points, codes), facecolor=CLASSES[0][0], alpha=strength, linewidth=0)
+
+
+def _name(axes: Any, names: Sequence[str], totals: NDArray[np.int64]) -> None:
+    count = len(names)
+    short = [name if len(name) <= _LETTERS else f"{name[: _LETTERS - 1]}…" for name in names]
+    rows = [f"{name} ({total})" for name, total in zip(short, totals.tolist(), strict=True)]
+    places = range(count) if count <= NAMED else ()
+    size = 9 if count <= 8 else 8
+    axes.set_xticks(places, short if places else (), rotation=90, fontsize=size, parse_math=False)
+    axes.set_yticks(places, rows if places else (), fontsize=size, parse_math=False)
+    axes.set(xlim=(-0.5, count - 0.5), ylim=(count - 0.5, -0.5), aspect="equal")
+    axes.set(xlabel="predicted", ylabel="true (number of clips)")
+    axes.grid(visible=False)
+    axes.tick_params(length=0)

@@ -1,0 +1,90 @@
+"""Every number of a bench in one CSV file, one a row."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Iterator, Sequence
+
+from tactileforge.bench.output.published import Published
+from tactileforge.bench.results.intervals import Interval
+from tactileforge.bench.results.results import Metric, Model, Results, Task
+from tactileforge.bench.results.scores import Score, Scores, missing, sentences, words
+
+COLUMNS = (
+    "task", "model", "group", "metric", "unit", "better", "setting", "selection",
+    "mean", "low", "high", "seeds", "origin", "source", "note",
+)  # fmt: skip
+
+
+def long_form(results: Results, found: Scores, rows: Sequence[Published]) -> str:
+    """The text of the file.
+
+    ``origin`` is ``ours`` or ``published``. Where ``mean`` is empty, ``note`` says why.
+    """
+    file = io.StringIO()
+    writer = csv.DictWriter(file, COLUMNS, restval="", lineterminator="\n")
+    writer.writeheader()
+    for task in results.tasks:
+        for model in results.models:
+            writer.writerows(_ours(results, found, task, model))
+    listed = {task.name for task in results.tasks}
+    for one in results.not_run:
+        if one.task and one.task not in listed:
+            note = f"not run: {sentences(one)}"
+            writer.writerow({"task": one.task, "model": one.model, "origin": "ours", "note": note})
+    for row in rows:
+        writer.writerow(
+            {
+                "task": row.task,
+                "model": row.model,
+                "metric": row.metric,
+                "unit": row.unit,
+                "mean": row.value,
+                "origin": "published",
+                "source": row.source,
+            }
+        )
+    return file.getvalue()
+
+
+def _ours(results: Results, found: Scores, task: Task, model: Model) -> Iterator[dict[str, object]]:
+    known = found.get((task.name, model.name), [])
+    about = " ".join(words(results, task.name, model.name))
+    for score in known:
+        for metric in task.metrics:
+            yield _row(task, model, metric) | _numbers(score, score.interval(metric.name), about)
+    if not known:
+        why = " ".join(missing(results, task.name, model.name))
+        yield _row(task, model, task.metric()) | {"seeds": 0, "note": f"not run: {why}"}
+
+
+def _row(task: Task, model: Model, metric: Metric) -> dict[str, object]:
+    return {
+        "task": task.name,
+        "model": model.name,
+        "group": model.group,
+        "metric": metric.name,
+        "unit": metric.unit,
+        "better": metric.better,
+        "selection": task.selection,
+        "origin": "ours",
+        "source": "results.json",
+    }
+
+
+def _numbers(score: Score, interval: Interval | None, about: str) -> dict[str, object]:
+    count = len(interval.values) if interval else 0
+    row: dict[str, object] = {"setting": json.dumps(score.setting), "seeds": count}
+    notes = [about] if about else []
+    if count < len(score.cells):
+        notes.append(f"{len(score.cells) - count} of {len(score.cells)} seeds gave no number")
+    if interval:
+        row["mean"] = interval.mean
+        if math.isnan(interval.half):
+            notes.append("one seed: no interval")
+        else:
+            row |= {"low": interval.mean - interval.half, "high": interval.mean + interval.half}
+    return row | {"note": "; ".join(notes)}

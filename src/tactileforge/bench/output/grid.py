@@ -1,0 +1,138 @@
+"""A table as such: what its entries say and how they are marked, before it is Markdown or LaTeX."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+from tactileforge.bench.results.intervals import Interval
+from tactileforge.pages.page import MINUS
+
+DAGGER = "\N{DAGGER}"
+PLUS_MINUS = "\N{PLUS-MINUS SIGN}"
+ARROWS = {"lower": "\N{DOWNWARDS ARROW}", "higher": "\N{UPWARDS ARROW}"}
+
+Rank = Literal["", "best", "second"]
+Tone = Literal["", "good", "bad", "soft", "text"]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One entry of a table.
+
+    Attributes:
+        text: Plain text, never empty.
+        rank: ``best`` is bold, ``second`` underlined.
+        marks: Footnotes it refers to.
+        tone: How a page shows it; says nothing that the text does not say.
+        below: A second line, in brackets where there is but one.
+    """
+
+    text: str
+    rank: Rank = ""
+    marks: tuple[str, ...] = ()
+    tone: Tone = ""
+    below: str = ""
+
+    @property
+    def line(self) -> str:
+        """All of it in one line."""
+        return f"{self.text} ({self.below})" if self.below else self.text
+
+
+@dataclass(frozen=True)
+class Head:
+    """The head of a column: its name, and in what it is measured."""
+
+    text: str
+    below: str = ""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A table whose first column names the rows.
+
+    Attributes:
+        name: A word, for anchors and labels.
+        title: Plain text, as all others.
+        caption: What a reader has to know.
+        head: One for each column.
+        rows: Entries.
+        notes: Footnotes: mark and text.
+    """
+
+    name: str
+    title: str
+    caption: str
+    head: Sequence[Head]
+    rows: Sequence[Sequence[Entry]]
+    notes: Sequence[tuple[str, str]] = ()
+
+
+@dataclass
+class Notes:
+    """Collects the footnotes of a table; the same text gets the same letter."""
+
+    _letters: dict[str, str] = field(default_factory=dict)
+    _own: dict[str, str] = field(default_factory=dict)
+
+    def letter(self, text: str) -> str:
+        """The mark of a footnote: a, b, ... z, aa, ..."""
+        if text not in self._letters:
+            number, word = len(self._letters) + 1, ""
+            while number:
+                number, rest = divmod(number - 1, 26)
+                word = chr(ord("a") + rest) + word
+            self._letters[text] = word
+        return self._letters[text]
+
+    def own(self, mark: str, text: str) -> str:
+        """A footnote with a mark of its own; returns the mark."""
+        self._own[mark] = text
+        return mark
+
+    def items(self) -> list[tuple[str, str]]:
+        """Mark and text, in order."""
+        return [*self._own.items(), *((mark, text) for text, mark in self._letters.items())]
+
+
+def decimals(values: Iterable[float]) -> int:
+    """Digits after the point that give the largest value four digits, three at most.
+
+    Example:
+        >>> decimals([0.5]), decimals([3.0, 42.31]), decimals([80.83, 1051.03])
+        (3, 2, 0)
+    """
+    top = max((abs(value) for value in values if math.isfinite(value)), default=0.0)
+    return min(3, max(0, 3 - math.floor(math.log10(top)))) if top > 0 else 0
+
+
+def fixed(value: float, digits: int, signed: bool = False) -> str:
+    """A finite number with so many digits after the point."""
+    rounded = round(value, digits) + 0.0
+    return f"{rounded:{'+' if signed else ''}.{digits}f}".replace("-", MINUS)
+
+
+def plus_minus(interval: Interval, digits: int, signed: bool = False) -> str:
+    """A mean, and half the width of its interval where it has one."""
+    text = fixed(interval.mean, digits, signed)
+    if math.isnan(interval.half):
+        return text
+    return f"{text} {PLUS_MINUS} {fixed(interval.half, digits)}"
+
+
+def ranks(values: Sequence[float | None], better: str, digits: int) -> list[Rank]:
+    """Marks the best and the second best of a column, as they are printed.
+
+    Equal values share a mark. Nothing is marked where fewer than two have a value.
+    """
+    shown = [None if value is None else round(value, digits) for value in values]
+    known = [value for value in shown if value is not None]
+    if len(known) < 2:
+        return [""] * len(shown)
+    order = sorted(set(known), reverse=better == "higher")
+    names: list[Rank] = ["best", "second"]
+    places = dict(zip(order, names, strict=False))
+    return [places.get(value, "") if value is not None else "" for value in shown]

@@ -1,0 +1,184 @@
+"""The sections of the bench's page that are drawn: forces, confusions, losses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+
+import numpy as np
+
+from tactileforge.bench.output.charts import NAMED, POINTS, confusion, scatter
+from tactileforge.bench.results.predictions import Readings, read_readings
+from tactileforge.bench.results.results import Results, Task, Training
+from tactileforge.bench.results.scores import Scores, main_score, titles
+from tactileforge.errors import DataError
+from tactileforge.pages.curves import Curve
+from tactileforge.pages.figures import curve_figure
+from tactileforge.pages.page import Section, legend, panel, panels, paragraph
+
+_CURVE = 200
+
+
+def drawn(folder: Path, results: Results, found: Scores) -> list[Section]:
+    """Scatter of forces, confusion matrices, and loss curves; only what there is."""
+    scatters, confusions = "", ""
+    for task in results.tasks:
+        readings, trouble = _read(folder, results, found, task)
+        values = {name: one for name, one in readings.items() if not one.names}
+        classes = {name: one for name, one in readings.items() if one.names}
+        if values:
+            scatters += _folded(task.title, _scatters(task, values) + trouble, is_open=not scatters)
+        if classes or (trouble and not values):
+            confusions += _folded(
+                task.title, _confusions(classes) + trouble, is_open=not confusions
+            )
+    parts = []
+    if scatters:
+        words = (
+            "Each point is of the test set; on the dashed line the prediction is right. "
+            f"At most {POINTS} points are drawn, spread evenly; RMSE and r are of all. All models "
+            "have the same axes, those of the true values: what is predicted beyond them lies on "
+            "the edge. Of several seeds the first is shown."
+        )
+        parts.append(Section("values", "Predicted and true", paragraph(words) + scatters))
+    if confusions:
+        words = (
+            "Each row is a true class: the shares of its clips, in percent, that are predicted as "
+            "each class. Of several seeds the first is shown."
+        )
+        body = paragraph(words) + confusions
+        parts.append(Section("confusions", "Classes", body))
+    if losses := _trainings(results) + _probes(results, found):
+        parts.append(Section("losses", "Losses", legend({0: "training", 1: "validation"}) + losses))
+    return parts
+
+
+def _folded(title: str, body: str, is_open: bool) -> str:
+    shown = " open" if is_open else ""
+    return f"<details{shown}><summary>{escape(title)}</summary>{body}</details>"
+
+
+def _read(
+    folder: Path, results: Results, found: Scores, task: Task
+) -> tuple[dict[str, Readings], str]:
+    """Predictions of one task by title of the model, and words on those that are not there."""
+    names, readings, trouble = titles(results), {}, []
+    for model in results.models:
+        score = main_score(found, task, model)
+        if score is None or not score.cells[0].predictions:
+            continue
+        try:
+            one = read_readings(folder / score.cells[0].predictions)
+        except DataError as error:
+            trouble.append(f"{names[model.name]}: no picture. {error}")
+            continue
+        readings[names[model.name]] = one
+    return readings, "".join(paragraph(words, soft=True) for words in trouble)
+
+
+def _scatters(task: Task, values: Mapping[str, Readings]) -> str:
+    """A row of panels for each model, one for each axis."""
+    limits = _limits(list(values.values()))
+    usual = "N" if any(metric.unit == "mN" for metric in task.metrics) else ""
+    body = ""
+    for name, one in values.items():
+        drawings = []
+        for i, axis in enumerate(one.columns):
+            truth, predicted = one.truth[:, i], one.predicted[:, i]
+            finite = np.isfinite(truth) & np.isfinite(predicted)
+            if not finite.any():
+                drawings.append(panel(axis, "", "no prediction is a finite number"))
+                continue
+            drawing = scatter(
+                truth[finite], predicted[finite], axis, limits[axis], one.unit or usual
+            )
+            lost = int((~finite).sum())
+            below = f"{lost} of {len(finite)} predictions are no finite number" if lost else ""
+            drawings.append(panel(axis, drawing, below))
+        body += f"<h3>{escape(name)}</h3>{panels(drawings)}"
+    return body
+
+
+def _limits(readings: Sequence[Readings]) -> dict[str, tuple[float, float]]:
+    """One range for an axis, in which all true values are, with room around them."""
+    limits: dict[str, tuple[float, float]] = {}
+    for axis in dict.fromkeys(axis for one in readings for axis in one.columns):
+        parts = [one.truth[:, one.columns.index(axis)] for one in readings if axis in one.columns]
+        truth = np.concatenate(parts)
+        truth = truth[np.isfinite(truth)]
+        low, high = (float(truth.min()), float(truth.max())) if len(truth) else (0.0, 1.0)
+        room = max(0.12 * (high - low), 0.01)
+        limits[axis] = (low - room, high + room)
+    return limits
+
+
+def _confusions(classes: Mapping[str, Readings]) -> str:
+    drawings = []
+    widest = 0
+    for name, one in classes.items():
+        for i in range(one.truth.shape[1]):
+            title = f"{name}, {one.columns[i]}" if one.truth.shape[1] > 1 else name
+            drawing, counts = confusion(one.truth[:, i], one.predicted[:, i], one.names)
+            share = counts.trace() / counts.sum()
+            below = f"{counts.trace()} of {counts.sum()} right, {100 * share:.1f} %"
+            drawings.append(panel(title, drawing, below))
+            widest = max(widest, len(counts))
+    words = f"{widest} classes: their names are left out." if widest > NAMED else ""
+    return panels(drawings, wide=widest > 8) + (paragraph(words, soft=True) if words else "")
+
+
+def _trainings(results: Results) -> str:
+    names = titles(results)
+    by_model: dict[str, list[Training]] = {}
+    for one in results.training:
+        by_model.setdefault(one.model, []).append(one)
+    if not by_model:
+        return ""
+    body = paragraph(
+        "In pre-training, of the models that were trained for this bench; a panel an objective."
+    )
+    for i, (model, some) in enumerate(by_model.items()):
+        drawings = panels(_loss(one.objective, one.step, one.train, one.validation) for one in some)
+        body += _folded(names[model], drawings, is_open=i == 0)
+    return body
+
+
+def _probes(results: Results, found: Scores) -> str:
+    names, body = titles(results), ""
+    for task in results.tasks:
+        drawings = []
+        for model in results.models:
+            score = main_score(found, task, model)
+            curve = score.cells[0].curve if score else {}
+            if train := curve.get("train", []):
+                epochs = list(range(1, len(train) + 1))
+                drawings.append(
+                    _loss(names[model.name], epochs, train, curve.get("validation", []), "epoch")
+                )
+        if drawings:
+            body += _folded(task.title, panels(drawings), is_open=False)
+    words = "Of the probes, by epoch; of several seeds the first is shown."
+    return paragraph(words) + body if body else ""
+
+
+def _loss(
+    title: str,
+    steps: Sequence[float],
+    train: Sequence[float],
+    validation: Sequence[float],
+    unit: str = "step",
+) -> str:
+    first, second = _curve(steps, train), _curve(steps, validation)
+    if first is None and second is None:
+        return panel(title, "", "no loss is a finite number")
+    return panel(title, curve_figure("loss", int(max(steps)), first, second, unit=unit))
+
+
+def _curve(steps: Sequence[float], values: Sequence[float]) -> Curve | None:
+    """The finite values; None where there are none."""
+    kept = [(step, value) for step, value in zip(steps, values, strict=False) if np.isfinite(value)]
+    if not kept:
+        return None
+    x, y = zip(*kept, strict=True)
+    return Curve(np.array(x, np.int64), np.array(y, np.float64)).thinned(_CURVE)

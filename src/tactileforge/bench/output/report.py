@@ -1,0 +1,219 @@
+"""The page of a bench: its tables and pictures in one HTML file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from tactileforge.bench.output import comparison_tables, published
+from tactileforge.bench.output.grid import Entry, Grid, Head
+from tactileforge.bench.output.pictures import drawn
+from tactileforge.bench.output.published import Published
+from tactileforge.bench.output.render import html
+from tactileforge.bench.results.intervals import difference
+from tactileforge.bench.results.results import Results, Task
+from tactileforge.bench.results.scores import Scores, titles
+from tactileforge.pages.page import Section, page, paragraph
+
+
+def bench_page(
+    folder: Path,
+    results: Results,
+    found: Scores,
+    rows: Sequence[Published],
+    gate: Grid | None = None,
+) -> str:
+    """The whole page.
+
+    Args:
+        folder: Where the predictions lie.
+        results: What was measured.
+        found: The same, by task and model.
+        rows: Published numbers.
+        gate: The release gate, where it was measured.
+    """
+    parts = [_compared(results, found)]
+    for name, title, grid in (
+        ("gate", "Release gate", gate),
+        ("ablation", "Ablations", comparison_tables.ablation_table(results, found)),
+        ("setting", "Settings", comparison_tables.settings_table(results, found)),
+    ):
+        if grid:
+            parts.append(Section(name, title, html(grid)))
+    parts += drawn(folder, results, found)
+    parts += [_details(results, found), *_published(results, found, rows), _about(results)]
+    return page(f"Touch encoders compared: {results.suite}", _top(results, found), parts)
+
+
+def _top(results: Results, found: Scores) -> str:
+    seeds = sorted({cell.seed for cell in results.cells})
+    about = {
+        "Suite": results.suite,
+        "Models": str(len(results.models)),
+        "Tasks": str(len(results.tasks)),
+        "Probes trained": str(len(results.cells)),
+        "Seeds": ", ".join(map(str, seeds)) or "none",
+        "Versions": ", ".join(
+            f"{key} {results.versions[key]}"
+            for key in ("tactileforge", "torch")
+            if key in results.versions
+        ),
+    }
+    cells = "".join(
+        f"<div><dt>{key}</dt><dd>{escape(value)}</dd></div>"
+        for key, value in about.items()
+        if value
+    )
+    lines = [*_leaders(results, found), _ran(results, found), *_warnings(results, found)]
+    items = "".join(f'<li class="{kind}">{escape(text)}</li>' for kind, text in lines)
+    return f'<dl>{cells}</dl><ul class="verdict">{items}</ul>'
+
+
+def _leaders(results: Results, found: Scores) -> list[tuple[str, str]]:
+    """Which models are first, and in which tasks that is beyond the interval to the second."""
+    first: dict[str, list[str]] = {}
+    clear = compared = 0
+    for task in results.tasks:
+        known = [
+            (interval, model.name)
+            for model in comparison_tables.main_models(results)
+            for score in found.get((task.name, model.name), [])[:1]
+            if (interval := score.interval())
+        ]
+        if len(known) < 2:
+            continue
+        compared += 1
+        known.sort(key=lambda row: row[0].mean, reverse=task.metric().better == "higher")
+        first.setdefault(known[0][1], []).append(task.title)
+        gap = difference(known[0][0], known[1][0])
+        clear += abs(gap.mean) > gap.half
+    if not compared:
+        return [("plain", "No task has numbers of two models: there is nothing to compare.")]
+    names = titles(results)
+    order = sorted(first, key=lambda name: -len(first[name]))
+    told = "; ".join(f"{names[name]} in {len(first[name])} of {compared}" for name in order)
+    text = f"Best mean by task: {told}. Ahead of the second beyond the interval in {clear}."
+    return [("plain", text)]
+
+
+def _ran(results: Results, found: Scores) -> tuple[str, str]:
+    every = len(results.tasks) * len(results.models)
+    count = sum(
+        (task.name, model.name) in found for task in results.tasks for model in results.models
+    )
+    if count == every and not results.not_run:
+        return "good", f"All {every} pairs of a model and a task were run."
+    return "bad", f"{every - count} of {every} pairs of a model and a task were not run; see below."
+
+
+def _warnings(results: Results, found: Scores) -> list[tuple[str, str]]:
+    lines = []
+    test = [task.title for task in results.tasks if task.selection == "test"]
+    if test:
+        text = f"The epoch was chosen on the test set, so numbers are optimistic: {', '.join(test)}"
+        lines.append(("bad", f"{text}."))
+    single = sum(len(some[0].cells) == 1 for some in found.values())
+    if single:
+        text = f"{single} of {len(found)} numbers of the tables come from one seed: no interval."
+        lines.append(("plain", text))
+    bad = sum(
+        (one := score.interval()) is None or len(one.values) < len(score.cells)
+        for some in found.values()
+        for score in some
+    )
+    if bad:
+        lines.append(("bad", f"{bad} probes gave no finite number in at least one seed."))
+    return lines
+
+
+def _compared(results: Results, found: Scores) -> Section:
+    grid = comparison_tables.main_table(results, found)
+    body = html(grid) if grid else paragraph("There is no model, or no task.")
+    return Section("models", "Models", body)
+
+
+def _details(results: Results, found: Scores) -> Section:
+    body = paragraph("Every metric of each task, in the setting of the main table.")
+    for task in results.tasks:
+        grid = comparison_tables.details_table(results, found, task)
+        inner = html(grid) if grid else paragraph("There is no model.")
+        body += f"<details><summary>{escape(task.title)}</summary>{inner}</details>"
+    return Section("details", "All metrics", body)
+
+
+def _published(results: Results, found: Scores, rows: Sequence[Published]) -> list[Section]:
+    body = ""
+    for beside in published.beside_tables(results, found, rows):
+        body += html(beside, heading=True)
+    every = published.published_table(rows)
+    if every:
+        body += (
+            f"<details><summary>{escape(every.title)}: all of the zoo</summary>"
+            f"{html(every)}</details>"
+        )
+    return [Section("theirs", "Published", body)] if body else []
+
+
+def _about(results: Results) -> Section:
+    body = "".join(html(grid, heading=True) for grid in (_tasks(results), _models(results)) if grid)
+    for title, values in (
+        ("Settings of the bench", results.settings),
+        ("Versions", results.versions),
+    ):
+        text = "\n".join(f"{key}: {_plain(value)}" for key, value in values.items())
+        if text:
+            inner = f"<pre>{escape(text)}</pre>"
+            body += f"<details><summary>{title}</summary>{inner}</details>"
+    return Section("about", "What was run", body)
+
+
+def _tasks(results: Results) -> Grid | None:
+    if not results.tasks:
+        return None
+    head = map(Head, ("Task", "probe", "data", "split", "epoch chosen on"))
+    rows = [[Entry(task.title), *map(_text, _row(task))] for task in results.tasks]
+    return Grid("tasks", "Tasks", "As the suite defines them.", list(head), rows)
+
+
+def _row(task: Task) -> list[str]:
+    return [task.probe, task.data, task.split, task.selection]
+
+
+def _models(results: Results) -> Grid | None:
+    if not results.models:
+        return None
+    keys = list(dict.fromkeys(key for model in results.models for key in model.facts))
+    names = titles(results)
+    rows = [
+        [
+            Entry(names[model.name]),
+            _text(model.name),
+            _text(model.recipe),
+            *(_known(_plain(model.facts.get(key))) for key in keys),
+            _known(model.sha256[:12]),
+        ]
+        for model in results.models
+    ]
+    head = [Head(word) for word in ("Model", "name", "recipe", *keys, "SHA-256")]
+    return Grid("encoders", "Models", "First digits of the hash of the weights.", head, rows)
+
+
+def _text(text: str) -> Entry:
+    return Entry(text or "not known", tone="text")
+
+
+def _known(text: str) -> Entry:
+    return Entry(text) if text else Entry("not known", tone="soft")
+
+
+def _plain(value: Any) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, int) and not isinstance(value, bool):
+        return f"{value:,}" if abs(value) >= 10_000 else str(value)
+    return json.dumps(value, ensure_ascii=False).replace('"', "").strip("[]")

@@ -1,0 +1,67 @@
+"""Writes what a bench found: tables for reading and for papers, every number, and a page.
+
+A number is the mean over seeds with its 95 % interval. What was not run says so, and why.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tactileforge.bench.output import comparison_tables, gate_table, published, render
+from tactileforge.bench.output.csv_export import long_form
+from tactileforge.bench.output.grid import Grid
+from tactileforge.bench.output.published import Published
+from tactileforge.bench.output.report import bench_page
+from tactileforge.bench.results.load import read
+from tactileforge.bench.results.results import Results
+from tactileforge.bench.results.scores import Scores, scores
+from tactileforge.files import write_text
+
+_LATEX_HEAD = "% Needs \\usepackage{booktabs,amssymb} and \\usepackage[T1]{fontenc}.\n"
+
+
+def write_all(folder: Path) -> list[Path]:
+    """Writes ``table.md``, ``table.tex``, ``table.csv``, ``report.html``, and ``gate.json``.
+
+    Each is written whole, or not at all; the last only where probes are in closed form.
+
+    Args:
+        folder: With ``results.json`` and ``predictions/``; of a bench that has ended or not.
+
+    Returns:
+        The files.
+
+    Raises:
+        DataNotFoundError: There is no ``results.json``.
+        DataError: It contradicts itself.
+        ConfigError: A key of it is missing, unknown or of another type.
+    """
+    results = read(folder)
+    found = scores(results)
+    rows = published.of_zoo()
+    gate = gate_table.grid(gate_table.write(folder, results), results)
+    grids = tables(results, found, rows, gate)
+    texts = {
+        "table.md": "\n".join(map(render.markdown, grids)),
+        "table.tex": _LATEX_HEAD + "\n".join(map(render.latex, grids)),
+        "table.csv": long_form(results, found, rows),
+        "report.html": bench_page(folder, results, found, rows, gate),
+    }
+    for name, text in texts.items():
+        write_text(folder / name, text)
+    return [folder / name for name in texts]
+
+
+def tables(
+    results: Results, found: Scores, rows: list[Published], gate: Grid | None = None
+) -> list[Grid]:
+    """The tables, our own first; only those that have something to say."""
+    grids = [
+        gate,
+        comparison_tables.main_table(results, found),
+        comparison_tables.ablation_table(results, found),
+        comparison_tables.settings_table(results, found),
+        *published.beside_tables(results, found, rows),
+        published.published_table(rows),
+    ]
+    return [grid for grid in grids if grid]

@@ -1,0 +1,1 @@
+"""Results on disk: cells, predictions, intervals, the release gate."""

@@ -1,0 +1,249 @@
+"""The release gate: is a model better than random weights and than raw pixels, beyond the interval?
+
+Every test clip is scored, clips of one recording (or object) are drawn together, with replacement,
+and differences are taken within a draw: the paired bootstrap over groups, by percentiles. Of random
+weights one network is drawn each time too, so that their spread counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.bench.results.predictions import read_readings
+from tactileforge.bench.results.results import Cell, Model, Results, Task
+from tactileforge.errors import DataError
+
+FILE = "gate.json"
+#: What a model has to beat; ``random`` are its own architecture's.
+AGAINST = ("random", "pixels")
+DRAWS = 2000
+#: Words of models that are compared with, besides ``untrained:NAME``.
+_BASELINES = ("pixels", "statistics", "motion", "hog", "background", "chance")
+_SEED = 20261122
+
+Sums = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Tally:
+    """A score as sums over groups, so that drawing groups again is a product of matrices.
+
+    The score is ``start + sign * mean_k(top_k / bottom_k)``, tops and bottoms summed over groups.
+
+    Attributes:
+        groups: Names, in the order of the rows.
+        top: float64 (groups, k).
+        bottom: float64 (groups, k).
+        start: 0, or 1 for a coefficient of determination.
+        sign: 1, or -1 for that.
+    """
+
+    groups: tuple[str, ...]
+    top: Sums
+    bottom: Sums
+    start: float
+    sign: float
+
+    def scores(self, counts: Sums) -> Sums:
+        """The score of each draw, (draws,), of how often each group was drawn, (draws, groups)."""
+        top, bottom = counts @ self.top, counts @ self.bottom
+        there = bottom > 0
+        share = np.divide(top, bottom, out=np.zeros_like(top), where=there)
+        found: Sums = self.start + self.sign * share.sum(1) / np.maximum(there.sum(1), 1)
+        return found
+
+
+def tally(path: Path, metric: str) -> Tally:
+    """Scores of the test clips of a cell.
+
+    Args:
+        path: Its predictions.
+        metric: ``accuracy``, ``balanced_accuracy`` or ``r2``.
+
+    Raises:
+        DataError: The file does not say which clips belong together, or the metric is another.
+    """
+    found = read_readings(path)
+    with np.load(path, allow_pickle=False) as file:
+        if "units" not in file.files:
+            raise DataError(f"{path}: array 'units' is missing; run the bench again")
+        names, of = np.unique(file["units"], return_inverse=True)
+    if metric == "r2":
+        truth, error = found.truth.astype(float), (found.predicted - found.truth).astype(float)
+        parts = error**2, (truth - truth.mean(0)) ** 2
+    elif metric in ("accuracy", "balanced_accuracy"):
+        right = (found.truth == found.predicted).astype(float)
+        classes = found.truth[:, :1] == np.unique(found.truth) if metric != "accuracy" else [[True]]
+        parts = right * classes, np.ones_like(right) * classes
+    else:
+        raise DataError(f"{path}: the gate knows accuracy, balanced_accuracy and r2, not {metric}")
+    sums = [np.zeros((len(names), part.shape[1])) for part in parts]
+    for total, part in zip(sums, parts, strict=True):
+        np.add.at(total, of, part)
+    start, sign = (1.0, -1.0) if metric == "r2" else (0.0, 1.0)
+    return Tally(tuple(names.tolist()), sums[0], sums[1], start, sign)
+
+
+@dataclass(frozen=True)
+class Score:
+    """A score, or a difference of two, with its 95 % interval.
+
+    Attributes:
+        value: The score; of classes as a share.
+        low: Lower end.
+        high: Upper end.
+    """
+
+    value: float
+    low: float
+    high: float
+
+
+def compared(own: Sequence[Tally], other: Sequence[Tally] = ()) -> Score:
+    """The mean of some networks, or what it is above that of others.
+
+    Args:
+        own: A tally each.
+        other: Alike; none to give the score itself.
+
+    Raises:
+        DataError: They were not tested on the same groups.
+    """
+    every = [*own, *other]
+    groups = every[0].groups
+    if any(one.groups != groups for one in every):
+        raise DataError("models were tested on other recordings; run the bench again, all at once")
+    rng = np.random.default_rng(_SEED)
+    counts = rng.multinomial(len(groups), np.full(len(groups), 1 / len(groups)), DRAWS)
+    all_once = np.ones((1, len(groups)))
+
+    def drawn(networks: Sequence[Tally]) -> Sums:
+        table = np.stack([one.scores(counts.astype(float)) for one in networks])
+        chosen = rng.integers(len(networks), size=(len(networks), DRAWS))
+        found: Sums = np.take_along_axis(table, chosen, axis=0).mean(0)
+        return found
+
+    values = drawn(own) - drawn(other) if other else drawn(own)
+    mean = np.mean([one.scores(all_once) for one in own])
+    mean -= np.mean([one.scores(all_once) for one in other]) if other else 0.0
+    low, high = np.quantile(values, (0.025, 0.975))
+    return Score(float(mean), float(low), float(high))
+
+
+@dataclass(frozen=True)
+class Row:
+    """A model in a task, by one reading of its features.
+
+    Attributes:
+        task: Name of the task.
+        model: Name of the model.
+        reading: ``pooled`` or ``patches``.
+        score: Its score.
+        above: What it is above what it is compared with, by name.
+    """
+
+    task: str
+    model: str
+    reading: str
+    score: Score
+    above: Mapping[str, Score] = field(default_factory=dict)
+
+    @property
+    def beats(self) -> bool:
+        """Whether it is better than random weights and than pixels, both beyond the interval."""
+        return all(name in self.above and self.above[name].low > 0 for name in AGAINST)
+
+
+def rows(folder: Path, results: Results) -> list[Row]:
+    """Every model in every task, in each reading.
+
+    Args:
+        folder: Of a bench.
+        results: What it left.
+    """
+    found = []
+    for task in results.tasks:
+        cells = _cells(folder, results, task)
+        for model in results.models:
+            for reading in dict.fromkeys(key[1] for key in cells if key[0] == model.name):
+                own = cells[model.name, reading]
+                above = {
+                    name: compared(own, other)
+                    for name, other in _others(cells, model, reading).items()
+                }
+                found.append(Row(task.name, model.name, reading, compared(own), above))
+    return found
+
+
+def _cells(folder: Path, results: Results, task: Task) -> dict[tuple[str, str], list[Tally]]:
+    found: dict[tuple[str, str], list[Tally]] = {}
+    for cell in results.cells:
+        if cell.task == task.name and (reading := str(cell.setting.get("reading", ""))):
+            found.setdefault((cell.model, reading), []).append(_of(folder, cell, task))
+    return found
+
+
+def _of(folder: Path, cell: Cell, task: Task) -> Tally:
+    return tally(folder / cell.predictions, task.main)
+
+
+def _others(
+    cells: Mapping[tuple[str, str], list[Tally]], model: Model, reading: str
+) -> dict[str, list[Tally]]:
+    """What a model is compared with; baselines have one reading for both."""
+    if is_baseline(model.name):
+        return {}
+    random = cells.get((f"untrained:{model.name}", reading))
+    found = {"random": random} if random else {}
+    for name in _BASELINES:
+        if (name, "pooled") in cells:
+            found[name] = cells[name, "pooled"]
+    return found
+
+
+def is_baseline(name: str) -> bool:
+    """Whether nothing was trained behind a row."""
+    return name in _BASELINES or name.startswith("untrained:")
+
+
+def passes(found: Sequence[Row], model: str) -> dict[str, Any]:
+    """Tasks that a model wins in each reading, and whether those are the majority in both."""
+    out: dict[str, Any] = {"passes": bool(found)}
+    for reading in ("pooled", "patches"):
+        own = [row for row in found if row.model == model and row.reading == reading]
+        won = [row.task for row in own if row.beats]
+        out[reading] = {"tasks": len(own), "won": won}
+        out["passes"] &= 2 * len(won) > len(own)
+    return out
+
+
+def plain(found: Sequence[Row], results: Results) -> dict[str, Any]:
+    """The gate as plain data, for ``gate.json`` and for cards."""
+    models = [model for model in results.models if not is_baseline(model.name)]
+    return {
+        "suite": results.suite,
+        "versions": dict(results.versions),
+        "tasks": {task.name: {"title": task.title, "metric": task.main} for task in results.tasks},
+        "models": {
+            model.name: passes(found, model.name)
+            | {key: model.facts.get(key, []) for key in ("trained_on", "seen_of_held_out")}
+            | {"sha256": model.sha256}
+            for model in models
+        },
+        "rows": [
+            {"task": row.task, "model": row.model, "reading": row.reading, **_score(row.score)}
+            | {"above": {name: _score(one) for name, one in row.above.items()}}
+            | ({"beats": row.beats} if row.above else {})
+            for row in found
+        ],
+    }
+
+
+def _score(one: Score) -> dict[str, float]:
+    return {key: round(getattr(one, key), 4) for key in ("value", "low", "high")}

@@ -1,0 +1,177 @@
+"""``results.json``, read strictly."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from tactileforge import strict
+from tactileforge.bench.results.results import (
+    FILE,
+    FORMAT,
+    Cell,
+    Metric,
+    Model,
+    NotRun,
+    Results,
+    Task,
+    Training,
+)
+from tactileforge.errors import DataError, DataNotFoundError, unknown
+
+_LISTS = ("tasks", "models", "cells", "training", "not_run")
+_OPTIONAL = ("training", "not_run")
+_CHOICES = {
+    "better": ("lower", "higher"),
+    "selection": ("validation", "test"),
+    "group": ("model", "ablation"),
+}
+
+
+def read(folder: Path) -> Results:
+    """Reads ``results.json`` of a bench.
+
+    Raises:
+        DataNotFoundError: There is none in the folder.
+        DataError: It is no JSON, of another format, or names what it does not hold.
+        ConfigError: A key is missing, unknown or of another type; the message names it.
+    """
+    path = folder / FILE
+    if not path.is_file():
+        raise DataNotFoundError(f"{folder}: no {FILE} there; give the folder of a bench")
+    try:
+        given = strict.mapping(str(path), json.loads(path.read_text("utf-8")))
+    except ValueError as error:
+        raise DataError(f"{path}: not JSON ({error}); run the bench again") from error
+    if given.pop("format", None) != FORMAT:
+        raise DataError(
+            f"{path}: 'format' is not {FORMAT}; use the version of tactileforge that wrote it"
+        )
+    results = _build(path, given)
+    _check(path, results)
+    return results
+
+
+def read_cell(where: str, given: Any) -> Cell:
+    """One cell, from plain data.
+
+    Args:
+        where: Its place, for messages.
+        given: As in ``results.json``.
+
+    Raises:
+        DataError: A number is none.
+        ConfigError: A key is missing, unknown or of another type.
+    """
+    cell = _row(where, "cells", given)
+    assert isinstance(cell, Cell)
+    return cell
+
+
+def _build(path: Path, given: dict[str, Any]) -> Results:
+    for key in _LISTS:
+        value = given.get(key, [] if key in _OPTIONAL else None)
+        if not isinstance(value, list):
+            raise DataError(f"{path}: {key!r} is missing, or is not a list")
+        given[key] = [_row(f"{path}, {key}[{i}]", key, row) for i, row in enumerate(value)]
+    known = {model.name for model in given["models"]}
+    absent = dict.fromkeys(one.model for one in given["not_run"] if one.model not in {"", *known})
+    given["models"] += [Model(name=name, title=name) for name in absent]
+    return strict.build(Results, str(path), given)
+
+
+def _row(where: str, key: str, given: Any) -> Any:
+    """One entry of a list; null stands for a default, as ``epoch`` of a probe without epochs."""
+    row = {name: value for name, value in strict.mapping(where, given).items() if value is not None}
+    for name, allowed in _CHOICES.items():
+        if name in row and row[name] not in allowed:
+            raise DataError(f"{where}: {name} is {row[name]!r}, not one of {', '.join(allowed)}")
+    if key == "tasks" and isinstance(row.get("metrics"), list):
+        row["metrics"] = [
+            _row(f"{where}, metrics[{i}]", "metrics", metric)
+            for i, metric in enumerate(row["metrics"])
+        ]
+    if key == "cells" and isinstance(row.get("metrics"), Mapping):
+        row["metrics"] = {
+            name: _number(f"{where}: metrics.{name}", value)
+            for name, value in row["metrics"].items()
+        }
+    if key == "cells" and isinstance(row.get("curve"), Mapping):
+        row["curve"] = {
+            name: _numbers(f"{where}: curve.{name}", values)
+            for name, values in row["curve"].items()
+        }
+    if key == "training":
+        for name in ("step", "train", "validation"):
+            if name in row:
+                row[name] = _numbers(f"{where}: {name}", row[name])
+    kinds: dict[str, type[Any]] = {
+        "tasks": Task,
+        "metrics": Metric,
+        "models": Model,
+        "cells": Cell,
+        "training": Training,
+        "not_run": NotRun,
+    }
+    return strict.build(kinds[key], where, row)
+
+
+def _numbers(where: str, values: Any) -> Any:
+    """The numbers of a list; anything else is left to the check of types."""
+    if not isinstance(values, list):
+        return values
+    return [_number(where, value) for value in values]
+
+
+def _number(where: str, value: Any) -> float:
+    if value is None:
+        return math.nan
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise DataError(f"{where} is {value!r}, not a number")
+    return float(value)
+
+
+def _check(path: Path, results: Results) -> None:
+    """What types do not say."""
+    tasks = {task.name: task for task in results.tasks}
+    models = {model.name for model in results.models}
+    _once(f"{path}: task", [task.name for task in results.tasks])
+    _once(f"{path}: model", [model.name for model in results.models])
+    for task in results.tasks:
+        names = [metric.name for metric in task.metrics]
+        _once(f"{path}: metric of task {task.name}", names)
+        _known(f"{path}, task {task.name}: main metric", task.main, names)
+    for i, cell in enumerate(results.cells):
+        _known(f"{path}, cells[{i}]: task", cell.task, tasks)
+        _known(f"{path}, cells[{i}]: model", cell.model, models)
+        names = [metric.name for metric in tasks[cell.task].metrics]
+        for name in cell.metrics:
+            _known(f"{path}, cells[{i}]: metric", name, names)
+    _once(
+        f"{path}: cell",
+        [
+            f"{cell.task}, {cell.model}, seed {cell.seed}, {json.dumps(cell.setting)}"
+            for cell in results.cells
+        ],
+    )
+    for i, one in enumerate(results.training):
+        _known(f"{path}, training[{i}]: model", one.model, models)
+        if len(one.train) != len(one.step) or len(one.validation) not in (0, len(one.step)):
+            raise DataError(
+                f"{path}, training[{i}]: train and validation need one value for each step"
+            )
+
+
+def _known(what: str, name: str, names: Iterable[str]) -> None:
+    if name not in names:
+        raise DataError(unknown(what, name, names))
+
+
+def _once(what: str, names: Iterable[str]) -> None:
+    for name, count in Counter(names).items():
+        if count > 1:
+            raise DataError(f"{what} {name!r} is there {count} times; keep one")

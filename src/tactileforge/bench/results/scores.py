@@ -1,0 +1,103 @@
+"""What the seeds of a bench gave together."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from tactileforge.bench.results.intervals import Interval, mean_interval
+from tactileforge.bench.results.results import Cell, Model, NotRun, Results, Task
+
+_NO_RESULT = "No result yet: the bench has not come to it. Run the same command again."
+
+
+@dataclass(frozen=True)
+class Score:
+    """The cells of one task, model and setting, by seed.
+
+    Attributes:
+        task: The task.
+        model: The model.
+        cells: In order of their seeds; at least one.
+    """
+
+    task: Task
+    model: Model
+    cells: tuple[Cell, ...]
+
+    @property
+    def setting(self) -> Mapping[str, Any]:
+        """Options of the probe."""
+        return self.cells[0].setting
+
+    def interval(self, metric: str = "") -> Interval | None:
+        """Mean and interval of the seeds that gave a number; None if none did.
+
+        Args:
+            metric: Its name; the main one of the task by default.
+        """
+        values = [cell.metrics.get(metric or self.task.main, math.nan) for cell in self.cells]
+        finite = [value for value in values if math.isfinite(value)]
+        return mean_interval(finite) if finite else None
+
+
+#: By task and model; the first is that of the main table, further ones have other settings.
+Scores = dict[tuple[str, str], list[Score]]
+
+
+def scores(results: Results) -> Scores:
+    """Puts the seeds of each task, model and setting together."""
+    tasks = {task.name: task for task in results.tasks}
+    models = {model.name: model for model in results.models}
+    parts: dict[tuple[str, str], dict[str, list[Cell]]] = {}
+    for cell in results.cells:
+        settings = parts.setdefault((cell.task, cell.model), {})
+        settings.setdefault(json.dumps(cell.setting, sort_keys=True), []).append(cell)
+    return {
+        (task, model): [
+            Score(tasks[task], models[model], tuple(sorted(cells, key=lambda cell: cell.seed)))
+            for cells in settings.values()
+        ]
+        for (task, model), settings in parts.items()
+    }
+
+
+def main_score(found: Scores, task: Task, model: Model) -> Score | None:
+    """What the setting of the main table gave."""
+    return next(iter(found.get((task.name, model.name), [])), None)
+
+
+def words(results: Results, task: str, model: str) -> list[str]:
+    """Why a cell, or a part of it, was not run, and what to do."""
+    return [sentences(one) for one in results.not_run if one.covers(task, model)]
+
+
+def sentences(one: NotRun) -> str:
+    """Reason and fix, each as a sentence."""
+    parts = (part.strip().rstrip(".") for part in (one.reason, one.fix))
+    return " ".join(f"{part[0].upper()}{part[1:]}." for part in parts if part)
+
+
+def missing(results: Results, task: str, model: str) -> list[str]:
+    """The words for a cell without result: never none."""
+    return words(results, task, model) or [_NO_RESULT]
+
+
+def full_model(results: Results, ablation: Model) -> Model | None:
+    """The model that an ablation leaves something out of: the first of the same recipe."""
+    same = (m for m in results.models if m.group == "model" and m.recipe == ablation.recipe)
+    return next(same, None)
+
+
+def titles(results: Results) -> dict[str, str]:
+    """What to call each model: its title, and its name where two have one title."""
+    every = [model.title for model in results.models]
+    return {
+        model.name: model.title
+        if every.count(model.title) == 1
+        else f"{model.title} ({model.name})"
+        for model in results.models
+    }

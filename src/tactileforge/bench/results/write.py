@@ -1,0 +1,156 @@
+"""Writes the folder of a bench: ``results.json`` after every cell, and what was predicted."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactileforge.bench.results.load import read_cell
+from tactileforge.bench.results.results import (
+    FILE,
+    FORMAT,
+    Cell,
+    Model,
+    NotRun,
+    Results,
+    Task,
+    Training,
+)
+from tactileforge.bench.tasks.targets import Part
+from tactileforge.errors import TactileForgeError
+from tactileforge.files import write_text
+from tactileforge.provenance import commit
+
+#: All cells that were ever measured, by task and model, with a hash of what they depend on: a
+#: bench of other models, or one that is stopped before it comes to them, keeps them.
+_MEASURED = "measured.json"
+_PACKAGES = ("tactileforge", "torch", "torchmetrics", "numpy")
+
+
+class Writer:
+    """The results of a bench; those that a stopped one has left, and still hold, are kept.
+
+    Args:
+        folder: Where they go.
+        suite: Name of the suites.
+        settings: What the bench was run with.
+        tasks: Its tasks.
+    """
+
+    def __init__(
+        self, folder: Path, suite: str, settings: dict[str, Any], tasks: Sequence[Task]
+    ) -> None:
+        self.folder = folder
+        versions = {name: version(name) for name in _PACKAGES} | {"commit": commit()}
+        self.results = Results(
+            suite=suite,
+            versions=versions,
+            settings=settings,
+            tasks=list(tasks),
+            models=[],
+            cells=[],
+            training=[],
+            not_run=[],
+        )
+        self._measured = self._read()
+
+    def _read(self) -> dict[str, tuple[str, list[Cell]]]:
+        path = self.folder / _MEASURED
+        try:
+            found = json.loads(path.read_text("utf-8"))
+            return {
+                what: (row["key"], [read_cell(str(path), cell) for cell in row["cells"]])
+                for what, row in found.items()
+            }
+        except (OSError, TactileForgeError, ValueError, TypeError, KeyError, AttributeError):
+            return {}  # none yet, or of another format: everything is measured again
+
+    def model(self, model: Model) -> None:
+        """Adds a row."""
+        self.results.models.append(model)
+
+    def training(self, curves: Sequence[Training]) -> None:
+        """Adds loss curves."""
+        self.results.training.extend(curves)
+
+    def kept(self, task: str, model: str, key: str) -> bool:
+        """Takes over the cells of a task and model, where they were measured under this key."""
+        before, cells = self._measured.get(f"{task} {model}", ("", []))
+        there = all((self.folder / cell.predictions).is_file() for cell in cells)
+        if not cells or not there or before != key:
+            return False
+        self.results.cells.extend(cells)
+        return True
+
+    def cells(self, task: str, model: str, key: str, cells: Sequence[Cell]) -> None:
+        """Adds the cells of a task and model, and writes the file."""
+        self.results.cells.extend(cells)
+        self._measured[f"{task} {model}"] = key, list(cells)
+        self.write()
+
+    def not_run(self, reason: str, task: str = "", model: str = "", fix: str = "") -> None:
+        """Adds what was not run, and writes the file."""
+        row = NotRun(reason=reason, fix=fix, task=task, model=model)
+        if row not in self.results.not_run:
+            self.results.not_run.append(row)
+        self.write()
+
+    def write(self) -> None:
+        """Writes the file whole, or not at all."""
+        plain = {"format": FORMAT} | asdict(self.results)
+        for row in plain["not_run"]:
+            row |= {name: row[name] or None for name in ("task", "model")}
+        write_text(self.folder / FILE, _text(plain))
+        kept = {
+            what: {"key": key, "cells": [asdict(cell) for cell in cells]}
+            for what, (key, cells) in self._measured.items()
+        }
+        write_text(self.folder / _MEASURED, _text(kept))
+
+    def predictions(
+        self,
+        cell: Cell,
+        name: str,
+        part: Part,
+        predicted: Any,
+        truth: Any,
+        units: Sequence[str],
+    ) -> Cell:
+        """Keeps what was predicted; gives the cell that knows where."""
+        words = [cell.task, cell.model, *map(str, cell.setting.values()), str(cell.seed)]
+        file = ".".join(re.sub(r"[^\w-]+", "_", word) for word in words)
+        path = self.folder / "predictions" / f"{file}.npz"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        kind = np.int64 if part.kind == "classes" else np.float32
+        names = "names" if part.kind == "classes" else "axes"
+        arrays = {
+            "truth": truth.numpy().astype(kind),
+            "predicted": predicted.numpy().astype(kind),
+            names: np.array(part.names),
+            "units": np.array(units),
+        }
+        if part.kind == "classes" and truth.shape[1] == 1:
+            arrays |= {key: arrays[key][:, 0] for key in ("truth", "predicted")}
+        np.savez_compressed(path, **arrays)
+        return replace(cell, predictions=path.relative_to(self.folder).as_posix())
+
+
+def _text(plain: Any) -> str:
+    return json.dumps(_finite(plain), indent=1, allow_nan=False) + "\n"
+
+
+def _finite(value: Any) -> Any:
+    """NaN as null: JSON has none."""
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and math.isnan(value) else value

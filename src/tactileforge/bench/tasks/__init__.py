@@ -1,0 +1,1 @@
+"""Tasks of the benchmark: clips, targets, splits and metrics."""

@@ -1,0 +1,137 @@
+"""The clips of a task: recordings of a data set, and the moments that are shown."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge import registry
+from tactileforge.bench.tasks.suite import Clip
+from tactileforge.contracts import Dataset, Recording
+from tactileforge.data.batches.clips import Clips
+from tactileforge.errors import ConfigError, DataError, unknown
+
+#: Height and width of a clip that is never decoded.
+_SMALL = (8, 8)
+
+
+class Source:
+    """Recordings with the side they are of, and an index of clips that all models share.
+
+    Args:
+        recordings: What to cut.
+        sides: Side of each in its data set.
+        clip: Where clips end.
+
+    Attributes:
+        index: int64 (n, 2), recording and last frame of each clip.
+        first: int64 (n,), first frame of each, ``clip.span`` seconds before.
+
+    Raises:
+        DataError: There is nothing to cut.
+    """
+
+    def __init__(self, recordings: list[Recording], sides: list[str], clip: Clip) -> None:
+        if clip.parts > 1:
+            sides = [side for side in sides for _ in range(clip.parts)]
+            recordings = [part for one in recordings for part in _parts(one, clip.parts)]
+        self.recordings = recordings
+        self.sides = sides
+        self.clip = clip
+        clips = Clips(recordings, 2, clip.span, clip.hop, _SMALL)
+        if clip.ends:
+            clips.index = _fixed(recordings, clip.ends)
+        self.index: NDArray[np.int64] = clips.index.astype(np.int64)
+        self.first = np.array([clips.rows(i)[0] for i in range(len(clips))], np.int64)
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Changes with what the clips show: names, places, and a picture of each recording."""
+        found = hashlib.sha256(np.ascontiguousarray(self.index).tobytes())
+        for one in self.recordings:
+            found.update(f"{one.key} {one.sensor} {one.frames.shape}".encode())
+            found.update(one.frames.read([len(one.frames) // 2]).tobytes())
+            if one.no_contact is not None:
+                found.update(one.no_contact.read([0]).tobytes())
+        return found.hexdigest()
+
+
+def open_source(data: Mapping[str, Any], sides: tuple[str, ...], clip: Clip) -> Source:
+    """Opens the data of a task.
+
+    Args:
+        data: See `suite.Task`.
+        sides: Sides of the data set to read.
+        clip: Where clips are cut.
+
+    Raises:
+        DataNotFoundError: Data is missing; says what to download.
+        DataError: Recordings cannot be opened; or nothing can be cut.
+        ConfigError: The node does not fit.
+    """
+    dataset: Dataset = registry.build("datasets", _node(data))
+    recordings: list[Recording] = []
+    of: list[str] = []
+    for side in sides:
+        found = list(dataset.recordings(side))
+        recordings += found
+        of += [side] * len(found)
+    if dataset.skipped:
+        raise DataError(
+            f"{len(dataset.skipped)} recordings cannot be read, and a bench leaves none out; the "
+            f"first: {dataset.skipped[0]}"
+        )
+    if not recordings:
+        raise DataError(f"data {data.get('name') or data.get('preset')}: no recording in {sides}")
+    return Source(recordings, of, clip)
+
+
+def _node(data: Mapping[str, Any]) -> dict[str, Any]:
+    """The plugin's node; that of a preset keeps only the layouts asked for."""
+    node = dict(data)
+    preset = node.pop("preset", None)
+    if preset is None:
+        return node
+    from omegaconf import OmegaConf
+
+    from tactileforge.compose import settings
+
+    layouts = node.pop("layouts", None)
+    words = [f"data.{key}={value}" for key, value in node.items()]
+    config = settings("inspect", [f"data={preset}", *words]).data
+    found: dict[str, Any] = OmegaConf.to_container(config, resolve=True)  # type: ignore[assignment]
+    if layouts is not None:
+        for name in layouts:
+            if name not in found["layouts"]:
+                raise ConfigError(unknown(f"layout of {preset}", name, found["layouts"]))
+        found["layouts"] = {name: found["layouts"][name] for name in layouts}
+    return found
+
+
+def _parts(recording: Recording, count: int) -> list[Recording]:
+    edges = np.linspace(0, len(recording.times), count + 1).round().astype(int)
+    pairs = pairwise(edges.tolist())
+    return [recording.part(start, stop) for start, stop in pairs if stop > start]
+
+
+def _fixed(recordings: list[Recording], ends: list[Any]) -> NDArray[np.int32]:
+    rows = []
+    for number, one in enumerate(recordings):
+        count = len(one.times)
+        places = [
+            round(end * (count - 1)) if isinstance(end, float) else end + count * (end < 0)
+            for end in ends
+        ]
+        rows += [(number, place) for place in dict.fromkeys(places) if 0 <= place < count]
+    if not rows:
+        raise DataError(f"no recording is long enough for clips that end at {ends}")
+    return np.array(rows, np.int32)

@@ -1,0 +1,180 @@
+"""Who trains, who selects, who tests; and the proof that they are not the same."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.bench.tasks.facts import fact, fits
+from tactileforge.bench.tasks.source import Source
+from tactileforge.bench.tasks.suite import Plan, Task
+from tactileforge.bench.tasks.targets import Target
+from tactileforge.errors import ConfigError, DataError
+
+_PART = re.compile(r"\[(\d+):(\d+)\]")
+
+
+@dataclass(frozen=True)
+class Split:
+    """Clips by their use, as places in the clips of a `Target`.
+
+    Attributes:
+        train: int64.
+        validation: int64.
+        test: int64.
+    """
+
+    train: NDArray[np.int64]
+    validation: NDArray[np.int64]
+    test: NDArray[np.int64]
+
+
+def build(task: Task, source: Source, target: Target) -> list[Split]:
+    """The splits of a task: one, or one for each fold.
+
+    Raises:
+        ConfigError: A filter finds nothing, or two uses share a recording.
+        DataError: The labels of a part are all of one class.
+    """
+    plan, of = task.split, source.index[target.clips, 0]
+    numbers = [n for n in sorted(set(of.tolist())) if fits(source, n, plan.only)]
+    if not numbers:
+        raise ConfigError(f"task {task.name}: split.only leaves no recording; change it")
+    stratum = _strata(numbers, of, target)
+    if plan.folds:
+        names = {n: fact(source, n, plan.group) for n in numbers}
+        fold = _folds(names, stratum, plan.folds)
+        tests = [[n for n in numbers if fold[names[n]] == k] for k in range(plan.folds)]
+    else:
+        tests = [[n for n in numbers if fits(source, n, plan.test)]]
+    splits = []
+    for test in tests:
+        rest = [n for n in numbers if n not in set(test) and fits(source, n, plan.train)]
+        validation = _validation(plan, source, rest, stratum)
+        train = [n for n in rest if n not in set(validation)]
+        for name, chosen in (("train", train), ("validation", validation), ("test", test)):
+            if not chosen:
+                raise ConfigError(f"task {task.name}: no recording for {name}; change its split")
+        check(task, source, train, validation, test)
+        places = [np.flatnonzero(np.isin(of, chosen)) for chosen in (train, validation, test)]
+        splits.append(Split(*places))
+    _check_classes(task, target, splits)
+    return splits
+
+
+def names(source: Source, target: Target, places: NDArray[np.int64], fact_name: str) -> list[str]:
+    """The fact of the recording of each clip, by places in the clips of a target."""
+    numbers = source.index[target.clips[places], 0].tolist()
+    known = {number: fact(source, number, fact_name) for number in set(numbers)}
+    return [known[number] for number in numbers]
+
+
+def check(
+    task: Task, source: Source, train: Sequence[int], validation: Sequence[int], test: Sequence[int]
+) -> None:
+    """Raises a ConfigError where two uses share frames, or a fact that has to be unseen."""
+    uses = {"train": train, "validation": validation, "test": test}
+    spans = [
+        (*_span(source.recordings[n].key), use) for use, chosen in uses.items() for n in chosen
+    ]
+    spans.sort()
+    reach: dict[str, tuple[float, str]] = {}
+    for key, start, stop, use in spans:
+        end, before = reach.get(key, (0.0, use))
+        if start < end and use != before:
+            raise ConfigError(
+                f"task {task.name}: recording {key!r} is in {before} and in {use}; correct its "
+                "split, or remove the recording that is there twice"
+            )
+        if stop > end:
+            reach[key] = stop, use
+    for name in task.split.unseen:
+        known = {fact(source, n, name) for n in [*train, *validation]}
+        if both := sorted(known & {fact(source, n, name) for n in test}):
+            raise ConfigError(
+                f"task {task.name}: {name} {both[0]!r} is to be unseen, but is in training and in "
+                "test; correct its split"
+            )
+
+
+def _span(key: str) -> tuple[str, float, float]:
+    """A recording without its parts, and the frames of it."""
+    start, stop = 0, float("inf")
+    for part in _PART.finditer(key):
+        start, stop = start + int(part[1]), start + int(part[2])
+    return _PART.sub("", key), start, stop
+
+
+def _strata(numbers: Sequence[int], of: NDArray[np.int64], target: Target) -> dict[int, int]:
+    """The class of each recording all of whose clips have the same; else -1."""
+    names = target.names
+    if names is None:
+        return dict.fromkeys(numbers, -1)
+    found = {}
+    for number in numbers:
+        classes = set(names[of == number].tolist())
+        found[number] = classes.pop() if len(classes) == 1 else -1
+    return found
+
+
+def _ordered(names: Mapping[int, str], stratum: Mapping[int, int]) -> dict[int, list[str]]:
+    """Groups by stratum, in an order that only their names decide."""
+    strata: dict[str, set[int]] = {}
+    for number, name in names.items():
+        strata.setdefault(name, set()).add(stratum[number])
+    found: dict[int, list[str]] = {}
+    for name in sorted(strata, key=lambda name: hashlib.sha256(name.encode()).digest()):
+        only = strata[name].pop() if len(strata[name]) == 1 else -1
+        found.setdefault(only, []).append(name)
+    return dict(sorted(found.items()))
+
+
+def _folds(names: Mapping[int, str], stratum: Mapping[int, int], folds: int) -> dict[str, int]:
+    """Deals groups to folds, stratum by stratum."""
+    dealt = [name for group in _ordered(names, stratum).values() for name in group]
+    if len(dealt) < folds:
+        raise ConfigError(f"{folds} folds of {len(dealt)} groups; give split.folds fewer")
+    return {name: i % folds for i, name in enumerate(dealt)}
+
+
+def _validation(
+    plan: Plan, source: Source, rest: Sequence[int], stratum: Mapping[int, int]
+) -> list[int]:
+    chosen = dict(plan.validation)
+    share = chosen.pop("share", None)
+    if share is None:
+        return [n for n in rest if fits(source, n, chosen)]
+    group = str(chosen.pop("group", "recording"))
+    if chosen:
+        raise ConfigError(f"split.validation: share goes with group alone, not {sorted(chosen)}")
+    names = {n: fact(source, n, group) for n in rest}
+    taken: set[str] = set()
+    groups = list(_ordered(names, stratum).values())
+    for found in groups:
+        taken.update(found[: int(share * len(found) + 0.5)])
+    if not taken and groups and len(names) > 1:
+        taken.add(max(groups, key=len)[0])
+    return [n for n in rest if names[n] in taken]
+
+
+def _check_classes(task: Task, target: Target, splits: Sequence[Split]) -> None:
+    for name, part in target.parts.items():
+        if part.kind != "classes":
+            continue
+        for use in ("train", "test"):
+            rows = [getattr(split, use) for split in splits]
+            if use == "test":
+                rows = [np.concatenate(rows)]
+            for places in rows:
+                for column in part.truth[places].T:
+                    if len(column.unique()) < 2:
+                        only = part.names[int(column[0])]
+                        raise DataError(
+                            f"task {task.name}: all {len(column)} clips for {use} are "
+                            f"{name} {only!r}; a probe cannot be measured on one class"
+                        )

@@ -1,0 +1,294 @@
+"""What clips are to predict: labels of recordings become numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from tactileforge.bench.tasks import contact
+from tactileforge.bench.tasks.facts import fits
+from tactileforge.bench.tasks.source import Source
+from tactileforge.bench.tasks.suite import Task
+from tactileforge.contracts import ACTIONS, Recording
+from tactileforge.data.labels.augment import flip_labels
+from tactileforge.errors import ConfigError, DataError, unknown
+from tactileforge.sensors.specs import spec
+
+#: Edges of the classes of motion in Sparsh's pose task: mm and degrees.
+_SHIFTS = (-5.0, -2.0, -1.0, -0.5, -0.1, 0.1, 0.5, 1.0, 2.0, 5.0)
+_TURNS = (-2.0, -1.0, -0.5, -0.2, -0.03, 0.03, 0.2, 0.5, 1.0, 2.0)
+#: Share of the friction cone from which a simulated touch slips, and the least normal force, N.
+_CONE, _TOUCH_N = 0.95, 0.1
+_NUMBERS = "numbers:"
+
+
+@dataclass(frozen=True)
+class Part:
+    """One thing that is predicted.
+
+    Attributes:
+        kind: ``classes``, ``force`` (N), ``place`` (shares of the width of the image), or
+            ``numbers``.
+        truth: float32 (n, columns); class indices where it is classes.
+        scale: float32 (n, columns), what counts as 1; ones for classes.
+        names: Classes, or axes.
+    """
+
+    kind: str
+    truth: Tensor
+    scale: Tensor
+    names: tuple[str, ...]
+
+    @property
+    def outputs(self) -> int:
+        """Numbers that a probe gives for it."""
+        columns = self.truth.shape[1]
+        return columns * len(self.names) if self.kind == "classes" else columns
+
+    @property
+    def normalised(self) -> Tensor:
+        """The truth as a probe learns it."""
+        return self.truth / self.scale
+
+    def flipped(self, horizontal: bool, vertical: bool) -> Part:
+        """The truth of mirrored clips."""
+        if not (horizontal or vertical):
+            return self
+        if self.kind in ("place", "numbers"):
+            raise ConfigError("flips: a place in the image is not mirrored; set flips: false")
+        count = len(self.truth)
+        batch = {"action": torch.full((count,), -1), "force": torch.zeros(count, 1, 3)}
+        if self.kind == "force":
+            batch["force"] = self.truth[:, None].clone()
+        elif self.names == ACTIONS:
+            batch["action"] = self.truth[:, 0].long()
+        flip_labels(batch, torch.full((count,), horizontal), torch.full((count,), vertical))
+        if self.kind == "force":
+            return replace(self, truth=batch["force"][:, 0])
+        return (
+            replace(self, truth=batch["action"][:, None].float()) if self.names == ACTIONS else self
+        )
+
+
+@dataclass(frozen=True)
+class Target:
+    """What the clips of a source are to predict.
+
+    Attributes:
+        parts: By name; all have the same length.
+        clips: int64 (n,), the clips of the source that have a label.
+    """
+
+    parts: dict[str, Part]
+    clips: NDArray[np.int64]
+
+    @property
+    def names(self) -> NDArray[np.int64] | None:
+        """int64 (n,), the class of each clip where there is one column of classes first."""
+        part = next(iter(self.parts.values()))
+        if part.kind != "classes" or part.truth.shape[1] != 1:
+            return None
+        found: NDArray[np.int64] = part.truth[:, 0].long().numpy()
+        return found
+
+
+def build(task: Task, source: Source) -> Target:
+    """The target of a task on a source.
+
+    Raises:
+        ConfigError: An unknown target.
+        DataError: No clip has the label.
+    """
+    if task.target.startswith("label:"):
+        parts = {"class": _classes(source, lambda r, *_: _label(r, task.target[6:]))}
+    elif task.target.startswith(_NUMBERS):
+        parts = {"numbers": _numbers(source, task.target.removeprefix(_NUMBERS).split("+"))}
+    elif task.target in TARGETS:
+        parts = TARGETS[task.target](task, source)
+    else:
+        raise ConfigError(
+            unknown(
+                f"target of task {task.name}",
+                task.target,
+                [*TARGETS, "label:NAME", "numbers:NAME+NAME"],
+            )
+        )
+    good = torch.stack([part.truth.isfinite().all(1) for part in parts.values()]).all(0)
+    clips = good.nonzero()[:, 0]
+    if not len(clips):
+        raise DataError(
+            f"task {task.name}: no clip of the data has the label {task.target!r}{_partial(parts)}"
+        )
+    kept = {
+        name: replace(part, truth=part.truth[clips], scale=part.scale[clips])
+        for name, part in parts.items()
+    }
+    return Target({name: _clamped(part, task.clamp) for name, part in kept.items()}, clips.numpy())
+
+
+def _partial(parts: dict[str, Part]) -> str:
+    """Which axes of a force are known, where some are, and clips with all of them are none."""
+    for part in parts.values():
+        known = part.truth.isfinite().any(0).tolist()
+        if part.kind == "force" and any(known):
+            told = [name for name, there in zip(part.names, known, strict=True) if there]
+            return (
+                f" along all of {', '.join(part.names)} (it has {', '.join(told)}); a benchmark of "
+                "forces needs all axes in one clip"
+            )
+    return ""
+
+
+def _clamped(part: Part, limit: float) -> Part:
+    if not limit or part.kind != "force":
+        return part
+    return replace(part, truth=part.normalised.clamp(-limit, limit) * part.scale)
+
+
+def _each(source: Source, value: Callable[[Recording, int, int], object]) -> list[object]:
+    """A value for each clip, of its recording, first and last frame."""
+    return [
+        value(source.recordings[number], first, last)
+        for (number, last), first in zip(source.index.tolist(), source.first.tolist(), strict=True)
+    ]
+
+
+def _classes(
+    source: Source,
+    value: Callable[[Recording, int, int], str | None],
+    names: tuple[str, ...] = (),
+) -> Part:
+    found = _each(source, value)
+    known = names or tuple(sorted({str(one) for one in found if one is not None}))
+    place = {name: i for i, name in enumerate(known)}
+    truth = torch.tensor([[place[str(one)] if one is not None else torch.nan] for one in found])
+    return Part("classes", truth.float(), torch.ones(len(found), 1), known)
+
+
+def _label(recording: Recording, name: str) -> str | None:
+    value = recording.labels.get(name)
+    if value is None or isinstance(value, str):
+        return value or None
+    return f"{value:g}"
+
+
+def _scale(task: Task, source: Source) -> Tensor:
+    rows = [task.scale or spec(source.recordings[n].sensor).force_scale for n in source.index[:, 0]]
+    return torch.tensor(rows, dtype=torch.float32)
+
+
+def _newton(task: Task, source: Source, change: bool) -> Part:
+    def value(recording: Recording, first: int, last: int) -> NDArray[np.float32]:
+        force = recording.force
+        if force is None:
+            return np.full(3, np.nan, np.float32)
+        found: NDArray[np.float32] = force[last] - force[first] if change else force[last]
+        return found
+
+    truth = np.array(_each(source, value), np.float32).reshape(-1, 3)
+    return Part("force", torch.from_numpy(truth), _scale(task, source), ("x", "y", "z"))
+
+
+def _slips(recording: Recording, first: int, last: int) -> str | None:
+    """As labelled; in simulation whether shear has reached the friction cone."""
+    slip = recording.tracks.get("slip")
+    if slip is not None:
+        return ("stick", "slip")[int(slip[last] > 0)]
+    grip, force = recording.labels.get("grip"), recording.force
+    if grip is None or force is None:
+        return None
+    from tactileforge.sim.mechanics.sensor_gels import device
+
+    x, y, z = (float(value) for value in force[last])
+    bound = device(recording.sensor).touched(float(grip)).friction * z
+    return ("stick", "slip")[int(z > _TOUCH_N and np.hypot(x, y) >= _CONE * bound)]
+
+
+def _action(recording: Recording, first: int, last: int) -> str | None:
+    shown = recording.action
+    if shown is None or shown[last] < 0 or shown[first] != shown[last]:
+        return None
+    return ACTIONS[shown[last]]
+
+
+def _pose(task: Task, source: Source) -> dict[str, Part]:
+    def value(recording: Recording, first: int, last: int) -> list[float]:
+        pose = recording.tracks.get("relative_pose")
+        if pose is None:
+            return [np.nan] * 3
+        turn = np.degrees(np.arctan2(pose[last, 1, 0], pose[last, 0, 0]))
+        shifts = pose[last, :2, 3] * 1000  # metres
+        return [*np.searchsorted(_SHIFTS, shifts), np.searchsorted(_TURNS, turn)]
+
+    truth = torch.tensor(np.array(_each(source, value), np.float32).reshape(-1, 3))
+    names = tuple(map(str, range(len(_SHIFTS) + 1)))
+    return {"pose": Part("classes", truth, torch.ones_like(truth), names)}
+
+
+def _place(task: Task, source: Source) -> dict[str, Part]:
+    def value(recording: Recording, first: int, last: int) -> list[float]:
+        place = [recording.labels.get(f"center_{axis}_px", np.nan) for axis in "xy"]
+        return [float(one) / recording.frames.shape[1] for one in place]
+
+    truth = torch.tensor(np.array(_each(source, value), np.float32).reshape(-1, 2))
+    return {"place": Part("place", truth, torch.ones_like(truth), ("x", "y"))}
+
+
+def _numbers(source: Source, columns: list[str]) -> Part:
+    """Labels as numbers; ``_px`` in a name stands for pixels, which are counted in widths."""
+
+    def value(recording: Recording, first: int, last: int) -> list[float]:
+        found = [float(recording.labels.get(name, np.nan)) for name in columns]
+        width = recording.frames.shape[1]
+        return [x / width if "_px" in n else x for x, n in zip(found, columns, strict=True)]
+
+    truth = torch.tensor(np.array(_each(source, value), np.float32).reshape(-1, len(columns)))
+    return Part("numbers", truth, torch.ones_like(truth), tuple(columns))
+
+
+def _time(task: Task, source: Source) -> dict[str, Part]:
+    """Seconds since the first frame of the whole recording."""
+    seconds = _each(source, lambda recording, first, last: recording.times[last])
+    truth = torch.tensor(np.array(seconds, np.float32))[:, None]
+    return {"time": Part("numbers", truth, torch.ones_like(truth), ("time",))}
+
+
+def _losing(task: Task, source: Source) -> dict[str, Part]:
+    """Whether a grasped object is held, or about to be lost; recordings that are used alone."""
+    held = {
+        number: contact.held(contact.energy(one))
+        for number, one in enumerate(source.recordings)
+        if fits(source, number, task.split.only)
+    }
+    states = iter(
+        contact.state(held.get(number), last, source.recordings[number].times)
+        for number, last in source.index.tolist()
+    )
+    return {"losing": _classes(source, lambda *_: next(states), ("held", "losing"))}
+
+
+def _slip(task: Task, source: Source) -> dict[str, Part]:
+    return {
+        "slip": _classes(source, _slips, ("stick", "slip")),
+        "delta_force": _newton(task, source, change=True),
+    }
+
+
+#: Target by name, besides ``label:NAME``, the class that a label of the recording names, and
+#: ``numbers:NAME+NAME``, labels as numbers.
+TARGETS: dict[str, Callable[[Task, Source], dict[str, Part]]] = {
+    "force": lambda task, source: {"force": _newton(task, source, change=False)},
+    "delta_force": lambda task, source: {"delta_force": _newton(task, source, change=True)},
+    "slip": _slip,
+    "action": lambda _, source: {"action": _classes(source, _action, ACTIONS)},
+    "object": lambda _, source: {"object": _classes(source, lambda r, *_: r.object)},
+    "place": _place,
+    "pose": _pose,
+    "time": _time,
+    "losing": _losing,
+}

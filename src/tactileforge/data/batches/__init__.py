@@ -1,0 +1,1 @@
+"""From recordings to batches: sources, clips, pairs and streams."""

@@ -1,0 +1,293 @@
+"""Recordings to clips: an index of what can be cut, and the cutting."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import OrderedDict
+from collections.abc import Iterable, Sequence
+from typing import Any, TypeAlias
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch.utils.data import Dataset
+
+from tactileforge.contracts import NEUTRAL_BACKGROUND, Batch, Frames, Recording
+from tactileforge.data.labels import displacement
+from tactileforge.data.labels.align import nearest
+from tactileforge.errors import ConfigError, DataError
+from tactileforge.sensors.specs import spec
+
+#: What could not be read: by its name, a line that says why, and how many recordings it costs.
+Skipped: TypeAlias = dict[str, tuple[str, int]]
+#: Recordings that may fail one after another before reading gives up.
+_MAX_FAILURES = 20
+#: Height and width of images of the surface's displacement.
+SURFACE = (32, 32)
+#: Frames that shrink at least this much are averaged; below, bilinear interpolation sees all pixels
+#: and is six times as fast.
+_AVERAGE = 1.5
+
+
+class Clips(Dataset[dict[str, Any]]):
+    """Every clip that can be cut from some recordings.
+
+    A clip is cut by time: ``frames`` frames, ``spacing`` seconds apart, rounded to whole frames of
+    the recording (every second frame at 30 Hz and every frame at 18 Hz for 1/15 s). Clips that
+    would span a gap in time are left out. Where a recording is shorter than a clip, its first frame
+    is repeated.
+
+    The index is two integers a clip; frames are read, resized to ``size`` and kept in a cache of
+    bounded size, so memory does not grow with the number of recordings.
+
+    Args:
+        recordings: What to cut.
+        frames: Frames of a clip.
+        spacing: Seconds between them.
+        hop: Seconds between the ends of neighbouring clips; at least one frame.
+        size: Height and width the frames are resized to.
+        image_size: Height and width the camera view is resized to.
+        cache_mb: Megabytes of resized frames kept in each process.
+
+    Attributes:
+        recordings: What is cut.
+        scales: Newton along x, y and z that count as 1, by sensor.
+        strides: int32, of each recording: its frames from one frame of a clip to the next.
+
+    Raises:
+        ConfigError: A recording names an unknown sensor.
+        DataError: There is nothing to cut.
+    """
+
+    def __init__(
+        self,
+        recordings: Iterable[Recording],
+        frames: int,
+        spacing: float,
+        hop: float,
+        size: tuple[int, int],
+        image_size: int = 96,
+        cache_mb: float = 512,
+    ) -> None:
+        self.recordings = list(recordings)
+        self.frames = frames
+        self.size = size
+        self.image_size = image_size
+        self.scales = {name: spec(name).force_scale for name in self.sensors}
+        self._cache = _Cache(int(cache_mb * 2**20))
+        self.strides = np.zeros(len(self.recordings), np.int32)
+        ends = []
+        for i, recording in enumerate(self.recordings):
+            self.strides[i], rows = _ends(recording.times, frames, spacing, hop)
+            ends.append(np.stack([np.full(len(rows), i), rows], axis=1))
+        self.index = np.concatenate(ends).astype(np.int32) if ends else np.zeros((0, 2), np.int32)
+        if not len(self.index):
+            raise DataError("the data set has no recording from which a clip can be cut")
+
+    @property
+    def sensors(self) -> list[str]:
+        """Names of the sensors, sorted."""
+        return sorted({recording.sensor for recording in self.recordings})
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+    def rows(self, clip: int) -> NDArray[np.int64]:
+        """Frame numbers of a clip, oldest first, within its recording."""
+        recording, end = self.index[clip]
+        steps = np.arange(self.frames - 1, -1, -1) * self.strides[recording]
+        rows: NDArray[np.int64] = np.maximum(end - steps, 0).astype(np.int64)
+        return rows
+
+    def labels(self) -> tuple[NDArray[np.int64], NDArray[np.str_], NDArray[np.int64]]:
+        """Object, sensor and action of every clip, (n,) each; -1 unknown. Decodes nothing."""
+        objects = np.array([object_id(r.object) for r in self.recordings])
+        sensor = np.array([r.sensor for r in self.recordings])
+        action = np.array([self._action(clip) for clip in range(len(self))])
+        which = self.index[:, 0]
+        return objects[which], sensor[which], action
+
+    def _action(self, clip: int) -> int:
+        action = self.recordings[self.index[clip, 0]].action
+        if action is None:
+            return -1
+        shown = action[self.rows(clip)]
+        return int(shown[-1]) if (shown == shown[-1]).all() else -1
+
+    def __getitem__(self, item: int | tuple[int, int]) -> dict[str, Any]:
+        """One clip; where its recording cannot be read, one of the next recording that can.
+
+        Args:
+            item: The clip, or the clip and its matching group.
+
+        Returns:
+            One row of a batch (see `tactileforge.contracts`); for ``skipped`` see `Skipped`.
+
+        Raises:
+            DataError: Many recordings in a row cannot be read.
+        """
+        clip, group = item if isinstance(item, tuple) else (item, -1)
+        skipped: Skipped = {}
+        for _ in range(_MAX_FAILURES):
+            try:
+                return self._read(clip, group) | {"skipped": skipped}
+            except DataError as error:
+                broken = self.recordings[self.index[clip, 0]].key
+                skipped[broken] = str(error), 1
+                following = np.searchsorted(self.index[:, 0], self.index[clip, 0], side="right")
+                clip, group = int(following) % len(self), -1
+        first, _ = next(iter(skipped.values()))
+        raise DataError(f"{_MAX_FAILURES} recordings in a row cannot be read; first: {first}")
+
+    def _read(self, clip: int, group: int) -> dict[str, Any]:
+        number = int(self.index[clip, 0])
+        recording, rows = self.recordings[number], self.rows(clip)
+        force = np.full((self.frames, 3), np.nan, np.float32)
+        if recording.force is not None:
+            force = recording.force[rows]
+        height, width = self.image_size, self.image_size
+        image = np.zeros((height, width, 3), np.uint8)
+        if recording.image is not None:
+            row = _view(recording, int(rows[-1]))
+            image = self._frames(("image", number), recording.image, [row], (height, width))[0]
+        surface = np.full((self.frames, *SURFACE, 3), displacement.NONE, np.uint8)
+        if recording.surface is not None:
+            surface = self._frames(("surface", number), recording.surface, rows.tolist(), SURFACE)
+        return {
+            "frames": _tensor(
+                self._frames(("touch", number), recording.frames, rows.tolist(), self.size)
+            ),
+            "background": _tensor(self._background(number)),
+            "sensor": recording.sensor,
+            "force": torch.from_numpy(np.nan_to_num(force)),
+            "force_valid": torch.from_numpy(np.isfinite(force).all(axis=0)),
+            "force_scale": torch.tensor(self.scales[recording.sensor]),
+            "action": self._action(clip),
+            "object": object_id(recording.object),
+            "text": recording.text or "",
+            "image": _tensor(image),
+            "image_valid": recording.image is not None,
+            "surface": _tensor(surface),
+            "surface_valid": recording.surface is not None,
+            "group": group,
+            "clip": clip,
+        }
+
+    def _background(self, number: int) -> NDArray[np.uint8]:
+        recording = self.recordings[number]
+        found = self._cache.get(("background", number))
+        if found is None:
+            if recording.no_contact is None:
+                found = np.full((*self.size, 3), NEUTRAL_BACKGROUND, np.uint8)
+            else:
+                if recording.no_contact.shape != recording.frames.shape:
+                    raise DataError(
+                        f"{recording.key}: the background is {recording.no_contact.shape}, the "
+                        f"frames are {recording.frames.shape}; give a background of the same size"
+                    )
+                still = recording.no_contact.read(range(len(recording.no_contact)))
+                one = still[0] if len(still) == 1 else np.median(still, axis=0).astype(np.uint8)
+                found = resized(one, self.size)
+            self._cache.put(("background", number), found)
+        return found
+
+    def _frames(
+        self, key: tuple[str, int], frames: Frames, rows: Sequence[int], size: tuple[int, int]
+    ) -> NDArray[np.uint8]:
+        found = {row: self._cache.get((*key, row)) for row in rows}
+        missing = [row for row, frame in found.items() if frame is None]
+        if missing:
+            for row, frame in zip(missing, frames.read(missing), strict=True):
+                found[row] = small = resized(frame, size)
+                self._cache.put((*key, row), small)
+        return np.stack([found[row] for row in rows])  # type: ignore[misc]
+
+
+class _Cache:
+    """The arrays used last, up to a number of bytes."""
+
+    def __init__(self, limit: int) -> None:
+        self.limit = limit
+        self.size = 0
+        self.items: OrderedDict[Any, NDArray[np.uint8]] = OrderedDict()
+
+    def get(self, key: Any) -> NDArray[np.uint8] | None:
+        if key in self.items:
+            self.items.move_to_end(key)
+            return self.items[key]
+        return None
+
+    def put(self, key: Any, array: NDArray[np.uint8]) -> None:
+        self.items[key] = array
+        self.size += array.nbytes
+        while self.size > self.limit and self.items:
+            self.size -= self.items.popitem(last=False)[1].nbytes
+
+
+def _ends(
+    times: NDArray[np.float64], frames: int, spacing: float, hop: float
+) -> tuple[int, NDArray[np.int64]]:
+    """Stride in frames, and the last frames of the clips that can be cut."""
+    if len(times) == 1:
+        return 1, np.zeros(1, np.int64)
+    period = float(np.median(np.diff(times)))
+    if period <= 0:
+        raise ConfigError("the times of a recording do not increase")
+    stride = max(1, round(spacing / period))
+    span = (frames - 1) * stride
+    first = min(span, len(times) - 1)
+    ends = np.arange(first, len(times), max(1, round(hop / period)))
+    long = times[ends] - times[np.maximum(ends - span, 0)]
+    return stride, ends[long < (span + stride) * period]
+
+
+def _view(recording: Recording, row: int) -> int:
+    """Which camera view belongs to a frame."""
+    assert recording.image is not None
+    if recording.image_times is None:
+        return row * len(recording.image) // len(recording.frames)
+    return int(nearest(recording.image_times, recording.times[row : row + 1])[0])
+
+
+def object_id(name: str | None) -> int:
+    """A number that stands for an object wherever it is met; -1 for none."""
+    if name is None:
+        return -1
+    digest = hashlib.blake2b(name.encode("utf-8", "surrogatepass"), digest_size=8).digest()
+    return int.from_bytes(digest, "big") >> 1
+
+
+def resized(frame: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
+    """A picture (H, W, 3) of another size, the way a model is shown those it is trained on."""
+    if frame.shape[:2] == size:
+        return np.ascontiguousarray(frame)
+    shrinks = min(frame.shape[0] / size[0], frame.shape[1] / size[1]) >= 1
+    much = max(frame.shape[0] / size[0], frame.shape[1] / size[1]) >= _AVERAGE
+    how = cv2.INTER_AREA if shrinks and much else cv2.INTER_LINEAR
+    out: NDArray[np.uint8] = cv2.resize(frame, size[::-1], interpolation=how)
+    return out
+
+
+def _tensor(array: NDArray[np.uint8]) -> torch.Tensor:
+    """(..., H, W, 3) to (..., 3, H, W)."""
+    return torch.from_numpy(np.moveaxis(array, -1, -3))
+
+
+def collate(rows: Sequence[dict[str, Any]]) -> Batch:
+    """Rows of `Clips` to a batch: tensors are stacked, numbers become tensors, names stay lists."""
+    batch: Batch = {}
+    for key, first in rows[0].items():
+        values = [row[key] for row in rows]
+        if isinstance(first, torch.Tensor) and first.dtype == torch.uint8:
+            # pictures keep the order they have in memory, channels last: no transposition here
+            batch[key] = torch.stack([v.movedim(-3, -1) for v in values]).movedim(-1, -3)
+        elif isinstance(first, torch.Tensor):
+            batch[key] = torch.stack(values)
+        elif isinstance(first, str):
+            batch[key] = values
+        elif isinstance(first, dict):
+            batch[key] = {name: what for each in values for name, what in each.items()}
+        else:
+            batch[key] = torch.tensor(values)
+    return batch

@@ -1,0 +1,303 @@
+"""Everything between a data set and the batches of a run."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Mapping, Sequence
+from functools import partial
+from itertools import chain
+from typing import Any, TypeVar
+
+import cv2
+import lightning as L
+import torch
+from torch.utils.data import DataLoader
+
+from tactileforge.contracts import Batch, Dataset, Recording
+from tactileforge.data.batches.clips import Clips, Skipped
+from tactileforge.data.batches.pairs import Pairs
+from tactileforge.data.batches.sources import Source, sources_of
+from tactileforge.data.batches.stream import (
+    Numbers,
+    Reader,
+    Stream,
+    Whole,
+    Windows,
+    estimate,
+    portions,
+)
+from tactileforge.data.shards.summary import Summary
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError
+
+T = TypeVar("T")
+
+#: Recordings of a large source that checks and the report look at.
+_SAMPLE = 256
+
+
+class Loader(DataLoader[Batch]):
+    """A loader that a run can resume from at any step.
+
+    Its place is that of the run (see `stream.Numbers`); what it keeps is what may not change in
+    between.
+    """
+
+    def state_dict(self) -> dict[str, Any]:
+        """What the batches depend on."""
+        stream = self.dataset
+        assert isinstance(stream, Stream)
+        state = {
+            "clips": [round(track.size) for track in stream.tracks],
+            "clips of a batch": [2 * stream.couples, *(track.count for track in stream.tracks)],
+            "seed": stream.seed,
+            "processes": stream.reader.world,
+        }
+        if any(track.windowed for track in stream.tracks):
+            state["workers"] = stream.reader.workers
+        return state
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Checks that nothing has changed.
+
+        Raises:
+            ConfigError: Names what has, and both values.
+        """
+        for key, now in self.state_dict().items():
+            if state.get(key) != now:
+                raise ConfigError(
+                    f"resume: {key} was {state.get(key)} and is {now}; a resumed run goes on with "
+                    "the same data, batches, workers and processes (init= starts a new run from "
+                    "its weights)"
+                )
+
+
+class TouchData(L.LightningDataModule):
+    """Clips of a data set, in batches.
+
+    Args:
+        dataset: A data set plugin.
+        frames: Frames of a clip.
+        size: Height and width of the encoder's input.
+        batch_size: Clips of a batch, on one process.
+        spacing: Seconds between the frames of a clip.
+        hop: Seconds between the ends of neighbouring clips.
+        match: Share of a batch that is drawn in pairs for matching; 0 if no objective matches.
+        shares: Least share of the rest that is from sources with a label, by label.
+        window: Recordings of a source that a reader holds; a source of no more is sampled as a
+            whole.
+        workers: Processes that read.
+        cache_mb: Megabytes of frames kept in memory, over all readers.
+        max_bad: Share of the recordings that may be unreadable; one always may.
+        seed: Seed of the run.
+    """
+
+    def __init__(
+        self,
+        dataset: Dataset,
+        frames: int,
+        size: tuple[int, int],
+        batch_size: int = 64,
+        spacing: float = 1 / 15,
+        hop: float = 0.2,
+        match: float = 0.25,
+        shares: Mapping[str, float] | None = None,
+        window: int = 1024,
+        workers: int = 2,
+        cache_mb: float = 1024,
+        max_bad: float = 0.01,
+        seed: int = 0,
+    ) -> None:
+        super().__init__()
+        self.dataset = dataset
+        self.hop = hop
+        self._cut = partial(Clips, frames=frames, spacing=spacing, hop=hop, size=size)
+        self.batch_size = batch_size
+        self.match = match
+        self.shares = {label: share for label, share in (shares or {}).items() if share}
+        self.window = window
+        self.workers = workers
+        self.cache_mb = cache_mb / max(1, workers)
+        self.max_bad = max_bad
+        self.seed = seed
+        self.sources: dict[str, list[Source]] = {}
+        self.train: Clips | None = None
+        self.val: Clips | None = None
+        self._whole: dict[int, Clips] = {}
+        self._bad: Skipped = {}
+
+    @property
+    def skipped(self) -> Skipped:
+        """What could not be indexed."""
+        return {line: (line, 1) for line in self.dataset.skipped} | self._bad
+
+    @property
+    def allowed(self) -> int:
+        """How many recordings may be unreadable before a run stops."""
+        total = sum(self.summary(split).recordings for split in self.sources)
+        return max(1, int(self.max_bad * total))
+
+    def summary(self, split: str) -> Summary:
+        """What a split holds."""
+        found = Summary()
+        for source in self.sources.get(split, ()):
+            found.merge(source.summary)
+        return found
+
+    def setup(self, stage: str = "fit") -> None:
+        """Indexes the recordings; decodes nothing.
+
+        Raises:
+            DataError: No training clip can be cut; see also `contracts.Dataset.recordings`.
+            ConfigError: Pairs are asked for, and the data has none.
+        """
+        if self.train is not None:
+            return
+        self.sources = {split: sources_of(self.dataset, split) for split in ("train", "val")}
+        if not self.sources["train"]:
+            raise DataNotFoundError("the data set has no recording for training")
+        sample: list[Recording] = []
+        for number, source in enumerate(self.sources["train"]):
+            is_whole = len(source.parts) == 1 or source.summary.recordings <= self.window
+            found = source.open(_first(source, None if is_whole else _SAMPLE), self._note)
+            sample += found
+            if is_whole:
+                self._whole[number] = self._clips(found)
+        alone = len(self.sources["train"]) == 1 and self._whole
+        self.train = self._whole[0] if alone else self._clips(sample)
+        if self.match and not Pairs(*self.train.labels()):
+            raise ConfigError(
+                "matching needs two objects, one of them touched by two sensors, or two actions, "
+                "each shown twice; the data has neither. Leave match out of objective=[...]"
+            )
+        held_out = [
+            source.open(_first(source, self.window), self._note) for source in self.sources["val"]
+        ]
+        if any(held_out):
+            self.val = self._clips(list(chain.from_iterable(held_out)))
+
+    def check(self, key: str, needs: frozenset[str]) -> None:
+        """Whether the training clips carry what an objective needs.
+
+        Args:
+            key: Name of the objective.
+            needs: Labels; ``"a|b"`` asks for one of the two.
+
+        Raises:
+            ConfigError: Names what is missing and what there is.
+        """
+        provides = self.summary("train").labels if self.sources else self.dataset.provides
+        for need in sorted(needs):
+            if not provides & set(need.split("|")):
+                raise ConfigError(
+                    f"objective {key!r} needs {need.replace('|', ' or ')}, which the data does not "
+                    f"have (it has: {', '.join(sorted(provides)) or 'frames only'}). Leave the "
+                    f"objective out (objective=[...] without {key}), or use data that has it"
+                )
+
+    def stream(self, rank: int = 0, world: int = 1, accumulate: int = 1) -> Stream:
+        """The training batches of one process.
+
+        Args:
+            rank: The process.
+            world: Number of processes.
+            accumulate: An epoch is a multiple of so many batches.
+
+        Raises:
+            ConfigError: The batch cannot be shared out among the sources.
+        """
+        if self.train is None:
+            raise DataError("setup() has not been called")
+        sources, hop = self.sources["train"], self.hop
+        sizes = [
+            len(self._whole[i])
+            if i in self._whole
+            else sum(estimate(part.recordings, part.seconds, hop) for part in source.parts)
+            for i, source in enumerate(sources)
+        ]
+        couples = round(self.match * self.batch_size / 2)
+        weighed = [
+            (source.name, size if source.weight is None else source.weight, source.summary.labels)
+            for source, size in zip(sources, sizes, strict=True)
+        ]
+        plain = self.batch_size - 2 * couples
+        counts = portions(plain, weighed, self.shares)
+        tracks: list[Whole | Windows] = []
+        for i, (source, count) in enumerate(zip(sources, counts, strict=True)):
+            # the only source takes the seed of the run, others have their own
+            seed = [self.seed] if len(sources) == 1 else [self.seed, 2, i]
+            if i in self._whole:
+                tracks.append(Whole(self._whole[i], count, seed))
+            else:
+                cut = partial(self._cut, cache_mb=self.cache_mb / len(sources))
+                tracks.append(Windows(source, cut, count, seed, self.window, hop))
+        workers = max(1, self.workers)
+        multiple = accumulate
+        if len(self._whole) < len(sources):  # a reader then keeps its worker from epoch to epoch
+            multiple *= workers
+        length = int(sum(sizes)) // (max(1, plain) * world) // multiple * multiple
+        reader = Reader(rank, world, workers)
+        return Stream(tracks, couples, self.seed, reader, max(multiple, length))
+
+    def train_dataloader(self) -> Loader:
+        """Batches from the run's present place to the end of the epoch."""
+        trainer = self.trainer
+        accumulate = trainer.accumulate_grad_batches if trainer else 1
+        stream = self.stream(
+            rank=trainer.global_rank if trainer else 0,
+            world=trainer.world_size if trainer else 1,
+            accumulate=accumulate,
+        )
+        position = lambda: trainer.global_step * accumulate if trainer else 0  # noqa: E731
+        return self._loader(stream, Numbers(len(stream), position))
+
+    def val_dataloader(self) -> Loader | list[Loader]:
+        """The held-out clips, in the same batches each time; [] where the data holds none out."""
+        if self.val is None:
+            return []
+        paired = bool(self.match) and bool(Pairs(*self.val.labels()))
+        couples = round(self.match * self.batch_size / 2) if paired else 0
+        plain = self.batch_size - 2 * couples
+        length = max(1, len(self.val) // max(1, plain))
+        track = Whole(self.val, plain, [self.seed])
+        stream = Stream([track], couples, self.seed, Reader(), length)
+        return self._loader(stream, Numbers(length))
+
+    def _clips(self, recordings: Sequence[Recording]) -> Clips:
+        return self._cut(recordings, cache_mb=self.cache_mb)
+
+    def _note(self, line: str, count: int) -> None:
+        self._bad[line] = line, count
+
+    def _loader(self, stream: Stream, numbers: Numbers) -> Loader:
+        return Loader(
+            stream,
+            batch_size=None,
+            sampler=numbers,
+            collate_fn=_as_it_is,
+            num_workers=self.workers,
+            persistent_workers=self.workers > 0,
+            pin_memory=torch.cuda.is_available(),
+            worker_init_fn=start_worker,
+        )
+
+
+def _first(source: Source, limit: int | None) -> list[int]:
+    """The first parts of a source that together have so many recordings, or all."""
+    chosen: list[int] = []
+    total = 0
+    for number, part in enumerate(source.parts):
+        if limit is not None and total >= limit:
+            break
+        chosen.append(number)
+        total += part.recordings
+    return chosen
+
+
+def _as_it_is(batch: T) -> T:
+    return batch
+
+
+def start_worker(_: int) -> None:
+    """Ctrl-C reaches every process of a terminal; the run, not its readers, answers it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    cv2.setNumThreads(0)

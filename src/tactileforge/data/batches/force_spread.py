@@ -1,0 +1,42 @@
+"""How much forces vary in the data that a run is trained on."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.data.batches.clips import Clips
+
+#: Least deviation of an axis, as a share of that of the axis that varies most: noise is not blown
+#: up where nothing happens.
+_LEAST = 0.05
+
+
+def force_spread(clips: Clips) -> NDArray[np.float32]:
+    """Standard deviations of force, and of its change between the frames of a clip.
+
+    One pass over the labels, in the order of the recordings, of sources that are read window by
+    window over the recordings that are at hand: it is the same on every rank.
+
+    Args:
+        clips: The clips of training; no picture is read.
+
+    Returns:
+        float32 (2, 3): force and change along x, y and z, in units of the sensors' force scales; 1
+        where nothing is labelled.
+    """
+    moments = np.zeros((2, 3, 3))  # count, sum and sum of squares along each axis
+    for number, recording in enumerate(clips.recordings):
+        if recording.force is None:
+            continue
+        force = recording.force.astype(np.float64) / clips.scales[recording.sensor]
+        step = int(clips.strides[number])
+        for row, values in enumerate((force, force[step:] - force[:-step])):
+            known = np.isfinite(values)
+            values = np.where(known, values, 0.0)
+            moments[row] += np.stack([known.sum(0), values.sum(0), (values**2).sum(0)])
+    count, total, squares = moments.transpose(1, 0, 2)
+    mean = total / count.clip(min=1)
+    spread = np.sqrt((squares / count.clip(min=1) - mean**2).clip(min=0))
+    spread = np.maximum(spread, _LEAST * spread.max(axis=1, keepdims=True))
+    return np.where((count > 0) & (spread > 0), spread, 1.0).astype(np.float32)

@@ -1,0 +1,1 @@
+"""Lazy frames of videos, image files, arrays and archives."""

@@ -1,0 +1,121 @@
+"""Frames that lie as encoded images, or as arrays, in a file of something else."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from io import BytesIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.data.frames.crop import as_text, check_range
+from tactileforge.errors import DataError
+from tactileforge.untrusted import open_picture
+
+_UNREADABLE = (OSError, SyntaxError, TypeError, ValueError)
+
+
+@dataclass(frozen=True, slots=True)
+class Blob:
+    """A byte string that is still in its file.
+
+    Attributes:
+        path: The file.
+        offset: Where it begins.
+        size: Number of bytes.
+    """
+
+    path: str
+    offset: int
+    size: int
+
+    def read(self) -> bytes:
+        """The bytes.
+
+        Raises:
+            DataError: The file has become shorter, or is gone.
+        """
+        try:
+            with open(self.path, "rb") as file:
+                file.seek(self.offset)
+                found = file.read(self.size)
+        except OSError as error:
+            raise DataError(f"{self.path}: cannot be read: {error}") from error
+        if len(found) != self.size:
+            raise DataError(f"{self.path}: has become shorter; download it again")
+        return found
+
+
+class EncodedFrames:
+    """Encoded images, decoded when they are read.
+
+    Args:
+        name: Where they are from, for messages.
+        images: One a frame: a `Blob` or bytes of an image file, or uint8 (H, W, 3).
+        bgr: Whether the channels lie in the order blue, green, red.
+        turns: Quarter turns, counter-clockwise, that put a frame upright.
+
+    Raises:
+        DataError: There is no frame.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        images: Sequence[Blob | bytes | NDArray[np.uint8]],
+        bgr: bool = False,
+        turns: int = 0,
+    ) -> None:
+        if not len(images):
+            raise DataError(f"{name}: a recording without frames; download it again")
+        self.name = name
+        self.images = images
+        self.bgr = bgr
+        self.turns = turns
+
+    def __len__(self) -> int:
+        return len(self.images)
+
+    @cached_property
+    def shape(self) -> tuple[int, int]:
+        """Height and width, those of the first frame."""
+        height, width = self._frame(0).shape[:2]
+        return int(height), int(width)
+
+    def read(self, indices: Sequence[int]) -> NDArray[np.uint8]:
+        """Decodes; see `contracts.Frames.read`."""
+        check_range(indices, len(self), self.name)
+        out = np.empty((len(indices), *self.shape, 3), np.uint8)
+        for place, i in enumerate(indices):
+            frame = self._frame(i)
+            if frame.shape != out.shape[1:]:
+                raise DataError(
+                    f"{self.name}, frame {i}: {as_text(frame.shape[:2])} pixels, where the first "
+                    f"has {as_text(self.shape)}; download it again"
+                )
+            out[place] = frame
+        return out
+
+    def _frame(self, i: int) -> NDArray[np.uint8]:
+        image = self.images[i]
+        if isinstance(image, np.ndarray):
+            if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
+                raise DataError(
+                    f"{self.name}, frame {i}: {image.dtype} {image.shape} is no image; frames are "
+                    "uint8 (H, W, 3)"
+                )
+            frame = image
+        else:
+            raw = image.read() if isinstance(image, Blob) else image
+            try:
+                with open_picture(BytesIO(raw)) as opened:
+                    frame = np.asarray(opened.convert("RGB"))
+            except _UNREADABLE as error:
+                raise DataError(
+                    f"{self.name}, frame {i}: not a readable image ({error}); download it again"
+                ) from error
+        if self.bgr:
+            frame = frame[..., ::-1]
+        return np.rot90(frame, self.turns)

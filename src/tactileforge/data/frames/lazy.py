@@ -1,0 +1,101 @@
+"""Lazy frames of videos, image files and arrays: nothing is decoded before it is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.data.frames.crop import Crop, Cropped, as_text, check_range
+from tactileforge.data.frames.video import VIDEO_SUFFIXES, VideoFrames
+from tactileforge.errors import DataError, DataNotFoundError
+from tactileforge.untrusted import open_picture
+
+__all__ = ["VIDEO_SUFFIXES", "ArrayFrames", "Crop", "ImageFrames", "VideoFrames"]
+
+
+class ImageFrames(Cropped):
+    """Image files, one frame each, of one size.
+
+    Opening reads the headers only.
+
+    Args:
+        paths: The files, oldest first.
+        crop: Left, top, width, height in pixels; None shows everything.
+
+    Raises:
+        DataNotFoundError: A file does not exist.
+        DataError: A file is no 8-bit image, or its size differs from that of the first.
+    """
+
+    def __init__(self, paths: Sequence[str | Path], crop: Crop | None = None) -> None:
+        self.paths = [str(path) for path in paths]
+        if not self.paths:
+            raise DataError("an image sequence without images")
+        sizes = [_image(path, decode=False)[0] for path in self.paths]
+        for path, size in zip(self.paths, sizes, strict=True):
+            if size != sizes[0]:
+                raise DataError(
+                    f"{path} has {as_text(size)} pixels, {self.paths[0]} {as_text(sizes[0])}: "
+                    "frames of one recording have one size; move the file out, or resize it"
+                )
+        super().__init__(self.paths[0], sizes[0], crop)
+
+    def __len__(self) -> int:
+        return len(self.paths)
+
+    def read(self, indices: Sequence[int]) -> NDArray[np.uint8]:
+        """Decodes; see `contracts.Frames.read`."""
+        check_range(indices, len(self), self.paths[0])
+        out = np.empty((len(indices), *self.shape, 3), np.uint8)
+        for place, i in enumerate(indices):
+            size, frame = _image(self.paths[i], decode=True)
+            if size != self.full_shape:
+                raise DataError(f"{self.paths[i]}: its size has changed to {as_text(size)} pixels")
+            out[place] = self._show(frame)
+        return out
+
+
+class ArrayFrames:
+    """Frames that are in memory already.
+
+    Args:
+        array: uint8 (T, H, W, 3), RGB.
+
+    Raises:
+        DataError: The array is not of that type and shape.
+    """
+
+    def __init__(self, array: NDArray[np.uint8]) -> None:
+        if array.dtype != np.uint8 or array.ndim != 4 or array.shape[-1] != 3:
+            raise DataError(f"frames are uint8 (T, H, W, 3), not {array.dtype} {array.shape}")
+        self.array = array
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width."""
+        return int(self.array.shape[1]), int(self.array.shape[2])
+
+    def __len__(self) -> int:
+        return len(self.array)
+
+    def read(self, indices: Sequence[int]) -> NDArray[np.uint8]:
+        """Copies; see `contracts.Frames.read`."""
+        check_range(indices, len(self), "array")
+        return self.array[list(indices)]
+
+
+def _image(path: str, decode: bool) -> tuple[tuple[int, int], NDArray[np.uint8]]:
+    """Height and width of an image file, and its pixels if asked for."""
+    try:
+        with open_picture(path) as image:
+            if image.mode[0] in "IF":
+                raise DataError(f"{path}: {image.mode} pixels; convert it to 8 bits a channel")
+            pixels = np.asarray(image.convert("RGB")) if decode else np.empty(0, np.uint8)
+            return (image.height, image.width), pixels
+    except FileNotFoundError:
+        raise DataNotFoundError(f"{path}: no such file; correct the path") from None
+    except (OSError, SyntaxError, ValueError) as error:
+        raise DataError(f"{path}: not a readable image ({error}); download it again") from error

@@ -1,0 +1,1 @@
+"""Labels of frames: actions, alignment in time, augmentation."""

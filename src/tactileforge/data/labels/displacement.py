@@ -1,0 +1,61 @@
+"""Displacement of a gel's surface as a small image: red, green and blue are x, y and z.
+
+As in drawn taxels, 128 stands for none. The other values follow the square root, so that the weak
+slope around a contact is told from noise, and the deepest dent still fits.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+#: Displacement along x, y and z, mm, that is coded as 255; more is coded as that.
+RANGE_MM = (0.6, 0.6, 2.0)
+#: Value of no displacement.
+NONE = 128
+#: Rows or columns of the image, whichever are fewer.
+SIZE = 32
+
+
+def cells(height: int, width: int) -> tuple[int, int]:
+    """Rows and columns of the image that belongs to a frame of so many pixels."""
+    short = min(height, width)
+    return round(height * SIZE / short), round(width * SIZE / short)
+
+
+def encode(displacement: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Codes displacements as an image.
+
+    Args:
+        displacement: float32 (..., 3), mm along x and y of the image, and z into the gel.
+
+    Returns:
+        uint8 (..., 3).
+    """
+    share = displacement / np.asarray(RANGE_MM, np.float32)
+    root = np.sign(share) * np.sqrt(np.abs(share))
+    return np.rint(NONE + 127 * root.clip(-1, 1)).astype(np.uint8)
+
+
+def decode(image: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Displacements of an image of `encode`, mm, float32 (..., 3)."""
+    root = (image.astype(np.float32) - NONE) / 127
+    out: NDArray[np.float32] = np.sign(root) * root**2 * np.asarray(RANGE_MM, np.float32)
+    return out
+
+
+def mirrored(images: Tensor, axis: int) -> Tensor:
+    """Images of mirrored touches: displacement along the axis changes its sign.
+
+    Args:
+        images: uint8 (..., 3, H, W).
+        axis: 0 mirrors left to right, 1 top to bottom.
+    """
+    out = images.flip(-1 - axis)
+    # 1 to 255 are symmetric about 128; nothing is coded as 0.
+    sign = [[[2 * NONE if i == axis else 0]] for i in range(3)]
+    base = torch.tensor(sign, device=images.device, dtype=torch.int16)
+    turned = torch.where(base > 0, base - out.short(), out.short())
+    return turned.clamp(0, 255).to(torch.uint8)

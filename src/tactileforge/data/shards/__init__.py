@@ -1,0 +1,1 @@
+"""Shards, their index, and how they are fetched."""

@@ -1,0 +1,356 @@
+"""Shards: plain tar files of recordings, that any tool can read (`docs/shards.md`).
+
+A recording is ``KEY.json`` (all but the pictures), ``KEY.background.0000.jpg`` and on,
+``KEY.image.0000.jpg`` and on, ``KEY.surface.0000.png`` and on, and ``KEY.0000.jpg`` and on. The
+JSON says how large each picture is and its checksum, so a shard is opened by reading its JSON
+alone, and pictures are read, and checked, where they lie.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import os
+import re
+import tarfile
+import zlib
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import Recording
+from tactileforge.data.frames.image_codecs import (
+    BLOCK,
+    CODECS,
+    GROUPS,
+    PackedFrames,
+    encode,
+    member_name,
+    size_of,
+)
+from tactileforge.errors import DataError
+from tactileforge.untrusted import MAX_PIXELS, load_json
+
+__all__ = ["CODECS", "VERSION", "Packed", "PackedFrames", "encode", "head", "read", "write"]
+
+#: Version of the layout; a reader refuses another.
+VERSION = 3
+
+_JSON = re.compile(r"\d{6,}\.json")
+#: A JSON of more bytes, and a picture of more pixels, are none of ours.
+_MAX_JSON = 1 << 26
+#: Bytes of a picture; more are none of ours.
+_MAX_PICTURE = 1 << 28
+#: Types that a track may have.
+_DTYPES = frozenset({"bool", *(f"{kind}{8 * n}" for kind in ("int", "uint") for n in (1, 2, 4, 8))})
+_DTYPES |= {"float16", "float32", "float64"}
+#: What plain data that is none of ours may raise where it is read.
+_WRONG = (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
+
+
+@dataclass(frozen=True)
+class Packed:
+    """A recording whose pictures are encoded.
+
+    Attributes:
+        head: All else, as plain data.
+        codec: One of `CODECS`.
+        frames: Encoded frames.
+        background: Encoded frames without contact; [] where there are none.
+        image: Encoded camera views; [] where there are none.
+        surface: Encoded displacements of the surface, PNG; [] where there are none.
+    """
+
+    head: dict[str, Any]
+    codec: str
+    frames: Sequence[bytes]
+    background: Sequence[bytes]
+    image: Sequence[bytes]
+    surface: Sequence[bytes] = ()
+
+
+def head(recording: Recording) -> dict[str, Any]:
+    """All of a recording but its pictures, as plain data."""
+    force = None
+    if recording.force is not None:
+        rows = _plain(recording.force.astype(float))
+        force = [None if row == [None] * 3 else row for row in rows]
+    seen = recording.image_times
+    return {
+        "version": VERSION,
+        "key": recording.key,
+        "sensor": recording.sensor,
+        "times": recording.times.tolist(),
+        "force": force,
+        "action": None if recording.action is None else recording.action.tolist(),
+        "object": recording.object,
+        "text": recording.text,
+        "image_times": None if seen is None else seen.tolist(),
+        "labels": {
+            name: None if isinstance(x, float) and math.isnan(x) else x
+            for name, x in recording.labels.items()
+        },
+        "tracks": {
+            name: {"dtype": values.dtype.name, "values": _plain(values)}
+            for name, values in recording.tracks.items()
+        },
+        "source": recording.source,
+        "tier": recording.tier,
+        "licence": recording.licence,
+    }
+
+
+def _plain(values: NDArray[Any]) -> list[Any]:
+    """Numbers as lists, NaN as None: there is no NaN in JSON."""
+    if values.dtype.kind == "f" and np.isnan(values).any():
+        unknown = np.isnan(values)
+        values = values.astype(object)
+        values[unknown] = None
+    out: list[Any] = values.tolist()
+    return out
+
+
+def write(path: Path, recordings: Iterable[Packed]) -> None:
+    """Writes a shard: beside its place, then renamed. The same content gives the same bytes.
+
+    Raises:
+        DataError: A recording has a number that is infinite, or a time that is NaN; names it.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f"{path.name}.{os.getpid()}.part")
+    try:
+        with tarfile.open(part, "w", format=tarfile.USTAR_FORMAT) as tar:
+            for number, packed in enumerate(recordings):
+                _add(tar, f"{number:06d}", packed)
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _add(tar: tarfile.TarFile, stem: str, packed: Packed) -> None:
+    def member(name: str, content: bytes) -> None:
+        info = tarfile.TarInfo(f"{stem}.{name}")
+        info.size = len(content)
+        tar.addfile(info, io.BytesIO(content))
+
+    pictures = {group: getattr(packed, group) for group in GROUPS if getattr(packed, group)}
+    about = packed.head | {
+        "codec": packed.codec,
+        "pictures": {
+            group: {
+                "shape": size_of(encoded[0]),
+                "bytes": [len(picture) for picture in encoded],
+                "crc32": [zlib.crc32(picture) for picture in encoded],
+            }
+            for group, encoded in pictures.items()
+        },
+    }
+    try:
+        text = json.dumps(about | {"crc32": _checksum(about)}, allow_nan=False)
+    except ValueError as error:
+        raise DataError(
+            f"{about['key']}: its times, forces, labels or tracks have a number that no JSON has "
+            f"({error}); correct it"
+        ) from error
+    member("json", text.encode())
+    for group, encoded in pictures.items():
+        for number, picture in enumerate(encoded):
+            member(member_name(group, number, packed.codec), picture)
+
+
+def _checksum(about: dict[str, Any]) -> int:
+    return zlib.crc32(json.dumps(about, sort_keys=True).encode())
+
+
+def _raise(error: DataError) -> None:
+    raise error
+
+
+def read(path: Path, bad: Callable[[DataError], None] = _raise) -> Iterator[Recording]:
+    """The recordings of a shard; no picture is read.
+
+    Args:
+        path: The file.
+        bad: Is told of each recording that is damaged, and of a file that is cut off; the others
+            are yielded all the same. Raises unless something else is given.
+
+    Raises:
+        DataError: The file is no shard, or is of another version; names it.
+    """
+    try:
+        with path.open("rb") as file:
+            yield from _scan(file, path, bad)
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error}); download or pack it again") from error
+
+
+def _scan(file: BinaryIO, path: Path, bad: Callable[[DataError], None]) -> Iterator[Recording]:
+    size = os.fstat(file.fileno()).st_size
+    place = pictures = 0
+    while True:
+        try:
+            member = _member(file, path, place)
+        except DataError:
+            if place == pictures:
+                raise
+            place = pictures  # the pictures are not what was stated: go from member to member
+            continue
+        if member is None:
+            break
+        name, length = member
+        start, place = place + BLOCK, place + BLOCK + _padded(length)
+        pictures = place
+        if not _JSON.fullmatch(name):  # after a damaged description, its pictures follow
+            if ".." in name or name.startswith("/"):
+                bad(DataError(f"{path}: a member is called {name!r}; this is no shard of ours"))
+            continue
+        if length > _MAX_JSON:
+            bad(DataError(f"{path}:{name}: a description of {length} bytes; pack it again"))
+            continue
+        if place > size:
+            break
+        try:
+            about = _head(file.read(length), f"{path}:{name}")
+            recording, place = _recording(path, name.removesuffix(".json"), about, start + length)
+        except DataError as error:
+            bad(error)
+            continue
+        if place > size:
+            break
+        yield recording
+    if place + BLOCK > size:  # a whole tar ends with blocks of zeros
+        bad(DataError(f"{path}: cut off at byte {size}; download or pack it again"))
+
+
+def _member(file: BinaryIO, path: Path, place: int) -> tuple[str, int] | None:
+    """Name and size of the member at a place; None at the end."""
+    file.seek(place)
+    block = file.read(BLOCK)
+    if len(block) < BLOCK or not block.strip(b"\0"):
+        return None
+    try:
+        info = tarfile.TarInfo.frombuf(block, "utf-8", "surrogateescape")
+    except tarfile.HeaderError as error:
+        raise DataError(f"{path}: no tar at byte {place} ({error}); pack it again") from error
+    if not 0 <= info.size < 1 << 60:
+        raise DataError(f"{path}: a member of {info.size} bytes at byte {place}; pack it again")
+    return info.name, info.size
+
+
+def members(path: Path) -> Iterator[tuple[str, bytes]]:
+    """Names of the members of a tar file, and what they hold.
+
+    Raises:
+        DataError: It is no tar file, or cut off; names it.
+    """
+    with path.open("rb") as file:
+        place, size = 0, os.fstat(file.fileno()).st_size
+        while (found := _member(file, path, place)) is not None:
+            name, length = found
+            if place + BLOCK + length > size:
+                raise DataError(f"{path}: cut off at byte {size}; download or pack it again")
+            yield name, file.read(length)
+            place += BLOCK + _padded(length)
+
+
+def _padded(size: int) -> int:
+    return -(-size // BLOCK) * BLOCK
+
+
+def _head(text: bytes, where: str) -> dict[str, Any]:
+    try:
+        about = load_json(text)
+        stated = about.pop("crc32")
+        version = about["version"]
+        found = _checksum(about)
+    except _WRONG as error:
+        raise DataError(f"{where}: no description of a recording ({error!r})") from error
+    if version != VERSION:
+        raise DataError(
+            f"{where}: shard version {version}, but this tactileforge reads {VERSION}; pack the "
+            "data again"
+        )
+    if stated != found:
+        raise DataError(f"{where}: damaged (its checksum is another); download or pack it again")
+    return dict(about)
+
+
+def _recording(path: Path, stem: str, about: Any, place: int) -> tuple[Recording, int]:
+    """A recording whose JSON ends at a place, and where the next one begins."""
+    where = f"{path}:{about.get('key', stem)}"
+    place = _padded(place)
+    try:
+        lazy = {}
+        for group in GROUPS:
+            if group not in about["pictures"]:
+                continue
+            table = about["pictures"][group]
+            sizes = np.array(table["bytes"], np.int64)
+            crcs = np.array(table["crc32"], np.uint32)
+            if not len(sizes) or sizes.shape != crcs.shape:
+                raise ValueError(f"{group}: {len(sizes)} sizes, {len(crcs)} checksums")
+            if sizes.min() < 0 or sizes.max() > _MAX_PICTURE:
+                raise ValueError(f"{group}: a picture of {sizes.min()} or {sizes.max()} bytes")
+            ends = place + np.cumsum(BLOCK + -(-sizes // BLOCK) * BLOCK)
+            starts = np.concatenate([[place], ends[:-1]])
+            place = int(ends[-1])
+            height, width = map(int, table["shape"])
+            if not 0 < height * width <= MAX_PIXELS:
+                raise ValueError(f"{group}: {height} x {width} pixels")
+            lazy[group] = PackedFrames(
+                where, path, stem, group, about["codec"], (height, width), starts, sizes, crcs
+            )
+        return _build(about, lazy), place
+    except _WRONG as error:
+        raise DataError(f"{where}: its description is wrong ({error!r}); pack it again") from error
+
+
+def _build(about: dict[str, Any], lazy: dict[str, PackedFrames]) -> Recording:
+    times = np.array(about["times"], np.float64)
+    if times.ndim != 1 or not np.isfinite(times).all():
+        raise ValueError("times are finite numbers, one a frame")
+    force, action, seen = about["force"], about["action"], about["image_times"]
+    tracks = {name: _track(track) for name, track in about["tracks"].items()}
+    surface = lazy.get("surface")
+    columns = {"times": times, "force": force, "action": action, "surface": surface, **tracks}
+    for name, column in columns.items():
+        if column is not None and len(column) != len(lazy["frames"]):
+            raise ValueError(f"{len(lazy['frames'])} frames and {len(column)} rows of {name}")
+    for name in ("key", "sensor", "source", "licence"):
+        if not isinstance(about[name], str):
+            raise TypeError(f"{name} is {about[name]!r}, not a string")
+    for name in ("object", "text"):
+        if not isinstance(about[name], str | None):
+            raise TypeError(f"{name} is {about[name]!r}, neither a string nor null")
+    none = [math.nan] * 3
+    rows = None if force is None else [none if row is None else row for row in force]
+    return Recording(
+        key=about["key"],
+        sensor=about["sensor"],
+        frames=lazy["frames"],
+        times=times,
+        no_contact=lazy.get("background"),
+        force=None if rows is None else np.array(rows, np.float32).reshape(len(rows), 3),
+        action=None if action is None else np.array(action, np.int64),
+        object=about["object"],
+        text=about["text"],
+        image=lazy.get("image"),
+        image_times=None if seen is None else np.array(seen, np.float64),
+        surface=surface,
+        labels={name: math.nan if x is None else x for name, x in dict(about["labels"]).items()},
+        tracks=tracks,
+        source=about["source"],
+        tier=int(about["tier"]),
+        licence=about["licence"],
+    )
+
+
+def _track(track: Any) -> NDArray[Any]:
+    if track["dtype"] not in _DTYPES:
+        raise TypeError(f"a track of {track['dtype']!r}")
+    return np.array(track["values"], track["dtype"])

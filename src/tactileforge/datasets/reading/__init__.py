@@ -1,0 +1,1 @@
+"""Readers that data sets share: layouts, tables, pickles, splits."""

@@ -1,0 +1,287 @@
+"""Pickles of others, read without executing anything.
+
+Python's own unpickler calls what the file names. This one is a small machine that knows plain
+containers, numbers, text, bytes and numpy arrays, and nothing else: whatever else a file asks for
+is an error before it happens. Long byte strings are not loaded either, but found: see `Blob`.
+"""
+
+from __future__ import annotations
+
+import pickletools
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactileforge.data.frames.encoded import Blob
+from tactileforge.errors import DataError, DataNotFoundError
+
+
+def load(path: str | Path) -> Any:
+    """What a pickle (protocol 2 to 5) holds; byte strings of 256 bytes and more are `Blob`.
+
+    Raises:
+        DataNotFoundError: There is no such file.
+        DataError: It is damaged, or holds something that is not plain data; names the file.
+    """
+    machine = _Machine(str(path))
+    try:
+        with open(path, "rb") as file:
+            for opcode, argument, position in pickletools.genops(file):
+                machine.run(opcode.name, argument, position or 0)
+        return machine.result()
+    except FileNotFoundError:
+        raise DataNotFoundError(f"{path}: no such file; correct the path") from None
+    except _Refused as refused:
+        raise DataError(
+            f"{path}: not read: {refused}. Only plain containers, numbers, text, bytes and numpy "
+            "arrays are; nothing in the file was executed. Download it again from its publisher"
+        ) from None
+    except (
+        ArithmeticError,
+        AttributeError,
+        LookupError,
+        MemoryError,
+        OSError,
+        RecursionError,
+        SyntaxError,
+        TypeError,
+        ValueError,
+    ) as error:
+        raise DataError(
+            f"{path}: not a pickle, or damaged ({type(error).__name__}: {error}); download it again"
+        ) from error
+
+
+class _Refused(Exception):
+    """The file asks for something that is not plain data."""
+
+
+@dataclass(frozen=True)
+class _Known:
+    """One of the few names that a file may mention, and what it makes of its arguments."""
+
+    name: str
+    make: Callable[..., Any] | None
+
+
+@dataclass
+class _Unfinished:
+    """An array or a dtype between its making and its state, and the memo keys that hold it."""
+
+    finish: Callable[[Any], Any]
+    keys: list[int] = field(default_factory=list)
+
+
+def _bytes(raw: Any) -> bytes:
+    found = raw.read() if isinstance(raw, Blob) else raw
+    if not isinstance(found, bytes):
+        raise ValueError("an array without bytes")
+    return found
+
+
+def _dtype(name: str, *_: Any) -> _Unfinished:
+    if not isinstance(name, str):
+        raise _Refused("an array of no type")
+    dtype = np.dtype(name)
+    if dtype.kind not in "biufcSUO":
+        raise _Refused(f"an array of {name!r}")
+    return _Unfinished(lambda state: dtype.newbyteorder(state[1]))
+
+
+def _array(*_: Any) -> _Unfinished:
+    def finish(state: Any) -> Any:
+        _, shape, dtype, is_fortran, raw = state
+        return _filled(raw, dtype, shape, "F" if is_fortran else "C")
+
+    return _Unfinished(finish)
+
+
+def _filled(raw: Any, dtype: Any, shape: Any, order: str = "C") -> Any:
+    if dtype.kind == "O":
+        return list(raw)
+    return np.frombuffer(_bytes(raw), dtype).reshape(shape, order=order)  # type: ignore[call-overload]
+
+
+def _scalar(dtype: Any, raw: Any) -> Any:
+    return np.frombuffer(_bytes(raw), dtype)[0]
+
+
+def _latin1(text: str, encoding: str) -> bytes:
+    if encoding not in ("latin1", "latin-1"):
+        raise _Refused(f"text in {encoding!r}")
+    return text.encode("latin1")
+
+
+_NAMES: dict[str, Callable[..., Any] | None] = {
+    "numpy ndarray": None,
+    "numpy dtype": _dtype,
+    "_codecs encode": _latin1,
+    "collections OrderedDict": lambda *items: dict(*items),
+    **{f"{module} set": lambda *items: set(*items) for module in ("builtins", "__builtin__")},
+    **{f"{module} bytes": lambda: b"" for module in ("builtins", "__builtin__")},
+    **{
+        f"numpy.{core}.{name}": make
+        for core in ("core", "_core")
+        for name, make in (
+            ("multiarray _reconstruct", _array),
+            ("multiarray scalar", _scalar),
+            ("numeric _frombuffer", _filled),
+        )
+    },
+}
+
+_CONSTANTS = {"NONE": None, "NEWTRUE": True, "NEWFALSE": False}
+_VALUES = frozenset(
+    {
+        *("BININT", "BININT1", "BININT2", "LONG1", "LONG4", "BINFLOAT", "SHORT_BINBYTES"),
+        *("SHORT_BINUNICODE", "BINUNICODE", "BINUNICODE8"),
+    }
+)
+#: Bytes between the opcode and the string itself.
+_BLOBS = {"BINBYTES": 5, "BINBYTES8": 9, "BYTEARRAY8": 9}
+_EMPTY: dict[str, Callable[[], Any]] = {
+    "EMPTY_LIST": list,
+    "EMPTY_DICT": dict,
+    "EMPTY_TUPLE": tuple,
+    "EMPTY_SET": set,
+}
+#: How deep tuples may be nested.
+_DEEPEST = 100
+_TUPLES = {"TUPLE1": 1, "TUPLE2": 2, "TUPLE3": 3}
+
+
+class _Machine:
+    def __init__(self, path: str) -> None:
+        self.path = path
+        self.stack: list[Any] = []
+        self.marks: list[int] = []
+        self.memo: dict[int, Any] = {}
+        self.depths: dict[int, int] = {}  # of tuples and frozen sets, by identity
+
+    def result(self) -> Any:
+        (value,) = self.stack
+        return value
+
+    def run(self, name: str, argument: Any, position: int) -> None:
+        """One step."""
+        if name in ("PROTO", "FRAME", "STOP"):
+            return
+        if name in _CONSTANTS:
+            self.stack.append(_CONSTANTS[name])
+        elif name in _VALUES:
+            self.stack.append(argument)
+        elif name in _BLOBS:
+            self.stack.append(Blob(self.path, position + _BLOBS[name], len(argument)))
+        elif name in _EMPTY:
+            self.stack.append(_EMPTY[name]())
+        elif name in _TUPLES:
+            if len(self.stack) < _TUPLES[name]:
+                raise ValueError("a tuple of nothing")
+            items = self.stack[-_TUPLES[name] :]
+            del self.stack[-_TUPLES[name] :]
+            self._push(tuple(items))
+        elif name in ("MEMOIZE", "BINPUT", "LONG_BINPUT"):
+            self._remember(len(self.memo) if name == "MEMOIZE" else argument)
+        elif name in ("BINGET", "LONG_BINGET"):
+            self.stack.append(self.memo[argument])
+        else:
+            step = _STEPS.get(name)
+            if step is None:
+                raise _Refused(f"the instruction {name}")
+            step(self, argument)
+
+    def _push(self, value: tuple[Any, ...] | frozenset[Any]) -> None:
+        """Keeps how deep values are nested: Python would overrun its stack where one is hashed."""
+        inner = (self.depths.get(id(x), 0) for x in value if isinstance(x, tuple | frozenset))
+        depth = 1 + max(inner, default=0)
+        if depth > _DEEPEST:
+            raise _Refused("values nested too deep")
+        self.depths[id(value)] = depth
+        self.stack.append(value)
+
+    def _remember(self, key: int) -> None:
+        self.memo[key] = self.stack[-1]
+        if isinstance(self.stack[-1], _Unfinished):
+            self.stack[-1].keys.append(key)
+
+    def mark(self, _: Any) -> None:
+        self.marks.append(len(self.stack))
+
+    def _since_mark(self) -> list[Any]:
+        start = self.marks.pop()
+        items = self.stack[start:]
+        del self.stack[start:]
+        return items
+
+    def tuple(self, _: Any) -> None:
+        self._push(tuple(self._since_mark()))
+
+    def frozenset(self, _: Any) -> None:
+        self._push(frozenset(self._since_mark()))
+
+    def append(self, _: Any) -> None:
+        item = self.stack.pop()
+        self._top(list).append(item)
+
+    def appends(self, _: Any) -> None:
+        items = self._since_mark()
+        self._top(list).extend(items)
+
+    def additems(self, _: Any) -> None:
+        items = self._since_mark()
+        self._top(set).update(items)
+
+    def setitem(self, _: Any) -> None:
+        value, key = self.stack.pop(), self.stack.pop()
+        self._top(dict)[key] = value
+
+    def setitems(self, _: Any) -> None:
+        items = self._since_mark()
+        self._top(dict).update(zip(items[::2], items[1::2], strict=True))
+
+    def _top(self, kind: type) -> Any:
+        if type(self.stack[-1]) is not kind:
+            raise ValueError(f"a {kind.__name__} was expected")
+        return self.stack[-1]
+
+    def name(self, argument: Any) -> None:
+        if argument is None:
+            name, module = self.stack.pop(), self.stack.pop()
+            argument = f"{module} {name}"
+        if argument not in _NAMES:
+            raise _Refused(f"it asks for {argument.replace(' ', '.')}")
+        self.stack.append(_Known(argument, _NAMES[argument]))
+
+    def reduce(self, _: Any) -> None:
+        arguments, known = self.stack.pop(), self.stack.pop()
+        if not isinstance(known, _Known) or known.make is None:
+            raise _Refused("it calls something")
+        self.stack.append(known.make(*arguments))
+
+    def build(self, _: Any) -> None:
+        state, unfinished = self.stack.pop(), self.stack.pop()
+        if not isinstance(unfinished, _Unfinished):
+            raise _Refused("it sets the state of an object")
+        value = unfinished.finish(state)
+        for key in unfinished.keys:
+            self.memo[key] = value
+        self.stack.append(value)
+
+
+_STEPS: dict[str, Callable[[_Machine, Any], None]] = {
+    "MARK": _Machine.mark,
+    "TUPLE": _Machine.tuple,
+    "FROZENSET": _Machine.frozenset,
+    "APPEND": _Machine.append,
+    "APPENDS": _Machine.appends,
+    "ADDITEMS": _Machine.additems,
+    "SETITEM": _Machine.setitem,
+    "SETITEMS": _Machine.setitems,
+    "GLOBAL": _Machine.name,
+    "STACK_GLOBAL": _Machine.name,
+    "REDUCE": _Machine.reduce,
+    "BUILD": _Machine.build,
+}

@@ -1,0 +1,275 @@
+"""What the readers of published data sets have in common."""
+
+from __future__ import annotations
+
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import Frames, FrameSubset, Recording
+from tactileforge.data.frames.crop import as_text
+from tactileforge.data.frames.lazy import ImageFrames
+from tactileforge.datasets.reading.official import ALL, Split
+from tactileforge.datasets.reading.splits import is_held_out
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
+from tactileforge.sensors.specs import spec
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_IMAGES = frozenset({".bmp", ".jpeg", ".jpg", ".png"})
+#: Frames of a recording of which the median is taken.
+_MEDIAN_FRAMES = 15
+
+
+@dataclass(frozen=True)
+class Item:
+    """A recording before it is opened.
+
+    Attributes:
+        key: Unique within the data set.
+        open: Opens it; raises a `DataError` where that is not possible.
+        facts: What splits look at.
+        group: Recordings of one group are held out together; the key where it is empty.
+    """
+
+    key: str
+    open: Callable[[], Recording]
+    facts: Mapping[str, str] = field(default_factory=dict)
+    group: str = ""
+
+
+class Published(ABC):
+    """A reader of a published data set; a subclass says what it is and lists its items.
+
+    Args:
+        root: Folder of the data.
+        split: One of ``splits``.
+        val: Share of the training that is held out for validation, where the split names none.
+
+    Attributes:
+        name: The word users type.
+        sensors: Names of its sensors.
+        tier: Tier of the tactile dynamic pyramid (AnyTouch 2, appendix), 1 to 5.
+        licence: SPDX identifier, or the plain words.
+        citation: Whom to cite.
+        url: Where to get it.
+        tree: The folders as they have to lie.
+        splits: Its splits.
+        chosen: The one of them that is used.
+        provides: Labels that its recordings may carry.
+        skipped: One line for each recording that could not be read.
+
+    Raises:
+        ConfigError: An unknown split, or a share outside 0..1.
+    """
+
+    name: ClassVar[str]
+    sensors: ClassVar[tuple[str, ...]]
+    tier: ClassVar[int]
+    licence: ClassVar[str] = "see its page"
+    citation: ClassVar[str]
+    url: ClassVar[str]
+    tree: ClassVar[str]
+    splits: tuple[Split, ...] = (ALL,)
+    provides: frozenset[str] = frozenset()
+
+    def __init__(self, root: str = ".", split: str = "all", val: float = 0.1) -> None:
+        named = {one.name: one for one in self.splits}
+        if split not in named:
+            raise ConfigError(f"{self.name}: {unknown('split', split, named)}")
+        if not 0 <= val < 1:
+            raise ConfigError(f"{self.name}: val is {val}, but must be 0 or more, and below 1")
+        self.root = Path(root).expanduser()
+        self.split = split
+        self.chosen = named[split]
+        self.val = val
+        self.skipped: list[str] = []
+
+    @abstractmethod
+    def _items(self) -> Iterator[Item]:
+        """The recordings in an order that never changes; decodes nothing."""
+
+    def recordings(self, split: str) -> Iterator[Recording]:
+        """Yields the recordings of one side of the split; frames are decoded when they are read.
+
+        A recording that cannot be opened is left out and listed in ``skipped``.
+
+        Args:
+            split: ``train``, ``val`` or ``test``.
+
+        Raises:
+            DataNotFoundError: Data is missing; says what to download and where to put it.
+            DataError: Not one recording can be opened, or an index file is damaged.
+            ConfigError: Another side.
+        """
+        if split not in ("train", "val", "test"):
+            raise ConfigError(unknown("side of a split", split, ("train", "val", "test")))
+        opened = False
+        for item in self._items():
+            if self._side(item) != split:
+                continue
+            try:
+                recording = item.open()
+            except DataError as error:
+                self._skip(str(error))
+                continue
+            opened = True
+            yield recording
+        if opened or split == "val":
+            return
+        if self.skipped:
+            raise DataError(
+                f"{self.root}: no recording of {self.name} for {split} can be opened; the first of "
+                f"{len(self.skipped)} problems: {self.skipped[0]}"
+            )
+        about = f"split {self.split}: {self.chosen.about}"
+        raise self._missing(f"nothing for {split} in {self.root} ({about})")
+
+    def plot(self, recording: Recording) -> Figure:
+        """A figure of a recording: frames, their difference to the background, forces, actions."""
+        from tactileforge.datasets.reading.figure import plot
+
+        return plot(recording)
+
+    def _side(self, item: Item) -> str | None:
+        side = self.chosen.side(item.facts)
+        if side != "train" or self.chosen.val:
+            return side
+        return "val" if is_held_out(f"{self.name}/{item.group or item.key}", self.val) else side
+
+    def _skip(self, line: str) -> None:
+        if line not in self.skipped:
+            self.skipped.append(line)
+
+    def _missing(self, what: str) -> DataNotFoundError:
+        return DataNotFoundError(
+            f"{self.name}: {what}. Download it from {self.url}, and give its folder as data.root; "
+            f"it has to look like this:\n{self.tree}"
+        )
+
+    def _folder(self, *names: str) -> Path:
+        """The first of some folders below the root that exists; "." is the root itself."""
+        for name in names:
+            if (self.root / name).is_dir():
+                return self.root / name
+        raise self._missing(f"no folder {self.root / names[0]}")
+
+    def _recording(self, key: str, **fields: Any) -> Recording:
+        """A recording that says where it is from."""
+        return Recording(
+            key=f"{self.name}/{key}",
+            source=f"{self.citation} {self.url}",
+            tier=self.tier,
+            licence=self.licence,
+            **fields,
+        )
+
+    @classmethod
+    def row(cls) -> str:
+        """The data set as a row of the table in ``docs/datasets.md``."""
+        cells = (
+            f"`{cls.name}`",
+            ", ".join(cls.sensors),
+            str(cls.tier),
+            ", ".join(sorted(cls.provides)),
+            cls.licence,
+            f"[{cls.citation.split(',')[0]}]({cls.url})",
+            ", ".join(f"`{split.name}`" for split in cls.splits),
+        )
+        return f"| {' | '.join(cells)} |"
+
+
+class Numbered:
+    r"""The images of a folder, by the last number in their names.
+
+    Args:
+        folder: The folder; it need not exist.
+        named: Expression that names have to match, e.g. ``image_\d+``, without the ending.
+    """
+
+    def __init__(self, folder: Path, named: str = r".*\d") -> None:
+        self.folder = folder
+        self.named = re.compile(named)
+
+    @cached_property
+    def files(self) -> dict[int, Path]:
+        """File by number, ascending; hidden files and other kinds are left out."""
+        found = {}
+        for path in sorted(self.folder.iterdir()) if self.folder.is_dir() else ():
+            wanted = path.suffix.lower() in _IMAGES and not path.name.startswith(".")
+            if wanted and self.named.fullmatch(path.stem):
+                found[int(re.findall(r"\d+", path.stem)[-1])] = path
+        return dict(sorted(found.items()))
+
+    def frames(self) -> ImageFrames:
+        """All of them.
+
+        Raises:
+            DataError: There is none, or one is damaged.
+        """
+        if not self.files:
+            raise DataError(f"{self.folder}: no image; download it again")
+        return ImageFrames(list(self.files.values()))
+
+    def nearest(self, numbers: Sequence[int]) -> Frames | None:
+        """The images whose numbers are nearest to those asked for; None where there is none."""
+        if not self.files:
+            return None
+        known = np.array(list(self.files))
+        right = np.searchsorted(known, numbers).clip(1, max(1, len(known) - 1))
+        pair = np.stack([known[right - 1], known[np.minimum(right, len(known) - 1)]])
+        closest = np.abs(pair - np.asarray(numbers)).argmin(axis=0)
+        chosen = pair[closest, np.arange(len(numbers))]
+        return ImageFrames([self.files[int(number)] for number in chosen])
+
+
+def seconds(numbers: Sequence[int], fps: float) -> NDArray[np.float64]:
+    """Times of frames by their numbers, from 0; a gap in the numbers is a gap in time."""
+    times: NDArray[np.float64] = (np.asarray(numbers, np.float64) - numbers[0]) / fps
+    return times
+
+
+def rate(sensor: str, fps: float | None) -> float:
+    """The frames per second that were given, or else those of the sensor."""
+    return fps or spec(sensor).fps
+
+
+def median(frames: Frames) -> FrameSubset:
+    """Frames spread over a recording, whose median leaves a moving contact out."""
+    rows = np.linspace(0, len(frames) - 1, min(_MEDIAN_FRAMES, len(frames))).round()
+    return FrameSubset(frames, np.unique(rows.astype(int)).tolist())
+
+
+def runs(numbers: Sequence[int], labels: Sequence[Any]) -> Iterator[slice]:
+    """Yields the stretches in which numbers follow each other and the label stays."""
+    start = 0
+    for i in range(1, len(numbers) + 1):
+        if i < len(numbers) and numbers[i] == numbers[i - 1] + 1 and labels[i] == labels[i - 1]:
+            continue
+        yield slice(start, i)
+        start = i
+
+
+def still(path: Path, frames: Frames) -> ImageFrames | None:
+    """An image as background; None where there is none.
+
+    Raises:
+        DataError: It is damaged, or of another size than the frames.
+    """
+    if not path.is_file():
+        return None
+    found = ImageFrames([path])
+    if found.shape != frames.shape:
+        raise DataError(
+            f"{path}: the background has {as_text(found.shape)} pixels, the frames "
+            f"{as_text(frames.shape)}; give a background of the same size, or remove it"
+        )
+    return found

@@ -1,0 +1,265 @@
+"""The files of one layout become recordings."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import ACTIONS, Frames, FrameSubset, Recording
+from tactileforge.data.frames.crop import as_text
+from tactileforge.data.frames.lazy import VIDEO_SUFFIXES, Crop, ImageFrames, VideoFrames
+from tactileforge.data.labels.actions import label_actions
+from tactileforge.datasets.reading.layout import FrameTable, Layout, check_action, check_sensor
+from tactileforge.datasets.reading.tables import Row, read_actions, read_force, read_labels, row_of
+from tactileforge.errors import DataError, DataNotFoundError
+
+FileFrames: TypeAlias = VideoFrames | ImageFrames
+
+#: Frames of a recording of which the median is taken.
+_MEDIAN_FRAMES = 15
+
+
+@dataclass(frozen=True)
+class Touch:
+    """One touch before it is opened.
+
+    Attributes:
+        name: Its file, or its folder for an image sequence, from the folder of the layout.
+        paths: Its files.
+        row: What is known of it.
+    """
+
+    name: str
+    paths: list[Path]
+    row: Row
+
+
+class Reader:
+    """Finds, opens and labels the touches of a layout.
+
+    Args:
+        layout: What to read.
+        root: Folder of the data.
+
+    Raises:
+        DataNotFoundError: The folder does not exist.
+    """
+
+    def __init__(self, layout: Layout, root: Path) -> None:
+        self.layout = layout
+        self.folder = root / layout.path
+        self._backgrounds: dict[Path, FileFrames] = {}
+        if not self.folder.is_dir():
+            raise DataNotFoundError(
+                f"{self.folder}: no such folder; set data.root to the folder of the data, or leave "
+                f"the layout out: data.layouts.{layout.name}=null"
+            )
+
+    def touches(self) -> list[Touch]:
+        """The touches, in natural order; reads nothing but the labels.
+
+        Raises:
+            DataNotFoundError: No file matches.
+            DataError: A row of the labels names no file.
+        """
+        files = [path for glob in self.layout.globs for path in _matches(self.folder, glob)]
+        background = self.layout.background
+        if background and background.file and self.layout.each != "video":
+            files = [path for path in files if path != self.folder / str(background.file)]
+        if not files:
+            raise DataNotFoundError(
+                f"{self.folder}: no file matches {' or '.join(self.layout.globs)!r}; set data.root "
+                f"to the folder of the data, or correct the pattern of layout {self.layout.name!r}"
+            )
+        named: dict[str, list[Path]] = {}
+        for path in files:
+            touch = path.parent if self.layout.each == "sequence" else path
+            named.setdefault(touch.relative_to(self.folder).as_posix(), []).append(path)
+        labels = read_labels(self.layout, self.folder)
+        for name, row in labels.items():
+            if name not in named and not (self.folder / name).exists():
+                raise DataError(
+                    f"{row.where}: {name!r} names no file in {self.folder} (one that there is: "
+                    f"{next(iter(named))!r}); correct the row, or remove it"
+                )
+        return [Touch(name, paths, row_of(name, labels)) for name, paths in named.items()]
+
+    def open(self, touch: Touch) -> FileFrames:
+        """Opens the frames of a touch; decodes nothing.
+
+        Raises:
+            DataError: They cannot be read, or the background would take them all.
+        """
+        is_video = self.layout.each == "video"
+        frames = VideoFrames(touch.paths[0]) if is_video else ImageFrames(touch.paths)
+        background = self.layout.background
+        if background and not background.file and len(frames) <= background.first + background.last:
+            raise DataError(
+                f"{touch.paths[0]}: {len(frames)} frames, all of them background; remove the file, "
+                f"or give layout {self.layout.name!r} another background"
+            )
+        return frames
+
+    def label(self, touch: Touch, frames: FileFrames) -> Iterator[Recording]:
+        """Yields one recording of an open touch, or one for each tile.
+
+        Raises:
+            DataNotFoundError: A file of labels, or the background, is missing.
+            DataError: Labels or the background contradict the frames.
+            ConfigError: A label names an unknown sensor or action.
+        """
+        layout, row = self.layout, touch.row
+        times = self._times(frames)
+        force = None
+        if layout.force:
+            force = read_force(layout.force, self._path(layout.force.file, touch), times)
+        phrases = [row.fill(phrase, spaced=True) for phrase in layout.text]
+        whole = Recording(
+            key=f"{layout.name}/{touch.name}",
+            sensor="",
+            frames=frames,
+            times=times,
+            no_contact=None,
+            force=force,
+            action=self._action(touch, times, force),
+            object=row.fill(layout.object) if layout.object else None,
+            text=", ".join(phrase for phrase in phrases if phrase) or None,
+            image=self._camera(touch),
+            labels={name: _value(cell) for name, cell in row.cells.items() if cell},
+            source=layout.source,
+            tier=layout.tier,
+            licence=layout.licence,
+        )
+        background = self._background(touch, frames)
+        full = (0, 0, frames.full_shape[1], frames.full_shape[0])
+        tiles = {f"#{name}": (tile.box, tile.sensor) for name, tile in layout.crops.items()}
+        for name, (box, sensor) in (tiles or {"": (full, layout.sensor or "")}).items():
+            shown = frames.crop(box)
+            yield replace(
+                whole,
+                key=whole.key + name,
+                sensor=self._sensor(sensor, touch),
+                frames=shown,
+                no_contact=self._no_contact(shown, background, box),
+            )
+
+    def _path(self, template: str, touch: Touch) -> Path:
+        name = touch.row.fill(template)
+        if name is None:
+            raise DataError(
+                f"{touch.row.where}: a column of {template!r} is empty; fill it in, or remove "
+                "the file"
+            )
+        return self.folder / name
+
+    def _sensor(self, template: str, touch: Touch) -> str:
+        name = touch.row.fill(template)
+        if name is None:
+            raise DataError(f"{touch.row.where}: no sensor; fill in the column of {template!r}")
+        check_sensor(name, touch.row.where)
+        return name
+
+    def _times(self, frames: FileFrames) -> NDArray[np.float64]:
+        if isinstance(frames, VideoFrames) and not self.layout.fps:
+            return frames.times
+        return np.arange(len(frames)) / (self.layout.fps or 1.0)
+
+    def _action(
+        self, touch: Touch, times: NDArray[np.float64], force: NDArray[np.float32] | None
+    ) -> NDArray[np.int64] | None:
+        given = self.layout.action
+        if given is None:
+            return None
+        if given == "force" and force is not None:
+            return label_actions(times, force)
+        if isinstance(given, FrameTable):
+            return read_actions(given, self._path(given.file, touch), len(times))
+        actions = np.full(len(times), -1, np.int64)
+        if isinstance(given, str):
+            name = touch.row.fill(given)
+            if name:
+                check_action(name, touch.row.where)
+                actions[:] = ACTIONS.index(name)
+            return actions
+        for part in given:
+            if not 0 <= part.start < part.stop <= len(times):
+                raise DataError(
+                    f"{touch.paths[0]}: it has {len(times)} frames, but layout "
+                    f"{self.layout.name!r} gives an action to [{part.start}, {part.stop}]"
+                )
+            actions[part.start : part.stop] = ACTIONS.index(part.action)
+        return actions
+
+    def _background(self, touch: Touch, frames: FileFrames) -> FileFrames | None:
+        """The background file, opened once, if there is one."""
+        given = self.layout.background
+        if given is None or given.file is None:
+            return None
+        path = self._path(given.file, touch)
+        if path not in self._backgrounds:
+            self._backgrounds[path] = _open(path)
+        found = self._backgrounds[path]
+        if found.full_shape != frames.full_shape:
+            raise DataError(
+                f"{path}: the background has {as_text(found.full_shape)} pixels, {touch.paths[0]} "
+                f"{as_text(frames.full_shape)}; give a background of the same size"
+            )
+        if isinstance(found, VideoFrames) and not given.first + given.last:
+            raise DataError(f"{path}: a video as background: say which frames with first or last")
+        return found
+
+    def _no_contact(self, shown: FileFrames, file: FileFrames | None, box: Crop) -> Frames | None:
+        given = self.layout.background
+        if given is None:
+            return None
+        base = file.crop(box) if file else shown
+        count = len(base)
+        if given.median:
+            rows = np.unique(np.linspace(0, count - 1, _MEDIAN_FRAMES).round().astype(int)).tolist()
+        elif given.last:
+            rows = list(range(max(0, count - given.last), count))
+        else:
+            rows = list(range(min(count, given.first or count)))
+        return FrameSubset(base, rows)
+
+    def _camera(self, touch: Touch) -> Frames | None:
+        pattern = touch.row.fill(self.layout.image) if self.layout.image else None
+        if pattern is None:
+            return None
+        files = _matches(self.folder, pattern)
+        if not files:
+            raise DataNotFoundError(
+                f"{self.folder}: no camera view of {touch.name} matches {pattern!r}; add it, or "
+                f"correct image of layout {self.layout.name!r}"
+            )
+        return _open(files[0]) if len(files) == 1 else ImageFrames(files)
+
+
+def _open(path: Path) -> FileFrames:
+    return VideoFrames(path) if path.suffix.lower() in VIDEO_SUFFIXES else ImageFrames([path])
+
+
+def _matches(folder: Path, pattern: str) -> list[Path]:
+    """Files that match, in natural order: 2 before 10."""
+    found = [path for path in folder.glob(pattern) if path.is_file()]
+    return sorted(found, key=lambda path: _natural(path.relative_to(folder)))
+
+
+def _natural(path: Path) -> list[list[tuple[str, int]]]:
+    return [
+        [(text, int(digits or 0)) for text, digits in re.findall(r"(\D*)(\d*)", part)]
+        for part in path.parts
+    ]
+
+
+def _value(cell: str) -> str | float:
+    try:
+        return float(cell)
+    except ValueError:
+        return cell

@@ -1,0 +1,171 @@
+"""The layout of Sparsh's force and slip tasks: batches of pickles, trajectories within them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import Recording
+from tactileforge.data.frames.encoded import EncodedFrames
+from tactileforge.datasets.reading.official import Split
+from tactileforge.datasets.reading.pickles import load
+from tactileforge.datasets.reading.published import Item, Published, seconds
+from tactileforge.errors import ConfigError, DataError, unknown
+
+_LABELS = "dataset_slip_forces.pkl"
+#: How files and folders call a sensor.
+_FILES = {"digit": "digit", "gelsight_mini": "gelsight"}
+
+
+@dataclass(frozen=True)
+class Batch:
+    """One folder of pickles.
+
+    Attributes:
+        folder: The folder.
+        sensor: Name of the sensor.
+    """
+
+    folder: Path
+    sensor: str
+
+    @property
+    def name(self) -> str:
+        """``PROBE/batch_N``."""
+        return f"{self.folder.parent.name}/{self.folder.name}"
+
+    @cached_property
+    def labels(self) -> tuple[NDArray[np.bool_], Mapping[Any, Any]]:
+        """Which images are in contact, and the trajectories by number."""
+        path = self.folder / _LABELS
+        found = load(path)
+        try:
+            contact = np.asarray(found["in_contact"]).astype(bool).ravel()
+            trajectories = dict(found["trajectories"])
+        except (KeyError, TypeError, ValueError) as error:
+            raise DataError(
+                f"{path}: no in_contact and trajectories ({error!r}); download it again"
+            ) from error
+        return contact, trajectories
+
+    @cached_property
+    def images(self) -> list[Any]:
+        """All images of the batch; ``org_dataset_*`` are the same once more."""
+        files = sorted(self.folder.glob(f"dataset_{_FILES[self.sensor]}_*.pkl"))
+        return [image for path in files for image in load(path)]
+
+    @cached_property
+    def sign(self) -> float:
+        """What turns Fz into a force that is positive when pressing: a probe cannot pull."""
+        normal = [_force(one)[:, 2] for one in self.labels[1].values()]
+        return -1.0 if normal and np.mean(np.concatenate(normal)) < 0 else 1.0
+
+    def frames(self, rows: NDArray[np.int64]) -> EncodedFrames:
+        """Some images of the batch, upright and in RGB."""
+        if not len(self.images) or rows.max(initial=0) >= len(self.images) or rows.min() < 0:
+            raise DataError(
+                f"{self.folder}: {len(self.images)} images of {self.sensor}, but {_LABELS} names "
+                f"image {rows.max(initial=0)}; download the missing files, or correct data.sensor"
+            )
+        images = [self.images[row] for row in rows]
+        return EncodedFrames(str(self.folder), images, self._is_bgr, int(self.sensor == "digit"))
+
+    @property
+    def _is_bgr(self) -> bool:
+        """Channels are the wrong way round in DIGIT's sphere2 and all but one of GelSight's."""
+        if self.sensor == "digit":
+            return self.name.startswith("sphere2/")
+        return self.name != "sharp/batch_2"
+
+
+def _force(trajectory: Mapping[str, Any]) -> NDArray[np.float32]:
+    try:
+        return np.asarray(trajectory["forces"], np.float32).reshape(-1, 3)
+    except (KeyError, TypeError, ValueError):
+        return np.zeros((0, 3), np.float32)
+
+
+class SparshTrajectories(Published):
+    """What ``sparsh_force`` and ``sparsh_slip`` have in common; see there."""
+
+    sensors = tuple(_FILES)
+    tier = 1
+    licence = "CC-BY-NC-4.0"
+    citation = "Higuera et al., Sparsh, CoRL 2024"
+    url = "https://huggingface.co/collections/facebook/sparsh"
+    tree = """ROOT/                          (digit-force-estimation or gelsight-force-estimation)
+  sphere/batch_1/              (sharp, flat, sphere2 alike)
+    dataset_digit_00.pkl ...   (dataset_gelsight_00.pkl ...)
+    dataset_slip_forces.pkl"""
+    provides = frozenset({"force", "object"})
+    by_sensor: ClassVar[Mapping[str, tuple[Split, ...]]]
+
+    def __init__(
+        self,
+        root: str = ".",
+        sensor: str = "digit",
+        split: str = "sparsh-official",
+        val: float = 0.1,
+        fps: float = 30.0,
+    ) -> None:
+        if sensor not in _FILES:
+            raise ConfigError(f"{self.name}: {unknown('sensor', sensor, _FILES)}")
+        self.splits = self.by_sensor[sensor]
+        super().__init__(root, split, val)
+        self.sensor = sensor
+        self.fps = fps
+
+    def _items(self) -> Iterator[Item]:
+        files = sorted(self._folder(".").glob(f"*/*/{_LABELS}"))
+        if not files:
+            raise self._missing(f"no file PROBE/batch_1/{_LABELS} in {self.root}")
+        for path in files:
+            batch = Batch(path.parent, self.sensor)
+            facts = {"batch": batch.name}
+            if self.chosen.side(facts) is None:
+                continue
+            try:
+                trajectories = batch.labels[1]
+            except DataError as error:
+                self._skip(str(error))
+                continue
+            for number, trajectory in trajectories.items():
+                key = f"{batch.name}/{number}"
+                yield Item(key, partial(self._open, key, batch, trajectory), facts)
+
+    def _open(self, key: str, batch: Batch, trajectory: Mapping[str, Any]) -> Recording:
+        """Pairs images and forces one by one; those at the end without a partner are left out."""
+        force = _force(trajectory) * np.array([1, 1, batch.sign], np.float32)
+        try:
+            rows = np.asarray(trajectory["indexes"]).astype(np.int64).ravel()
+            slip = np.asarray(trajectory["slip_label"]).astype(np.int8).ravel()
+        except (KeyError, TypeError, ValueError) as error:
+            raise DataError(
+                f"{batch.folder / _LABELS}: trajectory {key} has no indexes and slip_label "
+                f"({error!r}); download it again"
+            ) from error
+        count = min(len(rows), len(force), len(slip))
+        rows = rows[:count]
+        if not count or (np.diff(rows) <= 0).any() or not np.isfinite(force[:count]).all():
+            raise DataError(
+                f"{batch.folder / _LABELS}: trajectory {key} is empty, not in order, or has forces "
+                "that are no numbers; download it again"
+            )
+        contact = batch.labels[0]
+        free = np.flatnonzero(~contact[: len(batch.images)])[:1]
+        return self._recording(
+            key,
+            sensor=self.sensor,
+            frames=batch.frames(rows),
+            times=seconds(rows.tolist(), self.fps),
+            no_contact=batch.frames(free) if len(free) else None,
+            force=force[:count],
+            object=f"sparsh_{batch.folder.parent.name}",
+            tracks={"slip": slip[:count], "image": rows},
+        )

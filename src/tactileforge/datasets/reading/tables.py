@@ -1,0 +1,221 @@
+"""Labels from CSV files: rows per file, rows per frame, and templates filled from them."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import ACTIONS
+from tactileforge.datasets.reading.layout import FrameTable, Layout, check_action, columns
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
+
+
+@dataclass(frozen=True)
+class Row:
+    """What is known of one file.
+
+    Attributes:
+        where: CSV and line, or the file itself where it has no row.
+        cells: Values as the CSV has them.
+        words: The same with ranks as words; ``file``, ``stem`` and ``folder`` are there too.
+    """
+
+    where: str
+    cells: Mapping[str, str]
+    words: Mapping[str, str]
+
+    def fill(self, template: str, spaced: bool = False) -> str | None:
+        """The template with its columns filled in; None where one of them is empty.
+
+        Args:
+            template: Text with ``{column}`` in it; ``{action}`` stays where ``spaced``.
+            spaced: It is a text to read: underscores of values become spaces.
+
+        Raises:
+            ConfigError: A column that there is not.
+        """
+        values = dict(self.words)
+        if spaced:
+            values = {name: value.replace("_", " ") for name, value in values.items()}
+            values["action"] = "{action}"
+        for name in columns(template):
+            if name not in values:
+                raise ConfigError(f"{self.where}: {unknown('column', name, values)}")
+            if not values[name]:
+                return None
+        return template.format(**values)
+
+
+def read_labels(layout: Layout, folder: Path) -> dict[str, Row]:
+    """Rows of the labels of a layout, by file.
+
+    Raises:
+        DataNotFoundError: There is no such CSV.
+        DataError: A file has two rows, or a value has no word.
+        ConfigError: The key column does not exist.
+    """
+    if layout.labels is None:
+        return {}
+    path = folder / layout.labels
+    found: dict[str, Row] = {}
+    for where, cells in _read(path, [layout.key, *layout.words]):
+        name = cells[layout.key]
+        if name in found:
+            raise DataError(f"{where}: {name!r} has a row already ({found[name].where})")
+        words = {
+            column: _word(layout.words.get(column), value, f"{where}, column {column!r}")
+            for column, value in cells.items()
+        }
+        found[name] = Row(where, cells, words | _names(name))
+    return found
+
+
+def row_of(name: str, labels: Mapping[str, Row]) -> Row:
+    """The row of a file; one with the columns of the labels, all empty, where it has none."""
+    if name in labels:
+        return labels[name]
+    header = next(iter(labels.values())).words if labels else {}
+    return Row(name, {}, dict.fromkeys(header, "") | _names(name))
+
+
+def read_force(table: FrameTable, path: Path, times: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Forces per frame, as the images show them.
+
+    Args:
+        table: Which columns.
+        path: The CSV.
+        times: float64 (T,), seconds of the frames.
+
+    Returns:
+        float32 (T, 3), newton; an empty cell is NaN, and so are an axis without a column and what
+        lies before the first label once the lag is applied.
+
+    Raises:
+        DataNotFoundError: There is no such CSV.
+        DataError: A cell is no finite number, or a row names no frame.
+    """
+    force = np.full((len(times), 3), np.nan)
+    for frame, where, cells in _per_frame(table, path, len(times)):
+        row = [
+            _number(cells[name], f"{where}, column {name!r}") if name else math.nan
+            for name in table.columns
+        ]
+        force[frame] = np.array(row) * table.sign
+    return _delayed(times, force, table.lag_s).astype(np.float32)
+
+
+def read_actions(table: FrameTable, path: Path, count: int) -> NDArray[np.int64]:
+    """Actions per frame by name; an empty cell is -1.
+
+    Raises:
+        DataNotFoundError: There is no such CSV.
+        DataError: A row names no frame.
+        ConfigError: A name that is no action.
+    """
+    actions = np.full(count, -1, np.int64)
+    for frame, where, cells in _per_frame(table, path, count):
+        (name,) = cells.values()
+        if name:
+            check_action(name, where)
+            actions[frame] = ACTIONS.index(name)
+    return actions
+
+
+def _per_frame(table: FrameTable, path: Path, count: int) -> list[tuple[int, str, dict[str, str]]]:
+    """Frame number, place and the cells asked for of each row of a CSV per frame."""
+    named = [name for name in table.columns if name]
+    needed = [*named, *([table.frame] if table.frame else [])]
+    out, seen = [], set()
+    for i, (where, cells) in enumerate(_read(path, needed, whole=table.frame is None)):
+        text = cells[table.frame] if table.frame else str(i)
+        try:
+            frame = int(text)
+        except ValueError:
+            raise DataError(f"{where}: frame {text!r} is not a whole number; correct it") from None
+        if not 0 <= frame < count:
+            raise DataError(
+                f"{where}: frame {frame} does not exist, the recording has 0 to {count - 1}; "
+                "remove the row, or give the CSV of this recording"
+            )
+        if frame in seen:
+            raise DataError(f"{where}: frame {frame} has a row already; remove one of them")
+        seen.add(frame)
+        out.append((frame, where, {name: cells[name] for name in named}))
+    return out
+
+
+def _read(path: Path, needed: list[str], whole: bool = False) -> list[tuple[str, dict[str, str]]]:
+    """Place and cells of each row of a CSV; ``whole`` if a row must not be skipped in silence."""
+    if not path.is_file():
+        raise DataNotFoundError(f"{path}: no such CSV; correct the layout, or add the file")
+    with path.open(newline="", encoding="utf-8-sig") as file:
+        reader = csv.DictReader(file, restval="", skipinitialspace=True)
+        header = reader.fieldnames or []
+        for name in needed:
+            if name not in header:
+                raise ConfigError(f"{path}: {unknown('column', name, header)}")
+        rows = []
+        line = reader.line_num
+        for cells in reader:
+            where = f"{path}, row {reader.line_num}"
+            lines = 1 + sum(str(value).count("\n") for value in cells.values())
+            if whole and reader.line_num > line + lines:  # an empty line is no row to the reader
+                raise DataError(
+                    f"{where}: an empty line is before it; rows are frames here, so write a row of "
+                    'empty cells (,, or "") for a frame without a label'
+                )
+            line = reader.line_num
+            if None in cells:
+                raise DataError(f"{where}: more cells than the header has; quote the commas")
+            rows.append((where, {name: value.strip() for name, value in cells.items()}))
+    return rows
+
+
+def _names(name: str) -> dict[str, str]:
+    path = Path(name)
+    return {"file": name, "stem": path.stem, "folder": path.parent.name}
+
+
+def _word(words: Mapping[str, str] | None, value: str, where: str) -> str:
+    if words is None or (not value and "" not in words):
+        return value
+    if value not in words:
+        known = ", ".join(sorted(words))
+        raise DataError(f"{where}: {value!r} has no word (there are words for: {known}); add one")
+    return words[value]
+
+
+def _number(cell: str, where: str) -> float:
+    """A finite number; NaN for an empty cell, which says that there is no label."""
+    if not cell:
+        return math.nan
+    try:
+        value = float(cell)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise DataError(f"{where}: {cell!r} is no finite number; leave the cell empty for no label")
+    return value
+
+
+def _delayed(
+    times: NDArray[np.float64], force: NDArray[np.float64], lag: float
+) -> NDArray[np.float64]:
+    """The force ``lag`` seconds before each frame, between two frames in proportion."""
+    if lag == 0:
+        return force
+    place = np.interp(times - lag, times, np.arange(len(times)), left=np.nan, right=np.nan)
+    known = np.flatnonzero(np.isfinite(place))
+    before = np.floor(place[known] + 1e-6).astype(int)
+    share = np.clip(place[known] - before, 0, None)[:, None]
+    share[share < 1e-6] = 0
+    after = np.minimum(before + (share[:, 0] > 0), len(times) - 1)
+    out = np.full_like(force, np.nan)
+    out[known] = force[before] * (1 - share) + force[after] * share
+    return out

@@ -1,0 +1,91 @@
+"""Files: the cache folder, whole or absent, and their hashes."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+from tactileforge.untrusted import load_json
+
+#: Seconds after which a part that nobody writes to is that of a process that was killed.
+_ABANDONED = 3600.0
+
+
+def cache_folder(given: str | None = None) -> Path:
+    """The folder given, else ``$TACTILEFORGE_CACHE``, else ``tactileforge`` in the user's cache.
+
+    Example:
+        >>> cache_folder("kept").name
+        'kept'
+    """
+    if given := given or os.environ.get("TACTILEFORGE_CACHE"):
+        return Path(given).expanduser()
+    home = os.environ.get("XDG_CACHE_HOME")
+    return (Path(home) if home else Path.home() / ".cache") / "tactileforge"
+
+
+def write_text(path: Path, text: str) -> None:
+    """Writes a text file beside its place, then renames it; makes its folder."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f"{path.name}.{os.getpid()}.part")
+    try:
+        part.write_text(text, encoding="utf-8")
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+@contextmanager
+def new_part(target: Path) -> Iterator[Path]:
+    """A name beside a file, for the time in which it is written; of this process alone.
+
+    It is removed at the end, if it is still there. Parts that killed processes left are removed
+    when nobody has written to them for an hour.
+    """
+    target.parent.mkdir(parents=True, exist_ok=True)
+    for old in target.parent.glob(f".{target.name}.*.part"):
+        with suppress(FileNotFoundError):  # another process may do the same
+            if time.time() - old.stat().st_mtime > _ABANDONED:
+                old.unlink()
+    part = target.with_name(f".{target.name}.{uuid4().hex}.part")
+    try:
+        yield part
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def sha256(path: Path) -> str:
+    """The hash of a file, in hexadecimal digits."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def sealed(plain: Mapping[str, Any]) -> str:
+    """Plain data as JSON with its checksum, ``sha256``; see `unsealed`."""
+    return json.dumps({**plain, "sha256": _checksum(plain)}, indent=1)
+
+
+def unsealed(text: str | bytes) -> dict[str, Any]:
+    """The data of a text that `sealed` made.
+
+    Raises:
+        ValueError: It is another text, or one byte that counts has changed.
+    """
+    plain = load_json(text)
+    if not isinstance(plain, dict) or "sha256" not in plain:
+        raise ValueError("it has no checksum")
+    stated = plain.pop("sha256")
+    if stated != _checksum(plain):
+        raise ValueError("its checksum is another: bytes of it have changed")
+    return plain
+
+
+def _checksum(plain: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()

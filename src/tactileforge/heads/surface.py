@@ -1,0 +1,46 @@
+"""The head that reads how the gel's surface is displaced."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from tactileforge.contracts import Batch, Encoder, Views
+from tactileforge.data.batches.clips import SURFACE
+from tactileforge.errors import ConfigError
+
+
+class SurfaceHead(nn.Module):
+    """One linear layer from each patch token to the displacement of the surface below the patch.
+
+    It has no layers of its own, so the tokens have to carry the displacement linearly, where any
+    other linear reading finds it too.
+
+    Args:
+        encoder: The touch encoder (given by the framework).
+
+    Raises:
+        ConfigError: The patches do not divide the image of the surface.
+    """
+
+    def __init__(self, encoder: Encoder) -> None:
+        super().__init__()
+        self.grid, self.prefix, self.tube = encoder.grid, encoder.prefix, encoder.tube
+        _, rows, columns = self.grid
+        if SURFACE[0] % rows or SURFACE[1] % columns:
+            raise ConfigError(
+                f"head.surface: {rows} x {columns} patches do not divide an image of the surface, "
+                f"which is {SURFACE[0]} x {SURFACE[1]}; change encoder.image_size or encoder.patch"
+            )
+        self.cell = SURFACE[0] // rows, SURFACE[1] // columns
+        self.linear = nn.Linear(encoder.width, self.tube * 3 * self.cell[0] * self.cell[1])
+        nn.init.normal_(self.linear.weight, std=0.01)
+        nn.init.zeros_(self.linear.bias)
+
+    def forward(self, views: Views, batch: Batch) -> Tensor:
+        """Coded displacements from -1 to 1 of all frames, float (B, T, 3, 32, 32)."""
+        slots, rows, columns = self.grid
+        x: Tensor = self.linear(views.full.tokens[:, self.prefix :])
+        x = x.view(-1, slots, rows, columns, self.tube, 3, *self.cell)
+        x = x.permute(0, 1, 4, 5, 2, 6, 3, 7)
+        return torch.reshape(x, (len(x), slots * self.tube, 3, *SURFACE))

@@ -1,0 +1,266 @@
+"""Live: the newest frame of each sensor to contact, force and slip, as fast as it goes."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tactileforge.calibration.file import Calibration, load
+from tactileforge.contracts import Sensor
+from tactileforge.errors import ConfigError, SensorError, unknown
+from tactileforge.hub.model import Model
+from tactileforge.live.contact import ContactOptions, SlipOptions
+from tactileforge.live.publish import Publisher
+from tactileforge.live.sensor_stream import Finger, Reading, picture_of
+from tactileforge.sensors.background import Background
+from tactileforge.sensors.capture import check
+from tactileforge.sensors.low_latency_threads import quick_switches
+from tactileforge.sensors.opening import open_all
+
+#: Seconds in which every sensor must begin to send; and that the loop waits for a frame.
+_PATIENCE, _WAIT = 10.0, 0.1
+#: Readings over which latency is told: of the whole run at the end, and meanwhile.
+_KEPT, _RECENT = 20_000, 300
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShowOptions:
+    """How sensors are shown live.
+
+    Attributes:
+        background: How the frame without contact is taken.
+        image: File of it instead; "" takes it.
+        contact: When something touches.
+        slip: When something slips.
+        embedding: Whether messages carry the model's vector.
+        unknown_sensor: ``error`` or ``universal``.
+        reconnect: Seconds for which a sensor that is lost is waited for.
+        calibration: Files of `tactileforge calibrate model=...`, by sensor, for its forces.
+        seconds: After which it ends; None until stopped.
+        frames: Readings after which it ends; None until stopped.
+    """
+
+    background: Background = field(default_factory=Background)
+    image: str = ""
+    contact: ContactOptions = field(default_factory=ContactOptions)
+    slip: SlipOptions = field(default_factory=SlipOptions)
+    embedding: bool = False
+    unknown_sensor: str = "error"
+    reconnect: float = 10.0
+    calibration: Mapping[str, str] = field(default_factory=dict)
+    seconds: float | None = None
+    frames: int | None = None
+
+
+class Latency:
+    """Seconds from frame to reading."""
+
+    def __init__(self) -> None:
+        self._all: deque[float] = deque(maxlen=_KEPT)
+
+    def add(self, seconds: float) -> None:
+        """Counts one."""
+        self._all.append(seconds)
+
+    def percentiles(self, recent: bool = True) -> tuple[float, float]:
+        """p50 and p99, s, of the last ones or of all; NaN where there are none."""
+        values = list(self._all)[-_RECENT if recent else 0 :]
+        if not values:
+            return float("nan"), float("nan")
+        p50, p99 = np.percentile(values, [50, 99])
+        return float(p50), float(p99)
+
+
+class Show:
+    """Opens sensors, takes their backgrounds, and computes readings until it is stopped.
+
+    Args:
+        sensors: Cameras and arrays by name, not open.
+        model: From which vectors and forces come; None for contact alone.
+        options: How.
+
+    Attributes:
+        fingers: By name, while it is open.
+        latency: Of all readings.
+
+    Raises:
+        ConfigError: No sensor, or one of the wrong kind.
+
+    Example:
+        >>> with Show({"digit": sensor}, model) as show:  # doctest: +SKIP
+        ...     for reading in show.readings():
+        ...         print(reading.force, reading.contact)
+    """
+
+    def __init__(
+        self,
+        sensors: Mapping[str, Sensor],
+        model: Model | None = None,
+        options: ShowOptions | None = None,
+    ) -> None:
+        if not sensors:
+            raise ConfigError("no sensor: choose some, e.g. sensor=digit")
+        for name, sensor in sensors.items():
+            if sensor.spec.kind == "wrench":
+                raise ConfigError(f"{name} is a wrench sensor: it has no pictures to show")
+        self.sensors, self.model = dict(sensors), model
+        self.options = options or ShowOptions()
+        self.fingers: dict[str, Finger] = {}
+        self.latency = Latency()
+        self.wake = threading.Condition()
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Show:
+        """Opens all sensors, and starts to read them.
+
+        Raises:
+            SensorError: One cannot be opened, gives nothing, or two are the same device.
+            ConfigError: The model does not know one, or a calibration is of another.
+        """
+        given, known = self.options, self._calibrations()
+        with ExitStack() as stack:
+            stack.enter_context(quick_switches())
+            open_all(self.sensors, stack)
+            self.fingers = {
+                name: Finger(
+                    name,
+                    sensor,
+                    self.model,
+                    self.wake,
+                    given.contact,
+                    given.slip,
+                    given.reconnect,
+                    given.unknown_sensor,
+                    known.get(name),
+                )
+                for name, sensor in self.sensors.items()
+            }
+            for finger in self.fingers.values():
+                stack.callback(finger.capture.stop)
+                finger.capture.start()
+            self._wait_for_all()
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._stack.close()
+
+    def _calibrations(self) -> dict[str, Calibration]:
+        given = self.options.calibration
+        if strange := sorted(set(given) - set(self.sensors)):
+            raise ConfigError(unknown("sensor of calibration", strange[0], self.sensors))
+        return {name: load(path) for name, path in given.items()}
+
+    def _wait_for_all(self) -> None:
+        end = time.monotonic() + _PATIENCE
+        while silent := [f for f in self.fingers.values() if not f.buffer.count]:
+            self.check()
+            if time.monotonic() > end or silent[0].capture.ended:
+                raise SensorError(f"{silent[0].name}: gives nothing; is it on?")
+            time.sleep(0.01)
+
+    def check(self) -> None:
+        """Raises the error of the first sensor that has ended with one."""
+        check([finger.capture for finger in self.fingers.values()])
+
+    def take_background(self) -> None:
+        """Takes the frame without contact of every sensor; nothing may touch meanwhile.
+
+        Raises:
+            SensorError: Something touches, or a sensor gives no good picture.
+            ConfigError: The picture given instead does not fit.
+        """
+        given = self.options
+        picture = picture_of(given.image) if given.image else None
+        for finger in self.fingers.values():
+            finger.begin_background()
+        end = time.monotonic() + (0.0 if given.image else given.background.seconds)
+        while time.monotonic() < end:
+            time.sleep(0.02)
+            self.check()
+        for finger in self.fingers.values():
+            finger.take_background(given.background, picture)
+
+    def readings(self, stop: threading.Event | None = None) -> Iterator[Reading | None]:
+        """Readings of the newest frames, as they come; None now and then where none comes.
+
+        Args:
+            stop: Ends them when set.
+
+        Raises:
+            SensorError: A sensor is lost, and has not come back.
+        """
+        fingers, given = list(self.fingers.values()), self.options
+        end = float("inf") if given.seconds is None else time.monotonic() + given.seconds
+        count = 0
+        while not (stop is not None and stop.is_set()) and time.monotonic() < end:
+            self.check()
+            if all(f.capture.ended and not f.is_fresh for f in fingers):
+                return
+            with self.wake:
+                self.wake.wait_for(lambda: any(f.is_fresh for f in fingers), _WAIT)
+            found = [finger.read(given.embedding) for finger in fingers]
+            for reading in found:
+                if reading is not None:
+                    self.latency.add(reading.latency)
+                    yield reading
+                    count += 1
+                    if given.frames is not None and count >= given.frames:
+                        return
+            if not any(found):
+                yield None
+
+
+def show(
+    view: Show,
+    publishers: Sequence[Publisher] = (),
+    stop: threading.Event | None = None,
+    say: Callable[[str], None] = print,
+    tell: Callable[[Show], None] | None = None,
+) -> None:
+    """Takes the background, then publishes readings and what becomes of the sensors.
+
+    Args:
+        view: Open.
+        publishers: Where readings and events go.
+        stop: Ends it when set.
+        say: Is told what happens, a line at a time.
+        tell: Is called after each reading, to show how it goes.
+
+    Raises:
+        SensorError: See `Show.take_background` and `Show.readings`.
+    """
+    if view.options.background.seconds and not view.options.image:
+        say("background: nothing may touch the sensors now")
+    view.take_background()
+    states = dict.fromkeys(view.fingers, "")
+    with _opened(publishers):
+        for reading in view.readings(stop):
+            messages = [] if reading is None else [reading.message()]
+            for name, finger in view.fingers.items():
+                if (state := finger.state) != states[name]:
+                    states[name] = state
+                    say(f"{name}: {state or 'all is well again'}")
+                    event = {"sensor": name, "event": state or "good", "time": time.monotonic()}
+                    messages.append(event)
+            for message in messages:
+                for publisher in publishers:
+                    publisher.send(message)
+            if tell is not None:
+                tell(view)
+    check([finger.capture for finger in view.fingers.values()], at_end=True)
+
+
+@contextmanager
+def _opened(publishers: Sequence[Publisher]) -> Iterator[None]:
+    with ExitStack() as stack:
+        for publisher in publishers:
+            publisher.open()
+            stack.callback(publisher.close)
+        yield

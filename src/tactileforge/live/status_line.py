@@ -1,0 +1,58 @@
+"""One line that says what the sensors feel."""
+
+from __future__ import annotations
+
+import math
+import time
+
+from tactileforge.live.sensor_stream import Finger
+from tactileforge.live.session import Show
+from tactileforge.sensors.status import Status, of_drops
+
+#: Seconds between two lines: on a terminal, where each takes the place of the last, and elsewhere.
+_TERMINAL, _ELSEWHERE = 0.1, 5.0
+
+
+class ShowStatus(Status):
+    """Writes the line to standard error."""
+
+    def tell(self, view: Show) -> None:
+        """Writes the line, if it is time to."""
+        now = time.monotonic()
+        if now < self._next:
+            return
+        self._next = now + (_TERMINAL if self._is_terminal else _ELSEWHERE)
+        p50, p99 = view.latency.percentiles()
+        parts = [f"p50 {1000 * p50:.1f} p99 {1000 * p99:.1f} ms"]
+        self._write(" | ".join([*map(of_finger, view.fingers.values()), *parts]))
+
+    def summary(self, view: Show) -> str:
+        """How it went, for the end."""
+        fingers = view.fingers.values()
+        counts = ", ".join(f"{f.name} {f.done} (skipped {f.skipped})" for f in fingers)
+        lost = ", ".join(f"{f.name} {n}" for f in fingers if (n := f.capture.counts.reopened))
+        dropped = of_drops({f.name: f.capture.drops() for f in fingers})
+        p50, p99 = view.latency.percentiles(recent=False)
+        waited = "" if math.isnan(p50) else f"; latency p50 {1e3 * p50:.1f} p99 {1e3 * p99:.1f} ms"
+        back = f"; came back: {lost}" if lost else ""
+        return f"readings: {counts}{waited}{back}; dropped: {dropped}"
+
+
+def of_finger(finger: Finger) -> str:
+    """What one sensor feels: rate, force, contact, slip, frames skipped."""
+    state = finger.state
+    words = [finger.name]
+    if state in ("lost", "frozen") or not finger.readings:
+        return f"{finger.name} {state.upper() or 'waits'}"
+    reading = finger.readings[-1]
+    words.append(f"{finger.capture.fps:.1f} fps")
+    if reading.force is not None:
+        words.append("force " + " ".join(f"{axis:+.2f}" for axis in reading.force) + " N")
+    if reading.trouble:
+        words.append(reading.trouble.upper())
+    else:
+        words.append("contact" if reading.contact else "free   ")
+    if reading.slip is not None:
+        words.append("SLIP" if reading.slip else "holds")
+    words.append(f"skipped {finger.skipped}")
+    return " ".join(words)

@@ -1,0 +1,58 @@
+"""The displacement of the gel's surface is predicted."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import torch
+from torch import Tensor, nn
+
+from tactileforge.contracts import AXES, Batch
+from tactileforge.data.labels import displacement
+from tactileforge.distributed import masked_mean
+
+
+class Surface(nn.Module):
+    """Squared error of the surface's displacement, coded as a square root, x, y and z alike.
+
+    Each axis is divided by its deviation over all that a simulated touch shows, so that shear
+    counts as much as depth. A clip without a known surface stays out.
+
+    Args:
+        deviation: Deviation of the coded displacement along x, y and z.
+    """
+
+    head: ClassVar[str] = "surface"
+    needs: ClassVar[frozenset[str]] = frozenset({"surface"})
+    deviation: Tensor
+
+    def __init__(self, deviation: tuple[float, float, float] = (0.23, 0.23, 0.12)) -> None:
+        super().__init__()
+        scale = torch.tensor(list(deviation)).view(3, 1, 1)
+        self.register_buffer("deviation", scale, persistent=False)
+
+    def forward(self, prediction: Tensor, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
+        """The loss, averaged over frames and places."""
+        errors = ((prediction.float() - self._true(batch)) / self.deviation) ** 2
+        return masked_mean(errors.mean((1, 2, 3, 4)), batch["surface_valid"]), {}
+
+    def _true(self, batch: Batch) -> Tensor:
+        return (batch["surface"].float() - displacement.NONE) / 127
+
+    def sums(self, prediction: Tensor, batch: Batch) -> Tensor:
+        """Moments of each axis, float64 (4, 3); see `contracts.Scored`."""
+        known = batch["surface_valid"]
+        true = self._true(batch)[known].double()
+        error = (prediction.detach()[known].double() - true) ** 2
+        parts = (torch.ones_like(true), true, true**2, error)
+        return torch.stack([part.sum((0, 1, 3, 4)) for part in parts])
+
+    def scores(self, sums: Tensor) -> dict[str, float]:
+        """R2 along each axis over all places and clips."""
+        count, total, square, error = sums
+        variance = square / count - (total / count) ** 2
+        return {
+            f"r2_{axis}": 1 - float(error[i] / count[i] / variance[i])
+            for i, axis in enumerate(AXES)
+            if count[i] and variance[i] > 1e-12
+        }

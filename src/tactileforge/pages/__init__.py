@@ -1,0 +1,1 @@
+"""HTML pages: style, pieces, figures and images."""

@@ -1,0 +1,236 @@
+"""Figures as inline SVG, whose colours follow the page's light or dark theme."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from tactileforge.pages.curves import Curve
+
+#: Colours of classes, light and dark theme. After Okabe and Ito: the colour-blind tell them apart.
+CLASSES = (
+    ("#0072b2", "#4ba7e0"),
+    ("#d55e00", "#ff8a3d"),
+    ("#009e73", "#2bcf9f"),
+    ("#b3579a", "#e08fcb"),
+    ("#b98000", "#f0b83c"),
+    ("#3f4a9e", "#9aa5f5"),
+)
+#: Shapes of classes: with six colours, 18 classes.
+MARKERS = "o^s"
+#: Classes that stand for the splits.
+SPLITS = {"train": 0, "val": 1}
+TRAIN, VAL = CLASSES[0][0], CLASSES[1][0]
+INK, _LINE, _OTHER, SHADE = "#010203", "#040506", "#070809", "#0a0b0c"
+_VARIABLES = {
+    INK: "currentColor",
+    _LINE: "var(--line)",
+    _OTHER: "var(--other)",
+    SHADE: "var(--shade)",
+} | {light: f"var(--c{i})" for i, (light, _) in enumerate(CLASSES)}
+_STYLE = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "tactileforge",
+    "font.size": 10,
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": _LINE,
+    "axes.facecolor": "none",
+    "axes.grid": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "axes.formatter.limits": (-4, 5),
+    "axes.formatter.useoffset": False,
+    "grid.color": _LINE,
+    "grid.linewidth": 0.6,
+    "xtick.color": _LINE,
+    "ytick.color": _LINE,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "lines.linewidth": 1.8,
+    "lines.solid_capstyle": "round",
+}
+
+#: Times and values.
+Series = tuple[NDArray[Any], NDArray[Any]]
+#: Points, class of each (-1 for those that have none), and how strongly to draw them.
+Points = tuple[NDArray[Any], NDArray[Any], NDArray[np.int64], float]
+
+
+def curve_figure(
+    label: str,
+    last_step: int,
+    train: Curve | None,
+    val: Curve | None = None,
+    weight: Curve | None = None,
+    *,
+    unit: str = "step",
+) -> str:
+    """A value in training and validation over the steps of a run.
+
+    Args:
+        label: What the value is.
+        last_step: End of the axis.
+        train: A line.
+        val: Points, joined.
+        weight: Weight of the objective, a shaded area on an axis of its own.
+        unit: What a step is.
+    """
+    with drawing(4.2, 2.4) as (figure, axes):
+        if weight is not None:
+            _shade(axes, weight)
+        if train is not None:
+            thin = train.thinned()
+            axes.plot(thin.steps, thin.values, ".-" if len(thin.steps) < 3 else "-", color=TRAIN)
+        if val is not None:
+            axes.plot(val.steps, val.values, "o-", color=VAL, markersize=4, linewidth=1.2)
+        if label == "loss":
+            values = [curve.values for curve in (train, val) if curve is not None]
+            _log_if_wide(axes, np.concatenate(values or [np.zeros(0)]))
+        axes.set(xlim=(0, max(last_step, 1)), xlabel=unit, ylabel=label)
+        shaded = ", and the weight of the objective" * (weight is not None)
+        return svg(figure, f"{label} over {unit}s{shaded}")
+
+
+def lines_figure(label: str, last_step: int, lines: Mapping[str, Curve]) -> str:
+    """Several values over the steps of a run, each in the colour of its place.
+
+    Args:
+        label: What the values are.
+        last_step: End of the axis.
+        lines: By name.
+    """
+    with drawing(4.2, 2.4) as (figure, axes):
+        for number, curve in enumerate(lines.values()):
+            thin = curve.thinned()
+            style = ".-" if len(thin.steps) < 30 else "-"
+            axes.plot(thin.steps, thin.values, style, color=CLASSES[number % len(CLASSES)][0])
+        values = np.concatenate([curve.values for curve in lines.values()])
+        _log_if_wide(axes, values)
+        axes.set(xlim=(0, max(last_step, 1)), xlabel="step", ylabel=label)
+        return svg(figure, f"{label} over steps: {', '.join(lines)}")
+
+
+def _shade(axes: Any, weight: Curve) -> None:
+    behind = axes.twinx()
+    axes.set_zorder(behind.get_zorder() + 1)
+    behind.fill_between(weight.steps, weight.values, color=SHADE, linewidth=0)
+    top = float(weight.values.max()) or 1.0
+    behind.set_ylim(0, 1.05 * top)
+    behind.set_yticks([0, top], ["0", f"{top:.2g}"])
+    behind.grid(False)
+    behind.tick_params(length=0)
+
+
+def scatter_figure(
+    groups: Sequence[Points], labels: tuple[str, str], identity: bool = False
+) -> str:
+    """Points coloured and shaped by class.
+
+    Args:
+        groups: Drawn one over the other.
+        labels: Of the axes.
+        identity: Both axes have one scale and a line on which they agree; else they have none.
+    """
+    with drawing(3.9, 3.6) as (figure, axes):
+        for x, y, classes, strength in groups:
+            for number in np.unique(classes):
+                chosen = classes == number
+                axes.plot(
+                    x[chosen],
+                    y[chosen],
+                    marker_of(int(number)),
+                    color=_OTHER if number < 0 else CLASSES[number % len(CLASSES)][0],
+                    alpha=strength,
+                    markersize=4 if strength > 0.5 else 3,
+                    markeredgewidth=0,
+                    zorder=2 + strength + (number >= 0),
+                )
+        if identity:
+            everything = np.concatenate([part for x, y, *_ in groups for part in (x, y)])
+            low, high = float(everything.min()), float(everything.max())
+            room = max(0.05 * (high - low), 0.1 - (high - low) / 2)
+            ends = (low - room, high + room)
+            axes.plot(ends, ends, color=INK, linewidth=0.8, dashes=(4, 3), zorder=1.5)
+            axes.set(xlim=ends, ylim=ends, aspect="equal")
+        else:
+            axes.tick_params(length=0, labelbottom=False, labelleft=False)
+        axes.set(xlabel=labels[0], ylabel=labels[1])
+        return svg(figure, f"{labels[1]} against {labels[0]}")
+
+
+def force_curve_figure(
+    measured: Sequence[Series], predicted: Mapping[str, Series], axis: str
+) -> str:
+    """One axis of the force of a recording over time, in N.
+
+    Args:
+        measured: Lines, one for each part of the recording.
+        predicted: Points, by split.
+        axis: Its name.
+    """
+    with drawing(4.2, 2.4) as (figure, axes):
+        for times, values in measured:
+            axes.plot(times, values, color=INK, linewidth=1.1)
+        for split, (times, values) in predicted.items():
+            colour = CLASSES[SPLITS[split]][0]
+            axes.plot(times, values, "o", color=colour, markersize=3, markeredgewidth=0)
+        low, high = axes.get_ylim()
+        room = max(0.0, 0.1 - (high - low) / 2)
+        axes.set(xlabel="time (s)", ylabel=f"{axis} (N)", ylim=(low - room, high + room))
+        return svg(figure, f"measured and predicted force along {axis} over time")
+
+
+def marker_of(number: int) -> str:
+    """The shape of a class."""
+    return MARKERS[max(number, 0) // len(CLASSES) % len(MARKERS)]
+
+
+@contextmanager
+def drawing(width: float, height: float) -> Iterator[tuple[Figure, Any]]:
+    """A figure with one pair of axes, in inches; the page scales it."""
+    with mpl.rc_context(_STYLE):
+        figure = Figure((width, height), layout="constrained", facecolor="none")
+        FigureCanvasSVG(figure)
+        yield figure, figure.add_subplot()
+
+
+def _log_if_wide(axes: Any, values: NDArray[np.float64]) -> None:
+    """A logarithmic axis where positive values span more than 30 to 1."""
+    values = values[np.isfinite(values)]
+    if len(values) and values.min() > 0 and values.max() > 30 * values.min():
+        axes.set_yscale("log")
+
+
+def svg(figure: Figure, words: str) -> str:
+    """Inline SVG without size, fonts and colours of its own; its ids are in no other figure."""
+    file = io.StringIO()
+    figure.savefig(
+        file, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type"))
+    )
+    text = file.getvalue()
+    text = text[text.index("<svg") :]
+    name = hashlib.sha256(text.encode()).hexdigest()[:8]
+    used = set(re.findall(r'(?:href="#|url\(#)([^")]+)', text))
+    text = re.sub(r' id="([^"]+)"', lambda m: m[0] if m[1] in used else "", text)
+    text = re.sub(r'( id="|href="#|url\(#)', rf"\g<1>{name}-", text)
+    text = re.sub(r"<style.*?</style>|<metadata>.*?</metadata>|<!--.*?-->", "", text, flags=re.S)
+    text = re.sub(r" font-family: [^;\"]*;?", "", text)
+    text = re.sub(r"<[^>]+>", lambda m: re.sub(r"(\.\d\d)\d+", r"\1", m[0]), text)
+    text = re.sub(r"\s*\n\s*", " ", text)
+    for colour, variable in _VARIABLES.items():
+        text = text.replace(colour, variable)
+    size = re.compile(r'(<svg[^>]*?) (?:width|height)="[^"]*"')
+    text = size.sub(r"\1", size.sub(r"\1", text, count=1), count=1)
+    return text.replace("<svg", f'<svg role="img" aria-label="{words}"', 1)

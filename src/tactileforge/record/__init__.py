@@ -1,0 +1,1 @@
+"""Live sensors: read in threads, recorded to shards (`docs/record.md`)."""

@@ -1,0 +1,159 @@
+"""What comes from a sensor while a take runs: frames encoded at once, and samples of a wrench."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections import deque
+from collections.abc import Sequence
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import Frame
+from tactileforge.data.frames.image_codecs import encode
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A frame that is being encoded.
+
+    Attributes:
+        time: Monotonic seconds.
+        encoded: The picture, for each codec.
+        raw: See `contracts.Frame`.
+    """
+
+    time: float
+    encoded: Future[dict[str, bytes]]
+    raw: NDArray[np.float32] | None
+
+
+class Reel:
+    """Frames of one sensor, encoded in a pool, kept until they are cut off and written.
+
+    Nothing waits: a frame that finds too many before it is dropped and counted.
+
+    Args:
+        pool: Encodes.
+        codecs: Of `data.shards.shards.CODECS`.
+        quality: Of JPEG.
+        queue: Frames that may wait to be encoded.
+        hold: Frames that may wait to be written.
+
+    Attributes:
+        waiting: Frames that wait to be encoded.
+        dropped: Frames dropped since `start`.
+    """
+
+    def __init__(
+        self, pool: Executor, codecs: Sequence[str], quality: int, queue: int, hold: int
+    ) -> None:
+        self.pool, self.codecs, self.quality = pool, tuple(codecs), quality
+        self.queue, self.hold = queue, hold
+        self.waiting = self.dropped = 0
+        self._shots: deque[Shot] = deque()
+        self._lock = threading.Lock()
+        self._from = self._end = math.inf
+
+    def start(self, time: float, end: float) -> None:
+        """Keeps frames from a time on, and before another."""
+        self._shots.clear()
+        self.dropped = 0
+        self._from, self._end = time, end
+
+    def stop(self) -> None:
+        """Keeps no more frames."""
+        self._from = math.inf
+
+    def take(self, frame: Frame) -> None:
+        """Takes a frame; called by the thread of its sensor."""
+        if not self._from <= frame.time < self._end:
+            return
+        if self.waiting >= self.queue or len(self._shots) >= self.hold:
+            self.dropped += 1
+            return
+        with self._lock:
+            self.waiting += 1
+        future = self.pool.submit(self.encode, frame.array)
+        future.add_done_callback(self._encoded)
+        self._shots.append(Shot(frame.time, future, frame.raw))
+
+    def encode(self, picture: NDArray[np.uint8]) -> dict[str, bytes]:
+        """A picture in every codec."""
+        return {
+            codec: encode(picture, codec, self.quality if codec == "jpg" else None)
+            for codec in self.codecs
+        }
+
+    def _encoded(self, future: Future[dict[str, bytes]]) -> None:
+        with self._lock:
+            self.waiting -= 1
+
+    def cut(self, until: float) -> list[Shot]:
+        """Takes out the frames before a time; their encoding may still go on."""
+        found = []
+        while self._shots and self._shots[0].time < until:
+            found.append(self._shots.popleft())
+        return found
+
+
+class Samples:
+    """Wrenches of one sensor, kept until they are cut off and written.
+
+    Args:
+        hold: Samples that may wait; more are dropped and counted.
+
+    Attributes:
+        dropped: Samples dropped since `start`.
+    """
+
+    def __init__(self, hold: int) -> None:
+        self.hold = hold
+        self.dropped = 0
+        # arrays from the start: to make them of thousands of samples would hold up every thread
+        self._times = np.empty(hold, np.float64)
+        self._values = np.empty((hold, 6), np.float32)
+        self._count = 0
+        self._lock = threading.Lock()
+        self._from = math.inf
+
+    def start(self, time: float, end: float) -> None:
+        """Keeps samples from a time on; also those after the end, to interpolate."""
+        with self._lock:
+            self._count = self.dropped = 0
+            self._from = time
+
+    def stop(self) -> None:
+        """Keeps no more samples."""
+        self._from = math.inf
+
+    def take(self, frame: Frame) -> None:
+        """Takes a sample; called by the thread of its sensor."""
+        if frame.time < self._from or frame.raw is None:
+            return
+        with self._lock:
+            if self._count == self.hold:
+                self.dropped += 1
+                return
+            self._times[self._count] = frame.time
+            self._values[self._count] = frame.raw
+            self._count += 1
+
+    def all(self) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+        """Times (N,) and wrenches (N, 6) of what is kept."""
+        with self._lock:
+            return self._times[: self._count].copy(), self._values[: self._count].copy()
+
+    def cut(self, until: float) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+        """Takes out those before a time."""
+        with self._lock:
+            end = self._count
+            count = int(np.searchsorted(self._times[:end], until))
+            found = self._times[:count].copy(), self._values[:count].copy()
+            self._times[: end - count] = self._times[count:end]
+            self._values[: end - count] = self._values[count:end]
+            self._count = end - count
+        return found

@@ -1,0 +1,99 @@
+"""Segments of a take as one recording a sensor; pictures are copied, not decoded."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import Recording
+from tactileforge.data.frames.image_codecs import PackedFrames
+from tactileforge.data.shards import shards
+
+
+def joined(paths: Sequence[Path]) -> list[shards.Packed]:
+    """The recordings of several segments as one a sensor.
+
+    Args:
+        paths: Segments of one take, in order.
+
+    Raises:
+        DataError: One of them is damaged.
+    """
+    by_sensor: dict[str, list[Recording]] = {}
+    for path in paths:
+        for one in shards.read(path):
+            by_sensor.setdefault(one.key.rpartition("/")[0], []).append(one)
+    return [_one(key, parts) for key, parts in by_sensor.items()]
+
+
+def _one(key: str, parts: Sequence[Recording]) -> shards.Packed:
+    first, last = parts[0], parts[-1]
+    frames = [_packed(part.frames) for part in parts]
+    views = [_packed(part.image) for part in parts if part.image is not None]
+    seen = [part.image_times for part in parts if part.image_times is not None]
+    tracks = {
+        name: np.concatenate([part.tracks[name] for part in parts])
+        for name in first.tracks
+        if all(name in part.tracks for part in parts)
+    }
+    labels = {name: value for name, value in last.labels.items() if name != "segment"}
+    whole = replace(
+        first,
+        key=key,
+        times=np.concatenate([part.times for part in parts]),
+        force=_column([part.force for part in parts]),
+        action=_column([part.action for part in parts]),
+        image_times=np.concatenate(seen) if seen else None,
+        labels=labels,
+        tracks=tracks,
+    )
+    return shards.Packed(
+        shards.head(whole),
+        frames[0].codec,
+        _Encoded(frames),
+        _Encoded([_packed(first.no_contact)] if first.no_contact is not None else []),
+        _Encoded(views),
+    )
+
+
+def _column(parts: Sequence[NDArray[Any] | None]) -> Any:
+    known = [part for part in parts if part is not None]
+    return np.concatenate(known) if len(known) == len(parts) else None
+
+
+def _packed(frames: Any) -> PackedFrames:
+    assert isinstance(frames, PackedFrames)  # they come from a shard
+    return frames
+
+
+@dataclass(frozen=True)
+class _Encoded(Sequence[bytes]):
+    """Encoded pictures of several recordings, read one by one."""
+
+    parts: Sequence[PackedFrames]
+
+    def __len__(self) -> int:
+        return sum(map(len, self.parts))
+
+    @overload
+    def __getitem__(self, place: int) -> bytes: ...
+    @overload
+    def __getitem__(self, place: slice) -> Sequence[bytes]: ...
+    def __getitem__(self, place: int | slice) -> bytes | Sequence[bytes]:
+        if isinstance(place, slice):
+            return [self[i] for i in range(*place.indices(len(self)))]
+        for part in self.parts:
+            if place < len(part):
+                return part.encoded(place)
+            place -= len(part)
+        raise IndexError("no such picture")
+
+    def __iter__(self) -> Iterator[bytes]:
+        for part in self.parts:
+            for place in range(len(part)):
+                yield part.encoded(place)

@@ -1,0 +1,74 @@
+"""Values as devices gave them, at their own rate, in a shard beside its recordings."""
+
+from __future__ import annotations
+
+import io
+import re
+import tarfile
+import zlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TypeAlias
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.data.shards import shards
+from tactileforge.errors import DataError
+
+#: What a member that carries raw values is called.
+_RAW = re.compile(r"raw\.(?P<name>.+)\.npz")
+
+#: Times, float64 (N,), and values, float32 (N, ...), of what a device gave.
+Raw: TypeAlias = tuple[NDArray[np.float64], NDArray[np.float32]]
+
+
+def append_raw(path: Path, raw: Mapping[str, Raw]) -> None:
+    """Adds raw values to a shard; readers of recordings pass over them."""
+    if not raw:
+        return
+    with tarfile.open(path, "a", format=tarfile.USTAR_FORMAT) as tar:
+        for name, (times, values) in raw.items():
+            content = io.BytesIO()
+            np.savez(content, times=times, values=values)
+            info = tarfile.TarInfo(f"raw.{name}.npz")
+            info.size = content.tell()
+            content.seek(0)
+            tar.addfile(info, content)
+
+
+def read_raw(path: Path) -> dict[str, Raw]:
+    """The values that devices gave, as they gave them, of a recorded shard.
+
+    Args:
+        path: The shard.
+
+    Returns:
+        By name of the sensor: times, float64 (N,), s since the take began, and values, float32
+        (N, ...): of a wrench sensor (N, 6) in N and N m, in its own axes and without tare.
+
+    Raises:
+        DataError: The file is no shard, or is damaged.
+    """
+    found: dict[str, Raw] = {}
+    for name, content in shards.members(path):
+        if match := _RAW.fullmatch(name):
+            try:
+                with np.load(io.BytesIO(content), allow_pickle=False) as held:
+                    found[match["name"]] = (held["times"], held["values"])
+            except (ValueError, KeyError, OSError, EOFError, BadZipFile, zlib.error) as error:
+                raise DataError(f"{path}: {name} is damaged ({error}); record it again") from error
+    return found
+
+
+def joined_raw(paths: Sequence[Path]) -> dict[str, Raw]:
+    """Those of several segments of one take, in order."""
+    parts: dict[str, list[Raw]] = {}
+    for path in paths:
+        for name, raw in read_raw(path).items():
+            parts.setdefault(name, []).append(raw)
+    return {
+        name: (np.concatenate([t for t, _ in held]), np.concatenate([v for _, v in held]))
+        for name, held in parts.items()
+    }

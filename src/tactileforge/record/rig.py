@@ -1,0 +1,216 @@
+"""The sensors of a recording: opened together, each read in its thread, frames encoded at once."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import Frame, Sensor
+from tactileforge.errors import ConfigError, SensorError
+from tactileforge.record.frame_queue import Reel, Samples
+from tactileforge.record.options import Options
+from tactileforge.sensors import background
+from tactileforge.sensors.capture import Capture, check
+from tactileforge.sensors.opening import open_all
+from tactileforge.sensors.specs import spec
+
+#: Seconds of frames, beside two segments, that may wait for the disk.
+_SLACK = 10.0
+#: Seconds in which every device must begin to send.
+_PATIENCE = 10.0
+#: Frames that are looked at for a background; more would only take memory.
+_LOOKED_AT = 60
+
+
+@dataclass
+class Device:
+    """One sensor of a recording.
+
+    Attributes:
+        name: The key of its recordings.
+        sensor: The sensor.
+        capture: The thread that reads it.
+        keeps: What it gives during a take: `Reel` of a camera or array, `Samples` of a wrench.
+        background: Encoded frames without contact.
+        rest: float64 (6,), the wrench without contact.
+        seen: Frames for the next background; None while none is taken.
+    """
+
+    name: str
+    sensor: Sensor
+    capture: Capture = field(init=False)
+    keeps: Reel | Samples = field(init=False)
+    background: list[bytes] = field(default_factory=list)
+    rest: NDArray[np.float64] = field(default_factory=lambda: np.zeros(6))
+    seen: list[Frame] | None = None
+
+    def sink(self, frame: Frame) -> None:
+        """Takes a frame from the thread of the sensor."""
+        seen = self.seen
+        if seen is not None:
+            seen.append(frame)
+        self.keeps.take(frame)
+
+
+class Rig:
+    """Opens the sensors of a recording, reads them, and closes them.
+
+    Args:
+        sensors: Cameras and arrays, by the name of their recordings.
+        force: A wrench sensor.
+        camera: A camera that looks on.
+        options: How to record.
+
+    Attributes:
+        devices: Of ``sensors``.
+        force: The wrench sensor, if any.
+        camera: The camera that looks on, if any.
+
+    Raises:
+        ConfigError: There is no sensor, one is of the wrong kind, or of a type nobody knows.
+    """
+
+    def __init__(
+        self,
+        sensors: Mapping[str, Sensor],
+        force: Sensor | None,
+        camera: Sensor | None,
+        options: Options,
+    ) -> None:
+        self.options = options
+        if not sensors:
+            raise ConfigError("no sensor: choose some, e.g. sensor=[digit,gelsight_mini]")
+        for name, sensor in sensors.items():
+            if sensor.spec.kind == "wrench":
+                raise ConfigError(f"{name} is a wrench sensor: choose it with force={name}")
+            spec(sensor.spec.name)  # or nobody could read its recordings
+        if force is not None and force.spec.kind != "wrench":
+            raise ConfigError(f"force={force.spec.name} is no wrench sensor: choose it as sensor=")
+        if camera is not None and camera.spec.kind != "image":
+            raise ConfigError(f"camera={camera.spec.name} is no camera")
+        self.devices = [Device(name, sensor) for name, sensor in sensors.items()]
+        self.force = None if force is None else Device("force", force)
+        self.camera = None if camera is None else Device("view", camera)
+        if taken := sensors.keys() & {"force", "view"}:
+            raise ConfigError(f"no sensor can be called {taken.pop()}: choose another name for it")
+        self._stack = ExitStack()
+
+    @property
+    def all(self) -> list[Device]:
+        """Every device."""
+        return [*self.devices, *(one for one in (self.force, self.camera) if one is not None)]
+
+    def codec(self, device: Device) -> str:
+        """How the frames of a device are stored."""
+        return "png" if device.sensor.spec.kind == "array" else self.options.codec
+
+    def __enter__(self) -> Self:
+        """Opens all sensors, and starts to read them.
+
+        Raises:
+            SensorError: One cannot be opened, or two are the same device.
+        """
+        options = self.options
+        with ExitStack() as stack:
+            pool = stack.enter_context(ThreadPoolExecutor(options.workers, "encode"))
+            open_all({device.name: device.sensor for device in self.all}, stack)
+            for device in self.all:
+                device.keeps = self._keeper(device, pool)
+                sink, wait = device.sink, options.reconnect
+                device.capture = Capture(device.name, device.sensor, sink, wait)
+                stack.callback(device.capture.stop)
+                device.capture.start()
+            self._stack = stack.pop_all()
+        return self
+
+    def _keeper(self, device: Device, pool: ThreadPoolExecutor) -> Reel | Samples:
+        hold = int(device.sensor.spec.fps * (2 * self.options.segment + _SLACK)) + 1
+        if device is self.force:
+            return Samples(hold)
+        codecs = {self.codec(device)}
+        if device is self.camera:
+            codecs = {self.codec(one) for one in self.devices}
+        return Reel(pool, sorted(codecs), self.options.quality, self.options.queue, hold)
+
+    def __exit__(self, *error: object) -> None:
+        self._stack.close()
+
+    def check(self) -> None:
+        """Raises the error of the first device that has ended with one."""
+        check([device.capture for device in self.all])
+
+    @property
+    def is_over(self) -> bool:
+        """Whether no sensor will give another frame."""
+        return all(device.capture.is_done for device in self.devices)
+
+    def take_background(self) -> None:
+        """Takes frames without contact, and the wrench without load.
+
+        Raises:
+            SensorError: Something touches a sensor, or one gives nothing.
+        """
+        given = self.options.background
+        self._wait_for_all()
+        for device in self.all:
+            device.seen = []
+        end = time.monotonic() + given.seconds
+        while time.monotonic() < end:
+            time.sleep(0.02)
+            self.check()
+        for device in self.devices:
+            seen, device.seen = device.seen or [], None
+            device.background = []
+            if given.seconds:
+                step = -(-len(seen) // _LOOKED_AT) or 1
+                frames = [frame.array for frame in seen[::step]]
+                background.check(device.name, frames, given.threshold)
+                codec, keeps = self.codec(device), device.keeps
+                assert isinstance(keeps, Reel)
+                chosen = background.chosen(frames, given.frames)
+                device.background = [keeps.encode(frame)[codec] for frame in chosen]
+        if self.camera is not None:
+            self.camera.seen = None
+        if self.force is not None:
+            self._tare(self.force)
+
+    def _wait_for_all(self) -> None:
+        """Waits until every device gives something."""
+        end = time.monotonic() + _PATIENCE
+        while silent := [d for d in self.all if not (d.capture.is_done or d.capture.has_begun)]:
+            self.check()
+            if time.monotonic() > end:
+                raise SensorError(
+                    f"{silent[0].name}: gives nothing within {_PATIENCE:g} s; is it on?"
+                )
+            time.sleep(0.02)
+
+    def _tare(self, force: Device) -> None:
+        seen, force.seen = force.seen or [], None
+        wrenches = [frame.raw for frame in seen if frame.raw is not None]
+        if self.options.background.seconds and not wrenches:
+            raise SensorError(f"{force.name}: no wrench came without load; does it still run?")
+        if self.options.tare and wrenches:
+            force.rest = np.mean(wrenches, axis=0, dtype=np.float64)
+
+    def start(self, time: float, end: float) -> None:
+        """Keeps what comes from a time on, and before another."""
+        for device in self.all:
+            device.keeps.start(time, end)
+
+    def stop(self) -> None:
+        """Keeps nothing more."""
+        for device in self.all:
+            device.keeps.stop()
+
+    def has_passed(self, time: float) -> bool:
+        """Whether everything before a time has come, as far as one can know."""
+        waits = [d for d in self.all if not (d.capture.is_done or d.capture.is_lost)]
+        return all(device.capture.latest >= time for device in waits)

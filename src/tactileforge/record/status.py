@@ -1,0 +1,91 @@
+"""One line that says how a recording goes."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, TextIO
+
+from tactileforge.record.frame_queue import Reel
+from tactileforge.sensors.health import TROUBLES
+from tactileforge.sensors.status import Status
+
+if TYPE_CHECKING:
+    from tactileforge.record.rig import Device, Rig
+
+#: Seconds between two lines: on a terminal, where each takes the place of the last, and elsewhere.
+_TERMINAL, _ELSEWHERE = 0.25, 5.0
+
+
+@dataclass
+class Summary:
+    """What was recorded.
+
+    Attributes:
+        takes: Takes with at least one segment.
+        seconds: Their duration together, s.
+        frames: Frames of each sensor.
+        dropped: Frames of each device that found the queues full.
+        bytes: Size of the shards.
+        reasons: All frames of each device that were dropped, by reason; ``late`` found the queues
+            full.
+    """
+
+    takes: int
+    seconds: float
+    frames: dict[str, int]
+    dropped: dict[str, int]
+    bytes: int
+    reasons: dict[str, dict[str, int]] = field(default_factory=dict)
+
+
+class RecordStatus(Status):
+    """Writes the line, and a warning when the pictures of a sensor begin to be bad.
+
+    Args:
+        to: Where to; None for standard error.
+    """
+
+    def __init__(self, to: TextIO | None = None) -> None:
+        super().__init__(to)
+        self._warned: set[tuple[str, str]] = set()
+
+    def show(self, rig: Rig, take: int, seconds: float, found: Summary) -> None:
+        """Writes the line, if it is time to."""
+        now = time.monotonic()
+        if now < self._next:
+            return
+        self._next = now + (_TERMINAL if self._is_terminal else _ELSEWHERE)
+        for device in rig.all:
+            self._warn(device)
+        free = shutil.disk_usage(rig.options.out).free
+        parts = [
+            f"take {take} {seconds:6.1f} s",
+            *map(of_device, rig.all),
+            f"saved {found.seconds:.0f} s, {found.bytes / 1e6:.1f} MB",
+            f"disk {free / 1e9:.0f} GB",
+        ]
+        self._write(" | ".join(parts))
+
+    def _warn(self, device: Device) -> None:
+        for trouble in set(device.capture.health.counts):
+            if (device.name, trouble) not in self._warned:
+                self._warned.add((device.name, trouble))
+                self.end()
+                self.to.write(f"warning: {device.name}: {TROUBLES[trouble]}\n")
+
+
+def of_device(device: Device) -> str:
+    """How one device does: rate, frames waiting, frames lost."""
+    capture, keeps = device.capture, device.keeps
+    if capture.is_lost:
+        return f"{device.name} LOST"
+    words = [f"{device.name} {capture.fps:.1f} fps"]
+    if isinstance(keeps, Reel):
+        words.append(f"queue {keeps.waiting}")
+    words.append(f"dropped {keeps.dropped}")
+    counts = capture.counts
+    others = capture.drops() | {"stalled": counts.stalled, "reopened": counts.reopened}
+    words += [f"{name} {count}" for name, count in others.items() if count]
+    return " ".join(words)

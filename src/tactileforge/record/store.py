@@ -1,0 +1,227 @@
+"""The folder of a recording: segments that are safe once written, joined into one shard a take.
+
+A segment is written beside its place, forced to the disk and renamed; then the index is, in the
+same way. So what was acknowledged is in the index, and the index names only what is whole. What a
+killed run has left is put in order when the folder is opened again.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import re
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import IO, Self
+
+from tactileforge.data.shards import index, shards
+from tactileforge.data.shards.index import Entry, Index
+from tactileforge.errors import ConfigError, DataError
+from tactileforge.record.merge_segments import joined
+from tactileforge.record.raw import Raw, append_raw, joined_raw
+
+#: Folder, beside the shards, for what is not yet whole.
+NOTES = ".record"
+#: What made the index.
+_BY = "tactileforge record"
+_SEGMENT = re.compile(r"(?P<split>train|val)-(?P<take>\d{6})\.(?P<number>\d{4,})\.tar")
+_TAKE = re.compile(r"(?P<split>train|val)-(?P<take>\d{6})\.tar")
+
+
+class Store:
+    """Takes in a folder, of one writer at a time.
+
+    Args:
+        out: The folder.
+        split: ``train`` or ``val``.
+
+    Attributes:
+        notes: What was put in order when it was opened, one line each.
+    """
+
+    def __init__(self, out: Path, split: str) -> None:
+        self.out, self.split = out, split
+        self.notes: list[str] = []
+        self._entries: dict[str, Entry] = {}
+        self._lock: IO[str] | None = None
+
+    def __enter__(self) -> Self:
+        """Opens the folder.
+
+        Raises:
+            ConfigError: It holds other shards, or another program records into it.
+            OSError: It cannot be written.
+        """
+        ours = (self.out / NOTES).is_dir()
+        (self.out / NOTES).mkdir(parents=True, exist_ok=True)
+        self._lock = (self.out / NOTES / "lock").open("w")
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            self._lock.close()
+            raise ConfigError(
+                f"{self.out}: another program records into it; give another out="
+            ) from error
+        try:
+            self._load(ours)
+            self._recover()
+        except BaseException:
+            self.__exit__()
+            raise
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self._lock is not None:
+            self._lock.close()
+
+    def _load(self, ours: bool) -> None:
+        path = self.out / index.NAME
+        if path.exists():
+            try:
+                held = index.parse(path.read_bytes(), str(path))
+            except DataError as error:
+                self.notes.append(f"the index is made anew: {error}")
+            else:
+                ours = held.made.get("by") == _BY
+                self._entries = {one.file: one for rows in held.splits.values() for one in rows}
+        if not ours and any([path.exists(), *self.out.glob("*.tar")]):
+            raise ConfigError(f"{self.out} holds shards of something else; give another out=")
+
+    def _recover(self) -> None:
+        """Drops what is half-written, takes up what is whole, joins what was interrupted."""
+        for path in [*self.out.glob("*.part"), *(self.out / NOTES).glob("*.tar*")]:
+            path.unlink()
+        for name in list(self._entries):
+            if not (self.out / name).exists():
+                del self._entries[name]
+                self.notes.append(f"{name} is in the index and not in the folder")
+        for path in sorted(self.out.glob("*.tar")):
+            if path.name not in self._entries:
+                self._take_up(path)
+        takes = {name for name in self._entries if _TAKE.fullmatch(name)}
+        segments = [path for path in self.out.glob("*.tar") if _SEGMENT.fullmatch(path.name)]
+        spare = [path for path in segments if _whole(path.name) in takes]
+        for path in spare:  # the run was killed after it had joined them
+            self._entries.pop(path.name, None)
+        if self._entries:
+            self._save()
+        for path in spare:
+            path.unlink()
+        for take in sorted({_whole(path.name) for path in segments} - takes):
+            try:
+                self._join(take)
+            except DataError as error:
+                self.notes.append(f"{take} stays in segments: {error}")
+
+    def _take_up(self, path: Path) -> None:
+        try:
+            self._entries[path.name] = Entry.of(path)
+            self.notes.append(f"{path.name} was whole, and is now in the index")
+        except DataError as error:
+            self.notes.append(f"{path.name} is left out of the index: {error}")
+
+    def new_take(self) -> int:
+        """The number of the next take."""
+        found = [_parts(path.name) for path in self.out.glob("*.tar")]
+        return max((int(one["take"]) for one in found if one), default=-1) + 1
+
+    def write(
+        self,
+        take: int,
+        number: int,
+        recordings: Sequence[shards.Packed],
+        raw: Mapping[str, Raw],
+    ) -> Entry:
+        """Writes one segment; when this returns, it is safe.
+
+        Args:
+            take: Which take.
+            number: Which segment of it.
+            recordings: One a sensor.
+            raw: Values as devices gave them, by name.
+
+        Raises:
+            OSError: It cannot be written; what was written before stays.
+        """
+        return self._commit(f"{self.split}-{take:06d}.{number:04d}.tar", recordings, raw)
+
+    def join(self, take: int) -> Entry | None:
+        """Makes one shard of the segments of a take.
+
+        Returns:
+            Its row of the index; None where there are no segments, or no room for it.
+
+        Raises:
+            OSError: It cannot be written; the segments stay.
+        """
+        return self._join(f"{self.split}-{take:06d}.tar")
+
+    def _join(self, name: str) -> Entry | None:
+        segments = sorted(one for one in self._entries if _whole(one) == name and one != name)
+        size = sum(self._entries[one].bytes for one in segments)
+        if not segments or shutil.disk_usage(self.out).free < 1.1 * size:
+            return None
+        paths = [self.out / one for one in segments]
+        entry = self._commit(name, joined(paths), joined_raw(paths), instead_of=segments)
+        for path in paths:
+            path.unlink()
+        return entry
+
+    def _commit(
+        self,
+        name: str,
+        recordings: Sequence[shards.Packed],
+        raw: Mapping[str, Raw],
+        instead_of: Sequence[str] = (),
+    ) -> Entry:
+        part = self.out / NOTES / name
+        try:
+            shards.write(part, recordings)
+            append_raw(part, raw)
+            _sync(part)
+            entry = Entry.of(part)
+            part.replace(self.out / name)
+        finally:
+            part.unlink(missing_ok=True)
+        before = dict(self._entries)
+        for one in instead_of:
+            del self._entries[one]
+        self._entries[name] = entry
+        try:
+            self._save()
+        except OSError:
+            self._entries = before
+            raise
+        return entry
+
+    def _save(self) -> None:
+        rows = [self._entries[name] for name in sorted(self._entries)]
+        splits = {
+            split: [row for row in rows if row.file.startswith(f"{split}-")]
+            for split in ("train", "val")
+        }
+        Index("record", splits, made={"by": _BY}).save(self.out / NOTES)
+        _sync(self.out / NOTES / index.NAME)
+        (self.out / NOTES / index.NAME).replace(self.out / index.NAME)
+        _sync(self.out)
+
+
+def _parts(name: str) -> dict[str, str] | None:
+    found = _SEGMENT.fullmatch(name) or _TAKE.fullmatch(name)
+    return found.groupdict() if found else None
+
+
+def _whole(name: str) -> str:
+    """What the shard of the whole take is called; "" for what is none of ours."""
+    parts = _parts(name)
+    return f"{parts['split']}-{parts['take']}.tar" if parts else ""
+
+
+def _sync(path: Path) -> None:
+    """Forces a file, or the names in a folder, to the disk."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -1,0 +1,83 @@
+"""Frames without contact, and the check that nothing touches while they are taken."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.errors import SensorError
+from tactileforge.sensors.health import TROUBLES, exposure_trouble
+
+#: Pixels on the side of the squares that are averaged, so that noise does not count as touch.
+_SQUARE = 8
+
+
+@dataclass(frozen=True, kw_only=True)
+class Background:
+    """How frames without contact are taken before each take.
+
+    Attributes:
+        seconds: For how long; 0 takes none.
+        frames: How many of them are kept.
+        threshold: Largest change of the picture meanwhile, grey levels.
+    """
+
+    seconds: float = 1.0
+    frames: int = 5
+    threshold: float = 4.0
+
+
+def variation(frames: Sequence[NDArray[np.uint8]]) -> float:
+    """How much pictures change, grey levels.
+
+    Of each picture, the mean of every square of eight pixels is compared with the median of all
+    pictures; a hundredth of the squares may change more than the result.
+
+    Args:
+        frames: uint8 (H, W, 3) each, at least one.
+    """
+    height, width = frames[0].shape[:2]
+    size = (max(1, width // _SQUARE), max(1, height // _SQUARE))
+    small = np.stack(
+        [
+            cv2.resize(frame, size, interpolation=cv2.INTER_AREA).astype(np.float32)
+            for frame in frames
+        ]
+    )
+    change = np.abs(small - np.median(small, axis=0))
+    return max(float(np.percentile(one, 99)) for one in change)
+
+
+def check(name: str, frames: Sequence[NDArray[np.uint8]], threshold: float) -> None:
+    """Refuses a background that cannot be one.
+
+    Args:
+        name: Of the sensor.
+        frames: uint8 (H, W, 3) each, over a second or so.
+        threshold: Largest `variation`, grey levels.
+
+    Raises:
+        SensorError: There is no picture, it is black or saturated, or something moves on the gel.
+    """
+    if not frames:
+        raise SensorError(f"{name}: no frame came for its background; does it still run?")
+    if trouble := exposure_trouble(frames[len(frames) // 2]):
+        raise SensorError(f"{name}: its background is {trouble}: {TROUBLES[trouble]}")
+    found = variation(frames)
+    if found > threshold:
+        raise SensorError(
+            f"{name}: something touches it, or its light flickers: its pictures change by "
+            f"{found:.1f} grey levels while nothing should touch. Lift everything off and start "
+            f"again, or allow more: background.threshold={threshold:g} is the limit"
+        )
+
+
+def chosen(frames: Sequence[NDArray[np.uint8]], count: int) -> list[NDArray[np.uint8]]:
+    """So many of the frames, spread evenly."""
+    count = min(count, len(frames))
+    step = (len(frames) - 1) / max(1, count - 1)
+    return [frames[round(place * step)] for place in range(count)]

@@ -1,0 +1,1 @@
+"""Sensor plugins that come with the package."""

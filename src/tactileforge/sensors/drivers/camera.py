@@ -1,0 +1,334 @@
+"""Any camera that OpenCV opens: UVC devices, network streams, and video files in place of them."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Self
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import Frame, SensorSpec
+from tactileforge.errors import ConfigError, SensorError, TactileForgeError
+from tactileforge.sensors.drivers.v4l2 import attached, matching, video_devices, why_not
+from tactileforge.sensors.specs import spec
+
+# Seconds that OpenCV waits for a frame of a device; it reads them once.
+os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "2")
+
+#: A frame that does not come sooner than this is late, and the device is still there.
+_AT_ONCE = 1.0
+#: Manual exposure, as Video4Linux numbers it.
+_MANUAL = 1
+
+
+class Camera:
+    """A camera.
+
+    What is asked for is checked: a camera that gives another resolution, or does not know a
+    control, is an error. A driver of a known sensor subclasses it, gives what is known to
+    ``super().__init__``, and overrides `adjust` or `prepare` where it needs more.
+
+    A video file is played in real time: a frame comes when it is due, and one that nobody read in
+    time is lost.
+
+    Args:
+        device: Number, path, URL, ``usb:VENDOR:PRODUCT``, ``serial:NUMBER`` or ``name:PART`` of
+            its name; or a video file.
+        type: Name of the type of sensor, in recordings; see `tactileforge.sensors.specs`.
+        width: Columns to ask for; None for what it gives.
+        height: Rows to ask for.
+        fps: Frames a second to ask for.
+        fourcc: Pixel format to ask for, for example ``MJPG``.
+        exposure: Exposure in the units of the camera; None for automatic.
+        white_balance: Colour temperature, K; None for automatic.
+        border: Share of height and width to cut off at each side.
+        crop: Left, top, width and height of what is shown then, in pixels; None for all.
+        rotation: Degrees to turn it counter-clockwise then: 0, 90, 180 or 270.
+        resize: Height and width at last; None to leave it.
+        warmup: Frames to throw away when it is opened.
+
+    Attributes:
+        spec: That of the type; once open with height, width and rate of the frames.
+        address: Path of the open device; "" while none is open, and of a file.
+        damaged: Frames that could not be decoded.
+    """
+
+    spec = SensorSpec(
+        name="camera",
+        height=480,
+        width=640,
+        fps=30.0,
+        area_mm=None,
+        force_scale=(5.0, 5.0, 10.0),
+    )
+
+    def __init__(
+        self,
+        device: str | int = "0",
+        type: str = "camera",
+        width: int | None = None,
+        height: int | None = None,
+        fps: float | None = None,
+        fourcc: str = "",
+        exposure: float | None = None,
+        white_balance: float | None = None,
+        border: float = 0.0,
+        crop: Sequence[int] | None = None,
+        rotation: int = 0,
+        resize: Sequence[int] | None = None,
+        warmup: int = 0,
+    ) -> None:
+        if rotation not in (0, 90, 180, 270):
+            raise ConfigError(f"rotation={rotation}: give 0, 90, 180 or 270 degrees")
+        if not 0 <= border < 0.5:
+            raise ConfigError(f"border={border}: give the share to cut off, 0 or more, below 0.5")
+        self.device = str(device)
+        self.width, self.height, self.fps, self.fourcc = width, height, fps, fourcc
+        self.exposure, self.white_balance = exposure, white_balance
+        self.border, self.crop, self.rotation, self.resize = border, crop, rotation, resize
+        self.warmup = warmup
+        self.spec = self.spec if type == self.spec.name else spec(type)
+        if width and height:
+            self.spec = self._specified((height, width), fps)
+        self.address = ""
+        self.damaged = 0
+        self._capture: Any = None
+        self._size = (0, 0)
+        self._is_file = False
+        self._last = self._start = 0.0
+        self._next = 0
+
+    def discover(self) -> list[str]:
+        """Paths of the cameras that are attached and fit ``device``; a file or URL itself."""
+        device, there = self.device, video_devices()
+        if "://" in device or Path(device).is_file():
+            return [device]
+        if device.isdigit():
+            device = f"/dev/video{device}"
+        chosen = [one for one in there if os.path.realpath(device) == one.path]
+        return [one.path for one in chosen or matching(device, there)]
+
+    def open(self) -> None:
+        """Claims the camera, and sets what is asked for.
+
+        Raises:
+            SensorError: It is absent, busy, several fit, or it does not do what is asked for.
+            ConfigError: The crop lies outside its frames.
+        """
+        self.close()
+        source = self._locate()
+        self._is_file = Path(source).is_file()
+        is_device = source.startswith("/dev/")
+        capture = open_capture(source, cv2.CAP_V4L2 if is_device else cv2.CAP_FFMPEG)
+        self._capture = capture
+        try:
+            if not capture.isOpened():
+                raise SensorError(why_not(source))
+            self._set_up(capture, source)
+            self.address = os.path.realpath(source) if is_device else ""
+            for _ in range(self.warmup):
+                capture.grab()
+        except BaseException:
+            self.close()
+            raise
+        self._start, self._next = time.monotonic(), 0
+
+    def _locate(self) -> str:
+        """The device, file or URL to open."""
+        if self.device.isdigit():
+            return f"/dev/video{self.device}" if sys.platform == "linux" else self.device
+        if not self.device.startswith(("usb:", "serial:", "name:")):
+            return self.device
+        found = self.discover()
+        if not found:
+            raise SensorError(f"no camera {self.device} is attached{attached()}; plug it in")
+        if len(found) > 1:
+            raise SensorError(f"{self.device} fits {', '.join(found)}; choose with device=serial:")
+        return found[0]
+
+    def _set_up(self, capture: Any, source: str) -> None:
+        if self.fourcc:
+            capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*self.fourcc))
+        asked = {
+            "width": (cv2.CAP_PROP_FRAME_WIDTH, self.width),
+            "height": (cv2.CAP_PROP_FRAME_HEIGHT, self.height),
+            "fps": (cv2.CAP_PROP_FPS, self.fps),  # last: a new resolution resets it
+        }
+        for control, value in asked.values():
+            if value is not None:
+                capture.set(control, value)
+        got = {name: float(capture.get(control)) for name, (control, _) in asked.items()}
+        for name, (_, value) in asked.items():
+            if value is not None and got[name] > 0 and abs(got[name] - value) > 0.01 * value:
+                raise SensorError(
+                    f"{source}: {name}={value:g} was asked for, and it gives {got[name]:g}; ask "
+                    "for a mode that it has (v4l2-ctl --list-formats-ext)"
+                )
+        self._size = (int(got["height"]), int(got["width"]))
+        self.spec = self._specified(self._size, got["fps"] if got["fps"] > 0 else None)
+        if not self._is_file:
+            self.adjust(capture)
+
+    def adjust(self, capture: Any) -> None:
+        """Sets the controls of a device that has just been opened.
+
+        Args:
+            capture: OpenCV's capture; see `control`.
+
+        Raises:
+            SensorError: It does not know a control.
+        """
+        if self.exposure is not None:
+            capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, _MANUAL)
+            self.control(capture, "exposure", cv2.CAP_PROP_EXPOSURE, self.exposure)
+        if self.white_balance is not None:
+            capture.set(cv2.CAP_PROP_AUTO_WB, 0)
+            self.control(capture, "white_balance", cv2.CAP_PROP_WB_TEMPERATURE, self.white_balance)
+
+    def control(self, capture: Any, name: str, control: int, value: float) -> None:
+        """Sets a control of the device.
+
+        Args:
+            capture: OpenCV's capture.
+            name: What to call it in an error.
+            control: OpenCV's number of it.
+            value: In the units of the camera.
+
+        Raises:
+            SensorError: It does not know the control.
+        """
+        if not capture.set(control, value):
+            raise SensorError(
+                f"{self.device}: it does not take {name}={value:g}; leave {name} out, or see its "
+                "range (v4l2-ctl --list-ctrls)"
+            )
+
+    def _specified(self, size: tuple[int, int], fps: float | None) -> SensorSpec:
+        """The spec of frames that are so large before they are prepared."""
+        height, width = self.prepare(np.zeros((*size, 3), np.uint8)).shape[:2]
+        return replace(self.spec, height=height, width=width, fps=fps or self.spec.fps)
+
+    def read(self, timeout: float = 1.0) -> Frame:
+        """The next frame, with the time of the driver if it has one.
+
+        Raises:
+            TactileForgeError: It is not open.
+            SensorError: It is gone, or its frames have another size than before.
+            TimeoutError: No frame within ``timeout`` seconds; a device may take two.
+            EOFError: A file is over.
+        """
+        end = time.monotonic() + timeout
+        while True:
+            capture = self._capture
+            if capture is None:
+                raise TactileForgeError(
+                    "the camera is not open: use it in a with block, or call open()"
+                )
+            taken = self._play(capture, end) if self._is_file else self._grab(capture)
+            good, frame = capture.retrieve()
+            if good:
+                break
+            self.damaged += 1
+            if time.monotonic() > end:
+                raise TimeoutError(f"{self.device}: only frames that cannot be decoded")
+        if frame.shape[:2] != self._size:
+            got, want = "x".join(map(str, frame.shape[:2])), "x".join(map(str, self._size))
+            raise SensorError(f"{self.device}: a frame of {got} pixels, and {want} before")
+        self._last = taken
+        return Frame(array=self.prepare(cv2.cvtColor(frame, cv2.COLOR_BGR2RGB)), time=taken)
+
+    def _grab(self, capture: Any) -> float:
+        """Waits for the next frame of a device; when it was taken."""
+        start = time.monotonic()
+        good = capture.grab()
+        now = time.monotonic()
+        if not good:
+            if now - start < _AT_ONCE or (self.address and not Path(self.address).exists()):
+                raise SensorError(f"{self.device}: gives no frame any more; is it plugged in?")
+            raise TimeoutError(f"{self.device}: no frame within {now - start:.1f} s")
+        driver = float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000
+        # Drivers of UVC cameras stamp frames on the same clock; others give nothing of use.
+        return driver if self._last < driver <= now < driver + _AT_ONCE else now
+
+    def _play(self, capture: Any, end: float) -> float:
+        """Waits until a frame of a file is due, and skips those that are past."""
+        period = 1 / self.spec.fps
+        if self._start + self._next * period > end:
+            time.sleep(max(0.0, end - time.monotonic()))
+            raise TimeoutError(f"{self.device}: the next frame is not due yet")
+        while True:
+            if not capture.grab():
+                raise EOFError(f"{self.device}: its frames are over")
+            due = self._start + self._next * period
+            self._next += 1
+            wait = due - time.monotonic()
+            if wait > -period:
+                time.sleep(max(0.0, wait))
+                return due
+
+    def prepare(self, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Cuts, turns and resizes a frame.
+
+        Args:
+            frame: uint8 (H, W, 3), RGB, as the camera gives it.
+
+        Returns:
+            uint8, as the spec says.
+        """
+        high, wide = int(self.border * frame.shape[0]), int(self.border * frame.shape[1])
+        frame = frame[high : frame.shape[0] - high, wide : frame.shape[1] - wide]
+        if self.crop is not None:
+            frame = _cropped(frame, self.crop)
+        frame = np.rot90(frame, self.rotation // 90)
+        if self.resize is not None:
+            height, width = self.resize
+            frame = cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA)
+        return np.ascontiguousarray(frame)
+
+    def close(self) -> None:
+        """Lets go of the camera; a second call does nothing."""
+        capture, self._capture, self.address = self._capture, None, ""
+        if capture is not None:
+            capture.release()
+
+    def __enter__(self) -> Self:
+        self.open()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+
+def open_capture(source: str, backend: int) -> Any:
+    """OpenCV's capture of a device, file or URL, without a word from OpenCV."""
+    level = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(0)
+    try:
+        if source.isdigit():  # not on Linux: cameras have numbers only
+            return cv2.VideoCapture(int(source))
+        return cv2.VideoCapture(source, backend)
+    finally:
+        cv2.utils.logging.setLogLevel(level)
+
+
+def _cropped(frame: NDArray[np.uint8], crop: Sequence[int]) -> NDArray[np.uint8]:
+    left, top, width, height = crop
+    rows, columns = frame.shape[:2]
+    if (
+        min(left, top) < 0
+        or min(width, height) < 1
+        or left + width > columns
+        or top + height > rows
+    ):
+        raise ConfigError(
+            f"crop={list(crop)} (left, top, width, height) lies outside frames of {columns}x{rows} "
+            "pixels"
+        )
+    return frame[top : top + height, left : left + width]

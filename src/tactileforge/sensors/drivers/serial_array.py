@@ -1,0 +1,184 @@
+"""Arrays of taxels on a serial port, described by options; the base of drivers for known ones."""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import SensorSpec
+from tactileforge.errors import ConfigError, SensorError
+from tactileforge.sensors.framing import Framing, PacketParser, Parser, hex_bytes, measured
+from tactileforge.sensors.links import Link, SerialLink, attached
+from tactileforge.sensors.specs import spec
+from tactileforge.sensors.stream import StreamSensor
+from tactileforge.sensors.taxels import Layout
+
+#: Seconds that the frames of a baseline may take.
+_PATIENCE = 5.0
+
+
+class SerialArray(StreamSensor):
+    """Taxels over a serial port.
+
+    A driver of a known device subclasses it and gives what is known to ``super().__init__``.
+
+    Args:
+        port: Path of the port; "" takes the one port that ``usb`` and ``serial_number`` name.
+        type: Name of the type of sensor, in recordings; see `tactileforge.sensors.specs`.
+        shape: Rows and columns of the picture.
+        payload: What a packet carries, as `struct` writes it, for example ``<15f``.
+        header: What it begins with, hexadecimal, for example ``aa55``.
+        footer: What it ends with, hexadecimal.
+        checksum: See `framing.CHECKSUMS`.
+        covers: What the checksum is of: ``packet`` (header and payload) or ``payload``.
+        values: Values of each taxel in the payload.
+        channels: Which of them are x, y and z; one alone is z. The others are kept in ``raw``.
+        positions: Row and column of each taxel; None for a grid, row by row.
+        span: Change of a value, of all axes or of each, that is full colour.
+        baseline: Frames whose median is the value without contact, taken when it is opened.
+        fps: Packets a second.
+        baudrate: Bits a second.
+        usb: Vendor and product of the USB device, for example ``2833:4001``.
+        serial_number: Of the USB device.
+
+    Attributes:
+        free_running: Whether the device sends as fast as it can; its rate is then measured while
+            the baseline is taken.
+        layout: How taxels are drawn.
+        rest: float32 (taxels, values), the baseline of the open device.
+    """
+
+    spec = SensorSpec(
+        name="serial_array",
+        height=4,
+        width=4,
+        fps=100.0,
+        area_mm=None,
+        force_scale=(5.0, 5.0, 10.0),
+        kind="array",
+    )
+    free_running = False
+
+    def __init__(
+        self,
+        port: str = "",
+        type: str = "serial_array",
+        shape: Sequence[int] = (4, 4),
+        payload: str = "<16H",
+        header: str = "aa55",
+        footer: str = "",
+        checksum: str = "none",
+        covers: str = "packet",
+        values: int = 1,
+        channels: Sequence[int] = (0,),
+        positions: Sequence[Sequence[float]] | None = None,
+        span: float | Sequence[float] = 100.0,
+        baseline: int = 30,
+        fps: float = 100.0,
+        baudrate: int = 115200,
+        usb: str = "",
+        serial_number: str = "",
+    ) -> None:
+        super().__init__()
+        self.port, self.baudrate = port, baudrate
+        self.usb, self.serial_number = usb, serial_number
+        self.baseline = baseline
+        self.layout = Layout(shape, positions, channels, span)
+        self.payload, self.values = payload, values
+        size = _checked(payload, self.layout.taxels, values, channels)
+        self.framing = Framing(
+            payload=size,
+            header=hex_bytes("header", header),
+            footer=hex_bytes("footer", footer),
+            checksum=checksum,
+            covers=covers,
+            valid=self.plausible,
+        )
+        height, width = self.layout.shape
+        known = self.spec if type == self.spec.name else spec(type)
+        self.spec = replace(known, height=height, width=width, fps=fps, kind="array")
+        self.rest: NDArray[np.float32] = np.zeros((self.layout.taxels, values), np.float32)
+
+    def plausible(self, payload: bytes) -> bool:
+        """Whether a payload can be true: its values are finite. A driver may ask for more."""
+        return bool(np.isfinite(self.unpack(payload)).all())
+
+    def unpack(self, payload: bytes) -> NDArray[np.float32]:
+        """The values of a payload, float32 (taxels, values)."""
+        values = np.array(struct.unpack(self.payload, payload), np.float64).astype(np.float32)
+        return values.reshape(self.layout.taxels, self.values)
+
+    def discover(self) -> list[str]:
+        """Ports of the USB device, if one is named; else the port, if it exists."""
+        return attached(self.port, self.usb, self.serial_number)
+
+    def connect(self) -> Link:
+        """Opens the port."""
+        return SerialLink(self.port or self.find_port(), self.baudrate)
+
+    def find_port(self) -> str:
+        """The port of the one device that is attached; "" where none is asked for.
+
+        Raises:
+            SensorError: None is attached, or several are.
+        """
+        found = self.discover()
+        if not found and (self.usb or self.serial_number):
+            name = self.usb or self.serial_number
+            raise SensorError(f"no {self.spec.name} ({name}) is attached: plug it in")
+        if len(found) > 1:
+            raise SensorError(f"several {self.spec.name}: {', '.join(found)}; choose with port=")
+        return found[0] if found else ""
+
+    def new_parser(self) -> Parser:
+        """A parser of its framing."""
+        return PacketParser(self.framing)
+
+    def ready(self) -> None:
+        """Takes the baseline, and measures the rate of a device that is ``free_running``.
+
+        Raises:
+            SensorError: Too few packets come.
+        """
+        start = time.monotonic()
+        end = start + _PATIENCE
+        seen: list[NDArray[np.float32]] = []
+        while len(seen) < self.baseline:
+            try:
+                raw = self.read(max(0.0, end - time.monotonic())).raw
+            except TimeoutError as error:
+                raise SensorError(
+                    f"{error} Its baseline needs {self.baseline} packets, {len(seen)} came"
+                ) from error
+            assert raw is not None
+            seen.append(raw)
+        if seen:
+            self.rest = np.median(seen, axis=0).astype(np.float32)
+            if self.free_running:
+                self.set_rate(len(seen) / (time.monotonic() - start))
+        self._frames.clear()  # they were drawn without it
+
+    def decode(self, payload: bytes) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """Picture and values of a packet."""
+        values = self.unpack(payload)
+        return self.layout.draw(values, self.rest), values
+
+
+def _checked(payload: str, taxels: int, values: int, channels: Sequence[int]) -> int:
+    """Bytes of the payload, if it holds the values of all taxels."""
+    size, count = measured(payload)
+    if count != taxels * values:
+        raise ConfigError(
+            f"payload={payload!r} carries {count} values, but {taxels} taxels of {values} are "
+            f"{taxels * values}: correct payload, shape, positions or values"
+        )
+    if any(not 0 <= channel < values for channel in channels):
+        raise ConfigError(
+            f"channels={list(channels)}, but a taxel has {values} values: 0 to {values - 1}"
+        )
+    return size

@@ -1,0 +1,172 @@
+"""A simulated finger that is always touching something, so that everything live works."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import chain, count, cycle, islice
+from math import ceil
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import Frame
+from tactileforge.errors import TactileForgeError
+from tactileforge.sensors.specs import spec
+
+#: A picture, and the force in it.
+_Shown: TypeAlias = tuple[NDArray[np.uint8], NDArray[np.float32]]
+
+if TYPE_CHECKING:
+    from tactileforge.sim.generate import Config
+
+#: Seconds by which the clock may be ahead of the frames before frames are left out.
+_LATE = 0.1
+
+
+class SimSensor:
+    """Touches from a seed, one after the other, without end.
+
+    In real time a frame comes when it is due; where nobody reads in time, or the machine is too
+    slow, none comes meanwhile, and the touch goes on later. Otherwise frames come as fast as they
+    are simulated, with the times they would have had.
+
+    Args:
+        type: Type of the sensor, of `sim.mechanics.sensor_gels.DEVICES`.
+        indenters: What touches: ``pretrain``, ``bench``, ``textures``, ``all``, or the name of a
+            shape.
+        motions: How: ``atomic``, ``force_trial``, ``manipulation``, ``all``, or a motion.
+        size: Rows or columns of a frame, whichever are fewer.
+        realtime: Whether to wait until a frame is due.
+        seed: Another seed, other touches.
+        rest: Seconds without contact after it is opened, for a background.
+
+    Attributes:
+        spec: That of the type, with the height, width and rate of the frames.
+        force: float32 (3,), of the object on the gel in the last frame that was read, N; x and y of
+            the picture, z into the gel.
+
+    Example:
+        >>> with SimSensor("digit", realtime=False, size=32) as sensor:
+        ...     sensor.read().array.shape
+        (43, 32, 3)
+    """
+
+    def __init__(
+        self,
+        type: str = "gelsight_mini",
+        indenters: str = "all",
+        motions: str = "manipulation",
+        size: int = 240,
+        realtime: bool = True,
+        seed: int = 0,
+        rest: float = 0.0,
+    ) -> None:
+        known = spec(type)
+        scale = size / min(known.height, known.width)
+        self.spec = replace(
+            known, height=round(known.height * scale), width=round(known.width * scale)
+        )
+        self.indenters, self.motions = indenters, motions
+        self.size, self.seed, self.realtime, self.rest = size, seed, realtime, rest
+        self.force: NDArray[np.float32] = np.zeros(3, np.float32)
+        self._frames: Iterator[_Shown] | None = None
+        self._fps, self._start, self._next = known.fps, 0.0, 0
+
+    def discover(self) -> list[str]:
+        """Its one address: there is always one attached."""
+        return [f"sim:{self.spec.name}"]
+
+    def open(self) -> None:
+        """Starts the first touch and the clock.
+
+        Raises:
+            ConfigError: An unknown sensor, indenter or motion.
+        """
+        from tactileforge.sim.generate import Config
+        from tactileforge.sim.scene import frame_rate
+
+        config = Config(
+            sensors=(self.spec.name,),
+            indenters=self.indenters,
+            motions=self.motions,
+            size=self.size,
+            seconds=0.8,
+            force=(1.0, 8.0),
+            markers=None,
+            viscosity=0.0,
+            lag=0.0,
+            seed=self.seed,
+        )
+        self._fps = frame_rate(self.spec.name)
+        self.spec = replace(self.spec, fps=self._fps)
+        frames = _rested(_frames(config), round(self.rest * self._fps))
+        self._frames = chain([next(frames)], frames)  # the first takes long
+        self._next = 0
+        self._start = time.monotonic()
+
+    def read(self, timeout: float = 1.0) -> Frame:
+        """The next unseen frame.
+
+        Raises:
+            TactileForgeError: It is not open.
+            TimeoutError: The next frame is due in more than ``timeout`` seconds.
+        """
+        if self._frames is None:
+            raise TactileForgeError(
+                "the sim sensor is not open: use it in a with block, or call open()"
+            )
+        if self.realtime:
+            self._wait(timeout)
+        array, self.force = next(self._frames)
+        if self.realtime:  # the next touch may take long: its first frame is of now
+            late = time.monotonic() - self._start - self._next / self._fps
+            self._next += max(0, int((late - _LATE) * self._fps))
+        due = self._start + self._next / self._fps
+        self._next += 1
+        return Frame(array=array, time=due)
+
+    def _wait(self, timeout: float) -> None:
+        wait = self._start + self._next / self._fps - time.monotonic()
+        if wait < -_LATE:
+            self._next += ceil(-wait * self._fps)
+            wait = self._start + self._next / self._fps - time.monotonic()
+        if wait > timeout:
+            time.sleep(timeout)
+            raise TimeoutError(f"sim: no frame within {timeout} s")
+        time.sleep(max(0.0, wait))
+
+    def close(self) -> None:
+        """Ends the touch; a second call does nothing."""
+        self._frames = None
+
+    def __enter__(self) -> SimSensor:
+        self.open()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+
+def _rested(frames: Iterator[_Shown], number: int) -> Iterator[_Shown]:
+    """So many frames without contact, then the others."""
+    clear: list[_Shown] = []
+    for shown in frames:
+        clear.append(shown)
+        if shown[1].any():
+            break
+    yield from islice(cycle(clear[:-1] or clear), number)  # each has noise of its own
+    yield from clear
+    yield from frames
+
+
+def _frames(config: Config) -> Iterator[_Shown]:
+    """Frames and forces of one touch after the other, on one unit of the sensor."""
+    from tactileforge.sim.play import play
+
+    for number in count():
+        scene = replace(config.scene(number), unit=config.seed)
+        for shots in play(scene, config.sensors, config.size, markers=config.markers):
+            yield from zip(shots.pictures, shots.force, strict=True)

@@ -1,0 +1,45 @@
+"""One line on a terminal that takes the place of the last."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from typing import TextIO
+
+
+class Status:
+    """Writes a line, over the last one where it is a terminal.
+
+    Args:
+        to: Where to; None for standard error.
+    """
+
+    def __init__(self, to: TextIO | None = None) -> None:
+        self.to = to or sys.stderr
+        self._is_terminal = self.to.isatty()
+        self._next = 0.0
+        self._length = 0
+
+    def _write(self, line: str) -> None:
+        if self._is_terminal:
+            self.to.write("\r" + line.ljust(self._length))
+            self._length = len(line)
+        else:
+            self.to.write(line + "\n")
+        self.to.flush()
+
+    def end(self) -> None:
+        """Leaves the line."""
+        if self._length:
+            self.to.write("\n")
+            self._length = 0
+
+
+def of_drops(reasons: Mapping[str, Mapping[str, int]]) -> str:
+    """Dropped frames of each device by reason; ``none`` where there are none."""
+    told = [
+        f"{name} {sum(counts.values())} ({', '.join(f'{k} {n}' for k, n in counts.items() if n)})"
+        for name, counts in reasons.items()
+        if any(counts.values())
+    ]
+    return "; ".join(told) or "none"

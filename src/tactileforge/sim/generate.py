@@ -1,0 +1,398 @@
+"""Simulated touches as shards on disk, one scene a file, written by all cores."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from tactileforge.contracts import Recording
+from tactileforge.data.frames.lazy import ArrayFrames
+from tactileforge.data.shards import shards
+from tactileforge.data.shards.index import Entry, Index
+from tactileforge.errors import ConfigError, TactileForgeError, unknown
+from tactileforge.files import sealed, unsealed, write_text
+from tactileforge.sim.geometry.shapes import INDENTERS, Shape, shape
+from tactileforge.sim.geometry.textures import TEXTURES
+from tactileforge.sim.mechanics.motions import MOTIONS
+from tactileforge.sim.mechanics.sensor_gels import DEVICES, device
+from tactileforge.sim.optics.scene_camera import view
+from tactileforge.sim.play import play
+from tactileforge.sim.randomise.draw import rows
+from tactileforge.sim.scene import Scene, draw, frame_rate
+
+#: Indenters that a small data set shows several times each.
+FEW = (
+    "small_sphere",
+    "cylindrical",
+    "square_prism",
+    "regular_triangular",
+    "cross_shaped",
+    "ring_shaped",
+    "t_shaped",
+    "star_shaped_holes",
+    "small_sphere_array",
+    "rectangular_bar_array",
+    "wavy_cylindrical",
+    "crescent_shaped",
+)
+#: Validation has numbers of its own: it does not change with the number of scenes.
+FIRST_VAL = 300_000
+#: What a group of motions stands for.
+_MOTION_GROUPS = {
+    "atomic": tuple(name for name in MOTIONS if name.startswith(("slide", "rotate"))),
+    "force_trial": ("force_trial",),
+    "manipulation": ("manipulation",),
+    "all": tuple(MOTIONS),
+}
+#: Tier of the tactile dynamic pyramid of a motion; others are specific actions.
+_TIERS = {"force_trial": 1, "manipulation": 2}
+#: From here on scenes are worth the start of more processes.
+_MANY = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config:
+    """What is simulated; the same configuration gives the same bytes.
+
+    Attributes:
+        sensors: Types of sensors; each scene is felt by all of them.
+        indenters: ``pretrain``, ``few`` (twelve of them), ``bench`` (training and validation have
+            indenters of their own, as in the paper), ``textures``, ``all``, or names of shapes.
+        motions: ``atomic`` (slides and turns), ``force_trial``, ``manipulation``, ``all``, or
+            names of motions.
+        size: Rows or columns of a picture, whichever are fewer.
+        seconds: Mean duration of one action.
+        force: Range of the largest normal force on a nominal gel, N; a shape that does not reach it
+            within 1.5 mm presses as hard as it can.
+        markers: Whether the gels have markers; None as their types have.
+        viscosity: Relaxation time of the gels, s.
+        lag: Seconds by which pictures come later than forces, as from a real camera.
+        seed: Another seed, other touches.
+        codec: How pictures are stored, see `data.shards.shards.CODECS`.
+        randomise: How units and scenes differ, see `randomise.draw.rows`.
+    """
+
+    sensors: tuple[str, ...]
+    indenters: str | tuple[str, ...]
+    motions: str | tuple[str, ...]
+    size: int
+    seconds: float
+    force: tuple[float, float]
+    markers: bool | None
+    viscosity: float
+    lag: float
+    seed: int
+    codec: str = "jpg"
+    randomise: str | tuple[str, ...] = "all"
+
+    def __post_init__(self) -> None:
+        if not self.sensors:
+            raise ConfigError(f"sim: sensors=[] is empty; give some of {', '.join(DEVICES)}")
+        for sensor in self.sensors:
+            device(sensor)
+        self.shapes("train")
+        self.moves(False)
+        rows(self.randomise)
+        if not 0 <= self.lag < 1:
+            raise ConfigError(f"sim: lag is {self.lag} s; give 0 or more, below 1")
+        if self.codec not in shards.CODECS:
+            raise ConfigError(unknown("codec", self.codec, shards.CODECS))
+
+    def shapes(self, split: str) -> list[Shape]:
+        """The shapes of a split."""
+        chosen = self.indenters
+        if not isinstance(chosen, str):
+            return [shape(name) for name in chosen]
+        known = list(INDENTERS.values())
+        if chosen == "bench":
+            wanted = "bench_train" if split == "train" else "bench_test"
+            return [s for s in known if s.split == wanted]
+        if chosen == "pretrain":
+            return [s for s in known if s.split == "pretrain"]
+        if chosen == "few":
+            return [shape(name) for name in FEW]
+        if chosen in ("textures", "all"):
+            return [*(known if chosen == "all" else []), *TEXTURES.values()]
+        return [shape(chosen)]
+
+    def moves(self, is_round: bool) -> list[str]:
+        """The motions; what is round shows no rotation."""
+        chosen = self.motions
+        if isinstance(chosen, str):
+            chosen = _MOTION_GROUPS.get(chosen, (chosen,))
+        for name in chosen:
+            if name not in MOTIONS:
+                raise ConfigError(unknown("motion", name, {*MOTIONS, *_MOTION_GROUPS}))
+        seen = [name for name in chosen if not (is_round and name.startswith("rotate"))]
+        return seen or list(chosen)
+
+    def digest(self) -> str:
+        """Names what is simulated, and the code that does it."""
+        text = json.dumps([asdict(self), shards.VERSION], sort_keys=True) + _code()
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    def scene(self, number: int) -> Scene:
+        """A scene by its number; validation starts at `FIRST_VAL`."""
+        train = number < FIRST_VAL
+        shapes = self.shapes("train" if train else "val")
+        place = number if train else number - FIRST_VAL
+        chosen = shapes[_shuffled(len(shapes), self.seed, place)]
+        moves = self.moves(chosen.round)
+        rng = np.random.default_rng([self.seed, number])
+        motion = moves[int(rng.integers(len(moves)))]
+        seed = int(rng.integers(1 << 31))
+        return draw(
+            seed,
+            chosen,
+            motion,
+            force=self.force,
+            seconds=self.seconds,
+            randomise=self.randomise,
+            reach="clip",
+        )
+
+
+def _shuffled(count: int, seed: int, place: int) -> int:
+    """Place in an endless row of permutations: every shape comes before one comes again."""
+    turn, rest = divmod(place, count)
+    return int(np.random.default_rng([seed, turn]).permutation(count)[rest])
+
+
+@lru_cache
+def _code() -> str:
+    """A hash of this package's files."""
+    found = hashlib.sha256()
+    folder = Path(str(files("tactileforge.sim")))
+    for path in sorted(folder.rglob("*")):
+        if path.suffix in (".py", ".json"):
+            found.update(path.read_bytes())
+    return found.hexdigest()
+
+
+def recordings(config: Config, number: int) -> list[shards.Packed]:
+    """One scene on every sensor, encoded."""
+    scene = config.scene(number)
+    count = len(config.sensors)
+    pictures: list[list[bytes]] = [[] for _ in range(count)]
+    surface: list[list[bytes]] = [[] for _ in range(count)]
+    force: list[list[np.ndarray]] = [[] for _ in range(count)]
+    torque: list[float] = [0.0] * count
+    for shots in play(
+        scene,
+        config.sensors,
+        config.size,
+        markers=config.markers,
+        viscosity=config.viscosity,
+    ):
+        pictures[shots.sensor] += [shards.encode(p, config.codec) for p in shots.pictures]
+        surface[shots.sensor] += [shards.encode(p, "png") for p in shots.surface]
+        force[shots.sensor].append(shots.force)
+        torque[shots.sensor] = max(torque[shots.sensor], float(np.abs(shots.torque).max()))
+    photo = shards.encode(view(scene.shape, config.size, scene.seed), config.codec)
+    kind = "surface" if scene.shape.index is None else "indenter"
+    out = []
+    felt = zip(config.sensors, pictures, surface, force, torque, strict=True)
+    for sensor, encoded, moved, forces, twist in felt:
+        times = scene.times(frame_rate(sensor))
+        about = Recording(
+            key=f"sim/{number:06d}_{sensor}_{scene.shape.name}_{scene.motion}",
+            sensor=sensor,
+            frames=_NONE,
+            times=times,
+            no_contact=None,
+            force=_ahead(np.concatenate(forces), round(config.lag * frame_rate(sensor))),
+            action=scene.path.action(times),
+            object=scene.shape.name,
+            text=f"{{action}} a {scene.shape.words} {kind}",
+            labels={
+                "motion": scene.motion,
+                "grip": scene.grip,
+                "softness": scene.row["softness"],
+                "torque_max": twist,
+            },
+            source="simulated by tactileforge",
+            tier=_TIERS.get(scene.motion, 3),
+            licence="CC0-1.0",
+        )
+        # The path starts clear of the gel.
+        out.append(
+            shards.Packed(shards.head(about), config.codec, encoded, encoded[:1], [photo], moved)
+        )
+    return out
+
+
+def _ahead(force: NDArray[np.float32], frames: int) -> NDArray[np.float32]:
+    """Forces of so many frames later; a path ends clear of the gel."""
+    return np.concatenate([force[frames:], np.zeros_like(force[:frames])])
+
+
+_NONE = ArrayFrames(np.zeros((1, 1, 1, 3), np.uint8))
+
+
+def path_of(folder: Path, number: int) -> Path:
+    """The shard of a scene."""
+    if number < FIRST_VAL:
+        return folder / f"train-{number:06d}.tar"
+    return folder / f"val-{number - FIRST_VAL:06d}.tar"
+
+
+def write(
+    config: Config, folder: Path, numbers: Sequence[int], processes: int | None = None
+) -> None:
+    """Writes the scenes that are not there yet; a killed run goes on where it was.
+
+    Args:
+        config: What is simulated.
+        folder: Where the shards go.
+        numbers: Numbers of scenes.
+        processes: Processes that simulate; None for one a core.
+    """
+    missing = [n for n in numbers if not path_of(folder, n).exists()]
+    if not missing:
+        return
+    count = min(len(missing), processes or os.cpu_count() or 1)
+    many = len(missing) >= _MANY
+    with tqdm(total=len(missing), desc="simulating", unit="touch", disable=not many) as bar:
+        if many and count > 1:
+            _spread(config, folder, missing, count, bar)
+            return
+        for number in missing:
+            _write(config, folder, number)
+            bar.update()
+
+
+def _spread(
+    config: Config, folder: Path, numbers: Sequence[int], count: int, bar: tqdm[Any]
+) -> None:
+    """Simulates in processes of their own; they stop when one fails, or this one is stopped."""
+    command = [sys.executable, "-m", __name__, json.dumps(asdict(config)), str(folder)]
+    with ExitStack() as stack:
+        running = []
+        for share in range(count):
+            words = [*command, *map(str, numbers[share::count])]
+            process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
+            running.append(stack.enter_context(process))
+            stack.callback(process.kill)
+        while any(process.poll() is None for process in running):
+            time.sleep(0.1)
+            if new := sum(path_of(folder, n).exists() for n in numbers) - int(bar.n):
+                bar.update(new)
+            for process in running:
+                if process.poll():
+                    said = process.stderr.read() if process.stderr else ""
+                    raise TactileForgeError(said.strip().rpartition("\n")[2])
+        bar.update(len(numbers) - int(bar.n))
+
+
+def _write(config: Config, folder: Path, number: int) -> None:
+    with _one_thread():
+        shards.write(path_of(folder, number), recordings(config, number))
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Sums depend on the number of threads, and the bytes must not."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+def write_seconds(
+    config: Config, folder: Path, seconds: float, val: float, processes: int | None = None
+) -> tuple[int, int]:
+    """Writes so many scenes that each sensor has so many seconds of touch.
+
+    Args:
+        config: What is simulated.
+        folder: Where the shards go.
+        seconds: Touch of each sensor, s.
+        val: Share of the scenes that is for validation.
+        processes: Processes that simulate; None for one a core.
+
+    Returns:
+        Number of scenes for training and for validation.
+
+    Raises:
+        ConfigError: The duration is not positive, the share is none, or the folder holds touches
+            of another configuration.
+    """
+    if not seconds > 0 or not 0 <= val < 1:
+        raise ConfigError(f"sim: seconds={seconds} and val={val}; give > 0, and 0 or more, below 1")
+    _claim(config, folder)
+    numbers: list[int] = []
+    total = 0.0
+    while total < seconds:
+        train = len([n for n in numbers if n < FIRST_VAL])
+        held_out = len(numbers) - train
+        to_val = held_out < val * (len(numbers) + 1) - 0.5
+        numbers.append(FIRST_VAL + held_out if to_val else train)
+        total += config.scene(numbers[-1]).path.seconds
+    write(config, folder, numbers, processes)
+    splits = {
+        split: [Entry.of(path_of(folder, n)) for n in sorted(numbers) if (n < FIRST_VAL) == train]
+        for split, train in (("train", True), ("val", False))
+    }
+    Index("sim", splits, made=json.loads(json.dumps(asdict(config)))).save(folder)
+    held_out = sum(n >= FIRST_VAL for n in numbers)
+    return len(numbers) - held_out, held_out
+
+
+def _claim(config: Config, folder: Path) -> None:
+    """Says in the folder what its touches are, or checks that they are these."""
+    path = folder / "sim.json"
+    wanted = json.loads(json.dumps(asdict(config)))
+    if path.exists():
+        held = _held(path)
+        changed = [key for key in wanted if held.get(key) != wanted[key]]
+        if changed:
+            raise ConfigError(
+                f"{folder} holds touches of another configuration (other "
+                f"{', '.join(changed)}); give another out="
+            )
+        return
+    write_text(path, sealed(wanted))
+
+
+def _held(path: Path) -> dict[str, Any]:
+    try:
+        return unsealed(path.read_bytes())
+    except ValueError as error:
+        raise ConfigError(f"{path}: damaged ({error}); give another out=") from error
+
+
+def _main(config: str, folder: str, *numbers: str) -> None:
+    """A process that simulates a share of the scenes."""
+    given: dict[str, Any] = {
+        k: tuple(v) if isinstance(v, list) else v for k, v in json.loads(config).items()
+    }
+    parent = os.getppid()
+    for number in numbers:
+        if os.getppid() != parent:  # it was killed: nobody waits for these touches
+            return
+        _write(Config(**given), Path(folder), int(number))
+
+
+if __name__ == "__main__":
+    try:
+        _main(*sys.argv[1:])
+    except TactileForgeError as error:
+        sys.exit(str(error))

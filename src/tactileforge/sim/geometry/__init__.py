@@ -1,0 +1,1 @@
+"""Shapes of indenters: signed distances, solids, height fields and textures."""

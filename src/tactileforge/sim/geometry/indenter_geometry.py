@@ -1,0 +1,218 @@
+"""What touches the gel: height maps that know no pixels, made of outlines and profiles.
+
+A height is a function of ``x`` (right) and ``y`` (down), both in mm: the height in mm above the
+lowest plane of the shape, 0 where the tip touches first, `DEEP` where there is no material.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import reduce
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.errors import ConfigError
+from tactileforge.sim.geometry.sdf2d import Array, Mask, circle
+
+Height: TypeAlias = Callable[[Array, Array], Array]
+Split: TypeAlias = Literal["pretrain", "bench_train", "bench_test"]
+
+#: Height in mm at which a shape ends; no gel is pressed that far.
+DEEP = 4.0
+#: Rise of a wall, mm per mm; steep, and yet sampled without jumps by a fine grid.
+STEEP = 6.0
+#: Radius of the rounded edge that a printer leaves, mm.
+FILLET = 0.2
+#: A shape must be at least that many cells of a grid wide, and its finest detail one cell.
+CELLS = 4.0
+#: No shape is larger than that, from its middle, mm.
+REACH = 12.0
+
+
+@dataclass(frozen=True)
+class Shape:
+    """An indenter, a texture or an object, as seen by the gel.
+
+    Attributes:
+        name: The word users type.
+        height: mm, mm -> mm above the tip's lowest plane; `DEEP` where there is no material.
+        radius: Half of its size, mm; the height is `DEEP` farther from the middle.
+        index: Number in the paper's table of indenters; None for anything else.
+        split: Whether it is for pre-training, or trains or tests the force benchmark.
+        round: Whether rotation about the normal changes nothing.
+        detail: Width of its finest detail, mm; 0 where it is not known.
+    """
+
+    name: str
+    height: Height
+    radius: float
+    index: int | None = None
+    split: Split = "pretrain"
+    round: bool = False
+    detail: float = 0.0
+
+    @property
+    def words(self) -> str:
+        """The shape in plain words, for captions.
+
+        Example:
+            >>> Shape("elliptical_13", np.hypot, 5.0, index=13).words
+            'elliptical'
+        """
+        name = self.name if self.index is None else self.name.removesuffix(f"_{self.index}")
+        return name.replace("_", " ")
+
+    def map(self, pixels: int, spacing_mm: float) -> NDArray[np.float32]:
+        """Samples the height on a square grid, centred on the shape.
+
+        Returns:
+            float32 (pixels, pixels), mm; rows along ``y``, columns along ``x``.
+
+        Raises:
+            ConfigError: The grid is too coarse for the shape; says the limit.
+        """
+        limit = 2 * self.radius / CELLS
+        if self.detail:
+            limit = min(limit, self.detail)
+        if not 0 < spacing_mm <= limit:
+            raise ConfigError(
+                f"shape {self.name!r} is {2 * self.radius:.3g} mm wide"
+                f"{f' with details of {self.detail:.3g} mm' if self.detail else ''}: a grid of "
+                f"{spacing_mm:.3g} mm does not show it; use a spacing above 0 and at most "
+                f"{limit:.3g} mm"
+            )
+        axis = (np.arange(pixels) - (pixels - 1) / 2) * spacing_mm
+        x, y = np.meshgrid(axis, axis)
+        return self.height(x, y).astype(np.float32)
+
+
+def shape_of(
+    name: str,
+    height: Height,
+    index: int | None = None,
+    split: Split = "pretrain",
+    detail: float = 0.0,
+) -> Shape:
+    """A shape whose lowest point, size and roundness are measured; see `Shape`."""
+    away = np.arange(0.0, REACH + 0.1, 0.1)
+    angle = np.radians(np.arange(0.0, 360.0, 3.0))
+    rho, theta = np.meshgrid(away, angle)
+    heights = height(rho * np.cos(theta), rho * np.sin(theta))
+    solid = (heights < DEEP).any(0)
+    radius = float(away[solid].max(initial=0.0)) + 0.1
+    even = bool(np.ptp(heights, 0).max() < 1e-6)
+    lowest = float(heights.min())
+    if lowest > 1e-3:
+        height = _lowered(height, lowest)
+    return Shape(name, height, radius, index, split, even, detail)
+
+
+def _lowered(height: Height, by: float) -> Height:
+    def lowered(x: Array, y: Array) -> Array:
+        high = height(x, y)
+        return np.where(high < DEEP, np.maximum(high - by, 0), DEEP)
+
+    return lowered
+
+
+def extrude(mask: Mask, fillet: float = FILLET, steep: float = STEEP) -> Height:
+    """A flat tip with that outline, a rounded edge, and walls; a disc may be rounded to a ball.
+
+    Args:
+        mask: Its outline.
+        fillet: Radius of the edge, mm; the edge curves inside the outline.
+        steep: Rise of the walls, mm per mm.
+    """
+    sine = steep / np.hypot(1, steep)
+    bend, rise = fillet * sine, fillet * (1 - np.sqrt(1 - sine**2))
+
+    def height(x: Array, y: Array) -> Array:
+        into_edge = np.maximum(mask(x, y) + fillet, 0)
+        curved = np.minimum(into_edge, bend)
+        edge = fillet - np.sqrt(fillet**2 - curved**2)
+        wall = rise + steep * (into_edge - bend)
+        return np.asarray(np.minimum(np.where(into_edge > bend, wall, edge), DEEP))
+
+    return height
+
+
+def ball(radius: float) -> Height:
+    """A sphere about the origin."""
+    return extrude(circle(radius), fillet=radius)
+
+
+def lift(height: Height, by: float) -> Height:
+    """A shape moved back by ``by`` mm, away from the gel."""
+    return lambda x, y: np.minimum(height(x, y) + by, DEEP)
+
+
+def join(*heights: Height) -> Height:
+    """Shapes side by side or on each other: whichever reaches farther."""
+    return lambda x, y: reduce(np.minimum, (height(x, y) for height in heights))
+
+
+def pad(relief: Height, radius: float = 7.0, curve: float = 60.0) -> Height:
+    """A relief on a slightly domed round pad, so that contact grows from the middle.
+
+    Args:
+        relief: Depth in mm below the outermost plane, 0 or more.
+        radius: Of the pad, mm.
+        curve: Radius of curvature of the pad, mm.
+    """
+    edge = extrude(circle(radius), fillet=1.0)
+
+    def height(x: Array, y: Array) -> Array:
+        sag = (x**2 + y**2) / (2 * curve)
+        return np.minimum(relief(x, y) + sag + edge(x, y), DEEP)
+
+    return height
+
+
+def rod(radius: float, relief: Height, length: float = 13.0) -> Height:
+    """A relief on a lying rod along ``x``; its walls are as steep as any.
+
+    Args:
+        radius: Of the rod, mm.
+        relief: Depth in mm below the rod's surface.
+        length: Of the rod, mm.
+    """
+    side = extrude(lambda x, y: np.abs(y) - radius, fillet=radius)
+    ends = extrude(lambda x, y: np.abs(x) - length / 2)
+
+    def height(x: Array, y: Array) -> Array:
+        return np.minimum(side(x, y) + ends(x, y) + relief(x, y), DEEP)
+
+    return height
+
+
+def printed(
+    shape: Shape, period: float = 0.15, amplitude: float = 0.01, angle: float = 45.0
+) -> Shape:
+    """A shape with the lines that a 3-D printer leaves.
+
+    Args:
+        shape: Any shape.
+        period: Distance of two lines, mm; layers of real prints 0.1 to 0.2, their roads up to 1.
+        amplitude: Depth of the grooves, mm; of real prints 0.005 to 0.03.
+        angle: Direction of the lines, degrees clockwise from the right.
+
+    Raises:
+        ConfigError: A period or an amplitude that no print has; says the limit.
+    """
+    if period <= 0 or not 0 <= amplitude <= period:
+        raise ConfigError(
+            f"printed lines {period:.3g} mm apart and {amplitude:.3g} mm deep: the period must be "
+            "above 0 mm, and the depth between 0 mm and the period"
+        )
+    sine, cosine = np.sin(np.radians(angle)), np.cos(np.radians(angle))
+
+    def height(x: Array, y: Array) -> Array:
+        phase = 2 * np.pi / period * (y * cosine - x * sine)
+        return np.asarray(
+            np.minimum(shape.height(x, y) + amplitude / 2 * (1 - np.cos(phase)), DEEP)
+        )
+
+    return replace(shape, height=height, round=False)

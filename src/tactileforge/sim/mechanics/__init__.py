@@ -1,0 +1,1 @@
+"""Contact mechanics of the gel: pressure, friction, motion and surface."""

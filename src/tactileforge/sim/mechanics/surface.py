@@ -1,0 +1,141 @@
+"""The gel's surface under a contact: where it lies, and where its markers go."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+from torch.nn import functional as F
+
+from tactileforge.sim.mechanics.gel import Gel, kernel
+from tactileforge.sim.mechanics.touch import Contact
+
+#: Points of a fine height map for each point of the solver's.
+DETAIL = 4
+#: The solver's displacement keeps exp(-_BLUR) of its finest wave, and more of longer ones: its
+#: points cannot tell where between them a contact ends, and sharper, it would ring there.
+_BLUR = 1.5
+
+
+@dataclass(frozen=True)
+class Fields:
+    """Surfaces of a batch of moments, in the frames of the objects.
+
+    Attributes:
+        depth: float32 (B, 1, 4 n, 4 n), mm into the gel, twice as wide as the solver's grid.
+        inside: float32 (B, 1, n, n), how far inside the contact a point lies, 0 to 1.
+        strain: float32 (B, 1, n, n), pressure over the modulus; None where objects are rigid.
+    """
+
+    depth: Tensor
+    inside: Tensor
+    strain: Tensor | None
+
+
+class Surface:
+    """Surfaces of a batch of touches, from what `touch.contacts` yields.
+
+    The solver's displacement, which shear tilts as pressure dents it, is continued to twice the
+    width of its grid, and smoothed. The object does not enter it: where its own fine shape reaches
+    deeper, the gel takes that; and well inside the contact, where the gel touches all of it, also
+    where it reaches less deep.
+
+    Args:
+        fine: float32 (1 or B, 4 n, 4 n), mm of the objects above their lowest planes.
+        spacing: mm between the points of the solver's grid, four times that of ``fine``.
+        gel: Any of the gels; only thickness and Poisson's ratio count.
+    """
+
+    def __init__(self, fine: Tensor, spacing: float, gel: Gel) -> None:
+        self.n, self.spacing = fine.shape[-1] // DETAIL, spacing
+        unit = Gel(thickness=gel.thickness, poisson=gel.poisson, modulus=1.0)
+        self.kernel = kernel(unit, self.n, spacing, str(fine.device))
+        self.fine = fine[:, None]
+        rows = torch.fft.fftfreq(2 * self.n, device=fine.device)[:, None]
+        columns = torch.fft.rfftfreq(2 * self.n, device=fine.device)
+        self.smooth = torch.exp(-_BLUR * 4 * (rows**2 + columns**2))
+
+    def fields(self, contact: Contact) -> Fields:
+        """The surfaces of moments, which `picture` samples."""
+        pressure, shear = contact.strain[:, :1], contact.strain[:, 1:]
+        spectrum = self.kernel.normal * self._spectrum(pressure)
+        spectrum = spectrum + self.kernel.lifted(self._spectrum(shear))[:, None]
+        spectrum = spectrum * self.smooth
+        n = self.n
+        wide = torch.zeros(
+            (*spectrum.shape[:2], 4 * n, 2 * n + 1), dtype=spectrum.dtype, device=spectrum.device
+        )
+        wide[..., :n, :n], wide[..., -n:, :n] = spectrum[..., :n, :n], spectrum[..., -n:, :n]
+        depth = 4 * torch.fft.irfft2(wide, s=(4 * n, 4 * n))
+        inside = F.avg_pool2d((pressure > 0).float(), 3, 1, 1)
+        soft = pressure if bool((contact.give > 0).any()) else None
+        return Fields(depth, (3 * inside - 2).clamp(min=0), soft)
+
+    def picture(self, fields: Fields, contact: Contact, places: Tensor) -> Tensor:
+        """The depth of the surface at places of pictures.
+
+        Args:
+            fields: Of `fields`.
+            contact: The moments they are of.
+            places: float32 (H, W, 2), x and y of the pixels, mm from the centre.
+
+        Returns:
+            float32 (B, H, W), mm into the gel, from its surface at rest.
+        """
+        n = self.n
+        x, y = _unplaced(places, contact.pose)
+        there = torch.stack([x, y], -1).div_(self.spacing)
+        # Points lie at the centres of cells; the solver's grid sits in the middle of the wide one,
+        # whose points are those of the grid and one between each two of them.
+        depth = F.grid_sample(fields.depth, (there - 0.25) / n, align_corners=False)[:, 0]
+        there *= 2 / n
+        heights = self.fine.expand(len(x), -1, -1, -1)
+        reach = contact.overlap(x, y, _sample(heights, there, "border"))
+        if fields.strain is not None:
+            reach -= contact.give[:, None, None] * _sample(fields.strain, there)
+        more = torch.where(there.abs().amax(-1) < 1, reach - depth, -torch.inf)
+        filled = more.clamp(max=0).mul_(_sample(fields.inside, there)).nan_to_num_()
+        return depth.add_(filled).add_(more.clamp_(min=0))
+
+    def lateral(self, contact: Contact, places: Tensor) -> Tensor:
+        """How far points of the surface move sideways.
+
+        Args:
+            contact: The moment.
+            places: float32 (B, M, 2), x and y at rest, mm from the centre of the picture.
+
+        Returns:
+            float32 (B, M, 2), mm along x and y of the picture.
+        """
+        pressure, shear = contact.strain[:, :1], contact.strain[:, 1:]
+        moved = self.kernel.dragged(self._spectrum(shear))
+        moved = moved + 1j * self.kernel.coupling * self._spectrum(pressure)
+        n = self.n
+        field = torch.fft.irfft2(moved, s=(2 * n, 2 * n))
+        there = torch.stack(_unplaced(places[:, None], contact.pose), -1) / self.spacing
+        out = F.grid_sample(field, there / n, align_corners=False)[:, :, 0]
+        angle = contact.pose[:, 2, None]
+        cos, sin = torch.cos(angle), torch.sin(angle)
+        x, y = out.unbind(1)
+        return torch.stack([cos * x - sin * y, sin * x + cos * y], -1)
+
+    def _spectrum(self, field: Tensor) -> Tensor:
+        """Of a field in the middle of a grid of twice its width."""
+        edge = self.n // 2
+        out: Tensor = torch.fft.rfft2(F.pad(field, (edge,) * 4))
+        return out
+
+
+def _sample(field: Tensor, there: Tensor, padding: str = "zeros") -> Tensor:
+    """A field (B, 1, h, w) at places (B, H, W, 2) from -1 to 1: (B, H, W)."""
+    return F.grid_sample(field, there, padding_mode=padding, align_corners=False)[:, 0]
+
+
+def _unplaced(places: Tensor, pose: Tensor) -> tuple[Tensor, Tensor]:
+    """Places (..., H, W, 2) in the picture as x and y (B, H, W) in the frames of the objects."""
+    x, y = places.unbind(-1)
+    left, top, angle = pose[:, :3, None, None].unbind(1)
+    x, y = x - left, y - top
+    cos, sin = torch.cos(angle), torch.sin(angle)
+    return cos * x + sin * y, cos * y - sin * x

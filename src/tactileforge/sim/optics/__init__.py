@@ -1,0 +1,1 @@
+"""Rendering: light, camera, markers, and calibrations fitted on real images."""

@@ -1,0 +1,133 @@
+"""Fits calibrations on real pictures of balls pressed into a gel.
+
+The gel's surface in each press is known (see `presses`). What is left is linear: grey levels from
+features of the surface and the place.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from tactileforge.sim.optics.features import POWERS, Coarse, fine, normals, places
+from tactileforge.sim.optics.lighting import DEGREE, Calibration
+from tactileforge.sim.optics.presses import Presses
+
+#: A fit looks at a square of this many contact radii around the contact.
+_AROUND = 3.0
+_RIDGE = 1e-4
+_PLACE = 10.0
+#: Degree of the polynomials that backgrounds are.
+_GROUND = 6
+
+
+def features(presses: Presses, lights: Sequence[float]) -> list[Tensor]:
+    """All features of each press at the picture's resolution, float32 (K, H, W)."""
+    coarse = Coarse(presses.size, presses.spacing, lights)
+    out = []
+    for number in range(len(presses)):
+        dent = presses.dent(number)
+        smooth = coarse.enlarge(coarse(dent))[0]
+        sharp = torch.cat(fine(*normals(dent, presses.spacing, presses.steepest)))
+        out.append(torch.cat([sharp, smooth]))
+    return out
+
+
+def weigh(presses: Presses, found: Sequence[Tensor], degree: int, ridge: float = _RIDGE) -> Tensor:
+    """Least-squares weights from features and places to the change of the picture.
+
+    Args:
+        presses: N presses.
+        found: N times float32 (K, H, W), their features.
+        degree: Of the polynomials of the place.
+        ridge: What a weight costs, as a share of what its largest effect costs in every pixel.
+
+    Returns:
+        float32 (K, P, 3).
+    """
+    ground = places(*presses.size, degree)
+    terms = len(found[0]) * len(ground)
+    left, right = torch.zeros(terms, terms).double(), torch.zeros(terms, 3).double()
+    largest, pixels = torch.zeros(len(found[0])).double(), 0
+    for number, feature in enumerate(found):
+        rows, columns = presses.crop(number, _AROUND)
+        change = presses.pictures[number, :, rows, columns] - presses.background[:, rows, columns]
+        seen = feature[:, rows, columns][..., ::2, ::2].flatten(1)
+        place = ground[:, rows, columns][..., ::2, ::2].flatten(1)
+        matrix = (seen[:, None] * place).flatten(0, 1).double()
+        left += matrix @ matrix.T
+        right += matrix @ change[:, ::2, ::2].flatten(1).T.double()
+        largest = torch.maximum(largest, seen.double().square().amax(1))
+        pixels += seen.shape[1]
+    # What the presses did not reach, steep slopes and corners of the picture, stays tame: a weight
+    # costs by what it does where its feature is largest, and all over the picture.
+    order = torch.tensor([i + j for i, j in POWERS])[: len(largest)]
+    largest[: len(order)] = presses.steepest ** (2.0 * order)
+    cost = ground.square().mean((1, 2)).double() * _PLACE
+    cost[0] = 1
+    weight = pixels * (largest[:, None] * cost).flatten() + 1e-9 * left.trace() / len(left)
+    solved: Tensor = torch.linalg.solve(left + ridge * weight.diag(), right)
+    return solved.view(-1, len(ground), 3).float()
+
+
+def fit(presses: Presses) -> Calibration:
+    """The calibration of a sensor from presses of a ball.
+
+    Lights are where each colour's slope is bright, on average.
+    """
+    slopes = [feature[:2] for feature in features(presses, ())]
+    weights = weigh(presses, slopes, 0, 0)[:, 0]
+    lights = tuple(torch.atan2(-weights[1], -weights[0]).tolist()) if presses.shadows else ()
+    found = features(presses, lights)
+    weights = weigh(presses, found, DEGREE)
+    peak = torch.stack([feature[len(POWERS) :].abs().amax((1, 2)) for feature in found]).amax(0)
+    return Calibration(
+        fine=weights[: len(POWERS)],
+        coarse=weights[len(POWERS) :],
+        limits=1.2 * peak,
+        steepest=presses.steepest,
+        lights=lights,
+        backgrounds=fit_background(presses.background)[None],
+        noise=noise(presses),
+    )
+
+
+def fit_background(picture: Tensor) -> Tensor:
+    """A background (3, H, W) as polynomials of the place, float32 (Q, 3)."""
+    ground = places(picture.shape[1], picture.shape[2], _GROUND).flatten(1)[:, ::7]
+    found: Tensor = torch.linalg.lstsq(ground.T, picture.flatten(1)[:, ::7].T).solution
+    return found
+
+
+def noise(presses: Presses) -> float:
+    """Standard deviation of the camera's noise: what neighbouring pixels do not share."""
+    change = presses.pictures.float() - presses.background
+    rough = change - F.avg_pool2d(change, 3, 1, 1)
+    return float(rough.abs().median()) * 1.4826 * math.sqrt(9 / 8 / 2)
+
+
+def save(calibration: Calibration, path: Path, source: str) -> None:
+    """Writes a calibration as JSON, with where its numbers come from."""
+    held = {
+        "source": source,
+        "noise": round(calibration.noise, 3),
+        "lights": [round(light, 4) for light in calibration.lights],
+        "steepest": calibration.steepest,
+        "limits": _short(calibration.limits),
+        "fine": _short(calibration.fine),
+        "coarse": _short(calibration.coarse),
+        "backgrounds": _short(calibration.backgrounds),
+    }
+    path.write_text(json.dumps(held, indent=1).replace(",\n      ", ", ") + "\n")
+
+
+def _short(values: Tensor) -> object:
+    if values.ndim > 1:
+        return [_short(value) for value in values]
+    return [float(f"{value:.5g}") for value in values.tolist()]

@@ -1,0 +1,222 @@
+"""How the picture of a sensor answers to the surface of its gel: calibrations.
+
+Those that ship are fitted on real presses of balls (see `fit`); `lit` makes one from lamps.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from importlib.resources import files
+
+import torch
+from torch import Tensor
+
+from tactileforge.errors import ConfigError, unknown
+from tactileforge.sim.optics.features import BLURS, POWERS, exponents, fine, places
+
+#: Degree of the polynomials of the place that the weights are.
+DEGREE = 2
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """How a sensor's picture answers to the surface of its gel. It holds for any picture size.
+
+    Attributes:
+        fine: float32 (len(POWERS), P, 3), grey levels for each feature of the normal, polynomial
+            of the place, and colour.
+        coarse: float32 (3 len(BLURS) + lights, P, 3), the same for the coarse features.
+        limits: float32 (3 len(BLURS) + lights,), where coarse features saturate: the calibration
+            has not seen more.
+        steepest: See `features.normals`.
+        lights: Where the lights are that cast shadows, rad, clockwise from the right.
+        backgrounds: float32 (N, Q, 3), pictures with no contact as polynomials of the place.
+        noise: Standard deviation of the camera's noise, grey levels.
+    """
+
+    fine: Tensor
+    coarse: Tensor
+    limits: Tensor
+    steepest: float
+    lights: tuple[float, ...]
+    backgrounds: Tensor
+    noise: float
+
+    def mirrored(self) -> Calibration:
+        """The calibration of the sensor that is this one's mirror image, left for right."""
+        place = torch.tensor([(-1.0) ** i for i, _ in exponents(DEGREE)])[:, None]
+        power = torch.tensor([(-1.0) ** i for i, _ in POWERS])[:, None, None]
+        smooth = torch.tensor([-1.0, 1, 1] * len(BLURS) + [1.0] * len(self.lights))[:, None, None]
+        degree = _degree(self.backgrounds.shape[1])
+        ground = torch.tensor([(-1.0) ** i for i, _ in exponents(degree)])[:, None]
+        return replace(
+            self,
+            fine=self.fine * place * power,
+            coarse=self.coarse * place * smooth,
+            lights=tuple(math.pi - light for light in self.lights),
+            backgrounds=self.backgrounds * ground,
+        )
+
+    def turned(self, angles: Sequence[float]) -> Calibration:
+        """The calibration of a sensor whose light of each colour comes from another direction.
+
+        Args:
+            angles: Of R, G, B: rad, clockwise in the picture.
+        """
+        fine = torch.stack(
+            [
+                torch.einsum("jk,kp->jp", _turning(angle), self.fine[..., channel])
+                for channel, angle in enumerate(angles)
+            ],
+            -1,
+        )
+        slopes = [i for blur in range(len(BLURS)) for i in (3 * blur, 3 * blur + 1)]
+        coarse = self.coarse.clone()
+        for channel, angle in enumerate(angles):
+            cos, sin = math.cos(angle), math.sin(angle)
+            right, down = (
+                self.coarse[slopes[::2], :, channel],
+                self.coarse[slopes[1::2], :, channel],
+            )
+            coarse[slopes[::2], :, channel] = cos * right - sin * down
+            coarse[slopes[1::2], :, channel] = sin * right + cos * down
+        return replace(self, fine=fine, coarse=coarse)
+
+    def contrasted(self, gain: float) -> Calibration:
+        """The calibration of a sensor whose picture changes so many times as much."""
+        return replace(self, fine=gain * self.fine, coarse=gain * self.coarse)
+
+    def coloured(self, mixing: Tensor) -> Calibration:
+        """The same surface seen through other colours: channels are mixed by a matrix (3, 3)."""
+        return replace(self, fine=self.fine @ mixing.T, coarse=self.coarse @ mixing.T)
+
+
+@lru_cache(maxsize=64)
+def _turning(angle: float) -> Tensor:
+    """Matrix that turns weights of `features.fine`: float32 (len(POWERS), len(POWERS)).
+
+    Light that comes from ``angle`` further on sees a normal as the old light sees the normal turned
+    back. Powers of one degree become powers of that degree, so few normals determine all.
+    """
+    grid = torch.linspace(-0.6, 0.6, 9, dtype=torch.float64)
+    x, y = (n.flatten() for n in torch.meshgrid(grid, grid, indexing="xy"))
+    cos, sin = math.cos(angle), math.sin(angle)
+    seen = torch.stack(fine(cos * x + sin * y, cos * y - sin * x), 1)
+    turned: Tensor = torch.linalg.lstsq(torch.stack(fine(x, y), 1), seen).solution
+    return turned.float()
+
+
+def background(coefficients: Tensor, height: int, width: int) -> Tensor:
+    """A background, float32 (3, H, W) in grey levels, of polynomials (Q, 3) of the place."""
+    ground = places(height, width, _degree(len(coefficients)))
+    return torch.einsum("qc,qhw->chw", coefficients, ground)
+
+
+def _degree(terms: int) -> int:
+    return (math.isqrt(8 * terms + 1) - 3) // 2
+
+
+def load(name: str) -> Calibration:
+    """A calibration that ships with the package.
+
+    Raises:
+        ConfigError: There is none of that name; lists those there are.
+    """
+    known = names()
+    if name not in known:
+        raise ConfigError(unknown("calibration", name, known))
+    return _load(name)
+
+
+def names() -> list[str]:
+    """The calibrations that ship with the package."""
+    found = (files("tactileforge.sim") / "calibration").iterdir()
+    return sorted(item.name.removesuffix(".json") for item in found if item.name.endswith(".json"))
+
+
+@lru_cache
+def _load(name: str) -> Calibration:
+    return read((files("tactileforge.sim") / "calibration" / f"{name}.json").read_text())
+
+
+def read(text: str) -> Calibration:
+    """A calibration from what `fit.save` wrote."""
+    held = json.loads(text)
+    return Calibration(
+        fine=torch.tensor(held["fine"]),
+        coarse=torch.tensor(held["coarse"]),
+        limits=torch.tensor(held["limits"]),
+        steepest=held["steepest"],
+        lights=tuple(held["lights"]),
+        backgrounds=torch.tensor(held["backgrounds"]),
+        noise=held["noise"],
+    )
+
+
+@dataclass(frozen=True)
+class Lamp:
+    """A light at the side of the gel.
+
+    Attributes:
+        azimuth: Where it is, rad, clockwise from the right of the picture.
+        elevation: How steeply it shines onto the gel at rest, rad.
+        colour: Grey levels it adds to R, G, B of a surface that faces it.
+        fall: Share by which it is weaker at the centre than at its edge of the picture.
+        shadow: Share of its light that is missing in its shadow.
+    """
+
+    azimuth: float
+    elevation: float
+    colour: tuple[float, float, float]
+    fall: float = 0.3
+    shadow: float = 0.3
+
+
+def lit(
+    lamps: Sequence[Lamp], base: Sequence[float], dim: float = 0.0, noise: float = 1.5
+) -> Calibration:
+    """The calibration of a sensor that is known by its lamps: a matt surface, and their shadows.
+
+    Args:
+        lamps: The lights.
+        base: R, G, B of the light that comes from everywhere.
+        dim: Share of the background that is missing in the middle of the picture's sides.
+        noise: Standard deviation of the camera's noise, grey levels.
+    """
+    grid = torch.linspace(-0.95, 0.95, 39, dtype=torch.float64)
+    x, y = (n.flatten() for n in torch.meshgrid(grid, grid, indexing="xy"))
+    x, y = (n[torch.hypot(x, y) < 0.95] for n in (x, y))
+    powers = torch.stack(fine(x, y), 1)
+    terms = exponents(DEGREE)
+    shade = torch.zeros(len(POWERS), len(terms), 3)
+    smooth = torch.zeros(3 * len(BLURS) + len(lamps), len(terms), 3)
+    ground = torch.zeros(len(terms), 3)
+    ground[terms.index((0, 0))] = torch.tensor(base)
+    for number, lamp in enumerate(lamps):
+        cos, sin = math.cos(lamp.elevation), math.sin(lamp.elevation)
+        right, down = math.cos(lamp.azimuth), math.sin(lamp.azimuth)
+        facing = (1 - x * x - y * y).sqrt() * sin - (x * right + y * down) * cos
+        change = torch.linalg.lstsq(powers, facing.clamp(min=0)[:, None] - sin).solution
+        change = change.float().round(decimals=4)  # the last digits differ from run to run
+        colour = torch.tensor(lamp.colour)
+        place = torch.zeros(len(terms), 1)
+        for term, part in (((0, 0), 1.0), ((1, 0), right * lamp.fall), ((0, 1), down * lamp.fall)):
+            place[terms.index(term)] = part
+        shade += change[:, :, None] * place * colour
+        smooth[3 * len(BLURS) + number] = -lamp.shadow * place * colour
+        ground += sin * place * colour
+    for term in ((2, 0), (0, 2)):
+        ground[terms.index(term)] -= dim * ground[terms.index((0, 0))]
+    return Calibration(
+        fine=shade,
+        coarse=smooth,
+        limits=torch.full((len(smooth),), 1.0),
+        steepest=1.0,
+        lights=tuple(lamp.azimuth for lamp in lamps),
+        backgrounds=ground[None],
+        noise=noise,
+    )

@@ -1,0 +1,142 @@
+"""From the surface of the gel to the picture that the sensor's camera takes.
+
+The change of each channel from the background is a weighted sum of features of the dent (see
+`features`), and the weights are polynomials of the place in the picture (see `lighting`). The
+camera then blurs and shrinks what was drawn, and adds its tone and noise (see `camera`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from tactileforge.errors import ConfigError
+from tactileforge.sim.optics.camera import FULL, Lens
+from tactileforge.sim.optics.features import Coarse, fine, normals, places
+from tactileforge.sim.optics.lighting import DEGREE
+from tactileforge.sim.optics.sensor_instances import Unit
+
+#: Frames, and pixels of each, that are worked on at a time: what fits a processor's cache.
+_FRAMES = 8
+_TILE = 1 << 13
+_MARGIN = 64
+
+
+class Optics:
+    """The pictures of one unit of a sensor.
+
+    Example:
+        >>> import torch
+        >>> from tactileforge.sim.optics.sensor_instances import draw
+        >>> optics = Optics(draw("digit", seed=3, size=(64, 48)))
+        >>> optics.render(torch.zeros(2, 64, 48)).shape
+        torch.Size([2, 3, 64, 48])
+    """
+
+    def __init__(self, unit: Unit, device: str | torch.device = "cpu", shrink: int = 1) -> None:
+        """Prepares maps of the weights.
+
+        Args:
+            unit: The unit of a sensor, drawn with ``shrink`` times the size of its pictures.
+            device: Where the dents will be, and the pictures are made.
+            shrink: Pixels of a dent to a pixel of the picture, along rows and columns.
+        """
+        self.unit = unit
+        self.size = height, width = unit.background.shape[1], unit.background.shape[2]
+        self.shrink = shrink
+        self.lens = Lens(unit.camera.blur * min(self.size) / FULL, shrink, device)
+        how = unit.calibration
+        self._coarse = Coarse(self.size, unit.spacing, how.lights, device)
+        ground = places(height, width, DEGREE)
+        weights = torch.einsum("kpc,phw->kchw", how.fine, ground)
+        self._fine = weights.flatten(2).to(device)
+        ground = places(*self._coarse.size, DEGREE)
+        self._smooth = torch.einsum("kpc,phw->kchw", how.coarse, ground).to(device)
+        self._limits = how.limits[:, None, None].to(device)
+        self._background = unit.background.to(device)
+        seed = torch.Generator().manual_seed(unit.seed)
+        height, width = self.shown = height // shrink, width // shrink
+        bank = torch.randn(3, height + _MARGIN, width + _MARGIN, generator=seed)
+        self._noise = (unit.noise * bank).to(device)
+        self.markers = unit.markers and unit.markers.to(device)
+
+    def render(
+        self,
+        dent: Tensor,
+        motion: Tensor | None = None,
+        first: int | None = None,
+        drift: Tensor | None = None,
+    ) -> Tensor:
+        """Pictures of dents.
+
+        Args:
+            dent: float32 (B, H, W), the gel's surface in mm into the gel, 0 at rest.
+            motion: Lateral displacement of the surface in mm, right and down: at the markers
+                (B, M, 2), or at the pixels (B, H, W, 2). Units without markers ignore it.
+            first: Number of the first frame, which chooses the noise; None for no noise.
+            drift: float32 (B, 3), grey levels by which the light has changed; None for none.
+
+        Returns:
+            uint8 (B, 3, H, W), RGB; rows and columns are fewer by ``shrink``.
+
+        Raises:
+            ConfigError: The dent has not the size of the unit's picture.
+        """
+        if dent.shape[1:] != self.size:
+            raise ConfigError(
+                f"dents are {tuple(dent.shape[1:])} pixels, but the unit's pictures {self.size};"
+                " draw the unit with that size"
+            )
+        pictures = torch.empty(len(dent), 3, *self.shown, dtype=torch.uint8, device=dent.device)
+        for start in range(0, len(dent), _FRAMES):
+            part = slice(start, start + _FRAMES)
+            number = None if first is None else first + start
+            moved = None if motion is None else motion[part]
+            light = self._light(dent[part], moved)
+            if drift is not None:
+                light += drift[part, :, None, None]
+            pictures[part] = self._film(light, number)
+        return pictures
+
+    def _light(self, dent: Tensor, motion: Tensor | None) -> Tensor:
+        """The light that reaches the camera, grey levels (B, 3, H, W)."""
+        out = self._scattered(dent)
+        self._shade(dent, out)
+        out += self._background
+        if self.markers is not None:
+            self.markers.paint(out, motion, self.unit.spacing)
+        return out
+
+    def _film(self, light: Tensor, first: int | None) -> Tensor:
+        """Picture that the camera makes of light, float32 (B, 3, H, W)."""
+        out = self.unit.camera.tone(self.lens(light)) + 0.5
+        if first is not None:
+            for number, picture in enumerate(out, first):
+                picture += self._grain(number)
+        # Cutting off the fraction rounds, since a half was added.
+        return out.clamp_(0, 255)
+
+    def _scattered(self, dent: Tensor) -> Tensor:
+        """What the coarse features change, (B, 3, H, W)."""
+        found = self._coarse(dent).clamp(-self._limits, self._limits)
+        change = torch.einsum("bkhw,kchw->bchw", found, self._smooth)
+        return self._coarse.enlarge(change)
+
+    def _shade(self, dent: Tensor, out: Tensor) -> None:
+        """Adds what the normals change."""
+        x, y = (
+            n.flatten(1) for n in normals(dent, self.unit.spacing, self.unit.calibration.steepest)
+        )
+        flat = out.flatten(2)
+        for start in range(0, x.shape[1], _TILE):
+            part = slice(start, start + _TILE)
+            for feature, weight in zip(fine(x[:, part], y[:, part]), self._fine, strict=True):
+                flat[..., part].addcmul_(feature[:, None], weight[:, part])
+
+    def _grain(self, number: int) -> Tensor:
+        """The camera's noise in one frame: a part of the bank at a random place."""
+        height, width = self.shown
+        rng = np.random.default_rng([self.unit.seed, number])
+        down, right = (int(n) for n in rng.integers(0, _MARGIN, 2))
+        return self._noise[:, down : down + height, right : right + width]

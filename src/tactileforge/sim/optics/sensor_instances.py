@@ -1,0 +1,279 @@
+"""Units of a sensor: no two look alike. A seed draws one.
+
+How units differ is the table of `randomise`; what all units of a type share is in `STYLES`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from tactileforge.errors import ConfigError, unknown
+from tactileforge.sensors.specs import SPECS
+from tactileforge.sim.mechanics.gel import Gel
+from tactileforge.sim.optics import lighting
+from tactileforge.sim.optics.camera import Camera
+from tactileforge.sim.optics.lighting import Calibration, Lamp, background
+from tactileforge.sim.optics.markers import Grid, Markers, coverage, grid
+from tactileforge.sim.randomise.draw import Choice, Draw
+
+
+@dataclass(frozen=True)
+class Unit:
+    """One sensor of a type.
+
+    Attributes:
+        sensor: Type of the sensor.
+        seed: Draws the unit, and the noise of its frames.
+        background: float32 (3, H, W), grey levels of the picture with no contact.
+        calibration: How the picture answers to the gel's surface.
+        spacing: mm per pixel.
+        noise: Standard deviation of the camera's noise, grey levels.
+        markers: The dots of its gel, if it has any.
+        camera: Focus, exposure, tone curve, distortion and codec.
+    """
+
+    sensor: str
+    seed: int
+    background: Tensor
+    calibration: Calibration
+    spacing: float
+    noise: float
+    markers: Markers | None = None
+    camera: Camera = field(default_factory=Camera)
+
+
+@dataclass(frozen=True)
+class Style:
+    """What the units of a type have in common.
+
+    Attributes:
+        calibrations: Names of those that ship; a unit has one of them.
+        lamps: The lights of a type that has no calibration.
+        base: Its light from everywhere, R, G, B.
+        dim: See `lighting.lit`.
+        markers: Whether its gel has markers, unless told otherwise.
+        height_mm: What the picture shows from top to bottom; None takes it from the spec.
+        level: Mean R, G, B of a background where the camera balances colours itself; None leaves
+            them to the lights.
+        clouds: How uneven the light is, grey levels.
+        wear: Mean number of scratches, and of specks of dust.
+    """
+
+    calibrations: tuple[str, ...] = ()
+    lamps: tuple[Lamp, ...] = ()
+    base: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    dim: float = 0.0
+    markers: bool = False
+    height_mm: float | None = None
+    level: tuple[float, float, float] | None = None
+    clouds: float = 2.0
+    wear: tuple[float, float] = (3.0, 6.0)
+
+
+def _lamp(degrees: float, colour: tuple[float, float, float], fall: float = 0.5) -> Lamp:
+    return Lamp(math.radians(degrees), math.radians(35), colour, fall)
+
+
+#: DuraGel, GelSlim and DM-Tac: no calibration may be shipped, so their lamps are our choice.
+STYLES = {
+    "gelsight": Style(("gelsight", "gelsight_fots")),
+    "gelsight_mini": Style(("gelsight_mini",)),
+    # Mean levels of eight real units: their cameras balance colours, and differ by 4 grey levels.
+    "digit": Style(("digit",), level=(98.0, 104.0, 97.0), clouds=5.0, wear=(2.0, 3.0)),
+    "gelslim": Style(
+        lamps=(
+            _lamp(180, (10, 130, 80), 0.8),
+            _lamp(-90, (25, 40, 135), 0.8),
+            _lamp(40, (160, 40, 55), 0.8),
+        ),
+        base=(10, 15, 10),
+        dim=0.25,
+        markers=True,
+        height_mm=16.0,
+    ),
+    "duragel": Style(
+        lamps=(
+            _lamp(0, (150, 45, 45)),
+            _lamp(120, (35, 130, 60)),
+            _lamp(-120, (40, 60, 150)),
+        ),
+        base=(45, 45, 50),
+        markers=True,
+        height_mm=15.2,
+    ),
+    "dm": Style(
+        lamps=tuple(_lamp(a, (60, 60, 62), 0.25) for a in (0, 90, 180, 270)),
+        base=(40, 42, 45),
+        markers=True,
+        height_mm=15.0,
+    ),
+}
+
+
+def draw(
+    sensor: str,
+    seed: int,
+    size: tuple[int, int] | None = None,
+    markers: bool | None = None,
+    randomise: Choice = "unit",
+) -> Unit:
+    """A unit of a sensor; the same seed gives the same unit.
+
+    Args:
+        sensor: One of `STYLES`.
+        seed: Not negative.
+        size: Height and width of its pictures; None for those of the sensor.
+        markers: Whether its gel has markers; None as the type has.
+        randomise: How it differs from others, see `randomise.draw.rows`.
+
+    Raises:
+        ConfigError: The sensor is unknown, or has no gel with markers.
+    """
+    if sensor not in STYLES:
+        raise ConfigError(unknown("simulated sensor", sensor, STYLES))
+    style, spec = STYLES[sensor], SPECS[sensor]
+    height, width = size or (spec.height, spec.width)
+    row = Draw(randomise, seed, sensor)
+    scale = spacing(sensor, height) * row["scale"]
+    how = _calibration(style, row)
+    mixing = _mixing(row)
+    shares = torch.softmax(
+        4 * row["specimen"] * _randn(row, "backgrounds", len(how.backgrounds)), 0
+    )
+    still = background(torch.einsum("n,nqc->qc", shares, how.backgrounds), height, width)
+    still = torch.einsum("dc,chw->dhw", mixing, still) * _gradient(height, width, row)
+    still = still + _clouds(style.clouds, height, width, row)
+    still = _levelled(still, style, row) + _worn(style, height, width, scale, row)
+    has_markers = style.markers if markers is None else markers
+    return Unit(
+        sensor=sensor,
+        seed=seed,
+        background=still.clamp(4, 251),
+        calibration=how.coloured(mixing),
+        spacing=scale,
+        noise=how.noise * row["noise"],
+        markers=_markers(grid(sensor), row) if has_markers else None,
+        camera=Camera(**{name: row[name] for name in Camera.__dataclass_fields__}),
+    )
+
+
+def spacing(sensor: str, height: int) -> float:
+    """Width of a pixel, mm, of a picture with so many rows, of the sensor's type."""
+    known = STYLES[sensor].height_mm or (SPECS[sensor].area_mm or (0.0,))[0]
+    return known / height
+
+
+def gel(base: Gel, sensor: str, seed: int, randomise: Choice) -> Gel:
+    """The gel of a unit, from that of its type; thickness comes in steps of an eighth."""
+    row = Draw(randomise, seed, sensor)
+    return replace(
+        base,
+        modulus=base.modulus * row["stiffness"],
+        thickness=base.thickness * round(8 * row["thickness"]) / 8,
+        dome=None if base.dome is None else base.dome * row["dome"],
+    )
+
+
+def _chance(row: Draw, name: str) -> torch.Generator:
+    return torch.Generator().manual_seed(int(row.rng(name).integers(1 << 62)))
+
+
+def _randn(row: Draw, name: str, *shape: int) -> Tensor:
+    return torch.randn(shape, generator=_chance(row, name))
+
+
+def _between(low: float, high: float, chance: torch.Generator) -> float:
+    return low + (high - low) * float(torch.rand((), generator=chance))
+
+
+def _calibration(style: Style, row: Draw) -> Calibration:
+    if not style.calibrations:
+        how = lighting.lit(style.lamps, style.base, style.dim)
+    else:
+        which = row.rng("calibration").integers(len(style.calibrations)) if row["specimen"] else 0
+        how = lighting.load(style.calibrations[which])
+    angles = row["light_turn"] * row.rng("light_turn").uniform(-1, 1, 3)
+    return how.turned(angles.tolist()).contrasted(row["contrast"])
+
+
+def _mixing(row: Draw) -> Tensor:
+    """Matrix by which lights of another strength and colour mix the channels, (3, 3)."""
+    gains = torch.exp(row["light_power"] * _randn(row, "light_power", 3).clamp(-2, 2))
+    share = row["light_colour"] * torch.from_numpy(row.rng("light_colour").random((3, 3))).float()
+    share = share * (1 - torch.eye(3))
+    return (torch.eye(3) + share - torch.diag(share.sum(1))) * gains
+
+
+def _gradient(height: int, width: int, row: Draw) -> Tensor:
+    """A factor near 1 that grows slowly in some direction for each colour, (3, H, W)."""
+    slope = 0.06 * row["unevenness"] * _randn(row, "gradient", 2, 3, 1, 1)
+    x, y = torch.linspace(-1, 1, width), torch.linspace(-1, 1, height)[:, None]
+    return slope[0] * x + slope[1] * y + 1
+
+
+def _levelled(still: Tensor, style: Style, row: Draw) -> Tensor:
+    """The background of a camera that balances colours, (3, H, W)."""
+    if style.level is None:
+        return still
+    wanted = torch.tensor(style.level) + 4 * row["specimen"] * _randn(row, "level", 3)
+    return still * (wanted / still.mean((1, 2)))[:, None, None]
+
+
+def _clouds(strength: float, height: int, width: int, row: Draw) -> Tensor:
+    """Unevenness of light and gel, grey levels, (3, H, W): broad in colour, fine in all alike."""
+    chance = _chance(row, "clouds")
+    total = torch.zeros(1, 3, height, width)
+    for cells, depth, shared in ((4, strength, 0.2), (11, strength / 2, 0.5), (70, 0.4, 0.9)):
+        rows = max(2, cells * height // width)
+        grain = torch.randn(1, 3, rows, cells, generator=chance)
+        grain = (1 - shared) * grain + shared * grain[:, :1]
+        total += depth * F.interpolate(grain, (height, width), mode="bicubic")
+    return row["unevenness"] * total[0]
+
+
+def _markers(pattern: Grid, row: Draw) -> Markers:
+    """The markers of one gel, of which some are missing."""
+    pitch = row["marker_pitch"]
+    near = replace(
+        pattern,
+        pitch=(pattern.pitch[0] * pitch, pattern.pitch[1] * pitch),
+        radius=pattern.radius * row["marker_size"] * min(1.0, pitch),
+        columns=round(pattern.columns / min(1.0, pitch)),
+        rows=round(pattern.rows / min(1.0, pitch)),
+    )
+    made = near.markers(_chance(row, "markers"))
+    kept = torch.from_numpy(row.rng("marker_loss").random(len(made.places))) >= row["marker_loss"]
+    opacity = min(1.0, made.opacity * row["marker_contrast"])
+    return replace(made, places=made.places[kept], radii=made.radii[kept], opacity=opacity)
+
+
+def _worn(style: Style, height: int, width: int, spacing: float, row: Draw) -> Tensor:
+    """Scratches and specks of dust, grey levels, (1, H, W)."""
+    chance = _chance(row, "wear")
+    scratches, specks = (
+        int(torch.poisson(row["wear"] * torch.tensor(mean), generator=chance))
+        for mean in style.wear
+    )
+    extent = torch.tensor([width, height]).float()
+    out = torch.zeros(1, height, width)
+    for _ in range(scratches):
+        start = torch.rand(2, generator=chance) * extent
+        angle = _between(0, math.pi, chance)
+        length = _between(1, 8, chance) / spacing
+        along = torch.linspace(0, 1, max(2, 2 * int(length)))[:, None] * length
+        bend = 0.15 * _between(-1, 1, chance) * (along / length) ** 2 * length
+        x = start[0] + along * math.cos(angle) - bend * math.sin(angle)
+        y = start[1] + along * math.sin(angle) + bend * math.cos(angle)
+        radii = torch.full((len(along),), _between(0.02, 0.05, chance) / spacing)
+        line = coverage(torch.cat([x, y], 1)[None], radii, height, width)
+        out += _between(-7, 5, chance) * line
+    if specks:
+        centres = torch.rand(1, specks, 2, generator=chance) * extent
+        radii = (0.03 + 0.1 * torch.rand(specks, generator=chance)) / spacing
+        out += _between(-30, 20, chance) * coverage(centres, radii, height, width)
+    return out

@@ -1,0 +1,1 @@
+"""Domain randomisation: the table of ranges, and draws from it."""

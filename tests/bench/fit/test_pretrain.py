@@ -1,0 +1,179 @@
+"""Models that are trained for a bench: which, how, once, and what is said when it fails."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from omegaconf import OmegaConf
+
+from tactileforge import registry
+from tactileforge.bench.fit import pretrain
+from tactileforge.bench.fit.pretrain import Job, Model
+from tactileforge.compose import compose, settings
+from tactileforge.errors import ConfigError, TactileForgeError
+
+ABLATIONS = ["no_align", "no_diff", "none"]
+
+
+def miniature() -> dict[str, Any]:
+    config = settings("bench", ["suite=[sim,public_samples]", "pretrain=miniature"])
+    return OmegaConf.to_container(config, resolve=True)  # type: ignore[return-value]
+
+
+def test_the_miniature_is_what_the_issue_of_the_paper_is() -> None:
+    """Objectives and frames of every model; the same data, steps and input for all."""
+    config = miniature()
+    models = pretrain.read(config["pretrain"])
+    runs = pretrain.jobs(Path("x"), config["pretrain"]["words"], models)
+    assert {name for name, found in runs.items() if len(found) == 3} == {
+        "anytouch2",
+        "mae",
+        "no_force",
+    }
+    everything = {"pixel", "diff", "align", "match", "force"}
+    objectives = {
+        "anytouch2": everything,
+        "mae": {"pixel"},
+        "vjepa": {"jepa"},
+        "anytouch1": {"pixel", "align", "match"},
+        "align_only": {"align"},
+        "no_diff": everything - {"diff"},
+        "no_match": everything - {"match"},
+        "no_force": everything - {"force"},
+        "no_align": everything - {"align"},
+        "no_schedule": everything,
+        "two_frames": everything,
+    }
+    assert runs.keys() == objectives.keys()
+    shared = set()
+    for name, found in runs.items():
+        recipe, *words = found[0].words
+        plain: Any = OmegaConf.to_container(
+            compose(recipe.removeprefix("recipe="), words), resolve=True
+        )
+        assert plain["objective"].keys() == objectives[name]
+        encoder = registry.build("encoders", plain["encoder"])
+        assert encoder.frames == {"mae": 2, "two_frames": 2, "anytouch1": 3}.get(name, 4)
+        shared.add(
+            json.dumps(
+                [
+                    {**plain["data"], "max_bad": 0},
+                    plain["trainer"]["max_steps"],
+                    plain["batch"]["size"],
+                    encoder.image_size,
+                    encoder.patch,
+                    encoder.width,
+                    encoder.depth,
+                ]
+            )
+        )
+    assert len(shared) == 1
+    assert plain["data"]["indenters"] == "pretrain", "the bench's indenters are left out"
+    assert config["tasks"]["sim_force"]["data"]["indenters"] == "bench"
+    assert config["model"] == ["untrained:anytouch2", "pixels"]
+
+
+def test_ablations_of_the_first_model() -> None:
+    base = {"mine": Model(title="Mine", recipe="anytouch2", words=["a=1"], seeds=[3])}
+    found = pretrain.ablations("all", ABLATIONS, base)
+    assert list(found) == ["mine", "no_align", "no_diff"]
+    assert found["no_diff"].words == ["a=1", "ablation=no_diff"]
+    assert (found["no_diff"].group, found["no_diff"].seeds) == ("ablation", [3])
+    assert list(pretrain.ablations("no_diff", ABLATIONS, {})) == ["anytouch2", "no_diff"]
+    with pytest.raises(ConfigError, match="did you mean 'no_diff'"):
+        pretrain.ablations("no_dif", ABLATIONS, {})
+    with pytest.raises(ConfigError, match="did you mean 'recipe'"):
+        pretrain.read({"models": {"a": {"title": "A", "recipes": "x"}}})
+
+
+@pytest.fixture
+def train(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[list[str]]:
+    """Puts a small program in the place of ``tactileforge train``; the words of each call."""
+    program = tmp_path / "train.py"
+    program.write_text(
+        """
+import pathlib, sys
+words = dict(word.partition("=")[::2] for word in sys.argv[1:])
+folder = pathlib.Path(words.get("hydra.run.dir") or words["resume"])
+(folder / "checkpoints").mkdir(parents=True, exist_ok=True)
+(folder / "checkpoints" / "last.ckpt").write_text("x")
+if words.get("fail"):
+    print("something", file=sys.stderr)
+    sys.exit("error: no such folder; download it")
+if words.get("stop"):
+    sys.exit(130)
+(folder / "report.html").write_text("x")
+"""
+    )
+    calls: list[list[str]] = []
+    popen = pretrain.subprocess.Popen
+
+    def started(command: list[str], **given: Any) -> Any:
+        assert command[:4] == [sys.executable, "-m", "tactileforge", "train"]
+        calls.append(command[4:])
+        return popen([sys.executable, str(program), *command[4:]], **given)
+
+    monkeypatch.setattr(pretrain.subprocess, "Popen", started)
+    return calls
+
+
+def test_a_finished_run_stays(train: list[list[str]], tmp_path: Path) -> None:
+    job = Job("a-0", tmp_path / "a-0", ["recipe=mae", "seed=0"])
+    pretrain.train_all([job], None)
+    assert train == [["recipe=mae", "seed=0", f"hydra.run.dir={job.folder}"]]
+    assert job.finished
+    pretrain.train(job)
+    assert len(train) == 1
+    with pytest.raises(ConfigError, match="holds a run of other settings"):
+        pretrain.train(Job("a-0", job.folder, ["recipe=mae", "seed=1"]))
+
+
+def test_a_stopped_run_is_resumed(train: list[list[str]], tmp_path: Path) -> None:
+    job = Job("a-0", tmp_path / "a-0", ["stop=1"])
+    with pytest.raises(KeyboardInterrupt):
+        pretrain.train(job)
+    assert not job.finished
+    pretrain.train(job)
+    assert train[1] == [f"resume={job.folder}"]
+    assert job.finished
+
+
+def test_a_failed_run_says_why_when_it_is_opened(train: list[list[str]], tmp_path: Path) -> None:
+    model = Model(title="A", words=["fail=1"])
+    runs = pretrain.jobs(tmp_path, [], {"a": model})["a"]
+    pretrain.train_all(runs, None)
+    entry = pretrain.entry("a", model, runs, "cpu")
+    with pytest.raises(TactileForgeError, match=r"a-0 failed: no such folder; download it$"):
+        entry.open[0]()
+
+
+def test_jobs_of_hydra_train_the_same(train: list[list[str]], tmp_path: Path) -> None:
+    runs = [Job(f"a-{i}", tmp_path / f"a-{i}", ["recipe=mae", f"seed={i}"]) for i in range(2)]
+    before = list(sys.argv)
+    pretrain.train_all(runs, ["hydra/launcher=basic"])
+    assert sys.argv == before
+    assert [words[:2] for words in train] == [["recipe=mae", "seed=0"], ["recipe=mae", "seed=1"]]
+    assert all(job.finished for job in runs)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("default")  # of Ray
+def test_jobs_of_ray_train_in_its_processes(tmp_path: Path) -> None:
+    pytest.importorskip("hydra_plugins.hydra_ray_launcher")
+    words = ["recipe=mae", "scale=demo", "debug=steps", "data.scenes=2", "data.val=1"]
+    words += ["data.size=32", "encoder.image_size=32", "batch.size=4"]
+    runs = [Job(f"a-{i}", tmp_path / f"a-{i}", [*words, f"seed={i}"]) for i in range(2)]
+    pretrain.train_all(runs, ["hydra/launcher=ray"])
+    assert all(job.finished for job in runs)
+
+
+def test_curves_of_a_run(tmp_path: Path) -> None:
+    folder = tmp_path / "metrics" / "version_0"
+    folder.mkdir(parents=True)
+    rows = ["step,train/pixel,val/pixel,train/pixel/part,lr", "0,3.0,,1,1", "5,2.0,2.5,1,1"]
+    (folder / "metrics.csv").write_text("\n".join(rows) + "\n")
+    (one,) = pretrain.curves("a", tmp_path)
+    assert (one.objective, one.step, one.train) == ("pixel", [0.0, 5.0], [3.0, 2.0])
+    assert str(one.validation) == "[nan, 2.5]"

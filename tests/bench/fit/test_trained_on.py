@@ -1,0 +1,76 @@
+"""What a model was trained on, against what the gate holds out."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from omegaconf import OmegaConf
+
+from tactileforge.bench.fit.trained_on import seen, trained_on
+from tactileforge.compose import settings
+from tactileforge.datasets.reading.splits import is_held_out
+from tactileforge.datasets.recordings import Recordings
+from tactileforge.hub.header import Header
+
+HEADER = Header(
+    format=1, name="", encoder={"name": "a"}, package="", package_version="", sensors={},
+    input={}, spacing=0.0, dtype="float32", licence="MIT",
+)  # fmt: skip
+SLIP = {"path": "gsmini_slip_franka", "videos": ["a", "b"], "split": "object"}
+
+
+def of(**data: Any) -> Header:
+    return replace(HEADER, recipe={"data": data})
+
+
+@pytest.mark.parametrize(
+    ("data", "sets", "told"),
+    [
+        ({"name": "sim"}, ["sim"], []),
+        (
+            {"name": "recordings", "val": 0.5, "layouts": {"slip": SLIP, "left_out": None}},
+            ["gsmini_slip_franka"],
+            [],
+        ),
+        (
+            {"name": "recordings", "val": 0.1, "layouts": {"slip": SLIP}},
+            ["gsmini_slip_franka"],
+            ["gsmini_slip_franka (val=0.1, not 0.5)"],
+        ),
+        (
+            {"name": "mixture", "sources": {
+                "sim": {"name": "sim"},
+                "octopi": {"name": "recordings", "val": 0.1, "layouts": {
+                    "octopi": {"path": "octopi_physiclear", "videos": "*.mov", "split": "{split}"}
+                }},
+                "wedge": {"name": "recordings", "layouts": {"w": {"path": "wedge_ball_presses"}}},
+            }},
+            ["octopi_physiclear/*.mov", "sim", "wedge_ball_presses"],
+            ["octopi_physiclear (val=0, not 0.5)", "wedge_ball_presses (held out)"],
+        ),
+    ],
+)  # fmt: skip
+def test_training_data_is_named(data: Any, sets: list[str], told: list[str]) -> None:
+    header = of(**data)
+    assert trained_on(header) == sets
+    assert seen(header) == told
+
+
+def test_a_file_without_a_recipe_says_what_it_knows() -> None:
+    assert trained_on(replace(HEADER, data={"name": "ToucHD"})) == ["ToucHD"]
+    assert trained_on(HEADER) == ["unknown"]
+
+
+@pytest.mark.realdata
+def test_training_and_the_gate_agree_on_the_slip_objects(realdata: Path) -> None:
+    words = ["data=gsmini_slip", f"data.root={realdata}"]
+    node: Any = OmegaConf.to_container(settings("inspect", words).data, resolve=True)
+    assert seen(of(**node)) == []
+    data = Recordings(node["root"], node["layouts"], node["val"])
+    objects = {side: {r.object for r in data.recordings(side)} for side in ("train", "val")}
+    assert objects["train"] == {
+        name for name in objects["train"] if not is_held_out(str(name), 0.5)
+    }
+    assert objects["val"] == {name for name in objects["val"] if is_held_out(str(name), 0.5)}
+    assert (len(objects["train"]), len(objects["val"])) == (14, 11)

@@ -1,0 +1,170 @@
+"""The release gate: scores and intervals against closed forms, and what passes."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tactileforge.bench.output import gate_table
+from tactileforge.bench.results import gate
+from tactileforge.bench.results.gate import Tally, compared, passes, tally
+from tactileforge.bench.results.results import Cell, Metric, Model, Results, Task
+from tactileforge.errors import DataError
+
+
+def predictions(folder: Path, name: str, **arrays: Any) -> Path:
+    path = folder / "predictions" / f"{name}.npz"
+    path.parent.mkdir(exist_ok=True)
+    np.savez(path, **arrays)
+    return path
+
+
+def classes(folder: Path, name: str, right: float, seed: int, groups: int = 60) -> Path:
+    """Three clips a group, of two classes; a share is right."""
+    rng = np.random.default_rng(seed)
+    truth = np.random.default_rng(0).integers(2, size=3 * groups)
+    wrong = np.repeat(rng.random(groups) > right, 3)
+    units = np.repeat([f"r{i}" for i in range(groups)], 3)
+    predicted = np.where(wrong, 1 - truth, truth)
+    return predictions(
+        folder, name, truth=truth, predicted=predicted, names=np.array(["a", "b"]), units=units
+    )
+
+
+def test_scores_are_those_of_the_metrics(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    truth = rng.normal(size=(50, 2)).astype(np.float32)
+    found = truth + rng.normal(0, 0.5, size=(50, 2)).astype(np.float32)
+    units = np.array([f"b{i % 7}" for i in range(50)])
+    path = predictions(tmp_path, "r2", truth=truth, predicted=found, axes=["x", "y"], units=units)
+    wanted = 1 - ((found - truth) ** 2).sum(0) / ((truth - truth.mean(0)) ** 2).sum(0)
+    assert compared([tally(path, "r2")]).value == pytest.approx(wanted.mean(), abs=1e-6)
+
+    truth, found = rng.integers(3, size=90), rng.integers(3, size=90)
+    path = predictions(
+        tmp_path, "c", truth=truth, predicted=found, names=["a", "b", "c"], units=np.arange(90) // 3
+    )
+    recall = [(found[truth == k] == k).mean() for k in range(3)]
+    one = tally(path, "balanced_accuracy")
+    assert compared([one]).value == pytest.approx(np.mean(recall), abs=1e-12)
+    assert compared([tally(path, "accuracy")]).value == pytest.approx((truth == found).mean())
+
+
+def test_the_interval_is_that_of_the_binomial_over_groups(tmp_path: Path) -> None:
+    """Three clips of a group are all right or all wrong: there are 60 samples, not 180."""
+    one = compared([tally(classes(tmp_path, "a", 0.7, 1), "accuracy")])
+    expected = 1.96 * np.sqrt(one.value * (1 - one.value) / 60)
+    assert one.high - one.value == pytest.approx(expected, rel=0.15)
+    assert one.value - one.low == pytest.approx(expected, rel=0.15)
+
+
+def test_pairs_narrow_the_difference(tmp_path: Path) -> None:
+    """Two models that err on the same recordings, but for a few."""
+    paths = [classes(tmp_path, name, 0.6, 1) for name in ("a", "b")]
+    with np.load(paths[1]) as file:
+        arrays = dict(file)
+    arrays["predicted"][:18] = arrays["truth"][:18]
+    better = predictions(tmp_path, "b", **arrays)
+    own, other = tally(better, "accuracy"), tally(paths[0], "accuracy")
+    apart = compared([own], [other])
+    single = compared([own])
+    assert apart.value == pytest.approx(compared([own]).value - compared([other]).value)
+    assert apart.high - apart.low < 0.6 * (single.high - single.low)
+    assert compared([own], [own]) == gate.Score(0.0, 0.0, 0.0)
+
+
+def test_the_spread_of_random_networks_counts(tmp_path: Path) -> None:
+    def flat(level: float) -> Tally:
+        sums = np.full((40, 1), level)
+        return Tally(tuple(map(str, range(40))), sums, np.ones((40, 1)), 0.0, 1.0)
+
+    found = compared([flat(0.5)], [flat(0.3), flat(0.4), flat(0.5)])
+    assert found.value == pytest.approx(0.1)
+    assert (found.low, found.high) == pytest.approx((0.0, 0.2))
+
+
+def test_other_recordings_are_not_compared(tmp_path: Path) -> None:
+    few, many = (tally(classes(tmp_path, str(n), 0.5, 1, n), "accuracy") for n in (10, 12))
+    with pytest.raises(DataError, match="tested on other recordings"):
+        compared([few], [many])
+    with pytest.raises(DataError, match="not distance"):
+        tally(tmp_path / "predictions" / "10.npz", "distance")
+
+
+def task(name: str) -> Task:
+    metric = Metric(name="accuracy", unit="%", better="higher")
+    return Task(
+        name=name,
+        title=name.upper(),
+        probe="ridge",
+        data="made",
+        split="folds",
+        metrics=[metric],
+        main="accuracy",
+        selection="validation",
+    )
+
+
+def cells(folder: Path, task: Task, model: str, share: float, seed: int) -> list[Cell]:
+    """Of three networks where they are random; baselines have one reading."""
+    found = []
+    for reading in ("pooled",) if model in ("pixels", "chance") else ("pooled", "patches"):
+        for number in range(3 if model.startswith("untrained") else 1):
+            file = f"{task.name}-{model.replace(':', '_')}-{reading}-{number}"
+            path = classes(folder, file, share, seed + number, 300)
+            cell = Cell(task=task.name, model=model, seed=number, metrics={"accuracy": 100 * share})
+            place = path.relative_to(folder).as_posix()
+            found.append(replace(cell, setting={"reading": reading}, predictions=place))
+    return found
+
+
+def bench(folder: Path, right: float, count: int = 3) -> Results:
+    """A model against random weights of .5 and pixels of .6."""
+    tasks = [task(f"t{i}") for i in range(count)]
+    shares = {"m": right, "untrained:m": 0.5, "pixels": 0.6, "chance": 0.5}
+    made = [
+        cell
+        for i, one in enumerate(tasks)
+        for j, (model, share) in enumerate(shares.items())
+        for cell in cells(folder, one, model, share, 1000 * j + 10 * i)
+    ]
+    models = [Model(name=name, title=name) for name in shares]
+    return Results(
+        suite="real",
+        versions={},
+        settings={},
+        tasks=tasks,
+        models=models,
+        cells=made,
+        training=[],
+        not_run=[],
+    )
+
+
+@pytest.mark.parametrize(("right", "wins"), [(0.9, 3), (0.6, 0), (0.3, 0)])
+def test_who_is_better_passes(right: float, wins: int, tmp_path: Path) -> None:
+    results = bench(tmp_path, right)
+    rows = gate_table.write(tmp_path, results)
+    found = passes(rows, "m")
+    assert found["passes"] == (wins > 1)
+    assert [len(found[reading]["won"]) for reading in ("pooled", "patches")] == [wins, wins]
+    plain = json.loads((tmp_path / "gate.json").read_text())
+    assert list(plain["models"]) == ["m"]
+    row = next(row for row in plain["rows"] if row["model"] == "m")
+    assert row["above"]["random"]["value"] == pytest.approx(right - 0.5, abs=0.1)
+    assert row["above"]["pixels"]["value"] == pytest.approx(right - 0.6, abs=0.1)
+    grid = gate_table.grid(rows, results)
+    assert grid is not None
+    marks = {("▲" in entry.text, "▼" in entry.text) for entry in grid.rows[0][2:-1]}
+    assert marks == {(right == 0.9, right == 0.3)}
+
+
+def test_one_task_of_three_is_no_majority(tmp_path: Path) -> None:
+    rows = gate.rows(tmp_path, bench(tmp_path, 0.9))
+    worse = gate.rows(tmp_path, bench(tmp_path, 0.6))
+    mixed = [row for row in rows if row.task == "t0"] + [row for row in worse if row.task != "t0"]
+    assert not passes(mixed, "m")["passes"]
+    assert not passes([], "m")["passes"]

@@ -1,0 +1,102 @@
+"""Closed forms, and what is no number."""
+
+import math
+
+import pytest
+import torch
+
+from tactileforge.bench.tasks import metrics
+from tactileforge.bench.tasks.targets import Part
+from tactileforge.errors import ConfigError, DataError
+
+ERROR = torch.tensor([[1.0, 0.0, 2.0], [-1.0, 2.0, 0.0]])
+TRUTH = torch.tensor([[0.5, 1.0, 2.0], [1.5, -1.0, 4.0]])
+
+
+def force(truth: torch.Tensor = TRUTH) -> Part:
+    return Part("force", truth, torch.ones_like(truth), ("x", "y", "z"))
+
+
+def classes(truth: list[int], count: int) -> Part:
+    column = torch.tensor(truth, dtype=torch.float32)[:, None]
+    return Part("classes", column, torch.ones_like(column), tuple(map(str, range(count))))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("rmse_sum_axes", 1000 * (1 + math.sqrt(2) + math.sqrt(2))),
+        ("mae_mean_axes", 1000 * (1 + 2 + 2 + 1) / 6),
+        ("rmse_x", 1000.0),
+        ("rmse_y", 1000 * math.sqrt(2)),
+        ("rmse_z", 1000 * math.sqrt(2)),
+    ],
+)
+def test_errors_of_force(name: str, value: float) -> None:
+    found = metrics.measure(name, force(), TRUTH + ERROR, TRUTH)
+    assert found == pytest.approx(value, rel=1e-6)
+
+
+def test_correlation_is_pearsons_and_means_the_axes() -> None:
+    generator = torch.Generator().manual_seed(0)
+    truth = torch.randn(50, 3, generator=generator)
+    predicted = truth * torch.tensor([2.0, -1.0, 0.5]) + 7
+    assert metrics.measure("correlation", force(), predicted, truth) == pytest.approx(1 / 3)
+    noisy = predicted + torch.randn(50, 3, generator=generator)
+    stacked = [torch.corrcoef(torch.stack([noisy[:, i], truth[:, i]]))[0, 1] for i in range(3)]
+    value = metrics.measure("correlation", force(), noisy, truth)
+    assert value == pytest.approx(float(torch.stack(stacked).mean()), abs=1e-5)
+
+
+def test_batches_do_not_matter() -> None:
+    predicted, truth = torch.randn(2, 9, 3)
+    for name in ("rmse_sum_axes", "mae_mean_axes", "correlation"):
+        whole = metrics.kind(name).build(force())
+        whole.update(predicted, truth)
+        parts = metrics.kind(name).build(force())
+        parts.update(predicted[:4], truth[:4])
+        parts.update(predicted[4:], truth[4:])
+        assert float(parts.compute()) == pytest.approx(float(whole.compute()))
+
+
+def test_distance_is_percent_of_the_width() -> None:
+    truth = torch.tensor([[0.5, 0.5], [0.2, 0.1]])
+    part = Part("place", truth, torch.ones_like(truth), ("x", "y"))
+    predicted = truth + torch.tensor([[0.03, 0.04], [0.0, 0.0]])
+    assert metrics.measure("distance", part, predicted, truth) == pytest.approx(2.5, rel=1e-5)
+
+
+def test_accuracy_and_f1() -> None:
+    part = classes([0, 1, 1, 0, 1], 2)
+    predicted = torch.tensor([[0.0], [1.0], [0.0], [1.0], [1.0]])
+    assert metrics.measure("accuracy", part, predicted, part.truth) == pytest.approx(60)
+    # of the second class: precision 2/3, recall 2/3
+    assert metrics.measure("f1", part, predicted, part.truth) == pytest.approx(200 / 3, rel=1e-5)
+    three = classes([0, 1, 2], 3)
+    right = torch.tensor([[0.0], [1.0], [1.0]])
+    # f1 of the classes: 1, 2/3, 0
+    assert metrics.measure("f1", three, right, three.truth) == pytest.approx(500 / 9, rel=1e-5)
+
+
+def test_columns_of_classes_are_samples() -> None:
+    truth = torch.tensor([[0.0, 1.0, 2.0], [1.0, 1.0, 0.0]])
+    part = Part("classes", truth, torch.ones_like(truth), ("a", "b", "c"))
+    predicted = torch.tensor([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
+    assert metrics.measure("accuracy", part, predicted, truth) == pytest.approx(400 / 6)
+
+
+def test_a_value_that_is_no_number_is_an_error() -> None:
+    broken = torch.full((2, 3), torch.nan)
+    with pytest.raises(DataError, match="rmse_sum_axes is nan on 2 samples"):
+        metrics.measure("rmse_sum_axes", force(), broken, TRUTH)
+    still = torch.ones(2, 3)
+    with pytest.raises(DataError, match="truth never changes"):
+        metrics.measure("correlation", force(), TRUTH, still)
+
+
+def test_names() -> None:
+    with pytest.raises(ConfigError, match="did you mean 'rmse_sum_axes'"):
+        metrics.kind("rmse_sum_axis")
+    assert metrics.part_of("rmse_x", {"slip": classes([0], 2), "delta": force()}) == "delta"
+    with pytest.raises(ConfigError, match="distance measures place"):
+        metrics.part_of("distance", {"force": force()})

@@ -1,0 +1,256 @@
+"""Who trains and who tests; overlaps and single classes are found."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tactileforge.bench.tasks import splits, targets
+from tactileforge.bench.tasks.source import Source
+from tactileforge.bench.tasks.suite import Clip, Plan, Task, parse
+from tactileforge.contracts import Recording
+from tactileforge.data.frames.lazy import ArrayFrames
+from tactileforge.errors import ConfigError, DataError
+
+
+def recording(key: str, **known: Any) -> Recording:
+    count = 10
+    force = np.outer(np.arange(count), [0.1, -0.2, 1.0]).astype(np.float32)
+    given: dict[str, Any] = {"sensor": "digit", "object": "ball", "force": force} | known
+    return Recording(
+        key=key,
+        frames=ArrayFrames(np.full((count, 8, 8, 3), 7, np.uint8)),
+        times=np.arange(count) / 20,
+        no_contact=None,
+        **given,
+    )
+
+
+def task(target: str = "force", **given: Any) -> Task:
+    plan = Plan(**{"test": {"side": "val"}, **given})
+    return Task(
+        name="t",
+        title="T",
+        data={"name": "x"},
+        target=target,
+        probe={"name": "force"},
+        metrics=["rmse_sum_axes"],
+        split=plan,
+    )
+
+
+def source(recordings: list[Recording], sides: list[str], **clip: Any) -> Source:
+    return Source(recordings, sides, Clip(**{"span": 0.1, "hop": 0.1} | clip))
+
+
+def names(of: Source, target: targets.Target, places: Any) -> set[str]:
+    return {of.recordings[n].key for n in of.index[target.clips[places], 0]}
+
+
+def built(one: Task, of: Source) -> list[tuple[set[str], set[str], set[str]]]:
+    target = targets.build(one, of)
+    return [
+        (
+            names(of, target, s.train),
+            names(of, target, s.validation),
+            names(of, target, s.test),
+        )
+        for s in splits.build(one, of, target)
+    ]
+
+
+def test_sides_and_a_share_by_object() -> None:
+    data = [recording(f"r{i}", object=f"o{i // 2}") for i in range(10)]
+    of = source(data, ["train"] * 8 + ["val"] * 2)
+    one = task(train={"side": "train"}, validation={"share": 0.25, "group": "object"})
+    ((train, validation, test),) = built(one, of)
+    assert test == {"r8", "r9"}
+    assert len(validation) == 2
+    assert train | validation == {f"r{i}" for i in range(8)}
+    first = min(int(key[1]) for key in validation)
+    assert validation == {f"r{first}", f"r{first + 1}"}, "both recordings of one object"
+    assert built(one, of) == built(one, of)
+
+
+def test_filters_combine_and_lists_are_alternatives() -> None:
+    sensors = ["digit", "gelsight", "gelsight_mini"]
+    data = [recording(f"{s}{i}", sensor=s, object=f"o{i}") for s in sensors for i in range(4)]
+    of = source(data, ["train", "train", "train", "val"] * 3)
+    one = task(
+        train={"side": "train", "sensor": ["digit", "gelsight"]},
+        test={"side": "val", "sensor": "gelsight_mini"},
+        validation={"share": 0.3, "group": "object"},
+        unseen=["object", "sensor"],
+    )
+    ((train, validation, test),) = built(one, of)
+    assert test == {"gelsight_mini3"}
+    assert not any(key.startswith("gelsight_mini") for key in train | validation)
+    assert len(train) == 4
+    assert len(validation) == 2
+
+
+def test_folds_test_everything_once_and_deal_classes_evenly() -> None:
+    data = [
+        recording(f"r{i:02}", object=f"o{i}", labels={"hardness": float(i % 3)}) for i in range(18)
+    ]
+    of = source(data, ["train"] * 18)
+    one = task("label:hardness", test={}, folds=3, group="object", unseen=["object"])
+    found = built(one, of)
+    assert sorted(key for _, _, test in found for key in test) == [f"r{i:02}" for i in range(18)]
+    for train, validation, test in found:
+        assert sorted(int(key[1:]) % 3 for key in test) == [0, 0, 1, 1, 2, 2]
+        assert not train & test
+        assert not validation & (train | test)
+        assert validation
+
+
+def test_a_pattern_keeps_the_touches_of_all_sensors_together() -> None:
+    data = [recording(f"sim/{i:06}_{s}") for i in range(6) for s in ("digit", "gelsight")]
+    of = source(data, ["train"] * 12)
+    group = r"re:sim/(\d+)_"
+    one = task(test={}, folds=2, group=group, validation={"share": 0.3, "group": group})
+    for uses in built(one, of):
+        for keys in uses:
+            assert {key.partition("_")[0] for key in keys} == {
+                key.partition("_")[0] for key in keys if key.endswith("digit")
+            }
+
+
+def test_parts_of_a_recording_do_not_overlap() -> None:
+    data = [recording("r").part(2, 10)]
+    of = source(data, ["train"], parts=4)
+    assert [r.key for r in of.recordings] == [f"r[2:10][{i}:{i + 2}]" for i in (0, 2, 4, 6)]
+    one = task(test={}, folds=2, group="recording")
+    for train, validation, test in built(one, of):
+        assert len(train) + len(validation) + len(test) == 4
+
+
+def test_a_recording_on_two_sides_is_found() -> None:
+    of = source(
+        [recording("a"), recording("b"), recording("c"), recording("a")], ["train"] * 3 + ["val"]
+    )
+    with pytest.raises(ConfigError, match="recording 'a' is in test and in train"):
+        built(task(), of)
+
+
+def test_parts_that_share_frames_are_found() -> None:
+    whole = recording("a")
+    parts = [whole.part(0, 6), recording("b"), recording("c"), whole.part(5, 10)]
+    of = source(parts, ["train"] * 3 + ["val"])
+    with pytest.raises(ConfigError, match="recording 'a'"):
+        built(task(), of)
+    apart = [whole.part(0, 5), recording("b"), recording("c"), whole.part(5, 10)]
+    assert built(task(), source(apart, ["train"] * 3 + ["val"]))
+
+
+def test_an_object_that_has_to_be_unseen_is_found() -> None:
+    data = [recording(f"r{i}", object=f"o{i % 3}") for i in range(4)]
+    of = source(data, ["train"] * 3 + ["val"])
+    assert built(task(), of)
+    with pytest.raises(ConfigError, match="object 'o0' is to be unseen"):
+        built(task(unseen=["object"]), of)
+
+
+def test_one_class_is_no_task() -> None:
+    data = [recording(f"r{i}", labels={"hardness": 1.0}) for i in range(4)]
+    of = source(data, ["train"] * 3 + ["val"])
+    with pytest.raises(DataError, match="all 8 clips for train are class '1'"):
+        built(task("label:hardness"), of)
+
+
+def test_nothing_to_test_on_and_unknown_facts() -> None:
+    data = [recording(f"r{i}") for i in range(4)]
+    of = source(data, ["train"] * 4)
+    with pytest.raises(ConfigError, match="no recording for test"):
+        built(task(), of)
+    with pytest.raises(ConfigError, match=r"has no 'colour' \(it has: side, sensor"):
+        built(task(test={"colour": "red"}), of)
+    with pytest.raises(ConfigError, match="5 folds of 4 groups"):
+        built(task(test={}, folds=5), of)
+
+
+def test_tasks_are_read_strictly() -> None:
+    plain: dict[str, Any] = {
+        "title": "T",
+        "data": {"name": "sim"},
+        "target": "force",
+        "probe": {"name": "force"},
+        "metrics": ["rmse_sum_axes"],
+        "split": {"test": {"side": "val"}},
+    }
+    assert parse("t", plain).sides == ("val",)
+    assert parse("t", plain | {"split": {"folds": 3}}).sides == ("train", "val")
+    for key, value, said in (
+        ("clip", {"hopp": 1}, "did you mean 'hop'"),
+        ("metrics", [], "metrics is empty"),
+        ("probe", {}, "probe has no name"),
+        ("split", {}, "either test or folds"),
+        ("splits", {}, "did you mean 'split'"),
+        ("unknown_sensor", "guess", "error or universal"),
+        ("title", 3, "not of type str"),
+    ):
+        with pytest.raises(ConfigError, match=said):
+            parse("t", plain | {key: value})
+
+
+def test_targets() -> None:
+    """The last frame counts, and changes are over the span."""
+    data = [recording("a", action=np.array([0] * 5 + [2] * 5)), recording("b", force=None)]
+    of = source(data, ["train", "val"])
+    force = targets.build(task("force"), of)
+    ends = of.index[:, 1]
+    assert ends.tolist() == [2, 4, 6, 8] * 2
+    assert force.clips.tolist() == [0, 1, 2, 3], "the other has no force"
+    np.testing.assert_allclose(force.parts["force"].truth[:, 2], [2, 4, 6, 8])
+    np.testing.assert_allclose(force.parts["force"].scale[0], [5.25, 10.61, 14.14], rtol=1e-6)
+    delta = targets.build(task("delta_force"), of).parts["delta_force"]
+    np.testing.assert_allclose(delta.truth, [[0.2, -0.4, 2.0]] * 4, rtol=1e-5)
+    action = targets.build(task("action"), of)
+    assert action.clips.tolist() == [0, 1, 3], "the third shows two actions"
+    with pytest.raises(DataError, match="no clip of the data has the label 'label:hardness'"):
+        targets.build(task("label:hardness"), of)
+    with pytest.raises(ConfigError, match="did you mean 'force'"):
+        targets.build(task("forse"), of)
+
+
+def test_forces_along_one_axis_are_named() -> None:
+    force = np.ones((10, 3), np.float32)
+    force[:, :2] = np.nan
+    of = source([recording("a", force=force)], ["train"])
+    with pytest.raises(DataError, match=r"along all of x, y, z \(it has z\); a benchmark"):
+        targets.build(task("force"), of)
+
+
+def test_mirrored_targets_follow_physics() -> None:
+    of = source([recording("a", action=np.full(10, 2))], ["train"])
+    force = targets.build(task("force"), of).parts["force"]
+    sideways = force.flipped(True, False).truth
+    np.testing.assert_allclose(sideways, force.truth.numpy() * [-1, 1, 1])
+    np.testing.assert_allclose(force.flipped(True, True).truth, force.truth.numpy() * [-1, -1, 1])
+    action = targets.build(task("action"), of).parts["action"]
+    assert action.flipped(True, False).truth[0] == 3, "left becomes right"
+    assert action.flipped(False, True).truth[0] == 2
+
+
+def test_slip_in_simulation_is_the_friction_cone() -> None:
+    from tactileforge.sim.mechanics.sensor_gels import device
+
+    friction = device("digit").touched(0.5).friction
+    force = np.zeros((10, 3), np.float32)
+    force[:, 2] = 2.0
+    force[5:, 0] = 2.0 * friction
+    of = source([recording("a", force=force, labels={"grip": 0.5})], ["train"])
+    slip = targets.build(task("slip"), of).parts["slip"]
+    assert slip.truth[:, 0].tolist() == [0, 0, 1, 1]
+    labelled = recording("b", tracks={"slip": np.array([1, 0] * 5, np.int8)})
+    found = targets.build(task("slip"), source([labelled], ["train"], hop=0.05)).parts["slip"]
+    assert found.truth[:4, 0].tolist() == [1, 0, 1, 0]
+
+
+def test_clamped_targets_and_fixed_ends() -> None:
+    of = source([recording("a")], ["train"], ends=[-1, -3, 0.0, 0.5])
+    assert of.index[:, 1].tolist() == [9, 7, 0, 4]
+    assert of.first.tolist() == [7, 5, 0, 2]
+    one = replace(task("force"), scale=[1.0, 1.0, 4.0], clamp=1.0)
+    assert targets.build(one, of).parts["force"].truth[:, 2].tolist() == [4, 4, 0, 4]

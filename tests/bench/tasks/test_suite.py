@@ -1,0 +1,126 @@
+"""Every suite is read, names what exists, and agrees with what is published."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from omegaconf import OmegaConf
+
+from tactileforge import registry
+from tactileforge.bench.fit.resolve import choose, row_of
+from tactileforge.bench.output.published import of_zoo
+from tactileforge.bench.tasks import metrics, splits, targets
+from tactileforge.bench.tasks.source import open_source
+from tactileforge.bench.tasks.suite import Task, parse
+from tactileforge.compose import settings
+from tactileforge.datasets.reading.splits import is_held_out
+
+ROOT = Path(__file__).parents[3]
+SUITES = sorted(path.stem for path in (ROOT / "conf" / "suite").glob("*.yaml"))
+
+
+def suite(name: str, *words: str) -> dict[str, Task]:
+    config: Any = OmegaConf.to_container(settings("bench", [f"suite={name}", *words]), resolve=True)
+    return {key: parse(key, node) for key, node in config["tasks"].items()}
+
+
+@pytest.mark.parametrize("name", SUITES)
+def test_a_suite_can_be_run(name: str) -> None:
+    for task in suite(name).values():
+        row = row_of(task, choose(task, {}), "validation")
+        assert row.main == task.metrics[0]
+        assert all(metrics.kind(metric) for metric in task.metrics)
+        assert task.target in targets.TARGETS or task.target.startswith(("label:", "numbers:"))
+        if "preset" not in task.data:
+            registry.build("datasets", task.data)
+
+
+def test_what_is_published_has_a_task_of_its_title() -> None:
+    titles = {task.title for name in SUITES for task in suite(name).values()}
+    published = {row.task for row in of_zoo()}
+    assert len(published) > 8
+    assert published <= titles
+
+
+def test_published_settings() -> None:
+    touchd, sparsh, objects = (suite(name) for name in ("touchd", "sparsh", "object"))
+    force = choose(touchd["touchd_force_digit"], {}).training
+    assert (force.epochs, force.batch, force.lr, force.schedule) == (50, 64, (2e-4,), "constant")
+    assert touchd["touchd_force_digit"].split.unseen == ["object"]
+    assert sparsh["sparsh_force_digit"].scale == [4, 4, 5]
+    assert sparsh["sparsh_slip_gelsight_mini"].scale == [0.8, 0.8, 0.4]
+    assert objects["cloth"].clip.ends == [-2, -9]
+    assert objects["tag_material"].flips
+    assert not touchd["touchd_force_digit"].flips
+
+
+def test_suites_add_up() -> None:
+    config = settings("bench", ["suite=[sim,touchd]"])
+    assert list(config.suites) == ["sim", "touchd"]
+    assert {"sim_force", "touchd_force_digit"} <= set(config.tasks)
+
+
+def test_transfer_never_shows_the_third_sensor() -> None:
+    split = suite("sim")["sim_transfer"].split
+    assert split.test == {"side": "val", "sensor": "gelsight_mini"}
+    assert "gelsight_mini" not in split.train["sensor"]
+    assert set(split.unseen) == {"object", "sensor"}
+
+
+@pytest.mark.realdata
+@pytest.mark.parametrize(
+    ("name", "recordings", "tested"),
+    [
+        ("octopi_hardness", 201, 804),
+        ("octopi_object", 240, 960),
+        ("ball_place", 114, 114),
+        ("touchd_demo_force", 20, None),
+    ],
+)
+def test_public_samples(name: str, recordings: int, tested: int | None, realdata: Path) -> None:
+    task = suite("public_samples", f"public_samples.root={realdata}")[name]
+    source = open_source(task.data, task.sides, task.clip)
+    target = targets.build(task, source)
+    assert len({int(n) for n in source.index[target.clips, 0]}) == recordings
+    found = splits.build(task, source, target)
+    count = sum(len(split.test) for split in found)
+    assert count == len(target.clips), "every clip is tested once"
+    if tested is not None:
+        assert count == pytest.approx(tested, rel=0.03)
+
+
+@pytest.mark.realdata
+@pytest.mark.parametrize(("name", "half"), [("real", "train"), ("real_held_out", "val")])
+def test_the_gate_never_shares_a_recording_or_an_object(
+    name: str, half: str, realdata: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TACTILEFORGE_REALDATA", str(realdata))
+    for task in suite(name).values():
+        source = open_source(task.data, task.sides, task.clip)
+        target = targets.build(task, source)
+        folds = splits.build(task, source, target)  # raises where a recording is on two sides
+        tested = np.concatenate([fold.test for fold in folds])
+        assert len(set(tested.tolist())) == len(tested)
+        groups = [splits.names(source, target, fold.test, task.split.group) for fold in folds]
+        assert sum(len(set(one)) for one in groups) == len({n for one in groups for n in one})
+        for fold in folds:
+            known = splits.names(source, target, fold.train, task.split.group)
+            assert not set(known) & set(splits.names(source, target, fold.test, task.split.group))
+        if "octopi" in task.name or "losing" in task.name:
+            objects = splits.names(source, target, tested, "object")
+            assert {is_held_out(one, 0.5) for one in objects} == {half == "val"}
+
+
+def test_the_two_parts_of_the_gate_share_nothing() -> None:
+    """Other halves of the objects, other layouts of the same folders."""
+    for ours, theirs in (("octopi_object", "octopi_object"), ("losing_grip", "losing_grip")):
+        one, other = suite("real")[f"real_{ours}"], suite("real_held_out")[f"held_{theirs}"]
+        assert one.split.only["side"] == "train"
+        assert other.split.only["side"] == "val"
+        assert one.data == other.data
+    layouts = [
+        {layout for task in suite(name).values() for layout in task.data["layouts"]}
+        for name in ("real", "real_held_out")
+    ]
+    assert layouts[0] & layouts[1] == {"octopi", "slip_b"}

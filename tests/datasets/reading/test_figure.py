@@ -1,0 +1,55 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib import pyplot
+
+from tactileforge.contracts import Recording
+from tactileforge.data.frames.lazy import ArrayFrames
+from tactileforge.datasets.reading.figure import plot
+
+
+@pytest.fixture
+def touch() -> Recording:
+    rng = np.random.default_rng(0)
+    frames = rng.integers(0, 256, (20, 32, 32, 3), np.uint8)
+    return Recording(
+        key="one",
+        sensor="digit",
+        frames=ArrayFrames(frames),
+        times=np.arange(20) / 30,
+        no_contact=ArrayFrames(frames[:1]),
+        force=rng.normal(size=(20, 3)).astype(np.float32),
+        action=rng.integers(-1, 8, 20),
+        text="press a ball",
+    )
+
+
+def test_a_panel_for_everything_that_there_is(touch: Recording) -> None:
+    figure = plot(touch)
+    assert [panel.get_ylabel() for panel in figure.axes] == [
+        "frames",
+        "minus background",
+        "force, N",
+        "",
+    ]
+    strip = figure.axes[0].images[0].get_array()
+    assert strip is not None
+    assert strip.shape == (32, 8 * 32, 3)
+    curves = np.array([line.get_ydata() for line in figure.axes[2].lines])
+    np.testing.assert_array_equal(curves.T, touch.force)
+    np.testing.assert_array_equal(figure.axes[3].lines[0].get_ydata(), touch.action)
+    assert pyplot.get_fignums() == []
+
+
+def test_the_background_is_grey_where_nothing_changes(touch: Recording) -> None:
+    strip = plot(touch).axes[1].images[0].get_array()
+    assert strip is not None
+    np.testing.assert_allclose(np.asarray(strip)[:, :32].mean(), 128, atol=1)
+
+
+def test_a_still_without_labels(touch: Recording) -> None:
+    bare = replace(touch.part(0, 1), no_contact=None, force=None, action=None, text=None)
+    figure = plot(bare)
+    assert len(figure.axes) == 1
+    figure.canvas.draw()

@@ -1,0 +1,123 @@
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tactileforge.contracts import Recording
+from tactileforge.data.frames.lazy import ArrayFrames
+from tactileforge.datasets.reading.splits import is_held_out, parts
+from tactileforge.datasets.recordings import Recordings
+from tactileforge.errors import DataError
+
+MakeFile = Callable[..., Path]
+LAYOUT = {"images": "*.png", "each": "touch", "sensor": "digit", "background": "none"}
+
+
+def keys(root: Path, side: str, **more: Any) -> set[str]:
+    data = Recordings(str(root), {"a": LAYOUT | more}, val=0.3)
+    return {one.key for one in data.recordings(side)}
+
+
+def test_the_share_is_held_out() -> None:
+    held = [is_held_out(f"recording {i}", 0.2) for i in range(5000)]
+    assert 0.18 < np.mean(held) < 0.22
+    assert not any(is_held_out(f"{i}", 0) for i in range(100))
+
+
+def test_by_recording_others_change_nothing(tmp_path: Path, make_image: MakeFile) -> None:
+    for i in range(40):
+        make_image(f"{i}.png")
+    train, val = keys(tmp_path, "train"), keys(tmp_path, "val")
+    assert len(train) + len(val) == 40
+    assert not train & val
+    assert 4 < len(val) < 20
+    for i in range(40, 60):
+        make_image(f"{i}.png")
+    assert val <= keys(tmp_path, "val")
+    assert train <= keys(tmp_path, "train")
+
+
+def test_by_object_all_of_an_object_is_on_one_side(
+    tmp_path: Path, make_image: MakeFile, write: MakeFile
+) -> None:
+    rows = [(f"{i}.png", f"object_{i % 10}") for i in range(40)]
+    for name, _ in rows:
+        make_image(name)
+    write("l.csv", "file,thing\n" + "".join(f"{name},{thing}\n" for name, thing in rows))
+    more = {"labels": {"file": "l.csv"}, "object": "{thing}", "split": "object"}
+    thing = {f"a/{name}": thing for name, thing in rows}
+    train = {thing[key] for key in keys(tmp_path, "train", **more)}
+    val = {thing[key] for key in keys(tmp_path, "val", **more)}
+    assert val
+    assert not train & val
+    assert len(train | val) == 10
+
+
+def test_by_column(tmp_path: Path, make_image: MakeFile, write: MakeFile) -> None:
+    for i in range(3):
+        make_image(f"{i}.png")
+    write("l.csv", "file,part\n0.png,train\n1.png,val\n2.png,\n")
+    more: dict[str, Any] = {"labels": {"file": "l.csv"}, "split": "{part}"}
+    with pytest.raises(DataError, match=r"l\.csv, row 4: the split is '', .*words: \{part: \{\"\""):
+        keys(tmp_path, "train", **more)
+    more["words"] = {"part": {"": "val", "train": "train", "val": "val"}}
+    assert keys(tmp_path, "train", **more) == {"a/0.png"}
+    assert keys(tmp_path, "val", **more) == {"a/1.png", "a/2.png"}
+
+
+def test_constant_splits(tmp_path: Path, make_image: MakeFile) -> None:
+    make_image("0.png")
+    assert keys(tmp_path, "val", split="val") == {"a/0.png"}
+    assert keys(tmp_path, "train", split="val") == set()
+
+
+def whole(count: int) -> Recording:
+    frames = np.arange(count, dtype=np.uint8)[:, None, None, None] * np.ones((1, 2, 2, 3), np.uint8)
+    return Recording(
+        key="r",
+        sensor="digit",
+        frames=ArrayFrames(frames),
+        times=np.arange(count) / 30,
+        no_contact=None,
+        action=np.arange(count),
+    )
+
+
+def frames_of(found: list[Recording]) -> list[int]:
+    return [int(i) for one in found for i in one.frames.read(range(len(one.frames)))[:, 0, 0, 0]]
+
+
+@pytest.mark.parametrize("count", [1, 4, 60, 250])
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.3])
+def test_by_time_no_frame_is_shared_or_lost(count: int, share: float) -> None:
+    train = list(parts(whole(count), share, "train"))
+    val = list(parts(whole(count), share, "val"))
+    assert sorted(frames_of(train) + frames_of(val)) == list(range(count))
+    np.testing.assert_allclose(len(frames_of(val)), share * count, atol=1 + 0.02 * count)
+    assert len({one.key for one in train + val}) == len(train + val)
+    for one in train + val:
+        assert one.action is not None
+        assert frames_of([one]) == one.action.tolist()
+        np.testing.assert_allclose(one.times, one.action / 30)
+
+
+def test_by_time_blocks_are_spread_evenly() -> None:
+    val = list(parts(whole(250), 0.3, "val"))
+    starts = [float(one.times[0]) for one in val]
+    assert len(val) == 5
+    assert np.ptp(np.diff(starts)) < 0.04
+    assert {len(one.frames) for one in val} == {15}
+    assert starts[0] > 10 / 30, "training has the beginning too"
+
+
+def test_by_time_of_a_video(tmp_path: Path, make_video: MakeFile) -> None:
+    make_video("a.avi", count=60)
+    layout = {"videos": "*.avi", "sensor": "digit", "background": {"first": 3}, "split": "time"}
+    data = Recordings(str(tmp_path), {"a": layout}, val=0.2)
+    train, val = list(data.recordings("train")), list(data.recordings("val"))
+    assert [one.key for one in train] == ["a/a.avi[0:24]", "a/a.avi[36:60]"]
+    assert [one.key for one in val] == ["a/a.avi[24:36]"]
+    assert val[0].no_contact is not None
+    assert len(val[0].no_contact) == 3, "parts keep the background of the whole"

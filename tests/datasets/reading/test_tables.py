@@ -1,0 +1,134 @@
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactileforge.contracts import ACTIONS
+from tactileforge.datasets.reading.layout import FrameTable, Layout, parse
+from tactileforge.datasets.reading.tables import Row, read_actions, read_force, read_labels, row_of
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError
+
+Write = Callable[[str, str], Path]
+TIMES = np.arange(5) / 10
+FORCE = FrameTable("f.csv", "frame", ("fx", "fy", "fz"))
+
+
+def layout(**more: object) -> Layout:
+    given = {"videos": "*.mp4", "sensor": "digit", "background": "none"}
+    return parse("x", given | {"labels": {"file": "labels.csv"}} | more)
+
+
+def test_labels_by_file_with_words(tmp_path: Path, write: Write) -> None:
+    write("labels.csv", "file,kind,hard\na.mp4,red_cup,2\nsub/b.mp4,blue_cup,\n")
+    rows = read_labels(layout(words={"hard": {0: "soft", 2: "hard"}}), tmp_path)
+    assert dict(rows["a.mp4"].cells) == {"file": "a.mp4", "kind": "red_cup", "hard": "2"}
+    assert rows["a.mp4"].fill("a {hard} {kind}") == "a hard red_cup"
+    assert rows["a.mp4"].fill("a {kind}, {action}", spaced=True) == "a red cup, {action}"
+    assert rows["sub/b.mp4"].fill("a {hard} thing") is None, "an empty cell says nothing"
+    assert rows["sub/b.mp4"].fill("{stem} {folder} {file}") == "b sub sub/b.mp4"
+    other = row_of("c.mp4", rows)
+    assert (other.fill("{kind}"), other.fill("{stem}")) == (None, "c")
+
+
+def test_what_an_empty_cell_means_can_be_said(tmp_path: Path, write: Write) -> None:
+    write("labels.csv", "file,split\na.mp4,\nb.mp4,val\n")
+    rows = read_labels(layout(words={"split": {"": "train", "val": "val"}}), tmp_path)
+    assert [row.fill("{split}") for row in rows.values()] == ["train", "val"]
+
+
+def test_errors_of_labels_name_the_row(tmp_path: Path, write: Write) -> None:
+    with pytest.raises(DataNotFoundError, match=r"labels\.csv: no such CSV"):
+        read_labels(layout(), tmp_path)
+    write("labels.csv", "name,hard\na.mp4,2\n")
+    with pytest.raises(ConfigError, match=r"labels\.csv: unknown column 'file'.*hard, name"):
+        read_labels(layout(), tmp_path)
+    write("labels.csv", "file,hard\na.mp4,2\nb.mp4,7\n")
+    with pytest.raises(DataError, match=r"labels\.csv, row 3, column 'hard': '7' has no word"):
+        read_labels(layout(words={"hard": {2: "hard"}}), tmp_path)
+    write("labels.csv", "file,hard\na.mp4,2\na.mp4,1\n")
+    with pytest.raises(DataError, match=r"row 3: 'a\.mp4' has a row already .*row 2"):
+        read_labels(layout(), tmp_path)
+    write("labels.csv", "file,hard\na.mp4,2,3\n")
+    with pytest.raises(DataError, match="row 2: more cells than the header has"):
+        read_labels(layout(), tmp_path)
+
+
+def test_a_template_with_an_unknown_column() -> None:
+    with pytest.raises(ConfigError, match=r"l\.csv, row 2: unknown column 'colour'.*'color'"):
+        Row("l.csv, row 2", {}, {"color": "red"}).fill("{colour}")
+
+
+def test_force_with_gaps(tmp_path: Path, write: Write) -> None:
+    path = write("f.csv", "frame,fz,fx,fy,note\n0,1,2,3,\n3,4,5,6,x\n1,,7,8,\n")
+    force = read_force(FORCE, path, TIMES)
+    assert force.dtype == np.float32
+    nan = [np.nan] * 3
+    np.testing.assert_array_equal(force, [[2, 3, 1], [7, 8, np.nan], nan, [5, 6, 4], nan])
+
+
+def test_force_along_one_axis(tmp_path: Path, write: Write) -> None:
+    """Most grippers and load cells measure the normal force alone."""
+    path = write("f.csv", 'fz\n-1\n-2\n""\n-4\n-5\n')
+    table = FrameTable("f.csv", None, ("", "", "fz"), (1, 1, -1), lag_s=0.1)
+    force = read_force(table, path, TIMES)
+    assert np.isnan(force[:, :2]).all()
+    np.testing.assert_array_equal(force[:, 2], [np.nan, 1, 2, np.nan, 4])
+    with pytest.raises(DataError, match=r"row 5: an empty line is before it"):
+        read_force(table, write("f.csv", "fz\n-1\n-2\n\n-4\n-5\n"), TIMES)
+
+
+def test_force_axes_and_signs(tmp_path: Path, write: Write) -> None:
+    path = write("f.csv", "fx,fy,fz\n" + "1,2,-3\n" * 5)
+    table = FrameTable("f.csv", None, ("fy", "fx", "fz"), (1, -1, -1))
+    np.testing.assert_array_equal(read_force(table, path, TIMES), [[2, -1, 3]] * 5)
+
+
+def test_images_lag_the_force(tmp_path: Path, write: Write) -> None:
+    cells = "".join(f"{i},{10 * i},0,{i}\n" if i != 2 else "2,,,\n" for i in range(5))
+    path = write("f.csv", "frame,fx,fy,fz\n" + cells)
+    whole = FrameTable("f.csv", "frame", ("fx", "fy", "fz"), lag_s=0.1)
+    got = read_force(whole, path, TIMES)[:, 0]
+    np.testing.assert_array_equal(got, [np.nan, 0, 10, np.nan, 30])
+    half = FrameTable("f.csv", "frame", ("fx", "fy", "fz"), lag_s=0.05)
+    got = read_force(half, path, TIMES)[:, 0]
+    np.testing.assert_allclose(got, [np.nan, 5, np.nan, np.nan, 35], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        (
+            "1,nan,0,0",
+            r"f\.csv, row 3, column 'fx': 'nan' is no finite number; leave the cell empty",
+        ),
+        ("1,0,inf,0", r"row 3, column 'fy': 'inf' is no finite number"),
+        ("1,0,0,much", r"row 3, column 'fz': 'much' is no finite number"),
+        ("5,0,0,0", r"f\.csv, row 3: frame 5 does not exist, the recording has 0 to 4"),
+        ("-1,0,0,0", "row 3: frame -1 does not exist"),
+        ("1.5,0,0,0", r"row 3: frame '1\.5' is not a whole number"),
+        ("0,0,0,0", "row 3: frame 0 has a row already"),
+    ],
+)
+def test_force_that_contradicts_the_frames(
+    tmp_path: Path, write: Write, row: str, message: str
+) -> None:
+    path = write("f.csv", f"frame,fx,fy,fz\n0,0,0,0\n{row}\n")
+    with pytest.raises(DataError, match=message):
+        read_force(FORCE, path, TIMES)
+
+
+def test_force_without_a_frame_column_counts_its_rows(tmp_path: Path, write: Write) -> None:
+    path = write("f.csv", "fx,fy,fz\n" + "0,0,1\n" * 6)
+    with pytest.raises(DataError, match="row 7: frame 5 does not exist"):
+        read_force(FrameTable("f.csv", None, ("fx", "fy", "fz")), path, TIMES)
+
+
+def test_actions_per_frame(tmp_path: Path, write: Write) -> None:
+    table = FrameTable("a.csv", "frame", ("what",))
+    path = write("a.csv", "frame,what\n0,press\n1,\n4,leave\n")
+    want = [ACTIONS.index("press"), -1, -1, -1, ACTIONS.index("leave")]
+    assert read_actions(table, path, 5).tolist() == want
+    write("a.csv", "frame,what\n0,push\n")
+    with pytest.raises(ConfigError, match=r"a\.csv, row 2: unknown action 'push'"):
+        read_actions(table, path, 5)

@@ -1,0 +1,155 @@
+"""Heads that are kept beside an encoder, and the forces that they give."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from omegaconf import OmegaConf
+from safetensors.torch import load_file, save_file
+
+import tactileforge
+from tactileforge.callbacks.checkpoints import LAST, AtomicCheckpointIO
+from tactileforge.encoders.tactile_vit import TactileViT
+from tactileforge.errors import ConfigError, DataError, PluginError
+from tactileforge.heads.force import ForceHead
+from tactileforge.hub import pack
+from tactileforge.hub.files import describe, open_model, save
+from tactileforge.sensors.specs import spec
+
+NODE = {"name": "tactile_vit", "size": "tiny", "frames": 4, "image_size": 32}
+HEADS = {"force": {"node": {"name": "force"}, "scale": {"digit": [1.0, 2.0, 4.0]}}}
+
+
+@pytest.fixture
+def head(vit: TactileViT) -> ForceHead:
+    torch.manual_seed(3)
+    return ForceHead(vit).eval()
+
+
+@pytest.fixture
+def file(vit: TactileViT, head: ForceHead, tmp_path: Path) -> Path:
+    header = describe(vit, NODE, licence="MIT", spacing=0.05, heads=HEADS)
+    save(tmp_path / "a.safetensors", vit, header, heads={"force": head})
+    return tmp_path / "a.safetensors"
+
+
+def clips(count: int) -> np.ndarray:
+    return np.random.default_rng(1).integers(0, 256, (count, 4, 40, 48, 3), dtype=np.uint8)
+
+
+def test_forces_are_those_of_the_head_in_newton(
+    file: Path, vit: TactileViT, head: ForceHead
+) -> None:
+    model = tactileforge.load(file)
+    frames = clips(2)
+    batch = torch.from_numpy(frames).movedim(-1, -3)
+    views = vit.views({"frames": batch, "background": batch[:, 0], "sensor": ["digit", "digit"]})
+    with torch.no_grad():
+        expected = head(views, {}).force * torch.tensor([1.0, 2.0, 4.0])
+    with pytest.warns(UserWarning, match=r"^force: no unit of digit was calibrated"):
+        found = model.force(frames, "first", "digit")
+    assert found.shape == (2, 3, 3)
+    assert torch.allclose(found, expected, atol=1e-5)
+    model.header.heads["force"]["calibrated"] = ["digit"]  # and it warns no more
+    assert torch.allclose(model.force(frames[1], "first", "digit"), expected[1], atol=1e-5)
+    both = model.readings(frames, "first", ["digit", "digit"])
+    assert torch.allclose(both.vector, model.encode(frames, "first", "digit"), atol=1e-5)
+    assert not any(p.requires_grad for p in model.heads["force"].parameters())
+
+
+def test_no_scale_no_newton(file: Path) -> None:
+    model = tactileforge.load(file)
+    for sensor in ("gelsight", "universal"):
+        assert model.readings(clips(1), "first", sensor).force is None
+        with pytest.raises(ConfigError, match=r"say which sensor it is, one of: digit$"):
+            model.force(clips(1), "first", sensor)
+
+
+def test_files_without_heads_are_what_they_were(checkpoint: Path) -> None:
+    header = json.loads(_metadata(checkpoint))
+    assert "heads" not in header
+    model = tactileforge.load(checkpoint)
+    assert model.heads == {}
+    assert model.readings(clips(1)[0], "first", "digit").force is None
+    with pytest.raises(ConfigError, match="no force head: pack a run whose objectives include"):
+        model.force(clips(1), "first", "digit")
+
+
+def _metadata(path: Path) -> str:
+    data = path.read_bytes()
+    table = json.loads(data[8 : 8 + int.from_bytes(data[:8], "little")])
+    return str(table["__metadata__"]["tactileforge"])
+
+
+def test_heads_are_loaded_strictly(file: Path) -> None:
+    state, metadata = load_file(file), {"tactileforge": _metadata(file)}
+    assert {key.split(".")[1] for key in state if key.startswith("head.")} == {"force"}
+    lost = next(key for key in state if key.startswith("head.force.delta"))
+    save_file({k: v for k, v in state.items() if k != lost}, file, metadata=metadata)
+    with pytest.raises(DataError, match=r"head force: .* 1 missing: delta\."):
+        tactileforge.load(file)
+    save_file(state | {"head.force.more": torch.ones(1)}, file, metadata=metadata)
+    with pytest.raises(DataError, match=r"1 unexpected: more"):
+        tactileforge.load(file)
+    save_file(state | {"head.other.more": torch.ones(1)}, file, metadata=metadata)
+    with pytest.raises(DataError, match=r"1 unexpected: head.other.more"):
+        tactileforge.load(file)
+
+
+@pytest.mark.parametrize(
+    ("heads", "error", "message"),
+    [
+        ({"force": 3}, DataError, "head force: expected names and values, found int"),
+        ({"force": {"node": {}}}, DataError, "head force has no name"),
+        ({"force": {"node": {"name": "frce"}}}, PluginError, "did you mean 'force'"),
+    ],
+)
+def test_headers_that_name_no_head(
+    file: Path, heads: object, error: type[Exception], message: str
+) -> None:
+    header = json.loads(_metadata(file)) | {"heads": heads}
+    save_file(load_file(file), file, metadata={"tactileforge": json.dumps(header)})
+    with pytest.raises(error, match=message):
+        tactileforge.load(file)
+
+
+def test_another_number_of_frames_has_no_head(file: Path) -> None:
+    encoder, heads, _ = open_model(file, frames=8)
+    assert (encoder.frames, heads) == (8, {})
+
+
+@pytest.fixture
+def run(vit: TactileViT, head: ForceHead, tmp_path: Path) -> Path:
+    """What `pack` reads of the folder of a run."""
+    config = {
+        "encoder": NODE,
+        "batch": {"spacing": 0.05},
+        "data": {"name": "sim"},
+        "head": {"force": {"name": "force", "heads": None}, "pixel": {"name": "pixel"}},
+    }
+    OmegaConf.save(OmegaConf.create(config), tmp_path / "config.yaml")
+    state = {f"encoder.{key}": x for key, x in vit.state_dict().items()}
+    state |= {f"heads.force.{key}": x for key, x in head.state_dict().items()}
+    checkpoint = {"state_dict": state, "global_step": 7}
+    AtomicCheckpointIO().save_checkpoint(checkpoint, tmp_path / LAST)
+    return tmp_path
+
+
+def test_the_force_head_of_a_run_is_packed(run: Path, head: ForceHead) -> None:
+    model = tactileforge.load(pack.pack(run))
+    assert model.heads.keys() == {"force"}
+    for key, value in model.heads["force"].state_dict().items():
+        assert torch.equal(value, head.state_dict()[key])
+    kept = model.header.heads["force"]
+    assert kept["node"] == {"name": "force", "heads": None}
+    assert kept["scale"]["digit"] == list(spec("digit").force_scale)
+    assert kept["scale"].keys() == set(model.sensors)
+
+
+def test_a_run_without_forces_has_no_head(run: Path) -> None:
+    config = OmegaConf.load(run / "config.yaml")
+    config.head.pop("force")
+    OmegaConf.save(config, run / "config.yaml")
+    assert tactileforge.load(pack.pack(run)).heads == {}

@@ -1,0 +1,310 @@
+"""Runs and published files become one-file checkpoints."""
+
+import json
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+import tactileforge
+from tactileforge.callbacks import checkpoints
+from tactileforge.compose import compose
+from tactileforge.encoders import published
+from tactileforge.encoders.tactile_vit import TactileViT
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError
+from tactileforge.files import sha256
+from tactileforge.hub import pack, store
+from tactileforge.hub.header import read_header
+from tactileforge.train import train
+from tactileforge.zoo_verbs import main
+
+AddCard = Callable[..., None]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("run")
+    small = ["encoder.image_size=32", "batch.size=4", "data.scenes=3", "data.val=1"]
+    train(compose("anytouch2", ["scale=demo", "debug=steps", "objective=[pixel]", *small]), folder)
+    return folder
+
+
+def test_a_run_is_packed_and_loaded(run: Path, tmp_path: Path) -> None:
+    path = pack.pack(run, tmp_path / "a.safetensors", name="mine.tiny", licence="CC0-1.0")
+    model = tactileforge.load(path)
+    state = checkpoints.read(run)["state_dict"]
+    for key, value in model.encoder.state_dict().items():
+        assert torch.equal(value, state[f"encoder.{key}"])
+    header = model.header
+    assert (header.name, header.licence) == ("mine.tiny", "CC0-1.0")
+    assert header.source == {"steps": 2, "encoder": "trained"}
+    assert header.spacing == pytest.approx(1 / 15, abs=1e-3)
+    assert header.recipe["objective"].keys() == {"pixel"}
+    assert header.data["name"] == "sim"
+    assert header.versions["torch"] == torch.__version__
+    assert header.sensors == {"gelsight": 0, "digit": 1, "gelsight_mini": 3}  # not the others
+    assert model.sensors == list(header.sensors)
+    assert len(header.commit.removesuffix("-dirty")) in (0, 40)
+
+
+@pytest.mark.parametrize("objective", ["jepa", "dino"])
+def test_the_slow_copy_is_what_is_packed(objective: str, tmp_path: Path) -> None:
+    small = ["encoder.image_size=32", "batch.size=4", "data.scenes=3", "data.val=1"]
+    recipe = {"jepa": "vjepa", "dino": "dino"}[objective]
+    train(compose(recipe, ["scale=demo", "debug=steps", *small]), tmp_path)
+    state = checkpoints.read(tmp_path)["state_dict"]
+    places = {"slow": f"heads.{objective}.target.network", "trained": "encoder"}
+    for encoder, kind in ((None, "slow"), ("slow", "slow"), ("trained", "trained")):
+        model = tactileforge.load(pack.pack(tmp_path, encoder=encoder))
+        assert model.header.source == {"steps": 2, "encoder": kind}
+        for key, value in model.encoder.state_dict().items():
+            assert torch.equal(value, state[f"{places[kind]}.{key}"])
+    norm = "norm_out.weight"
+    assert not torch.equal(state[f"encoder.{norm}"], state[f"{places['slow']}.{norm}"])
+
+
+def test_no_slow_copy_and_several(run: Path) -> None:
+    with pytest.raises(ConfigError, match=r"found none; give encoder=trained"):
+        pack.pack(run, encoder="slow")
+    with pytest.raises(ConfigError, match="unknown encoder 'slw'; did you mean 'slow'"):
+        pack.pack(run, encoder="slw")  # type: ignore[arg-type]
+    one = {"encoder.norm.w": torch.ones(1), "heads.a.target.network.norm.w": torch.zeros(1)}
+    other = {"heads.b.target.network.norm.w": torch.zeros(1)}
+    part = {"heads.c.target.network.head.norm.w": torch.zeros(1)}
+    assert pack._choose(one | part, None, run) == ("slow", {"norm.w": torch.zeros(1)})
+    with pytest.raises(ConfigError, match=r"found heads.a.target, heads.b.target; give"):
+        pack._choose(one | other, None, run)
+
+
+def test_the_default_place_is_the_run(run: Path) -> None:
+    half = pack.pack(run, dtype="float16")
+    assert half == run / "model.safetensors"
+    assert read_header(half).dtype == "float16"
+
+
+def test_folders_of_the_machine_stay_there(run: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "run"
+    shutil.copytree(run, copy)
+    config = copy / "config.yaml"
+    changed = config.read_text().replace("init: null", "init: /home/ada/secret/runs/first")
+    config.write_text(changed.partition("\n")[2])  # without its checksum
+    path = pack.pack(copy)
+    assert read_header(path).recipe["init"] == "first"
+    assert read_header(path).recipe["data"] == read_header(pack.pack(run)).recipe["data"]
+    assert b"/home/ada" not in path.read_bytes()
+
+
+def test_only_absolute_paths_are_cut() -> None:
+    given = {"a": ["/x/y", "~ada/y", "C:\\x\\y"], "b": "x/y", "c": "s3://x/y", "d": 1}
+    kept = {"a": ["y", "y", "y"], "b": "x/y", "c": "s3://x/y", "d": 1}
+    assert pack._without_folders(given) == kept
+
+
+def test_what_is_no_run(run: Path, tmp_path: Path) -> None:
+    with pytest.raises(DataNotFoundError, match="give the folder of a run"):
+        pack.pack(tmp_path)
+    (tmp_path / "config.yaml").write_text("model: x\n")
+    with pytest.raises(DataError, match="not the configuration of a run"):
+        pack.pack(tmp_path)
+    copy = tmp_path / "run"
+    shutil.copytree(run, copy)
+    config = copy / "config.yaml"
+    changed = config.read_text().replace("image_size: 32", "image_size: 48")
+    config.write_text(changed)
+    with pytest.raises(DataError, match="its checksum is another"):
+        pack.pack(copy)
+    config.write_text(changed.partition("\n")[2])
+    with pytest.raises(DataError, match=r"of another shape: position \("):
+        pack.pack(copy)
+    (copy / "checkpoints" / "last.ckpt").unlink()
+    with pytest.raises(DataNotFoundError, match="no checkpoint"):
+        pack.pack(copy)
+
+
+ROWS = [
+    {"tag": "tiny", "licence": "MIT", "layout": "press", "encoder": {"size": "tiny"}},
+    {"tag": "small", "licence": "MIT", "layout": "press", "encoder": {"size": "small"}},
+    {"tag": "short", "licence": "MIT", "layout": "press", "frames": 2, "spacing": 0.1},
+    {"tag": "other", "licence": "MIT", "layout": "pull"},
+]
+
+
+@pytest.fixture
+def download(
+    add_card: AddCard, vit: TactileViT, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Path:
+    """A file as some authors publish it, and an importer that reads it."""
+    add_card("press", weights=[row | {"source": "https://example.org"} for row in ROWS])
+    path = tmp_path / "press.pth"
+    torch.save(vit.state_dict(), path)
+    node = {"name": "tactile_vit", "size": "tiny", "frames": 4, "image_size": 32}
+    monkeypatch.setattr(published, "read", lambda path: torch.load(path), raising=False)
+    monkeypatch.setattr(
+        published,
+        "convert",
+        lambda state: SimpleNamespace(name="press", encoder_config=node, state=state, report=""),
+        raising=False,
+    )
+    return path
+
+
+def test_an_import_is_found_by_its_name(download: Path, vit: TactileViT) -> None:
+    assert tactileforge.list_models(weights=True) == []
+    with pytest.raises(DataNotFoundError, match=r"zoo get press.tiny --from FILE"):
+        tactileforge.load("press")
+    path = pack.import_published("press.tiny", download)
+    model = tactileforge.load("press")
+    for key, value in vit.state_dict().items():
+        assert torch.equal(model.encoder.state_dict()[key], value)
+    assert model.header.source["sha256"] == sha256(download)
+    assert model.header.source["file"] == "press.pth"
+    assert model.header.recipe == {}
+    assert tactileforge.list_models(weights=True) == ["press.tiny"]
+    record = json.loads((store.folder() / "press.tiny.json").read_text())
+    assert record["sha256"] == sha256(path)
+    assert {p.name for p in store.folder().iterdir()} == {path.name, "press.tiny.json"}
+
+
+def test_an_import_is_verified_on_every_load(download: Path) -> None:
+    path = pack.import_published("press", download)
+    data = bytearray(path.read_bytes())
+    data[-1] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(DataError, match=r"its sha256 is .* zoo get press.tiny --from FILE"):
+        tactileforge.load("press")
+    pack.import_published("press", download)
+    tactileforge.load("press")
+
+
+def test_a_failed_import_keeps_the_one_before(
+    download: Path, monkeypatch: pytest.MonkeyPatch, vit: TactileViT
+) -> None:
+    pack.import_published("press", download)
+    with torch.no_grad():
+        vit.class_token += 1
+    torch.save(vit.state_dict(), download)
+
+    def full(*given: Any, **named: Any) -> None:
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(OSError, match="no space"):
+        pack.import_published("press", download)
+    monkeypatch.undo()
+    monkeypatch.setenv("TACTILEFORGE_CACHE", str(download.parent / "cache"))
+    kept = tactileforge.load("press").encoder.class_token
+    assert torch.allclose(kept + 1, vit.class_token)
+
+
+@pytest.mark.parametrize(
+    ("model", "message"),
+    [
+        ("press.small", r"'size': 'tiny'.*'size': 'small'.*it fits press.tiny$"),
+        ("press.short", r"'frames': 4.*'frames': 2.*it fits press.tiny$"),
+        ("press.other", r"'layout': 'press'.*'layout': 'pull'.*it fits press.tiny$"),
+    ],
+)
+def test_the_file_of_another_model(download: Path, model: str, message: str) -> None:
+    with pytest.raises(DataError, match=message):
+        pack.import_published(model, download)
+    assert not list(store.folder().glob("*"))
+
+
+def test_what_cannot_be_imported(download: Path, add_card: AddCard, weight: dict[str, Any]) -> None:
+    with pytest.raises(DataNotFoundError, match=r"download it from https://example.org"):
+        pack.import_published("press", download.with_name("nothing.pth"))
+    add_card("thing", weights=[weight | {"url": "https://example.org/a"}])
+    with pytest.raises(ConfigError, match=r"thing.tiny is remote, not imported"):
+        pack.import_published("thing", download)
+
+
+def anytouch2_file(path: Path, frames: int) -> dict[str, torch.Tensor]:
+    """A file in the published layout of AnyTouch 2: its names and shapes, narrow and one deep."""
+    wide, slots = 192, frames // 2
+    layer = "touch_model.encoder.layers.0."
+    shapes: dict[str, tuple[int, ...]] = {
+        "sensor_token": (20, 5, wide),
+        "touch_model.embeddings.class_embedding": (wide,),
+        "touch_model.embeddings.patch_embedding.weight": (wide, 3, 2, 16, 16),
+        "touch_model.embeddings.position_embedding.weight": (1 + slots * 196, wide),
+        "touch_projection.weight": (512, wide),
+        f"{layer}mlp.fc1.weight": (4 * wide, wide),
+        f"{layer}mlp.fc1.bias": (4 * wide,),
+        f"{layer}mlp.fc2.weight": (wide, 4 * wide),
+        f"{layer}mlp.fc2.bias": (wide,),
+    }
+    for norm in ("pre_layrnorm", "post_layernorm"):
+        shapes |= {f"touch_model.{norm}.{x}": (wide,) for x in ("weight", "bias")}
+    for norm in ("layer_norm1", "layer_norm2"):
+        shapes |= {f"{layer}{norm}.{x}": (wide,) for x in ("weight", "bias")}
+    for x in "qkv":
+        shapes |= {f"{layer}self_attn.{x}_proj.weight": (wide, wide)}
+        shapes |= {f"{layer}self_attn.{x}_proj.bias": (wide,)}
+    shapes |= {f"{layer}self_attn.out_proj.weight": (wide, wide)}
+    shapes |= {f"{layer}self_attn.out_proj.bias": (wide,)}
+    state = {f"touch_mae_model.{key}": 0.1 * torch.randn(shape) for key, shape in shapes.items()}
+    positions = torch.arange(1 + slots * 196)[None]
+    torch.save(state | {"touch_mae_model.new_position_ids": positions}, path)
+    return state
+
+
+def test_a_published_file_becomes_a_model_of_the_zoo(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The real importer and the real card."""
+    monkeypatch.setenv("TACTILEFORGE_CACHE", str(tmp_path / "cache"))
+    file = tmp_path / "checkpoint-4frames.pth"
+    state = anytouch2_file(file, frames=4)
+    assert main(["get", "anytouch2", "--from", str(file)]) == 0
+    model = tactileforge.load("anytouch2")
+    assert torch.equal(model.encoder.sensor_table, state["touch_mae_model.sensor_token"])
+    assert model.spacing == pytest.approx(1 / 15)
+    assert model.header.source["layout"] == "anytouch2"
+    assert model.header.licence == "NOASSERTION"
+    frames = np.random.default_rng(0).integers(0, 256, (4, 60, 80, 3), dtype=np.uint8)
+    built = published.convert(published.read(file)).build()
+    batch = torch.from_numpy(frames).movedim(-1, 1)[None]
+    with torch.no_grad():
+        expected = built(batch, batch[:, 0], torch.tensor([1]))[1]
+    assert torch.allclose(model.encode(frames, "first", "digit"), expected[0], atol=1e-6)
+
+    anytouch2_file(file, frames=2)
+    with pytest.raises(DataError, match=r"'frames': 2.*it fits anytouch2.base-2f$"):
+        main(["get", "anytouch2", "--from", str(file)])
+    assert main(["get", "anytouch2.base-2f", "--from", str(file)]) == 0
+    assert tactileforge.load("anytouch2.base-2f").spacing == pytest.approx(0.2)
+
+    anytouch2_file(file, frames=4)  # other numbers: the file before is removed, and no other
+    assert main(["get", "anytouch2", "--from", str(file)]) == 0
+    assert len(list(store.folder().iterdir())) == 4
+    assert (
+        tactileforge.load("anytouch2").frames + tactileforge.load("anytouch2.base-2f").frames == 6
+    )
+    with pytest.raises(DataError, match=r"checkpoint-4frames.pth is .*'layout': 'clip'"):
+        main(["get", "clip", "--from", str(file)])
+
+
+def test_a_published_file_that_would_run_code_does_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Bomb:
+        def __reduce__(self) -> Any:
+            return os.mkdir, (str(tmp_path / "executed"),)
+
+    monkeypatch.setenv("TACTILEFORGE_CACHE", str(tmp_path / "cache"))
+    file = tmp_path / "checkpoint.pth"
+    torch.save({"model": Bomb()}, file)
+    with pytest.raises(DataError, match=r"checkpoint.pth"):
+        main(["get", "anytouch2", "--from", str(file)])
+    assert not (tmp_path / "executed").exists()
+    torch.load(file, weights_only=False)
+    assert (tmp_path / "executed").exists()  # so the file did hold code
+    torch.save({"weight": torch.zeros(3)}, file)
+    with pytest.raises(DataError, match=r"checkpoint.pth: not a published touch encoder"):
+        main(["get", "anytouch2", "--from", str(file)])

@@ -1,0 +1,191 @@
+"""The page of ``live``: who may see it, what it says, and how it looks in a browser."""
+
+import json
+import os
+import select
+import shutil
+import signal
+import subprocess
+import threading
+import time
+import urllib.error
+import urllib.request
+
+import cv2
+import numpy as np
+import pytest
+
+from tactileforge.contracts import Frame
+from tactileforge.errors import ConfigError
+from tactileforge.live.server import Page, difference, jpeg
+from tactileforge.live.session import Show, ShowOptions, show
+from tactileforge.sensors.background import Background
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "google-chrome", "chrome"))), None)
+
+
+def press(frame):
+    array = frame.array.copy()
+    array[8:, 16:] = 220
+    return Frame(array=array, time=frame.time)
+
+
+@pytest.fixture
+def page(scripted):
+    """A page of a sensor that is pressed from its hundredth frame on."""
+    sensor = scripted(fps=50.0, events=dict.fromkeys(range(50, 10_000), press))
+    stop = threading.Event()
+    options = ShowOptions(background=Background(seconds=0.0))
+    with Show({"left": sensor}, None, options) as view, Page(view) as page:
+        thread = threading.Thread(target=show, args=(view, [], stop, lambda line: None))
+        thread.start()
+        yield page
+        stop.set()
+        thread.join()
+
+
+def get(url, **headers):
+    with urllib.request.urlopen(urllib.request.Request(url, headers=headers), timeout=20) as answer:
+        return answer.read(), answer.headers
+
+
+def refused(url, **headers):
+    with pytest.raises(urllib.error.HTTPError) as caught:
+        get(url, **headers)
+    caught.value.close()
+    return caught.value.code
+
+
+def test_only_who_has_the_token_may_look(page):
+    base = page.url.removesuffix(f"{page.token}/")
+    assert base.startswith("http://127.0.0.1:")
+    assert len(page.token) >= 22
+    for path in ("", "state", page.token[:-1], page.token[:-1] + "/state", "%00/"):
+        assert refused(base + path) == 403
+    assert refused(page.url, Host="evil.example") == 403
+    assert refused(page.url + "state", Host="127.0.0.1") == 403
+    for path in ("nothing", "frame/right", "frame/../../etc/passwd"):
+        assert refused(page.url + path) == 404
+    body, headers = get(page.url)
+    assert "default-src 'none'" in headers["Content-Security-Policy"]
+    assert b"NONCE" not in body
+    assert b"http://" not in body.replace(b"http://www.w3.org", b"")
+    assert "Access-Control-Allow-Origin" not in headers
+
+
+def test_the_state_is_that_of_the_sensor(page):
+    first = json.loads(get(page.url + "state")[0])["sensors"]["left"]
+    while len(first["readings"]) < 3:
+        first = json.loads(get(page.url + "state")[0])["sensors"]["left"]
+    time, force, contact, slip, _ = first["readings"][-1]
+    assert (force, slip) == (None, None)
+    assert contact in (False, True)
+    later = json.loads(get(f"{page.url}state?after={time}")[0])["sensors"]["left"]
+    assert all(reading[0] > time for reading in later["readings"])
+    assert json.loads(get(page.url + "state?after=x")[0])["sensors"].keys() == {"left"}
+
+
+def test_pictures_are_those_of_the_sensor(page):
+    while not json.loads(get(page.url + "state")[0])["sensors"]["left"]["picture"]:
+        pass
+    data, headers = get(page.url + "frame/left?t=1")
+    assert headers["Content-Type"] == "image/jpeg"
+    picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    assert picture.shape == (168, 224, 3)  # of 24 x 32, whole pixels enlarged
+    assert 110 < np.median(picture) < 225
+
+
+def test_the_difference_is_doubled_around_grey():
+    still = np.full((4, 4, 3), 100, np.uint8)
+    assert difference(still + np.uint8(10), still)[0, 0, 0] == 148
+    assert difference(still - np.uint8(90), still)[0, 0, 0] == 0
+    assert len(jpeg(np.zeros((1000, 2000, 3), np.uint8))) > 100
+
+
+def test_a_port_that_is_taken(page, scripted):
+    port = int(page.url.split(":")[2].split("/")[0])
+    with pytest.raises(ConfigError, match=f"port={port}: .*; give another, or 0"):
+        Page(Show({"left": scripted()}), port)
+
+
+class Browser:
+    """A Chromium without a window that does what its debugging pipe says."""
+
+    def __init__(self, profile):
+        (read, self.out), (self.answers, write) = os.pipe(), os.pipe()
+        command = [
+            BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
+            f"--user-data-dir={profile}", "--remote-debugging-pipe", "about:blank",
+        ]  # fmt: skip
+        self.process = subprocess.Popen(
+            command,
+            preexec_fn=lambda: (os.dup2(read, 3), os.dup2(write, 4)),  # where it looks for them
+            pass_fds=(3, 4),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        os.close(read)
+        os.close(write)
+        self.read = b""
+        self.count = 0
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exception):
+        os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.wait()
+        os.close(self.out)
+        os.close(self.answers)
+
+    def __call__(self, method, session=None, **params):
+        """The result of a method of the DevTools protocol."""
+        self.count += 1
+        message = {"id": self.count, "method": method, "params": params}
+        if session:
+            message["sessionId"] = session
+        os.write(self.out, json.dumps(message).encode() + b"\0")
+        while (answer := self.next()).get("id") != self.count:
+            pass  # an event
+        assert "error" not in answer, answer
+        return answer["result"]
+
+    def next(self):
+        while b"\0" not in self.read:
+            ready, _, _ = select.select([self.answers], [], [], 60)
+            assert ready, "the browser says nothing"
+            data = os.read(self.answers, 1 << 20)
+            assert data, "the browser ended"
+            self.read += data
+        message, _, self.read = self.read.partition(b"\0")
+        return json.loads(message)
+
+    def show(self, url, width):
+        """A function that evaluates an expression on the page."""
+        target = self("Target.createTarget", url="about:blank")["targetId"]
+        session = self("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+        self("Emulation.setDeviceMetricsOverride", session, **size)
+        self("Page.navigate", session, url=url)
+        return lambda text: self("Runtime.evaluate", session, expression=text)["result"]["value"]
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium is here")
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [400, 1120])
+def test_a_browser_shows_it(page, tmp_path, width):
+    with Browser(tmp_path / "profile") as browser:
+        look = browser.show(page.url, width)
+        end = time.monotonic() + 120
+        dom = ""
+        while '<span class="chip on">contact</span>' not in dom and time.monotonic() < end:
+            dom = look("document.documentElement?.outerHTML ?? ''")
+        assert "<h2>left (digit)</h2>" in dom
+        assert '<span class="chip on">contact</span>' in dom
+        assert "no model" in dom
+        loaded = "[...document.images].filter(one => one.naturalWidth > 0).length"
+        while look(loaded) < 2 and time.monotonic() < end:
+            pass
+        assert look(loaded) == 2
+        assert look("document.documentElement.scrollWidth") <= width

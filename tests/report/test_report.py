@@ -1,0 +1,626 @@
+import csv
+import re
+from collections.abc import Callable, Iterator
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from omegaconf import OmegaConf
+from torch import nn
+
+from tactileforge.compose import compose
+from tactileforge.contracts import Recording
+from tactileforge.data.batches.clips import Clips
+from tactileforge.data.batches.datamodule import TouchData
+from tactileforge.data.frames.lazy import ArrayFrames
+from tactileforge.datasets.sim import Sim
+from tactileforge.encoders.tactile_vit import TactileViT
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError
+from tactileforge.files import unsealed
+from tactileforge.heads.decoder import Reconstruction
+from tactileforge.heads.force import Forces
+from tactileforge.module import TouchModule
+from tactileforge.pages.curves import Curve, read_metrics, weighed
+from tactileforge.pages.figures import curve_figure
+from tactileforge.pages.page import MINUS, NONE, duration, number, percent
+from tactileforge.report.embedding import Embedding, neighbours, principal
+from tactileforge.report.forces import ForceResult
+from tactileforge.report.pictures import strips_of
+from tactileforge.report.run import report_of_run, write_report
+from tactileforge.report.samples import (
+    ForceReading,
+    Look,
+    batches,
+    explained,
+    liveliest,
+    read_forces,
+    spread,
+)
+from tactileforge.train import train
+
+SIZE = 32
+
+
+class Touches:
+    """Twelve recordings of 12 frames: a blob grows, the force with it."""
+
+    provides = frozenset({"force", "action", "object", "text", "image"})
+
+    def __init__(self, sensors: tuple[str, ...] = ("digit", "gelsight"), **missing: bool) -> None:
+        self.sensors = sensors
+        self.missing = missing
+        self.skipped: list[str] = []
+
+    def recordings(self, split: str) -> Iterator[Recording]:
+        if split == "val" and self.missing.get("val"):
+            return
+        length = 1 if self.missing.get("motion") else 12
+        rng = np.random.default_rng(len(split))
+        for i in range(12):
+            still = rng.integers(90, 160, (1, SIZE, SIZE, 3))
+            growth = np.linspace(0, 60, length)[:, None, None, None] * np.ones((1, SIZE, SIZE, 3))
+            growth[:, :, : SIZE // 2] = 0
+            force = np.linspace([0, 0, 0], [0.5, -1, i], length).astype(np.float32)
+            if self.missing.get("shear"):
+                force[:, :2] = np.nan
+            labels = not self.missing.get("labels")
+            yield Recording(
+                key=f"{split}/<{i}>",
+                sensor=self.sensors[i % len(self.sensors)],
+                frames=ArrayFrames((still + growth).astype(np.uint8)),
+                times=np.arange(length) / 15,
+                no_contact=ArrayFrames(still.astype(np.uint8)),
+                force=force if labels else None,
+                action=np.full(length, i % 2) if labels else None,
+                object=f"object {i // 2}" if labels else None,
+                text="{action} it" if labels else None,
+                source="made in the test",
+                licence="CC0-1.0",
+            )
+
+
+class Page(HTMLParser):
+    """What a test asks of a page: tables by id, attributes of every tag, visible text."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.tables: dict[str, list[list[str]]] = {}
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.text = ""
+        self._rows: list[list[str]] = []
+        self._silent = False
+        self.feed(html)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = dict(attrs)
+        self.tags.append((tag, given))
+        self._silent = tag == "style"
+        if tag == "table":
+            self._rows = self.tables[str(given["id"])] = []
+        elif tag == "tr":
+            self._rows.append([])
+        elif tag in ("td", "th"):
+            self._rows[-1].append("")
+
+    def handle_data(self, data: str) -> None:
+        if self._silent:
+            return
+        self.text += data
+        if self._rows and self._rows[-1]:
+            self._rows[-1][-1] += data
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag == "table":
+            self._rows = []
+
+
+def config_of(*overrides: str) -> dict:
+    words = ["scale=demo", f"encoder.image_size={SIZE}", "batch.workers=0", *overrides]
+    return OmegaConf.to_container(compose("anytouch2", words), resolve=True)
+
+
+def log(folder: Path, version: int, rows: list[dict[str, float]]) -> None:
+    path = folder / "metrics" / f"version_{version}" / "metrics.csv"
+    path.parent.mkdir(parents=True)
+    keys = sorted({key for row in rows for key in row})
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, keys)
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+Write = Callable[..., Page]
+
+
+@pytest.fixture
+def write(tmp_path: Path) -> Write:
+    """Writes the report of a run that never was: fresh weights, metrics as given."""
+
+    def build(
+        dataset: Touches,
+        *overrides: str,
+        metrics: list[dict[str, float]] | None = None,
+        met: dict[str, dict[str, int]] | None = None,
+    ) -> Page:
+        config = config_of(*overrides)
+        OmegaConf.save(OmegaConf.create(config), tmp_path / "config.yaml")
+        if metrics:
+            log(tmp_path, 0, metrics)
+        data = TouchData(dataset, 4, (SIZE, SIZE), batch_size=8, match=0, workers=0)
+        data.setup()
+        module = TouchModule.from_config(config, data.summary("train").labels)
+        module.labels.counts = met or {}
+        report = write_report(tmp_path, module, data)
+        assert not list(tmp_path.glob("*.part"))
+        return Page(report.read_text())
+
+    return build
+
+
+RUN = ["data.scenes=2", "data.val=1", f"data.size={SIZE}", "batch.size=8"]
+RUN += ["trainer.max_steps=8", "trainer.log_every_n_steps=1", "trainer.val_check_interval=4"]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("run")
+    train(
+        compose("anytouch2", ["scale=demo", "encoder.image_size=32", "batch.workers=0", *RUN]),
+        folder,
+    )
+    return folder
+
+
+# the whole page
+
+
+def test_the_report_of_a_run_is_written_again_to_the_byte(run: Path) -> None:
+    at_the_end = (run / "report.html").read_bytes()
+    torch.manual_seed(5)
+    before = torch.get_rng_state()
+    report_of_run(run)
+    assert (run / "report.html").read_bytes() == at_the_end
+    torch.manual_seed(5)
+    assert torch.equal(before, torch.get_rng_state())
+
+
+def test_the_page_loads_nothing_and_is_whole(run: Path) -> None:
+    html = (run / "report.html").read_text()
+    assert len(html) < 3_000_000
+    page = Page(html)
+    ids = [str(given["id"]) for _, given in page.tags if "id" in given]
+    assert len(ids) == len(set(ids))
+    for tag, given in page.tags:
+        for name in ("src", "href", "xlink:href"):
+            link = given.get(name) or ""
+            assert link == "" or link.startswith(("data:", "#")), link
+            assert not link.startswith("#") or link[1:] in ids, link
+        assert tag not in ("script", "iframe", "link") or given.get("href") == "data:,"
+        assert tag != "img" or given["alt"]
+    assert not re.findall(r"url\((?!#)|@import", html)
+    assert set(re.findall(r"url\(#([^)]+)\)", html)) <= set(ids)
+    names = [given["id"] for tag, given in page.tags if tag == "section"]
+    assert names == ["losses", "frames", "force", "embedding", "data", "recipe"]
+    links = [given.get("href") for tag, given in page.tags if tag == "a"]
+    assert links == [f"#{name}" for name in names]
+
+
+def test_the_numbers_follow_from_the_metrics_of_the_run(run: Path) -> None:
+    page = Page((run / "report.html").read_text())
+    curves = read_metrics(run)
+    head, *rows = page.tables["losses-summary"]
+    assert [row[0] for row in rows] == ["pixel", "diff", "align", "match", "force"]
+    assert head[1:4] == ["training: first", "last", "change"]
+    for name, first, last, change, val_first, val_last, _, weight in rows:
+        losses, val = curves[f"train/{name}"].values, curves[f"val/{name}"].values
+        assert (first, last) == (f"{losses[0]:.3g}", f"{losses[-1]:.3g}")
+        assert (val_first, val_last) == (f"{val[0]:.3g}", f"{val[-1]:.3g}")
+        assert float(weight) == {"match": 0.1}.get(name, 1)
+        if len(losses) > 1:
+            assert change == percent((losses[-1] - losses[0]) / losses[0], signed=True)
+    assert "Steps8, each of 8 clips" in page.text
+    assert re.search(r"Time[\d.]+ s", page.text)
+    versions = unsealed((run / "versions.json").read_text())["versions"]
+    assert f"torch {versions['torch']}" in page.text
+    assert "hidden in every frame" in page.text
+    assert "scenes: 2" in page.text  # the recipe
+
+
+def test_data_and_licences_are_counted(run: Path) -> None:
+    page = Page((run / "report.html").read_text())
+    rows = {row[0]: row[1:] for row in page.tables["recordings"]}
+    assert rows["digit, training"][0] == "2"
+    assert rows["digit, validation"][0] == "1"
+    touches = Sim(scenes=2, val=1, size=SIZE).recordings("train")
+    seconds = sum(len(one.frames) for one in touches if one.sensor == "digit") / 30
+    assert rows["digit, training"][2] == f"{seconds:.1f} s"
+    assert page.tables["sources"][1:] == [["simulated by tactileforge", "CC0-1.0", "3", "9"]]
+    assert "Skipped recordings: none." in page.text
+
+
+def test_first_and_last_are_means_of_a_tenth(write: Write) -> None:
+    losses = np.random.default_rng(0).uniform(1, 2, 40)
+    metrics = [{"step": 10 * i, "train/pixel": loss} for i, loss in enumerate(losses)]
+    metrics += [{"step": 399, "val/pixel": 0.5}]
+    page = write(Touches(), "objective=[pixel]", metrics=metrics)
+    _, first, last, _, val_first, val_last, val_change, _ = page.tables["losses-summary"][1]
+    assert (first, last) == (f"{losses[:4].mean():.3g}", f"{losses[-4:].mean():.3g}")
+    assert (val_first, val_last, val_change) == ("0.5", "0.5", NONE)
+
+
+@pytest.mark.parametrize(
+    ("last", "told"), [(0.5, "for 1 of 1"), (0.995, "for 0 of 1"), (1.5, "for 0 of 1")]
+)
+def test_the_verdict_on_a_loss(write: Write, last: float, told: str) -> None:
+    metrics = [{"step": 1, "train/pixel": 1.0}, {"step": 9, "train/pixel": last}]
+    page = write(Touches(), "objective=[pixel]", metrics=metrics)
+    assert f"Training loss fell by more than 1.0 % {told} objectives" in page.text
+    assert "Validation loss was logged less than twice" in page.text
+
+
+def test_text_is_escaped(write: Write) -> None:
+    page = write(Touches(), "objective=[pixel]")
+    assert re.search(r"digit · object \d · val/<\d+>", page.text)
+
+
+# what may be missing
+
+
+def test_without_metrics_and_files(write: Write) -> None:
+    page = write(Touches(), "objective=[pixel,match]")
+    assert "No metrics were logged" in page.text
+    assert "Timenot kept" in page.text
+    assert "versions.json is not there" in page.text
+    assert page.tables["losses-summary"][1] == ["pixel", *NONE * 6, "1"]
+
+
+def test_without_validation(write: Write) -> None:
+    metrics = [{"step": 1, "train/pixel": 1.0}]
+    page = write(Touches(val=True), "objective=[pixel,force]", metrics=metrics)
+    assert "No validation: the data holds nothing out." in page.text
+    assert "The training clips that move most" in page.text
+    assert [row[0] for row in page.tables["force-force"][1:]] == [
+        "x, training",
+        "y, training",
+        "z, training",
+    ]
+    assert "Training clips are drawn faintly" not in page.text
+
+
+def test_without_force_and_labels(write: Write) -> None:
+    page = write(Touches(labels=True), "objective=[pixel,diff]")
+    assert "No objective predicts force." in page.text
+    assert "Not known of these clips: object, action." in page.text
+    page = write(Touches(labels=True), "objective=[force]")
+    assert "No clip has a force label." in page.text
+
+
+def test_forces_along_one_axis(write: Write) -> None:
+    count = {"batches": 25, "clips": 800, "labelled": 800, "x": 0, "y": 0, "z": 800}
+    page = write(Touches(shear=True), "objective=[force]", met={"force": count})
+    rows = {row[0]: row[1:] for row in page.tables["force-force"]}
+    assert set(rows["x, validation"]) == {NONE}
+    assert float(rows["z, validation"][4]) > 1000  # mN that were measured
+    assert "Objective 'force' has met no force along x and y in its first 25 batches" in page.text
+    assert "Better than it along" in page.text
+    recordings = {row[0]: row[1:] for row in page.tables["recordings"]}
+    assert "6 (x 0, y 0, z 6)" in recordings["digit, training"]
+
+
+def test_what_reaches_the_encoder_is_drawn(write: Write) -> None:
+    steps = [
+        {"step": 9, "train/pixel": 1.0, "gradient/pixel": 0.5, "weight/pixel": 2.0},
+        {"step": 19, "train/pixel": 0.9, "gradient/pixel": 0.25, "weight/pixel": 4.0},
+    ]
+    page = write(Touches(), "objective=[pixel]", metrics=steps)
+    assert "Norms of each objective's gradient on the encoder" in page.text
+    names = [given["aria-label"] for tag, given in page.tags if "aria-label" in given]
+    assert [name for name in names if "over steps: pixel" in str(name)] == [
+        "norm over steps: pixel",
+        "weight over steps: pixel",
+        "norm over steps: pixel",
+    ]
+    product = weighed(
+        Curve(np.array([9, 19]), np.array([0.5, 0.25])), Curve(np.array([19]), np.array([4.0]))
+    )
+    assert (product.steps.tolist(), product.values.tolist()) == ([19], [1.0])
+
+
+@pytest.mark.parametrize(
+    ("objective", "rows", "told"),
+    [
+        (
+            "pixel",
+            ["Input", "Masked", "Reconstructed", "Difference"],
+            "Only frames are reconstructed",
+        ),
+        (
+            "diff",
+            ["Input", "Masked", "Difference", "Difference, reconstructed"],
+            "Only differences are",
+        ),
+        ("force", ["Input", "Difference"], "No objective reconstructs"),
+    ],
+)
+def test_rows_of_pictures(write: Write, objective: str, rows: list[str], told: str) -> None:
+    page = write(Touches(), f"objective=[{objective}]")
+    alts = [str(given["alt"]) for tag, given in page.tags if tag == "img"]
+    shown = list(dict.fromkeys(alt.rpartition(", frame")[0] for alt in alts))
+    assert shown == rows
+    assert alts.count("Input, frame 4") == 6
+    assert ("Difference, frame 1" in alts) is False
+    assert told in page.text
+
+
+def test_single_frames_of_one_sensor(write: Write) -> None:
+    page = write(Touches(("digit",), motion=True), "objective=[pixel,diff,force]")
+    assert page.tables["neighbours"][1][1].startswith("no answer: one class")
+    assert f"{NONE} (differences)" in page.text  # nothing varies, so nothing is explained
+    assert "0 s" in page.tables["recordings"][1]
+
+
+def test_an_objective_that_never_woke(write: Write) -> None:
+    metrics = [
+        {"step": i, "train/pixel": 1.0, "weight/pixel": 1.0, "weight/force": 0.0} for i in (1, 2)
+    ]
+    page = write(Touches(), "objective=[pixel,force]", metrics=metrics)
+    assert "never computed: its weight was 0" in page.text
+    assert "force logged less than twice" in page.text
+
+
+def test_skipped_recordings_are_listed(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
+    dataset = Touches()
+    dataset.skipped.append("a.mp4: truncated")
+    read = ArrayFrames.read
+
+    def broken(frames: ArrayFrames, indices: list[int]) -> np.ndarray:
+        if len(frames) == 12 and frames.array[0, 0, 0, 0] == first:
+            raise DataError("b.mp4: damaged")
+        return read(frames, indices)
+
+    first = next(iter(dataset.recordings("val"))).frames.read([0])[0, 0, 0, 0]
+    monkeypatch.setattr(ArrayFrames, "read", broken)
+    page = write(dataset, "objective=[pixel]")
+    assert "Skipped recordings: 2a.mp4: truncatedb.mp4: damaged" in page.text
+    assert "2 recordings could not be read" in page.text
+
+
+def test_a_folder_that_is_no_run(tmp_path: Path, run: Path) -> None:
+    with pytest.raises(DataNotFoundError, match=r"no config\.yaml there; give the folder of a run"):
+        report_of_run(tmp_path)
+    config = OmegaConf.load(run / "config.yaml")
+    config.encoder.projected = 64
+    OmegaConf.save(config, tmp_path / "config.yaml")
+    with pytest.raises(DataNotFoundError, match="no checkpoint at"):
+        report_of_run(tmp_path)
+    (tmp_path / "checkpoints").symlink_to(run / "checkpoints")
+    with pytest.raises(ConfigError, match=r"the checkpoint does not fit config\.yaml"):
+        report_of_run(tmp_path)
+
+
+# metrics
+
+
+def test_metrics_of_a_resumed_run_merge(tmp_path: Path) -> None:
+    log(tmp_path, 2, [{"step": s, "train/pixel": 1.0, "lr": 0.1} for s in (4, 9, 14, 19)])
+    resumed = [{"step": s, "train/pixel": 2.0, "val/pixel": ""} for s in (14, 24)]
+    log(tmp_path, 10, [*resumed, {"step": 24, "train/pixel": "", "val/pixel": 5.0}])
+    with (tmp_path / "metrics/version_10/metrics.csv").open("a") as file:
+        file.write("29,3")  # cut off by SIGKILL
+    curves = read_metrics(tmp_path)
+    assert curves["train/pixel"].steps.tolist() == [4, 9, 14, 24]  # 19 was lost, and came again
+    assert curves["train/pixel"].values.tolist() == [1, 1, 2, 2]
+    assert curves["lr"].steps.tolist() == [4, 9]
+    assert curves["val/pixel"].values.tolist() == [5]
+
+
+def test_long_curves_are_thinned_by_means() -> None:
+    thin = Curve(np.arange(1000), np.arange(1000.0)).thinned(100)
+    assert thin.steps.tolist() == list(range(9, 1000, 10))
+    assert thin.values.tolist() == [10 * i + 4.5 for i in range(100)]
+
+
+def test_a_curve_is_drawn_where_it_belongs() -> None:
+    curve = Curve(np.array([0, 50, 100]), np.array([3.0, 2.0, 1.0]))
+    svg = curve_figure("loss", 100, curve)
+    (path,) = re.findall(r'<path d="([^"]+)"[^>]*stroke: var\(--c0\)', svg)
+    points = np.array(re.findall(r"[ML] ([\d.]+) ([\d.]+)", path), float)
+    steps = np.diff(points, axis=0)
+    assert steps[0] == pytest.approx(steps[1], abs=0.02)  # a straight line, to the right and down
+    assert (steps > 0).all()
+
+
+# numbers
+
+
+class Oracle(nn.Module):
+    """A head that knows the answer, up to an error in newton."""
+
+    def __init__(self, error: float) -> None:
+        super().__init__()
+        self.error = error
+
+    def forward(self, views: object, batch: dict) -> Forces:
+        scale = batch["force_scale"][:, None]
+        force = (batch["force"][:, 1:] + self.error) / scale
+        return Forces(force, force)
+
+
+class Rebuilt(nn.Module):
+    """A head that knows the hidden frames, and gives a share of how they differ from their mean."""
+
+    def __init__(self, share: float) -> None:
+        super().__init__()
+        self.share = share
+
+    def forward(self, views: object, batch: dict) -> Reconstruction:
+        masked = views.masked.masked
+        frames = views.patches.unflatten(-1, (3, 2, -1)).permute(0, 2, 1, 4, 3, 5)
+        frames = frames.flatten(2, 3).flatten(3)  # (B, N, T, 3 * P)
+        index = masked[..., None, None].expand(-1, -1, *frames.shape[2:])
+        target = frames.gather(1, index)
+        mean = target.unflatten(-1, (3, -1)).mean((1, 2, 4), keepdim=True)
+        mean = mean.expand(*target.shape[:3], 3, target.shape[-1] // 3).flatten(3)
+        return Reconstruction(mean + self.share * (target - mean), target, masked)
+
+
+def with_head(head: nn.Module) -> TouchModule:
+    encoder = TactileViT("tiny", frames=4, image_size=SIZE)
+    return TouchModule(encoder, {"x": head}, {"x": nn.Identity()}, {"x": 1.0}, {}, {})
+
+
+@pytest.fixture
+def clips() -> Clips:
+    return Clips(Touches().recordings("train"), 4, 1 / 15, 0.2, (SIZE, SIZE))
+
+
+def test_forces_are_read_in_newton(clips: Clips) -> None:
+    reading = read_forces(with_head(Oracle(0.25)), clips, range(len(clips)), "x")
+    assert reading.clips.tolist() == list(range(len(clips)))
+    rows = clips.rows(7)[1:]
+    truth = clips.recordings[clips.index[7, 0]].force[rows]
+    assert reading.measured[7] == pytest.approx(truth)
+    assert reading.predicted == pytest.approx(reading.measured + 0.25, abs=1e-5)
+    for axis, score in enumerate(ForceResult("x", {"train": reading}, "", {}).scores("train")):
+        values = reading.measured[..., axis]
+        assert score.mae == pytest.approx(250, abs=0.01)
+        assert score.correlation == pytest.approx(1)
+        assert score.median == pytest.approx(1000 * np.abs(values - np.median(values)).mean())
+
+
+def test_clips_without_a_label_are_no_points(clips: Clips) -> None:
+    clips.recordings[0].force[:] = np.nan
+    reading = read_forces(with_head(Oracle(0)), clips, range(len(clips)), "x")
+    assert set(clips.index[reading.clips, 0]) == set(range(1, 12))
+    assert read_forces(with_head(Oracle(0)), clips, [0], "x") is None
+
+
+def test_a_force_that_does_not_vary_has_no_correlation() -> None:
+    reading = ForceReading(np.zeros((5, 3, 3)), np.ones((5, 3, 3)), np.arange(5))
+    score = ForceResult("x", {"val": reading}, "", {}).scores("val")[0]
+    assert (score.mae, score.median) == (1000, 0)
+    assert np.isnan(score.correlation)
+    assert np.isnan(score.r2)
+
+
+def test_a_collapsed_axis_is_told() -> None:
+    rng = np.random.default_rng(0)
+    measured = rng.normal(0, [0.4, 0.4, 4], (50, 3, 3)).astype(np.float32)
+    predicted = measured * np.array([0.05, 0.5, 1], np.float32)
+    measured[:25, :, 1] = np.nan
+    reading = ForceReading(measured, predicted, np.arange(50))
+    x, y, z = ForceResult("x", {"val": reading}, "", {}).scores("val")
+    assert [score.collapsed for score in (x, y, z)] == [True, False, False]
+    assert z.r2 == 1
+    assert y.r2 == pytest.approx(0.75, abs=0.01)  # half of what is there, around a mean near 0
+    assert x.measured == pytest.approx(1000 * measured[..., 0].std())
+
+
+@pytest.mark.parametrize("share", [1.0, 0.5, 0.0])
+def test_explained_variance(clips: Clips, share: float) -> None:
+    found = explained(with_head(Rebuilt(share)), clips, [0, 5, 9], ["x"])
+    assert found == {"frames": pytest.approx(1 - (1 - share) ** 2, abs=1e-5)}
+
+
+def test_pictures_are_what_the_encoder_sees(clips: Clips) -> None:
+    module = with_head(Rebuilt(1.0))
+    batch = next(batches(module, clips, [3, 4]))
+    views = module.encoder.views(batch)
+    found = module.heads["x"](views, batch)
+    rows = strips_of(module.encoder, views.patches, [found], 1).rows
+    frames, background = batch["frames"][1].float(), batch["background"][1].float()
+    subtracted = ((frames - background + 130) / 255).clamp(0, 1)
+    assert torch.allclose(rows["Input"], subtracted, atol=1e-5)
+    assert torch.allclose(rows["Reconstructed"], subtracted, atol=1e-5)  # pasted at the right place
+    hidden = (rows["Masked"] != rows["Input"]).any(1).float()
+    assert hidden[:, ::16, ::16].mean() == 0.75  # of the 16 x 16 patches
+    grown = rows["Difference"] - 0.5
+    assert grown[:, :, :, : SIZE // 2].abs().max() < 1e-5
+    assert grown[-1, :, :, SIZE // 2 :].mean() == pytest.approx(0.5, abs=0.01)
+
+
+def test_wrong_pixels_are_pasted_at_hidden_places_only(clips: Clips) -> None:
+    module = with_head(Rebuilt(0.0))
+    batch = next(batches(module, clips, [3]))
+    views = module.encoder.views(batch)
+    found = module.heads["x"](views, batch)
+    rows = strips_of(module.encoder, views.patches, [found], 0).rows
+    changed = (rows["Reconstructed"] - rows["Input"]).abs().amax(1) > 1e-4
+    hidden = (rows["Masked"] != rows["Input"]).any(1)
+    assert changed.any()
+    assert not (changed & ~hidden).any()
+
+
+def embedding(vectors: np.ndarray, recordings: list[str], names: list[str], val: int) -> Embedding:
+    held_out = np.arange(len(names)) >= len(names) - val
+    return Embedding(vectors, recordings, held_out, {"object": names})
+
+
+def test_neighbours_find_what_is_there() -> None:
+    names = ["a", "b", "c"] * 8
+    vectors = np.eye(3)[[0, 1, 2] * 8]
+    score = neighbours(embedding(vectors, [f"r{i}" for i in range(24)], names, 6), "object")
+    assert (score.accuracy, score.chance, score.clips, score.classes) == (1, 1 / 3, 6, 3)
+
+
+def test_a_recording_does_not_recognise_itself() -> None:
+    rng = np.random.default_rng(0)
+    own = rng.normal(size=(40, 64))
+    vectors = np.repeat(own / np.linalg.norm(own, axis=1, keepdims=True), 10, axis=0)
+    recordings = [f"r{i}" for i in range(40) for _ in range(10)]
+    names = [("a", "b")[i % 2] for i in range(40) for _ in range(10)]
+    score = neighbours(embedding(vectors, recordings, names, 0), "object")
+    assert score.accuracy < 0.75  # each clip has nine copies of itself, none of which may vote
+    alone = neighbours(embedding(vectors[:20], recordings[:20], names[:20], 0), "object")
+    assert alone is None  # each class has one recording
+
+
+def test_accuracy_is_the_mean_over_classes() -> None:
+    names = ["a"] * 18 + ["b"] * 2
+    score = neighbours(
+        embedding(np.ones((20, 4)) / 2, [f"r{i}" for i in range(20)], names, 0), "object"
+    )
+    assert score.accuracy == 0.5  # everything is called a
+
+
+def test_principal_axes_are_those_of_the_covariance() -> None:
+    vectors = np.random.default_rng(0).normal(size=(50, 4)) * [3, 1, 2, 0.5]
+    places, shares = principal(vectors)
+    values = np.linalg.eigvalsh(np.cov(vectors.T))[::-1]
+    assert shares == pytest.approx(values / values.sum())
+    assert places.var(0, ddof=1) == pytest.approx(values[:2])
+
+
+# choices
+
+
+def test_clips_are_spread_over_recordings(clips: Clips) -> None:
+    each = np.bincount(clips.index[spread(clips, 24), 0])
+    assert each.tolist() == [2] * 12
+    assert len(set(spread(clips, 24))) == 24
+    assert np.unique(clips.index[spread(clips, 5), 0]).tolist() == [0, 3, 6, 8, 11]
+    digit = spread(clips, 100, lambda recording: recording.sensor == "digit")
+    assert digit == [i for i in range(len(clips)) if clips.index[i, 0] % 2 == 0]
+
+
+def test_the_clips_that_are_shown(clips: Clips) -> None:
+    which = np.array([int(np.flatnonzero(clips.index[:, 0] == i)[0]) for i in range(12)])
+    moved = np.array([9, 0, 8, 2, 1, 3, 0, 0, 0, 1, 0, 0], np.float32)
+    chosen = liveliest(clips, Look(which, np.zeros((12, 1)), moved), 4)
+    # Digit has the even recordings, gelsight the odd ones, and recording i shows object i // 2. Of
+    # gelsight 5 moves most; in the second round 3 moves more than 9, but shows the object of 2.
+    assert clips.index[chosen, 0].tolist() == [0, 5, 2, 9]
+
+
+def test_words() -> None:
+    assert [duration(s) for s in (4.2, 75, 7500)] == ["4.2 s", "1 min 15 s", "2 h 5 min"]
+    assert [percent(x) for x in (0.5, 0.012, -0.0001, float("nan"))] == [
+        "50 %",
+        "1.2 %",
+        "0.0 %",
+        NONE,
+    ]
+    assert percent(-0.42, signed=True) == f"{MINUS}42 %"
+    assert number(-0.01234) == f"{MINUS}0.0123"

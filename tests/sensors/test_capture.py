@@ -1,0 +1,221 @@
+"""A sensor in a thread: what it loses is counted, and what it cannot mend is an error."""
+
+import re
+import sys
+import threading
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tactileforge.errors import SensorError
+from tactileforge.sensors import capture as module
+from tactileforge.sensors.capture import Capture
+from tactileforge.sensors.opening import within
+
+
+def run(sensor, until, **options):
+    """Captures until a condition holds; gives the capture and its frames."""
+    frames = []
+    with sensor:
+        capture = Capture("left", sensor, frames.append, **options)
+        capture.start()
+        end = time.monotonic() + 10
+        while not until(capture, frames):
+            assert time.monotonic() < end, "it does not come"
+            time.sleep(0.005)
+        capture.stop()
+    return capture, frames
+
+
+def over(capture, frames):
+    return capture.is_done
+
+
+def test_every_frame_comes_once_in_order(scripted):
+    sensor = scripted(fps=200, limit=40)
+    capture, frames = run(sensor, over)
+    assert [frame.time for frame in frames] == sensor.times
+    assert capture.counts.frames == len(frames) == 40
+    assert capture.ended
+    assert capture.error is None
+    assert capture.fps == pytest.approx(200, rel=1e-3)
+
+
+def test_a_clock_that_goes_back_costs_those_frames_and_no_others(scripted):
+    back = {
+        5: lambda f: replace(f, time=f.time - 0.02),
+        6: lambda f: replace(f, time=f.time - 0.02),
+    }
+    capture, frames = run(scripted(fps=200, limit=20, events=back), over)
+    assert capture.counts.backwards == 2
+    assert len(frames) == 18
+    assert (np.diff([frame.time for frame in frames]) > 0).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda f: replace(f, time=f.time + 60), "left: a frame is 60.0 s ahead of the clock"),
+        (lambda f: replace(f, time=0.5), r"left: a frame is \d+\.\d s behind the clock"),
+        (lambda f: replace(f, array=f.array[:5]), r"left: a frame of \(5, 32\) pixels"),
+    ],
+)
+def test_frames_that_cannot_be_true_end_it(scripted, change, message):
+    capture, frames = run(scripted(events={0: change}), over)
+    assert frames == []
+    with pytest.raises(SensorError, match=message):
+        raise capture.error
+
+
+def test_a_picture_that_stays_for_a_second_is_dropped_and_counted(scripted):
+    sensor = scripted(fps=100)
+    sensor.picture = lambda number: np.full((24, 32, 3), 90 if number >= 20 else number, np.uint8)
+    capture, frames = run(sensor, lambda c, f: c.counts.frozen >= 30)
+    assert capture.health.counts["frozen"] == capture.counts.frozen
+    assert len(frames) == 20 + 100
+    assert capture.counts.frames == 120
+
+
+def test_a_sensor_that_is_unplugged_is_opened_again(scripted, monkeypatch):
+    monkeypatch.setattr(module, "_RETRY", 0.02)
+
+    def unplug(frame):
+        sensor.refuse.append(SensorError("not there yet"))
+        raise SensorError("unplugged")
+
+    sensor = scripted(fps=200, limit=40, events={10: unplug})
+    capture, frames = run(sensor, over)
+    assert sensor.opened == 2
+    assert capture.counts.reopened == 1
+    assert len(frames) == 39
+    assert not capture.is_lost
+    assert capture.error is None
+
+
+def test_a_sensor_that_does_not_come_back_is_an_error(scripted, monkeypatch):
+    monkeypatch.setattr(module, "_RETRY", 0.02)
+    sensor = scripted(events={3: SensorError("ttyUSB0: unplugged")})
+    sensor.open()
+    sensor.refuse.extend([SensorError("no")] * 1000)
+    capture = Capture("left", sensor, lambda frame: None, reconnect=0.1)
+    capture.start()
+    end = time.monotonic() + 5
+    while capture.error is None:
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    capture.stop()
+    text = "left: ttyUSB0: unplugged (it has not come back within 0.1 s)"
+    assert str(capture.error) == text
+
+
+def test_silence_counts_as_lost(scripted, monkeypatch):
+    monkeypatch.setattr(module, "_RETRY", 0.01)
+    silent = {number: TimeoutError("no frame") for number in range(5, 30)}
+    sensor = scripted(fps=50, limit=60, events=silent)
+    capture, frames = run(sensor, over, silence=0.2)
+    assert capture.counts.reopened >= 1
+    assert len(frames) == 60 - 25
+    assert capture.error is None
+
+
+def test_a_driver_that_raises_anything_ends_with_a_named_error(scripted):
+    capture, _ = run(scripted(events={2: ZeroDivisionError("oops")}), over)
+    assert str(capture.error) == "left: its driver fails with ZeroDivisionError: oops"
+    assert isinstance(capture.error.__cause__, ZeroDivisionError)
+
+
+def watched(sensor, until, seconds=5.0, **options):
+    """A capture that another thread looks after, as recording and the live view do."""
+    sensor.open()
+    capture = Capture("left", sensor, lambda frame: None, **options)
+    capture.start()
+    end = time.monotonic() + seconds
+    while not until(capture):
+        assert time.monotonic() < end, "it is not noticed"
+        capture.watch()
+        time.sleep(0.005)
+    return capture
+
+
+def test_a_driver_that_blocks_is_noticed_from_outside(scripted):
+    release = threading.Event()
+    sensor = scripted(fps=200, events={20: lambda frame: release.wait(10) and frame})
+    capture = watched(sensor, lambda c: c.error, silence=0.2, reconnect=0.2)
+    assert re.fullmatch(
+        r"left: read\(\) of its driver has not returned for 0\.[45]\d* s; it is left behind: plug "
+        r"the device out and in",
+        str(capture.error),
+    )
+    assert capture.is_lost
+    assert (capture.counts.stalled, capture.fps) == (1, 0.0)
+    release.set()
+    capture.stop()
+
+
+def test_a_driver_that_blocks_for_a_while_comes_back(scripted):
+    release = threading.Event()
+    sensor = scripted(fps=200, limit=60, events={20: lambda frame: release.wait(10) and frame})
+    capture = watched(sensor, lambda c: c.is_lost, silence=0.1)
+    release.set()
+    end = time.monotonic() + 5
+    while not capture.is_done:
+        assert time.monotonic() < end
+        time.sleep(0.005)
+    capture.stop()
+    assert (capture.counts.stalled, capture.is_lost, capture.error) == (1, False, None)
+    assert capture.counts.frames == 60
+
+
+@pytest.mark.parametrize("leave", [SystemExit(0), KeyboardInterrupt(), GeneratorExit()])
+def test_a_driver_that_exits_ends_with_a_named_error(scripted, leave):
+    def go(frame):
+        raise leave
+
+    capture = watched(scripted(fps=200, events={3: go}), lambda c: c.error)
+    assert str(capture.error).startswith(f"left: its driver fails with {type(leave).__name__}")
+
+
+@pytest.mark.parametrize(
+    ("time_of", "reason"),
+    [
+        (lambda now: float("nan"), "untimed"),
+        (lambda now: float("inf"), "untimed"),
+        (lambda now: now - 5.0, "backwards"),
+    ],
+)
+def test_times_that_cannot_be_true_are_counted_and_end_it(scripted, monkeypatch, time_of, reason):
+    monkeypatch.setattr(module, "_RETRY", 0.02)
+    bad = {n: lambda f: replace(f, time=time_of(f.time)) for n in range(10, 1000)}
+    sensor = scripted(fps=100, events=bad)
+    capture = watched(sensor, lambda c: c.error, silence=0.15, reconnect=0.3)
+    assert re.match(r"left: its times do not go on \(for 0\.[45]\d* s\)", str(capture.error))
+    assert capture.counts.frames == 10
+    assert capture.drops()[reason] == sensor.count - 10 > 20
+    assert capture.counts.reopened >= 1
+
+
+def test_a_rate_sinks_while_nothing_comes(scripted):
+    release = threading.Event()
+    sensor = scripted(fps=100, events={30: lambda frame: release.wait(10) and frame})
+    capture = watched(sensor, lambda c: c.counts.frames == 30)
+    assert capture.fps == pytest.approx(100, rel=0.2)
+    since = time.monotonic()
+    while time.monotonic() < since + 0.3:
+        time.sleep(0.02)
+    assert 29 / (0.29 + 2 * (time.monotonic() - since)) < capture.fps < 60
+    release.set()
+    capture.stop()
+
+
+def test_calls_that_hang_or_exit_are_left_behind():
+    release = threading.Event()
+    with pytest.raises(SensorError, match=r"a: open\(\) of its driver has not returned"):
+        within(0.1, "a: open()", lambda: release.wait(10))
+    release.set()
+    with pytest.raises(SensorError, match=r"a: open\(\) of its driver ends with SystemExit"):
+        within(1, "a: open()", lambda: sys.exit(0))
+    with pytest.raises(ZeroDivisionError):
+        within(1, "a: open()", lambda: 1 / 0)
+    within(1, "a: open()", lambda: None)
