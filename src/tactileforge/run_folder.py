@@ -92,11 +92,11 @@ def claimed(folder: Path, resumes: bool) -> Iterator[None]:
     Raises:
         ConfigError: Another process writes into it, or it holds a run.
     """
-    from lightning.pytorch.utilities.rank_zero import rank_zero_only
+    from lightning.fabric.utilities import rank_zero
 
     from tactileforge.callbacks.checkpoints import LAST
 
-    if rank_zero_only.rank != 0:
+    if getattr(rank_zero.rank_zero_only, "rank", 0) != 0:
         yield
         return
     folder.mkdir(parents=True, exist_ok=True)

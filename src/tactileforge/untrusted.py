@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import re
+from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 import yaml
@@ -102,7 +103,7 @@ def load_json(text: str | bytes) -> Any:
         raise ValueError("nested too deep") from error
 
 
-def open_picture(file: str | IO[bytes]) -> Image.Image:
+def open_picture(file: str | Path | IO[bytes]) -> Image.Image:
     """Opens a picture for Pillow, its header read and its size within limits.
 
     Raises:

@@ -17,6 +17,7 @@ import torch
 from safetensors.torch import load_file, save_file
 
 import tactileforge
+from tactileforge import registry
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, PluginError
 from tactileforge.hub.files import describe, open_encoder, save
@@ -223,3 +224,39 @@ def test_a_kill_while_packing_leaves_the_file_as_it_was(checkpoint: Path) -> Non
     os.utime(part, (time.time() - 7200,) * 2)
     save(checkpoint, encoder, header)
     assert not part.exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"name": "clip", "path": "attacker/repo", "tower": "image"}, "names no file and no addr"),
+        ({"name": "clip", "path": "gpt2", "tower": "image"}, "names no file and no address"),
+        ({"name": "clip", "tower": "image"}, "reads other files where it is built"),
+        ({"size": "../../etc"}, "names no file and no address"),
+        ({"pixels": {"filter": "https://a"}}, "names no file and no address"),
+        ({"image_size": 10**9}, "larger than in any model"),
+        ({"depth": float("inf")}, "larger than in any model"),
+        ({"image_size": 8192, "patch": 4}, r"has [\d,]+ numbers, and the file [\d,]+ bytes"),
+        ({"depth": 600, "size": "large"}, r"has [\d,]+ numbers, and the file [\d,]+ bytes"),
+    ],
+    ids=str,
+)
+def test_a_header_leads_nowhere_and_is_bounded(
+    checkpoint: Path, monkeypatch: pytest.MonkeyPatch, change: dict[str, Any], said: str
+) -> None:
+    built = []
+    build = registry.build
+
+    def watch(kind: str, node: Any, **given: Any) -> Any:
+        built.append(torch.empty(0).device.type)
+        return build(kind, node, **given)
+
+    monkeypatch.setattr(registry, "build", watch)
+    header = read_header(checkpoint)
+    node = change if "name" in change else header.encoder | change
+    state = load_file(checkpoint)
+    metadata = {"tactileforge": json.dumps(vars(header) | {"encoder": node})}
+    save_file(state, checkpoint, metadata=metadata)
+    with pytest.raises(DataError, match=said):
+        tactileforge.load(checkpoint)
+    assert set(built) <= {"meta"}, "nothing that takes memory was built"

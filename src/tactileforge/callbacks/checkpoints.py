@@ -8,7 +8,7 @@ import signal
 from collections.abc import Mapping
 from pathlib import Path
 from types import FrameType
-from typing import Any, BinaryIO
+from typing import IO, Any
 
 import lightning as L
 import torch
@@ -144,7 +144,7 @@ def find(path: str | Path) -> Path:
     return file
 
 
-def seal(file: BinaryIO) -> None:
+def seal(file: IO[bytes]) -> None:
     """Appends the checksum of a file of ``torch.save``, as the comment of the zip file it is.
 
     Raises:
@@ -157,7 +157,7 @@ def seal(file: BinaryIO) -> None:
     file.seek(-2, os.SEEK_END)
     file.write(_SEALED.to_bytes(2, "little"))
     file.seek(0)
-    digest = hashlib.file_digest(file, "sha256").hexdigest()
+    digest = hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
     file.seek(0, os.SEEK_END)
     file.write(_SEAL + digest.encode())
     file.flush()

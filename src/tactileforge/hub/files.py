@@ -19,6 +19,10 @@ from tactileforge.errors import ConfigError, DataError, PluginError
 from tactileforge.files import new_part
 from tactileforge.hub.header import FORMAT, Header, read_header
 
+#: Arguments that name files or places on a network.
+_PLACES = frozenset({"path", "root", "file", "folder", "url", "repo", "port"})
+#: Largest number among the arguments of a model.
+_LARGEST = 8192
 DTYPES = {"float32": torch.float32, "float16": torch.float16}
 
 
@@ -141,6 +145,7 @@ def open_model(
     path = Path(path)
     header = read_header(path)
     check_plugin(path, header)
+    check_nodes(path, header)
     node = dict(header.encoder)
     with torch.random.fork_rng(devices=[]):  # the numbers drawn here are replaced
         encoder = registry.build("encoders", node)
@@ -219,6 +224,57 @@ def check_plugin(path: Path, header: Header) -> None:
         f"{path} needs the encoder {name!r} of {package} {header.package_version}: "
         f"pip install {package}"
     )
+
+
+def check_nodes(path: Path, header: Header) -> None:
+    """Checks what the file would have built, before anything is.
+
+    Raises:
+        DataError: An argument names a file or a place on the network, is larger than that of any
+            model, or the plugin reads files where it is built; or the model is larger than the
+            file.
+    """
+    for kind, node in [
+        ("encoders", header.encoder),
+        *(("heads", entry["node"]) for entry in header.heads.values()),
+    ]:
+        for key, value in node.items():
+            _check_argument(path, f"{node['name']}.{key}", value)
+        plugin = registry.get(kind, node["name"])
+        if "constructing does no io" in getattr(plugin, "expected_failures", {}):
+            raise DataError(
+                f"{path}: {node['name']} reads other files where it is built, and a model file "
+                "names none; fetch it again from somebody you trust"
+            )
+    _check_total(path, header)
+
+
+def _check_argument(path: Path, where: str, value: Any) -> None:
+    if isinstance(value, Mapping | list):
+        inner = value.items() if isinstance(value, Mapping) else enumerate(value)
+        for key, item in inner:
+            _check_argument(path, f"{where}.{key}", item)
+    name = where.rpartition(".")[2]
+    is_place = (name in _PLACES and value) or (isinstance(value, str) and set(value) & set("/\\:~"))
+    if is_place:
+        raise DataError(f"{path}: {where} is {value!r}: a model file names no file and no address")
+    if isinstance(value, int | float) and not abs(value) <= _LARGEST:
+        raise DataError(f"{path}: {where} is {value!r}, larger than in any model")
+
+
+def _check_total(path: Path, header: Header) -> None:
+    """Builds without memory, and compares with what the file has."""
+    try:
+        with torch.device("meta"), torch.random.fork_rng(devices=[]):
+            shell = registry.build("encoders", header.encoder)
+    except (NotImplementedError, RuntimeError):  # a plugin that needs its numbers where it is built
+        return
+    needs = sum(x.numel() for x in shell.state_dict().values())
+    if needs > path.stat().st_size:  # a byte a number, at least
+        raise DataError(
+            f"{path}: the model it describes has {needs:,} numbers, and the file "
+            f"{path.stat().st_size:,} bytes; fetch it again"
+        )
 
 
 def _with_frames(node: dict[str, Any], before: int, frames: int | None) -> Any:

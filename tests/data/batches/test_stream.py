@@ -471,7 +471,7 @@ def test_an_older_index_is_refused(tmp_path: Path) -> None:
     folder = pack(Memory(8), tmp_path, size=4)
     about = json.loads((folder / "index.json").read_text()) | {"version": 1}
     (folder / "index.json").write_text(json.dumps(about))
-    with pytest.raises(DataError, match="version 1, but this tactileforge reads 3"):
+    with pytest.raises(DataError, match="version 1, but this tactileforge reads 4"):
         touch(Shards(str(folder)))
 
 

@@ -8,12 +8,13 @@ import re
 import time
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 from urllib.parse import unquote, urlparse
 
+from tactileforge.data.shards import remote
 from tactileforge.errors import DataError
 
-_CHUNK = 1 << 20
+#: Bytes of an index; more are none of ours.
+_MAX_TEXT = 1 << 28
 #: Files of this process whose checksum is known, in the state in which it was read.
 _CHECKED: set[tuple[str, int, int, int, str]] = set()
 
@@ -50,10 +51,8 @@ class Folder:
         try:
             if not self.remote:
                 return (self.path / name).read_bytes()
-            with _open(f"{self.root}/{name}") as stream:
-                found: bytes = stream.read()
-                return found
-        except _UNREACHABLE as error:
+            return b"".join(remote.chunks(f"{self.root}/{name}", _MAX_TEXT))
+        except OSError as error:
             raise DataError(f"{self.root}/{name}: cannot be read ({error})") from error
 
     def get(self, name: str, size: int, sha256: str) -> Path:
@@ -103,8 +102,8 @@ class Folder:
         digest, held = hashlib.sha256(), 0
         url = f"{self.root}/{path.name}"
         try:
-            with _open(url) as stream, part.open("wb") as out:
-                while chunk := stream.read(_CHUNK):
+            with part.open("wb") as out:
+                for chunk in remote.chunks(url, size):
                     digest.update(chunk)
                     held += len(chunk)
                     out.write(chunk)
@@ -114,7 +113,7 @@ class Folder:
                     f"says {size} with {sha256[:12]}...; upload the shard again"
                 )
             part.replace(path)
-        except _UNREACHABLE as error:
+        except OSError as error:
             raise DataError(f"{url}: cannot be fetched ({error})") from error
         finally:
             part.unlink(missing_ok=True)
@@ -129,13 +128,3 @@ class Folder:
                 break
             total -= path.stat().st_size
             path.unlink(missing_ok=True)
-
-
-#: What opening a URL may raise: commands that fail say so with an OSError or a ValueError.
-_UNREACHABLE = (OSError, ValueError)
-
-
-def _open(url: str) -> Any:
-    from webdataset.gopen import gopen
-
-    return gopen(url)

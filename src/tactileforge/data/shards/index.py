@@ -20,7 +20,7 @@ from tactileforge.untrusted import load_json
 #: Name of the file.
 NAME = "index.json"
 #: Version of its layout; a reader refuses another.
-VERSION = 3
+VERSION = 4
 #: What a shard may be called: never a path, so that an index cannot point elsewhere.
 _FILE = re.compile(r"[A-Za-z0-9_][\w.\-]*\.tar")
 

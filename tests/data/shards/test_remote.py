@@ -1,0 +1,127 @@
+"""What is behind a URL is read within limits."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+import pytest
+
+from tactileforge.data.shards import remote
+from tactileforge.data.shards.fetch import Folder
+from tactileforge.errors import DataError
+
+Answer = Callable[[BaseHTTPRequestHandler], None]
+
+
+@pytest.fixture
+def serve() -> Iterator[Callable[[Answer], str]]:
+    """Starts a server that answers as it is told."""
+    servers = []
+
+    def start(answer: Answer) -> str:
+        class Handler(BaseHTTPRequestHandler):
+            def do_GET(self) -> None:
+                answer(self)
+
+            def log_message(self, *args: object) -> None:
+                pass
+
+        server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+        server.daemon_threads = True
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        servers.append(server)
+        return f"http://127.0.0.1:{server.server_port}"
+
+    yield start
+    for server in servers:
+        server.shutdown()
+        server.server_close()
+
+
+def test_what_sends_more_than_was_stated_is_stopped(
+    serve: Callable[[Answer], str], tmp_path: Path
+) -> None:
+    sent = [0]
+
+    def flood(request: BaseHTTPRequestHandler) -> None:
+        request.send_response(200)
+        request.end_headers()
+        try:
+            while sent[0] < 600_000_000:
+                sent[0] += request.wfile.write(bytes(1 << 16))
+        except OSError:
+            pass
+
+    folder = Folder(serve(flood), tmp_path)
+    with pytest.raises(DataError, match="it sends more than the 307000 bytes that are stated"):
+        folder.get("train-000000.tar", 307_000, "0" * 64)
+    assert not list(tmp_path.rglob("*.part"))
+    time.sleep(0.2)
+    assert sent[0] < 60_000_000  # what the system holds for a socket
+
+
+def test_not_one_byte_more_is_taken(serve: Callable[[Answer], str]) -> None:
+    def answer(request: BaseHTTPRequestHandler) -> None:
+        request.send_response(200)
+        request.end_headers()
+        request.wfile.write(bytes(1000))
+
+    url = serve(answer)
+    assert sum(map(len, remote.chunks(url, 1000))) == 1000
+    assert sum(map(len, remote.chunks(url, 2000))) == 1000
+    with pytest.raises(OSError, match="more than the 999 bytes"):
+        list(remote.chunks(url, 999))
+
+
+def test_silence_ends_in_an_error(
+    serve: Callable[[Answer], str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(remote, "_SILENCE", 0.3)
+    release = threading.Event()
+
+    def stall(request: BaseHTTPRequestHandler) -> None:
+        request.send_response(200)
+        request.send_header("Content-Length", "100")
+        request.end_headers()
+        request.wfile.write(b"a few")
+        release.wait(20)
+
+    folder = Folder(serve(stall), tmp_path)
+    with pytest.raises(DataError, match=r"cannot be fetched \(.*(timed out|sends less than)"):
+        folder.get("train-000000.tar", 100, "0" * 64)
+    release.set()
+
+
+def test_retries_are_said(
+    serve: Callable[[Answer], str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(remote, "_PAUSE", 0.01)
+    asked = []
+
+    def late(request: BaseHTTPRequestHandler) -> None:
+        asked.append(request.path)
+        request.send_response(503 if len(asked) < 3 else 200)
+        request.end_headers()
+        request.wfile.write(b"here" if len(asked) >= 3 else b"")
+
+    assert b"".join(remote.chunks(serve(late), 10)) == b"here"
+    said = capsys.readouterr().err
+    assert "Service Unavailable; attempt 2 of 4" in said
+    assert "attempt 3 of 4" in said
+    assert len(asked) == 3
+
+
+def test_what_is_not_there_is_not_asked_for_again(serve: Callable[[Answer], str]) -> None:
+    asked = []
+
+    def absent(request: BaseHTTPRequestHandler) -> None:
+        asked.append(request.path)
+        request.send_error(404)
+
+    with pytest.raises(OSError, match="404"):
+        list(remote.chunks(serve(absent), 10))
+    assert len(asked) == 1
