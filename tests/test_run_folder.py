@@ -1,5 +1,6 @@
 """A run's folder belongs to one run."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -8,8 +9,10 @@ import pytest
 import torch
 
 from tactileforge import cli, run_folder
+from tactileforge.callbacks import checkpoints
 from tactileforge.callbacks.checkpoints import LAST, AtomicCheckpointIO, read, read_own, seal
-from tactileforge.errors import ConfigError, DataError
+from tactileforge.errors import ConfigError, DataError, TactileForgeError
+from tactileforge.module import TouchModule
 
 SMALL = ["train", "scale=demo", "debug=steps", "encoder.image_size=32", "batch.workers=0"]
 SMALL += ["objective=[pixel]", "batch.size=8", "data.scenes=3", "data.val=1", "data.size=32"]
@@ -113,3 +116,80 @@ def test_a_configuration_that_has_changed_is_an_error(tmp_path: Path) -> None:
             run_folder.read_config(tmp_path)
     path.write_bytes(raw.partition(b"\n")[2].replace(b"0.001", b"0.003"))  # by hand, on purpose
     assert run_folder.read_config(tmp_path)["optim"] == {"lr": 0.003}
+
+
+LIMITED = """
+import resource, sys
+from tactileforge.cli import run
+limit = int(sys.argv[1])
+resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+sys.exit(run(sys.argv[2:]))
+"""
+
+
+def limited(limit: int, *words: str) -> "subprocess.CompletedProcess[str]":
+    """A command that can write no file of more bytes, as on a disk that is full."""
+    command = [sys.executable, "-c", LIMITED, str(limit), *words]
+    return subprocess.run(command, capture_output=True, text=True, timeout=300)
+
+
+@pytest.mark.slow
+def test_a_full_disk_in_training_is_one_line_and_the_last_checkpoint_stays(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    words = [*SMALL, "trainer.max_steps=4", "trainer.save_every=2", f"hydra.run.dir={folder}"]
+    assert cli.run([*words, "trainer.limit_val_batches=0"]) == 0
+    size = (folder / LAST).stat().st_size
+    before = (folder / LAST).read_bytes()
+    done = limited(size // 2, "train", f"resume={folder}")
+    assert done.returncode == 1
+    assert done.stderr.strip().splitlines()[-1].startswith("error: ")
+    assert "Traceback" not in done.stderr
+    assert "the one before it stays" in done.stderr
+    assert (folder / LAST).read_bytes() == before
+    assert not list(folder.rglob("*.part"))
+
+
+@pytest.mark.slow
+def test_a_full_disk_in_other_verbs_is_one_line(tmp_path: Path) -> None:
+    made = limited(5000, "sim", f"out={tmp_path / 'a'}", "seconds=0.5", "size=32")
+    shown = limited(
+        5000, "data", "inspect", "data=sim", "data.scenes=3", "data.size=32", f"out={tmp_path}/p"
+    )
+    for done in (made, shown):
+        assert done.returncode == 1
+        assert re.search(r"^error: .*File too large.*make room", done.stderr, re.M)
+        assert "Traceback" not in done.stderr
+    assert not list(tmp_path.rglob("*.part"))
+
+
+def test_room_is_looked_for_before_the_step(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The step that a save follows is not computed in vain."""
+    steps: list[int] = []
+    sizes: list[int] = []
+
+    def full(path: Path, size: int) -> None:
+        sizes.append(size)
+        if len(sizes) == 2:
+            raise TactileForgeError("the disk is full")
+
+    monkeypatch.setattr(checkpoints, "check_room", full)
+    step = TouchModule.training_step
+
+    def counted(self: TouchModule, *given: object) -> object:
+        steps.append(1)
+        return step(self, *given)
+
+    monkeypatch.setattr(TouchModule, "training_step", counted)
+    words = ["trainer.max_steps=8", "trainer.save_every=2", f"hydra.run.dir={tmp_path}"]
+    assert cli.run([*SMALL, *words]) == 1
+    assert len(steps) == 3
+    assert read(tmp_path)["global_step"] == 2
+    assert sizes[1] == pytest.approx((tmp_path / LAST).stat().st_size, rel=0.1)
+
+
+def test_no_room_is_an_error_with_numbers(tmp_path: Path) -> None:
+    with pytest.raises(TactileForgeError, match=r"MB are left, and a checkpoint takes 1,000,000,0"):
+        checkpoints.check_room(tmp_path / LAST, 10**15)
+    checkpoints.check_room(tmp_path / LAST, 10)

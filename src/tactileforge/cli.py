@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tactileforge.errors import ConfigError, TactileForgeError
+from tactileforge.errors import ConfigError, TactileForgeError, full
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig
@@ -99,6 +99,11 @@ def run(argv: Sequence[str]) -> int:
     except _hydra_error() as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
+    except OSError as error:
+        if not full(error):
+            raise
+        print(f"error: {full(error)}", file=sys.stderr)
+        return 1
     except KeyboardInterrupt as stop:
         again = "tactileforge train resume=RUN" if verb == "train" else "the same command again"
         print(f"{stop or 'stopped'}; go on with: {again}", file=sys.stderr)
@@ -175,6 +180,10 @@ def _train(argv: Sequence[str]) -> int:
         try:
             train(_resumed(resume) if resume else finish(config), Path(HydraConfig.get().run.dir))
         except (TactileForgeError, KeyboardInterrupt) as error:
+            ended.append(error)
+        except OSError as error:
+            if not full(error):
+                raise
             ended.append(error)
 
     sys.argv = ["tactileforge", *argv, *_resume_overrides(argv)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Iterable
 from difflib import get_close_matches
 
@@ -28,6 +29,25 @@ class DataNotFoundError(DataError):
 
 class SensorError(TactileForgeError):
     """A device is absent, busy or unplugged, or does not send what it should."""
+
+
+#: What the system says where nothing more can be written.
+_FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
+
+
+def full(error: OSError) -> str:
+    """Says that the disk is full, where, and the fix; "" for any other error.
+
+    Example:
+        >>> full(OSError(errno.ENOSPC, "No space left on device", "runs/a/report.html"))
+        'runs/a/report.html: the disk is full (No space left on device); make room, and go on'
+        >>> full(OSError(errno.ENOENT, "No such file"))
+        ''
+    """
+    if error.errno not in _FULL:
+        return ""
+    where = f"{error.filename}: " if error.filename else ""
+    return f"{where}the disk is full ({error.strerror}); make room, and go on"
 
 
 def unknown(what: str, name: str, known: Iterable[str], fix: str = "") -> str:

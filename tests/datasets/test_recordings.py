@@ -1,3 +1,4 @@
+import os
 import pickle
 from collections.abc import Callable
 from pathlib import Path
@@ -348,6 +349,36 @@ def test_a_layout_of_aliases_without_end_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "tactileforge.yaml").write_text("\n".join(["a0: &a0 [x]", *lines]))
     with pytest.raises(ConfigError, match=r"tactileforge\.yaml: more than 100000 values"):
         list(Recordings(str(tmp_path)).recordings("train"))
+
+
+@pytest.mark.parametrize("force", ["1e39", "0,0,-2e3", "-1e6"])
+def test_impossible_forces_are_named_by_file_and_row(
+    tmp_path: Path, make_video: MakeFile, write: MakeFile, force: str
+) -> None:
+    make_video("a.avi", count=4)
+    cells = force if "," in force else f"0,{force},0"
+    write("a.csv", f"x,y,z\n0,0,1\n{cells}\n0,0,2\n0,0,3\n")
+    layout = VIDEO | {"background": "none", "force": {"file": "{stem}.csv", "columns": list("xyz")}}
+    with pytest.raises(DataError, match=r"a\.csv, row 3: a force of .* N, where digit can feel"):
+        read(tmp_path, **layout)
+    write("a.csv", "x,y,z\n0,0,1\n0,0,-1400\n0,0,2\n0,0,3\n")
+    assert read(tmp_path, **layout)[0].force[1, 2] == -1400
+
+
+def test_what_matches_and_is_no_file_is_counted(tmp_path: Path, make_video: MakeFile) -> None:
+    make_video("a.avi", count=4)
+    (tmp_path / "b.avi").symlink_to("nothing")
+    os.mkfifo(tmp_path / "c.avi")
+    (tmp_path / "d.avi").mkdir()
+    data = Recordings(str(tmp_path), {"a": VIDEO | {"background": "none"}}, val=0)
+    assert [one.key for one in data.recordings("train")] == ["a/a.avi"]
+    assert [line.split("/")[-1] for line in data.skipped] == [
+        "b.avi: no file but a link to nothing; left out",
+        "c.avi: no file but a pipe, socket or device; left out",
+        "d.avi: no file but a folder; left out",
+    ]
+    list(data.recordings("val"))
+    assert len(data.skipped) == 3
 
 
 def test_configurations_of_hydra(tmp_path: Path, make_video: MakeFile) -> None:

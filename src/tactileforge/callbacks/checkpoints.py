@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 import signal
 from collections.abc import Mapping
 from pathlib import Path
@@ -92,6 +93,17 @@ class Checkpoints(Callback):
         for number in (signal.SIGINT, signal.SIGTERM):
             self._handlers[number] = signal.signal(number, self._stop)
 
+    def on_train_batch_start(
+        self, trainer: L.Trainer, pl_module: L.LightningModule, batch: Any, batch_idx: int
+    ) -> None:
+        """Looks for room before a step that ends with a save: else the step would be lost.
+
+        Raises:
+            TactileForgeError: There is none; the last checkpoint stays.
+        """
+        if trainer.is_global_zero and (trainer.global_step + 1) % self.every == 0:
+            check_room(self.path, _size(trainer))
+
     def _stop(self, number: int, frame: FrameType | None) -> None:
         self.interrupted = True
         signal.signal(number, self._handlers[number])
@@ -129,6 +141,28 @@ class Checkpoints(Callback):
         for number, handler in self._handlers.items():
             signal.signal(number, handler)
         self._handlers.clear()
+
+
+def check_room(path: Path, size: int) -> None:
+    """Checks that a checkpoint can be written beside the one before it.
+
+    Raises:
+        TactileForgeError: The disk has less room than it takes, bytes.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    free = shutil.disk_usage(path.parent).free
+    if free < size:
+        raise TactileForgeError(
+            f"{path}: the disk is full: {free / 1e6:,.1f} MB are left, and a checkpoint takes "
+            f"{size / 1e6:,.1f} MB. The one before it stays: make room, then go on with resume="
+        )
+
+
+def _size(trainer: L.Trainer) -> int:
+    """About how large the next checkpoint is, bytes: weights, and what the optimiser keeps."""
+    state = trainer.lightning_module.state_dict().values()
+    kept = [x for optim in trainer.optimizers for one in optim.state.values() for x in one.values()]
+    return sum(x.nbytes for x in [*state, *kept] if isinstance(x, torch.Tensor))
 
 
 def find(path: str | Path) -> Path:

@@ -82,7 +82,9 @@ class Recordings:
             raise ConfigError(unknown("split", split, ("train", "val")))
         opened, failed = 0, []
         for reader in [Reader(layout, self.root) for layout in self.layouts]:
-            for touch in reader.touches():
+            touches = reader.touches()
+            self.skipped += [line for line in reader.odd if line not in self.skipped]
+            for touch in touches:
                 side = _side(reader.layout, touch, self.val)
                 if side not in (split, "time"):
                     continue

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from tactileforge.contracts import Dataset, Recording
+from tactileforge.data.labels.plausible import impossible
 from tactileforge.data.shards import shards
 from tactileforge.data.shards.index import arranged
 from tactileforge.errors import DataError
@@ -121,6 +122,8 @@ def _check(found: dict[str, list[Recording]]) -> None:
                     f"{one.key}: {len(one.frames)} frames and {len(one.times)} times; correct "
                     "its reader"
                 )
+            if wrong := impossible(one):
+                raise DataError(wrong)
             if not (np.diff(one.times) > 0).all():
                 raise DataError(f"{one.key}: its times do not increase; correct its reader")
 

@@ -273,8 +273,18 @@ def write(
             _spread(config, folder, missing, count, bar)
             return
         for number in missing:
-            _write(config, folder, number)
+            try:
+                _write(config, folder, number)
+            except OSError as error:
+                raise _unwritten(folder, error) from error
             bar.update()
+
+
+def _unwritten(folder: Path, error: OSError) -> TactileForgeError:
+    return TactileForgeError(
+        f"{folder}: cannot be written ({error.strerror or error}). Touches that are whole stay: "
+        "make room, and run the same command again"
+    )
 
 
 def _spread(
@@ -396,3 +406,5 @@ if __name__ == "__main__":
         _main(*sys.argv[1:])
     except TactileForgeError as error:
         sys.exit(str(error))
+    except OSError as error:
+        sys.exit(str(_unwritten(Path(sys.argv[2]), error)))

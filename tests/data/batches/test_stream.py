@@ -1,5 +1,7 @@
 import json
+import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -486,3 +488,38 @@ def test_a_run_may_lose_one_in_a_hundred_recordings_and_always_one() -> None:
     assert touch(Memory(20)).allowed == 1
     assert touch(Memory(396)).allowed == 4
     assert touch(Memory(20), max_bad=0.5).allowed == 12
+
+
+def test_a_force_that_cannot_be_true_is_left_out_and_named() -> None:
+    """Seventeen tons, or what is beyond float32."""
+    force = np.zeros((20, 3), np.float32)
+    good = recording(0, force=force.copy())
+    force[2, 1] = 1.7e5
+    bad = recording(1, force=force)
+    part = Part([good, bad])
+    said: list[str] = []
+    source = Source("s", [part], Summary.of(part.content))
+    assert source.open([0], lambda line, count: said.append(line)) == [good]
+    assert re.match(r"r1, row 2: a force of \(.*170000.*\) N, where .* can feel", said[0])
+
+
+def test_a_damaged_recording_for_validation_is_left_out() -> None:
+    class Damaged:
+        shape = (8, 8)
+
+        def __len__(self) -> int:
+            return 6
+
+        def read(self, indices: Any) -> Any:
+            raise DataError("v: cannot be decoded")
+
+    data = Memory(8, val=1)
+    data.content["val"][0] = replace(data.content["val"][0], frames=Damaged())
+    found = touch(data)
+    assert found.val is None
+    assert [line for line, _ in found.skipped.values()] == ["r1000: v: cannot be decoded"]
+    data = Memory(8, val=2)
+    data.content["val"][0] = replace(data.content["val"][0], frames=Damaged())
+    found = touch(data)
+    assert found.val is not None
+    assert [one.key for one in found.val.recordings] == ["r1001"]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol, TypeAlias, runtime_checkable
 
 from tactileforge.contracts import Dataset, Recording
+from tactileforge.data.labels.plausible import impossible
 from tactileforge.data.shards.index import arranged
 from tactileforge.data.shards.summary import Summary
 
@@ -54,7 +55,9 @@ class Source:
         found: dict[str, Recording] = {}
         for number in which:
             for one in self.parts[number].open(bad):
-                if one.key in found:
+                if wrong := impossible(one):
+                    bad(wrong, 1)
+                elif one.key in found:
                     bad(f"{one.key}: two recordings of {self.name or 'the data'} have this key", 1)
                 else:
                     found[one.key] = one

@@ -329,13 +329,16 @@ def _build(about: dict[str, Any], lazy: dict[str, PackedFrames]) -> Recording:
             raise TypeError(f"{name} is {about[name]!r}, neither a string nor null")
     none = [math.nan] * 3
     rows = None if force is None else [none if row is None else row for row in force]
+    forces = None if rows is None else np.array(rows, np.float64).reshape(len(rows), 3)
+    if forces is not None and (np.abs(forces) > np.finfo(np.float32).max).any():
+        raise ValueError("a force that is none")
     return Recording(
         key=about["key"],
         sensor=about["sensor"],
         frames=lazy["frames"],
         times=times,
         no_contact=lazy.get("background"),
-        force=None if rows is None else np.array(rows, np.float32).reshape(len(rows), 3),
+        force=None if forces is None else forces.astype(np.float32),
         action=None if action is None else np.array(action, np.int64),
         object=about["object"],
         text=about["text"],

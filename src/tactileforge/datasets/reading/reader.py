@@ -47,6 +47,9 @@ class Reader:
         layout: What to read.
         root: Folder of the data.
 
+    Attributes:
+        odd: What matches a pattern and is no file, a line each; filled by `touches`.
+
     Raises:
         DataNotFoundError: The folder does not exist.
     """
@@ -54,6 +57,7 @@ class Reader:
     def __init__(self, layout: Layout, root: Path) -> None:
         self.layout = layout
         self.folder = root / layout.path
+        self.odd: list[str] = []
         self._backgrounds: dict[Path, FileFrames] = {}
         if not self.folder.is_dir():
             raise DataNotFoundError(
@@ -68,7 +72,11 @@ class Reader:
             DataNotFoundError: No file matches.
             DataError: A row of the labels names no file.
         """
-        files = [path for glob in self.layout.globs for path in _matches(self.folder, glob)]
+        files = []
+        for glob in self.layout.globs:
+            good, odd = _matches(self.folder, glob)
+            files += good
+            self.odd += [f"{path}: no file but {_kind(path)}; left out" for path in odd]
         background = self.layout.background
         if background and background.file and self.layout.each != "video":
             files = [path for path in files if path != self.folder / str(background.file)]
@@ -118,7 +126,10 @@ class Reader:
         times = self._times(frames)
         force = None
         if layout.force:
-            force = read_force(layout.force, self._path(layout.force.file, touch), times)
+            path = self._path(layout.force.file, touch)
+            felt_by = [layout.sensor, *(tile.sensor for tile in layout.crops.values())]
+            sensor = self._sensor(next(name for name in felt_by if name), touch)
+            force = read_force(layout.force, path, times, sensor)
         phrases = [row.fill(phrase, spaced=True) for phrase in layout.text]
         whole = Recording(
             key=f"{layout.name}/{touch.name}",
@@ -232,7 +243,7 @@ class Reader:
         pattern = touch.row.fill(self.layout.image) if self.layout.image else None
         if pattern is None:
             return None
-        files = _matches(self.folder, pattern)
+        files, _ = _matches(self.folder, pattern)
         if not files:
             raise DataNotFoundError(
                 f"{self.folder}: no camera view of {touch.name} matches {pattern!r}; add it, or "
@@ -245,10 +256,19 @@ def _open(path: Path) -> FileFrames:
     return VideoFrames(path) if path.suffix.lower() in VIDEO_SUFFIXES else ImageFrames([path])
 
 
-def _matches(folder: Path, pattern: str) -> list[Path]:
-    """Files that match, in natural order: 2 before 10."""
-    found = [path for path in folder.glob(pattern) if path.is_file()]
-    return sorted(found, key=lambda path: _natural(path.relative_to(folder)))
+def _matches(folder: Path, pattern: str) -> tuple[list[Path], list[Path]]:
+    """Files that match, in natural order: 2 before 10; and what matches and is none."""
+    found = sorted(folder.glob(pattern), key=lambda path: _natural(path.relative_to(folder)))
+    is_for_files = "." in pattern.rpartition("/")[2]
+    odd = [path for path in found if not path.is_file() and (is_for_files or not path.is_dir())]
+    return [path for path in found if path.is_file()], odd
+
+
+def _kind(path: Path) -> str:
+    """What stands where a file should."""
+    if path.is_symlink() and not path.exists():
+        return "a link to nothing"
+    return "a folder" if path.is_dir() else "a pipe, socket or device"
 
 
 def _natural(path: Path) -> list[list[tuple[str, int]]]:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS
+from tactileforge.data.labels.plausible import impossible_row, limits
 from tactileforge.datasets.reading.layout import FrameTable, Layout, check_action, columns
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
 
@@ -84,13 +85,16 @@ def row_of(name: str, labels: Mapping[str, Row]) -> Row:
     return Row(name, {}, dict.fromkeys(header, "") | _names(name))
 
 
-def read_force(table: FrameTable, path: Path, times: NDArray[np.float64]) -> NDArray[np.float32]:
+def read_force(
+    table: FrameTable, path: Path, times: NDArray[np.float64], sensor: str
+) -> NDArray[np.float32]:
     """Forces per frame, as the images show them.
 
     Args:
         table: Which columns.
         path: The CSV.
         times: float64 (T,), seconds of the frames.
+        sensor: That has felt them.
 
     Returns:
         float32 (T, 3), newton; an empty cell is NaN, and so are an axis without a column and what
@@ -98,7 +102,8 @@ def read_force(table: FrameTable, path: Path, times: NDArray[np.float64]) -> NDA
 
     Raises:
         DataNotFoundError: There is no such CSV.
-        DataError: A cell is no finite number, or a row names no frame.
+        DataError: A cell is no finite number, or a force that no sensor can have felt; or a row
+            names no frame.
     """
     force = np.full((len(times), 3), np.nan)
     for frame, where, cells in _per_frame(table, path, len(times)):
@@ -107,6 +112,11 @@ def read_force(table: FrameTable, path: Path, times: NDArray[np.float64]) -> NDA
             for name in table.columns
         ]
         force[frame] = np.array(row) * table.sign
+        if impossible_row(force[frame][None], sensor) is not None:
+            raise DataError(
+                f"{where}: a force of ({', '.join(f'{axis:g}' for axis in row)}) N, where {sensor} "
+                f"can feel {limits(sensor)} N at most; correct its units, or empty the cells"
+            )
     return _delayed(times, force, table.lag_s).astype(np.float32)
 
 

@@ -1,0 +1,55 @@
+"""Forces that no sensor can have felt: slips of units, of columns and of exponents."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tactileforge.contracts import Recording
+from tactileforge.errors import ConfigError
+from tactileforge.sensors.specs import spec
+
+#: How many times the scale of a sensor a force may be: its gel would be long torn.
+_TIMES = 100.0
+#: Scale where a sensor is not known, N.
+_SCALE = (10.0, 10.0, 10.0)
+
+
+def limits(sensor: str) -> tuple[float, float, float]:
+    """The largest forces that a sensor can have felt, N by axis.
+
+    Example:
+        >>> limits("digit")
+        (525.0, 1061.0, 1414.0)
+    """
+    try:
+        scale = spec(sensor).force_scale
+    except ConfigError:
+        scale = _SCALE
+    x, y, z = (round(_TIMES * axis, 6) for axis in scale)
+    return x, y, z
+
+
+def impossible_row(force: ArrayLike, sensor: str) -> int | None:
+    """The first row of forces, (T, 3), that cannot be true; None where all can.
+
+    NaN says that there is no label, and is none of them.
+    """
+    beyond = np.abs(np.asarray(force, np.float64)) > np.array(limits(sensor))
+    rows = np.flatnonzero(beyond.any(axis=-1))
+    return int(rows[0]) if len(rows) else None
+
+
+def impossible(recording: Recording) -> str:
+    """What a recording says that cannot be true, as a line that names it; "" for nothing."""
+    if recording.force is None:
+        return ""
+    row = impossible_row(recording.force, recording.sensor)
+    if row is None:
+        return ""
+    said = ", ".join(f"{axis:g}" for axis in recording.force[row])
+    most = ", ".join(f"{axis:g}" for axis in limits(recording.sensor))
+    return (
+        f"{recording.key}, row {row}: a force of ({said}) N, where {recording.sensor} can feel "
+        f"({most}) N at most; correct its units"
+    )
