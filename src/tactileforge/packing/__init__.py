@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import sys
 from collections import Counter
-from collections.abc import Mapping
-from contextlib import closing
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -52,23 +53,37 @@ def pack(dataset: Dataset, name: str, out: Path, options: Options | None = None)
     made = _made(name, planned, options)
     try:
         _claim(out, made)
-        notes = _notes(planned, options, out)
-        index = Index(name=name, sorted=True, made=made, **_merged(planned, notes))
-        index.save(out)
+        with _alone(out):
+            _sweep(out)
+            try:
+                notes = _notes(planned, options, out)
+                index = Index(name=name, sorted=True, made=made, **_merged(planned, notes))
+                index.save(out)
+            finally:
+                _sweep(out)
     except OSError as error:
         whole = sum(Note.of(job) is not None for job in planned.jobs)
         raise TactileForgeError(
             f"{out}: cannot be written ({error.strerror or error}). {whole} of {len(planned.jobs)} "
             "shards are whole and stay: make room, and run the same command again"
         ) from error
-    finally:
-        _sweep(out)
     return index
+
+
+@contextmanager
+def _alone(out: Path) -> Iterator[None]:
+    """Holds the folder, until it is left or the process ends."""
+    (out / NOTES).mkdir(parents=True, exist_ok=True)
+    with (out / NOTES / "lock").open("w") as file:
+        try:
+            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise ConfigError(f"{out}: another program packs into it; give another out=") from error
+        yield
 
 
 def _notes(planned: Plan, options: Options, out: Path) -> dict[int, Note]:
     """Makes the shards that are not whole yet; what is known of all, by the number of the job."""
-    _sweep(out)
     found = {job.number: note for job in planned.jobs if (note := Note.of(job))}
     missing = [job for job in planned.jobs if job.number not in found]
     guard = _Guard(planned, options)

@@ -1,0 +1,421 @@
+"""All that can go wrong at once, done to the real code; its figures are docs/reliability.md.
+
+``TACTILEFORGE_WRITE=1 pytest tests/chaos`` writes the table anew.
+"""
+
+import importlib.util
+import io
+import multiprocessing
+import os
+import pickle
+import signal
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from tactileforge import run_folder
+from tactileforge.callbacks import checkpoints
+from tactileforge.contracts import Frame, SensorSpec
+from tactileforge.data.frames.lazy import ImageFrames
+from tactileforge.data.shards import index, shards
+from tactileforge.data.shards.fetch import Folder
+from tactileforge.datasets.reading.pickles import load as load_pickle
+from tactileforge.datasets.shards import Shards
+from tactileforge.encoders.tactile_vit import TactileViT
+from tactileforge.errors import SensorError, TactileForgeError
+from tactileforge.hub.files import describe, save
+from tactileforge.hub.header import read_header
+from tactileforge.packing import Options as PackOptions
+from tactileforge.packing import pack
+from tactileforge.record.options import Options
+from tactileforge.record.raw import read_raw
+from tactileforge.record.record import record
+from tactileforge.sensors import capture as capture_module
+from tactileforge.sensors.background import Background
+from tactileforge.sensors.capture import Capture
+from tactileforge.sensors.opening import within
+from tactileforge.untrusted import load_json, load_yaml
+
+pytestmark = pytest.mark.slow
+
+ROOT = Path(__file__).parents[2]
+PAGE = ROOT / "docs" / "reliability.md"
+BEGIN, END = "<!-- made by tests/chaos -->\n", "<!-- end -->\n"
+FORK = multiprocessing.get_context("fork")
+#: What was done, how often, and what came of it; filled by the tests in their order.
+ROWS: dict[str, list[str]] = {}
+
+
+def note(what: str, *cells: object) -> None:
+    ROWS[what] = [str(cell) for cell in cells]
+
+
+def helper(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(Path(name).stem, ROOT / "tests" / name)
+    assert spec is not None
+    assert spec.loader is not None
+    made = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(made)
+    return made
+
+
+PACKABLE, RECORDABLE = helper("packing/packable.py"), helper("record/recordable.py")
+GIVEN = PackOptions.of({"codec": "png", "shard_frames": 24, "processes": 1})
+
+
+@pytest.fixture(scope="module")
+def packed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("packed")
+    pack(PACKABLE.Touches(), "touches", folder, GIVEN)
+    return folder
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in sorted(folder.glob("*.tar"))} | {
+        "index": (folder / index.NAME).read_bytes()
+    }
+
+
+# flipped bits
+
+
+def everything(path: Path) -> list[Any]:
+    """All that a shard holds, pictures included."""
+    found = []
+    for one in shards.read(path):
+        groups = (one.frames, one.no_contact, one.image)
+        shown = [None if f is None else f.read(range(len(f))).tobytes() for f in groups]
+        found.append((shards.head(one), shown))
+    return found
+
+
+def written(folder: Path, packed: Path) -> dict[str, tuple[Path, Callable[[Path], Any]]]:
+    """A file of every kind that carries a checksum, and who reads it."""
+    state = {"state_dict": {"w": torch.arange(500.0)}, "global_step": 3}
+    checkpoints.AtomicCheckpointIO("a").save_checkpoint(state, folder / checkpoints.LAST)
+    run_folder.write_config(folder, {"optim": {"lr": 1e-3}, "data": {"root": "x"}, "seed": 0})
+    first = min(packed.glob("*.tar"))
+    for path in (first, packed / index.NAME):
+        (folder / path.name).write_bytes(path.read_bytes())
+    entry = next(
+        e
+        for rows in index.parse((packed / index.NAME).read_bytes(), "x").splits.values()
+        for e in rows
+        if e.file == first.name
+    )
+
+    def told(path: Path) -> Any:
+        found = checkpoints.read(path)
+        return {**found, "state_dict": found["state_dict"]["w"].tolist()}
+
+    return {
+        "checkpoint": (folder / checkpoints.LAST, told),
+        "config.yaml": (folder / "config.yaml", lambda path: run_folder.read_config(path.parent)),
+        "index.json": (folder / index.NAME, lambda path: index.parse(path.read_bytes(), "x")),
+        "shard, with its index": (
+            folder / first.name,
+            lambda path: Folder(str(path.parent), path).get(path.name, entry.bytes, entry.sha256),
+        ),
+        "shard, without an index": (folder / first.name, everything),
+    }
+
+
+def test_flipped_bits(tmp_path: Path, packed: Path) -> None:
+    rng = np.random.default_rng(0)
+    for kind, (path, read) in written(tmp_path, packed).items():
+        raw, whole = path.read_bytes(), read(path)
+        found = same = 0
+        for bit in rng.integers(0, 8 * len(raw), 100):
+            flipped = bytearray(raw)
+            flipped[bit // 8] ^= 1 << bit % 8
+            path.write_bytes(flipped)
+            os.utime(path, ns=(int(bit), int(bit)))  # a file that was read before is read again
+            try:
+                assert read(path) == whole, f"{kind}: bit {bit} changes it in silence"
+                same += 1
+            except TactileForgeError:
+                found += 1
+        path.write_bytes(raw)
+        assert found + same == 100
+        note(f"bits flipped in a {kind}", 100, f"{found} named, {same} change nothing, 0 silent")
+
+
+# kills
+
+
+def killed(work: Callable[[], object], after: float) -> None:
+    """Does something in a process of its own, and kills it."""
+    process = FORK.Process(target=work, daemon=True)
+    process.start()
+    time.sleep(after)
+    assert process.pid is not None
+    os.kill(process.pid, signal.SIGKILL)
+    process.join()
+
+
+def test_kills_while_a_checkpoint_is_written(tmp_path: Path) -> None:
+    path, rng = tmp_path / checkpoints.LAST, np.random.default_rng(1)
+
+    def save_all() -> None:
+        for number in range(10_000):
+            state = {"state_dict": {"w": torch.full((50_000,), float(number))}}
+            checkpoints.AtomicCheckpointIO("a").save_checkpoint(state, path)
+
+    checkpoints.AtomicCheckpointIO("a").save_checkpoint(
+        {"state_dict": {"w": torch.full((50_000,), -1.0)}}, path
+    )
+    for _ in range(10):
+        killed(save_all, float(rng.uniform(0.02, 0.2)))
+        assert checkpoints.read(path)["state_dict"]["w"].unique().numel() == 1
+    note("kill -9 while checkpoints are written", 10, "10 left a whole one")
+
+
+def test_kills_while_shards_are_packed(tmp_path: Path, packed: Path) -> None:
+    rng = np.random.default_rng(2)
+    for number in range(5):
+        out = tmp_path / str(number)
+        work = partial(pack, PACKABLE.Touches(delay=0.005), "touches", out, GIVEN)
+        killed(work, float(rng.uniform(0.1, 0.6)))
+        pack(PACKABLE.Touches(), "touches", out, GIVEN)
+        assert content(out) == content(packed)
+        assert not list(out.rglob("*.part"))
+    note("kill -9 of `data pack`, then the same command", 5, "5 gave the same bytes")
+
+
+def test_kills_while_touch_is_recorded(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    kept = 0
+    for number in range(4):
+        out = tmp_path / str(number)
+        given = Options(out=str(out), codec="png", segment=0.15, background=Background(seconds=0.0))
+        sensors = {"left": RECORDABLE.Numbered(1)}
+        killed(partial(record, given, sensors, say=lambda _: None), float(rng.uniform(0.8, 1.6)))
+        data = Shards(str(out))
+        if (out / index.NAME).exists():
+            kept += sum(
+                len(one.frames.read(range(len(one.frames)))) for one in data.recordings("train")
+            )
+            assert data.skipped == []
+        again = replace(given, seconds=0.3, takes=1)
+        record(again, {"left": RECORDABLE.Numbered(1)}, say=lambda _: None)
+        assert list(Shards(str(out)).recordings("train"))
+        assert not list(out.rglob("*.part"))
+    assert kept > 0
+    note("kill -9 of `record`, then another take", 4, "4 kept all that was acknowledged")
+
+
+def test_kills_while_shards_are_downloaded(tmp_path: Path, packed: Path) -> None:
+    rng = np.random.default_rng(4)
+
+    class Slow(SimpleHTTPRequestHandler):
+        def log_message(self, *args: object) -> None:
+            pass
+
+        def copyfile(self, source: Any, output: Any) -> None:
+            while chunk := source.read(4096):
+                time.sleep(0.002)
+                output.write(chunk)
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), partial(Slow, directory=str(packed))) as server:
+        server.daemon_threads = True
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        url = f"http://127.0.0.1:{server.server_port}"
+        for number in range(5):
+            cache = tmp_path / str(number)
+            data = Shards(url, cache=str(cache))
+            killed(lambda data=data: list(data.recordings("train")), float(rng.uniform(0.05, 0.4)))
+            for path in cache.rglob("*.tar"):
+                assert path.read_bytes() == (packed / path.name).read_bytes()
+            assert len(list(data.recordings("train"))) == len(
+                list(Shards(str(packed)).recordings("train"))
+            )
+            assert data.skipped == []
+        server.shutdown()
+    note("kill -9 of a download, then again", 5, "5 went on; 0 half files were taken for whole")
+
+
+# bytes that mean nothing, and bytes that mean harm
+
+
+def parsers(folder: Path, packed: Path) -> dict[str, tuple[bytes, Callable[[Path], Any]]]:
+    """Who reads what comes from others, and a good file of each."""
+    model = folder / "m.safetensors"
+    vit = TactileViT("tiny", depth=1, frames=2, image_size=32)
+    node = {"name": "tactile_vit", "size": "tiny", "depth": 1, "frames": 2, "image_size": 32}
+    save(model, vit, describe(vit, node, licence="MIT", spacing=0.1))
+    whole = io.BytesIO()
+    torch.save({"state_dict": {"w": torch.zeros(9)}}, whole)
+    checkpoints.seal(whole)
+    png = shards.encode(np.zeros((9, 9, 3), np.uint8), "png")
+    tar = min(packed.glob("*.tar")).read_bytes()
+
+    def text(load: Callable[[str], Any]) -> Callable[[Path], Any]:
+        return lambda path: load(path.read_text("utf-8"))
+
+    return {
+        "shard": (tar, lambda path: list(shards.read(path))),
+        "raw values": (tar, read_raw),
+        "index": ((packed / index.NAME).read_bytes(), lambda p: index.parse(p.read_bytes(), "x")),
+        "checkpoint": (whole.getvalue(), checkpoints.read),
+        "model": (model.read_bytes()[:20_000], read_header),
+        "pickle": (pickle.dumps({"a": [1, (2.5, "x")], "b": np.zeros(9)}), load_pickle),
+        "picture": (png, lambda path: ImageFrames([path]).read([0])),
+        "YAML": (b"layouts: {a: {videos: '*.mp4', sensor: digit}}", text(load_yaml)),
+        "JSON": (b'{"fps": 30, "features": {"a": [1, 2, null]}}', text(load_json)),
+    }
+
+
+def noise(rng: np.random.Generator, good: bytes) -> bytes:
+    """Random bytes, or a good file of which some are."""
+    if rng.random() < 0.3:
+        return rng.bytes(int(rng.integers(0, 3000)))
+    raw = bytearray(good)
+    for _ in range(int(rng.integers(1, 8))):
+        place = int(rng.integers(0, len(raw)))
+        raw[place : place + int(rng.integers(1, 16))] = rng.bytes(int(rng.integers(0, 16)))
+    return bytes(raw)
+
+
+def test_random_bytes(tmp_path: Path, packed: Path) -> None:
+    rng = np.random.default_rng(5)
+    for kind, (good, read) in parsers(tmp_path, packed).items():
+        path, named = tmp_path / "file", 0
+        for _ in range(100):
+            path.write_bytes(noise(rng, good))
+            try:
+                read(path)
+            except (TactileForgeError, ValueError):
+                named += 1
+        note(f"random bytes to the reader of a {kind}", 100, f"{named} named, 0 tracebacks")
+
+
+# sensors
+
+
+class Faulty:
+    """A hundred frames a second; from the tenth on something is wrong."""
+
+    spec = SensorSpec("digit", 8, 8, 100.0, None, (1.0, 1.0, 1.0))
+    address = ""
+
+    def __init__(self, fault: Callable[[Frame], Frame]) -> None:
+        self.fault, self.count = fault, 0
+
+    def open(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+    def read(self, timeout: float = 1.0) -> Frame:
+        time.sleep(0.01)
+        self.count += 1
+        picture = np.full((8, 8, 3), 60 + self.count % 100, np.uint8)
+        frame = Frame(array=picture, time=time.monotonic())
+        return frame if self.count < 10 else self.fault(frame)
+
+
+def raises(error: BaseException) -> Callable[[Frame], Frame]:
+    def fault(frame: Frame) -> Frame:
+        raise error
+
+    return fault
+
+
+def hang(*_: object) -> Any:
+    time.sleep(60)
+
+
+FAULTS: dict[str, Callable[[Frame], Frame]] = {
+    "blocks": hang,
+    "exits": raises(SystemExit(0)),
+    "raises what it likes": raises(ZeroDivisionError("x")),
+    "is silent": raises(TimeoutError("nothing")),
+    "gives times that are no number": lambda f: replace(f, time=float("nan")),
+    "goes back in time": lambda f: replace(f, time=f.time - 5),
+    "is ahead of the clock": lambda f: replace(f, time=f.time + 60),
+    "changes its size": lambda f: replace(f, array=f.array[:4]),
+}
+
+
+@pytest.fixture
+def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(capture_module, "_RETRY", 0.02)
+
+
+@pytest.mark.usefixtures("_quick")
+def test_sensors_that_misbehave() -> None:
+    named = 0
+    for what, fault in FAULTS.items():
+        one = Capture("a", Faulty(fault), lambda frame: None, reconnect=0.2, silence=0.2)  # type: ignore[arg-type]
+        one.start()
+        end = time.monotonic() + 10
+        while one.error is None:
+            assert time.monotonic() < end, what
+            one.watch()
+            time.sleep(0.01)
+        assert isinstance(one.error, SensorError)
+        one._stop.set()
+        named += 1
+    for what in ("open()", "close()"):
+        with pytest.raises(SensorError, match="left behind"):
+            within(0.1, f"a: {what}", hang)
+        named += 1
+    note("ways in which a sensor may die", named, f"{named} named, 0 in silence")
+
+
+# two of everything
+
+
+def test_two_at_once(tmp_path: Path) -> None:
+    started = FORK.Event()
+
+    def hold(claim: Callable[[], Any]) -> None:
+        with claim():
+            started.set()
+            time.sleep(60)
+
+    from tactileforge.packing import _alone
+    from tactileforge.record.store import Store
+
+    claims: dict[str, Callable[[], Any]] = {
+        "train": lambda: run_folder.claimed(tmp_path / "run", resumes=False),
+        "data pack": lambda: _alone(tmp_path / "packed"),
+        "record": lambda: Store(tmp_path / "touches", "train"),
+    }
+    for what, claim in claims.items():
+        started.clear()
+        process = FORK.Process(target=hold, args=(claim,), daemon=True)
+        process.start()
+        assert started.wait(10), what
+        with pytest.raises(TactileForgeError, match="another"), claim():
+            pass
+        process.kill()
+        process.join()
+        with claim():  # what held it is gone
+            pass
+    note("two of `train`, `data pack`, `record` in one folder", 3, "3 refused, 0 mixed")
+
+
+def test_the_table_is_what_was_found() -> None:
+    assert len(ROWS) >= 16, "run the whole file: pytest tests/chaos"
+    lines = ["| what was done | times | what came of it |", "|---|---|---|"]
+    lines += [f"| {what} | {' | '.join(cells)} |" for what, cells in ROWS.items()]
+    table = "\n".join(lines) + "\n"
+    text = PAGE.read_text("utf-8")
+    before, _, rest = text.partition(BEGIN)
+    held, _, after = rest.partition(END)
+    if os.environ.get("TACTILEFORGE_WRITE"):
+        PAGE.write_text(before + BEGIN + table + END + after, "utf-8")
+        return
+    assert held == table, "TACTILEFORGE_WRITE=1 pytest tests/chaos writes it anew"
