@@ -305,7 +305,9 @@ def test_random_bytes(tmp_path: Path, packed: Path) -> None:
 class Faulty:
     """A hundred frames a second; from the tenth on something is wrong."""
 
-    spec = SensorSpec("digit", 8, 8, 100.0, None, (1.0, 1.0, 1.0))
+    spec = SensorSpec(
+        name="digit", height=8, width=8, fps=100.0, area_mm=None, force_scale=(1.0, 1.0, 1.0)
+    )
     address = ""
 
     def __init__(self, fault: Callable[[Frame], Frame]) -> None:
