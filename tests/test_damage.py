@@ -7,7 +7,7 @@ import pytest
 from tactileforge import cli
 from tactileforge.data.shards import shards
 from tactileforge.datasets.sim import Sim
-from tactileforge.packing import Options, pack
+from tactileforge.packing import PackOptions, pack
 
 SMALL = ["train", "scale=demo", "debug=steps", "encoder.image_size=32", "batch.workers=1"]
 SMALL += ["objective=[pixel]", "batch.size=8", "data=shards", "trainer.max_steps=6"]
@@ -17,10 +17,10 @@ SMALL += ["objective=[pixel]", "batch.size=8", "data=shards", "trainer.max_steps
 def damaged(tmp_path: Path) -> Path:
     """Nine recordings for training; every frame of three of them has a flipped byte."""
     folder = tmp_path / "packed"
-    pack(Sim(scenes=3, val=1, size=32), "sim", folder, Options(processes=1))
+    pack(Sim(scenes=3, val=1, size=32), "sim", folder, PackOptions(processes=1))
     path = folder / "train-000000.tar"
     raw = bytearray(path.read_bytes())
-    for recording in list(shards.read(path))[:3]:
+    for recording in list(shards.read_shard(path))[:3]:
         assert isinstance(recording.frames, shards.PackedFrames)
         for start in recording.frames.starts:
             raw[int(start) + 512 + 50] ^= 1

@@ -94,7 +94,7 @@ def test_its_type_of_sensor_is_known_to_data_and_encoder(example):
         "encoders",
         {"name": "tactile_vit", "size": "tiny", "image_size": 32, "sensors": {"dummy": 0}},
     )
-    assert with_row.rows(["dummy"]).tolist() == [0]
+    assert with_row.sensor_ids(["dummy"]).tolist() == [0]
 
 
 def test_it_is_an_option_of_every_command(example):

@@ -10,7 +10,7 @@ import torch
 import tactileforge
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataNotFoundError
-from tactileforge.hub.files import describe, save
+from tactileforge.hub.files import make_header, save_checkpoint
 from tactileforge.zoo_verbs import main
 
 
@@ -102,7 +102,7 @@ def test_pack(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_packing_does_not_depend_on_the_clock(tmp_path: Path) -> None:
     vit = TactileViT("tiny", frames=2, image_size=32)
-    header = describe(vit, {"name": "tactile_vit"}, licence="MIT", spacing=0.1)
+    header = make_header(vit, {"name": "tactile_vit"}, licence="MIT", spacing=0.1)
     for name in ("a", "b"):
-        save(tmp_path / name, vit, header)
+        save_checkpoint(tmp_path / name, vit, header)
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()

@@ -123,9 +123,9 @@ def _sim(argv: Sequence[str]) -> int:
         print(settings.text("sim"))
         return 0
     config = settings.load("sim", argv)
-    from tactileforge.sim.generate import Config, write_seconds
+    from tactileforge.sim.generate import SimConfig, write_seconds
 
-    given = Config(
+    given = SimConfig(
         sensors=tuple(config.sensors),
         indenters=config.indenters if isinstance(config.indenters, str) else (*config.indenters,),
         motions=config.motions if isinstance(config.motions, str) else (*config.motions,),

@@ -301,8 +301,8 @@ class Dataset(Protocol):
     ``skipped`` grows as `recordings` meets files it cannot read: one line each, which names the
     file.
 
-    A large data set may also have ``sources(split)``, see `data.batches.sources.Parted`: it is then
-    opened part by part while it is read, and not as a whole.
+    A large data set may also have ``sources(split)``, see `data.batches.sources.Sharded`: it is
+    then opened part by part while it is read, and not as a whole.
     """
 
     skipped: list[str]
@@ -437,14 +437,14 @@ class Head(Protocol):
 
 
 @runtime_checkable
-class Follower(Protocol):
+class AfterStep(Protocol):
     """A head or objective that changes from step to step otherwise than by its gradient.
 
     Having the method is enough. What it changes (slow copies, temperatures) are buffers or frozen
     parameters, so that checkpoints keep them and a resumed run goes on with them.
     """
 
-    def follow(self, encoder: Encoder, step: int, total: int) -> None:
+    def after_step(self, encoder: Encoder, step: int, total: int) -> None:
         """Called before the first step (``step`` is 0), and after each optimiser step.
 
         Args:

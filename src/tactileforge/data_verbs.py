@@ -42,18 +42,18 @@ def main(argv: Sequence[str]) -> int:
 
 
 def _pack(dataset: Dataset, name: str, config: Mapping[str, Any]) -> None:
-    from tactileforge.packing import Options, pack, summary
+    from tactileforge.packing import PackOptions, pack, summary
 
     out = Path(config["out"])
-    print(summary(pack(dataset, name, out, Options.of(config["pack"]))))
+    print(summary(pack(dataset, name, out, PackOptions.of(config["pack"]))))
     print(f"train on them: tactileforge train data=shards data.root={out}")
 
 
 def _filter(dataset: Dataset, name: str, config: Mapping[str, Any]) -> None:
-    from tactileforge.packing import Options
+    from tactileforge.packing import PackOptions
     from tactileforge.packing.preview import preview
 
-    out, options = Path(config["out"]), Options.of(config["pack"])
+    out, options = Path(config["out"]), PackOptions.of(config["pack"])
     page = preview(dataset, name, out, options, config["recordings"], config["frames"])
     print(f"page: {page}")
 
@@ -66,11 +66,11 @@ def _inspect(dataset: Dataset, name: str, config: Mapping[str, Any]) -> None:
 
 
 def _lerobot(dataset: Dataset, name: str, config: Mapping[str, Any]) -> None:
-    from tactileforge.lerobot.write import Options, write
+    from tactileforge.lerobot.write import LeRobotOptions, write_dataset
 
     splits = ("train", "val")
     recordings = (one for split in splits for one in dataset.recordings(split))
-    found = write(recordings, Path(config["out"]), Options(**config["lerobot"]))
+    found = write_dataset(recordings, Path(config["out"]), LeRobotOptions(**config["lerobot"]))
     lost = ", ".join(f"{device} {count}" for device, count in found.dropped.items() if count)
     print(
         f"{found.episodes} episodes, {found.rows} rows at {found.fps} per second; frames that no "

@@ -13,11 +13,11 @@ import torch
 from torch import Tensor, nn
 
 from tactileforge import balance as balances
-from tactileforge.contracts import Batch, Follower, Prepared, Scored
+from tactileforge.contracts import AfterStep, Batch, Prepared, Scored
 from tactileforge.curriculum import Curriculum, from_config
 from tactileforge.data.batches.clips import Clips
 from tactileforge.data.labels.augment import Augment, fill_captions
-from tactileforge.distributed import summed
+from tactileforge.distributed import sum_over_ranks
 from tactileforge.errors import ConfigError, DataError, TactileForgeError
 from tactileforge.labels import Labels
 from tactileforge.optim import optimiser
@@ -43,7 +43,7 @@ class TouchModule(L.LightningModule):
         optim: See `optim.optimiser`.
         augment: Changes clips and their labels, or None.
         seed: Seed of the run.
-        balance: See `balance.build`; None leaves weights as they are.
+        balance: See `balance.build_balance`; None leaves weights as they are.
 
     Attributes:
         skipped: What could not be read so far: by its name, a line that says why, and how many
@@ -69,7 +69,7 @@ class TouchModule(L.LightningModule):
         self.heads = nn.ModuleDict(heads)
         self.objectives = nn.ModuleDict(objectives)
         self.weights = dict(weights)
-        self.balance = balances.build(balance, list(objectives))
+        self.balance = balances.build_balance(balance, list(objectives))
         self.curriculum_config = dict(curriculum)
         self.optim = dict(optim)
         self.augment = augment
@@ -204,8 +204,8 @@ class TouchModule(L.LightningModule):
 
     def _follow(self, step: int) -> None:
         for part in (*self.heads.values(), *self.objectives.values()):
-            if isinstance(part, Follower):
-                part.follow(self.encoder, step, self.total)
+            if isinstance(part, AfterStep):
+                part.after_step(self.encoder, step, self.total)
 
     def validation_step(self, batch: Batch, batch_idx: int) -> None:
         """Losses on held-out clips, with the same masks each time."""
@@ -227,7 +227,7 @@ class TouchModule(L.LightningModule):
         """Scores of the whole split, over all ranks."""
         for key, sums in self._sums.items():
             objective: Any = self.objectives[key]
-            scores: dict[str, float] = objective.scores(summed(sums))
+            scores: dict[str, float] = objective.scores(sum_over_ranks(sums))
             self.log_dict({f"val/{key}/{name}": value for name, value in scores.items()})
         self._sums = {}
 

@@ -60,7 +60,7 @@ def train(config: DictConfig, folder: Path) -> TouchModule:
         KeyboardInterrupt: The run was stopped and saved; ``resume=`` goes on with it.
     """
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
-    resume = checkpoints.find(folder) if config.get("resume") else None
+    resume = checkpoints.find_checkpoint(folder) if config.get("resume") else None
     plain: dict[str, Any] = OmegaConf.to_container(config, resolve=True)  # type: ignore[assignment]
     L.seed_everything(plain["seed"], verbose=False)
     # Mistakes are named before data is made or read; the length of the run is not known yet.
@@ -68,7 +68,7 @@ def train(config: DictConfig, folder: Path) -> TouchModule:
     curriculum.from_config(plain["curriculum"], weights, total=sys.maxsize, epoch=1)
     state = None
     if plain.get("init") and not resume:
-        state = checkpoints.read(plain["init"])["state_dict"]
+        state = checkpoints.read_checkpoint(plain["init"])["state_dict"]
     data = build_data(plain)
     plain["encoder"] = with_sensors(plain["encoder"], data)
     module = TouchModule.from_config(plain, data.summary("train").labels)

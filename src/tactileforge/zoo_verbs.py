@@ -10,7 +10,7 @@ from typing import Any
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.files import sha256
 from tactileforge.hub import cards, gates, store
-from tactileforge.hub.table import clip, columns, gate_rows, page
+from tactileforge.hub.table import align_columns, describe_clip, gate_rows, zoo_page
 
 #: What ``zoo pack`` takes as ``key=value``.
 _PACK = ("out", "dtype", "name", "licence", "encoder", "gate")
@@ -64,28 +64,28 @@ def _parser() -> argparse.ArgumentParser:
 
 def _list(pattern: str, markdown: bool) -> int:
     if markdown:
-        print(page(), end="")
+        print(zoo_page(), end="")
         return 0
     rows = [("name", "title", "licence", "weights")]
-    for name, card, weight in cards.models(pattern):
+    for name, card, weight in cards.list_cards(pattern):
         licence = weight.licence if weight else card.licence
         rows.append((name, card.title, licence, _state(card, weight)))
     if len(rows) == 1:
         raise ConfigError(f"no model matches {pattern!r}; see them all: tactileforge zoo list")
-    print(columns(rows))
+    print(align_columns(rows))
     return 0
 
 
 def _state(card: cards.Card, weight: cards.Weight | None) -> str:
     if weight is None:
         return "none"
-    here = weight.kind != "shipped" and store.available(card, weight)
+    here = weight.kind != "shipped" and store.is_available(card, weight)
     return f"{weight.kind}{' (here)' * here}"
 
 
 def _show(model: str) -> int:
     name, _, tag = model.partition(".")
-    card = cards.read(name)
+    card = cards.read_card(name)
     weights = [card.weight(tag)] if tag else card.weights
     facts = [
         ("licence", card.licence),
@@ -93,32 +93,32 @@ def _show(model: str) -> int:
         ("code", card.code or "none"),
         ("sensors", ", ".join(card.sensors) or "none"),
         ("data", ", ".join(card.data)),
-        ("clip", clip(card, weights[0] if weights else None)),
+        ("clip", describe_clip(card, weights[0] if weights else None)),
         ("recipe", f"tactileforge train recipe={name}" if card.recipe else "none: importer only"),
     ]
-    print(f"{card.title} ({name})\n\n{columns(facts)}\n")
+    print(f"{card.title} ({name})\n\n{align_columns(facts)}\n")
     rows = [("weights", "kind", "licence", "MB", "from")]
     for weight in weights:
         size = f"{weight.bytes / 1e6:.1f}" if weight.bytes else "-"
         origin = weight.file or weight.url or weight.source + " (gated)" * weight.gated
         rows.append((weight.tag, _state(card, weight), weight.licence, size, origin))
-    print(columns(rows) if weights else "No weights.")
+    print(align_columns(rows) if weights else "No weights.")
     results = [r for r in card.results if not tag or r.model == tag]
     if results:
         table = [("model", "task", "metric", "value", "source")]
         table += [(r.model, r.task, r.metric, f"{r.value:g} {r.unit}", r.source) for r in results]
-        print(f"\n{columns(table)}")
+        print(f"\n{align_columns(table)}")
     for weight in weights:
         if gate := gate_rows(card, weight):
-            print(f"\n{weight.tag}, release gate: {gates.verdict(card.gate(weight))}")
-            print(columns(gate))
+            print(f"\n{weight.tag}, release gate: {gates.gate_verdict(card.gate(weight))}")
+            print(align_columns(gate))
     print(f"\n{card.text}")
     return 0
 
 
 def _get(model: str, source: Path | None) -> int:
     if source is None:
-        path = store.fetch(*cards.find(model))
+        path = store.fetch_weights(*cards.find_card(model))
     else:
         from tactileforge.hub.pack import import_published
 
@@ -132,34 +132,34 @@ def _pack(run: Path, settings: Sequence[str]) -> int:
     for key in given:
         if key not in _PACK:
             raise ConfigError(unknown("option of zoo pack", key, _PACK))
-    from tactileforge.hub.pack import pack
+    from tactileforge.hub.pack import pack_run
 
     benches = [Path(word) for word in given.pop("gate", "").split(",") if word]
-    path = pack(run, **given)
+    path = pack_run(run, **given)
     if benches:
         model = str(given.get("name", ""))
         _put(model, benches, [f"run:{run}", f"file:{path}"])
-        gates.stamp(_card(model), model.partition(".")[2], sha256(path), path.stat().st_size)
+        gates.stamp_card(_card(model), model.partition(".")[2], sha256(path), path.stat().st_size)
     print(f"{path}: {path.stat().st_size / 1e6:.1f} MB, sha256 {sha256(path)}")
     print(f'load it: tactileforge.load("file:{path}")')
     return 0
 
 
 def _gate(model: str, benches: Sequence[Path]) -> int:
-    card, weight = cards.find(model)
-    words = [f"{card.name}.{weight.tag}", f"file:{cards.zoo() / weight.file}"]
+    card, weight = cards.find_card(model)
+    words = [f"{card.name}.{weight.tag}", f"file:{cards.zoo_folder() / weight.file}"]
     _put(words[0], benches, words, weight.sha256)
     return 0
 
 
 def _put(model: str, benches: Sequence[Path], words: Sequence[str], sha256: str = "") -> None:
     """Writes the gate of a model into its card."""
-    card, weight = cards.find(model)
+    card, weight = cards.find_card(model)
     path = _card(card.name)
-    rows = [row for bench in benches for row in gates.read(bench, weight.tag, words, sha256)]
-    gates.write(path, rows)
-    print(f"{path}: {gates.verdict(rows)}")
+    rows = [row for bench in benches for row in gates.read_gates(bench, weight.tag, words, sha256)]
+    gates.write_gates(path, rows)
+    print(f"{path}: {gates.gate_verdict(rows)}")
 
 
 def _card(model: str) -> Path:
-    return Path(str(cards.zoo() / "recipe" / f"{model.partition('.')[0]}.md"))
+    return Path(str(cards.zoo_folder() / "recipe" / f"{model.partition('.')[0]}.md"))

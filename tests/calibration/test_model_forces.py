@@ -9,16 +9,16 @@ import torch
 from omegaconf import OmegaConf
 
 import tactileforge
-from tactileforge.calibration.calibrate import Found, Options, calibrate
-from tactileforge.calibration.file import parse
-from tactileforge.calibration.page import render
+from tactileforge.calibration.calibrate import CalibrateOptions, CalibrationResult, calibrate
+from tactileforge.calibration.file import parse_calibration
+from tactileforge.calibration.page import calibration_page
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.datasets.recordings import Recordings
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError
 from tactileforge.heads.force import ForceHead
-from tactileforge.hub.files import describe
+from tactileforge.hub.files import make_header
 from tactileforge.hub.model import Model
 
 pytestmark = pytest.mark.filterwarnings("ignore:force. no unit of")
@@ -36,7 +36,7 @@ def model() -> Model:
     for part in (head.force, head.delta):  # so that an untrained one says something
         torch.nn.init.normal_(part.probe[-1].weight, std=0.5)
     heads = {"force": {"node": {"name": "force"}, "scale": SCALE}}
-    header = describe(encoder, NODE, licence="MIT", spacing=1 / 15, heads=heads)
+    header = make_header(encoder, NODE, licence="MIT", spacing=1 / 15, heads=heads)
     return Model(encoder.requires_grad_(False), header, None, "cpu", {"force": head})
 
 
@@ -74,11 +74,11 @@ def model_says(model: Model, one: Recording, axis: str) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def found(model: Model) -> Found:
-    return calibrate(touches(model), Options(), model=model)
+def found(model: Model) -> CalibrationResult:
+    return calibrate(touches(model), CalibrateOptions(), model=model)
 
 
-def test_gain_and_offset_of_a_unit_are_found(found: Found) -> None:
+def test_gain_and_offset_of_a_unit_are_found(found: CalibrationResult) -> None:
     force = found.calibration.force
     assert force.of == "head"
     z = force.axes["z"]
@@ -91,7 +91,7 @@ def test_gain_and_offset_of_a_unit_are_found(found: Found) -> None:
     assert z.before > 5 * z.rmse
 
 
-def test_the_model_gives_calibrated_forces(model: Model, found: Found) -> None:
+def test_the_model_gives_calibrated_forces(model: Model, found: CalibrationResult) -> None:
     one = touches(model, 7)[6]
     rest, frames = one.no_contact.read([0])[0], one.frames.read(range(20))
     given = model.force(frames[8:12], rest, "digit", calibration=found.calibration)[-1]
@@ -104,7 +104,7 @@ def test_the_model_gives_calibrated_forces(model: Model, found: Found) -> None:
 
 
 def test_an_axis_that_is_left_out_stays_what_the_model_says(model: Model) -> None:
-    alone = calibrate(touches(model), Options(axes=["z"]), model=model).calibration
+    alone = calibrate(touches(model), CalibrateOptions(axes=["z"]), model=model).calibration
     one = touches(model, 1)[0]
     rest, frames = one.no_contact.read([0])[0], one.frames.read(range(4))
     plain, given = (model.force(frames, rest, "digit", calibration=c) for c in (None, alone))
@@ -113,9 +113,9 @@ def test_an_axis_that_is_left_out_stays_what_the_model_says(model: Model) -> Non
     assert np.isnan(alone.forces(one, model)[:, :2]).all()
 
 
-def test_a_calibration_knows_its_model(model: Model, found: Found) -> None:
+def test_a_calibration_knows_its_model(model: Model, found: CalibrationResult) -> None:
     text = found.calibration.text()
-    assert parse(text, "here") == found.calibration
+    assert parse_calibration(text, "here") == found.calibration
     one = touches(model, 1)[0]
     with pytest.raises(ConfigError, match="were fitted to a model: give that model"):
         found.calibration.forces(one)
@@ -126,11 +126,11 @@ def test_a_calibration_knows_its_model(model: Model, found: Found) -> None:
     with pytest.raises(ConfigError, match="was not fitted to the forces of this model"):
         model.force(frames, rest, "digit", calibration=other)
     with pytest.raises(ConfigError, match="fit=head: say whose, model=NAME"):
-        calibrate([one], Options(fit="head"))
+        calibrate([one], CalibrateOptions(fit="head"))
 
 
-def test_the_page_says_the_error_before_and_after(found: Found) -> None:
-    page = render(found)
+def test_the_page_says_the_error_before_and_after(found: CalibrationResult) -> None:
+    page = calibration_page(found)
     z = found.calibration.force.axes["z"]
     assert "before (N)" in page
     assert f"{z.before:.3g}" in page
@@ -156,7 +156,7 @@ def test_half_a_real_trial_calibrates_the_other_half(realdata: Path, name: str) 
     one = trial(realdata, name)
     middle = len(one.frames) // 2
     first, second = one.part(0, middle), one.part(middle, len(one.frames))
-    found = calibrate([first], Options(axes=["z"], fit="pictures")).calibration
+    found = calibrate([first], CalibrateOptions(axes=["z"], fit="pictures")).calibration
     assert second.force is not None
     still = np.nanstd(second.force[:, 2])
     assert rmse(found.forces(second), second) < 0.6 * still

@@ -19,7 +19,7 @@ from safetensors.torch import load_file, save_file
 import tactileforge
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, PluginError
-from tactileforge.hub.files import describe, open_encoder, save
+from tactileforge.hub.files import make_header, open_encoder, save_checkpoint
 from tactileforge.hub.header import Header, read_header
 
 
@@ -49,7 +49,7 @@ def test_what_is_saved_is_loaded_bit_by_bit(checkpoint: Path, vit: TactileViT) -
 def test_the_same_weights_give_the_same_file(
     checkpoint: Path, vit: TactileViT, header: Header, tmp_path: Path
 ) -> None:
-    save(tmp_path / "again.safetensors", vit, header)
+    save_checkpoint(tmp_path / "again.safetensors", vit, header)
     assert (tmp_path / "again.safetensors").read_bytes() == checkpoint.read_bytes()
     assert not list(tmp_path.rglob("*.part"))
 
@@ -66,7 +66,7 @@ def test_float16_halves_the_file_and_loads_as_float32(
     checkpoint: Path, vit: TactileViT, header: Header, tmp_path: Path
 ) -> None:
     path = tmp_path / "half.safetensors"
-    save(path, vit, header, "float16")
+    save_checkpoint(path, vit, header, "float16")
     assert path.stat().st_size < 0.51 * checkpoint.stat().st_size
     encoder, found = open_encoder(path)
     assert found.dtype == "float16"
@@ -81,15 +81,15 @@ def test_numbers_that_do_not_fit_are_refused(
 ) -> None:
     with torch.no_grad():
         vit.class_token[0] = 1e5
-    save(tmp_path / "a.safetensors", vit, header)
+    save_checkpoint(tmp_path / "a.safetensors", vit, header)
     with pytest.raises(ConfigError, match=r"class_token .* float16: pack it with dtype=float32"):
-        save(tmp_path / "b.safetensors", vit, header, "float16")
+        save_checkpoint(tmp_path / "b.safetensors", vit, header, "float16")
     with torch.no_grad():
         vit.class_token[0] = torch.nan
     with pytest.raises(ConfigError, match=r"class_token .* train again"):
-        save(tmp_path / "b.safetensors", vit, header)
+        save_checkpoint(tmp_path / "b.safetensors", vit, header)
     with pytest.raises(ConfigError, match="float32 or float16"):
-        save(tmp_path / "b.safetensors", vit, header, "int4")  # type: ignore[arg-type]
+        save_checkpoint(tmp_path / "b.safetensors", vit, header, "int4")  # type: ignore[arg-type]
     assert not (tmp_path / "b.safetensors").exists()
 
 
@@ -181,11 +181,11 @@ def test_a_missing_plugin_says_what_to_install(checkpoint: Path) -> None:
 
 def test_weights_of_another_model(checkpoint: Path, header: Header) -> None:
     deeper = TactileViT("small", frames=2, image_size=32)
-    save(checkpoint, deeper, header)
+    save_checkpoint(checkpoint, deeper, header)
     with pytest.raises(DataError, match=r"unexpected: transformer.*of another shape: class_token"):
         tactileforge.load(checkpoint)
     state = {key: value for key, value in deeper.state_dict().items() if "qkv" not in key}
-    metadata = describe(
+    metadata = make_header(
         deeper,
         {"name": "tactile_vit", "size": "small", "frames": 2, "image_size": 32},
         licence="MIT",
@@ -217,9 +217,9 @@ def test_a_kill_while_packing_leaves_the_file_as_it_was(checkpoint: Path) -> Non
     assert part.stat().st_size > 0
     assert checkpoint.read_bytes() == before
     encoder, header = open_encoder(checkpoint)
-    save(checkpoint, encoder, replace(header, name="new"))
+    save_checkpoint(checkpoint, encoder, replace(header, name="new"))
     assert read_header(checkpoint).name == "new"
     assert part.exists()  # another process could still be writing it
     os.utime(part, (time.time() - 7200,) * 2)
-    save(checkpoint, encoder, header)
+    save_checkpoint(checkpoint, encoder, header)
     assert not part.exists()

@@ -18,7 +18,7 @@ from tactileforge.contracts import NEUTRAL_BACKGROUND
 from tactileforge.encoders.plain_vit import PlainViT
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataError
-from tactileforge.hub.files import describe, open_encoder, save
+from tactileforge.hub.files import make_header, open_encoder, save_checkpoint
 from tactileforge.hub.model import Model
 
 
@@ -207,7 +207,7 @@ def test_models_that_need_neither_sensor_nor_background(tmp_path: Path) -> None:
                    "std": [0.5] * 3},
     }  # fmt: skip
     encoder = PlainViT(**node)  # type: ignore[arg-type]
-    header = describe(encoder, {"name": "plain_vit", **node}, licence="MIT", spacing=0)
+    header = make_header(encoder, {"name": "plain_vit", **node}, licence="MIT", spacing=0)
     model = Model(encoder, header)
     assert model.sensors == []
     image = np.zeros((40, 48, 3), np.uint8)
@@ -221,7 +221,7 @@ def test_several_stems_have_no_universal_one() -> None:
     node: dict[str, Any] = {"size": "tiny", "image_size": 32, "stems": 2, "stem_depth": 1}
     node["sensors"] = {"digit": 0, "gelsight": 1}
     encoder = PlainViT(**node)
-    header = describe(encoder, {"name": "plain_vit", **node}, licence="MIT", spacing=0.1)
+    header = make_header(encoder, {"name": "plain_vit", **node}, licence="MIT", spacing=0.1)
     model = Model(encoder, header)
     frames = np.zeros((2, 32, 32, 3), np.uint8)
     assert model.encode(frames, "none", "gelsight").shape == (192,)
@@ -255,7 +255,7 @@ def test_fixed_positions_are_not_stretched(tmp_path: Path, installed: Callable[.
     installed("tactileforge-sines", entry, {})
     node: dict[str, Any] = {"name": "sines", "size": "tiny", "image_size": [32, 32]}
     encoder = PlainViT("tiny", image_size=[32, 32])
-    save(tmp_path / "a", encoder, describe(encoder, node, licence="MIT", spacing=0.1))
+    save_checkpoint(tmp_path / "a", encoder, make_header(encoder, node, licence="MIT", spacing=0.1))
     _, header = open_encoder(tmp_path / "a")
     assert (header.package, header.package_version) == ("tactileforge-sines", "1.0")
     with pytest.raises(ConfigError, match="no learned positions over time"):

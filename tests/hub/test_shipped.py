@@ -18,7 +18,7 @@ def test_it_works_without_a_network_and_is_small(
     monkeypatch.setenv("TACTILEFORGE_CACHE", str(tmp_path))
     monkeypatch.setattr("socket.socket", None)
     model = tactileforge.load(name)
-    _, weight = cards.find(name)
+    _, weight = cards.find_card(name)
     assert weight.kind == "shipped"
     assert weight.bytes < 15_000_000
     assert model.header.licence == weight.licence == "Apache-2.0"

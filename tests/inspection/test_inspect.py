@@ -13,8 +13,8 @@ from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ImageFrames
 from tactileforge.datasets.sim import Sim
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
-from tactileforge.inspection import Findings, inspect
-from tactileforge.inspection.survey import survey
+from tactileforge.inspection import InspectionFindings, inspect
+from tactileforge.inspection.scan import scan_dataset
 
 Touch = Callable[..., Recording]
 VOID = {"meta", "link", "img", "br", "path", "circle", "use"}
@@ -47,7 +47,7 @@ class Checked(HTMLParser):
             assert self.open.pop() == tag
 
 
-def written(dataset: Any, path: Path, **options: Any) -> tuple[Findings, str]:
+def written(dataset: Any, path: Path, **options: Any) -> tuple[InspectionFindings, str]:
     found = inspect(dataset, "made <here>", path, progress=False, **options)
     return found, path.read_text()
 
@@ -222,7 +222,7 @@ def test_memory_does_not_grow_with_the_number_of_recordings(touch: Touch, tmp_pa
 
     def peak(count: int) -> int:
         tracemalloc.start()
-        assert survey(Many(count), 10, progress=False).findings.recordings == count
+        assert scan_dataset(Many(count), 10, progress=False).findings.recordings == count
         found = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         return found

@@ -73,7 +73,7 @@ def test_values_that_do_not_fit(word, message):
 
 
 def test_defaults_are_those_of_the_classes():
-    from tactileforge.live.session import ShowOptions
+    from tactileforge.live.session import LiveOptions
 
-    assert options_of(plain("live", ["sensor=sim"])) == ShowOptions()
+    assert options_of(plain("live", ["sensor=sim"])) == LiveOptions()
     assert Path(__file__).parents[2].joinpath("conf", "live.yaml").is_file()

@@ -15,7 +15,7 @@ from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.labels.align import nearest
 from tactileforge.data.shards import shards
 from tactileforge.data.shards.index import Index
-from tactileforge.packing import Filter, Options, filters, pack
+from tactileforge.packing import Filter, PackOptions, filters, pack
 from tactileforge.packing.filters import Numbered
 
 Packed = Callable[..., tuple[Index, dict[str, Recording]]]
@@ -59,7 +59,7 @@ def numbered(recording: Recording) -> list[Numbered]:
 
 
 def test_score_is_the_variance_of_the_laplacian_of_the_difference(slide: Recording) -> None:
-    found = filters.scores(numbered(slide))
+    found = filters.laplacian_scores(numbered(slide))
     assert np.isnan(found[0])
     frames = slide.frames.read(range(60))
     wanted = [by_formula(*pair) for pair in itertools.pairwise(frames)]
@@ -86,7 +86,7 @@ def test_frames_are_judged_as_they_come(span: float) -> None:
         value = np.cumsum(moves) * 9 % 250
         frames = [np.pad(np.full((2, 2, 3), v, np.uint8), ((2, 2), (2, 2), (0, 0))) for v in value]
         stream = list(enumerate(frames))
-        wanted = filters.peaks(times, filters.scores(stream), span) >= 1.0
+        wanted = filters.peaks(times, filters.laplacian_scores(stream), span) >= 1.0
         found = [number for number, _ in filters.only_lively(stream, times, 1.0, span)]
         assert found == np.flatnonzero(wanted).tolist()
 
@@ -108,15 +108,15 @@ def test_no_more_frames_are_held_than_a_clip_has() -> None:
 
 def test_sampling_takes_the_frames_nearest_to_the_ticks() -> None:
     steady = np.arange(90) / 30
-    np.testing.assert_array_equal(filters.sampled(steady, 0.1), np.arange(0, 90, 3))
-    np.testing.assert_array_equal(filters.sampled(steady + 5, 1 / 15), np.arange(0, 90, 2))
-    np.testing.assert_array_equal(filters.sampled(steady, 1e-3), np.arange(90))
+    np.testing.assert_array_equal(filters.sample_in_time(steady, 0.1), np.arange(0, 90, 3))
+    np.testing.assert_array_equal(filters.sample_in_time(steady + 5, 1 / 15), np.arange(0, 90, 2))
+    np.testing.assert_array_equal(filters.sample_in_time(steady, 1e-3), np.arange(90))
     jittered = steady + np.random.default_rng(0).uniform(-0.01, 0.01, 90)
     jittered[0] = 0
-    np.testing.assert_array_equal(filters.sampled(jittered, 0.1), np.arange(0, 90, 3))
+    np.testing.assert_array_equal(filters.sample_in_time(jittered, 0.1), np.arange(0, 90, 3))
     gap = np.concatenate([steady[:10], steady[:10] + 60])
-    assert filters.sampled(gap, 0.1).tolist() == [0, 3, 6, 9, 10, 13, 16, 19]
-    assert filters.sampled(np.array([7.0]), 0.1).tolist() == [0]
+    assert filters.sample_in_time(gap, 0.1).tolist() == [0, 3, 6, 9, 10, 13, 16, 19]
+    assert filters.sample_in_time(np.array([7.0]), 0.1).tolist() == [0]
 
 
 @pytest.fixture
@@ -124,8 +124,12 @@ def packed(packable: ModuleType, tmp_path: Path) -> Packed:
     """Packs recordings, and reads them again."""
 
     def run(chosen: Filter, *recordings: Recording) -> tuple[Index, dict[str, Recording]]:
-        made = pack(packable.Given(*recordings), "x", tmp_path, Options(codec="png", filter=chosen))
-        return made, {one.key: one for path in tmp_path.glob("*.tar") for one in shards.read(path)}
+        made = pack(
+            packable.Given(*recordings), "x", tmp_path, PackOptions(codec="png", filter=chosen)
+        )
+        return made, {
+            one.key: one for path in tmp_path.glob("*.tar") for one in shards.read_shard(path)
+        }
 
     return run
 

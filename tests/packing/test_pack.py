@@ -15,10 +15,10 @@ from tactileforge.contracts import ACTIONS, Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards import index, shards
 from tactileforge.errors import ConfigError, DataError
-from tactileforge.packing import Options, pack, summary
-from tactileforge.packing.statistics import Statistics
+from tactileforge.packing import PackOptions, pack, summary
+from tactileforge.packing.statistics import PackStatistics
 
-PNG = Options(codec="png", shard_frames=30, processes=1)
+PNG = PackOptions(codec="png", shard_frames=30, processes=1)
 
 
 def noise(key: str, count: int, **given: object) -> Recording:
@@ -37,16 +37,20 @@ def tree(folder: Path) -> dict[str, bytes]:
 def test_nothing_is_lost(packable: ModuleType, tmp_path: Path) -> None:
     touches = packable.Touches()
     made = pack(touches, "touches", tmp_path, PNG)
-    saved = index.parse((tmp_path / "index.json").read_bytes(), "x")
+    saved = index.parse_index((tmp_path / "index.json").read_bytes(), "x")
     assert (saved.name, saved.sorted, saved.made) == (made.name, True, made.made)
     assert saved.statistics == made.statistics
     assert saved.splits.keys() == made.splits.keys()
     for split in ("train", "val"):
         wanted = {one.key: one for one in touches.recordings(split)}
         found = [
-            one for path in sorted(tmp_path.glob(f"{split}-*.tar")) for one in shards.read(path)
+            one
+            for path in sorted(tmp_path.glob(f"{split}-*.tar"))
+            for one in shards.read_shard(path)
         ]
-        assert [one.key for one in found] == [one.key for one in index.arranged(wanted.values())]
+        assert [one.key for one in found] == [
+            one.key for one in index.sort_recordings(wanted.values())
+        ]
         for one in found:
             source = wanted[one.key]
             for name in (field.name for field in dataclasses.fields(Recording)):
@@ -75,7 +79,7 @@ def test_what_one_object_felt_is_in_one_shard(packable: ModuleType, tmp_path: Pa
     made = pack(packable.Touches(objects=9), "touches", tmp_path, PNG)
     where: dict[str, set[str]] = {}
     for path in tmp_path.glob("train-*.tar"):
-        for one in shards.read(path):
+        for one in shards.read_shard(path):
             where.setdefault(str(one.object), set()).add(path.name)
     assert len(where) == 9
     assert {len(files) for files in where.values()} == {1}
@@ -126,14 +130,14 @@ def test_statistics(packable: ModuleType, tmp_path: Path) -> None:
 def test_statistics_of_forces_along_one_axis() -> None:
     one = noise("a", 12, force=np.full((12, 3), 2.0, np.float32))
     one.force[:, :2] = np.nan
-    found = Statistics()
+    found = PackStatistics()
     found.add(one)
     assert found.force.sum(1).tolist() == [0, 0, 12]
 
 
 def test_pictures_shrink_to_the_size_asked_for(packable: ModuleType, tmp_path: Path) -> None:
     pack(packable.Touches(objects=1), "touches", tmp_path, dataclasses.replace(PNG, size=12))
-    (one, _) = shards.read(tmp_path / "train-000000.tar")
+    (one, _) = shards.read_shard(tmp_path / "train-000000.tar")
     assert one.frames.shape == one.no_contact.shape == one.image.shape == (12, 16)  # type: ignore[union-attr]
     source = {r.key: r for r in packable.Touches(objects=1).recordings("train")}[one.key]
     blocks = source.frames.read([0])[0].reshape(12, 2, 16, 2, 3).mean((1, 3))
@@ -142,14 +146,14 @@ def test_pictures_shrink_to_the_size_asked_for(packable: ModuleType, tmp_path: P
 
 def test_small_pictures_stay_as_they_are(packable: ModuleType, tmp_path: Path) -> None:
     pack(packable.Touches(objects=1), "touches", tmp_path, dataclasses.replace(PNG, size=24))
-    (one, _) = shards.read(tmp_path / "train-000000.tar")
+    (one, _) = shards.read_shard(tmp_path / "train-000000.tar")
     assert one.frames.shape == (24, 32)
 
 
 def test_shards_are_packed_again_without_loss(packable: ModuleType, tmp_path: Path) -> None:
     from tactileforge.datasets.shards import Shards
 
-    jpg = Options(shard_frames=30, processes=1)
+    jpg = PackOptions(shard_frames=30, processes=1)
     pack(packable.Touches(), "touches", tmp_path / "a", jpg)
     pack(Shards(str(tmp_path / "a")), "touches", tmp_path / "b", jpg)
     first, second = tree(tmp_path / "a"), tree(tmp_path / "b")
@@ -188,7 +192,7 @@ def test_unreadable_frames_are_left_out_and_listed(packable: ModuleType, tmp_pat
         *(noise(f"fine {i}", 3) for i in range(5)),
     )
     found = pack(data, "x", tmp_path, PNG)
-    (one,) = (r for p in tmp_path.glob("train*.tar") for r in shards.read(p) if r.key == "a")
+    (one,) = (r for p in tmp_path.glob("train*.tar") for r in shards.read_shard(p) if r.key == "a")
     rows = [i for i in range(40) if i not in (7, 30)]
     np.testing.assert_array_equal(one.times, np.array(rows) / 30)
     np.testing.assert_array_equal(one.action, np.array(rows) % 8)  # type: ignore[arg-type]
@@ -264,4 +268,4 @@ def test_options_that_cannot_be_are_named() -> None:
         ({"filter": {"every": -1}}, "every is -1"),
     ):
         with pytest.raises(ConfigError, match=words):
-            Options.of(given)
+            PackOptions.of(given)

@@ -13,7 +13,7 @@ from tactileforge.compose import register
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.errors import DataError
-from tactileforge.packing import Filter, Options, pack
+from tactileforge.packing import Filter, PackOptions, pack
 from tactileforge.packing.preview import judge, preview, threshold_for
 
 Make = Callable[..., Recording]
@@ -50,8 +50,8 @@ def test_the_page_says_what_packing_keeps(packable: ModuleType, make: Make, tmp_
         make("a", slice(20, 30)), make("b", slice(0, 0)), val=(make("c", slice(50, 51)),)
     )
     chosen = Filter(laplacian=10.0)
-    text = preview(data, "toy", tmp_path / "look.html", Options(filter=chosen)).read_text()
-    made = pack(data, "toy", tmp_path / "out", Options(filter=chosen))
+    text = preview(data, "toy", tmp_path / "look.html", PackOptions(filter=chosen)).read_text()
+    made = pack(data, "toy", tmp_path / "out", PackOptions(filter=chosen))
     kept = sum(found["frames"] for found in made.statistics.values())
     assert kept == (10 + 2 * 6) + (1 + 6 + 6)
     assert fact(text, "Kept") == f"{100 * kept / 180:.0f} %"
@@ -96,7 +96,7 @@ def test_a_damaged_recording_is_listed(packable: ModuleType, make: Make, tmp_pat
 
 def test_stills_have_no_threshold(packable: ModuleType, make: Make, tmp_path: Path) -> None:
     still = make("a", slice(0, 0)).part(0, 1)
-    options = Options(filter=Filter(laplacian=1))
+    options = PackOptions(filter=Filter(laplacian=1))
     text = preview(packable.Given(still), "toy", tmp_path / "x.html", options).read_text()
     assert fact(text, "Kept") == "100 %"
     assert np.isnan(threshold_for([judge(still, Filter())], 0.5))
@@ -109,14 +109,14 @@ def test_keys_of_the_command_line_are_the_options(data: str) -> None:
         config = compose("pack", [f"data={data}", "out=x", "pack.filter.laplacian=3"])
         asked = compose("filter", [f"data={data}"])
     given = OmegaConf.to_container(config.pack, resolve=True)
-    assert given == asdict(Options(filter=Filter(laplacian=3)))
-    assert Options.of(given) == Options(filter=Filter(laplacian=3))  # type: ignore[arg-type]
-    assert Options.of(OmegaConf.to_container(asked.pack)) == Options()  # type: ignore[arg-type]
+    assert given == asdict(PackOptions(filter=Filter(laplacian=3)))
+    assert PackOptions.of(given) == PackOptions(filter=Filter(laplacian=3))  # type: ignore[arg-type]
+    assert PackOptions.of(OmegaConf.to_container(asked.pack)) == PackOptions()  # type: ignore[arg-type]
     assert config.data.name in ("sim", "recordings")
 
 
 def test_options_of_a_sensor_come_from_the_command_line() -> None:
     config = OmegaConf.create({"filter": {"laplacian": {"digit": 3, "gelsight": 9}}})
     plain = OmegaConf.to_container(config)
-    chosen = Options.of(plain).filter  # type: ignore[arg-type]
+    chosen = PackOptions.of(plain).filter  # type: ignore[arg-type]
     assert [chosen.threshold(name) for name in ("digit", "gelsight", "dm")] == [3, 9, None]

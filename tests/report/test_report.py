@@ -30,8 +30,8 @@ from tactileforge.report.forces import ForceResult
 from tactileforge.report.pictures import strips_of
 from tactileforge.report.run import report_of_run, write_report
 from tactileforge.report.samples import (
+    ClipSample,
     ForceReading,
-    Look,
     batches,
     explained,
     liveliest,
@@ -608,7 +608,7 @@ def test_clips_are_spread_over_recordings(clips: Clips) -> None:
 def test_the_clips_that_are_shown(clips: Clips) -> None:
     which = np.array([int(np.flatnonzero(clips.index[:, 0] == i)[0]) for i in range(12)])
     moved = np.array([9, 0, 8, 2, 1, 3, 0, 0, 0, 1, 0, 0], np.float32)
-    chosen = liveliest(clips, Look(which, np.zeros((12, 1)), moved), 4)
+    chosen = liveliest(clips, ClipSample(which, np.zeros((12, 1)), moved), 4)
     # Digit has the even recordings, gelsight the odd ones, and recording i shows object i // 2. Of
     # gelsight 5 moves most; in the second round 3 moves more than 9, but shows the object of 2.
     assert clips.index[chosen, 0].tolist() == [0, 5, 2, 9]

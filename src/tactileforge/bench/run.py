@@ -13,21 +13,21 @@ import numpy as np
 from tqdm import tqdm
 
 from tactileforge.bench.fit import evaluate
-from tactileforge.bench.fit.evaluate import Features
-from tactileforge.bench.fit.features import FLIPS, PLAIN, Store, features
-from tactileforge.bench.fit.models import Entry, Subject
-from tactileforge.bench.fit.resolve import Choice, Prepared, choose
-from tactileforge.bench.fit.training import Outcome
+from tactileforge.bench.fit.evaluate import SourceFeatures
+from tactileforge.bench.fit.features import FLIPS, PLAIN, FeatureStore, extract_features
+from tactileforge.bench.fit.models import FrozenEncoder, ModelEntry
+from tactileforge.bench.fit.resolve import PreparedTask, ProbeChoice, choose_probe
+from tactileforge.bench.fit.training import TrainedProbe
 from tactileforge.bench.results import results
 from tactileforge.bench.results.write import Writer
 from tactileforge.bench.tasks import metrics, splits, targets
-from tactileforge.bench.tasks.source import Source, open_source
+from tactileforge.bench.tasks.source import TaskSource, open_source
 from tactileforge.bench.tasks.suite import Task
 from tactileforge.errors import ConfigError, DataError, TactileForgeError
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
+class BenchOptions:
     """How a bench is run.
 
     Attributes:
@@ -58,51 +58,55 @@ class Bench:
     """
 
     def __init__(
-        self, tasks: Sequence[Task], store: Store, writer: Writer, options: Options
+        self, tasks: Sequence[Task], store: FeatureStore, writer: Writer, options: BenchOptions
     ) -> None:
         self.store = store
         self.writer = writer
         self.options = options
-        self.choices = {task.name: choose(task, options.probe) for task in tasks}
-        self.prepared: list[Prepared] = []
-        sources: dict[str, Source | TactileForgeError] = {}
+        self.choices = {task.name: choose_probe(task, options.probe) for task in tasks}
+        self.prepared: list[PreparedTask] = []
+        sources: dict[str, TaskSource | TactileForgeError] = {}
         for task in tasks:
             for metric in task.metrics:
-                metrics.kind(metric)
+                metrics.metric_kind(metric)
             source = _source(task, sources)
             try:
                 if isinstance(source, TactileForgeError):
                     raise source
-                target = targets.build(task, source)
+                target = targets.build_target(task, source)
                 self.prepared.append(
-                    Prepared(task, source, target, splits.build(task, source, target))
+                    PreparedTask(task, source, target, splits.build_splits(task, source, target))
                 )
             except DataError as error:
                 reason, fix = _split(error)
                 writer.not_run(reason, task=task.name, fix=fix)
 
-    def run(self, entry: Entry) -> None:
+    def run(self, entry: ModelEntry) -> None:
         """Measures all tasks on a model."""
         try:
             subjects = [open_one() for open_one in entry.open[: self.options.seeds]]
         except TactileForgeError as error:
-            self.writer.model(results.Model(name=entry.name, title=entry.title, group=entry.group))
+            self.writer.model(
+                results.ResultModel(name=entry.name, title=entry.title, group=entry.group)
+            )
             reason, fix = _split(error)
             self.writer.not_run(reason, model=entry.name, fix=fix)
             return
         self.writer.model(_model(entry, subjects))
         todo = [one for one in self.prepared if not self._is_done(one, entry, subjects)]
         todo = [one for one in todo if self._knows(one, entry, subjects)]
-        groups: dict[int, list[Prepared]] = {}
+        groups: dict[int, list[PreparedTask]] = {}
         for one in todo:
             groups.setdefault(id(one.source), []).append(one)
         for group in groups.values():
             self._group(entry, subjects, group)
         self.writer.write()
 
-    def _group(self, entry: Entry, subjects: Sequence[Subject], group: Sequence[Prepared]) -> None:
+    def _group(
+        self, entry: ModelEntry, subjects: Sequence[FrozenEncoder], group: Sequence[PreparedTask]
+    ) -> None:
         """Tasks on one source, which share features."""
-        found: list[Features | None] = []
+        found: list[SourceFeatures | None] = []
         frozen = [one for one in group if not self.choices[one.task.name].finetune]
         for subject in subjects if frozen else ():
             try:
@@ -117,28 +121,28 @@ class Bench:
             except TactileForgeError as error:
                 self._refuse(error, one, entry)
 
-    def _features(self, subject: Subject, group: Sequence[Prepared]) -> Features:
+    def _features(self, subject: FrozenEncoder, group: Sequence[PreparedTask]) -> SourceFeatures:
         clips = np.unique(np.concatenate([one.target.clips for one in group]))
         kinds = [self.choices[one.task.name].kind for one in group]
         taps = sorted({tap for kind in kinds for tap in subject.taps(kind)})
         flips = FLIPS if any(one.task.flips for one in group) else (PLAIN,)
         policy = group[0].task.unknown_sensor
         source = group[0].source
-        arrays = features(self.store, subject, source, clips, taps, flips, policy)
-        return Features(clips, arrays)
+        arrays = extract_features(self.store, subject, source, clips, taps, flips, policy)
+        return SourceFeatures(clips, arrays)
 
     def _task(
         self,
-        entry: Entry,
-        subjects: Sequence[Subject],
-        found: Sequence[Features | None],
-        one: Prepared,
+        entry: ModelEntry,
+        subjects: Sequence[FrozenEncoder],
+        found: Sequence[SourceFeatures | None],
+        one: PreparedTask,
     ) -> None:
         choice = self.choices[one.task.name]
-        measured: list[tuple[int, evaluate.Result]] = []
+        measured: list[tuple[int, evaluate.ProbeResult]] = []
         for number, subject in enumerate(subjects):
             seeds = range(number, self.options.seeds, len(subjects))
-            done = evaluate.run(
+            done = evaluate.evaluate_probe(
                 one,
                 choice,
                 subject,
@@ -156,15 +160,15 @@ class Bench:
 
     def _cells(
         self,
-        entry: Entry,
-        one: Prepared,
-        choice: Choice,
-        measured: Sequence[tuple[int, evaluate.Result]],
+        entry: ModelEntry,
+        one: PreparedTask,
+        choice: ProbeChoice,
+        measured: Sequence[tuple[int, evaluate.ProbeResult]],
     ) -> list[results.Cell]:
         """The rows of the file; first those of the rate that validation prefers."""
         main = one.task.metrics[0]
         name = metrics.part_of(main, one.target.parts)
-        sign = 1 if metrics.kind(main).better == "lower" else -1
+        sign = 1 if metrics.metric_kind(main).better == "lower" else -1
         scores: dict[str, list[float]] = {}
         for _, result in measured:
             scores.setdefault(_name(result), []).append(sign * result.score)
@@ -187,10 +191,12 @@ class Bench:
             rows.append(self.writer.predictions(cell, name, part, predicted, truth, units))
         return rows
 
-    def _is_done(self, one: Prepared, entry: Entry, subjects: Sequence[Subject]) -> bool:
+    def _is_done(
+        self, one: PreparedTask, entry: ModelEntry, subjects: Sequence[FrozenEncoder]
+    ) -> bool:
         return self.writer.kept(one.task.name, entry.name, self._key(one, subjects))
 
-    def _key(self, one: Prepared, subjects: Sequence[Subject]) -> str:
+    def _key(self, one: PreparedTask, subjects: Sequence[FrozenEncoder]) -> str:
         """What the cells of a task and model depend on."""
         choice = self.choices[one.task.name]
         facts = {
@@ -212,7 +218,9 @@ class Bench:
         }
         return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:24]
 
-    def _knows(self, one: Prepared, entry: Entry, subjects: Sequence[Subject]) -> bool:
+    def _knows(
+        self, one: PreparedTask, entry: ModelEntry, subjects: Sequence[FrozenEncoder]
+    ) -> bool:
         strange = subjects[0].unknown(one.sensors)
         if not strange or one.task.unknown_sensor == "universal":
             return True
@@ -225,25 +233,25 @@ class Bench:
         )
         return False
 
-    def _refuse(self, error: TactileForgeError, one: Prepared, entry: Entry) -> None:
+    def _refuse(self, error: TactileForgeError, one: PreparedTask, entry: ModelEntry) -> None:
         reason, fix = _split(error)
         self.writer.not_run(reason, task=one.task.name, model=entry.name, fix=fix)
 
 
-def _name(result: evaluate.Result) -> str:
+def _name(result: evaluate.ProbeResult) -> str:
     """What tells the settings of a probe apart."""
     first = result.outcomes[0]
     return first.reading or str(first.lr)
 
 
-def _units(one: Prepared) -> list[str]:
+def _units(one: PreparedTask) -> list[str]:
     """What the test clips are drawn by where intervals draw them again, in their order."""
     plan = one.task.split
     test = np.concatenate([split.test for split in one.splits])
-    return splits.names(one.source, one.target, test, plan.unit or plan.group)
+    return splits.group_names(one.source, one.target, test, plan.unit or plan.group)
 
 
-def _setting(choice: Choice, first: Outcome) -> dict[str, Any]:
+def _setting(choice: ProbeChoice, first: TrainedProbe) -> dict[str, Any]:
     training = choice.training
     if not choice.kind.trained:
         return dict(choice.options) | ({"reading": first.reading} if first.reading else {})
@@ -251,11 +259,11 @@ def _setting(choice: Choice, first: Outcome) -> dict[str, Any]:
     return found | ({"encoder_lr": choice.finetune} if choice.finetune else {})
 
 
-def _model(entry: Entry, subjects: Sequence[Subject]) -> results.Model:
+def _model(entry: ModelEntry, subjects: Sequence[FrozenEncoder]) -> results.ResultModel:
     facts = subjects[0].facts
     if entry.folders:
         facts["trainings"] = len(subjects)
-    return results.Model(
+    return results.ResultModel(
         name=entry.name,
         title=entry.title,
         group=entry.group,
@@ -265,7 +273,9 @@ def _model(entry: Entry, subjects: Sequence[Subject]) -> results.Model:
     )
 
 
-def _source(task: Task, known: dict[str, Source | TactileForgeError]) -> Source | TactileForgeError:
+def _source(
+    task: Task, known: dict[str, TaskSource | TactileForgeError]
+) -> TaskSource | TactileForgeError:
     """The source of a task; tasks with the same data share one."""
     key = json.dumps([task.data, task.sides, asdict(task.clip)], sort_keys=True)
     if key not in known:
@@ -282,7 +292,7 @@ def _split(error: TactileForgeError) -> tuple[str, str]:
     return reason, f"Download {fix.partition(', and ')[0]}." if fix else ""
 
 
-def finish(folder: Path) -> str:
+def write_outputs(folder: Path) -> str:
     """Writes the tables and the report; gives the tables as Markdown."""
     from tactileforge.bench.output.write import write_all
 

@@ -51,9 +51,9 @@ def main(argv: Sequence[str]) -> int:
 
 def _run(config: dict[str, Any], ablation: str, hydra: Sequence[str] | None) -> int:
     from tactileforge.bench.fit import models, pretrain
-    from tactileforge.bench.run import finish
+    from tactileforge.bench.run import write_outputs
 
-    trained = pretrain.read(config["pretrain"])
+    trained = pretrain.read_models(config["pretrain"])
     if ablation:
         trained = pretrain.ablations(ablation, _ablations(), trained)
     if not config["model"] and not trained:
@@ -66,36 +66,42 @@ def _run(config: dict[str, Any], ablation: str, hydra: Sequence[str] | None) -> 
     device = _device(config["device"])
     # mistakes are named before data is read, and overlaps before anything is trained
     beside = _beside(config["model"], trained, config["baselines"])
-    known = [models.entry(word, config["untrained"], device, folders) for word in beside]
+    known = [models.model_entry(word, config["untrained"], device, folders) for word in beside]
     bench = _bench(config, suite, folder, {"pretrain": " ".join(words)} if trained else {})
     pretrain.train_all([job for found in runs.values() for job in found], hydra)
     for name, model in trained.items():
         if runs[name][0].finished:
             bench.writer.training(list(pretrain.curves(name, runs[name][0].folder)))
-        bench.run(pretrain.entry(name, model, runs[name], device))
+        bench.run(pretrain.pretrained_entry(name, model, runs[name], device))
     for entry in known:
         bench.run(entry)
     bench.writer.write()
-    print(finish(folder))
+    print(write_outputs(folder))
     return _report(bench.writer)
 
 
 def _bench(config: dict[str, Any], suite: str, folder: Path, facts: dict[str, str]) -> Bench:
     """Opens the data of all tasks."""
-    from tactileforge.bench.fit.features import Store
-    from tactileforge.bench.fit.resolve import choose, row_of
+    from tactileforge.bench.fit.features import FeatureStore
+    from tactileforge.bench.fit.resolve import choose_probe, result_task
     from tactileforge.bench.results.write import Writer
-    from tactileforge.bench.run import Bench, Options
-    from tactileforge.bench.tasks.suite import parse
+    from tactileforge.bench.run import Bench, BenchOptions
+    from tactileforge.bench.tasks.suite import parse_task
     from tactileforge.files import cache_folder
 
-    chosen = [parse(name, node) for name, node in _tasks(config).items()]
-    options = Options(seeds=config["seeds"], selection=config["selection"], probe=config["probe"])
-    rows = [row_of(task, choose(task, options.probe), options.selection) for task in chosen]
+    chosen = [parse_task(name, node) for name, node in _tasks(config).items()]
+    options = BenchOptions(
+        seeds=config["seeds"], selection=config["selection"], probe=config["probe"]
+    )
+    rows = [
+        result_task(task, choose_probe(task, options.probe), options.selection) for task in chosen
+    ]
     settings = {"seeds": options.seeds, "selection": options.selection, **facts}
     settings |= {f"probe.{k}": v for k, v in config["probe"].items() if v is not None}
     writer = Writer(folder, suite, settings, rows)
-    store = Store(cache_folder(config["cache"]) / "features", config["workers"], config["batch"])
+    store = FeatureStore(
+        cache_folder(config["cache"]) / "features", config["workers"], config["batch"]
+    )
     return Bench(chosen, store, writer, options)
 
 

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.calibration import features
-from tactileforge.calibration.file import AXES, Calibration, Force, Light
-from tactileforge.calibration.fit import Fit, fit, folds
-from tactileforge.calibration.light import drift, light, punch_mm_per_pixel
+from tactileforge.calibration.file import AXES, Calibration, ForceModel, Light
+from tactileforge.calibration.fit import AxisFit, fit_axis, folds
+from tactileforge.calibration.light import estimate_light, light_drift, punch_mm_per_pixel
 from tactileforge.contracts import Recording
 from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.sensors.specs import spec
@@ -28,7 +28,7 @@ _LEAST_R2 = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
+class CalibrateOptions:
     """The keys of conf/calibrate.yaml, but those that name data and files.
 
     Attributes:
@@ -70,7 +70,7 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Found:
+class CalibrationResult:
     """A calibration, and what it was found from.
 
     Attributes:
@@ -82,7 +82,7 @@ class Found:
     """
 
     calibration: Calibration
-    fits: dict[str, Fit]
+    fits: dict[str, AxisFit]
     still: NDArray[np.uint8] | None
     scale: str
     notes: list[str]
@@ -90,16 +90,16 @@ class Found:
 
 def calibrate(
     recordings: Iterable[Recording],
-    options: Options,
+    options: CalibrateOptions,
     reference: Calibration | None = None,
     model: Model | None = None,
-) -> Found:
+) -> CalibrationResult:
     """Calibrates one unit.
 
     Args:
         recordings: Of it, and maybe of others, see ``device`` and ``unit``.
         options: What, and how.
-        reference: A calibration whose colours are right; see `light.light`.
+        reference: A calibration whose colours are right; see `estimate_light.light`.
         model: What forces are fitted to, where that is ``head``: what it says of each axis (a gain
             and an offset), all three of it, or what the last layer of its head reads, whichever
             predicts presses best that were not seen.
@@ -128,10 +128,10 @@ def calibrate(
         size=list(one.frames.shape),
         force=force,
     )
-    return Found(calibration, fits, still, source, notes)
+    return CalibrationResult(calibration, fits, still, source, notes)
 
 
-def _chosen(recordings: Iterable[Recording], options: Options) -> list[Recording]:
+def _chosen(recordings: Iterable[Recording], options: CalibrateOptions) -> list[Recording]:
     chosen: list[Recording] = []
     others: set[str] = set()
     for one in recordings:
@@ -161,7 +161,7 @@ def _chosen(recordings: Iterable[Recording], options: Options) -> list[Recording
 
 
 def _kind(
-    one: Recording, chosen: Sequence[Recording], options: Options, model: Model | None
+    one: Recording, chosen: Sequence[Recording], options: CalibrateOptions, model: Model | None
 ) -> str:
     if (options.fit == "head") > (model is not None):
         raise ConfigError("fit=head: say whose, model=NAME")
@@ -179,12 +179,12 @@ def _light(
 ) -> tuple[Light | None, NDArray[np.uint8] | None]:
     if spec(chosen[0].sensor).kind == "array":
         return None, None
-    stills = [features.background(one) for one in chosen if one.no_contact is not None]
+    stills = [features.median_background(one) for one in chosen if one.no_contact is not None]
     if not stills:
         notes.append("no recording has a frame without contact: the light is not calibrated")
         return None, None
-    found = light(stills, None if reference is None else reference.light)
-    worst = max(drift(still, found) for still in stills)
+    found = estimate_light(stills, None if reference is None else reference.light)
+    worst = max(light_drift(still, found) for still in stills)
     if worst > 10:
         notes.append(
             f"backgrounds differ by up to {worst:.0f} grey levels: the gel or its light has changed"
@@ -193,7 +193,7 @@ def _light(
     return found, np.rint(still).clip(0, 255).astype(np.uint8)
 
 
-def _scale(chosen: Sequence[Recording], options: Options) -> tuple[float | None, str]:
+def _scale(chosen: Sequence[Recording], options: CalibrateOptions) -> tuple[float | None, str]:
     if options.mm_per_pixel is not None:
         return options.mm_per_pixel, "given"
     if options.punch_mm is not None:
@@ -201,7 +201,7 @@ def _scale(chosen: Sequence[Recording], options: Options) -> tuple[float | None,
         found = [
             punch_mm_per_pixel(
                 one.frames.read(range(len(one.frames))),
-                features.background(one),
+                features.median_background(one),
                 options.punch_mm,
                 one.key,
             )
@@ -219,25 +219,25 @@ def _scale(chosen: Sequence[Recording], options: Options) -> tuple[float | None,
 def _force(
     chosen: Sequence[Recording],
     kind: str,
-    options: Options,
+    options: CalibrateOptions,
     notes: list[str],
     model: Model | None,
-) -> tuple[Force, dict[str, Fit]]:
+) -> tuple[ForceModel, dict[str, AxisFit]]:
     presses = [one for one in chosen if one.force is not None]
     if not presses:
         raise DataError(
             "no recording has forces: record with force=NAME, or give fit=none to leave them out"
         )
-    noise = max(features.noise_of(one) for one in presses) if kind == "pictures" else 0.0
-    parts = [features.of(one, kind, noise, model) for one in presses]
+    noise = max(features.noise_threshold(one) for one in presses) if kind == "pictures" else 0.0
+    parts = [features.force_features(one, kind, noise, model) for one in presses]
     joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     held = folds([len(one.frames) for one in presses])
 
-    def fitted(name: str, lag: float) -> Fit:
+    def fitted(name: str, lag: float) -> AxisFit:
         column = AXES.index(name)
         force = np.concatenate([_lagged(one, column, lag) for one in presses])
         raw = name if kind == "head" else None
-        return fit(joined, _choices(kind, name, joined), force, held, name, raw)
+        return fit_axis(joined, _choices(kind, name, joined), force, held, name, raw)
 
     wanted = [name for name in AXES if name in options.axes]
     lag = 0.0
@@ -256,7 +256,7 @@ def _force(
         raise DataError(f"forces do not follow from {kind}: {'; '.join(notes)}")
     axes = {name: one.axis for name, one in fits.items()}
     of = model.fingerprint if kind == "head" and model is not None else ""
-    return Force(kind, noise, round(lag, 4), axes, of), fits
+    return ForceModel(kind, noise, round(lag, 4), axes, of), fits
 
 
 def _choices(kind: str, axis: str, found: Mapping[str, Any]) -> list[Sequence[str]]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Frames, Recording
-from tactileforge.data.batches.clips import resized
+from tactileforge.data.batches.clips import resize_frame
 from tactileforge.errors import DataError, unknown
 from tactileforge.sensors.taxels import REST
 
@@ -28,7 +28,7 @@ _COLOURS = ("red", "green", "blue")
 LEAST = 3.0
 
 
-def of(
+def force_features(
     recording: Recording, kind: str, noise: float = LEAST, model: Model | None = None
 ) -> dict[str, NDArray[np.float64]]:
     """Features of every frame, float64 (T,) each.
@@ -38,8 +38,8 @@ def of(
     product ``volume`` = peak * sqrt(area); what each colour changes; and the first moments of all
     that along x and y, which a shear shifts. ``taxels`` are pictures of an array: the sums ``x``,
     ``y``, ``z`` of what taxels show, in units of full colour. ``head`` is what a model reads of
-    the force, see `hub.forces.readable`. Else it is the name of a track (T, 3), whose columns are
-    ``x``, ``y``, ``z``.
+    the force, see `hub.forces.calibration_inputs`. Else it is the name of a track (T, 3), whose
+    columns are ``x``, ``y``, ``z``.
 
     Args:
         recording: The touch.
@@ -57,11 +57,11 @@ def of(
         return _joined(_taxels(part) for part in _chunks(recording.frames))
     if kind != "pictures":
         return _track(recording, kind)
-    rest = background(recording)
+    rest = median_background(recording)
     return _joined(_pictures(part, rest, noise) for part in _chunks(recording.frames))
 
 
-def background(recording: Recording) -> NDArray[np.float32]:
+def median_background(recording: Recording) -> NDArray[np.float32]:
     """The picture without contact, float32 (H, W, 3): the median of those there are.
 
     Raises:
@@ -76,7 +76,7 @@ def background(recording: Recording) -> NDArray[np.float32]:
     return still.astype(np.float32)
 
 
-def noise_of(recording: Recording) -> float:
+def noise_threshold(recording: Recording) -> float:
     """Change that noise alone does not reach, grey levels, of pixels at the size of features."""
     rest = recording.no_contact
     if rest is None or len(rest) < 3:
@@ -134,8 +134,8 @@ def _pictures(
 
 def _read_by(model: Model, recording: Recording) -> Iterator[dict[str, NDArray[np.float64]]]:
     """What a model reads in the clips that end at each frame; it is shown the last."""
-    rest, size = background(recording).round().astype(np.uint8), model.encoder.image_size
-    rest = resized(rest, size) if model.recipe else rest
+    rest, size = median_background(recording).round().astype(np.uint8), model.encoder.image_size
+    rest = resize_frame(rest, size) if model.recipe else rest
     period = float(np.median(np.diff(recording.times))) if len(recording.times) > 1 else 1.0
     stride = max(1, round(model.spacing / period))
     back = np.arange(model.frames - 1, -1, -1) * stride
@@ -145,7 +145,7 @@ def _read_by(model: Model, recording: Recording) -> Iterator[dict[str, NDArray[n
         known, places = np.unique(rows, return_inverse=True)
         pictures = recording.frames.read(known.tolist())
         if model.recipe:  # trained here, on pictures of the size of its input
-            pictures = np.stack([resized(one, size) for one in pictures])
+            pictures = np.stack([resize_frame(one, size) for one in pictures])
         clips = pictures[places.reshape(rows.shape)]
         found = model.force_inputs(clips, rest, recording.sensor)
         yield {name: one[:, -1].cpu().double().numpy() for name, one in found.items()}

@@ -74,7 +74,7 @@ class Axis:
 
 
 @dataclass(frozen=True)
-class Force:
+class ForceModel:
     """How forces follow from what the unit shows.
 
     Attributes:
@@ -108,7 +108,7 @@ class Calibration:
 
     Example:
         >>> one = Calibration(sensor="digit", unit="D20123", mm_per_pixel=0.05, size=[320, 240])
-        >>> parse(one.text(), "here") == one
+        >>> parse_calibration(one.text(), "here") == one
         True
     """
 
@@ -118,7 +118,7 @@ class Calibration:
     light: Light | None = None
     mm_per_pixel: float | None = None
     size: list[int] = field(default_factory=list)
-    force: Force | None = None
+    force: ForceModel | None = None
 
     def text(self) -> str:
         """The file."""
@@ -155,7 +155,7 @@ class Calibration:
                 missing or another.
             DataError: It has no background, or not the track.
         """
-        from tactileforge.calibration.features import of
+        from tactileforge.calibration.features import force_features
 
         if self.force is None:
             raise ConfigError(f"the calibration of {self.sensor} {self.unit} has no force")
@@ -164,7 +164,7 @@ class Calibration:
             raise ConfigError(
                 f"the forces of {self.sensor} {self.unit} were fitted to a model: give that model"
             )
-        found = of(recording, self.force.of, self.force.noise, model)
+        found = force_features(recording, self.force.of, self.force.noise, model)
         out = np.full((len(recording.frames), 3), np.nan, np.float32)
         for column, name in enumerate(AXES):
             if name in self.force.axes:
@@ -184,7 +184,7 @@ class Calibration:
             )
 
 
-def load(path: str | Path) -> Calibration:
+def load_calibration(path: str | Path) -> Calibration:
     """Reads a file.
 
     Raises:
@@ -200,20 +200,20 @@ def load(path: str | Path) -> Calibration:
         ) from error
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: no text ({error.reason})") from error
-    return parse(text, str(path))
+    return parse_calibration(text, str(path))
 
 
-def of_recording(recording: Recording) -> Calibration | None:
+def calibration_of(recording: Recording) -> Calibration | None:
     """The calibration that a recording carries; None where it carries none.
 
     Raises:
         ConfigError: It carries something else under that label.
     """
     text = recording.labels.get(LABEL)
-    return None if text is None else parse(str(text), f"{recording.key}, label {LABEL}")
+    return None if text is None else parse_calibration(str(text), f"{recording.key}, label {LABEL}")
 
 
-def labels(path: str | Path, sensor: str, unit: str = "") -> dict[str, str]:
+def calibration_labels(path: str | Path, sensor: str, unit: str = "") -> dict[str, str]:
     """Labels for the recordings of a unit, so that its calibration goes where they go.
 
     Args:
@@ -225,12 +225,12 @@ def labels(path: str | Path, sensor: str, unit: str = "") -> dict[str, str]:
         DataNotFoundError: There is no such file.
         ConfigError: It is wrong, or of another sensor.
     """
-    found = load(path)
+    found = load_calibration(path)
     found.check(sensor, unit)
     return {LABEL: found.text()}
 
 
-def parse(text: str, where: str) -> Calibration:
+def parse_calibration(text: str, where: str) -> Calibration:
     """The calibration of a text.
 
     Args:
@@ -279,9 +279,9 @@ def _light(node: Node) -> Light:
     return Light(colour, balance, grid)
 
 
-def _force(node: Node) -> Force:
+def _force(node: Node) -> ForceModel:
     axes = Node(node.need("axes", dict, "{z: {...}}"), f"{node.where}, axes")
-    found = Force(
+    found = ForceModel(
         of=node.need("of", str, "pictures"),
         noise=_number(node, "noise"),
         lag=_number(node, "lag"),

@@ -22,7 +22,7 @@ _MANY, _RCONDS = 12, (3e-1, 1e-1, 3e-2, 1e-2)
 
 
 @dataclass(frozen=True)
-class Fit:
+class AxisFit:
     """One axis, and what it says of frames that it was not fitted to.
 
     Attributes:
@@ -54,14 +54,14 @@ def folds(lengths: Sequence[int]) -> NDArray[np.int64]:
     return np.concatenate([np.arange(n) * _FOLDS // max(n, 1) for n in lengths])
 
 
-def fit(
+def fit_axis(
     features: Mapping[str, NDArray[np.float64]],
     choices: Sequence[Sequence[str]],
     force: NDArray[np.floating],
     fold: NDArray[np.int64],
     name: str,
     raw: str | None = None,
-) -> Fit:
+) -> AxisFit:
     """Fits one axis with the choice of features that predicts best.
 
     Args:
@@ -86,7 +86,7 @@ def fit(
         )
     if float(np.ptp(measured)) < 1e-3:
         raise DataError(f"force {name}: it is {measured[0]:.3g} N throughout; press harder")
-    best: Fit | None = None
+    best: AxisFit | None = None
     for names in _affordable(choices, len(measured)):
         columns = np.stack([features[one][known] for one in names], 1)
         for rcond in _RCONDS if len(names) > _MANY else (_RCOND,):
@@ -97,7 +97,7 @@ def fit(
     return best if raw is None else _beside(best, features[raw][known])
 
 
-def _beside(found: Fit, raw: NDArray[np.float64]) -> Fit:
+def _beside(found: AxisFit, raw: NDArray[np.float64]) -> AxisFit:
     error = _short(float(np.sqrt(np.mean((raw - found.measured) ** 2))))
     return replace(found, axis=replace(found.axis, before=error), before=raw)
 
@@ -113,7 +113,7 @@ def _fit(
     measured: NDArray[np.float64],
     held: NDArray[np.int64],
     rcond: float,
-) -> Fit:
+) -> AxisFit:
     predicted = np.empty_like(measured)
     for one in np.unique(held):
         out = held == one
@@ -128,7 +128,7 @@ def _fit(
         r2=_short(float(1 - np.mean(error**2) / np.var(measured))),
         span=[_short(float(measured.min())), _short(float(measured.max()))],
     )
-    return Fit(axis, measured, predicted, held)
+    return AxisFit(axis, measured, predicted, held)
 
 
 def _solved(

@@ -18,7 +18,9 @@ _GRID = (3, 4)
 _STEP = 0.5
 
 
-def light(backgrounds: Sequence[NDArray[np.float32]], reference: Light | None = None) -> Light:
+def estimate_light(
+    backgrounds: Sequence[NDArray[np.float32]], reference: Light | None = None
+) -> Light:
     """The light of a unit.
 
     Args:
@@ -44,7 +46,7 @@ def light(backgrounds: Sequence[NDArray[np.float32]], reference: Light | None = 
     )
 
 
-def drift(now: NDArray[np.float32], then: Light) -> float:
+def light_drift(now: NDArray[np.float32], then: Light) -> float:
     """Largest difference of a background to that of a calibration, of all parts, grey levels.
 
     Args:

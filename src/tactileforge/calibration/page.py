@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
-from tactileforge.calibration.calibrate import Found
-from tactileforge.calibration.fit import Fit
+from tactileforge.calibration.calibrate import CalibrationResult
+from tactileforge.calibration.fit import AxisFit
 from tactileforge.pages.figures import CLASSES, INK, MARKERS, drawing, svg
 from tactileforge.pages.images import figure
 from tactileforge.pages.page import Section, number, page, panel, panels, paragraph, table
 
 
-def render(found: Found) -> str:
+def calibration_page(found: CalibrationResult) -> str:
     """The page, as HTML."""
     one = found.calibration
     title = f"Calibration of {one.sensor} {one.unit}".strip()
@@ -23,7 +23,7 @@ def render(found: Found) -> str:
     return page(title, top, [*parts, _scale(found)])
 
 
-def _force(found: Found) -> Section:
+def _force(found: CalibrationResult) -> Section:
     force = found.calibration.force
     assert force is not None
     drawn = []
@@ -62,7 +62,7 @@ def _told(names: Sequence[str]) -> str:
     return ", ".join([*told, *([f"{len(hidden)} values of the head"] if hidden else [])])
 
 
-def _against(fit: Fit, name: str) -> str:
+def _against(fit: AxisFit, name: str) -> str:
     with drawing(4.2, 3.2) as (drawn, axes):
         ends = [float(fit.measured.min()), float(fit.measured.max())]
         axes.plot(ends, ends, color=INK, linewidth=0.9)
@@ -73,7 +73,7 @@ def _against(fit: Fit, name: str) -> str:
         return svg(drawn, f"predicted against measured force along {name}")
 
 
-def _residual(fit: Fit, name: str) -> str:
+def _residual(fit: AxisFit, name: str) -> str:
     with drawing(4.2, 3.2) as (drawn, axes):
         axes.axhline(0, color=INK, linewidth=0.9)
         _dots(axes, fit, fit.predicted - fit.measured)
@@ -81,7 +81,7 @@ def _residual(fit: Fit, name: str) -> str:
         return svg(drawn, f"error of the force along {name} against the measured force")
 
 
-def _dots(axes: object, fit: Fit, values: object) -> None:
+def _dots(axes: object, fit: AxisFit, values: object) -> None:
     for fold in sorted(set(fit.fold.tolist())):
         rows = fit.fold == fold
         axes.plot(  # type: ignore[attr-defined]
@@ -94,7 +94,7 @@ def _dots(axes: object, fit: Fit, values: object) -> None:
         )
 
 
-def _light(found: Found) -> Section:
+def _light(found: CalibrationResult) -> Section:
     one = found.calibration
     assert one.light is not None
     rows = [
@@ -111,7 +111,7 @@ def _light(found: Found) -> Section:
     return Section("light", "Light", body + panels([shown]))
 
 
-def _scale(found: Found) -> Section:
+def _scale(found: CalibrationResult) -> Section:
     one = found.calibration
     height, width = one.size
     if one.mm_per_pixel is None:

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tactileforge import registry, settings
-from tactileforge.calibration.calibrate import Found, Options, calibrate
-from tactileforge.calibration.file import load
+from tactileforge.calibration.calibrate import CalibrateOptions, CalibrationResult, calibrate
+from tactileforge.calibration.file import load_calibration
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.errors import ConfigError
 from tactileforge.files import write_text
@@ -39,16 +39,16 @@ def main(argv: Sequence[str]) -> int:
     out = Path(config["out"])
     if out.suffix not in (".yaml", ".yml"):
         raise ConfigError(f"out={out}: give the name of a file, for example digit.yaml")
-    options = Options(**{one.name: config[one.name] for one in fields(Options)})
-    reference = load(config["reference"]) if config["reference"] else None
+    options = CalibrateOptions(**{one.name: config[one.name] for one in fields(CalibrateOptions)})
+    reference = load_calibration(config["reference"]) if config["reference"] else None
     dataset = registry.build("datasets", config["data"])
     model = load_model(config["model"]) if config["model"] else None
     found = calibrate(_recordings(dataset), options, reference, model)
 
-    from tactileforge.calibration.page import render
+    from tactileforge.calibration.page import calibration_page
 
     found.calibration.save(out)
-    write_text(out.with_suffix(".html"), render(found))
+    write_text(out.with_suffix(".html"), calibration_page(found))
     print(_told(found))
     for line in [*found.notes, *dataset.skipped]:
         print(f"note: {line}")
@@ -68,7 +68,7 @@ def _recordings(dataset: Dataset) -> Iterator[Recording]:
         yield from dataset.recordings(split)
 
 
-def _told(found: Found) -> str:
+def _told(found: CalibrationResult) -> str:
     one = found.calibration
     lines = [f"{one.sensor} {one.unit}".strip()]
     if one.light is not None:

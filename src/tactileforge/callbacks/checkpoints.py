@@ -99,7 +99,7 @@ class Checkpoints(Callback):
         self._handlers.clear()
 
 
-def find(path: str | Path) -> Path:
+def find_checkpoint(path: str | Path) -> Path:
     """The checkpoint of a run folder, or the file itself.
 
     Raises:
@@ -112,14 +112,14 @@ def find(path: str | Path) -> Path:
     return file
 
 
-def read(path: str | Path) -> dict[str, Any]:
+def read_checkpoint(path: str | Path) -> dict[str, Any]:
     """Reads a checkpoint on the CPU; tensors and plain data only, no code.
 
     Raises:
-        DataNotFoundError: See `find`.
+        DataNotFoundError: See `find_checkpoint`.
         ConfigError: The file is not a checkpoint.
     """
-    file = find(path)
+    file = find_checkpoint(path)
     try:
         checkpoint: dict[str, Any] = torch.load(
             file, map_location="cpu", weights_only=True, mmap=True

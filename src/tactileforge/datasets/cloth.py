@@ -10,7 +10,12 @@ from typing import Any
 
 from tactileforge.contracts import FrameSubset, Recording
 from tactileforge.datasets.reading.official import ALL, ANYTOUCH2_CLOTH, CLOTH_OFFICIAL
-from tactileforge.datasets.reading.published import Item, Numbered, Published, seconds
+from tactileforge.datasets.reading.published import (
+    NumberedImages,
+    PublishedDataset,
+    RecordingItem,
+    frame_times,
+)
 from tactileforge.errors import DataError
 
 _LISTS = {
@@ -19,7 +24,7 @@ _LISTS = {
 }
 
 
-class Cloth(Published):
+class Cloth(PublishedDataset):
     """Active Clothing: each grasp is a recording, whose first frame is without contact.
 
     `cloth_metadata.json` has eleven integers a cloth; the last is its class of textile, one of 20.
@@ -32,7 +37,7 @@ class Cloth(Published):
         fps: Frames per second; it is not published.
 
     Raises:
-        ConfigError: See `Published`.
+        ConfigError: See `PublishedDataset`.
     """
 
     name = "cloth"
@@ -53,7 +58,7 @@ class Cloth(Published):
         super().__init__(root, split, val)
         self.fps = fps
 
-    def _items(self) -> Iterator[Item]:
+    def _items(self) -> Iterator[RecordingItem]:
         data = self._folder("Data")
         sides = self._sides()
         classes = self._read("cloth_metadata.json")
@@ -65,10 +70,10 @@ class Cloth(Published):
             key = f"{cloth}/{trial}"
             opened = partial(self._open, key, folder, classes.get(_plain(cloth), []))
             side = sides.get((_plain(cloth), _plain(trial)), "")
-            yield Item(key, opened, {"list": side}, group=cloth)
+            yield RecordingItem(key, opened, {"list": side}, group=cloth)
 
     def _open(self, key: str, folder: Path, classes: list[Any]) -> Recording:
-        touch = Numbered(folder, r"\d+")
+        touch = NumberedImages(folder, r"\d+")
         frames = touch.frames()
         labels = {f"attribute_{i}": float(value) for i, value in enumerate(classes[:-1])}
         if classes:
@@ -77,7 +82,7 @@ class Cloth(Published):
             key,
             sensor="gelsight",
             frames=frames,
-            times=seconds(list(touch.files), self.fps),
+            times=frame_times(list(touch.files), self.fps),
             no_contact=FrameSubset(frames, [0]),
             object=f"cloth_{_plain(key.split('/')[0])}",
             labels=labels,

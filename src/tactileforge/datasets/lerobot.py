@@ -14,7 +14,7 @@ from tactileforge.errors import ConfigError, DataError, unknown
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from tactileforge.lerobot.read import Folder, Touch
+    from tactileforge.lerobot.read import LeRobotFolder, TouchFeature
 
 _BACKGROUNDS = ("first", "none")
 
@@ -71,11 +71,11 @@ class LeRobot:
         self.skipped: list[str] = []
 
     @cached_property
-    def folder(self) -> Folder:
+    def folder(self) -> LeRobotFolder:
         """The data set on disk."""
-        from tactileforge.lerobot.read import Folder
+        from tactileforge.lerobot.read import LeRobotFolder
 
-        return Folder(self.root)
+        return LeRobotFolder(self.root)
 
     @property
     def provides(self) -> frozenset[str]:
@@ -137,14 +137,14 @@ class LeRobot:
 
         return plot(recording)
 
-    def _touch(self) -> list[Touch]:
-        from tactileforge.lerobot.read import Touch
+    def _touch(self) -> list[TouchFeature]:
+        from tactileforge.lerobot.read import TouchFeature
 
         found = self.folder
         if self.given is not None:
             forces = self.force or [""] * len(self.given)
             return [
-                Touch(
+                TouchFeature(
                     found.known(images, "data.touch"),
                     sensor,
                     found.known(force, "data.force") if force else "",
@@ -163,7 +163,7 @@ class LeRobot:
         for name, sensor in kinds.items():
             force = f"observation.force.{name}"
             known = force if force in found.info.features else ""
-            out.append(Touch(f"observation.images.{name}", sensor, known))
+            out.append(TouchFeature(f"observation.images.{name}", sensor, known))
         return out
 
     def _written_camera(self) -> str | None:

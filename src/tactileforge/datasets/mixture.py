@@ -68,7 +68,7 @@ class Mixture:
         return [line for data in self.datasets.values() for line in data.skipped]
 
     def sources(self, split: str) -> list[Source]:
-        """The sources of all data sets; see `data.batches.sources.Parted`."""
+        """The sources of all data sets; see `data.batches.sources.Sharded`."""
         return [
             replace(
                 source,

@@ -8,10 +8,10 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from tactileforge.contracts import Recording
-from tactileforge.data.batches.sources import Bad, Opened, Source
+from tactileforge.data.batches.sources import Bad, InMemory, Source
 from tactileforge.data.shards import index, shards
-from tactileforge.data.shards.fetch import Folder
-from tactileforge.data.shards.index import Entry, Index
+from tactileforge.data.shards.fetch import ShardFolder
+from tactileforge.data.shards.index import Index, IndexEntry
 from tactileforge.data.shards.summary import Summary
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
 from tactileforge.files import cache_folder
@@ -48,9 +48,9 @@ class Shards:
         self.skipped: list[str] = []
 
     @property
-    def folder(self) -> Folder:
+    def folder(self) -> ShardFolder:
         """Where the shards are."""
-        return Folder(self.root, cache_folder(self.cache) / "shards", self.cache_gb)
+        return ShardFolder(self.root, cache_folder(self.cache) / "shards", self.cache_gb)
 
     @cached_property
     def index(self) -> Index | None:
@@ -62,7 +62,7 @@ class Shards:
         """
         folder = self.folder
         if folder.remote or (folder.path / index.NAME).exists():
-            return index.parse(folder.text(index.NAME), f"{self.root}/{index.NAME}")
+            return index.parse_index(folder.text(index.NAME), f"{self.root}/{index.NAME}")
         if not any(folder.path.glob("train-*.tar")):
             raise DataNotFoundError(
                 f"{folder.path}: neither {index.NAME} nor train-*.tar here; set data.root to a "
@@ -71,7 +71,7 @@ class Shards:
         return None
 
     def sources(self, split: str) -> list[Source]:
-        """One source, of one part a shard; see `data.batches.sources.Parted`.
+        """One source, of one part a shard; see `data.batches.sources.Sharded`.
 
         Args:
             split: ``train`` or ``val``.
@@ -118,11 +118,11 @@ class Shards:
         content: list[Recording] = []
         for path in sorted(self.folder.path.glob(f"{split}-*.tar")):
             try:
-                content += shards.read(path, lambda error: self._note(str(error), 1))
+                content += shards.read_shard(path, lambda error: self._note(str(error), 1))
             except DataError as error:
                 self._note(str(error), 1)
         summary = Summary.of(content)
-        return [Source("", [Opened(content, summary.seconds)], summary)] if content else []
+        return [Source("", [InMemory(content, summary.seconds)], summary)] if content else []
 
     def _note(self, line: str, count: int) -> None:
         if line not in self.skipped:
@@ -133,8 +133,8 @@ class Shards:
 class _Shard:
     """A shard as a part of its source."""
 
-    folder: Folder
-    entry: Entry
+    folder: ShardFolder
+    entry: IndexEntry
 
     @property
     def recordings(self) -> int:
@@ -151,7 +151,7 @@ class _Shard:
         left, lines = self.recordings, []
         try:
             path = self.folder.get(self.entry.file, self.entry.bytes, self.entry.sha256)
-            for one in shards.read(path, lambda error: lines.append(str(error))):
+            for one in shards.read_shard(path, lambda error: lines.append(str(error))):
                 left -= 1
                 yield one
         except DataError as error:

@@ -14,7 +14,13 @@ from typing import NamedTuple
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ImageFrames
 from tactileforge.datasets.reading.official import ALL, TVL_OFFICIAL
-from tactileforge.datasets.reading.published import Item, Published, runs, seconds, still
+from tactileforge.datasets.reading.published import (
+    PublishedDataset,
+    RecordingItem,
+    frame_times,
+    label_runs,
+    still_background,
+)
 from tactileforge.errors import DataError
 
 
@@ -36,7 +42,7 @@ class _Row(NamedTuple):
         return int(found[0])
 
 
-class Tvl(Published):
+class Tvl(PublishedDataset):
     """TVL without SSVTP (that is ``ssvtp``): runs of frames in contact with one caption.
 
     The captions of a run stay the same, so do those of `train.csv` and `test.csv`; where they are
@@ -51,7 +57,7 @@ class Tvl(Published):
         fps: Frames per second; it is not published.
 
     Raises:
-        ConfigError: See `Published`.
+        ConfigError: See `PublishedDataset`.
     """
 
     name = "tvl"
@@ -75,7 +81,7 @@ class Tvl(Published):
         super().__init__(root, split, val)
         self.fps = fps
 
-    def _items(self) -> Iterator[Item]:
+    def _items(self) -> Iterator[RecordingItem]:
         parts = sorted(self._folder("hct", "tvl_dataset/hct", ".").glob("data[0-9]*"))
         if not parts:
             raise self._missing(f"no folder data1 in {self.root}")
@@ -83,10 +89,12 @@ class Tvl(Published):
             rows = {(row.side, _folder(row), row.number): row for row in self._rows(part)}
             for (side, folder), group in groupby(sorted(rows), lambda place: place[:2]):
                 found = [rows[place] for place in group]
-                for run in runs([row.number for row in found], [row.caption for row in found]):
+                for run in label_runs(
+                    [row.number for row in found], [row.caption for row in found]
+                ):
                     key = f"{part.name}/{folder}/{side}_{found[run][0].number}"
                     opened = partial(self._open, key, part, found[run])
-                    yield Item(key, opened, {"list": side}, group=f"{part.name}/{folder}")
+                    yield RecordingItem(key, opened, {"list": side}, group=f"{part.name}/{folder}")
 
     def _rows(self, part: Path) -> list[_Row]:
         found = []
@@ -133,8 +141,8 @@ class Tvl(Published):
             key,
             sensor="digit",
             frames=frames,
-            times=seconds(numbers, self.fps),
-            no_contact=still(background, frames),
+            times=frame_times(numbers, self.fps),
+            no_contact=still_background(background, frames),
             text=rows[0].caption or None,
             image=image,
         )

@@ -11,12 +11,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from tactileforge.export.facts import Exported, read
+from tactileforge.export.facts import Exported, read_facts
 
 if TYPE_CHECKING:
     from tactileforge.export.write import export
 
-__all__ = ["Exported", "export", "read"]
+__all__ = ["Exported", "export", "read_facts"]
 
 
 def __getattr__(name: str) -> Any:

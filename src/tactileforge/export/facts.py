@@ -48,7 +48,7 @@ class Exported:
     error: float
     int8: dict[str, float]
 
-    def rows(self, sensors: Sequence[str]) -> list[int]:
+    def sensor_ids(self, sensors: Sequence[str]) -> list[int]:
         """What to give as ``sensor``: the row of each name.
 
         Raises:
@@ -66,7 +66,7 @@ class Exported:
         return json.dumps(given, sort_keys=True)
 
 
-def read(path: str | Path) -> Exported:
+def read_facts(path: str | Path) -> Exported:
     """What an exported file says of itself; nothing is run.
 
     Raises:

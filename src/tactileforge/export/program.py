@@ -58,7 +58,7 @@ def sizes_of(
     return larger + ([(height, width), (height - 3, width // 2)] if small else [])
 
 
-def clips(encoder: Any, batch: int, size: tuple[int, int]) -> Clips:
+def synthetic_clips(encoder: Any, batch: int, size: tuple[int, int]) -> Clips:
     """Made-up clips: a smooth background, a smooth change that grows, noise; the same each time.
 
     Args:
@@ -84,7 +84,7 @@ def clips(encoder: Any, batch: int, size: tuple[int, int]) -> Clips:
     return frames.clamp(0, 255).byte(), still.clamp(0, 255).byte(), sensor
 
 
-def compare(run: Run, encoder: Any, sizes: Sequence[tuple[int, int]]) -> Gap:
+def compare_outputs(run: Run, encoder: Any, sizes: Sequence[tuple[int, int]]) -> Gap:
     """Runs a graph on batches of several lengths beside the module."""
     largest, relative, cosine = 0.0, 0.0, 1.0
     for inputs in _batches(encoder, sizes):
@@ -103,7 +103,7 @@ def compare(run: Run, encoder: Any, sizes: Sequence[tuple[int, int]]) -> Gap:
 def _batches(encoder: Any, sizes: Sequence[tuple[int, int]]) -> Iterator[Clips]:
     for size in sizes:
         for batch in BATCHES:
-            yield clips(encoder, batch, size)
+            yield synthetic_clips(encoder, batch, size)
 
 
 def trace(encoder: Any, size: tuple[int, int] | None) -> ExportedProgram:
@@ -125,7 +125,7 @@ def trace(encoder: Any, size: tuple[int, int] | None) -> ExportedProgram:
     try:
         # Not strict, `len` of a tensor would fix the number of clips.
         program = torch.export.export(
-            encoder, clips(encoder, 2, sizes[0]), dynamic_shapes=shapes, strict=True
+            encoder, synthetic_clips(encoder, 2, sizes[0]), dynamic_shapes=shapes, strict=True
         )
         if size is None:
             run = program.module()

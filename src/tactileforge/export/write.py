@@ -15,7 +15,7 @@ from torch import nn
 
 from tactileforge.errors import ConfigError, TactileForgeError, unknown
 from tactileforge.export.facts import Exported, need_onnx
-from tactileforge.export.program import ProgramFile, compare, sizes_of, trace
+from tactileforge.export.program import ProgramFile, compare_outputs, sizes_of, trace
 from tactileforge.files import new_part
 from tactileforge.hub.loading import load
 from tactileforge.hub.model import Model
@@ -63,7 +63,7 @@ def export(
         file = _file(format, program)
         file.save(part)
         sizes = sizes_of(encoder, taken, small=format == "onnx")
-        error = compare(file.load(part), encoder, sizes).largest
+        error = compare_outputs(file.load(part), encoder, sizes).largest
         if not error <= tolerance:
             raise TactileForgeError(
                 f"{path}: the file's outputs differ from the module's by {error:.2g}, more than "
@@ -73,7 +73,7 @@ def export(
         loss = {}
         if int8:
             file.quantise(part)
-            gap = compare(file.load(part), encoder, sizes)
+            gap = compare_outputs(file.load(part), encoder, sizes)
             loss = {"relative": gap.relative, "cosine": gap.cosine}
         done = Exported(
             path=str(path),

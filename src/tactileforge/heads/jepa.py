@@ -11,7 +11,7 @@ from torch.nn import functional as F
 from tactileforge.contracts import Batch, Encoder, Views
 from tactileforge.encoders.relative import Relative
 from tactileforge.heads.decoder import MaskedDecoder, masked_patches
-from tactileforge.heads.ema import SlowCopy
+from tactileforge.heads.ema import EMA
 
 
 @dataclass(frozen=True)
@@ -53,11 +53,11 @@ class JepaHead(nn.Module):
     ) -> None:
         super().__init__()
         self.predictor = MaskedDecoder(encoder, width, depth, heads, encoder.width, relative)
-        self.target = SlowCopy(encoder, momentum)
+        self.target = EMA(encoder, momentum)
 
-    def follow(self, encoder: Encoder, step: int, total: int) -> None:
-        """See `contracts.Follower`."""
-        self.target.follow(encoder, step, total)
+    def after_step(self, encoder: Encoder, step: int, total: int) -> None:
+        """See `contracts.AfterStep`."""
+        self.target.after_step(encoder, step, total)
 
     def forward(self, views: Views, batch: Batch) -> Latents:
         """Predicted and true features of the masked tubes."""

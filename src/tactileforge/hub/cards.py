@@ -19,7 +19,7 @@ import yaml
 
 from tactileforge import strict
 from tactileforge.errors import ConfigError, unknown
-from tactileforge.hub.gates import TOKENS, Gate, passes
+from tactileforge.hub.gates import TOKENS, Gate, gate_passes
 
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
@@ -70,7 +70,7 @@ class Weight:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Result:
+class CardResult:
     """One published or measured number.
 
     Attributes:
@@ -126,7 +126,7 @@ class Card:
     frames: int
     spacing: float
     weights: list[Weight]
-    results: list[Result]
+    results: list[CardResult]
     text: str
     recipe: bool
     gates: list[Gate] = field(default_factory=list)
@@ -140,7 +140,7 @@ class Card:
 
         The text of the card then has the word *demonstration* below the heading of the weights.
         """
-        if passes(self.gate(weight)):
+        if gate_passes(self.gate(weight)):
             return True
         below = self.text.partition(f"## `{weight.tag}`")[2].partition("\n## ")[0]
         return weight.demonstration and "demonstration" in below
@@ -167,58 +167,60 @@ class Card:
         return own.frames, own.spacing
 
 
-def zoo() -> Traversable:
+def zoo_folder() -> Traversable:
     """The zoo's folder."""
     return files("tactileforge.zoo")
 
 
 @cache
-def names() -> tuple[str, ...]:
+def card_names() -> tuple[str, ...]:
     """Names of all cards, sorted."""
-    folder = zoo() / "recipe"
+    folder = zoo_folder() / "recipe"
     return tuple(sorted(p.name[:-3] for p in folder.iterdir() if p.name.endswith(".md")))
 
 
 @cache
-def read(name: str) -> Card:
+def read_card(name: str) -> Card:
     """The card of that name.
 
     Raises:
         ConfigError: There is none, or it is not complete.
     """
-    if name not in names():
-        raise ConfigError(unknown("model", name, names(), "See them: tactileforge zoo list"))
-    folder = zoo() / "recipe"
+    if name not in card_names():
+        raise ConfigError(unknown("model", name, card_names(), "See them: tactileforge zoo list"))
+    folder = zoo_folder() / "recipe"
     text = (folder / f"{name}.md").read_text("utf-8")
-    return parse(name, text, (folder / f"{name}.yaml").is_file())
+    return parse_card(name, text, (folder / f"{name}.yaml").is_file())
 
 
-def find(model: str) -> tuple[Card, Weight]:
+def find_card(model: str) -> tuple[Card, Weight]:
     """The card and the weights that a name means: ``NAME.TAG``, or ``NAME`` for the default.
 
     Raises:
         ConfigError: Unknown name or tag, or a card without weights.
     """
     name, _, tag = model.partition(".")
-    if name not in names() and ("/" in model or model.endswith((".safetensors", ".ckpt", ".pth"))):
+    if name not in card_names() and (
+        "/" in model or model.endswith((".safetensors", ".ckpt", ".pth"))
+    ):
         raise ConfigError(f"{model!r} looks like a file; say so: file:{model}")
-    card = read(name)
+    card = read_card(name)
     return card, card.weight(tag)
 
 
-def models(pattern: str = "*") -> list[tuple[str, Card, Weight | None]]:
+def list_cards(pattern: str = "*") -> list[tuple[str, Card, Weight | None]]:
     """The models whose names match: full name, card and weights.
 
     A card without weights is listed under its own name.
     """
     found: list[tuple[str, Card, Weight | None]] = []
-    for card in map(read, names()):
+    for card in map(read_card, card_names()):
         found += [(f"{card.name}.{weight.tag}", card, weight) for weight in card.weights]
         found += [] if card.weights else [(card.name, card, None)]
     return [row for row in found if fnmatchcase(row[0], pattern)]
 
 
-def parse(name: str, text: str, recipe: bool) -> Card:
+def parse_card(name: str, text: str, recipe: bool) -> Card:
     """Reads a card from its text.
 
     Args:
@@ -239,7 +241,7 @@ def parse(name: str, text: str, recipe: bool) -> Card:
         raise ConfigError(f"{where}: {error}") from error
     given = strict.mapping(where, given)
     given.setdefault("gates", [])
-    for key, kind in (("weights", Weight), ("results", Result), ("gates", Gate)):
+    for key, kind in (("weights", Weight), ("results", CardResult), ("gates", Gate)):
         rows = given.get(key)
         if not isinstance(rows, list):
             raise ConfigError(f"{where}: {key} must be a list")

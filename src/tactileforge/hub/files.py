@@ -22,7 +22,7 @@ from tactileforge.hub.header import FORMAT, Header, read_header
 DTYPES = {"float32": torch.float32, "float16": torch.float16}
 
 
-def describe(
+def make_header(
     encoder: Any, node: Mapping[str, Any], *, licence: str, spacing: float, **known: Any
 ) -> Header:
     """The header of an encoder: what it says of itself, and what is known besides.
@@ -62,7 +62,7 @@ def _is(plugin: registry.PluginInfo, name: str) -> bool:
     return plugin.kind == "encoders" and plugin.name == name
 
 
-def save(
+def save_checkpoint(
     path: str | Path,
     encoder: nn.Module,
     header: Header,
@@ -74,7 +74,7 @@ def save(
     Args:
         path: The file.
         encoder: Its state is kept.
-        header: See `describe`.
+        header: See `make_header`.
         dtype: Type in which fractions are kept; they are float32 again after loading.
         heads: Those that the header names; their state is kept under ``head.NAME.``.
 
@@ -155,9 +155,9 @@ def open_model(
     heads = {} if other else _open_heads(path, header, encoder, state)
     state = {key: x for key, x in state.items() if not _is_of_head(key, header)}
     if other:
-        fill(before, state, str(path))
+        fill_weights(before, state, str(path))
         state = _over_time(before, encoder)
-    fill(encoder, state, str(path))
+    fill_weights(encoder, state, str(path))
     encoder.requires_grad_(False)
     return encoder.eval(), heads, header
 
@@ -176,12 +176,12 @@ def _open_heads(
         with torch.random.fork_rng(devices=[]):
             head: nn.Module = registry.build("heads", entry["node"], encoder=encoder)
         own = {key.removeprefix(prefix): x for key, x in state.items() if key.startswith(prefix)}
-        fill(head, own, f"{path}, head {name}")
+        fill_weights(head, own, f"{path}, head {name}")
         heads[name] = head.requires_grad_(False).eval()
     return heads
 
 
-def fill(encoder: nn.Module, state: Mapping[str, Tensor], where: str) -> None:
+def fill_weights(encoder: nn.Module, state: Mapping[str, Tensor], where: str) -> None:
     """Loads a state strictly; the types of the module's own numbers stay.
 
     Raises:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Readings:
+class ModelReadings:
     """What a model makes of clips, from one pass of its encoder.
 
     Attributes:
@@ -54,7 +54,7 @@ def uncalibrated(entry: Mapping[str, Any], sensors: Sequence[str]) -> list[str]:
     return sorted(set(sensors) - set(entry.get("calibrated", ())))
 
 
-def readable(
+def calibration_inputs(
     head: Any, encoder: Any, tokens: Tensor, projected: Tensor, scale: Tensor
 ) -> dict[str, Tensor]:
     """What a calibration may be fitted to, float32 (B, T - 1) each.
@@ -88,11 +88,11 @@ def fingerprint(parts: Iterable[nn.Module]) -> str:
     return digest.hexdigest()[:16]
 
 
-def newton(found: Mapping[str, Tensor], axes: Mapping[str, Axis] | None = None) -> Tensor:
+def to_newton(found: Mapping[str, Tensor], axes: Mapping[str, Axis] | None = None) -> Tensor:
     """Forces (B, T - 1, 3), N; an axis without a calibration stays what the head says.
 
     Args:
-        found: See `readable`.
+        found: See `calibration_inputs`.
         axes: Fits of a unit, by axis.
     """
     columns = []

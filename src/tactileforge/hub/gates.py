@@ -57,28 +57,28 @@ class Gate:
         return self.random_low > 0 and self.pixels_low > 0
 
 
-def won(rows: Sequence[Gate], tokens: str) -> tuple[int, int]:
+def count_won(rows: Sequence[Gate], tokens: str) -> tuple[int, int]:
     """Tasks that are won by one reading of the tokens, and all of them."""
     own = [row for row in rows if row.tokens == tokens]
     return sum(row.beats for row in own), len(own)
 
 
-def passes(rows: Sequence[Gate]) -> bool:
+def gate_passes(rows: Sequence[Gate]) -> bool:
     """Whether the majority of tasks is won, pooled and with all tokens; not without any."""
-    counts = [won(rows, tokens) for tokens in TOKENS]
+    counts = [count_won(rows, tokens) for tokens in TOKENS]
     return all(2 * one > every > 0 for one, every in counts)
 
 
-def verdict(rows: Sequence[Gate]) -> str:
+def gate_verdict(rows: Sequence[Gate]) -> str:
     """The outcome in a few words."""
     if not rows:
         return "not measured"
-    counts = {tokens: won(rows, tokens) for tokens in TOKENS}
+    counts = {tokens: count_won(rows, tokens) for tokens in TOKENS}
     parts = [f"{one} of {every} {tokens}" for tokens, (one, every) in counts.items()]
-    return f"{'passes' if passes(rows) else 'fails'}: {', '.join(parts)}"
+    return f"{'passes' if gate_passes(rows) else 'fails'}: {', '.join(parts)}"
 
 
-def read(folder: str | Path, tag: str, words: Sequence[str], sha256: str = "") -> list[Gate]:
+def read_gates(folder: str | Path, tag: str, words: Sequence[str], sha256: str = "") -> list[Gate]:
     """The rows of some weights.
 
     Args:
@@ -127,7 +127,7 @@ def _row(path: Path, given: Any, row: Any, tag: str, chance: dict[str, float]) -
     )
 
 
-def write(card: Path, rows: Sequence[Gate]) -> None:
+def write_gates(card: Path, rows: Sequence[Gate]) -> None:
     """Puts the rows of one model into the front matter of its card, in place of those before.
 
     Args:
@@ -151,7 +151,7 @@ def write(card: Path, rows: Sequence[Gate]) -> None:
     write_text(card, f"{head}\n{block}results:{rest}")
 
 
-def stamp(card: Path, tag: str, sha256: str, size: int) -> None:
+def stamp_card(card: Path, tag: str, sha256: str, size: int) -> None:
     """Puts the hash and the size of a new file of weights into their card.
 
     Args:

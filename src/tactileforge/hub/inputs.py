@@ -18,7 +18,7 @@ _CLIP = "(T, H, W, 3) or (T, 3, H, W), or a batch of these"
 _STILL = "(H, W, 3) or (3, H, W), or one for each clip"
 
 
-class Clips(NamedTuple):
+class ClipInputs(NamedTuple):
     """A batch of clips.
 
     Attributes:
@@ -32,7 +32,9 @@ class Clips(NamedTuple):
     single: bool
 
 
-def prepare(frames: Images, background: Images | str | None, count: int, needed: bool) -> Clips:
+def prepare_clips(
+    frames: Images, background: Images | str | None, count: int, needed: bool
+) -> ClipInputs:
     """Checks frames and background, and puts them into a batch.
 
     Args:
@@ -50,12 +52,12 @@ def prepare(frames: Images, background: Images | str | None, count: int, needed:
         frames = frames[None]
     single = getattr(frames, "ndim", 0) == 4
     if not isinstance(background, str) and background is not None:
-        return Clips(*check_clip(frames, background, count), single)
+        return ClipInputs(*check_clip(frames, background, count), single)
     clips, neutral = check_clip(frames, None, count)
     if background == "first":
-        return Clips(clips, clips[:, 0], single)
+        return ClipInputs(clips, clips[:, 0], single)
     if background == "none" or (background is None and not needed):
-        return Clips(clips, neutral, single)
+        return ClipInputs(clips, neutral, single)
     given = "no background" if background is None else f"background={background!r}"
     raise ConfigError(
         f"{given}: give a frame without contact of the same recording; background='first' takes "

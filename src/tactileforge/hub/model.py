@@ -20,11 +20,11 @@ from tactileforge.encoders.backbone import Backbone
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.hub import forces
 from tactileforge.hub.cards import Card
-from tactileforge.hub.forces import Readings
+from tactileforge.hub.forces import ModelReadings
 from tactileforge.hub.header import Header
-from tactileforge.hub.inputs import Images, prepare
+from tactileforge.hub.inputs import Images, prepare_clips
 from tactileforge.hub.packed_linear import PackedLinears
-from tactileforge.hub.video import Times, cut, open_video
+from tactileforge.hub.video import Times, cut_clips, open_video
 
 if TYPE_CHECKING:
     from tactileforge.calibration.file import Axis, Calibration
@@ -233,7 +233,7 @@ class Model:
         *,
         unknown_sensor: Policy = "error",
         calibration: Calibration | None = None,
-    ) -> Readings:
+    ) -> ModelReadings:
         """Vectors and forces of clips, from one pass of the encoder.
 
         Args:
@@ -256,15 +256,15 @@ class Model:
             vector, force = out["projected"].float(), None
             if head is not None and scale is not None:
                 axes = None if calibration is None else self.axes_of(calibration, names)
-                force = forces.newton(self._readable(out, scale), axes)
+                force = forces.to_newton(self._readable(out, scale), axes)
         if single:
-            return Readings(vector[0], None if force is None else force[0])
-        return Readings(vector, force)
+            return ModelReadings(vector[0], None if force is None else force[0])
+        return ModelReadings(vector, force)
 
     def force_inputs(
         self, frames: Images, background: Images | str | None, sensor: str
     ) -> dict[str, Tensor]:
-        """What a calibration may be fitted to, float32 (B, T - 1) each; see `forces.readable`.
+        """Inputs of a force calibration, float32 (B, T - 1) each; see `forces.calibration_inputs`.
 
         Args:
             frames: See `encode`; a batch.
@@ -290,7 +290,7 @@ class Model:
 
     def _readable(self, out: Mapping[str, Tensor], scale: Tensor) -> dict[str, Tensor]:
         head, scale = self.heads["force"], scale.to(out["tokens"].device)
-        return forces.readable(head, self.encoder, out["tokens"], out["projected"], scale)
+        return forces.calibration_inputs(head, self.encoder, out["tokens"], out["projected"], scale)
 
     def axes_of(self, calibration: Calibration, names: Sequence[str]) -> Mapping[str, Axis]:
         """The fits of a calibration, if they are those of this model's forces.
@@ -328,7 +328,7 @@ class Model:
             ConfigError: No times for frames that know none.
             DataError: The video is too short for one clip.
         """
-        return cut(open_video(video), self.frames, self.spacing, hop, times)
+        return cut_clips(open_video(video), self.frames, self.spacing, hop, times)
 
     def encode_video(
         self,
@@ -344,11 +344,11 @@ class Model:
         """Vectors along a video; only ``batch_size`` clips are in memory at once.
 
         Args:
-            video: See `cut`.
+            video: See `cut_clips`.
             background: See `encode`, but ``"first"`` is the first frame of the video.
             sensor: See `encode`.
-            hop: See `cut`.
-            times: See `cut`.
+            hop: See `cut_clips`.
+            times: See `cut_clips`.
             unknown_sensor: See `encode`.
             batch_size: Clips that are read and computed at once.
 
@@ -356,8 +356,8 @@ class Model:
             float64 (n,), the time of each clip's last frame, s, and float32 (n, projected).
 
         Raises:
-            ConfigError: See `encode` and `cut`.
-            DataError: See `cut`; or a frame cannot be decoded.
+            ConfigError: See `encode` and `cut_clips`.
+            DataError: See `cut_clips`; or a frame cannot be decoded.
         """
         frames = open_video(video)
         if isinstance(background, str) and background == "first":
@@ -377,7 +377,7 @@ class Model:
         """Frames and backgrounds of a batch, uint8, and whether it was given as one clip."""
         steps = getattr(self.encoder, "pixels", None)
         needed = getattr(steps, "offset", 0) is not None
-        return prepare(frames, background, self.frames, needed)
+        return prepare_clips(frames, background, self.frames, needed)
 
     def _taps(
         self, tokens: bool, frames: Tensor, background: Tensor, rows: Tensor
@@ -440,7 +440,7 @@ def _takes_any_sensor(encoder: Any) -> bool:
     if not hasattr(encoder, "rows"):
         return False
     try:
-        encoder.rows([""])
+        encoder.sensor_ids([""])
     except ConfigError:
         return False
     return True

@@ -24,7 +24,7 @@ from tactileforge.sensors.specs import spec
 KEPT_HEADS = ("force",)
 
 
-def pack(
+def pack_run(
     run: str | Path,
     out: str | Path | None = None,
     *,
@@ -36,7 +36,7 @@ def pack(
     """Makes a one-file checkpoint of a run's encoder, with its force head if it has one.
 
     V-JEPA and DINO are published and evaluated by the slow copy of the encoder, which the
-    objective's head keeps (`heads.ema.SlowCopy`), so that is what is packed where there is one.
+    objective's head keeps (`heads.ema.EMA`), so that is what is packed where there is one.
     A head is kept beside the encoder that it was trained on, and not beside a slow copy. The
     sensors are those that the run was trained on.
 
@@ -65,12 +65,12 @@ def pack(
     if (known := config["encoder"].get("sensors")) and (trained := kept.get("sensors")):
         # rows of other sensors were never trained
         config["encoder"]["sensors"] = {name: known[name] for name in known if name in trained}
-    checkpoint = checkpoints.read(run)
+    checkpoint = checkpoints.read_checkpoint(run)
     kind, state = _choose(checkpoint["state_dict"], encoder, run)
     built = registry.build("encoders", config["encoder"])
-    files.fill(built, state, str(run))
+    files.fill_weights(built, state, str(run))
     heads = _heads(config, built, checkpoint["state_dict"], run) if kind == "trained" else {}
-    header = files.describe(
+    header = files.make_header(
         built,
         config["encoder"],
         licence=licence,
@@ -85,7 +85,7 @@ def pack(
             name: {"node": config["head"][name], "scale": _scales(built.sensors)} for name in heads
         },
     )
-    files.save(path, built, header, dtype, heads)
+    files.save_checkpoint(path, built, header, dtype, heads)
     return path
 
 
@@ -98,7 +98,7 @@ def _heads(
         node = config.get("head", {}).get(name)
         if node and node["name"] == name:
             heads[name] = registry.build("heads", node, encoder=encoder)
-            files.fill(heads[name], _below(f"heads.{name}.", state), f"{run}, head {name}")
+            files.fill_weights(heads[name], _below(f"heads.{name}.", state), f"{run}, head {name}")
     return heads
 
 
@@ -151,7 +151,7 @@ def import_published(model: str, source: str | Path) -> Path:
         DataError: The file is not what the model's authors publish; says what it is.
         DataNotFoundError: There is no such file.
     """
-    card, weight = cards.find(model)
+    card, weight = cards.find_card(model)
     full = f"{card.name}.{weight.tag}"
     if not weight.layout:
         raise ConfigError(f"{full} is {weight.kind}, not imported: tactileforge.load({full!r})")
@@ -161,15 +161,15 @@ def import_published(model: str, source: str | Path) -> Path:
     from tactileforge.encoders import published
 
     try:
-        converted = published.convert(published.read(source))
+        converted = published.convert(published.read_tensors(source))
     except ConfigError as error:
         raise DataError(f"{source}: {error}") from error
     node = dict(converted.encoder_config)
     _check_variant(card, weight, converted.name, node, source)
     encoder = registry.build("encoders", node)
-    files.fill(encoder, converted.state, str(source))
+    files.fill_weights(encoder, converted.state, str(source))
     digest = sha256(source) if source.is_file() else ""
-    header = files.describe(
+    header = files.make_header(
         encoder,
         node,
         licence=weight.licence,
@@ -180,8 +180,8 @@ def import_published(model: str, source: str | Path) -> Path:
         data={"name": ", ".join(card.data), "licences": []},
         source={"file": source.name, "sha256": digest, "layout": converted.name},
     )
-    with new_part(store.folder() / f"{full}.safetensors") as part:
-        files.save(part, encoder, header)
+    with new_part(store.weights_folder() / f"{full}.safetensors") as part:
+        files.save_checkpoint(part, encoder, header)
         return store.keep_import(card, weight, part, source.name, digest)
 
 
@@ -196,7 +196,7 @@ def _check_variant(
     other = {**node, "layout": layout}
     fits = [
         name
-        for name, of, row in cards.models()
+        for name, of, row in cards.list_cards()
         if row and all(other.get(key) == value for key, value in _variant(of, row).items())
     ]
     hint = f"; it fits {' or '.join(fits)}" if fits else ""

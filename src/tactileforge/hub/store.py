@@ -45,19 +45,19 @@ class Import:
     source_sha256: str
 
 
-def folder() -> Path:
+def weights_folder() -> Path:
     """Where downloaded and imported weights are kept: ``models`` in the cache."""
     return cache_folder() / "models"
 
 
-def available(card: Card, weight: Weight) -> bool:
+def is_available(card: Card, weight: Weight) -> bool:
     """Whether a model can be loaded now, without a network."""
     if weight.layout:
         return _record(card, weight).is_file()
     return _target(card, weight).is_file()
 
 
-def fetch(card: Card, weight: Weight) -> Path:
+def fetch_weights(card: Card, weight: Weight) -> Path:
     """The verified file of a model; downloads it where it is missing.
 
     Raises:
@@ -67,7 +67,7 @@ def fetch(card: Card, weight: Weight) -> Path:
     """
     if weight.layout:
         imported = read_import(card, weight)
-        path = folder() / imported.file
+        path = weights_folder() / imported.file
         fix = f"import it again: {_get(card, weight)}"
         if not path.is_file():
             raise DataNotFoundError(f"{path} is missing; {fix}")
@@ -113,7 +113,7 @@ def keep_import(card: Card, weight: Weight, part: Path, source: str, source_sha2
     Args:
         card: Of the model.
         weight: Of the model.
-        part: The one-file checkpoint, in `folder`.
+        part: The one-file checkpoint, in `weights_folder`.
         source: Name of the published file.
         source_sha256: Its hash.
 
@@ -121,7 +121,7 @@ def keep_import(card: Card, weight: Weight, part: Path, source: str, source_sha2
         Where the file lies now.
     """
     digest = sha256(part)
-    target = folder() / f"{card.name}.{weight.tag}-{digest[:12]}.safetensors"
+    target = weights_folder() / f"{card.name}.{weight.tag}-{digest[:12]}.safetensors"
     kept = Import(
         file=target.name,
         sha256=digest,
@@ -133,7 +133,7 @@ def keep_import(card: Card, weight: Weight, part: Path, source: str, source_sha2
     with new_part(_record(card, weight)) as record:
         record.write_text(json.dumps(asdict(kept), indent=2) + "\n", "utf-8")
         record.replace(_record(card, weight))
-    for old in folder().glob(f"{card.name}.{weight.tag}-{'[0-9a-f]' * 12}.safetensors"):
+    for old in weights_folder().glob(f"{card.name}.{weight.tag}-{'[0-9a-f]' * 12}.safetensors"):
         if old != target:
             old.unlink(missing_ok=True)
     return target
@@ -144,13 +144,13 @@ def _get(card: Card, weight: Weight) -> str:
 
 
 def _record(card: Card, weight: Weight) -> Path:
-    return folder() / f"{card.name}.{weight.tag}.json"
+    return weights_folder() / f"{card.name}.{weight.tag}.json"
 
 
 def _target(card: Card, weight: Weight) -> Path:
     if weight.file:
-        return Path(str(cards.zoo() / weight.file))
-    return folder() / f"{card.name}.{weight.tag}-{weight.sha256[:12]}.safetensors"
+        return Path(str(cards.zoo_folder() / weight.file))
+    return weights_folder() / f"{card.name}.{weight.tag}-{weight.sha256[:12]}.safetensors"
 
 
 def _verify(path: Path, digest: str, size: int, fix: str) -> None:

@@ -23,7 +23,7 @@ def open_video(video: str | Path | Frames) -> Frames:
     return video
 
 
-def cut(
+def cut_clips(
     video: Frames, frames: int, spacing: float, hop: float, times: Times | None
 ) -> Iterator[tuple[float, NDArray[np.uint8]]]:
     """Clips of a video, one read at a time.

@@ -10,7 +10,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS, Recording
-from tactileforge.inspection.tally import DURATIONS, Histogram
+from tactileforge.inspection.counters import DURATIONS, Histogram
 from tactileforge.pages.figures import CLASSES, SHADE, drawing, svg
 
 #: Points of a force curve.

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tactileforge.inspection.checks import NO_CONTACT
-from tactileforge.inspection.look import Look
+from tactileforge.inspection.frame_stats import FrameStats
 
 #: Grey levels. The same frames encoded again differ by less nearly everywhere in small pictures.
 SIMILAR = 3.0
@@ -15,7 +15,7 @@ SIMILAR = 3.0
 _ELSEWHERE = 0.005
 
 
-def same(looks: Sequence[Look]) -> list[list[int]]:
+def identical_groups(looks: Sequence[FrameStats]) -> list[list[int]]:
     """Groups of recordings whose frames, as far as they were looked at, have the same pixels."""
     groups: dict[bytes, list[int]] = {}
     for i, seen in enumerate(looks):
@@ -23,7 +23,7 @@ def same(looks: Sequence[Look]) -> list[list[int]]:
     return [group for group in groups.values() if len(group) > 1]
 
 
-def similar(looks: Sequence[Look]) -> list[tuple[int, int, float]]:
+def similar_pairs(looks: Sequence[FrameStats]) -> list[tuple[int, int, float]]:
     """Pairs that differ by little at the same places in time, but are not the same.
 
     Recordings that are never in contact look alike, and are left out.

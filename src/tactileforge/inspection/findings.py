@@ -74,7 +74,7 @@ class Total:
 
 
 @dataclass(frozen=True)
-class Findings:
+class InspectionFindings:
     """What was found in a data set.
 
     Attributes:

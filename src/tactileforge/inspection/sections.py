@@ -9,14 +9,14 @@ from html import escape
 import numpy as np
 
 from tactileforge.contracts import ACTIONS, LABELS
-from tactileforge.data.frames.crop import as_text
+from tactileforge.data.frames.crop import size_text
 from tactileforge.data.shards.summary import counted
 from tactileforge.inspection import charts
 from tactileforge.inspection.checks import LAG_CORRELATION, LAG_PROMINENCE, is_sure
+from tactileforge.inspection.counters import source_rows
 from tactileforge.inspection.findings import Total
-from tactileforge.inspection.look import evenly
-from tactileforge.inspection.survey import Seen, Survey
-from tactileforge.inspection.tally import sources
+from tactileforge.inspection.frame_stats import evenly
+from tactileforge.inspection.scan import Scan, ScannedRecording
 from tactileforge.pages.images import figure, image
 from tactileforge.pages.page import (
     MINUS,
@@ -38,12 +38,12 @@ _OBJECTS = 30
 _SOURCES = 20
 
 
-def totals(found: Survey) -> Section:
+def totals(found: Scan) -> Section:
     """Recordings, frames, time and labels of each sensor and split; where they come from."""
     shapes: dict[str, Counter[str]] = {}
     for one in found.seen:
         shape = shapes.setdefault(one.of.recording.sensor, Counter())
-        shape[as_text(one.look.shape)] += 1
+        shape[size_text(one.look.shape)] += 1
     sizes = {sensor: [size for size, _ in shape.most_common()] for sensor, shape in shapes.items()}
     rows = [
         (f"{sensor}, {SPLIT_WORDS[split]}", *_row(total, sizes.get(sensor, [])))
@@ -54,7 +54,7 @@ def totals(found: Survey) -> Section:
     names, _ = found.tally.names.number("source")
     lines = [
         (source or "not given", f"text|{licence or 'not given'}", tier, f"{count:,}")
-        for source, licence, tier, count in sources(found.tally.names, _SOURCES)
+        for source, licence, tier, count in source_rows(found.tally.names, _SOURCES)
     ]
     body = table("recordings", head, rows, note)
     body += table("sources", ("Source", "text|licence", "tier", "recordings"), lines)
@@ -77,9 +77,9 @@ def _row(total: Total, sizes: Sequence[str]) -> list[str]:
     ]
 
 
-def sheets(found: Survey) -> Section:
+def sheets(found: Scan) -> Section:
     """For each sensor, the frame of largest contact of some recordings."""
-    by_sensor: dict[str, list[Seen]] = {}
+    by_sensor: dict[str, list[ScannedRecording]] = {}
     for one in found.seen:
         by_sensor.setdefault(one.of.recording.sensor, []).append(one)
     body = paragraph(
@@ -87,12 +87,12 @@ def sheets(found: Survey) -> Section:
         "amplified; no difference where a recording has no background."
     )
     for sensor, seen in sorted(by_sensor.items()):
-        cards = [card(seen[i]) for i in evenly(len(seen), _SHEET)]
-        body += f"<h3>{escape(sensor)}</h3>{grid(cards)}"
+        cards = [recording_card(seen[i]) for i in evenly(len(seen), _SHEET)]
+        body += f"<h3>{escape(sensor)}</h3>{card_grid(cards)}"
     return Section("contact", "Contact", body)
 
 
-def grid(cards: Iterable[str], rem: float = 11) -> str:
+def card_grid(cards: Iterable[str], rem: float = 11) -> str:
     """Cards beside each other, as many as fit."""
     columns = f"repeat(auto-fill,minmax(min(47%,{rem}rem),1fr))"
     return (
@@ -101,7 +101,7 @@ def grid(cards: Iterable[str], rem: float = 11) -> str:
     )
 
 
-def card(one: Seen, words: str = "") -> str:
+def recording_card(one: ScannedRecording, words: str = "") -> str:
     """The frame of largest contact, the difference, and the key or what is said."""
     pictures = [one.look.frame]
     if one.look.difference is not None:
@@ -110,7 +110,7 @@ def card(one: Seen, words: str = "") -> str:
     return figure(pictures, words or key, key, 2)
 
 
-def strips(found: Survey) -> Section:
+def strips(found: Scan) -> Section:
     """Recordings over time, with their forces and actions."""
     if not found.strips:
         text = "Every recording that was looked at is a still: there is nothing to show over time."
@@ -126,7 +126,7 @@ def strips(found: Survey) -> Section:
     return Section("clips", "Over time", body + panels(map(_strip, found.strips), wide=True))
 
 
-def _strip(one: Seen) -> str:
+def _strip(one: ScannedRecording) -> str:
     recording = one.of.recording
     title = " · ".join(filter(None, (recording.sensor, recording.object)))
     count = len(one.look.strip)
@@ -151,7 +151,7 @@ def _strip(one: Seen) -> str:
     )
 
 
-def labels(found: Survey) -> Section:
+def label_histograms(found: Scan) -> Section:
     """Histograms of forces, actions, objects and durations."""
     tally, parts = found.tally, []
     body = ""
@@ -185,7 +185,7 @@ def labels(found: Survey) -> Section:
     return Section("labels", "Labels", body + panels(parts, wide=True) + _lags(found))
 
 
-def _lags(found: Survey) -> str:
+def _lags(found: Scan) -> str:
     if not found.lags:
         return ""
     rows = [

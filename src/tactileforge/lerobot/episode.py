@@ -41,13 +41,13 @@ class Episode:
         return re.sub(r"\s+", " ", words.replace("{action}", "touch")).strip()
 
 
-def device(recording: Recording) -> str:
+def device_word(recording: Recording) -> str:
     """The word for a recording's sensor in the names of features."""
     name = str(recording.labels.get("device", recording.sensor))
     return re.sub(r"[^A-Za-z0-9_]+", "_", name)
 
 
-def rate(recordings: Iterable[Recording]) -> int:
+def episode_rate(recordings: Iterable[Recording]) -> int:
     """Frames per second of the fastest, as a whole number.
 
     Raises:
@@ -59,7 +59,7 @@ def rate(recordings: Iterable[Recording]) -> int:
     return max(1, round(1 / min(steps)))
 
 
-def together(recordings: Iterable[Recording]) -> Iterator[list[Recording]]:
+def group_takes(recordings: Iterable[Recording]) -> Iterator[list[Recording]]:
     """Recordings of one take, one a device; those without a label ``take`` are alone."""
 
     def take(numbered: tuple[int, Recording]) -> Any:
@@ -70,7 +70,7 @@ def together(recordings: Iterable[Recording]) -> Iterator[list[Recording]]:
     for _, group in groupby(enumerate(recordings), take):
         held: dict[str, list[Recording]] = {}
         for _, one in group:
-            held.setdefault(device(one), []).append(one)
+            held.setdefault(device_word(one), []).append(one)
         for number in range(max(map(len, held.values()))):
             yield [parts[number] for parts in held.values() if number < len(parts)]
 
@@ -89,7 +89,7 @@ def episode(recordings: Sequence[Recording], fps: float) -> Episode:
     due = start + np.arange(int((end - start) * fps + 0.5) + 1) / fps
     parts, rows, dropped = {}, {}, {}
     for one in recordings:
-        name = device(one)
+        name = device_word(one)
         after = np.searchsorted(one.times, due).clip(1, max(1, len(one.times) - 1))
         if len(one.times) == 1:
             after = np.ones(len(due), np.int64)
@@ -102,7 +102,7 @@ def episode(recordings: Sequence[Recording], fps: float) -> Episode:
     return Episode(parts, rows, dropped)
 
 
-def features(one: Episode, images: str) -> dict[str, dict[str, Any]]:
+def episode_features(one: Episode, images: str) -> dict[str, dict[str, Any]]:
     """The features of an episode, without those that all have.
 
     Args:
@@ -142,7 +142,7 @@ def _numbers(dtype: str, size: int, names: list[str] | None) -> dict[str, Any]:
     return {"dtype": dtype, "shape": [size], "names": names}
 
 
-def numbers(one: Episode, feature: str) -> NDArray[Any]:
+def number_rows(one: Episode, feature: str) -> NDArray[Any]:
     """The rows of a feature that is no picture, (N, ...)."""
     _, kind, name = feature.split(".", 2)
     part, rows = one.parts[name], one.rows[name]
@@ -151,7 +151,7 @@ def numbers(one: Episode, feature: str) -> NDArray[Any]:
     return np.asarray(values)[rows].reshape(len(rows), -1)
 
 
-def pictures(one: Episode, feature: str) -> NDArray[np.uint8]:
+def image_rows(one: Episode, feature: str) -> NDArray[np.uint8]:
     """The rows of a feature that is a picture, uint8 (N, H, W, 3), as they were recorded."""
     name = feature.removeprefix("observation.images.")
     if name in one.parts:

@@ -32,7 +32,7 @@ COMMON: dict[str, dict[str, Any]] = {
 }
 
 
-def arrow() -> ModuleType:
+def import_arrow() -> ModuleType:
     """The package pyarrow, with ``parquet``.
 
     Raises:
@@ -48,7 +48,7 @@ def arrow() -> ModuleType:
     return found
 
 
-def place(number: int) -> dict[str, int]:
+def chunk_and_file(number: int) -> dict[str, int]:
     """Chunk and file of the n-th file."""
     return {"chunk_index": number // CHUNK, "file_index": number % CHUNK}
 
@@ -108,17 +108,17 @@ class Info:
 
 
 @cache
-def table(path: Path, columns: tuple[str, ...] | None = None) -> Any:
+def read_parquet(path: Path, columns: tuple[str, ...] | None = None) -> Any:
     """Some columns of a parquet file, kept in memory.
 
     Raises:
         DataNotFoundError: There is no such file.
         DataError: It cannot be read, or lacks a column.
     """
-    parquet = arrow().parquet
+    parquet = import_arrow().parquet
     if not path.is_file():
         raise DataNotFoundError(f"{path}: not there; download the data set again")
     try:
         return parquet.read_table(path, columns=None if columns is None else list(columns))
-    except (OSError, ValueError, KeyError, arrow().lib.ArrowException) as error:
+    except (OSError, ValueError, KeyError, import_arrow().lib.ArrowException) as error:
         raise DataError(f"{path}: cannot be read ({error}); download it again") from error

@@ -23,7 +23,7 @@ from tactileforge.lerobot.folder import Info
 
 
 @dataclass(frozen=True)
-class Touch:
+class TouchFeature:
     """One feature that is touch, and what belongs to it.
 
     Attributes:
@@ -39,7 +39,7 @@ class Touch:
     columns: Sequence[int] = (0, 1, 2)
 
 
-class Folder:
+class LeRobotFolder:
     """A LeRobot data set on this machine.
 
     Args:
@@ -60,9 +60,9 @@ class Folder:
         """Where each episode lies, in order; without statistics."""
         rows: list[dict[str, Any]] = []
         for path in sorted((self.root / "meta" / "episodes").glob("*/*.parquet")):
-            names = folder.arrow().parquet.read_schema(path).names
+            names = folder.import_arrow().parquet.read_schema(path).names
             wanted = tuple(name for name in names if not name.startswith("stats/"))
-            rows += folder.table(path, wanted).to_pylist()
+            rows += folder.read_parquet(path, wanted).to_pylist()
         if not rows:
             raise DataNotFoundError(f"{self.root}/meta/episodes: no episodes there")
         return sorted(rows, key=lambda row: int(row["episode_index"]))
@@ -90,7 +90,7 @@ class Folder:
         return found
 
     def recording(
-        self, number: int, touch: Touch, camera: str | None, background: str
+        self, number: int, touch: TouchFeature, camera: str | None, background: str
     ) -> Recording | None:
         """One feature of one episode; None where `write` says that the episode lacks it.
 
@@ -171,7 +171,7 @@ class Folder:
         """The parquet file of an episode, and its first row there."""
         place = {key: int(row[f"data/{key}"]) for key in ("chunk_index", "file_index")}
         path = self.root / self.info.data_path.format(**place)
-        held = folder.table(path, ("episode_index",))["episode_index"].to_numpy()
+        held = folder.read_parquet(path, ("episode_index",))["episode_index"].to_numpy()
         rows = np.flatnonzero(held == int(row["episode_index"]))
         if len(rows) != int(row["length"]) or (np.diff(rows) != 1).any():
             raise DataError(
@@ -184,7 +184,7 @@ class Folder:
         self, row: dict[str, Any], feature: str, columns: Sequence[int] | None = None
     ) -> NDArray[Any]:
         path, start = self._data(row)
-        column = folder.table(path, (feature,))[feature].slice(start, int(row["length"]))
+        column = folder.read_parquet(path, (feature,))[feature].slice(start, int(row["length"]))
         values = np.array(column.to_pylist(), np.dtype(self.info.features[feature]["dtype"]))
         values = values.reshape(len(values), -1)
         if columns is None:
@@ -256,7 +256,7 @@ class _Images(Sequence[bytes]):
     def __getitem__(self, i: int | slice) -> bytes | list[bytes]:
         if isinstance(i, slice):
             return [self[j] for j in range(*i.indices(self.length))]
-        cell = folder.table(self.path, (self.feature,))[self.feature][self.start + i].as_py()
+        cell = folder.read_parquet(self.path, (self.feature,))[self.feature][self.start + i].as_py()
         content = cell.get("bytes") if isinstance(cell, dict) else None
         if not isinstance(content, bytes):
             raise DataError(f"{self.path}, row {self.start + i}: no picture in {self.feature}")

@@ -13,7 +13,7 @@ _QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 _PICTURES, _SIDE = 8, 32
 
 
-def of_numbers(values: NDArray[Any]) -> dict[str, list[Any]]:
+def number_statistics(values: NDArray[Any]) -> dict[str, list[Any]]:
     """Statistics of each column; values that are not known are left out.
 
     Args:
@@ -33,20 +33,20 @@ def of_numbers(values: NDArray[Any]) -> dict[str, list[Any]]:
     return {name: one.tolist() for name, one in found.items()} | {"count": [len(rows)]}
 
 
-def of_pictures(small: NDArray[np.uint8]) -> dict[str, list[Any]]:
+def image_statistics(small: NDArray[np.uint8]) -> dict[str, list[Any]]:
     """Statistics of each colour, in 0..1, as nested lists (3, 1, 1).
 
     Args:
-        small: uint8 (N, h, w, 3), see `sample`.
+        small: uint8 (N, h, w, 3), see `sample_frames`.
     """
-    found = of_numbers(small.reshape(-1, 3) / 255)
+    found = number_statistics(small.reshape(-1, 3) / 255)
     shaped = {
         name: [[[value]] for value in values] for name, values in found.items() if name != "count"
     }
     return shaped | {"count": [len(small)]}
 
 
-def sample(frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def sample_frames(frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Some frames of an episode, made small.
 
     Args:

@@ -19,7 +19,7 @@ _BEYOND = 0.5
 
 
 @dataclass(frozen=True)
-class Shot:
+class FrameWithClip:
     """A frame and the clip that ends with it.
 
     Attributes:
@@ -69,7 +69,7 @@ class ClipBuffer:
             while len(self._items) > self.frames + 1 and self._items[0][0] < horizon:
                 self._items.popleft()
 
-    def newest(self) -> Shot | None:
+    def newest(self) -> FrameWithClip | None:
         """The newest frame and its clip; None before the first."""
         with self._lock:
             frame, number, items = self._newest, self.count, list(self._items)
@@ -77,7 +77,7 @@ class ClipBuffer:
             return None
         rows = clip_rows(np.array([time for time, _ in items]), self.frames, self.spacing)
         clip = None if rows is None else np.stack([items[row][1] for row in rows])
-        return Shot(number, frame, clip)
+        return FrameWithClip(number, frame, clip)
 
 
 def clip_rows(times: NDArray[np.float64], frames: int, spacing: float) -> list[int] | None:

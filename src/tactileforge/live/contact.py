@@ -58,7 +58,7 @@ class SlipOptions:
             )
 
 
-class Difference:
+class BackgroundChange:
     """How far pictures are from the background, in grey levels.
 
     Both are averaged over squares of eight pixels; a hundredth of the squares may differ more, in
@@ -82,7 +82,7 @@ class Difference:
         return float(np.percentile(np.abs(self._small(picture) - self._still).max(-1), 99))
 
 
-class Contact:
+class ContactDetector:
     """Contact on or off, with two thresholds, so that it does not flicker between them."""
 
     def __init__(self, options: ContactOptions) -> None:
@@ -95,7 +95,7 @@ class Contact:
         return self.is_on
 
 
-class Slip:
+class SlipEstimator:
     """An estimate of slip from forces alone: no slip is seen, it is inferred.
 
     It slips where the shear reaches the friction cone (Coulomb), and until the ratio is a fifth

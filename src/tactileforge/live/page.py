@@ -7,7 +7,7 @@ from pathlib import Path
 _FILE = Path(__file__).with_name("page.html")
 
 
-def html(nonce: str) -> str:
+def page_html(nonce: str) -> str:
     """The page.
 
     Args:

@@ -57,7 +57,7 @@ class JsonLines:
         """Does nothing: standard output stays open."""
 
 
-def built(given: Sequence[str] | Mapping[str, Any]) -> list[Publisher]:
+def build_publishers(given: Sequence[str] | Mapping[str, Any]) -> list[Publisher]:
     """Publishers by name, or by name with their options.
 
     Raises:

@@ -14,11 +14,17 @@ from numpy.typing import NDArray
 
 from tactileforge.calibration.file import Calibration
 from tactileforge.contracts import Frame, Sensor
-from tactileforge.data.batches.clips import resized
+from tactileforge.data.batches.clips import resize_frame
 from tactileforge.errors import ConfigError, SensorError, unknown
 from tactileforge.hub.model import Model
-from tactileforge.live.buffer import ClipBuffer, Shot
-from tactileforge.live.contact import Contact, ContactOptions, Difference, Slip, SlipOptions
+from tactileforge.live.buffer import ClipBuffer, FrameWithClip
+from tactileforge.live.contact import (
+    BackgroundChange,
+    ContactDetector,
+    ContactOptions,
+    SlipEstimator,
+    SlipOptions,
+)
 from tactileforge.sensors import background
 from tactileforge.sensors.background import Background
 from tactileforge.sensors.capture import Capture
@@ -78,7 +84,7 @@ class Reading:
         return found
 
 
-class Finger:
+class SensorStream:
     """A sensor, read in a thread; readings are computed by whoever asks, of the newest frame.
 
     Args:
@@ -122,14 +128,14 @@ class Finger:
         frames, spacing = (1, 0.0) if model is None else (model.frames, model.spacing)
         self.buffer = ClipBuffer(frames, spacing, self.prepare)
         self.capture = Capture(name, sensor, self.sink, reconnect)
-        self.contact, self.slip = Contact(contact), Slip(slip)
+        self.contact, self.slip = ContactDetector(contact), SlipEstimator(slip)
         self.background: NDArray[np.uint8] = np.zeros((1, 1, 3), np.uint8)
         self.readings: deque[Reading] = deque(maxlen=HISTORY)
         self.skipped = self.done = 0
         self.shown: Frame | None = None
         self._seen: list[NDArray[np.uint8]] | None = None
         self._still = self.background
-        self._difference = Difference(self.background)
+        self._difference = BackgroundChange(self.background)
         self._last = self._frozen = 0
 
     def prepare(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -140,7 +146,7 @@ class Finger:
         """
         if self.model is None or not self.model.recipe:
             return picture
-        return resized(picture, self.model.encoder.image_size)
+        return resize_frame(picture, self.model.encoder.image_size)
 
     def sink(self, frame: Frame) -> None:
         """Takes a frame from the thread of the sensor."""
@@ -177,8 +183,8 @@ class Finger:
                 )
             self.background = picture
         elif options.seconds:
-            background.check(self.name, seen, options.threshold)
-            chosen = background.chosen(seen, options.frames)
+            background.check_background(self.name, seen, options.threshold)
+            chosen = background.spread_frames(seen, options.frames)
             self.background = np.median(chosen, axis=0).astype(np.uint8)
         else:
             shot = self.buffer.newest()
@@ -186,7 +192,7 @@ class Finger:
                 raise SensorError(f"{self.name}: no frame came for its background")
             self.background = shot.frame.array
         self._still = self.prepare(self.background)
-        self._difference = Difference(self.background)
+        self._difference = BackgroundChange(self.background)
 
     @property
     def state(self) -> str:
@@ -217,7 +223,7 @@ class Finger:
         self.readings.append(reading)
         return reading
 
-    def _read(self, shot: Shot, with_vector: bool) -> Reading:
+    def _read(self, shot: FrameWithClip, with_vector: bool) -> Reading:
         frame = shot.frame
         trouble = exposure_trouble(frame.array) if self.sensor.spec.kind == "image" else ""
         difference = self._difference(frame.array)
@@ -266,7 +272,7 @@ def known_as(name: str, model: Model | None, unknown_sensor: str) -> str:
     raise ConfigError(unknown("sensor of the model", name, model.sensors, fix * has_universal))
 
 
-def picture_of(path: str) -> NDArray[np.uint8]:
+def read_background(path: str) -> NDArray[np.uint8]:
     """A background from a file, uint8 (H, W, 3), RGB.
 
     Raises:

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.errors import ConfigError
-from tactileforge.live.page import html
-from tactileforge.live.sensor_stream import Finger
-from tactileforge.live.session import Show
+from tactileforge.live.page import page_html
+from tactileforge.live.sensor_stream import SensorStream
+from tactileforge.live.session import LiveSession
 
 #: Pixels of the longer side of a picture on the page, and of the shorter side of a small one.
 _LARGE = 480
@@ -29,8 +29,8 @@ _SILENCE = 10.0
 _HOST = "127.0.0.1"
 
 
-class Page:
-    """Serves a `Show` while it is open.
+class LivePage:
+    """Serves a `LiveSession` while it is open.
 
     The address has a random token; a request without it, or one that names another host (a web site
     that was made to point here), is refused. Nothing is computed while nobody looks.
@@ -46,7 +46,7 @@ class Page:
         ConfigError: The port is taken.
     """
 
-    def __init__(self, view: Show, port: int = 0) -> None:
+    def __init__(self, view: LiveSession, port: int = 0) -> None:
         self.token = secrets.token_urlsafe(18)
         handler = type("Handler", (_Handler,), {"view": view, "token": self.token})
         try:
@@ -78,7 +78,7 @@ class _Server(ThreadingHTTPServer):
 
 
 class _Handler(BaseHTTPRequestHandler):
-    view: Show
+    view: LiveSession
     token: str
     protocol_version = "HTTP/1.1"
     timeout = _SILENCE
@@ -96,25 +96,27 @@ class _Handler(BaseHTTPRequestHandler):
         what, _, name = rest.partition("/")
         if rest == "":
             nonce = secrets.token_urlsafe(12)
-            self._answer(200, "text/html; charset=utf-8", html(nonce).encode(), nonce)
+            self._answer(200, "text/html; charset=utf-8", page_html(nonce).encode(), nonce)
         elif rest == "state":
             after = parse_qs(url.query).get("after", ["0"])[0]
-            found = state(self.view, float(after) if after.replace(".", "", 1).isdigit() else 0.0)
+            found = page_state(
+                self.view, float(after) if after.replace(".", "", 1).isdigit() else 0.0
+            )
             self._answer(200, "application/json", json.dumps(found).encode())
         elif what in ("frame", "difference") and unquote(name) in self.view.fingers:
             self._picture(self.view.fingers[unquote(name)], what)
         else:
             self._answer(404, "text/plain", b"no such thing\n")
 
-    def _picture(self, finger: Finger, what: str) -> None:
+    def _picture(self, finger: SensorStream, what: str) -> None:
         shown = finger.shown
         if shown is None:
             self._answer(404, "text/plain", b"no frame yet\n")
             return
         array = shown.array
         if what == "difference":
-            array = difference(array, finger.background)
-        self._answer(200, "image/jpeg", jpeg(array))
+            array = difference_image(array, finger.background)
+        self._answer(200, "image/jpeg", page_jpeg(array))
 
     def _answer(self, status: int, kind: str, body: bytes, nonce: str = "") -> None:
         self.send_response(status)
@@ -137,7 +139,7 @@ class _Handler(BaseHTTPRequestHandler):
         """Says nothing: the terminal has its line."""
 
 
-def state(view: Show, after: float) -> dict[str, Any]:
+def page_state(view: LiveSession, after: float) -> dict[str, Any]:
     """What the page shows, as plain data.
 
     Args:
@@ -156,7 +158,7 @@ def state(view: Show, after: float) -> dict[str, Any]:
     }
 
 
-def _of(finger: Finger, after: float, now: float) -> dict[str, Any]:
+def _of(finger: SensorStream, after: float, now: float) -> dict[str, Any]:
     shown = finger.shown
     return {
         "type": finger.sensor.spec.name,
@@ -176,7 +178,9 @@ def _of(finger: Finger, after: float, now: float) -> dict[str, Any]:
     }
 
 
-def difference(picture: NDArray[np.uint8], background: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def difference_image(
+    picture: NDArray[np.uint8], background: NDArray[np.uint8]
+) -> NDArray[np.uint8]:
     """A picture less its background, twice as strong, around the middle grey."""
     if picture.shape != background.shape:
         return picture
@@ -184,7 +188,7 @@ def difference(picture: NDArray[np.uint8], background: NDArray[np.uint8]) -> NDA
     return np.asarray((128 + _GAIN * change).clip(0, 255), np.uint8)
 
 
-def jpeg(picture: NDArray[np.uint8]) -> bytes:
+def page_jpeg(picture: NDArray[np.uint8]) -> bytes:
     """A picture, RGB, of a size that fits the page: large ones smaller, arrays larger."""
     longest = max(picture.shape[:2])
     if longest > _LARGE:

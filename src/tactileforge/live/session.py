@@ -11,15 +11,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tactileforge.calibration.file import Calibration, load
+from tactileforge.calibration.file import Calibration, load_calibration
 from tactileforge.contracts import Sensor
 from tactileforge.errors import ConfigError, SensorError, unknown
 from tactileforge.hub.model import Model
 from tactileforge.live.contact import ContactOptions, SlipOptions
 from tactileforge.live.publish import Publisher
-from tactileforge.live.sensor_stream import Finger, Reading, picture_of
+from tactileforge.live.sensor_stream import Reading, SensorStream, read_background
 from tactileforge.sensors.background import Background
-from tactileforge.sensors.low_latency_threads import quick_switches
+from tactileforge.sensors.low_latency_threads import low_latency_threads
 from tactileforge.sensors.opening import open_all
 
 #: Seconds in which every sensor must begin to send; and that the loop waits for a frame.
@@ -29,7 +29,7 @@ _KEPT, _RECENT = 20_000, 300
 
 
 @dataclass(frozen=True, kw_only=True)
-class ShowOptions:
+class LiveOptions:
     """How sensors are shown live.
 
     Attributes:
@@ -76,7 +76,7 @@ class Latency:
         return float(p50), float(p99)
 
 
-class Show:
+class LiveSession:
     """Opens sensors, takes their backgrounds, and computes readings until it is stopped.
 
     Args:
@@ -92,7 +92,7 @@ class Show:
         ConfigError: No sensor, or one of the wrong kind.
 
     Example:
-        >>> with Show({"digit": sensor}, model) as show:  # doctest: +SKIP
+        >>> with LiveSession({"digit": sensor}, model) as show:  # doctest: +SKIP
         ...     for reading in show.readings():
         ...         print(reading.force, reading.contact)
     """
@@ -101,7 +101,7 @@ class Show:
         self,
         sensors: Mapping[str, Sensor],
         model: Model | None = None,
-        options: ShowOptions | None = None,
+        options: LiveOptions | None = None,
     ) -> None:
         if not sensors:
             raise ConfigError("no sensor: choose some, e.g. sensor=digit")
@@ -109,13 +109,13 @@ class Show:
             if sensor.spec.kind == "wrench":
                 raise ConfigError(f"{name} is a wrench sensor: it has no pictures to show")
         self.sensors, self.model = dict(sensors), model
-        self.options = options or ShowOptions()
-        self.fingers: dict[str, Finger] = {}
+        self.options = options or LiveOptions()
+        self.fingers: dict[str, SensorStream] = {}
         self.latency = Latency()
         self.wake = threading.Condition()
         self._stack = ExitStack()
 
-    def __enter__(self) -> Show:
+    def __enter__(self) -> LiveSession:
         """Opens all sensors, and starts to read them.
 
         Raises:
@@ -124,10 +124,10 @@ class Show:
         """
         given, known = self.options, self._calibrations()
         with ExitStack() as stack:
-            stack.enter_context(quick_switches())
+            stack.enter_context(low_latency_threads())
             open_all(self.sensors, stack)
             self.fingers = {
-                name: Finger(
+                name: SensorStream(
                     name,
                     sensor,
                     self.model,
@@ -154,7 +154,7 @@ class Show:
         given = self.options.calibration
         if strange := sorted(set(given) - set(self.sensors)):
             raise ConfigError(unknown("sensor of calibration", strange[0], self.sensors))
-        return {name: load(path) for name, path in given.items()}
+        return {name: load_calibration(path) for name, path in given.items()}
 
     def _wait_for_all(self) -> None:
         end = time.monotonic() + _PATIENCE
@@ -178,7 +178,7 @@ class Show:
             ConfigError: The picture given instead does not fit.
         """
         given = self.options
-        picture = picture_of(given.image) if given.image else None
+        picture = read_background(given.image) if given.image else None
         for finger in self.fingers.values():
             finger.begin_background()
         end = time.monotonic() + (0.0 if given.image else given.background.seconds)
@@ -218,12 +218,12 @@ class Show:
                 yield None
 
 
-def show(
-    view: Show,
+def run_session(
+    view: LiveSession,
     publishers: Sequence[Publisher] = (),
     stop: threading.Event | None = None,
     say: Callable[[str], None] = print,
-    tell: Callable[[Show], None] | None = None,
+    tell: Callable[[LiveSession], None] | None = None,
 ) -> None:
     """Takes the background, then publishes readings and what becomes of the sensors.
 
@@ -235,7 +235,7 @@ def show(
         tell: Is called after each reading, to show how it goes.
 
     Raises:
-        SensorError: See `Show.take_background` and `Show.readings`.
+        SensorError: See `LiveSession.take_background` and `LiveSession.readings`.
     """
     if view.options.background.seconds and not view.options.image:
         say("background: nothing may touch the sensors now")

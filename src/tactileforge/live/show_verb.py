@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 from tactileforge import settings
 from tactileforge.errors import ConfigError
 from tactileforge.live.contact import ContactOptions, SlipOptions
-from tactileforge.live.publish import JsonLines, Publisher, built
-from tactileforge.live.session import Show, ShowOptions, show
-from tactileforge.live.status_line import ShowStatus
+from tactileforge.live.publish import JsonLines, Publisher, build_publishers
+from tactileforge.live.session import LiveOptions, LiveSession, run_session
+from tactileforge.live.status_line import LiveStatus
 from tactileforge.sensors.background import Background
-from tactileforge.sensors.opening import built as built_sensors
+from tactileforge.sensors.opening import build_sensors as built_sensors
 from tactileforge.signals import stopped_by_signals
 from tactileforge.strict import part
 
@@ -45,26 +45,26 @@ def main(argv: Sequence[str]) -> int:
     config = plain("live", argv)
     options = options_of(config)
     sensors, _, _ = built_sensors(config)
-    publishers: list[Publisher] = built(config["publish"])
+    publishers: list[Publisher] = build_publishers(config["publish"])
     if config["json"]:
         publishers.append(JsonLines())
-    status = ShowStatus()
+    status = LiveStatus()
 
     def say(line: str) -> None:
         status.end()
         print(line, file=sys.stderr if config["json"] else sys.stdout, flush=True)
 
     with ExitStack() as stack:
-        view = stack.enter_context(Show(sensors, _model(config), options))
+        view = stack.enter_context(LiveSession(sensors, _model(config), options))
         stop = stack.enter_context(stopped_by_signals())
         stack.callback(status.end)
         if config["page"]:
-            from tactileforge.live.server import Page
+            from tactileforge.live.server import LivePage
 
-            page = stack.enter_context(Page(view, config["port"]))
+            page = stack.enter_context(LivePage(view, config["port"]))
             say(f"page: {page.url}")
         try:
-            show(view, publishers, stop, say, status.tell)
+            run_session(view, publishers, stop, say, status.tell)
         except BrokenPipeError:  # whoever read standard output has had enough
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         status.end()
@@ -72,7 +72,7 @@ def main(argv: Sequence[str]) -> int:
     return 0
 
 
-def options_of(config: Mapping[str, Any]) -> ShowOptions:
+def options_of(config: Mapping[str, Any]) -> LiveOptions:
     """The options of a configuration; see conf/live.yaml.
 
     Raises:
@@ -85,7 +85,7 @@ def options_of(config: Mapping[str, Any]) -> ShowOptions:
         if config[key] is not None and not config[key] > 0:
             raise ConfigError(f"{key}={config[key]}: give a value above 0")
     names = ("embedding", "unknown_sensor", "reconnect", "calibration", "seconds", "frames")
-    return ShowOptions(
+    return LiveOptions(
         background=part("background", Background, background),
         image=str(image),
         **parts,

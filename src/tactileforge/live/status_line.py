@@ -5,18 +5,18 @@ from __future__ import annotations
 import math
 import time
 
-from tactileforge.live.sensor_stream import Finger
-from tactileforge.live.session import Show
+from tactileforge.live.sensor_stream import SensorStream
+from tactileforge.live.session import LiveSession
 from tactileforge.sensors.status import Status
 
 #: Seconds between two lines: on a terminal, where each takes the place of the last, and elsewhere.
 _TERMINAL, _ELSEWHERE = 0.1, 5.0
 
 
-class ShowStatus(Status):
+class LiveStatus(Status):
     """Writes the line to standard error."""
 
-    def tell(self, view: Show) -> None:
+    def tell(self, view: LiveSession) -> None:
         """Writes the line, if it is time to."""
         now = time.monotonic()
         if now < self._next:
@@ -24,9 +24,9 @@ class ShowStatus(Status):
         self._next = now + (_TERMINAL if self._is_terminal else _ELSEWHERE)
         p50, p99 = view.latency.percentiles()
         parts = [f"p50 {1000 * p50:.1f} p99 {1000 * p99:.1f} ms"]
-        self._write(" | ".join([*map(of_finger, view.fingers.values()), *parts]))
+        self._write(" | ".join([*map(stream_status, view.fingers.values()), *parts]))
 
-    def summary(self, view: Show) -> str:
+    def summary(self, view: LiveSession) -> str:
         """How it went, for the end."""
         fingers = view.fingers.values()
         counts = ", ".join(f"{f.name} {f.done} (skipped {f.skipped})" for f in fingers)
@@ -36,7 +36,7 @@ class ShowStatus(Status):
         return f"readings: {counts}{waited}{f'; came back: {lost}' if lost else ''}"
 
 
-def of_finger(finger: Finger) -> str:
+def stream_status(finger: SensorStream) -> str:
     """What one sensor feels: rate, force, contact, slip, frames skipped."""
     state = finger.state
     words = [finger.name]

@@ -18,18 +18,18 @@ from tactileforge.data.shards.index import NAME, Index
 from tactileforge.errors import ConfigError, DataError, TactileForgeError
 from tactileforge.files import write_text
 from tactileforge.packing.executors import execute
-from tactileforge.packing.options import Filter, Options
-from tactileforge.packing.plan import SPLITS, Plan, plan
-from tactileforge.packing.statistics import Statistics
-from tactileforge.packing.work import NOTES, Note
+from tactileforge.packing.options import Filter, PackOptions
+from tactileforge.packing.plan import SPLITS, PackPlan, plan_pack
+from tactileforge.packing.statistics import PackStatistics
+from tactileforge.packing.work import NOTES, ShardNote
 
-__all__ = ["Filter", "Options", "pack", "summary"]
+__all__ = ["Filter", "PackOptions", "pack", "summary"]
 
 #: Damaged recordings that an error names.
 _NAMED = 20
 
 
-def pack(dataset: Dataset, name: str, out: Path, options: Options | None = None) -> Index:
+def pack(dataset: Dataset, name: str, out: Path, options: PackOptions | None = None) -> Index:
     """Packs the recordings of a data set into shards, and sums them up in ``index.json``.
 
     The same data and options give the same bytes, whoever does the work. A run that was stopped
@@ -46,9 +46,9 @@ def pack(dataset: Dataset, name: str, out: Path, options: Options | None = None)
         DataError: Too many recordings are damaged, none is left, or two have one key.
         TactileForgeError: A shard cannot be written, or a process died twice over one.
     """
-    options = options or Options()
+    options = options or PackOptions()
     out = Path(out).absolute()
-    planned = plan(dataset, out, options)
+    planned = plan_pack(dataset, out, options)
     made = _made(name, planned, options)
     try:
         _claim(out, made)
@@ -56,7 +56,7 @@ def pack(dataset: Dataset, name: str, out: Path, options: Options | None = None)
         index = Index(name=name, sorted=True, made=made, **_merged(planned, notes))
         index.save(out)
     except OSError as error:
-        whole = sum(Note.of(job) is not None for job in planned.jobs)
+        whole = sum(ShardNote.of(job) is not None for job in planned.jobs)
         raise TactileForgeError(
             f"{out}: cannot be written ({error.strerror or error}). {whole} of {len(planned.jobs)} "
             "shards are whole and stay: make room, and run the same command again"
@@ -66,10 +66,10 @@ def pack(dataset: Dataset, name: str, out: Path, options: Options | None = None)
     return index
 
 
-def _notes(planned: Plan, options: Options, out: Path) -> dict[int, Note]:
+def _notes(planned: PackPlan, options: PackOptions, out: Path) -> dict[int, ShardNote]:
     """Makes the shards that are not whole yet; what is known of all, by the number of the job."""
     _sweep(out)
-    found = {job.number: note for job in planned.jobs if (note := Note.of(job))}
+    found = {job.number: note for job in planned.jobs if (note := ShardNote.of(job))}
     missing = [job for job in planned.jobs if job.number not in found]
     guard = _Guard(planned, options)
     for note in found.values():
@@ -94,7 +94,7 @@ def _notes(planned: Plan, options: Options, out: Path) -> dict[int, Note]:
 class _Guard:
     """Counts damaged recordings, and stops where there are too many."""
 
-    def __init__(self, planned: Plan, options: Options) -> None:
+    def __init__(self, planned: PackPlan, options: PackOptions) -> None:
         self.lines = [line for lines in planned.skipped.values() for line in lines]
         self.damaged = len(self.lines)
         self.total = planned.recordings + self.damaged
@@ -102,7 +102,7 @@ class _Guard:
         self.share = options.max_bad
         self._check()
 
-    def see(self, note: Note) -> None:
+    def see(self, note: ShardNote) -> None:
         """Counts those of a shard."""
         self.damaged += note.statistics.damaged
         self.lines += note.statistics.skipped
@@ -120,10 +120,10 @@ class _Guard:
         )
 
 
-def _merged(planned: Plan, notes: Mapping[int, Note]) -> dict[str, Any]:
+def _merged(planned: PackPlan, notes: Mapping[int, ShardNote]) -> dict[str, Any]:
     """Shards and statistics of each split."""
     splits: dict[str, Any] = {split: [] for split in SPLITS}
-    found = {split: Statistics() for split in SPLITS}
+    found = {split: PackStatistics() for split in SPLITS}
     for split, lines in planned.skipped.items():
         found[split].skipped += lines
         found[split].damaged += len(lines)
@@ -140,7 +140,7 @@ def _merged(planned: Plan, notes: Mapping[int, Note]) -> dict[str, Any]:
     return {"splits": splits, "statistics": {k: each.report() for k, each in found.items()}}
 
 
-def _made(name: str, planned: Plan, options: Options) -> dict[str, Any]:
+def _made(name: str, planned: PackPlan, options: PackOptions) -> dict[str, Any]:
     """How the shards are made; all but ``by`` must not change within a folder."""
     return {
         "by": f"tactileforge {version('tactileforge')}",

@@ -20,8 +20,8 @@ class Filter:
     """Which frames are kept; all of them unless something is given.
 
     Attributes:
-        laplacian: A frame is lively from this `filters.score` on; frames that share no clip with a
-            lively one are left out. One number, or one by sensor (others are not filtered).
+        laplacian: A frame is lively from this `filters.laplacian_score` on; frames that share no
+            clip with a lively one are left out. One number, or one by sensor (others are not filtered).
         every: Seconds between frames that are kept; sampled first.
         span: Length of a clip of four frames, s; see `filters.reach`.
 
@@ -48,7 +48,7 @@ class Filter:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
+class PackOptions:
     """How recordings are packed.
 
     Attributes:
@@ -90,7 +90,7 @@ class Options:
                 raise ConfigError(f"pack.{name} is {value}; give 1 or more")
 
     @classmethod
-    def of(cls, config: Mapping[str, Any]) -> Options:
+    def of(cls, config: Mapping[str, Any]) -> PackOptions:
         """Options from plain data.
 
         Args:

@@ -13,16 +13,16 @@ import numpy as np
 
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.data.shards import shards
-from tactileforge.data.shards.index import arranged
+from tactileforge.data.shards.index import sort_recordings
 from tactileforge.errors import DataError
-from tactileforge.packing.options import Options
-from tactileforge.packing.work import Job
+from tactileforge.packing.options import PackOptions
+from tactileforge.packing.work import ShardJob
 
 SPLITS = ("train", "val")
 
 
 @dataclass(frozen=True)
-class Plan:
+class PackPlan:
     """What is to be packed.
 
     Attributes:
@@ -32,7 +32,7 @@ class Plan:
         digest: Names all recordings and what is done with them.
     """
 
-    jobs: list[Job]
+    jobs: list[ShardJob]
     skipped: dict[str, list[str]]
     recordings: int
     digest: str
@@ -43,7 +43,7 @@ class Plan:
         return sum(job.frames for job in self.jobs)
 
 
-def plan(dataset: Dataset, out: Path, options: Options) -> Plan:
+def plan_pack(dataset: Dataset, out: Path, options: PackOptions) -> PackPlan:
     """Sorts the recordings of a data set, and deals them to shards.
 
     Args:
@@ -65,16 +65,16 @@ def plan(dataset: Dataset, out: Path, options: Options) -> Plan:
     if not found["train"]:
         raise DataError("the data set has no recording for training; check where its data lies")
     _check(found)
-    jobs: list[Job] = []
+    jobs: list[ShardJob] = []
     for split, recordings in found.items():
-        dealt = deal(arranged(recordings), options.shard_frames)
+        dealt = deal(sort_recordings(recordings), options.shard_frames)
         for number, own in enumerate(dealt):
             path = out / f"{split}-{number:06d}.tar"
             frames = sum(len(one.frames) for one in own)
             digest = _digest(own, path.name, options)
-            jobs.append(Job(len(jobs), path, split, own, frames, digest, options))
+            jobs.append(ShardJob(len(jobs), path, split, own, frames, digest, options))
     whole = hashlib.sha256("".join(job.digest for job in jobs).encode()).hexdigest()
-    return Plan(jobs, skipped, sum(map(len, found.values())), whole)
+    return PackPlan(jobs, skipped, sum(map(len, found.values())), whole)
 
 
 def deal(recordings: Sequence[Recording], frames: int) -> Iterator[list[Recording]]:
@@ -83,7 +83,7 @@ def deal(recordings: Sequence[Recording], frames: int) -> Iterator[list[Recordin
     What one object felt stays together, unless that alone is more.
 
     Args:
-        recordings: In the order of `arranged`.
+        recordings: In the order of `sort_recordings`.
         frames: How many a shard may have; a longer recording has one of its own.
     """
     shard: list[Recording] = []
@@ -125,9 +125,9 @@ def _check(found: dict[str, list[Recording]]) -> None:
                 raise DataError(f"{one.key}: its times do not increase; correct its reader")
 
 
-def _digest(recordings: Sequence[Recording], file: str, options: Options) -> str:
+def _digest(recordings: Sequence[Recording], file: str, options: PackOptions) -> str:
     found = hashlib.sha256(json.dumps([file, options.content()], sort_keys=True).encode())
     for one in recordings:
         lengths = [len(frames or ()) for frames in (one.frames, one.no_contact, one.image)]
-        found.update(json.dumps([shards.head(one), lengths], sort_keys=True).encode())
+        found.update(json.dumps([shards.describe_recording(one), lengths], sort_keys=True).encode())
     return found.hexdigest()

@@ -15,11 +15,11 @@ from tqdm import tqdm
 
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.data.shards import shards
-from tactileforge.data.shards.index import arranged
+from tactileforge.data.shards.index import sort_recordings
 from tactileforge.errors import DataError
 from tactileforge.files import write_text
 from tactileforge.packing import charts, filters
-from tactileforge.packing.options import Filter, Options
+from tactileforge.packing.options import Filter, PackOptions
 from tactileforge.packing.plan import SPLITS
 from tactileforge.pages.page import (
     NONE,
@@ -74,7 +74,7 @@ def preview(
     dataset: Dataset,
     name: str,
     path: Path,
-    options: Options | None = None,
+    options: PackOptions | None = None,
     recordings: int = 24,
     frames: int = 300,
 ) -> Path:
@@ -94,8 +94,8 @@ def preview(
     Raises:
         DataError: There is no recording that can be read.
     """
-    chosen = (options or Options()).filter
-    everything = arranged(one for split in SPLITS for one in dataset.recordings(split))
+    chosen = (options or PackOptions()).filter
+    everything = sort_recordings(one for split in SPLITS for one in dataset.recordings(split))
     skipped = list(dataset.skipped)
     judged = []
     for recording in tqdm(_spread(everything, recordings), desc="look", unit="recording"):
@@ -120,8 +120,8 @@ def judge(recording: Recording, chosen: Filter) -> Judged:
     Raises:
         DataError: A frame cannot be read.
     """
-    rows = filters.sampled(recording.times, chosen.every)
-    scores = filters.scores(_read(recording, rows.tolist()))
+    rows = filters.sample_in_time(recording.times, chosen.every)
+    scores = filters.laplacian_scores(_read(recording, rows.tolist()))
     times = recording.times[rows]
     peaks = filters.peaks(times, scores, filters.reach(times, chosen.span))
     return Judged(recording, rows, np.array(scores), peaks)
@@ -258,7 +258,7 @@ def _image(picture: NDArray[np.uint8], words: str) -> str:
     if width > _WIDEST:
         size = (_WIDEST, max(1, round(height * _WIDEST / width)))
         picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
-    text = base64.b64encode(shards.encode(picture, "jpg", 85)).decode()
+    text = base64.b64encode(shards.encode_image(picture, "jpg", 85)).decode()
     height, width = picture.shape[:2]
     return (
         f'<img src="data:image/jpeg;base64,{text}" width="{width}" height="{height}" '

@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Frames, FrameSubset, Recording
 from tactileforge.data.shards import shards
-from tactileforge.data.shards.index import Entry
+from tactileforge.data.shards.index import IndexEntry
 from tactileforge.errors import DataError
 from tactileforge.files import write_text
 from tactileforge.packing import filters
-from tactileforge.packing.options import Options
-from tactileforge.packing.statistics import Statistics
+from tactileforge.packing.options import PackOptions
+from tactileforge.packing.statistics import PackStatistics
 
 #: Folder, beside the shards, of what is known of each: a run that was stopped goes on from there.
 NOTES = ".pack"
@@ -38,7 +38,7 @@ Fetch: TypeAlias = Callable[[Sequence[int]], Sequence[Any] | NDArray[np.uint8]]
 
 
 @dataclass(frozen=True)
-class Job:
+class ShardJob:
     """What one shard is made of.
 
     Attributes:
@@ -57,11 +57,11 @@ class Job:
     recordings: Sequence[Recording]
     frames: int
     digest: str
-    options: Options
+    options: PackOptions
 
 
 @dataclass(frozen=True)
-class Note:
+class ShardNote:
     """What is known of a shard that is whole.
 
     Attributes:
@@ -71,17 +71,17 @@ class Note:
     """
 
     digest: str
-    entry: Entry | None
-    statistics: Statistics
+    entry: IndexEntry | None
+    statistics: PackStatistics
 
     @classmethod
-    def of(cls, job: Job) -> Note | None:
+    def of(cls, job: ShardJob) -> ShardNote | None:
         """What an earlier run noted of a shard; None where it must be made (again)."""
         try:
             plain = json.loads(_note_path(job.path).read_text())
             row = plain["entry"]
-            entry = None if row is None else Entry.from_json(row)
-            found = cls(plain["digest"], entry, Statistics.from_json(plain["statistics"]))
+            entry = None if row is None else IndexEntry.from_json(row)
+            found = cls(plain["digest"], entry, PackStatistics.from_json(plain["statistics"]))
             is_there = entry is None or job.path.stat().st_size == entry.bytes
         except (OSError, ValueError, KeyError, TypeError):
             return None
@@ -101,7 +101,7 @@ def _note_path(shard: Path) -> Path:
     return shard.parent / NOTES / f"{shard.stem}.json"
 
 
-def packed_job(job: Job) -> bytes:
+def packed_job(job: ShardJob) -> bytes:
     """A job as bytes, for another process.
 
     Raises:
@@ -113,13 +113,13 @@ def packed_job(job: Job) -> bytes:
         raise DataError(_NO_PICKLE.format(job.path.name, error)) from error
 
 
-def run_packed(job: bytes, tick: Callable[[int, int], None]) -> Note:
-    """`run`, of a job that comes from another process."""
+def run_packed(job: bytes, tick: Callable[[int, int], None]) -> ShardNote:
+    """`run_job`, of a job that comes from another process."""
     try:
-        found: Job = pickle.loads(job)
+        found: ShardJob = pickle.loads(job)
     except (pickle.UnpicklingError, AttributeError, ImportError, TypeError) as error:
         raise DataError(_NO_PICKLE.format("a shard", error)) from error
-    return run(found, tick)
+    return run_job(found, tick)
 
 
 _NO_PICKLE = (
@@ -128,7 +128,9 @@ _NO_PICKLE = (
 )
 
 
-def run(job: Job, tick: Callable[[int, int], None] = lambda number, frames: None) -> Note:
+def run_job(
+    job: ShardJob, tick: Callable[[int, int], None] = lambda number, frames: None
+) -> ShardNote:
     """Makes a shard, and notes what it is.
 
     Args:
@@ -138,21 +140,21 @@ def run(job: Job, tick: Callable[[int, int], None] = lambda number, frames: None
     Raises:
         OSError: The shard cannot be written.
     """
-    statistics = Statistics()
-    shards.write(job.path, _packed(job, statistics, partial(tick, job.number)))
+    statistics = PackStatistics()
+    shards.write_shard(job.path, _packed(job, statistics, partial(tick, job.number)))
     if statistics.recordings:
-        entry = Entry.of(job.path)
+        entry = IndexEntry.of(job.path)
         statistics.bytes = entry.bytes
     else:
         entry = None
         job.path.unlink()
-    note = Note(job.digest, entry, statistics)
+    note = ShardNote(job.digest, entry, statistics)
     note.save(job.path)
     return note
 
 
 def _packed(
-    job: Job, statistics: Statistics, tick: Callable[[int], None]
+    job: ShardJob, statistics: PackStatistics, tick: Callable[[int], None]
 ) -> Iterator[shards.Packed]:
     done = 0
     for recording in job.recordings:
@@ -180,7 +182,7 @@ def _packed(
 class _Packer:
     """Packs one recording."""
 
-    def __init__(self, recording: Recording, options: Options) -> None:
+    def __init__(self, recording: Recording, options: PackOptions) -> None:
         self.recording = recording
         self.options = options
         self.read = 0
@@ -194,7 +196,7 @@ class _Packer:
             return None
         recording = _with_rows(whole, rows)
         packed = shards.Packed(
-            shards.head(recording),
+            shards.describe_recording(recording),
             self.options.codec,
             frames,
             self._all(whole.no_contact),
@@ -206,7 +208,7 @@ class _Packer:
     def _frames(self, tick: Callable[[int], None]) -> tuple[list[int], list[bytes]]:
         """Numbers of the frames that are kept, and the frames."""
         options, whole = self.options, self.recording
-        wanted = filters.sampled(whole.times, options.filter.every).tolist()
+        wanted = filters.sample_in_time(whole.times, options.filter.every).tolist()
         threshold = options.filter.threshold(whole.sensor)
         if threshold is None or len(wanted) == 1:
             shown = self._read(self._fetch(whole.frames), wanted, tick)
@@ -271,12 +273,12 @@ class _Packer:
         shown: NDArray[np.uint8] = frame
         if size:
             shown = cv2.resize(frame, size[::-1], interpolation=cv2.INTER_AREA)
-        return shards.encode(shown, self.options.codec, self.options.quality)
+        return shards.encode_image(shown, self.options.codec, self.options.quality)
 
 
 def _lossless(frames: Frames) -> list[bytes]:
     """All images of a group that is never shrunk."""
-    return [shards.encode(image, "png") for image in frames.read(range(len(frames)))]
+    return [shards.encode_image(image, "png") for image in frames.read(range(len(frames)))]
 
 
 def _smaller(shape: Sequence[int], size: int | None) -> tuple[int, int] | None:

@@ -17,7 +17,7 @@ from torch import Tensor
 _WIDEST = 144
 
 
-def jpeg(frame: Tensor) -> tuple[str, int, int]:
+def frame_data_url(frame: Tensor) -> tuple[str, int, int]:
     """A frame as a data URL, and its width and height in pixels.
 
     Args:
@@ -35,7 +35,7 @@ def jpeg(frame: Tensor) -> tuple[str, int, int]:
 
 def image(picture: NDArray[np.uint8], alt: str) -> str:
     """A picture, uint8 (H, W, 3), that is part of the page."""
-    url, width, height = jpeg(torch.from_numpy(picture).permute(2, 0, 1) / 255)
+    url, width, height = frame_data_url(torch.from_numpy(picture).permute(2, 0, 1) / 255)
     return f'<img src="{url}" width="{width}" height="{height}" alt="{escape(alt)}" loading="lazy">'
 
 

@@ -12,7 +12,7 @@ from tactileforge.reality import measures
 from tactileforge.reality.profiles import Profile
 
 
-def spectra(profiles: Sequence[Profile]) -> str:
+def spectra_chart(profiles: Sequence[Profile]) -> str:
     """Median spectrum of each source relative to its lowest frequencies; the first is black.
 
     Args:
@@ -30,7 +30,7 @@ def spectra(profiles: Sequence[Profile]) -> str:
         return svg(figure, "power of the change picture over frequency, simulated and real")
 
 
-def touches(profiles: Sequence[Profile]) -> str:
+def touches_chart(profiles: Sequence[Profile]) -> str:
     """Contrast against contact area, a point a touch.
 
     Args:

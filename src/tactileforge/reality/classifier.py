@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from tactileforge.errors import ConfigError
 from tactileforge.reality.measures import Array
-from tactileforge.reality.patches import colours, spectra
+from tactileforge.reality.patches import patch_colours, patch_spectra
 
 #: Fewest patches of a class.
 _LEAST = 16
@@ -26,7 +26,7 @@ _BATCH, _RATE, _DECAY = 64, 2e-3, 1e-2
 
 
 @dataclass(frozen=True)
-class Score:
+class ClassifierScore:
     """How well patches that were not trained on are told apart.
 
     Attributes:
@@ -43,7 +43,7 @@ class Score:
 
 
 @dataclass(frozen=True)
-class Split:
+class PatchSplit:
     """Patches (N, 48, 48, 3) of change pictures, see `patches.patches`.
 
     Attributes:
@@ -54,7 +54,7 @@ class Split:
     real: Array
     simulated: Array
 
-    def balanced(self) -> Split:
+    def balanced(self) -> PatchSplit:
         """As many of one as of the other, evenly spread.
 
         Raises:
@@ -71,7 +71,7 @@ class Split:
             for one in (self.real, self.simulated)
         )
         first, second = rows
-        return Split(self.real[first], self.simulated[second])
+        return PatchSplit(self.real[first], self.simulated[second])
 
 
 def _pixels(cut: Array) -> Array:
@@ -98,13 +98,15 @@ def _convolutions(inputs: int) -> nn.Module:
 
 #: What a classifier is shown, and what it is.
 VIEWS: dict[str, tuple[Callable[[Array], Array], Callable[[int], nn.Module]]] = {
-    "colour": (colours, _perceptron),
-    "spectrum": (spectra, _perceptron),
+    "colour": (patch_colours, _perceptron),
+    "spectrum": (patch_spectra, _perceptron),
     "pixels": (_pixels, _convolutions),
 }
 
 
-def told_apart(train: Split, test: Split, view: str, seed: int = 0, steps: int = 300) -> Score:
+def told_apart(
+    train: PatchSplit, test: PatchSplit, view: str, seed: int = 0, steps: int = 300
+) -> ClassifierScore:
     """Trains a classifier and tests it on patches of another source.
 
     Args:
@@ -130,10 +132,10 @@ def told_apart(train: Split, test: Split, view: str, seed: int = 0, steps: int =
         seen, scores = net(x)[:, 0], net(other)[:, 0]
     right = float(((scores > 0) == (truth > 0)).float().mean())
     fitted = float(((seen > 0) == (y > 0)).float().mean())
-    return Score(right, auc(scores, truth > 0), fitted, (len(y) // 2, len(truth) // 2))
+    return ClassifierScore(right, auc(scores, truth > 0), fitted, (len(y) // 2, len(truth) // 2))
 
 
-def _labelled(one: Split, shown: Callable[[Array], Array]) -> tuple[Tensor, Tensor]:
+def _labelled(one: PatchSplit, shown: Callable[[Array], Array]) -> tuple[Tensor, Tensor]:
     """Inputs, and 1 for real and 0 for simulated."""
     inputs = np.concatenate([shown(one.real), shown(one.simulated)])
     labels = torch.cat([torch.ones(len(one.real)), torch.zeros(len(one.simulated))])

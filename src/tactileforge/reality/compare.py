@@ -10,7 +10,7 @@ from tqdm import tqdm
 
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.errors import ConfigError, DataError, unknown
-from tactileforge.inspection.look import evenly
+from tactileforge.inspection.frame_stats import evenly
 from tactileforge.reality.profiles import Profile, distances, profile, ratio
 from tactileforge.reality.simulated import config, simulated, trial
 from tactileforge.sim.mechanics.sensor_gels import DEVICES
@@ -22,7 +22,7 @@ SIMULATED = "simulated"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
+class CompareOptions:
     """What is compared.
 
     Attributes:
@@ -30,7 +30,7 @@ class Options:
         recordings: Of each source that are read.
         scenes: Simulated touches of each sensor.
         trials: Simulated force trials, where a source has forces.
-        indenters: See `sim.generate.Config`, as are those below.
+        indenters: See `sim.generate.SimConfig`, as are those below.
         motions: Of the touches.
         newton: Range of the largest normal force of the touches, N.
         markers: Whether the simulated gels have markers.
@@ -90,7 +90,9 @@ class Side:
         return ratio(apart, among)
 
 
-def compare(dataset: Dataset, options: Options, progress: bool = True) -> dict[str, Side]:
+def compare_reality(
+    dataset: Dataset, options: CompareOptions, progress: bool = True
+) -> dict[str, Side]:
     """Measures a data set, and simulated touches on its types of sensors.
 
     Args:
@@ -129,7 +131,9 @@ def _by_sensor(dataset: Dataset) -> dict[str, list[Recording]]:
     return out
 
 
-def _side(sensor: str, recordings: Sequence[Recording], options: Options, progress: bool) -> Side:
+def _side(
+    sensor: str, recordings: Sequence[Recording], options: CompareOptions, progress: bool
+) -> Side:
     real = []
     for name, held in by_source(recordings).items():
         rows = evenly(len(held), options.recordings).tolist()
@@ -145,7 +149,7 @@ def _side(sensor: str, recordings: Sequence[Recording], options: Options, progre
     return Side(_simulated(sensor, options, any(one.responses for one in real), progress), real)
 
 
-def _simulated(sensor: str, options: Options, forces: bool, progress: bool) -> Profile:
+def _simulated(sensor: str, options: CompareOptions, forces: bool, progress: bool) -> Profile:
     shown = config(
         sensor,
         indenters=options.indenters,

@@ -14,7 +14,7 @@ from tactileforge.reality import charts
 from tactileforge.reality.compare import Side
 from tactileforge.reality.measures import Array
 from tactileforge.reality.profiles import DISTANCES, Profile, correlations
-from tactileforge.reality.touches import Touch
+from tactileforge.reality.touches import StrongestTouch
 
 #: Grey levels of the amplified difference for one of the change; the same everywhere.
 _GAIN = 4.0
@@ -41,7 +41,7 @@ A source may be one unit: its colours say nothing about others.
 """
 
 
-def render(name: str, sides: Mapping[str, Side]) -> str:
+def reality_page(name: str, sides: Mapping[str, Side]) -> str:
     """The page, as HTML.
 
     Args:
@@ -77,10 +77,10 @@ def _section(sensor: str, side: Side) -> Section:
     drawn = [
         panel(
             "Spectrum of the change",
-            charts.spectra(profiles),
+            charts.spectra_chart(profiles),
             "Median over touches, over the power below 0.03 cycles per pixel.",
         ),
-        panel("Contrast and contact", charts.touches(profiles), "A point a touch."),
+        panel("Contrast and contact", charts.touches_chart(profiles), "A point a touch."),
     ]
     body = _pictures(profiles) + "<h3>Spectrum, contrast, contact</h3>"
     body += _legend(profiles) + panels(drawn, wide=True)
@@ -112,7 +112,7 @@ def _pictures(profiles: Sequence[Profile]) -> str:
     return body
 
 
-def _card(touch: Touch) -> str:
+def _card(touch: StrongestTouch) -> str:
     shown = (touch.background, touch.picture, 128 + _GAIN * touch.change)
     names = ("background", "touch", "difference")
     images = "".join(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Recording
 from tactileforge.reality.measures import Array
-from tactileforge.reality.touches import touches
+from tactileforge.reality.touches import strongest_touches
 
 #: Rows and columns of a patch.
 PATCH = 48
@@ -40,7 +40,7 @@ def patches(
     chance = np.random.default_rng(seed)
     found = []
     for recording in recordings:
-        for one in touches(recording, most):
+        for one in strongest_touches(recording, most):
             half = PATCH // 2
             inner = one.touched[half : one.touched.shape[0] - half, half:-half]
             rows, columns = np.nonzero(inner)
@@ -53,7 +53,7 @@ def patches(
     return np.stack(found) if found else np.empty((0, PATCH, PATCH, 3), np.float32)
 
 
-def colours(cut: Array) -> Array:
+def patch_colours(cut: Array) -> Array:
     """Means and covariances of the channels of each patch, (N, 9).
 
     Variances are logarithms and covariances correlations, so that all are of one order.
@@ -69,7 +69,7 @@ def colours(cut: Array) -> Array:
     ).astype(np.float32)
 
 
-def spectra(cut: Array) -> Array:
+def patch_spectra(cut: Array) -> Array:
     """Logarithms of the mean power of each patch's grey change in ten bands, (N, 10)."""
     grey = cut.mean(axis=-1, dtype=np.float64)
     line = np.hanning(PATCH + 2)[1:-1]

@@ -9,11 +9,16 @@ from pathlib import Path
 import numpy as np
 
 from tactileforge.contracts import Frames, FrameSubset, Recording
-from tactileforge.inspection.look import evenly
+from tactileforge.inspection.frame_stats import evenly
 from tactileforge.reality import measures
 from tactileforge.reality.measures import Array
 from tactileforge.reality.response import Response, response
-from tactileforge.reality.touches import Look, Touch, look, touches
+from tactileforge.reality.touches import (
+    StrongestTouch,
+    TouchMeasures,
+    measure_touch,
+    strongest_touches,
+)
 
 #: Smallest number of which a logarithm is compared: a hundredth of a grey level is nothing.
 _FLOOR = 0.01
@@ -37,9 +42,9 @@ class Profile:
 
     name: str
     sensor: str
-    looks: list[Look] = field(default_factory=list)
+    looks: list[TouchMeasures] = field(default_factory=list)
     responses: list[Response] = field(default_factory=list)
-    shown: list[Touch] = field(default_factory=list)
+    shown: list[StrongestTouch] = field(default_factory=list)
     faint: int = 0
     stored: list[str] = field(default_factory=list)
 
@@ -63,8 +68,8 @@ def profile(name: str, sensor: str, recordings: Iterable[Recording]) -> Profile:
     for recording in recordings:
         if (ending := _ending(recording.frames)) and ending not in out.stored:
             out.stored.append(ending)
-        for seen in touches(recording):
-            found = look(seen)
+        for seen in strongest_touches(recording):
+            found = measure_touch(seen)
             if found is None:
                 out.faint += 1
                 continue

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Recording
-from tactileforge.inspection.look import evenly
+from tactileforge.inspection.frame_stats import evenly
 from tactileforge.reality import measures
 from tactileforge.reality.measures import Array
 

@@ -15,7 +15,7 @@ from tactileforge.contracts import FrameSubset, Recording
 from tactileforge.data.shards import shards
 from tactileforge.errors import DataError
 from tactileforge.reality import measures
-from tactileforge.sim.generate import Config, recordings
+from tactileforge.sim.generate import SimConfig, recordings
 
 #: The trial of the ToucHD demonstrations, at both sensors' forces; edges show where a fit fails.
 _TRIAL: dict[str, Any] = {
@@ -26,12 +26,12 @@ _TRIAL: dict[str, Any] = {
 }
 
 
-def config(sensor: str, **given: Any) -> Config:
+def config(sensor: str, **given: Any) -> SimConfig:
     """What is simulated for a sensor: touches at the size at which pictures are compared.
 
     Args:
         sensor: Its type.
-        given: Of `sim.generate.Config`, instead of what is chosen here.
+        given: Of `sim.generate.SimConfig`, instead of what is chosen here.
 
     Raises:
         ConfigError: The simulator does not know the sensor, or a word in ``given``.
@@ -49,15 +49,15 @@ def config(sensor: str, **given: Any) -> Config:
         "seed": 0,
         "codec": "png",  # JPEG would be compared as well
     }
-    return Config(**(how | given))
+    return SimConfig(**(how | given))
 
 
-def trial(sensor: str, **given: Any) -> Config:
+def trial(sensor: str, **given: Any) -> SimConfig:
     """What is simulated for the answer to force: press, slides in four directions, lift."""
     return config(sensor, **(_TRIAL | given))
 
 
-def simulated(config: Config, scenes: range, progress: bool = False) -> Iterator[Recording]:
+def simulated(config: SimConfig, scenes: range, progress: bool = False) -> Iterator[Recording]:
     """Plays scenes and yields their recordings; each can be read until the next is asked for.
 
     All frames before the first contact are its background.
@@ -74,8 +74,8 @@ def simulated(config: Config, scenes: range, progress: bool = False) -> Iterator
     with tempfile.TemporaryDirectory() as folder:
         for number in tqdm(scenes, desc=told, unit="touch", disable=not progress):
             path = Path(folder) / f"{number}.tar"
-            shards.write(path, recordings(config, number))
-            for one in shards.read(path):
+            shards.write_shard(path, recordings(config, number))
+            for one in shards.read_shard(path):
                 yield _from_rest(one)
             path.unlink()
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Recording
-from tactileforge.data.frames.crop import as_text
+from tactileforge.data.frames.crop import size_text
 from tactileforge.errors import DataError
-from tactileforge.inspection.look import evenly
+from tactileforge.inspection.frame_stats import evenly
 from tactileforge.reality import measures
 from tactileforge.reality.measures import Array
 
@@ -23,7 +23,7 @@ _LONG, _MOST = 64, 8
 
 
 @dataclass(frozen=True)
-class Touch:
+class StrongestTouch:
     """What a recording shows where it is touched most.
 
     Attributes:
@@ -48,7 +48,7 @@ class Touch:
         return self.picture - self.background
 
 
-def touches(recording: Recording, most: int = _MOST) -> list[Touch]:
+def strongest_touches(recording: Recording, most: int = _MOST) -> list[StrongestTouch]:
     """Reads the strongest frame of each part of a recording.
 
     Args:
@@ -66,8 +66,8 @@ def touches(recording: Recording, most: int = _MOST) -> list[Touch]:
         return []
     if still.shape != recording.frames.shape:
         raise DataError(
-            f"{recording.key}: the background has {as_text(still.shape)} pixels, the frames "
-            f"{as_text(recording.frames.shape)}; give a background of the same size"
+            f"{recording.key}: the background has {size_text(still.shape)} pixels, the frames "
+            f"{size_text(recording.frames.shape)}; give a background of the same size"
         )
     first = still.read(range(min(len(still), _STILL)))
     background = np.median(first, axis=0).astype(np.float32)
@@ -76,7 +76,7 @@ def touches(recording: Recording, most: int = _MOST) -> list[Touch]:
     parts = np.array_split(np.arange(count), max(1, min(most, count // _LONG)))
     pictures = (_strongest(recording, part, background) for part in parts)
     return [
-        Touch(
+        StrongestTouch(
             key=recording.key,
             sensor=recording.sensor,
             background=measures.sized(background),
@@ -97,7 +97,7 @@ def _strongest(recording: Recording, part: Array, background: Array) -> NDArray[
 
 
 @dataclass(frozen=True)
-class Look:
+class TouchMeasures:
     """The numbers of one touch, see `measures`.
 
     Attributes:
@@ -123,13 +123,13 @@ class Look:
     covariance: Array
 
 
-def look(one: Touch) -> Look | None:
+def measure_touch(one: StrongestTouch) -> TouchMeasures | None:
     """Measures a touch; None where it is too faint."""
     if np.count_nonzero(one.touched) < 9:
         return None
     change = one.change
     inside, outside = measures.detail(change, one.touched)
-    return Look(
+    return TouchMeasures(
         bands=measures.bands(change),
         spectrum=measures.radial(change),
         noise=one.noise,

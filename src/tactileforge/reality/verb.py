@@ -9,7 +9,7 @@ from typing import Any
 
 from tactileforge import registry, settings
 from tactileforge.files import write_text
-from tactileforge.reality.compare import Options, Side, compare
+from tactileforge.reality.compare import CompareOptions, Side, compare_reality
 
 
 def main(argv: Sequence[str]) -> int:
@@ -30,13 +30,15 @@ def main(argv: Sequence[str]) -> int:
     from tactileforge.compose import plain
 
     given = plain("compare", argv)
-    options = Options(**{one.name: _frozen(given[one.name]) for one in fields(Options)})
+    options = CompareOptions(
+        **{one.name: _frozen(given[one.name]) for one in fields(CompareOptions)}
+    )
     dataset = registry.build("datasets", given["data"])
-    sides = compare(dataset, options)
+    sides = compare_reality(dataset, options)
 
-    from tactileforge.reality.page import render
+    from tactileforge.reality.page import reality_page
 
-    write_text(Path(given["out"]), render(given["data"]["name"], sides))
+    write_text(Path(given["out"]), reality_page(given["data"]["name"], sides))
     for sensor, side in sides.items():
         print(_told(sensor, side))
     for line in dataset.skipped:

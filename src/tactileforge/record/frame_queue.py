@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Frame
-from tactileforge.data.frames.image_codecs import encode
+from tactileforge.data.frames.image_codecs import encode_image
 
 
 @dataclass(frozen=True)
-class Shot:
+class PendingFrame:
     """A frame that is being encoded.
 
     Attributes:
@@ -31,7 +31,7 @@ class Shot:
     raw: NDArray[np.float32] | None
 
 
-class Reel:
+class FrameQueue:
     """Frames of one sensor, encoded in a pool, kept until they are cut off and written.
 
     Nothing waits: a frame that finds too many before it is dropped and counted.
@@ -54,7 +54,7 @@ class Reel:
         self.pool, self.codecs, self.quality = pool, tuple(codecs), quality
         self.queue, self.hold = queue, hold
         self.waiting = self.dropped = 0
-        self._shots: deque[Shot] = deque()
+        self._shots: deque[PendingFrame] = deque()
         self._lock = threading.Lock()
         self._from = self._end = math.inf
 
@@ -79,12 +79,12 @@ class Reel:
             self.waiting += 1
         future = self.pool.submit(self.encode, frame.array)
         future.add_done_callback(self._encoded)
-        self._shots.append(Shot(frame.time, future, frame.raw))
+        self._shots.append(PendingFrame(frame.time, future, frame.raw))
 
     def encode(self, picture: NDArray[np.uint8]) -> dict[str, bytes]:
         """A picture in every codec."""
         return {
-            codec: encode(picture, codec, self.quality if codec == "jpg" else None)
+            codec: encode_image(picture, codec, self.quality if codec == "jpg" else None)
             for codec in self.codecs
         }
 
@@ -92,7 +92,7 @@ class Reel:
         with self._lock:
             self.waiting -= 1
 
-    def cut(self, until: float) -> list[Shot]:
+    def cut(self, until: float) -> list[PendingFrame]:
         """Takes out the frames before a time; their encoding may still go on."""
         found = []
         while self._shots and self._shots[0].time < until:
@@ -100,7 +100,7 @@ class Reel:
         return found
 
 
-class Samples:
+class WrenchBuffer:
     """Wrenches of one sensor, kept until they are cut off and written.
 
     Args:

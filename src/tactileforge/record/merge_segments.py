@@ -15,7 +15,7 @@ from tactileforge.data.frames.image_codecs import PackedFrames
 from tactileforge.data.shards import shards
 
 
-def joined(paths: Sequence[Path]) -> list[shards.Packed]:
+def merge_segments(paths: Sequence[Path]) -> list[shards.Packed]:
     """The recordings of several segments as one a sensor.
 
     Args:
@@ -26,7 +26,7 @@ def joined(paths: Sequence[Path]) -> list[shards.Packed]:
     """
     by_sensor: dict[str, list[Recording]] = {}
     for path in paths:
-        for one in shards.read(path):
+        for one in shards.read_shard(path):
             by_sensor.setdefault(one.key.rpartition("/")[0], []).append(one)
     return [_one(key, parts) for key, parts in by_sensor.items()]
 
@@ -53,7 +53,7 @@ def _one(key: str, parts: Sequence[Recording]) -> shards.Packed:
         tracks=tracks,
     )
     return shards.Packed(
-        shards.head(whole),
+        shards.describe_recording(whole),
         frames[0].codec,
         _Encoded(frames),
         _Encoded([_packed(first.no_contact)] if first.no_contact is not None else []),

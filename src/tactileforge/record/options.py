@@ -14,7 +14,7 @@ from tactileforge.strict import part
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
+class RecordOptions:
     """The keys of conf/record.yaml, but those that name sensors.
 
     Attributes:
@@ -86,7 +86,7 @@ class Options:
                 raise ConfigError(f"{name}={value}: give a value above 0")
 
     @classmethod
-    def of(cls, given: Mapping[str, Any]) -> Options:
+    def of(cls, given: Mapping[str, Any]) -> RecordOptions:
         """Options from a configuration; other keys (of sensors) are left out.
 
         Raises:

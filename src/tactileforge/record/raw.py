@@ -54,7 +54,7 @@ def read_raw(path: Path) -> dict[str, Raw]:
     return found
 
 
-def joined_raw(paths: Sequence[Path]) -> dict[str, Raw]:
+def merge_raw(paths: Sequence[Path]) -> dict[str, Raw]:
     """Those of several segments of one take, in order."""
     parts: dict[str, list[Raw]] = {}
     for path in paths:

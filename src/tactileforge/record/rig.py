@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Frame, Sensor
 from tactileforge.errors import ConfigError, SensorError
-from tactileforge.record.frame_queue import Reel, Samples
-from tactileforge.record.options import Options
+from tactileforge.record.frame_queue import FrameQueue, WrenchBuffer
+from tactileforge.record.options import RecordOptions
 from tactileforge.sensors import background
 from tactileforge.sensors.capture import Capture
 from tactileforge.sensors.opening import open_all
@@ -30,14 +30,15 @@ _LOOKED_AT = 60
 
 
 @dataclass
-class Device:
+class RigSensor:
     """One sensor of a recording.
 
     Attributes:
         name: The key of its recordings.
         sensor: The sensor.
         capture: The thread that reads it.
-        keeps: What it gives during a take: `Reel` of a camera or array, `Samples` of a wrench.
+        keeps: What it gives during a take: `FrameQueue` of a camera or array, `WrenchBuffer` of a
+            wrench.
         background: Encoded frames without contact.
         rest: float64 (6,), the wrench without contact.
         seen: Frames for the next background; None while none is taken.
@@ -46,7 +47,7 @@ class Device:
     name: str
     sensor: Sensor
     capture: Capture = field(init=False)
-    keeps: Reel | Samples = field(init=False)
+    keeps: FrameQueue | WrenchBuffer = field(init=False)
     background: list[bytes] = field(default_factory=list)
     rest: NDArray[np.float64] = field(default_factory=lambda: np.zeros(6))
     seen: list[Frame] | None = None
@@ -82,7 +83,7 @@ class Rig:
         sensors: Mapping[str, Sensor],
         force: Sensor | None,
         camera: Sensor | None,
-        options: Options,
+        options: RecordOptions,
     ) -> None:
         self.options = options
         if not sensors:
@@ -95,19 +96,19 @@ class Rig:
             raise ConfigError(f"force={force.spec.name} is no wrench sensor: choose it as sensor=")
         if camera is not None and camera.spec.kind != "image":
             raise ConfigError(f"camera={camera.spec.name} is no camera")
-        self.devices = [Device(name, sensor) for name, sensor in sensors.items()]
-        self.force = None if force is None else Device("force", force)
-        self.camera = None if camera is None else Device("view", camera)
+        self.devices = [RigSensor(name, sensor) for name, sensor in sensors.items()]
+        self.force = None if force is None else RigSensor("force", force)
+        self.camera = None if camera is None else RigSensor("view", camera)
         if taken := sensors.keys() & {"force", "view"}:
             raise ConfigError(f"no sensor can be called {taken.pop()}: choose another name for it")
         self._stack = ExitStack()
 
     @property
-    def all(self) -> list[Device]:
+    def all(self) -> list[RigSensor]:
         """Every device."""
         return [*self.devices, *(one for one in (self.force, self.camera) if one is not None)]
 
-    def codec(self, device: Device) -> str:
+    def codec(self, device: RigSensor) -> str:
         """How the frames of a device are stored."""
         return "png" if device.sensor.spec.kind == "array" else self.options.codec
 
@@ -130,14 +131,14 @@ class Rig:
             self._stack = stack.pop_all()
         return self
 
-    def _keeper(self, device: Device, pool: ThreadPoolExecutor) -> Reel | Samples:
+    def _keeper(self, device: RigSensor, pool: ThreadPoolExecutor) -> FrameQueue | WrenchBuffer:
         hold = int(device.sensor.spec.fps * (2 * self.options.segment + _SLACK)) + 1
         if device is self.force:
-            return Samples(hold)
+            return WrenchBuffer(hold)
         codecs = {self.codec(device)}
         if device is self.camera:
             codecs = {self.codec(one) for one in self.devices}
-        return Reel(pool, sorted(codecs), self.options.quality, self.options.queue, hold)
+        return FrameQueue(pool, sorted(codecs), self.options.quality, self.options.queue, hold)
 
     def __exit__(self, *error: object) -> None:
         self._stack.close()
@@ -173,10 +174,10 @@ class Rig:
             if given.seconds:
                 step = -(-len(seen) // _LOOKED_AT) or 1
                 frames = [frame.array for frame in seen[::step]]
-                background.check(device.name, frames, given.threshold)
+                background.check_background(device.name, frames, given.threshold)
                 codec, keeps = self.codec(device), device.keeps
-                assert isinstance(keeps, Reel)
-                chosen = background.chosen(frames, given.frames)
+                assert isinstance(keeps, FrameQueue)
+                chosen = background.spread_frames(frames, given.frames)
                 device.background = [keeps.encode(frame)[codec] for frame in chosen]
         if self.camera is not None:
             self.camera.seen = None
@@ -194,7 +195,7 @@ class Rig:
                 )
             time.sleep(0.02)
 
-    def _tare(self, force: Device) -> None:
+    def _tare(self, force: RigSensor) -> None:
         seen, force.seen = force.seen or [], None
         wrenches = [frame.raw for frame in seen if frame.raw is not None]
         if self.options.background.seconds and not wrenches:

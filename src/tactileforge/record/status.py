@@ -7,19 +7,19 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TextIO
 
-from tactileforge.record.frame_queue import Reel
+from tactileforge.record.frame_queue import FrameQueue
 from tactileforge.sensors.health import TROUBLES
 from tactileforge.sensors.status import Status
 
 if TYPE_CHECKING:
-    from tactileforge.record.rig import Device, Rig
+    from tactileforge.record.rig import Rig, RigSensor
 
 #: Seconds between two lines: on a terminal, where each takes the place of the last, and elsewhere.
 _TERMINAL, _ELSEWHERE = 0.25, 5.0
 
 
 @dataclass
-class Summary:
+class RecordSummary:
     """What was recorded.
 
     Attributes:
@@ -48,7 +48,7 @@ class RecordStatus(Status):
         super().__init__(to)
         self._warned: set[tuple[str, str]] = set()
 
-    def show(self, rig: Rig, take: int, seconds: float, found: Summary) -> None:
+    def show(self, rig: Rig, take: int, seconds: float, found: RecordSummary) -> None:
         """Writes the line, if it is time to."""
         now = time.monotonic()
         if now < self._next:
@@ -59,13 +59,13 @@ class RecordStatus(Status):
         free = shutil.disk_usage(rig.options.out).free
         parts = [
             f"take {take} {seconds:6.1f} s",
-            *map(of_device, rig.all),
+            *map(device_status, rig.all),
             f"saved {found.seconds:.0f} s, {found.bytes / 1e6:.1f} MB",
             f"disk {free / 1e9:.0f} GB",
         ]
         self._write(" | ".join(parts))
 
-    def _warn(self, device: Device) -> None:
+    def _warn(self, device: RigSensor) -> None:
         for trouble in set(device.capture.health.counts):
             if (device.name, trouble) not in self._warned:
                 self._warned.add((device.name, trouble))
@@ -73,13 +73,13 @@ class RecordStatus(Status):
                 self.to.write(f"warning: {device.name}: {TROUBLES[trouble]}\n")
 
 
-def of_device(device: Device) -> str:
+def device_status(device: RigSensor) -> str:
     """How one device does: rate, frames waiting, frames lost."""
     capture, keeps = device.capture, device.keeps
     if capture.is_lost:
         return f"{device.name} LOST"
     words = [f"{device.name} {capture.fps:.1f} fps"]
-    if isinstance(keeps, Reel):
+    if isinstance(keeps, FrameQueue):
         words.append(f"queue {keeps.waiting}")
     words.append(f"dropped {keeps.dropped}")
     counts = capture.counts

@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import IO, Self
 
 from tactileforge.data.shards import index, shards
-from tactileforge.data.shards.index import Entry, Index
+from tactileforge.data.shards.index import Index, IndexEntry
 from tactileforge.errors import ConfigError, DataError
-from tactileforge.record.merge_segments import joined
-from tactileforge.record.raw import Raw, append_raw, joined_raw
+from tactileforge.record.merge_segments import merge_segments
+from tactileforge.record.raw import Raw, append_raw, merge_raw
 
 #: Folder, beside the shards, for what is not yet whole.
 NOTES = ".record"
@@ -29,7 +29,7 @@ _SEGMENT = re.compile(r"(?P<split>train|val)-(?P<take>\d{6})\.(?P<number>\d{4,})
 _TAKE = re.compile(r"(?P<split>train|val)-(?P<take>\d{6})\.tar")
 
 
-class Store:
+class TakeStore:
     """Takes in a folder, of one writer at a time.
 
     Args:
@@ -43,7 +43,7 @@ class Store:
     def __init__(self, out: Path, split: str) -> None:
         self.out, self.split = out, split
         self.notes: list[str] = []
-        self._entries: dict[str, Entry] = {}
+        self._entries: dict[str, IndexEntry] = {}
         self._lock: IO[str] | None = None
 
     def __enter__(self) -> Self:
@@ -79,7 +79,7 @@ class Store:
         path = self.out / index.NAME
         if path.exists():
             try:
-                held = index.parse(path.read_bytes(), str(path))
+                held = index.parse_index(path.read_bytes(), str(path))
             except DataError as error:
                 self.notes.append(f"the index is made anew: {error}")
             else:
@@ -116,7 +116,7 @@ class Store:
 
     def _take_up(self, path: Path) -> None:
         try:
-            self._entries[path.name] = Entry.of(path)
+            self._entries[path.name] = IndexEntry.of(path)
             self.notes.append(f"{path.name} was whole, and is now in the index")
         except DataError as error:
             self.notes.append(f"{path.name} is left out of the index: {error}")
@@ -132,7 +132,7 @@ class Store:
         number: int,
         recordings: Sequence[shards.Packed],
         raw: Mapping[str, Raw],
-    ) -> Entry:
+    ) -> IndexEntry:
         """Writes one segment; when this returns, it is safe.
 
         Args:
@@ -146,7 +146,7 @@ class Store:
         """
         return self._commit(f"{self.split}-{take:06d}.{number:04d}.tar", recordings, raw)
 
-    def join(self, take: int) -> Entry | None:
+    def join(self, take: int) -> IndexEntry | None:
         """Makes one shard of the segments of a take.
 
         Returns:
@@ -157,13 +157,13 @@ class Store:
         """
         return self._join(f"{self.split}-{take:06d}.tar")
 
-    def _join(self, name: str) -> Entry | None:
+    def _join(self, name: str) -> IndexEntry | None:
         segments = sorted(one for one in self._entries if _whole(one) == name and one != name)
         size = sum(self._entries[one].bytes for one in segments)
         if not segments or shutil.disk_usage(self.out).free < 1.1 * size:
             return None
         paths = [self.out / one for one in segments]
-        entry = self._commit(name, joined(paths), joined_raw(paths), instead_of=segments)
+        entry = self._commit(name, merge_segments(paths), merge_raw(paths), instead_of=segments)
         for path in paths:
             path.unlink()
         return entry
@@ -174,13 +174,13 @@ class Store:
         recordings: Sequence[shards.Packed],
         raw: Mapping[str, Raw],
         instead_of: Sequence[str] = (),
-    ) -> Entry:
+    ) -> IndexEntry:
         part = self.out / NOTES / name
         try:
-            shards.write(part, recordings)
+            shards.write_shard(part, recordings)
             append_raw(part, raw)
             _sync(part)
-            entry = Entry.of(part)
+            entry = IndexEntry.of(part)
             part.replace(self.out / name)
         finally:
             part.unlink(missing_ok=True)

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from typing import Any
 
 from tactileforge import settings
-from tactileforge.record.options import Options
+from tactileforge.record.options import RecordOptions
 from tactileforge.record.record import record
-from tactileforge.record.status import RecordStatus, Summary
-from tactileforge.sensors.opening import built
+from tactileforge.record.status import RecordStatus, RecordSummary
+from tactileforge.sensors.opening import build_sensors
 from tactileforge.signals import stopped_by_signals
 
 
@@ -31,8 +31,8 @@ def main(argv: Sequence[str]) -> int:
     from tactileforge.compose import plain
 
     config = plain("record", argv)
-    options = Options.of(config)
-    sensors, force, camera = built(config)
+    options = RecordOptions.of(config)
+    sensors, force, camera = build_sensors(config)
     status = RecordStatus()
     with stopped_by_signals() as stop:
         try:
@@ -52,7 +52,7 @@ def _say(status: RecordStatus) -> Any:
     return say
 
 
-def _told(found: Summary) -> str:
+def _told(found: RecordSummary) -> str:
     frames = ", ".join(f"{name} {count}" for name, count in found.frames.items())
     lost = ", ".join(f"{name} {count}" for name, count in found.dropped.items() if count)
     takes = "1 take" if found.takes == 1 else f"{found.takes} takes"

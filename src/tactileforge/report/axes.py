@@ -37,7 +37,7 @@ class AxisScore:
         return self.predicted < _COLLAPSED * self.measured
 
 
-def score(
+def axis_score(
     measured: NDArray[np.float32], predicted: NDArray[np.float32], known: NDArray[np.float32]
 ) -> AxisScore:
     """Scores of predictions, mN.

@@ -14,7 +14,7 @@ from tactileforge.data.batches.clips import Clips
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.pages.figures import scatter_figure
 from tactileforge.pages.page import Section, legend, panel, panels, paragraph, percent, table
-from tactileforge.report.samples import Look, whole_key
+from tactileforge.report.samples import ClipSample, whole_key
 
 _NEIGHBOURS = 5
 _TEMPERATURE = 0.07
@@ -39,7 +39,7 @@ class Embedding:
 
 
 @dataclass(frozen=True)
-class Score:
+class NeighbourScore:
     """How well nearest neighbours in other recordings tell a class.
 
     Attributes:
@@ -55,7 +55,7 @@ class Score:
     classes: int
 
 
-def embedding_of(data: TouchData, looks: dict[str, Look]) -> Embedding:
+def embedding_of(data: TouchData, looks: dict[str, ClipSample]) -> Embedding:
     """Puts the clips of the splits together.
 
     Args:
@@ -79,7 +79,7 @@ def embedding_of(data: TouchData, looks: dict[str, Look]) -> Embedding:
     return Embedding(vectors, recordings, held_out, labels)
 
 
-def neighbours(embedding: Embedding, kind: str) -> Score | None:
+def neighbours(embedding: Embedding, kind: str) -> NeighbourScore | None:
     """Leave-one-recording-out k-NN accuracy, by the five nearest clips of other recordings.
 
     Validation clips are asked for (training clips where there are none), among the clips of both
@@ -109,7 +109,7 @@ def neighbours(embedding: Embedding, kind: str) -> Score | None:
     if not right:
         return None
     accuracy = float(np.mean([np.mean(hits) for hits in right.values()]))
-    return Score(accuracy, 1 / len(classes), sum(map(len, right.values())), len(right))
+    return NeighbourScore(accuracy, 1 / len(classes), sum(map(len, right.values())), len(right))
 
 
 def principal(vectors: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -121,7 +121,7 @@ def principal(vectors: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArra
     return centred @ axes[:2].T, shares
 
 
-def section(embedding: Embedding, scores: dict[str, Score | None]) -> Section:
+def embedding_section(embedding: Embedding, scores: dict[str, NeighbourScore | None]) -> Section:
     """The map, coloured by what is known of the clips, and the scores."""
     name, title = "embedding", "Embedding map"
     if len(embedding.vectors) < 3:
@@ -161,7 +161,7 @@ def _map(
     embedding: Embedding,
     places: NDArray[np.float64],
     shares: NDArray[np.float64],
-    score: Score | None,
+    score: NeighbourScore | None,
 ) -> str:
     counts = Counter(name for name in embedding.labels[kind] if name)
     names = [name for name, _ in sorted(counts.items(), key=lambda item: (-item[1], item[0]))]
@@ -189,7 +189,7 @@ def _map(
     return panel(f"By {kind}", scatter_figure(groups, axes) + legend(keys), words)
 
 
-def _cells(score: Score | None) -> Sequence[str]:
+def _cells(score: NeighbourScore | None) -> Sequence[str]:
     if score is None:
         return "text|no answer: one class, or no class in two recordings", "", "", ""
     shares = percent(score.accuracy), percent(score.chance)

@@ -9,10 +9,10 @@ from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import DataError
 from tactileforge.heads.decoder import Reconstruction
 from tactileforge.module import TouchModule
-from tactileforge.report.embedding import Embedding, Score, embedding_of, neighbours
+from tactileforge.report.embedding import Embedding, NeighbourScore, embedding_of, neighbours
 from tactileforge.report.forces import ForceResult, force_results
 from tactileforge.report.pictures import Strips, strips_of
-from tactileforge.report.samples import explained, liveliest, look, predictions, spread
+from tactileforge.report.samples import embed_clips, explained, liveliest, predictions, spread
 
 #: Clips of a split that are embedded, clips that are reconstructed, and clips that are shown.
 _CLIPS = 200
@@ -21,7 +21,7 @@ _SHOWN = 6
 
 
 @dataclass(frozen=True)
-class Findings:
+class RunFindings:
     """What the report shows of a module.
 
     Attributes:
@@ -43,11 +43,11 @@ class Findings:
     explained: dict[str, float]
     forces: list[ForceResult]
     embedding: Embedding
-    scores: dict[str, Score | None]
+    scores: dict[str, NeighbourScore | None]
     skipped: list[str]
 
 
-def find(module: TouchModule, data: TouchData) -> Findings:
+def run_findings(module: TouchModule, data: TouchData) -> RunFindings:
     """Runs a module on some clips of its data.
 
     Raises:
@@ -59,7 +59,7 @@ def find(module: TouchModule, data: TouchData) -> Findings:
         raise DataError("setup() has not been called")
     skipped = data.skipped | module.skipped
     looks = {
-        split: look(module, clips, spread(clips, _CLIPS), skipped)
+        split: embed_clips(module, clips, spread(clips, _CLIPS), skipped)
         for split, clips in present.items()
     }
     split, clips = next(iter(present.items()))
@@ -67,7 +67,7 @@ def find(module: TouchModule, data: TouchData) -> Findings:
     patches, given = predictions(module, clips, shown)
     rebuilt = {key: value for key, value in given.items() if isinstance(value, Reconstruction)}
     embedding = embedding_of(data, looks)
-    return Findings(
+    return RunFindings(
         split=split,
         clips=clips,
         shown=shown,

@@ -27,8 +27,8 @@ from tactileforge.pages.page import (
     paragraph,
     table,
 )
-from tactileforge.report.axes import AxisScore, score
-from tactileforge.report.samples import ForceReading, even, read_forces, spread, whole_key
+from tactileforge.report.axes import AxisScore, axis_score
+from tactileforge.report.samples import ForceReading, read_forces, spread, spread_places, whole_key
 
 _CLIPS = 200
 
@@ -53,7 +53,7 @@ class ForceResult:
         """Scores of x, y and z; NaN along an axis without a label."""
         reading, known = self.readings[split], self.readings.get("train", self.readings[split])
         return [
-            score(reading.measured[..., i], reading.predicted[..., i], known.measured[..., i])
+            axis_score(reading.measured[..., i], reading.predicted[..., i], known.measured[..., i])
             for i in range(len(AXES))
         ]
 
@@ -83,7 +83,7 @@ def force_results(
             clips = getattr(data, split)
             own = [i for i, r in enumerate(clips.recordings) if whole_key(r) == recording]
             cut = np.flatnonzero(np.isin(clips.index[:, 0], own))
-            reading = read_forces(module, clips, cut[even(len(cut), _CLIPS)].tolist(), key)
+            reading = read_forces(module, clips, cut[spread_places(len(cut), _CLIPS)].tolist(), key)
             if reading:
                 curve[split] = reading
         results.append(ForceResult(key, readings, recording, curve))
@@ -113,7 +113,7 @@ def _spread(force: NDArray[np.float32]) -> float:
     return float(sum(values.std() for values in known if len(values)))
 
 
-def section(
+def forces_section(
     results: list[ForceResult], data: TouchData, curves: Mapping[str, Curve], last_step: int
 ) -> Section:
     """Scatter and numbers of each axis, R2 over the run, and one recording over time.

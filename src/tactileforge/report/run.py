@@ -16,7 +16,7 @@ from tactileforge.module import TouchModule
 from tactileforge.pages.curves import Curve, read_metrics
 from tactileforge.pages.page import page
 from tactileforge.report import embedding, forces, sections, summary
-from tactileforge.report.findings import find
+from tactileforge.report.findings import run_findings
 
 
 def report_of_run(folder: Path) -> Path:
@@ -36,7 +36,7 @@ def report_of_run(folder: Path) -> Path:
     from tactileforge.assemble import build_data
 
     config = _config(folder)
-    state = checkpoints.read(folder)
+    state = checkpoints.read_checkpoint(folder)
     data = build_data(config)
     module = TouchModule.from_config(config, data.summary("train").labels)
     try:
@@ -64,17 +64,17 @@ def write_report(folder: Path, module: TouchModule, data: TouchData) -> Path:
     config = _config(folder)
     curves = read_metrics(folder)
     steps, seconds = _progress(folder, curves)
-    found = find(module, data)
+    found = run_findings(module, data)
     weights = {key: float(node["weight"]) for key, node in config["objective"].items()}
     versions = sections.kept_versions(folder).get("versions", {})
     top = summary.facts(config, module, data, steps, seconds, versions)
-    top += summary.verdict(curves, weights, found, module.labels)
+    top += summary.run_verdict(curves, weights, found, module.labels)
     parts = [
         sections.losses(curves, list(weights), steps),
         *sections.balance(curves, list(weights), steps),
         sections.frames(found),
-        forces.section(found.forces, data, curves, steps),
-        embedding.section(found.embedding, found.scores),
+        forces.forces_section(found.forces, data, curves, steps),
+        embedding.embedding_section(found.embedding, found.scores),
         sections.data_section(data, found.skipped),
         sections.recipe(folder),
     ]
@@ -96,7 +96,7 @@ def _progress(folder: Path, curves: Mapping[str, Curve]) -> tuple[int, float | N
     """Steps done, and seconds of training over all of a run's processes where they were kept."""
     if not (folder / checkpoints.LAST).is_file():
         return max((int(curve.steps[-1]) + 1 for curve in curves.values()), default=0), None
-    state = checkpoints.read(folder)
+    state = checkpoints.read_checkpoint(folder)
     timer = state.get("callbacks", {}).get("Timer", {})
     seconds = timer.get("time_elapsed", {}).get("train")
     return int(state["global_step"]), seconds

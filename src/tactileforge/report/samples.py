@@ -40,7 +40,7 @@ class ForceReading:
 
 
 @dataclass(frozen=True)
-class Look:
+class ClipSample:
     """Clips as the encoder sees them.
 
     Attributes:
@@ -81,7 +81,7 @@ def spread(
     for place, number in enumerate(numbers):
         own = np.flatnonzero(which == number)
         quota = (count - len(chosen)) // (len(numbers) - place)
-        chosen += own[even(len(own), quota)].tolist()
+        chosen += own[spread_places(len(own), quota)].tolist()
     return chosen
 
 
@@ -90,7 +90,7 @@ def whole_key(recording: Recording) -> str:
     return re.sub(r"(\[\d+:\d+\])+$", "", recording.key)
 
 
-def even(length: int, count: int) -> NDArray[np.int64]:
+def spread_places(length: int, count: int) -> NDArray[np.int64]:
     """``count`` places spread over ``0..length - 1``: the middles of equal parts."""
     count = min(length, count)
     return ((np.arange(count) + 0.5) * length / max(1, count)).astype(np.int64)
@@ -104,7 +104,9 @@ def batches(module: TouchModule, clips: Clips, which: Sequence[int]) -> Iterator
         yield {k: v.to(module.device) if isinstance(v, Tensor) else v for k, v in batch.items()}
 
 
-def look(module: TouchModule, clips: Clips, which: Sequence[int], skipped: Skipped) -> Look:
+def embed_clips(
+    module: TouchModule, clips: Clips, which: Sequence[int], skipped: Skipped
+) -> ClipSample:
     """Embeds clips; one that cannot be read is left out, and ``skipped`` grows by a line.
 
     Args:
@@ -122,10 +124,10 @@ def look(module: TouchModule, clips: Clips, which: Sequence[int], skipped: Skipp
             moved.append(change.abs().mean((1, 2, 3, 4)).cpu().numpy())
             numbers.append(batch["clip"].cpu().numpy())
     found, first = np.unique(np.concatenate(numbers), return_index=True)
-    return Look(found, np.concatenate(rows)[first], np.concatenate(moved)[first])
+    return ClipSample(found, np.concatenate(rows)[first], np.concatenate(moved)[first])
 
 
-def liveliest(clips: Clips, seen: Look, count: int) -> list[int]:
+def liveliest(clips: Clips, seen: ClipSample, count: int) -> list[int]:
     """Clips that change much, of different recordings: sensors in turn, and new objects first.
 
     A clip of a new object is taken before one that changes up to four times as much.

@@ -19,7 +19,7 @@ from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.data.shards.summary import Count, counted
 from tactileforge.pages.curves import Curve, weighed
 from tactileforge.pages.figures import SPLITS, curve_figure, lines_figure
-from tactileforge.pages.images import jpeg
+from tactileforge.pages.images import frame_data_url
 from tactileforge.pages.page import (
     SPLIT_WORDS,
     Section,
@@ -31,7 +31,7 @@ from tactileforge.pages.page import (
     percent,
     table,
 )
-from tactileforge.report.findings import Findings
+from tactileforge.report.findings import RunFindings
 from tactileforge.report.pictures import Strips
 
 _ROW_NOTES = {
@@ -98,7 +98,7 @@ def balance(
     return [Section("balance", "Balance", body)]
 
 
-def frames(found: Findings) -> Section:
+def frames(found: RunFindings) -> Section:
     """Pictures of a few clips, row by row."""
     cards = [
         _card(found.clips, clip, strip)
@@ -145,7 +145,7 @@ def _card(clips: Clips, clip: int, strip: Strips) -> str:
 
 
 def _image(picture: Tensor, words: str) -> str:
-    url, width, height = jpeg(picture)
+    url, width, height = frame_data_url(picture)
     return f'<img src="{url}" width="{width}" height="{height}" alt="{escape(words)}">'
 
 

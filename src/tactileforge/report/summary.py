@@ -12,8 +12,8 @@ from tactileforge.labels import Labels
 from tactileforge.module import TouchModule
 from tactileforge.pages.curves import Curve
 from tactileforge.pages.page import NONE, SPLIT_WORDS, duration, number, percent, table
-from tactileforge.report.embedding import Score
-from tactileforge.report.findings import Findings
+from tactileforge.report.embedding import NeighbourScore
+from tactileforge.report.findings import RunFindings
 from tactileforge.report.forces import ForceResult, milli
 
 #: A loss that changes by less has not changed; a reconstruction that explains less shows nothing.
@@ -63,10 +63,10 @@ def facts(
     return f"<dl>{''.join(cells)}</dl>"
 
 
-def verdict(
+def run_verdict(
     curves: Mapping[str, Curve],
     weights: Mapping[str, float],
-    found: Findings,
+    found: RunFindings,
     labels: Labels,
 ) -> str:
     """The run in a few sentences, each marked as good, bad or plain; then the losses as a table."""
@@ -128,7 +128,7 @@ def _rebuilt(explained: Mapping[str, float]) -> list[tuple[str, str]]:
     return [(mark, text)]
 
 
-def _read(scores: Mapping[str, Score | None]) -> list[tuple[str, str]]:
+def _read(scores: Mapping[str, NeighbourScore | None]) -> list[tuple[str, str]]:
     known = {kind: score for kind, score in scores.items() if score}
     if not known:
         return []

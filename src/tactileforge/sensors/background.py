@@ -52,7 +52,7 @@ def variation(frames: Sequence[NDArray[np.uint8]]) -> float:
     return max(float(np.percentile(one, 99)) for one in change)
 
 
-def check(name: str, frames: Sequence[NDArray[np.uint8]], threshold: float) -> None:
+def check_background(name: str, frames: Sequence[NDArray[np.uint8]], threshold: float) -> None:
     """Refuses a background that cannot be one.
 
     Args:
@@ -76,7 +76,7 @@ def check(name: str, frames: Sequence[NDArray[np.uint8]], threshold: float) -> N
         )
 
 
-def chosen(frames: Sequence[NDArray[np.uint8]], count: int) -> list[NDArray[np.uint8]]:
+def spread_frames(frames: Sequence[NDArray[np.uint8]], count: int) -> list[NDArray[np.uint8]]:
     """So many of the frames, spread evenly."""
     count = min(count, len(frames))
     step = (len(frames) - 1) / max(1, count - 1)

@@ -109,7 +109,7 @@ def serial_ports(usb: str = "", serial_number: str = "") -> list[str]:
     return sorted(found)
 
 
-def attached(port: str, usb: str = "", serial_number: str = "") -> list[str]:
+def attached_ports(port: str, usb: str = "", serial_number: str = "") -> list[str]:
     """Ports of the USB device, if one is named; else the port, if it exists.
 
     Args:

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def quick_switches() -> Iterator[None]:
+def low_latency_threads() -> Iterator[None]:
     """A thread whose frame has come must not wait for one that is writing, or for the collector.
 
     Everything that exists already is left out of garbage collection meanwhile: with torch

@@ -11,7 +11,7 @@ from tactileforge.contracts import Sensor
 from tactileforge.errors import ConfigError, SensorError, unknown
 
 
-def built(
+def build_sensors(
     config: Mapping[str, Any],
 ) -> tuple[dict[str, Sensor], Sensor | None, Sensor | None]:
     """The sensors of a configuration, not open: ``sensor`` by name, ``force`` and ``camera``.

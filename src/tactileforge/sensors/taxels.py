@@ -13,7 +13,7 @@ from tactileforge.errors import ConfigError
 REST = 128
 
 
-class Layout:
+class TaxelLayout:
     """Where taxels lie in a picture, and how their values become its colours.
 
     Red, green and blue are x, y and z. A value at the baseline is `REST`; one that is ``span``
@@ -31,7 +31,7 @@ class Layout:
         ConfigError: A number of axes, a position or a span that makes no sense.
 
     Example:
-        >>> layout = Layout((1, 2), channels=[0], span=10.0)
+        >>> layout = TaxelLayout((1, 2), channels=[0], span=10.0)
         >>> layout.draw(np.array([[5.0], [30.0]]), np.array([[0.0], [30.0]]))[..., 2].tolist()
         [[192, 128]]
     """

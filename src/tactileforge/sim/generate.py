@@ -24,17 +24,17 @@ from tqdm import tqdm
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards import shards
-from tactileforge.data.shards.index import Entry, Index
+from tactileforge.data.shards.index import Index, IndexEntry
 from tactileforge.errors import ConfigError, TactileForgeError, unknown
 from tactileforge.files import write_text
 from tactileforge.sim.geometry.shapes import INDENTERS, Shape, shape
 from tactileforge.sim.geometry.textures import TEXTURES
 from tactileforge.sim.mechanics.motions import MOTIONS
-from tactileforge.sim.mechanics.sensor_gels import DEVICES, device
-from tactileforge.sim.optics.scene_camera import view
-from tactileforge.sim.play import play
-from tactileforge.sim.randomise.draw import rows
-from tactileforge.sim.scene import Scene, draw, frame_rate
+from tactileforge.sim.mechanics.sensor_gels import DEVICES, sensor_gel
+from tactileforge.sim.optics.scene_camera import render_scene_image
+from tactileforge.sim.play import play_scenes
+from tactileforge.sim.randomise.draw import randomised_rows
+from tactileforge.sim.scene import Scene, draw_scene, simulated_rate
 
 #: Indenters that a small data set shows several times each.
 FEW = (
@@ -67,7 +67,7 @@ _MANY = 4
 
 
 @dataclass(frozen=True, kw_only=True)
-class Config:
+class SimConfig:
     """What is simulated; the same configuration gives the same bytes.
 
     Attributes:
@@ -85,7 +85,7 @@ class Config:
         lag: Seconds by which pictures come later than forces, as from a real camera.
         seed: Another seed, other touches.
         codec: How pictures are stored, see `data.shards.shards.CODECS`.
-        randomise: How units and scenes differ, see `randomise.draw.rows`.
+        randomise: How units and scenes differ, see `randomise.draw.randomised_rows`.
     """
 
     sensors: tuple[str, ...]
@@ -105,10 +105,10 @@ class Config:
         if not self.sensors:
             raise ConfigError(f"sim: sensors=[] is empty; give some of {', '.join(DEVICES)}")
         for sensor in self.sensors:
-            device(sensor)
+            sensor_gel(sensor)
         self.shapes("train")
         self.moves(False)
-        rows(self.randomise)
+        randomised_rows(self.randomise)
         if not 0 <= self.lag < 1:
             raise ConfigError(f"sim: lag is {self.lag} s; give 0 or more, below 1")
         if self.codec not in shards.CODECS:
@@ -157,7 +157,7 @@ class Config:
         rng = np.random.default_rng([self.seed, number])
         motion = moves[int(rng.integers(len(moves)))]
         seed = int(rng.integers(1 << 31))
-        return draw(
+        return draw_scene(
             seed,
             chosen,
             motion,
@@ -185,7 +185,7 @@ def _code() -> str:
     return found.hexdigest()
 
 
-def recordings(config: Config, number: int) -> list[shards.Packed]:
+def recordings(config: SimConfig, number: int) -> list[shards.Packed]:
     """One scene on every sensor, encoded."""
     scene = config.scene(number)
     count = len(config.sensors)
@@ -193,30 +193,32 @@ def recordings(config: Config, number: int) -> list[shards.Packed]:
     surface: list[list[bytes]] = [[] for _ in range(count)]
     force: list[list[np.ndarray]] = [[] for _ in range(count)]
     torque: list[float] = [0.0] * count
-    for shots in play(
+    for shots in play_scenes(
         scene,
         config.sensors,
         config.size,
         markers=config.markers,
         viscosity=config.viscosity,
     ):
-        pictures[shots.sensor] += [shards.encode(p, config.codec) for p in shots.pictures]
-        surface[shots.sensor] += [shards.encode(p, "png") for p in shots.surface]
+        pictures[shots.sensor] += [shards.encode_image(p, config.codec) for p in shots.pictures]
+        surface[shots.sensor] += [shards.encode_image(p, "png") for p in shots.surface]
         force[shots.sensor].append(shots.force)
         torque[shots.sensor] = max(torque[shots.sensor], float(np.abs(shots.torque).max()))
-    photo = shards.encode(view(scene.shape, config.size, scene.seed), config.codec)
+    photo = shards.encode_image(
+        render_scene_image(scene.shape, config.size, scene.seed), config.codec
+    )
     kind = "surface" if scene.shape.index is None else "indenter"
     out = []
     felt = zip(config.sensors, pictures, surface, force, torque, strict=True)
     for sensor, encoded, moved, forces, twist in felt:
-        times = scene.times(frame_rate(sensor))
+        times = scene.times(simulated_rate(sensor))
         about = Recording(
             key=f"sim/{number:06d}_{sensor}_{scene.shape.name}_{scene.motion}",
             sensor=sensor,
             frames=_NONE,
             times=times,
             no_contact=None,
-            force=_ahead(np.concatenate(forces), round(config.lag * frame_rate(sensor))),
+            force=_ahead(np.concatenate(forces), round(config.lag * simulated_rate(sensor))),
             action=scene.path.action(times),
             object=scene.shape.name,
             text=f"{{action}} a {scene.shape.words} {kind}",
@@ -232,7 +234,9 @@ def recordings(config: Config, number: int) -> list[shards.Packed]:
         )
         # The path starts clear of the gel.
         out.append(
-            shards.Packed(shards.head(about), config.codec, encoded, encoded[:1], [photo], moved)
+            shards.Packed(
+                shards.describe_recording(about), config.codec, encoded, encoded[:1], [photo], moved
+            )
         )
     return out
 
@@ -252,8 +256,8 @@ def path_of(folder: Path, number: int) -> Path:
     return folder / f"val-{number - FIRST_VAL:06d}.tar"
 
 
-def write(
-    config: Config, folder: Path, numbers: Sequence[int], processes: int | None = None
+def write_scenes(
+    config: SimConfig, folder: Path, numbers: Sequence[int], processes: int | None = None
 ) -> None:
     """Writes the scenes that are not there yet; a killed run goes on where it was.
 
@@ -278,7 +282,7 @@ def write(
 
 
 def _spread(
-    config: Config, folder: Path, numbers: Sequence[int], count: int, bar: tqdm[Any]
+    config: SimConfig, folder: Path, numbers: Sequence[int], count: int, bar: tqdm[Any]
 ) -> None:
     """Simulates in processes of their own; they stop when one fails, or this one is stopped."""
     command = [sys.executable, "-m", __name__, json.dumps(asdict(config)), str(folder)]
@@ -300,9 +304,9 @@ def _spread(
         bar.update(len(numbers) - int(bar.n))
 
 
-def _write(config: Config, folder: Path, number: int) -> None:
+def _write(config: SimConfig, folder: Path, number: int) -> None:
     with _one_thread():
-        shards.write(path_of(folder, number), recordings(config, number))
+        shards.write_shard(path_of(folder, number), recordings(config, number))
 
 
 @contextmanager
@@ -317,7 +321,7 @@ def _one_thread() -> Iterator[None]:
 
 
 def write_seconds(
-    config: Config, folder: Path, seconds: float, val: float, processes: int | None = None
+    config: SimConfig, folder: Path, seconds: float, val: float, processes: int | None = None
 ) -> tuple[int, int]:
     """Writes so many scenes that each sensor has so many seconds of touch.
 
@@ -346,9 +350,11 @@ def write_seconds(
         to_val = held_out < val * (len(numbers) + 1) - 0.5
         numbers.append(FIRST_VAL + held_out if to_val else train)
         total += config.scene(numbers[-1]).path.seconds
-    write(config, folder, numbers, processes)
+    write_scenes(config, folder, numbers, processes)
     splits = {
-        split: [Entry.of(path_of(folder, n)) for n in sorted(numbers) if (n < FIRST_VAL) == train]
+        split: [
+            IndexEntry.of(path_of(folder, n)) for n in sorted(numbers) if (n < FIRST_VAL) == train
+        ]
         for split, train in (("train", True), ("val", False))
     }
     Index("sim", splits, made=json.loads(json.dumps(asdict(config)))).save(folder)
@@ -356,7 +362,7 @@ def write_seconds(
     return len(numbers) - held_out, held_out
 
 
-def _claim(config: Config, folder: Path) -> None:
+def _claim(config: SimConfig, folder: Path) -> None:
     """Says in the folder what its touches are, or checks that they are these."""
     path = folder / "sim.json"
     wanted = json.loads(json.dumps(asdict(config)))
@@ -381,7 +387,7 @@ def _main(config: str, folder: str, *numbers: str) -> None:
     for number in numbers:
         if os.getppid() != parent:  # it was killed: nobody waits for these touches
             return
-        _write(Config(**given), Path(folder), int(number))
+        _write(SimConfig(**given), Path(folder), int(number))
 
 
 if __name__ == "__main__":

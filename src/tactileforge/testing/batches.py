@@ -67,7 +67,7 @@ def _surface(dent: Tensor, rise: Tensor) -> Tensor:
     """Coded displacements of dents (B, H, W) that go along with their forces (B, T, 3)."""
     small = F.adaptive_avg_pool2d(dent[:, None], SURFACE)
     moved = 0.3 * rise[..., None, None] * small[:, None]
-    coded = displacement.encode(moved.movedim(2, -1).numpy())
+    coded = displacement.encode_displacement(moved.movedim(2, -1).numpy())
     return torch.from_numpy(coded).movedim(-1, 2).contiguous()
 
 

@@ -14,7 +14,7 @@ from tactileforge import registry
 from tactileforge.contracts import ACTIONS, LABELS, Recording
 from tactileforge.errors import DataNotFoundError
 from tactileforge.sensors.specs import spec
-from tactileforge.testing.results import Check, Skip, Subject, Violation, require
+from tactileforge.testing.results import Check, CheckSubject, Skip, Violation, require
 
 _SPLITS = ("train", "val")
 _MOST = 1000
@@ -27,7 +27,7 @@ def _first(dataset: Any, split: str, most: int = 8) -> list[Recording]:
         raise Skip(f"its data is not here: {error}") from error
 
 
-def keys_are_what_it_provides(subject: Subject) -> None:
+def keys_are_what_it_provides(subject: CheckSubject) -> None:
     """Nothing promised that no recording has, nothing carried that is not promised."""
     dataset = subject.build()
     provides = dataset.provides
@@ -48,7 +48,7 @@ def _labels(recording: Recording) -> set[str]:
     return {label for label in LABELS if getattr(recording, label) is not None}
 
 
-def recordings_are_whole(subject: Subject) -> None:
+def recordings_are_whole(subject: CheckSubject) -> None:
     """Times, labels and frames agree in number, type and order; the sensor is a known one."""
     for split in _SPLITS:
         found = _first(subject.build(), split)
@@ -81,7 +81,7 @@ def _require_whole(recording: Recording) -> None:
         require(bool(inside.all()), f"an action is outside -1..{len(ACTIONS) - 1}")
 
 
-def same_index_same_sample(subject: Subject) -> None:
+def same_index_same_sample(subject: CheckSubject) -> None:
     """Read twice, and from a second reader: the same recordings in the same order."""
     dataset = subject.build()
     for split in _SPLITS:
@@ -95,7 +95,7 @@ def same_index_same_sample(subject: Subject) -> None:
                 require(same, f"{split}: recording {one.key!r} has other frames the second time")
 
 
-def splits_are_disjoint(subject: Subject) -> None:
+def splits_are_disjoint(subject: CheckSubject) -> None:
     """No frame of a source is in both splits; keys are unique.
 
     Parts of one recording (`Recording.part`) may be shared out if their times do not overlap.
@@ -118,7 +118,7 @@ def _source(recording: Recording) -> str:
     return re.sub(r"(\[\d+:\d+\])+$", "", recording.key)
 
 
-def missing_data_names_the_folder_and_the_fix(subject: Subject) -> None:
+def missing_data_names_the_folder_and_the_fix(subject: CheckSubject) -> None:
     """A `DataNotFoundError`, of a data set that reads from a folder ``root``."""
     if "root" not in registry.parameters(subject.plugin):
         raise Skip("it has no option 'root'")
@@ -137,7 +137,7 @@ def missing_data_names_the_folder_and_the_fix(subject: Subject) -> None:
     require(fix is not None, f"the error does not say what to do: {text}")
 
 
-def plot_gives_a_figure(subject: Subject) -> None:
+def plot_gives_a_figure(subject: CheckSubject) -> None:
     """With something drawn on it."""
     from matplotlib import pyplot
     from matplotlib.figure import Figure

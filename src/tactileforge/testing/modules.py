@@ -14,7 +14,7 @@ from tactileforge.contracts import Batch, Features, MaskedFeatures, Views
 from tactileforge.testing.results import require
 
 
-def context(seed: int = 0, frames: int = 4, image: int = 32) -> dict[str, Any]:
+def small_context(seed: int = 0, frames: int = 4, image: int = 32) -> dict[str, Any]:
     """A small touch encoder and the small towers, as the framework would give them."""
     torch.manual_seed(seed)
     touch = {"name": "tactile_vit", "size": "tiny", "frames": frames, "image_size": image}

@@ -9,15 +9,15 @@ import torch
 
 from tactileforge.bench.fit.baselines import (
     BASELINES,
-    Background,
+    BackgroundOnly,
     Chance,
     Flat,
+    FrameStatistics,
     Hog,
     Motion,
-    Statistics,
     rings,
 )
-from tactileforge.bench.fit.models import baseline, entry
+from tactileforge.bench.fit.models import baseline_encoder, model_entry
 
 
 def picture(seed: int = 0) -> torch.Tensor:
@@ -30,7 +30,7 @@ def picture(seed: int = 0) -> torch.Tensor:
 
 def test_statistics_are_those_of_numpy() -> None:
     x = picture()
-    found, last = Statistics().read(x), x[:, -1].flatten(2).numpy()
+    found, last = FrameStatistics().read(x), x[:, -1].flatten(2).numpy()
     assert found.shape == (3, 3 * (4 + 4 + 7 + 7) + 3)
     assert np.allclose(found[:, :3], last.mean(2), atol=1e-6)
     assert np.allclose(found[:, 3:6], last.std(2, ddof=1), atol=1e-6)
@@ -67,7 +67,7 @@ def test_the_background_is_all_that_background_sees() -> None:
     still = torch.zeros(1, 3, 64, 64, dtype=torch.uint8)
     still[0, 2, :32] = 255
     frames = torch.randint(0, 256, (1, 2, 3, 64, 64), dtype=torch.uint8)
-    _, found = Background()(frames, still, torch.zeros(1))
+    _, found = BackgroundOnly()(frames, still, torch.zeros(1))
     wanted = torch.zeros(3, 16, 16)
     wanted[2, :8] = 1
     assert torch.equal(found[0], wanted.flatten())
@@ -79,7 +79,7 @@ def test_chance_sees_nothing() -> None:
 
 @pytest.mark.parametrize("word", BASELINES)
 def test_every_baseline_is_a_model_without_weights(word: str) -> None:
-    subject = entry(word).open[0]()
+    subject = model_entry(word).open[0]()
     assert subject.name == word
     assert subject.flat
     assert list(subject.encoder.parameters()) == []
@@ -93,5 +93,5 @@ def test_every_baseline_is_a_model_without_weights(word: str) -> None:
     if isinstance(subject.encoder, Flat):
         assert found["pooled"].shape == (2, subject.encoder.width)
     assert not np.array_equal(
-        subject.preprocessing, baseline("hog" if word != "hog" else "motion").preprocessing
+        subject.preprocessing, baseline_encoder("hog" if word != "hog" else "motion").preprocessing
     )

@@ -11,7 +11,7 @@ import pytest
 
 from tactileforge.bench.output.charts import POINTS, confusion, correlation, rmse, scatter
 from tactileforge.bench.output.write import write_all
-from tactileforge.bench.results.predictions import read_readings
+from tactileforge.bench.results.predictions import read_predictions
 from tactileforge.errors import ConfigError, DataError
 
 METRICS = {
@@ -239,14 +239,14 @@ def test_confusion_counts_true_classes_in_rows() -> None:
 def test_broken_predictions_name_the_array(tmp_path: Path, arrays: Any, words: str) -> None:
     np.savez(tmp_path / "p.npz", **arrays)
     with pytest.raises(DataError, match=words):
-        read_readings(tmp_path / "p.npz")
+        read_predictions(tmp_path / "p.npz")
 
 
 def test_several_classifiers_of_one_task_are_read(tmp_path: Path) -> None:
     truth = np.array([[0, 1, 2], [2, 1, 0]])
     names = np.array(["-", "0", "+"])
     np.savez(tmp_path / "p.npz", truth=truth, predicted=truth, names=names)
-    found = read_readings(tmp_path / "p.npz")
+    found = read_predictions(tmp_path / "p.npz")
     assert found.columns == ("x", "y", "z")
     assert found.names == ("-", "0", "+")
     assert found.truth.tolist() == truth.tolist()

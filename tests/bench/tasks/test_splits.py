@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from tactileforge.bench.tasks import splits, targets
-from tactileforge.bench.tasks.source import Source
-from tactileforge.bench.tasks.suite import Clip, Plan, Task, parse
+from tactileforge.bench.tasks.source import TaskSource
+from tactileforge.bench.tasks.suite import ClipSpec, SplitPlan, Task, parse_task
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.errors import ConfigError, DataError
@@ -28,7 +28,7 @@ def recording(key: str, **known: Any) -> Recording:
 
 
 def task(target: str = "force", **given: Any) -> Task:
-    plan = Plan(**{"test": {"side": "val"}, **given})
+    plan = SplitPlan(**{"test": {"side": "val"}, **given})
     return Task(
         name="t",
         title="T",
@@ -40,23 +40,23 @@ def task(target: str = "force", **given: Any) -> Task:
     )
 
 
-def source(recordings: list[Recording], sides: list[str], **clip: Any) -> Source:
-    return Source(recordings, sides, Clip(**{"span": 0.1, "hop": 0.1} | clip))
+def source(recordings: list[Recording], sides: list[str], **clip: Any) -> TaskSource:
+    return TaskSource(recordings, sides, ClipSpec(**{"span": 0.1, "hop": 0.1} | clip))
 
 
-def names(of: Source, target: targets.Target, places: Any) -> set[str]:
+def names(of: TaskSource, target: targets.Target, places: Any) -> set[str]:
     return {of.recordings[n].key for n in of.index[target.clips[places], 0]}
 
 
-def built(one: Task, of: Source) -> list[tuple[set[str], set[str], set[str]]]:
-    target = targets.build(one, of)
+def built(one: Task, of: TaskSource) -> list[tuple[set[str], set[str], set[str]]]:
+    target = targets.build_target(one, of)
     return [
         (
             names(of, target, s.train),
             names(of, target, s.validation),
             names(of, target, s.test),
         )
-        for s in splits.build(one, of, target)
+        for s in splits.build_splits(one, of, target)
     ]
 
 
@@ -179,8 +179,8 @@ def test_tasks_are_read_strictly() -> None:
         "metrics": ["rmse_sum_axes"],
         "split": {"test": {"side": "val"}},
     }
-    assert parse("t", plain).sides == ("val",)
-    assert parse("t", plain | {"split": {"folds": 3}}).sides == ("train", "val")
+    assert parse_task("t", plain).sides == ("val",)
+    assert parse_task("t", plain | {"split": {"folds": 3}}).sides == ("train", "val")
     for key, value, said in (
         ("clip", {"hopp": 1}, "did you mean 'hop'"),
         ("metrics", [], "metrics is empty"),
@@ -191,27 +191,27 @@ def test_tasks_are_read_strictly() -> None:
         ("title", 3, "not of type str"),
     ):
         with pytest.raises(ConfigError, match=said):
-            parse("t", plain | {key: value})
+            parse_task("t", plain | {key: value})
 
 
 def test_targets() -> None:
     """The last frame counts, and changes are over the span."""
     data = [recording("a", action=np.array([0] * 5 + [2] * 5)), recording("b", force=None)]
     of = source(data, ["train", "val"])
-    force = targets.build(task("force"), of)
+    force = targets.build_target(task("force"), of)
     ends = of.index[:, 1]
     assert ends.tolist() == [2, 4, 6, 8] * 2
     assert force.clips.tolist() == [0, 1, 2, 3], "the other has no force"
     np.testing.assert_allclose(force.parts["force"].truth[:, 2], [2, 4, 6, 8])
     np.testing.assert_allclose(force.parts["force"].scale[0], [5.25, 10.61, 14.14], rtol=1e-6)
-    delta = targets.build(task("delta_force"), of).parts["delta_force"]
+    delta = targets.build_target(task("delta_force"), of).parts["delta_force"]
     np.testing.assert_allclose(delta.truth, [[0.2, -0.4, 2.0]] * 4, rtol=1e-5)
-    action = targets.build(task("action"), of)
+    action = targets.build_target(task("action"), of)
     assert action.clips.tolist() == [0, 1, 3], "the third shows two actions"
     with pytest.raises(DataError, match="no clip of the data has the label 'label:hardness'"):
-        targets.build(task("label:hardness"), of)
+        targets.build_target(task("label:hardness"), of)
     with pytest.raises(ConfigError, match="did you mean 'force'"):
-        targets.build(task("forse"), of)
+        targets.build_target(task("forse"), of)
 
 
 def test_forces_along_one_axis_are_named() -> None:
@@ -219,32 +219,34 @@ def test_forces_along_one_axis_are_named() -> None:
     force[:, :2] = np.nan
     of = source([recording("a", force=force)], ["train"])
     with pytest.raises(DataError, match=r"along all of x, y, z \(it has z\); a benchmark"):
-        targets.build(task("force"), of)
+        targets.build_target(task("force"), of)
 
 
 def test_mirrored_targets_follow_physics() -> None:
     of = source([recording("a", action=np.full(10, 2))], ["train"])
-    force = targets.build(task("force"), of).parts["force"]
+    force = targets.build_target(task("force"), of).parts["force"]
     sideways = force.flipped(True, False).truth
     np.testing.assert_allclose(sideways, force.truth.numpy() * [-1, 1, 1])
     np.testing.assert_allclose(force.flipped(True, True).truth, force.truth.numpy() * [-1, -1, 1])
-    action = targets.build(task("action"), of).parts["action"]
+    action = targets.build_target(task("action"), of).parts["action"]
     assert action.flipped(True, False).truth[0] == 3, "left becomes right"
     assert action.flipped(False, True).truth[0] == 2
 
 
 def test_slip_in_simulation_is_the_friction_cone() -> None:
-    from tactileforge.sim.mechanics.sensor_gels import device
+    from tactileforge.sim.mechanics.sensor_gels import sensor_gel
 
-    friction = device("digit").touched(0.5).friction
+    friction = sensor_gel("digit").touched(0.5).friction
     force = np.zeros((10, 3), np.float32)
     force[:, 2] = 2.0
     force[5:, 0] = 2.0 * friction
     of = source([recording("a", force=force, labels={"grip": 0.5})], ["train"])
-    slip = targets.build(task("slip"), of).parts["slip"]
+    slip = targets.build_target(task("slip"), of).parts["slip"]
     assert slip.truth[:, 0].tolist() == [0, 0, 1, 1]
     labelled = recording("b", tracks={"slip": np.array([1, 0] * 5, np.int8)})
-    found = targets.build(task("slip"), source([labelled], ["train"], hop=0.05)).parts["slip"]
+    found = targets.build_target(task("slip"), source([labelled], ["train"], hop=0.05)).parts[
+        "slip"
+    ]
     assert found.truth[:4, 0].tolist() == [1, 0, 1, 0]
 
 
@@ -253,4 +255,4 @@ def test_clamped_targets_and_fixed_ends() -> None:
     assert of.index[:, 1].tolist() == [9, 7, 0, 4]
     assert of.first.tolist() == [7, 5, 0, 2]
     one = replace(task("force"), scale=[1.0, 1.0, 4.0], clamp=1.0)
-    assert targets.build(one, of).parts["force"].truth[:, 2].tolist() == [4, 4, 0, 4]
+    assert targets.build_target(one, of).parts["force"].truth[:, 2].tolist() == [4, 4, 0, 4]

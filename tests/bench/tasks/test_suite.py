@@ -8,11 +8,11 @@ import pytest
 from omegaconf import OmegaConf
 
 from tactileforge import registry
-from tactileforge.bench.fit.resolve import choose, row_of
-from tactileforge.bench.output.published import of_zoo
+from tactileforge.bench.fit.resolve import choose_probe, result_task
+from tactileforge.bench.output.published import published_scores
 from tactileforge.bench.tasks import metrics, splits, targets
 from tactileforge.bench.tasks.source import open_source
-from tactileforge.bench.tasks.suite import Task, parse
+from tactileforge.bench.tasks.suite import Task, parse_task
 from tactileforge.compose import settings
 from tactileforge.datasets.reading.splits import is_held_out
 
@@ -22,15 +22,15 @@ SUITES = sorted(path.stem for path in (ROOT / "conf" / "suite").glob("*.yaml"))
 
 def suite(name: str, *words: str) -> dict[str, Task]:
     config: Any = OmegaConf.to_container(settings("bench", [f"suite={name}", *words]), resolve=True)
-    return {key: parse(key, node) for key, node in config["tasks"].items()}
+    return {key: parse_task(key, node) for key, node in config["tasks"].items()}
 
 
 @pytest.mark.parametrize("name", SUITES)
 def test_a_suite_can_be_run(name: str) -> None:
     for task in suite(name).values():
-        row = row_of(task, choose(task, {}), "validation")
+        row = result_task(task, choose_probe(task, {}), "validation")
         assert row.main == task.metrics[0]
-        assert all(metrics.kind(metric) for metric in task.metrics)
+        assert all(metrics.metric_kind(metric) for metric in task.metrics)
         assert task.target in targets.TARGETS or task.target.startswith(("label:", "numbers:"))
         if "preset" not in task.data:
             registry.build("datasets", task.data)
@@ -38,14 +38,14 @@ def test_a_suite_can_be_run(name: str) -> None:
 
 def test_what_is_published_has_a_task_of_its_title() -> None:
     titles = {task.title for name in SUITES for task in suite(name).values()}
-    published = {row.task for row in of_zoo()}
+    published = {row.task for row in published_scores()}
     assert len(published) > 8
     assert published <= titles
 
 
 def test_published_settings() -> None:
     touchd, sparsh, objects = (suite(name) for name in ("touchd", "sparsh", "object"))
-    force = choose(touchd["touchd_force_digit"], {}).training
+    force = choose_probe(touchd["touchd_force_digit"], {}).training
     assert (force.epochs, force.batch, force.lr, force.schedule) == (50, 64, (2e-4,), "constant")
     assert touchd["touchd_force_digit"].split.unseen == ["object"]
     assert sparsh["sparsh_force_digit"].scale == [4, 4, 5]
@@ -81,9 +81,9 @@ def test_transfer_never_shows_the_third_sensor() -> None:
 def test_public_samples(name: str, recordings: int, tested: int | None, realdata: Path) -> None:
     task = suite("public_samples", f"public_samples.root={realdata}")[name]
     source = open_source(task.data, task.sides, task.clip)
-    target = targets.build(task, source)
+    target = targets.build_target(task, source)
     assert len({int(n) for n in source.index[target.clips, 0]}) == recordings
-    found = splits.build(task, source, target)
+    found = splits.build_splits(task, source, target)
     count = sum(len(split.test) for split in found)
     assert count == len(target.clips), "every clip is tested once"
     if tested is not None:
@@ -98,17 +98,21 @@ def test_the_gate_never_shares_a_recording_or_an_object(
     monkeypatch.setenv("TACTILEFORGE_REALDATA", str(realdata))
     for task in suite(name).values():
         source = open_source(task.data, task.sides, task.clip)
-        target = targets.build(task, source)
-        folds = splits.build(task, source, target)  # raises where a recording is on two sides
+        target = targets.build_target(task, source)
+        folds = splits.build_splits(
+            task, source, target
+        )  # raises where a recording is on two sides
         tested = np.concatenate([fold.test for fold in folds])
         assert len(set(tested.tolist())) == len(tested)
-        groups = [splits.names(source, target, fold.test, task.split.group) for fold in folds]
+        groups = [splits.group_names(source, target, fold.test, task.split.group) for fold in folds]
         assert sum(len(set(one)) for one in groups) == len({n for one in groups for n in one})
         for fold in folds:
-            known = splits.names(source, target, fold.train, task.split.group)
-            assert not set(known) & set(splits.names(source, target, fold.test, task.split.group))
+            known = splits.group_names(source, target, fold.train, task.split.group)
+            assert not set(known) & set(
+                splits.group_names(source, target, fold.test, task.split.group)
+            )
         if "octopi" in task.name or "losing" in task.name:
-            objects = splits.names(source, target, tested, "object")
+            objects = splits.group_names(source, target, tested, "object")
             assert {is_held_out(one, 0.5) for one in objects} == {half == "val"}
 
 

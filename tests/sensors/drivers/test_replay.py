@@ -159,10 +159,11 @@ def shard(tmp_path):
             no_contact=None,
         )
         pictures = [
-            shards.encode(np.full((8, 6, 3), first + 20 * i, np.uint8), "png") for i in range(4)
+            shards.encode_image(np.full((8, 6, 3), first + 20 * i, np.uint8), "png")
+            for i in range(4)
         ]
-        made.append(shards.Packed(shards.head(about), "png", pictures, [], []))
-    shards.write(tmp_path / "train-000000.tar", made)
+        made.append(shards.Packed(shards.describe_recording(about), "png", pictures, [], []))
+    shards.write_shard(tmp_path / "train-000000.tar", made)
     return str(tmp_path / "train-000000.tar")
 
 

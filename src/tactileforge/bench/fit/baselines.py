@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from tactileforge.bench.fit.pixels import PixelFeatures
-from tactileforge.encoders.preprocess import ANYTOUCH2, Pixels
+from tactileforge.encoders.preprocess import ANYTOUCH2, Preprocess
 
 _SIZE = 128
 _QUANTILES = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
@@ -38,7 +38,7 @@ class Flat(nn.Module):
         self.image_size = (_SIZE, _SIZE)
         self.grid = (1, 1, 1)
         self.sensors: dict[str, int] = {}
-        self.pixels = Pixels.of(self.image_size, ANYTOUCH2)
+        self.pixels = Preprocess.of(self.image_size, ANYTOUCH2)
         blank = torch.zeros(1, 2, 3, _SIZE, _SIZE, dtype=torch.uint8)
         self.width = self.projected = self(blank, blank[:, 0], torch.zeros(1))[1].shape[1]
 
@@ -52,7 +52,7 @@ class Flat(nn.Module):
         raise NotImplementedError
 
 
-class Statistics(Flat):
+class FrameStatistics(Flat):
     """Statistics of the last frame: moments, quantiles, gradients and rings of the spectrum."""
 
     def read(self, x: Tensor) -> Tensor:
@@ -105,7 +105,7 @@ class Hog(Flat):
         return F.normalize(blocks, dim=1).flatten(1)
 
 
-class Background(Flat):
+class BackgroundOnly(Flat):
     """The frame without contact at 16 x 16: what can be known before anything is touched.
 
     A task that it answers has a shortcut, as where all recordings of an object are of one hour.
@@ -137,9 +137,9 @@ def rings(x: Tensor) -> Tensor:
 #: Baseline by the word that names it, and its name in print.
 BASELINES: dict[str, tuple[type[nn.Module], str]] = {
     "pixels": (PixelFeatures, "16 x 16 pixels of the difference"),
-    "statistics": (Statistics, "picture statistics"),
+    "statistics": (FrameStatistics, "picture statistics"),
     "motion": (Motion, "motion energy"),
     "hog": (Hog, "HOG"),
-    "background": (Background, "background alone"),
+    "background": (BackgroundOnly, "background alone"),
     "chance": (Chance, "chance"),
 }

@@ -16,8 +16,8 @@ from torch.utils.data import DataLoader, Subset
 from tqdm import tqdm
 
 from tactileforge.bench.fit import decoded
-from tactileforge.bench.fit.models import Subject
-from tactileforge.bench.tasks.source import Source
+from tactileforge.bench.fit.models import FrozenEncoder
+from tactileforge.bench.tasks.source import TaskSource
 from tactileforge.contracts import Batch
 from tactileforge.data.batches.clips import Clips, collate
 from tactileforge.data.batches.datamodule import start_worker
@@ -35,7 +35,7 @@ Array: TypeAlias = NDArray[np.float16]
 
 
 @dataclass(frozen=True)
-class Store:
+class FeatureStore:
     """Where features are kept, and how they are computed.
 
     Attributes:
@@ -51,10 +51,10 @@ class Store:
     every: int = 16
 
 
-def features(
-    store: Store,
-    subject: Subject,
-    source: Source,
+def extract_features(
+    store: FeatureStore,
+    subject: FrozenEncoder,
+    source: TaskSource,
     clips: NDArray[np.int64],
     taps: Sequence[str],
     flips: Sequence[Flip] = (PLAIN,),
@@ -98,7 +98,7 @@ def _suffix(flip: Flip) -> str:
     return {(False, False): "", (True, False): "-h", (False, True): "-v", (True, True): "-hv"}[flip]
 
 
-def _key(subject: Subject, source: Source, clips: NDArray[np.int64], policy: str) -> str:
+def _key(subject: FrozenEncoder, source: TaskSource, clips: NDArray[np.int64], policy: str) -> str:
     facts = {
         "format": _FORMAT,
         "weights": subject.weights,
@@ -116,9 +116,9 @@ class _Extraction:
 
     def __init__(
         self,
-        store: Store,
-        subject: Subject,
-        source: Source,
+        store: FeatureStore,
+        subject: FrozenEncoder,
+        source: TaskSource,
         clips: NDArray[np.int64],
         paths: Mapping[tuple[str, Flip], Path],
         policy: str,
@@ -182,11 +182,15 @@ class _Extraction:
     def _read(self, clips: Clips, rows: range) -> Iterator[Batch]:
         """Batches of some rows; decoded for the first encoder that wants them in this form."""
         size, spacing = self.store.batch, self.subject.spacing_of(self.source.clip)
-        folder = decoded.place(self.store.folder.parent / "clips", self.source, clips, spacing)
+        folder = decoded.clip_folder(
+            self.store.folder.parent / "clips", self.source, clips, spacing
+        )
         if folder is None or rows.start:
             return loader(clips, rows, self.store, size)
-        batches = decoded.stored(folder, size)
-        return batches or decoded.keep(folder, len(rows), loader(clips, rows, self.store, size))
+        batches = decoded.stored_batches(folder, size)
+        return batches or decoded.store_batches(
+            folder, len(rows), loader(clips, rows, self.store, size)
+        )
 
     def _done(self, parts: Any) -> int:
         if not self.note.is_file() or not all(path.is_file() for path in parts):
@@ -199,7 +203,7 @@ class _Extraction:
         write_text(self.note, json.dumps({"done": done}))
 
 
-def loader(clips: Clips, rows: Sequence[int], store: Store, size: int) -> Iterator[Batch]:
+def loader(clips: Clips, rows: Sequence[int], store: FeatureStore, size: int) -> Iterator[Batch]:
     """Batches of some rows of an index, in order, read by other processes.
 
     Raises:
@@ -219,7 +223,7 @@ def loader(clips: Clips, rows: Sequence[int], store: Store, size: int) -> Iterat
 
 
 def readers(
-    subject: Subject, source: Source, clips: NDArray[np.int64]
+    subject: FrozenEncoder, source: TaskSource, clips: NDArray[np.int64]
 ) -> Iterator[tuple[Clips, NDArray[np.int64]]]:
     """Clips as a model is shown them: of one size each, with their places among all."""
     index = source.index[clips]

@@ -13,24 +13,24 @@ from numpy.typing import NDArray
 from torch import Tensor
 from tqdm import tqdm
 
-from tactileforge.bench.fit.features import FLIPS, PLAIN, Store, loader, readers
-from tactileforge.bench.fit.models import Subject
+from tactileforge.bench.fit.features import FLIPS, PLAIN, FeatureStore, loader, readers
+from tactileforge.bench.fit.models import FrozenEncoder
 from tactileforge.bench.fit.probes.base import Values
-from tactileforge.bench.fit.resolve import Choice, Prepared
-from tactileforge.bench.fit.training import Outcome, seeded
+from tactileforge.bench.fit.resolve import PreparedTask, ProbeChoice
+from tactileforge.bench.fit.training import TrainedProbe, seeded_probe
 from tactileforge.errors import ConfigError, DataError
 
 
-def train(
-    prepared: Prepared,
-    choice: Choice,
-    subject: Subject,
-    store: Store,
+def finetune_encoder(
+    prepared: PreparedTask,
+    choice: ProbeChoice,
+    subject: FrozenEncoder,
+    store: FeatureStore,
     uses: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]],
     seeds: Sequence[int],
     score: Callable[[Values], float],
     higher: bool,
-) -> list[Outcome]:
+) -> list[TrainedProbe]:
     """Trains encoder and probe, for each learning rate and seed on its own.
 
     Args:
@@ -62,10 +62,10 @@ class _Run:
 
     def __init__(
         self,
-        prepared: Prepared,
-        choice: Choice,
-        subject: Subject,
-        store: Store,
+        prepared: PreparedTask,
+        choice: ProbeChoice,
+        subject: FrozenEncoder,
+        store: FeatureStore,
         seed: int,
         lr: float,
     ) -> None:
@@ -86,8 +86,10 @@ class _Run:
         self.subject.encoder = copy.deepcopy(subject.encoder).requires_grad_(True)
         self.tap = choice.kind.tap
         width = subject.width(self.tap)
-        self.probe = seeded(lambda: choice.build(width, prepared.target), seed).to(subject.device)
-        self.outcome = Outcome(seed, lr)
+        self.probe = seeded_probe(lambda: choice.build(width, prepared.target), seed).to(
+            subject.device
+        )
+        self.outcome = TrainedProbe(seed, lr)
         self.truth = {
             flip: {k: part.flipped(*flip).normalised for k, part in self.target.parts.items()}
             for flip in (FLIPS if self.task.flips else (PLAIN,))
@@ -95,7 +97,7 @@ class _Run:
 
     def train(
         self, uses: tuple[Any, Any, Any], score: Callable[[Values], float], higher: bool
-    ) -> Outcome:
+    ) -> TrainedProbe:
         training, one = self.choice.training, self.outcome
         kind = {"adamw": torch.optim.AdamW, "adam": torch.optim.Adam}[training.optimiser]
         optimiser = kind(

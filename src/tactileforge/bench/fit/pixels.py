@@ -6,8 +6,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from tactileforge.encoders.positions import sincos
-from tactileforge.encoders.preprocess import ANYTOUCH2, Pixels
+from tactileforge.encoders.positions import sincos_position_embedding
+from tactileforge.encoders.preprocess import ANYTOUCH2, Preprocess
 
 _SIZE, _PATCH, _SMALL = 64, 8, 16
 
@@ -36,8 +36,10 @@ class PixelFeatures(nn.Module):
         self.width = 2 * 3 * _PATCH * _PATCH
         self.projected = 2 * 3 * _SMALL * _SMALL
         self.sensors: dict[str, int] = {}
-        self.pixels = Pixels.of(self.image_size, ANYTOUCH2)
-        self.register_buffer("position", sincos(self.grid, self.width), persistent=False)
+        self.pixels = Preprocess.of(self.image_size, ANYTOUCH2)
+        self.register_buffer(
+            "position", sincos_position_embedding(self.grid, self.width), persistent=False
+        )
         self.position: Tensor
 
     def forward(self, frames: Tensor, background: Tensor, sensor: Tensor) -> tuple[Tensor, Tensor]:

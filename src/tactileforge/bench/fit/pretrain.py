@@ -15,8 +15,8 @@ from typing import Any
 from omegaconf import DictConfig
 
 from tactileforge import strict
-from tactileforge.bench.fit.models import Entry, Subject, of_run
-from tactileforge.bench.results.results import Training
+from tactileforge.bench.fit.models import FrozenEncoder, ModelEntry, encoder_of_run
+from tactileforge.bench.results.results import LossCurve
 from tactileforge.callbacks import checkpoints
 from tactileforge.errors import ConfigError, TactileForgeError, unknown
 from tactileforge.files import write_text
@@ -30,7 +30,7 @@ _TAIL = 4000
 
 
 @dataclass(frozen=True, kw_only=True)
-class Model:
+class PretrainModel:
     """A model to train.
 
     Attributes:
@@ -49,7 +49,7 @@ class Model:
 
 
 @dataclass(frozen=True)
-class Job:
+class PretrainJob:
     """One run of ``tactileforge train``.
 
     Attributes:
@@ -79,20 +79,22 @@ class Job:
         return path.read_text("utf-8") if path.is_file() else ""
 
 
-def read(given: Mapping[str, Any]) -> dict[str, Model]:
+def read_models(given: Mapping[str, Any]) -> dict[str, PretrainModel]:
     """The models of a configuration.
 
     Raises:
         ConfigError: A key is unknown or of another type.
     """
     return {
-        name: strict.build(Model, f"pretrain.models.{name}", node)
+        name: strict.build(PretrainModel, f"pretrain.models.{name}", node)
         for name, node in (given.get("models") or {}).items()
         if node is not None
     }
 
 
-def ablations(wanted: str, known: Sequence[str], models: Mapping[str, Model]) -> dict[str, Model]:
+def ablations(
+    wanted: str, known: Sequence[str], models: Mapping[str, PretrainModel]
+) -> dict[str, PretrainModel]:
     """The first model, and one for each ablation of it.
 
     Args:
@@ -103,14 +105,14 @@ def ablations(wanted: str, known: Sequence[str], models: Mapping[str, Model]) ->
     Raises:
         ConfigError: An unknown ablation.
     """
-    name, base = next(iter(models.items()), ("anytouch2", Model(title="AnyTouch 2")))
+    name, base = next(iter(models.items()), ("anytouch2", PretrainModel(title="AnyTouch 2")))
     chosen = [one for one in known if one != "none"] if wanted == "all" else wanted.split(",")
     for one in chosen:
         if one not in known:
             raise ConfigError(unknown("ablation", one, known))
     return {name: base, **models} | {
         one: models.get(one)
-        or Model(
+        or PretrainModel(
             title=one.replace("_", " "),
             recipe=base.recipe,
             words=[*base.words, f"ablation={one}"],
@@ -121,11 +123,13 @@ def ablations(wanted: str, known: Sequence[str], models: Mapping[str, Model]) ->
     }
 
 
-def jobs(folder: Path, words: Sequence[str], models: Mapping[str, Model]) -> dict[str, list[Job]]:
+def jobs(
+    folder: Path, words: Sequence[str], models: Mapping[str, PretrainModel]
+) -> dict[str, list[PretrainJob]]:
     """The runs of each model."""
     return {
         name: [
-            Job(
+            PretrainJob(
                 f"{name}-{seed}",
                 folder / f"{name}-{seed}",
                 [f"recipe={model.recipe}", *words, *model.words, f"seed={seed}"],
@@ -136,10 +140,10 @@ def jobs(folder: Path, words: Sequence[str], models: Mapping[str, Model]) -> dic
     }
 
 
-def train(job: Job) -> None:
+def pretrain(job: PretrainJob) -> None:
     """Trains a run to its end; one that is finished stays, one that was stopped goes on.
 
-    A run that fails leaves its last words in its folder, see `Job.failed`.
+    A run that fails leaves its last words in its folder, see `PretrainJob.failed`.
 
     Raises:
         ConfigError: The folder holds a run of other settings.
@@ -176,7 +180,7 @@ def _run(command: Sequence[str]) -> tuple[int, str]:
     return process.returncode, said.decode(errors="replace")
 
 
-def _claim(job: Job) -> None:
+def _claim(job: PretrainJob) -> None:
     path = job.folder / _WORDS
     if not path.is_file():
         write_text(path, json.dumps({"words": list(job.words)}, indent=2))
@@ -189,7 +193,7 @@ def _claim(job: Job) -> None:
         )
 
 
-def train_all(runs: Sequence[Job], hydra: Sequence[str] | None) -> None:
+def train_all(runs: Sequence[PretrainJob], hydra: Sequence[str] | None) -> None:
     """Trains runs one after another, or as jobs of Hydra.
 
     Args:
@@ -198,12 +202,12 @@ def train_all(runs: Sequence[Job], hydra: Sequence[str] | None) -> None:
             and has to see their folders; None without it.
     """
     for job in runs if hydra is None else ():
-        train(job)
+        pretrain(job)
     if hydra is not None and runs:
         _launch(runs[0].folder.parent, runs, hydra)
 
 
-def _launch(folder: Path, runs: Sequence[Job], words: Sequence[str]) -> None:
+def _launch(folder: Path, runs: Sequence[PretrainJob], words: Sequence[str]) -> None:
     import hydra
 
     listed = folder / "jobs.json"
@@ -225,12 +229,14 @@ def run_job(config: DictConfig) -> None:
     """One job of Hydra: trains the run that its list has under its name."""
     rows = json.loads(Path(config.jobs).read_text("utf-8"))
     folder, words = rows[config.job]
-    train(Job(config.job, Path(folder), words))
+    pretrain(PretrainJob(config.job, Path(folder), words))
 
 
-def entry(name: str, model: Model, runs: Sequence[Job], device: str) -> Entry:
+def pretrained_entry(
+    name: str, model: PretrainModel, runs: Sequence[PretrainJob], device: str
+) -> ModelEntry:
     """A trained model as one that can be compared; opening it says why a run has failed."""
-    return Entry(
+    return ModelEntry(
         name=name,
         title=model.title,
         open=[partial(_open, name, job, device) for job in runs],
@@ -240,13 +246,13 @@ def entry(name: str, model: Model, runs: Sequence[Job], device: str) -> Entry:
     )
 
 
-def _open(name: str, job: Job, device: str) -> Subject:
+def _open(name: str, job: PretrainJob, device: str) -> FrozenEncoder:
     if not job.finished:
         raise TactileForgeError(f"training {job.name} failed: {job.failed or f'see {job.folder}'}")
-    return of_run(name, job.folder, device)
+    return encoder_of_run(name, job.folder, device)
 
 
-def curves(name: str, folder: Path) -> Iterator[Training]:
+def curves(name: str, folder: Path) -> Iterator[LossCurve]:
     """Loss curves of a run, one for each objective."""
     from tactileforge.pages.curves import read_metrics
 
@@ -263,7 +269,7 @@ def curves(name: str, folder: Path) -> Iterator[Training]:
             others = dict(zip(held_out.steps.tolist(), held_out.values.tolist(), strict=True))
         steps = sorted({*points, *others})
         nan = float("nan")
-        yield Training(
+        yield LossCurve(
             model=name,
             objective=objective,
             step=[float(step) for step in steps],

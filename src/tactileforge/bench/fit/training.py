@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from torch.func import functional_call, vmap
 
 from tactileforge.bench.fit.features import PLAIN, Array, Flip
-from tactileforge.bench.fit.probes.base import Probe, Training, Values
+from tactileforge.bench.fit.probes.base import Probe, ProbeTraining, Values
 from tactileforge.errors import ConfigError, DataError
 
 #: Clips that are predicted at once.
@@ -64,7 +64,7 @@ class Examples:
 
 
 @dataclass
-class Outcome:
+class TrainedProbe:
     """One probe after its training.
 
     Attributes:
@@ -88,7 +88,7 @@ class Outcome:
     validation: list[float] = field(default_factory=list)
 
 
-class Members:
+class ProbeEnsemble:
     """Probes of one kind that see the same batches.
 
     Each member has parameters and an optimiser of its own, so it becomes what it would become
@@ -102,7 +102,7 @@ class Members:
     """
 
     def __init__(
-        self, probes: Sequence[Probe], rates: Sequence[float], training: Training, steps: int
+        self, probes: Sequence[Probe], rates: Sequence[float], training: ProbeTraining, steps: int
     ) -> None:
         self.model = probes[0]
         self.params = [dict(probe.named_parameters()) for probe in probes]
@@ -179,15 +179,15 @@ class Members:
                 value.copy_(kept[name])
 
 
-def train(
+def train_probes(
     build: Callable[[], Probe],
-    training: Training,
+    training: ProbeTraining,
     examples: Examples,
     uses: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]],
     seeds: Sequence[int],
     score: Callable[[Values], float],
     higher: bool,
-) -> list[Outcome]:
+) -> list[TrainedProbe]:
     """Trains a probe for each seed and learning rate, in one pass over the data.
 
     A seed draws the first weights. Batches, and mirror images, are the same for all, and so is
@@ -209,10 +209,10 @@ def train(
         DataError: A loss or a score is not finite.
     """
     train_on, select_on, test_on = uses
-    outcomes = [Outcome(seed, lr) for lr in training.lr for seed in seeds]
-    probes = [seeded(build, one.seed).to(examples.device) for one in outcomes]
+    outcomes = [TrainedProbe(seed, lr) for lr in training.lr for seed in seeds]
+    probes = [seeded_probe(build, one.seed).to(examples.device) for one in outcomes]
     batches = math.ceil(len(train_on) / training.batch)
-    members = Members(
+    members = ProbeEnsemble(
         probes, [one.lr for one in outcomes], training, max(1, training.epochs * batches)
     )
     best: list[Params] = [{} for _ in outcomes]
@@ -238,7 +238,7 @@ def train(
     return outcomes
 
 
-def seeded(build: Callable[[], nn.Module], seed: int) -> Probe:
+def seeded_probe(build: Callable[[], nn.Module], seed: int) -> Probe:
     """A probe whose weights are drawn from a seed; the state of the generator is left as it was."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)

@@ -8,10 +8,10 @@ import json
 import math
 from collections.abc import Iterator, Sequence
 
-from tactileforge.bench.output.published import Published
+from tactileforge.bench.output.published import PublishedScore
 from tactileforge.bench.results.intervals import Interval
-from tactileforge.bench.results.results import Metric, Model, Results, Task
-from tactileforge.bench.results.scores import Score, Scores, missing, sentences, words
+from tactileforge.bench.results.results import ResultMetric, ResultModel, Results, ResultTask
+from tactileforge.bench.results.scores import Scores, SeedScores, missing, sentences, words
 
 COLUMNS = (
     "task", "model", "group", "metric", "unit", "better", "setting", "selection",
@@ -19,7 +19,7 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def long_form(results: Results, found: Scores, rows: Sequence[Published]) -> str:
+def long_form(results: Results, found: Scores, rows: Sequence[PublishedScore]) -> str:
     """The text of the file.
 
     ``origin`` is ``ours`` or ``published``. Where ``mean`` is empty, ``note`` says why.
@@ -50,7 +50,9 @@ def long_form(results: Results, found: Scores, rows: Sequence[Published]) -> str
     return file.getvalue()
 
 
-def _ours(results: Results, found: Scores, task: Task, model: Model) -> Iterator[dict[str, object]]:
+def _ours(
+    results: Results, found: Scores, task: ResultTask, model: ResultModel
+) -> Iterator[dict[str, object]]:
     known = found.get((task.name, model.name), [])
     about = " ".join(words(results, task.name, model.name))
     for score in known:
@@ -61,7 +63,7 @@ def _ours(results: Results, found: Scores, task: Task, model: Model) -> Iterator
         yield _row(task, model, task.metric()) | {"seeds": 0, "note": f"not run: {why}"}
 
 
-def _row(task: Task, model: Model, metric: Metric) -> dict[str, object]:
+def _row(task: ResultTask, model: ResultModel, metric: ResultMetric) -> dict[str, object]:
     return {
         "task": task.name,
         "model": model.name,
@@ -75,7 +77,7 @@ def _row(task: Task, model: Model, metric: Metric) -> dict[str, object]:
     }
 
 
-def _numbers(score: Score, interval: Interval | None, about: str) -> dict[str, object]:
+def _numbers(score: SeedScores, interval: Interval | None, about: str) -> dict[str, object]:
     count = len(interval.values) if interval else 0
     row: dict[str, object] = {"setting": json.dumps(score.setting), "seeds": count}
     notes = [about] if about else []

@@ -19,7 +19,7 @@ Tone = Literal["", "good", "bad", "soft", "text"]
 
 
 @dataclass(frozen=True)
-class Entry:
+class TableEntry:
     """One entry of a table.
 
     Attributes:
@@ -43,7 +43,7 @@ class Entry:
 
 
 @dataclass(frozen=True)
-class Head:
+class ColumnHead:
     """The head of a column: its name, and in what it is measured."""
 
     text: str
@@ -51,7 +51,7 @@ class Head:
 
 
 @dataclass(frozen=True)
-class Grid:
+class Table:
     """A table whose first column names the rows.
 
     Attributes:
@@ -66,8 +66,8 @@ class Grid:
     name: str
     title: str
     caption: str
-    head: Sequence[Head]
-    rows: Sequence[Sequence[Entry]]
+    head: Sequence[ColumnHead]
+    rows: Sequence[Sequence[TableEntry]]
     notes: Sequence[tuple[str, str]] = ()
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from tactileforge.bench.output.charts import NAMED, POINTS, confusion, scatter
-from tactileforge.bench.results.predictions import Readings, read_readings
-from tactileforge.bench.results.results import Results, Task, Training
+from tactileforge.bench.results.predictions import Predictions, read_predictions
+from tactileforge.bench.results.results import LossCurve, Results, ResultTask
 from tactileforge.bench.results.scores import Scores, main_score, titles
 from tactileforge.errors import DataError
 from tactileforge.pages.curves import Curve
@@ -20,7 +20,7 @@ from tactileforge.pages.page import Section, legend, panel, panels, paragraph
 _CURVE = 200
 
 
-def drawn(folder: Path, results: Results, found: Scores) -> list[Section]:
+def draw_figures(folder: Path, results: Results, found: Scores) -> list[Section]:
     """Scatter of forces, confusion matrices, and loss curves; only what there is."""
     scatters, confusions = "", ""
     for task in results.tasks:
@@ -60,8 +60,8 @@ def _folded(title: str, body: str, is_open: bool) -> str:
 
 
 def _read(
-    folder: Path, results: Results, found: Scores, task: Task
-) -> tuple[dict[str, Readings], str]:
+    folder: Path, results: Results, found: Scores, task: ResultTask
+) -> tuple[dict[str, Predictions], str]:
     """Predictions of one task by title of the model, and words on those that are not there."""
     names, readings, trouble = titles(results), {}, []
     for model in results.models:
@@ -69,7 +69,7 @@ def _read(
         if score is None or not score.cells[0].predictions:
             continue
         try:
-            one = read_readings(folder / score.cells[0].predictions)
+            one = read_predictions(folder / score.cells[0].predictions)
         except DataError as error:
             trouble.append(f"{names[model.name]}: no picture. {error}")
             continue
@@ -77,7 +77,7 @@ def _read(
     return readings, "".join(paragraph(words, soft=True) for words in trouble)
 
 
-def _scatters(task: Task, values: Mapping[str, Readings]) -> str:
+def _scatters(task: ResultTask, values: Mapping[str, Predictions]) -> str:
     """A row of panels for each model, one for each axis."""
     limits = _limits(list(values.values()))
     usual = "N" if any(metric.unit == "mN" for metric in task.metrics) else ""
@@ -100,7 +100,7 @@ def _scatters(task: Task, values: Mapping[str, Readings]) -> str:
     return body
 
 
-def _limits(readings: Sequence[Readings]) -> dict[str, tuple[float, float]]:
+def _limits(readings: Sequence[Predictions]) -> dict[str, tuple[float, float]]:
     """One range for an axis, in which all true values are, with room around them."""
     limits: dict[str, tuple[float, float]] = {}
     for axis in dict.fromkeys(axis for one in readings for axis in one.columns):
@@ -113,7 +113,7 @@ def _limits(readings: Sequence[Readings]) -> dict[str, tuple[float, float]]:
     return limits
 
 
-def _confusions(classes: Mapping[str, Readings]) -> str:
+def _confusions(classes: Mapping[str, Predictions]) -> str:
     drawings = []
     widest = 0
     for name, one in classes.items():
@@ -130,7 +130,7 @@ def _confusions(classes: Mapping[str, Readings]) -> str:
 
 def _trainings(results: Results) -> str:
     names = titles(results)
-    by_model: dict[str, list[Training]] = {}
+    by_model: dict[str, list[LossCurve]] = {}
     for one in results.training:
         by_model.setdefault(one.model, []).append(one)
     if not by_model:

@@ -9,12 +9,12 @@ from pathlib import Path
 
 from tactileforge.bench.output import comparison_tables, gate_table, published, render
 from tactileforge.bench.output.csv_export import long_form
-from tactileforge.bench.output.grid import Grid
-from tactileforge.bench.output.published import Published
+from tactileforge.bench.output.grid import Table
+from tactileforge.bench.output.published import PublishedScore
 from tactileforge.bench.output.report import bench_page
-from tactileforge.bench.results.load import read
+from tactileforge.bench.results.load import read_results
 from tactileforge.bench.results.results import Results
-from tactileforge.bench.results.scores import Scores, scores
+from tactileforge.bench.results.scores import Scores, collect_scores
 from tactileforge.files import write_text
 
 _LATEX_HEAD = "% Needs \\usepackage{booktabs,amssymb} and \\usepackage[T1]{fontenc}.\n"
@@ -36,14 +36,14 @@ def write_all(folder: Path) -> list[Path]:
         DataError: It contradicts itself.
         ConfigError: A key of it is missing, unknown or of another type.
     """
-    results = read(folder)
-    found = scores(results)
-    rows = published.of_zoo()
-    gate = gate_table.grid(gate_table.write(folder, results), results)
+    results = read_results(folder)
+    found = collect_scores(results)
+    rows = published.published_scores()
+    gate = gate_table.gate_table(gate_table.write_gate(folder, results), results)
     grids = tables(results, found, rows, gate)
     texts = {
-        "table.md": "\n".join(map(render.markdown, grids)),
-        "table.tex": _LATEX_HEAD + "\n".join(map(render.latex, grids)),
+        "table.md": "\n".join(map(render.render_markdown, grids)),
+        "table.tex": _LATEX_HEAD + "\n".join(map(render.render_latex, grids)),
         "table.csv": long_form(results, found, rows),
         "report.html": bench_page(folder, results, found, rows, gate),
     }
@@ -53,8 +53,8 @@ def write_all(folder: Path) -> list[Path]:
 
 
 def tables(
-    results: Results, found: Scores, rows: list[Published], gate: Grid | None = None
-) -> list[Grid]:
+    results: Results, found: Scores, rows: list[PublishedScore], gate: Table | None = None
+) -> list[Table]:
     """The tables, our own first; only those that have something to say."""
     grids = [
         gate,

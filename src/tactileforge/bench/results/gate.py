@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.bench.results.predictions import read_readings
-from tactileforge.bench.results.results import Cell, Model, Results, Task
+from tactileforge.bench.results.predictions import read_predictions
+from tactileforge.bench.results.results import Cell, ResultModel, Results, ResultTask
 from tactileforge.errors import DataError
 
 FILE = "gate.json"
@@ -31,7 +31,7 @@ Sums = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Tally:
+class GroupedScore:
     """A score as sums over groups, so that drawing groups again is a product of matrices.
 
     The score is ``start + sign * mean_k(top_k / bottom_k)``, tops and bottoms summed over groups.
@@ -59,7 +59,7 @@ class Tally:
         return found
 
 
-def tally(path: Path, metric: str) -> Tally:
+def grouped_score(path: Path, metric: str) -> GroupedScore:
     """Scores of the test clips of a cell.
 
     Args:
@@ -69,7 +69,7 @@ def tally(path: Path, metric: str) -> Tally:
     Raises:
         DataError: The file does not say which clips belong together, or the metric is another.
     """
-    found = read_readings(path)
+    found = read_predictions(path)
     with np.load(path, allow_pickle=False) as file:
         if "units" not in file.files:
             raise DataError(f"{path}: array 'units' is missing; run the bench again")
@@ -87,11 +87,11 @@ def tally(path: Path, metric: str) -> Tally:
     for total, part in zip(sums, parts, strict=True):
         np.add.at(total, of, part)
     start, sign = (1.0, -1.0) if metric == "r2" else (0.0, 1.0)
-    return Tally(tuple(names.tolist()), sums[0], sums[1], start, sign)
+    return GroupedScore(tuple(names.tolist()), sums[0], sums[1], start, sign)
 
 
 @dataclass(frozen=True)
-class Score:
+class GateScore:
     """A score, or a difference of two, with its 95 % interval.
 
     Attributes:
@@ -105,7 +105,7 @@ class Score:
     high: float
 
 
-def compared(own: Sequence[Tally], other: Sequence[Tally] = ()) -> Score:
+def compared(own: Sequence[GroupedScore], other: Sequence[GroupedScore] = ()) -> GateScore:
     """The mean of some networks, or what it is above that of others.
 
     Args:
@@ -123,7 +123,7 @@ def compared(own: Sequence[Tally], other: Sequence[Tally] = ()) -> Score:
     counts = rng.multinomial(len(groups), np.full(len(groups), 1 / len(groups)), DRAWS)
     all_once = np.ones((1, len(groups)))
 
-    def drawn(networks: Sequence[Tally]) -> Sums:
+    def drawn(networks: Sequence[GroupedScore]) -> Sums:
         table = np.stack([one.scores(counts.astype(float)) for one in networks])
         chosen = rng.integers(len(networks), size=(len(networks), DRAWS))
         found: Sums = np.take_along_axis(table, chosen, axis=0).mean(0)
@@ -133,11 +133,11 @@ def compared(own: Sequence[Tally], other: Sequence[Tally] = ()) -> Score:
     mean = np.mean([one.scores(all_once) for one in own])
     mean -= np.mean([one.scores(all_once) for one in other]) if other else 0.0
     low, high = np.quantile(values, (0.025, 0.975))
-    return Score(float(mean), float(low), float(high))
+    return GateScore(float(mean), float(low), float(high))
 
 
 @dataclass(frozen=True)
-class Row:
+class GateRow:
     """A model in a task, by one reading of its features.
 
     Attributes:
@@ -151,8 +151,8 @@ class Row:
     task: str
     model: str
     reading: str
-    score: Score
-    above: Mapping[str, Score] = field(default_factory=dict)
+    score: GateScore
+    above: Mapping[str, GateScore] = field(default_factory=dict)
 
     @property
     def beats(self) -> bool:
@@ -160,7 +160,7 @@ class Row:
         return all(name in self.above and self.above[name].low > 0 for name in AGAINST)
 
 
-def rows(folder: Path, results: Results) -> list[Row]:
+def compute_gate(folder: Path, results: Results) -> list[GateRow]:
     """Every model in every task, in each reading.
 
     Args:
@@ -177,25 +177,27 @@ def rows(folder: Path, results: Results) -> list[Row]:
                     name: compared(own, other)
                     for name, other in _others(cells, model, reading).items()
                 }
-                found.append(Row(task.name, model.name, reading, compared(own), above))
+                found.append(GateRow(task.name, model.name, reading, compared(own), above))
     return found
 
 
-def _cells(folder: Path, results: Results, task: Task) -> dict[tuple[str, str], list[Tally]]:
-    found: dict[tuple[str, str], list[Tally]] = {}
+def _cells(
+    folder: Path, results: Results, task: ResultTask
+) -> dict[tuple[str, str], list[GroupedScore]]:
+    found: dict[tuple[str, str], list[GroupedScore]] = {}
     for cell in results.cells:
         if cell.task == task.name and (reading := str(cell.setting.get("reading", ""))):
             found.setdefault((cell.model, reading), []).append(_of(folder, cell, task))
     return found
 
 
-def _of(folder: Path, cell: Cell, task: Task) -> Tally:
-    return tally(folder / cell.predictions, task.main)
+def _of(folder: Path, cell: Cell, task: ResultTask) -> GroupedScore:
+    return grouped_score(folder / cell.predictions, task.main)
 
 
 def _others(
-    cells: Mapping[tuple[str, str], list[Tally]], model: Model, reading: str
-) -> dict[str, list[Tally]]:
+    cells: Mapping[tuple[str, str], list[GroupedScore]], model: ResultModel, reading: str
+) -> dict[str, list[GroupedScore]]:
     """What a model is compared with; baselines have one reading for both."""
     if is_baseline(model.name):
         return {}
@@ -212,7 +214,7 @@ def is_baseline(name: str) -> bool:
     return name in _BASELINES or name.startswith("untrained:")
 
 
-def passes(found: Sequence[Row], model: str) -> dict[str, Any]:
+def gate_outcome(found: Sequence[GateRow], model: str) -> dict[str, Any]:
     """Tasks that a model wins in each reading, and whether those are the majority in both."""
     out: dict[str, Any] = {"passes": bool(found)}
     for reading in ("pooled", "patches"):
@@ -223,7 +225,7 @@ def passes(found: Sequence[Row], model: str) -> dict[str, Any]:
     return out
 
 
-def plain(found: Sequence[Row], results: Results) -> dict[str, Any]:
+def gate_to_plain(found: Sequence[GateRow], results: Results) -> dict[str, Any]:
     """The gate as plain data, for ``gate.json`` and for cards."""
     models = [model for model in results.models if not is_baseline(model.name)]
     return {
@@ -231,7 +233,7 @@ def plain(found: Sequence[Row], results: Results) -> dict[str, Any]:
         "versions": dict(results.versions),
         "tasks": {task.name: {"title": task.title, "metric": task.main} for task in results.tasks},
         "models": {
-            model.name: passes(found, model.name)
+            model.name: gate_outcome(found, model.name)
             | {key: model.facts.get(key, []) for key in ("trained_on", "seen_of_held_out")}
             | {"sha256": model.sha256}
             for model in models
@@ -245,5 +247,5 @@ def plain(found: Sequence[Row], results: Results) -> dict[str, Any]:
     }
 
 
-def _score(one: Score) -> dict[str, float]:
+def _score(one: GateScore) -> dict[str, float]:
     return {key: round(getattr(one, key), 4) for key in ("value", "low", "high")}

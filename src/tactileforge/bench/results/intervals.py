@@ -40,7 +40,7 @@ def mean_interval(values: Sequence[float]) -> Interval:
     return Interval(fmean(values), half, tuple(values))
 
 
-def difference(a: Interval, b: Interval) -> Interval:
+def difference_interval(a: Interval, b: Interval) -> Interval:
     """The difference of two means, a - b, with Student's t and the pooled variance.
 
     One value against several has an interval too: its variance is taken to be theirs.

@@ -14,12 +14,12 @@ from tactileforge.bench.results.results import (
     FILE,
     FORMAT,
     Cell,
-    Metric,
-    Model,
+    LossCurve,
     NotRun,
+    ResultMetric,
+    ResultModel,
     Results,
-    Task,
-    Training,
+    ResultTask,
 )
 from tactileforge.errors import DataError, DataNotFoundError, unknown
 
@@ -32,7 +32,7 @@ _CHOICES = {
 }
 
 
-def read(folder: Path) -> Results:
+def read_results(folder: Path) -> Results:
     """Reads ``results.json`` of a bench.
 
     Raises:
@@ -80,7 +80,7 @@ def _build(path: Path, given: dict[str, Any]) -> Results:
         given[key] = [_row(f"{path}, {key}[{i}]", key, row) for i, row in enumerate(value)]
     known = {model.name for model in given["models"]}
     absent = dict.fromkeys(one.model for one in given["not_run"] if one.model not in {"", *known})
-    given["models"] += [Model(name=name, title=name) for name in absent]
+    given["models"] += [ResultModel(name=name, title=name) for name in absent]
     return strict.build(Results, str(path), given)
 
 
@@ -110,11 +110,11 @@ def _row(where: str, key: str, given: Any) -> Any:
             if name in row:
                 row[name] = _numbers(f"{where}: {name}", row[name])
     kinds: dict[str, type[Any]] = {
-        "tasks": Task,
-        "metrics": Metric,
-        "models": Model,
+        "tasks": ResultTask,
+        "metrics": ResultMetric,
+        "models": ResultModel,
         "cells": Cell,
-        "training": Training,
+        "training": LossCurve,
         "not_run": NotRun,
     }
     return strict.build(kinds[key], where, row)

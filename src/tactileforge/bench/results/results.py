@@ -10,7 +10,7 @@ FORMAT = 1
 
 
 @dataclass(frozen=True, kw_only=True)
-class Metric:
+class ResultMetric:
     """What is measured.
 
     Attributes:
@@ -25,7 +25,7 @@ class Metric:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Task:
+class ResultTask:
     """One task of the suite.
 
     Attributes:
@@ -44,17 +44,17 @@ class Task:
     probe: str
     data: str
     split: str
-    metrics: list[Metric]
+    metrics: list[ResultMetric]
     main: str
     selection: str
 
-    def metric(self, name: str = "") -> Metric:
+    def metric(self, name: str = "") -> ResultMetric:
         """A metric by name, the main one by default."""
         return next(metric for metric in self.metrics if metric.name == (name or self.main))
 
 
 @dataclass(frozen=True, kw_only=True)
-class Model:
+class ResultModel:
     """One encoder that is compared.
 
     Attributes:
@@ -101,7 +101,7 @@ class Cell:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Training:
+class LossCurve:
     """The loss of one objective of a model that was trained for the bench.
 
     Attributes:
@@ -158,8 +158,8 @@ class Results:
     suite: str
     versions: dict[str, Any]
     settings: dict[str, Any]
-    tasks: list[Task]
-    models: list[Model]
+    tasks: list[ResultTask]
+    models: list[ResultModel]
     cells: list[Cell]
-    training: list[Training]
+    training: list[LossCurve]
     not_run: list[NotRun]

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from tactileforge.bench.results.intervals import Interval, mean_interval
-from tactileforge.bench.results.results import Cell, Model, NotRun, Results, Task
+from tactileforge.bench.results.results import Cell, NotRun, ResultModel, Results, ResultTask
 
 _NO_RESULT = "No result yet: the bench has not come to it. Run the same command again."
 
 
 @dataclass(frozen=True)
-class Score:
+class SeedScores:
     """The cells of one task, model and setting, by seed.
 
     Attributes:
@@ -24,8 +24,8 @@ class Score:
         cells: In order of their seeds; at least one.
     """
 
-    task: Task
-    model: Model
+    task: ResultTask
+    model: ResultModel
     cells: tuple[Cell, ...]
 
     @property
@@ -45,10 +45,10 @@ class Score:
 
 
 #: By task and model; the first is that of the main table, further ones have other settings.
-Scores = dict[tuple[str, str], list[Score]]
+Scores = dict[tuple[str, str], list[SeedScores]]
 
 
-def scores(results: Results) -> Scores:
+def collect_scores(results: Results) -> Scores:
     """Puts the seeds of each task, model and setting together."""
     tasks = {task.name: task for task in results.tasks}
     models = {model.name: model for model in results.models}
@@ -58,14 +58,14 @@ def scores(results: Results) -> Scores:
         settings.setdefault(json.dumps(cell.setting, sort_keys=True), []).append(cell)
     return {
         (task, model): [
-            Score(tasks[task], models[model], tuple(sorted(cells, key=lambda cell: cell.seed)))
+            SeedScores(tasks[task], models[model], tuple(sorted(cells, key=lambda cell: cell.seed)))
             for cells in settings.values()
         ]
         for (task, model), settings in parts.items()
     }
 
 
-def main_score(found: Scores, task: Task, model: Model) -> Score | None:
+def main_score(found: Scores, task: ResultTask, model: ResultModel) -> SeedScores | None:
     """What the setting of the main table gave."""
     return next(iter(found.get((task.name, model.name), [])), None)
 
@@ -86,7 +86,7 @@ def missing(results: Results, task: str, model: str) -> list[str]:
     return words(results, task, model) or [_NO_RESULT]
 
 
-def full_model(results: Results, ablation: Model) -> Model | None:
+def full_model(results: Results, ablation: ResultModel) -> ResultModel | None:
     """The model that an ablation leaves something out of: the first of the same recipe."""
     same = (m for m in results.models if m.group == "model" and m.recipe == ablation.recipe)
     return next(same, None)

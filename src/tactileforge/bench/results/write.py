@@ -18,13 +18,13 @@ from tactileforge.bench.results.results import (
     FILE,
     FORMAT,
     Cell,
-    Model,
+    LossCurve,
     NotRun,
+    ResultModel,
     Results,
-    Task,
-    Training,
+    ResultTask,
 )
-from tactileforge.bench.tasks.targets import Part
+from tactileforge.bench.tasks.targets import TargetPart
 from tactileforge.errors import TactileForgeError
 from tactileforge.files import write_text
 from tactileforge.provenance import commit
@@ -46,7 +46,7 @@ class Writer:
     """
 
     def __init__(
-        self, folder: Path, suite: str, settings: dict[str, Any], tasks: Sequence[Task]
+        self, folder: Path, suite: str, settings: dict[str, Any], tasks: Sequence[ResultTask]
     ) -> None:
         self.folder = folder
         versions = {name: version(name) for name in _PACKAGES} | {"commit": commit()}
@@ -73,11 +73,11 @@ class Writer:
         except (OSError, TactileForgeError, ValueError, TypeError, KeyError, AttributeError):
             return {}  # none yet, or of another format: everything is measured again
 
-    def model(self, model: Model) -> None:
+    def model(self, model: ResultModel) -> None:
         """Adds a row."""
         self.results.models.append(model)
 
-    def training(self, curves: Sequence[Training]) -> None:
+    def training(self, curves: Sequence[LossCurve]) -> None:
         """Adds loss curves."""
         self.results.training.extend(curves)
 
@@ -119,7 +119,7 @@ class Writer:
         self,
         cell: Cell,
         name: str,
-        part: Part,
+        part: TargetPart,
         predicted: Any,
         truth: Any,
         units: Sequence[str],

@@ -20,7 +20,7 @@ _AFTER = 3
 _CHUNK = 64
 
 
-def energy(recording: Recording) -> NDArray[np.float64]:
+def contact_energy(recording: Recording) -> NDArray[np.float64]:
     """Mean change from the background of each frame, grey levels, (frames,).
 
     Args:
@@ -36,13 +36,13 @@ def energy(recording: Recording) -> NDArray[np.float64]:
     return np.array(found)
 
 
-def held(change: NDArray[np.float64]) -> tuple[int, int] | None:
+def last_contact(change: NDArray[np.float64]) -> tuple[int, int] | None:
     """The first and last frame of the last contact.
 
     None where the recording ends in contact, or never has any.
 
     Args:
-        change: See `energy`.
+        change: See `contact_energy`.
     """
     bound = _NOISE + _SHARE * max(float(np.percentile(change, 80)) - _NOISE, 0.0)
     there = np.flatnonzero(change > bound)
@@ -52,11 +52,13 @@ def held(change: NDArray[np.float64]) -> tuple[int, int] | None:
     return int(apart[-1]) + 1 if len(apart) else 0, int(there[-1])
 
 
-def state(contact: tuple[int, int] | None, frame: int, times: NDArray[np.float64]) -> str | None:
+def contact_state(
+    contact: tuple[int, int] | None, frame: int, times: NDArray[np.float64]
+) -> str | None:
     """``held``, ``losing``, or None elsewhere, and where contact is not known or too short.
 
     Args:
-        contact: See `held`.
+        contact: See `last_contact`.
         frame: The frame that is asked about.
         times: Seconds of each frame.
     """

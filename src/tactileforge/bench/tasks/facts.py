@@ -6,12 +6,12 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from tactileforge.bench.tasks.source import Source
+from tactileforge.bench.tasks.source import TaskSource
 from tactileforge.errors import ConfigError
 
 
-def fact(source: Source, number: int, name: str) -> str:
-    """What is known of a recording; see `suite.Plan`.
+def recording_fact(source: TaskSource, number: int, name: str) -> str:
+    """What is known of a recording; see `suite.SplitPlan`.
 
     Raises:
         ConfigError: Nothing is known by that name.
@@ -38,10 +38,10 @@ def fact(source: Source, number: int, name: str) -> str:
     return value if isinstance(value, str) else f"{value:g}"
 
 
-def fits(source: Source, number: int, chosen: Mapping[str, Any]) -> bool:
-    """Whether a recording has the facts that a filter names; see `suite.Plan`."""
+def matches_filter(source: TaskSource, number: int, chosen: Mapping[str, Any]) -> bool:
+    """Whether a recording has the facts that a filter names; see `suite.SplitPlan`."""
     for name, wanted in chosen.items():
         values = {str(one) for one in (wanted if isinstance(wanted, list) else [wanted])}
-        if fact(source, number, name) not in values:
+        if recording_fact(source, number, name) not in values:
             return False
     return True

@@ -15,7 +15,7 @@ from torch import Tensor
 from torchmetrics import Metric
 from torchmetrics.classification import BinaryF1Score, MulticlassAccuracy, MulticlassF1Score
 
-from tactileforge.bench.tasks.targets import Part
+from tactileforge.bench.tasks.targets import TargetPart
 from tactileforge.errors import ConfigError, DataError, unknown
 
 #: Millinewton in a newton.
@@ -189,15 +189,15 @@ class Percent(Metric):
         return out
 
 
-def _accuracy(part: Part) -> Metric:
+def _accuracy(part: TargetPart) -> Metric:
     return Percent(MulticlassAccuracy(len(part.names), average="micro"))
 
 
-def _balanced(part: Part) -> Metric:
+def _balanced(part: TargetPart) -> Metric:
     return Percent(MulticlassAccuracy(len(part.names), average="macro"))
 
 
-def _f1(part: Part) -> Metric:
+def _f1(part: TargetPart) -> Metric:
     """Of the second class where there are two; else the mean over classes."""
     if len(part.names) == 2:
         return Percent(BinaryF1Score())
@@ -205,11 +205,11 @@ def _f1(part: Part) -> Metric:
 
 
 @dataclass(frozen=True)
-class Kind:
+class MetricKind:
     """A metric that a task may name.
 
     Attributes:
-        of: Kinds of the part it measures, see `targets.Part`.
+        of: Kinds of the part it measures, see `targets.TargetPart`.
         unit: Of its values.
         better: ``lower`` or ``higher``.
         build: From the part.
@@ -218,34 +218,36 @@ class Kind:
     of: tuple[str, ...]
     unit: str
     better: str
-    build: Callable[[Part], Metric]
+    build: Callable[[TargetPart], Metric]
 
 
 _VECTORS = ("force", "place", "numbers")
 
-METRICS: dict[str, Kind] = {
-    "accuracy": Kind(("classes",), "%", "higher", _accuracy),
-    "balanced_accuracy": Kind(("classes",), "%", "higher", _balanced),
-    "f1": Kind(("classes",), "%", "higher", _f1),
-    "rmse_sum_axes": Kind(("force",), "mN", "lower", lambda _: RmseSumAxes()),
-    "mae_mean_axes": Kind(("force",), "mN", "lower", lambda _: MaeMeanAxes()),
+METRICS: dict[str, MetricKind] = {
+    "accuracy": MetricKind(("classes",), "%", "higher", _accuracy),
+    "balanced_accuracy": MetricKind(("classes",), "%", "higher", _balanced),
+    "f1": MetricKind(("classes",), "%", "higher", _f1),
+    "rmse_sum_axes": MetricKind(("force",), "mN", "lower", lambda _: RmseSumAxes()),
+    "mae_mean_axes": MetricKind(("force",), "mN", "lower", lambda _: MaeMeanAxes()),
     **{
-        f"rmse_{name}": Kind(
+        f"rmse_{name}": MetricKind(
             ("force",), "mN", "lower", partial(lambda axis, _: RmseAxis(axis), axis)
         )
         for axis, name in enumerate("xyz")
     },
-    "r2": Kind(_VECTORS, "", "higher", lambda part: R2(part.truth.shape[1])),
+    "r2": MetricKind(_VECTORS, "", "higher", lambda part: R2(part.truth.shape[1])),
     **{
-        f"r2_{name}": Kind(("force",), "", "higher", partial(lambda axis, _: R2(3, axis), axis))
+        f"r2_{name}": MetricKind(
+            ("force",), "", "higher", partial(lambda axis, _: R2(3, axis), axis)
+        )
         for axis, name in enumerate("xyz")
     },
-    "correlation": Kind(("force",), "", "higher", lambda _: Correlation()),
-    "distance": Kind(("place",), "% of width", "lower", lambda _: Distance()),
+    "correlation": MetricKind(("force",), "", "higher", lambda _: Correlation()),
+    "distance": MetricKind(("place",), "% of width", "lower", lambda _: Distance()),
 }
 
 
-def kind(name: str) -> Kind:
+def metric_kind(name: str) -> MetricKind:
     """A metric by name.
 
     Raises:
@@ -256,13 +258,13 @@ def kind(name: str) -> Kind:
     return METRICS[name]
 
 
-def part_of(name: str, parts: dict[str, Part]) -> str:
+def part_of(name: str, parts: dict[str, TargetPart]) -> str:
     """The first part of a target that a metric measures.
 
     Raises:
         ConfigError: None is of its kind.
     """
-    wanted = kind(name).of
+    wanted = metric_kind(name).of
     for key, part in parts.items():
         if part.kind in wanted:
             return key
@@ -271,7 +273,7 @@ def part_of(name: str, parts: dict[str, Part]) -> str:
     )
 
 
-def measure(name: str, part: Part, predicted: Tensor, truth: Tensor) -> float:
+def measure(name: str, part: TargetPart, predicted: Tensor, truth: Tensor) -> float:
     """The value of a metric.
 
     Args:
@@ -283,7 +285,7 @@ def measure(name: str, part: Part, predicted: Tensor, truth: Tensor) -> float:
     Raises:
         DataError: The value is not finite.
     """
-    metric = kind(name).build(part)
+    metric = metric_kind(name).build(part)
     metric.update(predicted, truth)
     value = float(metric.compute())
     if not torch.isfinite(torch.tensor(value)):

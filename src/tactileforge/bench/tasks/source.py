@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge import registry
-from tactileforge.bench.tasks.suite import Clip
+from tactileforge.bench.tasks.suite import ClipSpec
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.data.batches.clips import Clips
 from tactileforge.errors import ConfigError, DataError, unknown
@@ -21,7 +21,7 @@ from tactileforge.errors import ConfigError, DataError, unknown
 _SMALL = (8, 8)
 
 
-class Source:
+class TaskSource:
     """Recordings with the side they are of, and an index of clips that all models share.
 
     Args:
@@ -37,7 +37,7 @@ class Source:
         DataError: There is nothing to cut.
     """
 
-    def __init__(self, recordings: list[Recording], sides: list[str], clip: Clip) -> None:
+    def __init__(self, recordings: list[Recording], sides: list[str], clip: ClipSpec) -> None:
         if clip.parts > 1:
             sides = [side for side in sides for _ in range(clip.parts)]
             recordings = [part for one in recordings for part in _parts(one, clip.parts)]
@@ -65,7 +65,7 @@ class Source:
         return found.hexdigest()
 
 
-def open_source(data: Mapping[str, Any], sides: tuple[str, ...], clip: Clip) -> Source:
+def open_source(data: Mapping[str, Any], sides: tuple[str, ...], clip: ClipSpec) -> TaskSource:
     """Opens the data of a task.
 
     Args:
@@ -92,7 +92,7 @@ def open_source(data: Mapping[str, Any], sides: tuple[str, ...], clip: Clip) -> 
         )
     if not recordings:
         raise DataError(f"data {data.get('name') or data.get('preset')}: no recording in {sides}")
-    return Source(recordings, of, clip)
+    return TaskSource(recordings, of, clip)
 
 
 def _node(data: Mapping[str, Any]) -> dict[str, Any]:

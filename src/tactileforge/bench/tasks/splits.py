@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.bench.tasks.facts import fact, fits
-from tactileforge.bench.tasks.source import Source
-from tactileforge.bench.tasks.suite import Plan, Task
+from tactileforge.bench.tasks.facts import matches_filter, recording_fact
+from tactileforge.bench.tasks.source import TaskSource
+from tactileforge.bench.tasks.suite import SplitPlan, Task
 from tactileforge.bench.tasks.targets import Target
 from tactileforge.errors import ConfigError, DataError
 
@@ -34,7 +34,7 @@ class Split:
     test: NDArray[np.int64]
 
 
-def build(task: Task, source: Source, target: Target) -> list[Split]:
+def build_splits(task: Task, source: TaskSource, target: Target) -> list[Split]:
     """The splits of a task: one, or one for each fold.
 
     Raises:
@@ -42,40 +42,46 @@ def build(task: Task, source: Source, target: Target) -> list[Split]:
         DataError: The labels of a part are all of one class.
     """
     plan, of = task.split, source.index[target.clips, 0]
-    numbers = [n for n in sorted(set(of.tolist())) if fits(source, n, plan.only)]
+    numbers = [n for n in sorted(set(of.tolist())) if matches_filter(source, n, plan.only)]
     if not numbers:
         raise ConfigError(f"task {task.name}: split.only leaves no recording; change it")
     stratum = _strata(numbers, of, target)
     if plan.folds:
-        names = {n: fact(source, n, plan.group) for n in numbers}
+        names = {n: recording_fact(source, n, plan.group) for n in numbers}
         fold = _folds(names, stratum, plan.folds)
         tests = [[n for n in numbers if fold[names[n]] == k] for k in range(plan.folds)]
     else:
-        tests = [[n for n in numbers if fits(source, n, plan.test)]]
+        tests = [[n for n in numbers if matches_filter(source, n, plan.test)]]
     splits = []
     for test in tests:
-        rest = [n for n in numbers if n not in set(test) and fits(source, n, plan.train)]
+        rest = [n for n in numbers if n not in set(test) and matches_filter(source, n, plan.train)]
         validation = _validation(plan, source, rest, stratum)
         train = [n for n in rest if n not in set(validation)]
         for name, chosen in (("train", train), ("validation", validation), ("test", test)):
             if not chosen:
                 raise ConfigError(f"task {task.name}: no recording for {name}; change its split")
-        check(task, source, train, validation, test)
+        check_leakage(task, source, train, validation, test)
         places = [np.flatnonzero(np.isin(of, chosen)) for chosen in (train, validation, test)]
         splits.append(Split(*places))
     _check_classes(task, target, splits)
     return splits
 
 
-def names(source: Source, target: Target, places: NDArray[np.int64], fact_name: str) -> list[str]:
+def group_names(
+    source: TaskSource, target: Target, places: NDArray[np.int64], fact_name: str
+) -> list[str]:
     """The fact of the recording of each clip, by places in the clips of a target."""
     numbers = source.index[target.clips[places], 0].tolist()
-    known = {number: fact(source, number, fact_name) for number in set(numbers)}
+    known = {number: recording_fact(source, number, fact_name) for number in set(numbers)}
     return [known[number] for number in numbers]
 
 
-def check(
-    task: Task, source: Source, train: Sequence[int], validation: Sequence[int], test: Sequence[int]
+def check_leakage(
+    task: Task,
+    source: TaskSource,
+    train: Sequence[int],
+    validation: Sequence[int],
+    test: Sequence[int],
 ) -> None:
     """Raises a ConfigError where two uses share frames, or a fact that has to be unseen."""
     uses = {"train": train, "validation": validation, "test": test}
@@ -94,8 +100,8 @@ def check(
         if stop > end:
             reach[key] = stop, use
     for name in task.split.unseen:
-        known = {fact(source, n, name) for n in [*train, *validation]}
-        if both := sorted(known & {fact(source, n, name) for n in test}):
+        known = {recording_fact(source, n, name) for n in [*train, *validation]}
+        if both := sorted(known & {recording_fact(source, n, name) for n in test}):
             raise ConfigError(
                 f"task {task.name}: {name} {both[0]!r} is to be unseen, but is in training and in "
                 "test; correct its split"
@@ -143,16 +149,16 @@ def _folds(names: Mapping[int, str], stratum: Mapping[int, int], folds: int) -> 
 
 
 def _validation(
-    plan: Plan, source: Source, rest: Sequence[int], stratum: Mapping[int, int]
+    plan: SplitPlan, source: TaskSource, rest: Sequence[int], stratum: Mapping[int, int]
 ) -> list[int]:
     chosen = dict(plan.validation)
     share = chosen.pop("share", None)
     if share is None:
-        return [n for n in rest if fits(source, n, chosen)]
+        return [n for n in rest if matches_filter(source, n, chosen)]
     group = str(chosen.pop("group", "recording"))
     if chosen:
         raise ConfigError(f"split.validation: share goes with group alone, not {sorted(chosen)}")
-    names = {n: fact(source, n, group) for n in rest}
+    names = {n: recording_fact(source, n, group) for n in rest}
     taken: set[str] = set()
     groups = list(_ordered(names, stratum).values())
     for found in groups:

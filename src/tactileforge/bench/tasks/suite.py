@@ -11,7 +11,7 @@ from tactileforge.errors import ConfigError, unknown
 
 
 @dataclass(frozen=True, kw_only=True)
-class Clip:
+class ClipSpec:
     """Where clips are cut; the same for every model, so that all are tested on the same moments.
 
     Attributes:
@@ -33,7 +33,7 @@ class Clip:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plan:
+class SplitPlan:
     """Which recordings train, select and test.
 
     A filter names facts and the values they may have: ``{side: train, sensor: [digit]}``. Facts are
@@ -90,9 +90,9 @@ class Task:
     target: str
     probe: dict[str, Any]
     metrics: list[str]
-    split: Plan
+    split: SplitPlan
     about: str = ""
-    clip: Clip = Clip()
+    clip: ClipSpec = ClipSpec()
     scale: list[float] = field(default_factory=list)
     clamp: float = 0.0
     flips: bool = False
@@ -111,7 +111,7 @@ def _values(given: Any) -> list[str]:
     return [str(one) for one in (given if isinstance(given, list) else [given])]
 
 
-def parse(name: str, given: Mapping[str, Any]) -> Task:
+def parse_task(name: str, given: Mapping[str, Any]) -> Task:
     """A task from plain data.
 
     Raises:
@@ -119,8 +119,8 @@ def parse(name: str, given: Mapping[str, Any]) -> Task:
     """
     where = f"tasks.{name}"
     values = dict(given)
-    clip = strict.build(Clip, f"{where}.clip", values.pop("clip", {}))
-    split = strict.build(Plan, f"{where}.split", values.pop("split", None) or {})
+    clip = strict.build(ClipSpec, f"{where}.clip", values.pop("clip", {}))
+    split = strict.build(SplitPlan, f"{where}.split", values.pop("split", None) or {})
     known = [key for key in Task.__dataclass_fields__ if key != "name"]
     for key in values:
         if key not in known:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from tactileforge.bench.tasks import contact
-from tactileforge.bench.tasks.facts import fits
-from tactileforge.bench.tasks.source import Source
+from tactileforge.bench.tasks.facts import matches_filter
+from tactileforge.bench.tasks.source import TaskSource
 from tactileforge.bench.tasks.suite import Task
 from tactileforge.contracts import ACTIONS, Recording
 from tactileforge.data.labels.augment import flip_labels
@@ -28,7 +28,7 @@ _NUMBERS = "numbers:"
 
 
 @dataclass(frozen=True)
-class Part:
+class TargetPart:
     """One thing that is predicted.
 
     Attributes:
@@ -55,7 +55,7 @@ class Part:
         """The truth as a probe learns it."""
         return self.truth / self.scale
 
-    def flipped(self, horizontal: bool, vertical: bool) -> Part:
+    def flipped(self, horizontal: bool, vertical: bool) -> TargetPart:
         """The truth of mirrored clips."""
         if not (horizontal or vertical):
             return self
@@ -84,7 +84,7 @@ class Target:
         clips: int64 (n,), the clips of the source that have a label.
     """
 
-    parts: dict[str, Part]
+    parts: dict[str, TargetPart]
     clips: NDArray[np.int64]
 
     @property
@@ -97,7 +97,7 @@ class Target:
         return found
 
 
-def build(task: Task, source: Source) -> Target:
+def build_target(task: Task, source: TaskSource) -> Target:
     """The target of a task on a source.
 
     Raises:
@@ -131,7 +131,7 @@ def build(task: Task, source: Source) -> Target:
     return Target({name: _clamped(part, task.clamp) for name, part in kept.items()}, clips.numpy())
 
 
-def _partial(parts: dict[str, Part]) -> str:
+def _partial(parts: dict[str, TargetPart]) -> str:
     """Which axes of a force are known, where some are, and clips with all of them are none."""
     for part in parts.values():
         known = part.truth.isfinite().any(0).tolist()
@@ -144,13 +144,13 @@ def _partial(parts: dict[str, Part]) -> str:
     return ""
 
 
-def _clamped(part: Part, limit: float) -> Part:
+def _clamped(part: TargetPart, limit: float) -> TargetPart:
     if not limit or part.kind != "force":
         return part
     return replace(part, truth=part.normalised.clamp(-limit, limit) * part.scale)
 
 
-def _each(source: Source, value: Callable[[Recording, int, int], object]) -> list[object]:
+def _each(source: TaskSource, value: Callable[[Recording, int, int], object]) -> list[object]:
     """A value for each clip, of its recording, first and last frame."""
     return [
         value(source.recordings[number], first, last)
@@ -159,15 +159,15 @@ def _each(source: Source, value: Callable[[Recording, int, int], object]) -> lis
 
 
 def _classes(
-    source: Source,
+    source: TaskSource,
     value: Callable[[Recording, int, int], str | None],
     names: tuple[str, ...] = (),
-) -> Part:
+) -> TargetPart:
     found = _each(source, value)
     known = names or tuple(sorted({str(one) for one in found if one is not None}))
     place = {name: i for i, name in enumerate(known)}
     truth = torch.tensor([[place[str(one)] if one is not None else torch.nan] for one in found])
-    return Part("classes", truth.float(), torch.ones(len(found), 1), known)
+    return TargetPart("classes", truth.float(), torch.ones(len(found), 1), known)
 
 
 def _label(recording: Recording, name: str) -> str | None:
@@ -177,12 +177,12 @@ def _label(recording: Recording, name: str) -> str | None:
     return f"{value:g}"
 
 
-def _scale(task: Task, source: Source) -> Tensor:
+def _scale(task: Task, source: TaskSource) -> Tensor:
     rows = [task.scale or spec(source.recordings[n].sensor).force_scale for n in source.index[:, 0]]
     return torch.tensor(rows, dtype=torch.float32)
 
 
-def _newton(task: Task, source: Source, change: bool) -> Part:
+def _newton(task: Task, source: TaskSource, change: bool) -> TargetPart:
     def value(recording: Recording, first: int, last: int) -> NDArray[np.float32]:
         force = recording.force
         if force is None:
@@ -191,7 +191,7 @@ def _newton(task: Task, source: Source, change: bool) -> Part:
         return found
 
     truth = np.array(_each(source, value), np.float32).reshape(-1, 3)
-    return Part("force", torch.from_numpy(truth), _scale(task, source), ("x", "y", "z"))
+    return TargetPart("force", torch.from_numpy(truth), _scale(task, source), ("x", "y", "z"))
 
 
 def _slips(recording: Recording, first: int, last: int) -> str | None:
@@ -202,10 +202,10 @@ def _slips(recording: Recording, first: int, last: int) -> str | None:
     grip, force = recording.labels.get("grip"), recording.force
     if grip is None or force is None:
         return None
-    from tactileforge.sim.mechanics.sensor_gels import device
+    from tactileforge.sim.mechanics.sensor_gels import sensor_gel
 
     x, y, z = (float(value) for value in force[last])
-    bound = device(recording.sensor).touched(float(grip)).friction * z
+    bound = sensor_gel(recording.sensor).touched(float(grip)).friction * z
     return ("stick", "slip")[int(z > _TOUCH_N and np.hypot(x, y) >= _CONE * bound)]
 
 
@@ -216,7 +216,7 @@ def _action(recording: Recording, first: int, last: int) -> str | None:
     return ACTIONS[shown[last]]
 
 
-def _pose(task: Task, source: Source) -> dict[str, Part]:
+def _pose(task: Task, source: TaskSource) -> dict[str, TargetPart]:
     def value(recording: Recording, first: int, last: int) -> list[float]:
         pose = recording.tracks.get("relative_pose")
         if pose is None:
@@ -227,19 +227,19 @@ def _pose(task: Task, source: Source) -> dict[str, Part]:
 
     truth = torch.tensor(np.array(_each(source, value), np.float32).reshape(-1, 3))
     names = tuple(map(str, range(len(_SHIFTS) + 1)))
-    return {"pose": Part("classes", truth, torch.ones_like(truth), names)}
+    return {"pose": TargetPart("classes", truth, torch.ones_like(truth), names)}
 
 
-def _place(task: Task, source: Source) -> dict[str, Part]:
+def _place(task: Task, source: TaskSource) -> dict[str, TargetPart]:
     def value(recording: Recording, first: int, last: int) -> list[float]:
         place = [recording.labels.get(f"center_{axis}_px", np.nan) for axis in "xy"]
         return [float(one) / recording.frames.shape[1] for one in place]
 
     truth = torch.tensor(np.array(_each(source, value), np.float32).reshape(-1, 2))
-    return {"place": Part("place", truth, torch.ones_like(truth), ("x", "y"))}
+    return {"place": TargetPart("place", truth, torch.ones_like(truth), ("x", "y"))}
 
 
-def _numbers(source: Source, columns: list[str]) -> Part:
+def _numbers(source: TaskSource, columns: list[str]) -> TargetPart:
     """Labels as numbers; ``_px`` in a name stands for pixels, which are counted in widths."""
 
     def value(recording: Recording, first: int, last: int) -> list[float]:
@@ -248,31 +248,31 @@ def _numbers(source: Source, columns: list[str]) -> Part:
         return [x / width if "_px" in n else x for x, n in zip(found, columns, strict=True)]
 
     truth = torch.tensor(np.array(_each(source, value), np.float32).reshape(-1, len(columns)))
-    return Part("numbers", truth, torch.ones_like(truth), tuple(columns))
+    return TargetPart("numbers", truth, torch.ones_like(truth), tuple(columns))
 
 
-def _time(task: Task, source: Source) -> dict[str, Part]:
+def _time(task: Task, source: TaskSource) -> dict[str, TargetPart]:
     """Seconds since the first frame of the whole recording."""
     seconds = _each(source, lambda recording, first, last: recording.times[last])
     truth = torch.tensor(np.array(seconds, np.float32))[:, None]
-    return {"time": Part("numbers", truth, torch.ones_like(truth), ("time",))}
+    return {"time": TargetPart("numbers", truth, torch.ones_like(truth), ("time",))}
 
 
-def _losing(task: Task, source: Source) -> dict[str, Part]:
+def _losing(task: Task, source: TaskSource) -> dict[str, TargetPart]:
     """Whether a grasped object is held, or about to be lost; recordings that are used alone."""
     held = {
-        number: contact.held(contact.energy(one))
+        number: contact.last_contact(contact.contact_energy(one))
         for number, one in enumerate(source.recordings)
-        if fits(source, number, task.split.only)
+        if matches_filter(source, number, task.split.only)
     }
     states = iter(
-        contact.state(held.get(number), last, source.recordings[number].times)
+        contact.contact_state(held.get(number), last, source.recordings[number].times)
         for number, last in source.index.tolist()
     )
     return {"losing": _classes(source, lambda *_: next(states), ("held", "losing"))}
 
 
-def _slip(task: Task, source: Source) -> dict[str, Part]:
+def _slip(task: Task, source: TaskSource) -> dict[str, TargetPart]:
     return {
         "slip": _classes(source, _slips, ("stick", "slip")),
         "delta_force": _newton(task, source, change=True),
@@ -281,7 +281,7 @@ def _slip(task: Task, source: Source) -> dict[str, Part]:
 
 #: Target by name, besides ``label:NAME``, the class that a label of the recording names, and
 #: ``numbers:NAME+NAME``, labels as numbers.
-TARGETS: dict[str, Callable[[Task, Source], dict[str, Part]]] = {
+TARGETS: dict[str, Callable[[Task, TaskSource], dict[str, TargetPart]]] = {
     "force": lambda task, source: {"force": _newton(task, source, change=False)},
     "delta_force": lambda task, source: {"delta_force": _newton(task, source, change=True)},
     "slip": _slip,

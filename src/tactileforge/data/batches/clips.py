@@ -188,7 +188,7 @@ class Clips(Dataset[dict[str, Any]]):
                     )
                 still = recording.no_contact.read(range(len(recording.no_contact)))
                 one = still[0] if len(still) == 1 else np.median(still, axis=0).astype(np.uint8)
-                found = resized(one, self.size)
+                found = resize_frame(one, self.size)
             self._cache.put(("background", number), found)
         return found
 
@@ -199,7 +199,7 @@ class Clips(Dataset[dict[str, Any]]):
         missing = [row for row, frame in found.items() if frame is None]
         if missing:
             for row, frame in zip(missing, frames.read(missing), strict=True):
-                found[row] = small = resized(frame, size)
+                found[row] = small = resize_frame(frame, size)
                 self._cache.put((*key, row), small)
         return np.stack([found[row] for row in rows])  # type: ignore[misc]
 
@@ -258,7 +258,7 @@ def object_id(name: str | None) -> int:
     return int.from_bytes(digest, "big") >> 1
 
 
-def resized(frame: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
+def resize_frame(frame: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
     """A picture (H, W, 3) of another size, the way a model is shown those it is trained on."""
     if frame.shape[:2] == size:
         return np.ascontiguousarray(frame)

@@ -18,13 +18,13 @@ from tactileforge.data.batches.clips import Clips, Skipped
 from tactileforge.data.batches.pairs import Pairs
 from tactileforge.data.batches.sources import Source, sources_of
 from tactileforge.data.batches.stream import (
-    Numbers,
-    Reader,
+    BatchIndexSampler,
+    FullSource,
     Stream,
-    Whole,
-    Windows,
-    estimate,
-    portions,
+    WindowedSource,
+    WorkerId,
+    allocate,
+    estimate_clips,
 )
 from tactileforge.data.shards.summary import Summary
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
@@ -38,8 +38,8 @@ _SAMPLE = 256
 class Loader(DataLoader[Batch]):
     """A loader that a run can resume from at any step.
 
-    Its place is that of the run (see `stream.Numbers`); what it keeps is what may not change in
-    between.
+    Its place is that of the run (see `stream.BatchIndexSampler`); what it keeps is what may not
+    change in between.
     """
 
     def state_dict(self) -> dict[str, Any]:
@@ -48,7 +48,7 @@ class Loader(DataLoader[Batch]):
         assert isinstance(stream, Stream)
         state = {
             "clips": [round(track.size) for track in stream.tracks],
-            "clips of a batch": [2 * stream.couples, *(track.count for track in stream.tracks)],
+            "clips of a batch": [2 * stream.n_pairs, *(track.count for track in stream.tracks)],
             "seed": stream.seed,
             "processes": stream.reader.world,
         }
@@ -211,32 +211,32 @@ class TouchData(L.LightningDataModule):
         sizes = [
             len(self._whole[i])
             if i in self._whole
-            else sum(estimate(part.recordings, part.seconds, hop) for part in source.parts)
+            else sum(estimate_clips(part.recordings, part.seconds, hop) for part in source.parts)
             for i, source in enumerate(sources)
         ]
-        couples = round(self.match * self.batch_size / 2)
+        n_pairs = round(self.match * self.batch_size / 2)
         weighed = [
             (source.name, size if source.weight is None else source.weight, source.summary.labels)
             for source, size in zip(sources, sizes, strict=True)
         ]
-        plain = self.batch_size - 2 * couples
-        counts = portions(plain, weighed, self.shares)
-        tracks: list[Whole | Windows] = []
+        plain = self.batch_size - 2 * n_pairs
+        counts = allocate(plain, weighed, self.shares)
+        tracks: list[FullSource | WindowedSource] = []
         for i, (source, count) in enumerate(zip(sources, counts, strict=True)):
             # the only source takes the seed of the run, others have their own
             seed = [self.seed] if len(sources) == 1 else [self.seed, 2, i]
             if i in self._whole:
-                tracks.append(Whole(self._whole[i], count, seed))
+                tracks.append(FullSource(self._whole[i], count, seed))
             else:
                 cut = partial(self._cut, cache_mb=self.cache_mb / len(sources))
-                tracks.append(Windows(source, cut, count, seed, self.window, hop))
+                tracks.append(WindowedSource(source, cut, count, seed, self.window, hop))
         workers = max(1, self.workers)
         multiple = accumulate
         if len(self._whole) < len(sources):  # a reader then keeps its worker from epoch to epoch
             multiple *= workers
         length = int(sum(sizes)) // (max(1, plain) * world) // multiple * multiple
-        reader = Reader(rank, world, workers)
-        return Stream(tracks, couples, self.seed, reader, max(multiple, length))
+        reader = WorkerId(rank, world, workers)
+        return Stream(tracks, n_pairs, self.seed, reader, max(multiple, length))
 
     def train_dataloader(self) -> Loader:
         """Batches from the run's present place to the end of the epoch."""
@@ -248,19 +248,19 @@ class TouchData(L.LightningDataModule):
             accumulate=accumulate,
         )
         position = lambda: trainer.global_step * accumulate if trainer else 0  # noqa: E731
-        return self._loader(stream, Numbers(len(stream), position))
+        return self._loader(stream, BatchIndexSampler(len(stream), position))
 
     def val_dataloader(self) -> Loader | list[Loader]:
         """The held-out clips, in the same batches each time; [] where the data holds none out."""
         if self.val is None:
             return []
         paired = bool(self.match) and bool(Pairs(*self.val.labels()))
-        couples = round(self.match * self.batch_size / 2) if paired else 0
-        plain = self.batch_size - 2 * couples
+        n_pairs = round(self.match * self.batch_size / 2) if paired else 0
+        plain = self.batch_size - 2 * n_pairs
         length = max(1, len(self.val) // max(1, plain))
-        track = Whole(self.val, plain, [self.seed])
-        stream = Stream([track], couples, self.seed, Reader(), length)
-        return self._loader(stream, Numbers(length))
+        track = FullSource(self.val, plain, [self.seed])
+        stream = Stream([track], n_pairs, self.seed, WorkerId(), length)
+        return self._loader(stream, BatchIndexSampler(length))
 
     def _clips(self, recordings: Sequence[Recording]) -> Clips:
         return self._cut(recordings, cache_mb=self.cache_mb)
@@ -268,7 +268,7 @@ class TouchData(L.LightningDataModule):
     def _note(self, line: str, count: int) -> None:
         self._bad[line] = line, count
 
-    def _loader(self, stream: Stream, numbers: Numbers) -> Loader:
+    def _loader(self, stream: Stream, numbers: BatchIndexSampler) -> Loader:
         return Loader(
             stream,
             batch_size=None,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol, TypeAlias, runtime_checkable
 
 from tactileforge.contracts import Dataset, Recording
-from tactileforge.data.shards.index import arranged
+from tactileforge.data.shards.index import sort_recordings
 from tactileforge.data.shards.summary import Summary
 
 #: Is told of what cannot be read: a line that names it, and how many recordings it costs.
@@ -50,7 +50,7 @@ class Source:
     weight: float | None = None
 
     def open(self, which: Iterable[int], bad: Bad) -> list[Recording]:
-        """The recordings of some parts, in the order of `index.order`; one key comes once."""
+        """The recordings of some parts, in the order of `index.sort_key`; one key comes once."""
         found: dict[str, Recording] = {}
         for number in which:
             for one in self.parts[number].open(bad):
@@ -58,11 +58,11 @@ class Source:
                     bad(f"{one.key}: two recordings of {self.name or 'the data'} have this key", 1)
                 else:
                     found[one.key] = one
-        return arranged(found.values())
+        return sort_recordings(found.values())
 
 
 @runtime_checkable
-class Parted(Protocol):
+class Sharded(Protocol):
     """A data set that need not be opened as a whole (see `contracts.Dataset`)."""
 
     def sources(self, split: str) -> list[Source]:
@@ -71,7 +71,7 @@ class Parted(Protocol):
 
 
 @dataclass(frozen=True)
-class Opened:
+class InMemory:
     """The part that a data set is whose recordings are all at hand."""
 
     content: Sequence[Recording]
@@ -93,8 +93,8 @@ def sources_of(dataset: Dataset, split: str) -> list[Source]:
     Raises:
         DataNotFoundError: Something is missing; see `contracts.Dataset.recordings`.
     """
-    if isinstance(dataset, Parted):
+    if isinstance(dataset, Sharded):
         return dataset.sources(split)
     content = list(dataset.recordings(split))
     summary = Summary.of(content)
-    return [Source("", [Opened(content, summary.seconds)], summary)] if content else []
+    return [Source("", [InMemory(content, summary.seconds)], summary)] if content else []

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from tactileforge.data.frames.crop import as_text, check_range
+from tactileforge.data.frames.crop import check_range, size_text
 from tactileforge.errors import DataError
 
 _UNREADABLE = (Image.DecompressionBombError, OSError, SyntaxError, TypeError, ValueError)
@@ -92,8 +92,8 @@ class EncodedFrames:
             frame = self._frame(i)
             if frame.shape != out.shape[1:]:
                 raise DataError(
-                    f"{self.name}, frame {i}: {as_text(frame.shape[:2])} pixels, where the first "
-                    f"has {as_text(self.shape)}; download it again"
+                    f"{self.name}, frame {i}: {size_text(frame.shape[:2])} pixels, where the first "
+                    f"has {size_text(self.shape)}; download it again"
                 )
             out[place] = frame
         return out

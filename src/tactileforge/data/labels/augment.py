@@ -124,5 +124,5 @@ class Augment(nn.Module):
 def _mirrored(surface: Tensor, flip: Tensor) -> Tensor:
     for axis in (0, 1):
         flipped = flip[:, axis, None, None, None, None]
-        surface = torch.where(flipped, displacement.mirrored(surface, axis), surface)
+        surface = torch.where(flipped, displacement.mirror_displacement(surface, axis), surface)
     return surface

@@ -14,7 +14,7 @@ from tactileforge.errors import DataError
 _CHUNK = 1 << 20
 
 
-class Folder:
+class ShardFolder:
     """A folder of shards.
 
     Args:

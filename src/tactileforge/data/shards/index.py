@@ -24,15 +24,15 @@ _FILE = re.compile(r"[A-Za-z0-9_][\w.\-]*\.tar")
 
 
 @dataclass(frozen=True)
-class Entry:
+class IndexEntry:
     """One shard.
 
     Attributes:
         file: Its name in the folder.
         bytes: Its size.
         sha256: Its checksum.
-        first: Smallest `order` of its recordings.
-        last: Largest `order` of its recordings.
+        first: Smallest `sort_key` of its recordings.
+        last: Largest `sort_key` of its recordings.
         summary: What it holds.
     """
 
@@ -44,16 +44,16 @@ class Entry:
     summary: Summary
 
     @classmethod
-    def of(cls, path: Path) -> Entry:
+    def of(cls, path: Path) -> IndexEntry:
         """Reads a shard and sums it up.
 
         Raises:
             DataError: It is damaged, or two of its recordings have one key.
         """
         summary, places = Summary(), []
-        for recording in shards.read(path):
+        for recording in shards.read_shard(path):
             summary.add(recording)
-            places.append((order(recording.object, recording.key), recording.key))
+            places.append((sort_key(recording.object, recording.key), recording.key))
         keys = [key for _, key in places]
         if len(set(keys)) < len(keys):
             twice = next(key for key in keys if keys.count(key) > 1)
@@ -74,7 +74,7 @@ class Entry:
         }
 
     @classmethod
-    def from_json(cls, row: Mapping[str, Any]) -> Entry:
+    def from_json(cls, row: Mapping[str, Any]) -> IndexEntry:
         """The entry that `to_json` wrote.
 
         Raises:
@@ -95,13 +95,13 @@ class Index:
     Attributes:
         name: Of the data set.
         splits: Shards of ``train`` and ``val``.
-        sorted: Whether recordings lie in the order of `order`, so that shards do not overlap.
+        sorted: Whether recordings lie in the order of `sort_key`, so that shards do not overlap.
         made: How they were made, as plain data.
         statistics: Of each split, as plain data; what `data pack` found while it read.
     """
 
     name: str
-    splits: dict[str, list[Entry]]
+    splits: dict[str, list[IndexEntry]]
     sorted: bool = False
     made: dict[str, Any] = field(default_factory=dict)
     statistics: dict[str, Any] = field(default_factory=dict)
@@ -122,7 +122,7 @@ class Index:
         write_text(folder / NAME, json.dumps(text, indent=1))
 
 
-def parse(text: str | bytes, where: str) -> Index:
+def parse_index(text: str | bytes, where: str) -> Index:
     """Reads the text of an ``index.json``.
 
     Args:
@@ -140,7 +140,7 @@ def parse(text: str | bytes, where: str) -> Index:
                 f"{shards.VERSION}; pack the data again"
             )
         splits = {
-            str(split): [Entry.from_json(row) for row in rows]
+            str(split): [IndexEntry.from_json(row) for row in rows]
             for split, rows in plain["splits"].items()
         }
         found = Index(
@@ -168,7 +168,7 @@ def _check_apart(index: Index, where: str) -> None:
                 )
 
 
-def order(object: str | None, key: str) -> str:
+def sort_key(object: str | None, key: str) -> str:
     """Where a recording stands among others, 32 hexadecimal digits.
 
     What one object felt stands together, and objects stand in an order that says nothing about
@@ -178,9 +178,9 @@ def order(object: str | None, key: str) -> str:
     return _digest(whole) + _digest(key)
 
 
-def arranged(recordings: Iterable[Recording]) -> list[Recording]:
-    """Recordings in the order of `order`."""
-    return sorted(recordings, key=lambda one: order(one.object, one.key))
+def sort_recordings(recordings: Iterable[Recording]) -> list[Recording]:
+    """Recordings in the order of `sort_key`."""
+    return sorted(recordings, key=lambda one: sort_key(one.object, one.key))
 
 
 def _digest(text: str) -> str:

@@ -15,7 +15,7 @@ from tactileforge.contracts import AXES, LABELS, Recording
 COUNTED = (*LABELS, *(f"force.{axis}" for axis in AXES))
 
 
-def carried(recording: Recording) -> list[str]:
+def labels_of(recording: Recording) -> list[str]:
     """Which of `COUNTED` a recording has; a force that is NaN throughout is none."""
     found = [key for key in LABELS if key != "force" and getattr(recording, key) is not None]
     if recording.force is None:
@@ -36,7 +36,7 @@ def counted(labels: Mapping[str, int], label: str) -> str:
 
 
 @dataclass(frozen=True, order=True)
-class Kind:
+class RecordingKind:
     """Recordings that are counted together.
 
     Attributes:
@@ -69,7 +69,7 @@ class Count:
     labels: Counter[str] = field(default_factory=Counter)
 
 
-class Summary(dict[Kind, Count]):
+class Summary(dict[RecordingKind, Count]):
     """Counts of each kind of recording.
 
     Example:
@@ -87,14 +87,14 @@ class Summary(dict[Kind, Count]):
 
     def add(self, recording: Recording) -> None:
         """Counts one more."""
-        kind = Kind(recording.sensor, recording.source, recording.licence, recording.tier)
+        kind = RecordingKind(recording.sensor, recording.source, recording.licence, recording.tier)
         count = self.setdefault(kind, Count())
         count.recordings += 1
         count.frames += len(recording.frames)
-        count.seconds += seconds(recording)
-        count.labels.update(carried(recording))
+        count.seconds += duration_seconds(recording)
+        count.labels.update(labels_of(recording))
 
-    def merge(self, other: Mapping[Kind, Count]) -> None:
+    def merge(self, other: Mapping[RecordingKind, Count]) -> None:
         """Adds the counts of another summary."""
         for kind, theirs in other.items():
             count = self.setdefault(kind, Count())
@@ -155,14 +155,14 @@ class Summary(dict[Kind, Count]):
         """
         found = cls()
         for row in rows:
-            kind = Kind(row["sensor"], row["source"], row["licence"], int(row["tier"]))
+            kind = RecordingKind(row["sensor"], row["source"], row["licence"], int(row["tier"]))
             labels = Counter({key: int(n) for key, n in row["labels"].items() if key in COUNTED})
             count = Count(int(row["recordings"]), int(row["frames"]), float(row["seconds"]), labels)
             found.merge({kind: count})
         return found
 
 
-def seconds(recording: Recording) -> float:
+def duration_seconds(recording: Recording) -> float:
     """How long its frames last, without gaps between them; a still lasts no time."""
     times = recording.times
     return float(len(times) * np.median(np.diff(times))) if len(times) > 1 else 0.0

@@ -37,7 +37,7 @@ class Tile:
 
 
 @dataclass(frozen=True)
-class Background:
+class BackgroundRule:
     """Which frames are without contact: those of a file, or some of the recording.
 
     Attributes:
@@ -82,7 +82,7 @@ class ActionRange:
 
 
 @dataclass(frozen=True)
-class Layout:
+class DatasetLayout:
     """One layout; see `docs/data.md` for what the fields mean."""
 
     name: str
@@ -92,7 +92,7 @@ class Layout:
     sensor: str | None
     fps: float | None
     crops: Mapping[str, Tile]
-    background: Background | None
+    background: BackgroundRule | None
     labels: str | None
     key: str
     words: Mapping[str, Mapping[str, str]]
@@ -108,7 +108,7 @@ class Layout:
     provides: frozenset[str] = field(default_factory=frozenset)
 
 
-def parse(name: str, config: Any) -> Layout:
+def parse_layout(name: str, config: Any) -> DatasetLayout:
     """Checks a layout and gives it types; reads nothing.
 
     Args:
@@ -125,13 +125,13 @@ def parse(name: str, config: Any) -> Layout:
     force = _force(node)
     action = _action(node, force is not None)
     split = node.take("split", str, "recording")
-    if not columns(split) and split not in SPLITS:
+    if not template_columns(split) and split not in SPLITS:
         raise ConfigError(f"{node.where}: {unknown('split', split, SPLITS)}")
     fps = node.take("fps", (int, float))
     if (each == "sequence" and fps is None) or (fps is not None and fps <= 0):
         raise ConfigError(f"{node.where}: fps is {fps}; give frames per second, e.g. fps: 30")
     text = node.take("text", (str, list), [])
-    layout = Layout(
+    layout = DatasetLayout(
         name=name,
         path=node.take("path", str, "."),
         globs=globs,
@@ -171,7 +171,7 @@ def parse(name: str, config: Any) -> Layout:
     return layout
 
 
-def columns(template: str) -> list[str]:
+def template_columns(template: str) -> list[str]:
     """The columns that a template takes values from.
 
     Raises:
@@ -211,7 +211,7 @@ def _sensors(node: Node) -> tuple[str | None, dict[str, Tile]]:
     if not crops:
         sensor = node.need("sensor", str, "digit")
     for name in {sensor, *(tile.sensor for tile in crops.values())} - {None}:
-        if not columns(str(name)):
+        if not template_columns(str(name)):
             check_sensor(str(name), f"{node.where}, key sensor")
     return sensor, crops
 
@@ -224,12 +224,12 @@ def check_sensor(name: str, where: str) -> None:
         raise ConfigError(f"{where}: {error}") from None
 
 
-def _background(node: Node) -> Background | None:
+def _background(node: Node) -> BackgroundRule | None:
     value = node.need("background", (dict, str), "{first: 3}, {file: f.png} or none")
     if value == "none":
         return None
     inner = Node(value, f"{node.where}, background")
-    found = Background(
+    found = BackgroundRule(
         inner.take("file", str),
         inner.take("first", int, 0),
         inner.take("last", int, 0),
@@ -296,7 +296,7 @@ def _action(node: Node, has_force: bool) -> str | FrameTable | tuple[ActionRange
         return None
     if value == "force" and not has_force:
         raise ConfigError(f"{where}: force is not given; add force: {{file: ..., columns: ...}}")
-    if value != "force" and not columns(value):
+    if value != "force" and not template_columns(value):
         check_action(value, where)
     return str(value)
 

@@ -19,7 +19,7 @@ from tactileforge.data.frames.encoded import Blob
 from tactileforge.errors import DataError, DataNotFoundError
 
 
-def load(path: str | Path) -> Any:
+def load_pickle(path: str | Path) -> Any:
     """What a pickle (protocol 2 to 5) holds; byte strings of 256 bytes and more are `Blob`.
 
     Raises:

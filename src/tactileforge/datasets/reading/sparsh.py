@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.encoded import EncodedFrames
-from tactileforge.datasets.reading.official import Split
-from tactileforge.datasets.reading.pickles import load
-from tactileforge.datasets.reading.published import Item, Published, seconds
+from tactileforge.datasets.reading.official import OfficialSplit
+from tactileforge.datasets.reading.pickles import load_pickle
+from tactileforge.datasets.reading.published import PublishedDataset, RecordingItem, frame_times
 from tactileforge.errors import ConfigError, DataError, unknown
 
 _LABELS = "dataset_slip_forces.pkl"
@@ -24,7 +24,7 @@ _FILES = {"digit": "digit", "gelsight_mini": "gelsight"}
 
 
 @dataclass(frozen=True)
-class Batch:
+class PickleFolder:
     """One folder of pickles.
 
     Attributes:
@@ -44,7 +44,7 @@ class Batch:
     def labels(self) -> tuple[NDArray[np.bool_], Mapping[Any, Any]]:
         """Which images are in contact, and the trajectories by number."""
         path = self.folder / _LABELS
-        found = load(path)
+        found = load_pickle(path)
         try:
             contact = np.asarray(found["in_contact"]).astype(bool).ravel()
             trajectories = dict(found["trajectories"])
@@ -58,7 +58,7 @@ class Batch:
     def images(self) -> list[Any]:
         """All images of the batch; ``org_dataset_*`` are the same once more."""
         files = sorted(self.folder.glob(f"dataset_{_FILES[self.sensor]}_*.pkl"))
-        return [image for path in files for image in load(path)]
+        return [image for path in files for image in load_pickle(path)]
 
     @cached_property
     def sign(self) -> float:
@@ -91,7 +91,7 @@ def _force(trajectory: Mapping[str, Any]) -> NDArray[np.float32]:
         return np.zeros((0, 3), np.float32)
 
 
-class SparshTrajectories(Published):
+class SparshTrajectories(PublishedDataset):
     """What ``sparsh_force`` and ``sparsh_slip`` have in common; see there."""
 
     sensors = tuple(_FILES)
@@ -104,7 +104,7 @@ class SparshTrajectories(Published):
     dataset_digit_00.pkl ...   (dataset_gelsight_00.pkl ...)
     dataset_slip_forces.pkl"""
     provides = frozenset({"force", "object"})
-    by_sensor: ClassVar[Mapping[str, tuple[Split, ...]]]
+    by_sensor: ClassVar[Mapping[str, tuple[OfficialSplit, ...]]]
 
     def __init__(
         self,
@@ -121,12 +121,12 @@ class SparshTrajectories(Published):
         self.sensor = sensor
         self.fps = fps
 
-    def _items(self) -> Iterator[Item]:
+    def _items(self) -> Iterator[RecordingItem]:
         files = sorted(self._folder(".").glob(f"*/*/{_LABELS}"))
         if not files:
             raise self._missing(f"no file PROBE/batch_1/{_LABELS} in {self.root}")
         for path in files:
-            batch = Batch(path.parent, self.sensor)
+            batch = PickleFolder(path.parent, self.sensor)
             facts = {"batch": batch.name}
             if self.chosen.side(facts) is None:
                 continue
@@ -137,9 +137,9 @@ class SparshTrajectories(Published):
                 continue
             for number, trajectory in trajectories.items():
                 key = f"{batch.name}/{number}"
-                yield Item(key, partial(self._open, key, batch, trajectory), facts)
+                yield RecordingItem(key, partial(self._open, key, batch, trajectory), facts)
 
-    def _open(self, key: str, batch: Batch, trajectory: Mapping[str, Any]) -> Recording:
+    def _open(self, key: str, batch: PickleFolder, trajectory: Mapping[str, Any]) -> Recording:
         """Pairs images and forces one by one; those at the end without a partner are left out."""
         force = _force(trajectory) * np.array([1, 1, batch.sign], np.float32)
         try:
@@ -163,7 +163,7 @@ class SparshTrajectories(Published):
             key,
             sensor=self.sensor,
             frames=batch.frames(rows),
-            times=seconds(rows.tolist(), self.fps),
+            times=frame_times(rows.tolist(), self.fps),
             no_contact=batch.frames(free) if len(free) else None,
             force=force[:count],
             object=f"sparsh_{batch.folder.parent.name}",

@@ -12,12 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS
-from tactileforge.datasets.reading.layout import FrameTable, Layout, check_action, columns
+from tactileforge.datasets.reading.layout import (
+    DatasetLayout,
+    FrameTable,
+    check_action,
+    template_columns,
+)
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
 
 
 @dataclass(frozen=True)
-class Row:
+class LabelRow:
     """What is known of one file.
 
     Attributes:
@@ -44,7 +49,7 @@ class Row:
         if spaced:
             values = {name: value.replace("_", " ") for name, value in values.items()}
             values["action"] = "{action}"
-        for name in columns(template):
+        for name in template_columns(template):
             if name not in values:
                 raise ConfigError(f"{self.where}: {unknown('column', name, values)}")
             if not values[name]:
@@ -52,7 +57,7 @@ class Row:
         return template.format(**values)
 
 
-def read_labels(layout: Layout, folder: Path) -> dict[str, Row]:
+def read_labels(layout: DatasetLayout, folder: Path) -> dict[str, LabelRow]:
     """Rows of the labels of a layout, by file.
 
     Raises:
@@ -63,7 +68,7 @@ def read_labels(layout: Layout, folder: Path) -> dict[str, Row]:
     if layout.labels is None:
         return {}
     path = folder / layout.labels
-    found: dict[str, Row] = {}
+    found: dict[str, LabelRow] = {}
     for where, cells in _read(path, [layout.key, *layout.words]):
         name = cells[layout.key]
         if name in found:
@@ -72,16 +77,16 @@ def read_labels(layout: Layout, folder: Path) -> dict[str, Row]:
             column: _word(layout.words.get(column), value, f"{where}, column {column!r}")
             for column, value in cells.items()
         }
-        found[name] = Row(where, cells, words | _names(name))
+        found[name] = LabelRow(where, cells, words | _names(name))
     return found
 
 
-def row_of(name: str, labels: Mapping[str, Row]) -> Row:
+def label_row(name: str, labels: Mapping[str, LabelRow]) -> LabelRow:
     """The row of a file; one with the columns of the labels, all empty, where it has none."""
     if name in labels:
         return labels[name]
     header = next(iter(labels.values())).words if labels else {}
-    return Row(name, {}, dict.fromkeys(header, "") | _names(name))
+    return LabelRow(name, {}, dict.fromkeys(header, "") | _names(name))
 
 
 def read_force(table: FrameTable, path: Path, times: NDArray[np.float64]) -> NDArray[np.float32]:

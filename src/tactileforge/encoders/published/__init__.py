@@ -22,15 +22,30 @@ from tactileforge.encoders.backbone import Backbone
 from tactileforge.encoders.plain_vit import PlainViT
 from tactileforge.encoders.published import anytouch, clip, sparsh, t3, tvl, unitouch
 from tactileforge.encoders.published.anytouch import force_head
-from tactileforge.encoders.published.files import read
-from tactileforge.encoders.published.layout import Layout, Plan, State, gather, some, sources
+from tactileforge.encoders.published.files import read_tensors
+from tactileforge.encoders.published.layout import (
+    ConversionPlan,
+    State,
+    WeightLayout,
+    first_names,
+    gather_tensors,
+    source_keys,
+)
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, unknown
 
-__all__ = ["LAYOUTS", "Converted", "Layout", "convert", "force_head", "read", "recognise"]
+__all__ = [
+    "LAYOUTS",
+    "Converted",
+    "WeightLayout",
+    "convert",
+    "force_head",
+    "read_tensors",
+    "recognise",
+]
 
 #: Every layout that can be imported. The first that fits is taken: AnyTouch's files hold a CLIP.
-LAYOUTS: tuple[Layout, ...] = (
+LAYOUTS: tuple[WeightLayout, ...] = (
     *anytouch.LAYOUTS,
     *sparsh.LAYOUTS,
     t3.LAYOUT,
@@ -69,7 +84,7 @@ class Converted:
         lines = [f"{self.name}: {what}; {len(self.state)} tensors, {count:.1f} M numbers"]
         if self.head is not None:
             lines.append(f"force head: {len(self.head)} tensors")
-        lines += [f"not needed, {why}: {some(names)}" for why, names in self.unused.items()]
+        lines += [f"not needed, {why}: {first_names(names)}" for why, names in self.unused.items()]
         return "\n".join(lines)
 
     def build(self) -> Backbone:
@@ -80,11 +95,11 @@ class Converted:
         return encoder.eval()
 
 
-def recognise(state: State) -> Layout:
+def recognise(state: State) -> WeightLayout:
     """Which published layout a file has, by names and shapes of its tensors.
 
     Args:
-        state: See `read`.
+        state: See `read_tensors`.
 
     Raises:
         ConfigError: None; lists the nearest layouts and what they lack.
@@ -99,9 +114,9 @@ def recognise(state: State) -> Layout:
             "checkpoint-4frames.pth, and read the head with published.force_head"
         )
     found.sort(key=lambda row: len(row[2]) / len(row[0].marks))
-    near = "; ".join(f"{x.title} lacks {some(lost, 3)}" for x, _, lost in found[:3])
+    near = "; ".join(f"{x.title} lacks {first_names(lost, 3)}" for x, _, lost in found[:3])
     raise ConfigError(
-        f"not a published touch encoder that can be imported: it has {some(sorted(state))}. "
+        f"not a published touch encoder that can be imported: it has {first_names(sorted(state))}. "
         f"Nearest: {near}"
     )
 
@@ -110,7 +125,7 @@ def convert(state: State, options: Mapping[str, Any] | None = None) -> Converted
     """A published file as one of our encoders.
 
     Args:
-        state: See `read`.
+        state: See `read_tensors`.
         options: Constructor arguments of the encoder that replace those inferred, e.g.
             ``{"activation": "quick_gelu"}`` for OpenAI's CLIP weights.
 
@@ -127,7 +142,7 @@ def convert(state: State, options: Mapping[str, Any] | None = None) -> Converted
         if key not in known:
             raise ConfigError(unknown(f"option of encoder {plan.encoder!r}", key, known))
     plan.options.update(options or {})
-    used = set(sources(plan.keys))
+    used = set(source_keys(plan.keys))
     unused: dict[str | None, list[str]] = defaultdict(list)
     for key in sorted(state.keys() - {prefix + key for key in used}):
         inside = key.startswith(prefix)
@@ -135,7 +150,7 @@ def convert(state: State, options: Mapping[str, Any] | None = None) -> Converted
         unused[why].append(key)
     unexpected = unused.pop(None, [])
     missing = [prefix + key for key in used - inner.keys()]
-    made = {} if missing else gather(plan, inner)
+    made = {} if missing else gather_tensors(plan, inner)
     _refuse(layout, missing, unexpected, [] if missing else _wrong(plan, made))
     has_head = {"head.pooler.query_tokens", "head.probe.2.weight"} <= state.keys()
     return Converted(
@@ -147,7 +162,7 @@ def convert(state: State, options: Mapping[str, Any] | None = None) -> Converted
     )
 
 
-def _wrong(plan: Plan, made: dict[str, Tensor]) -> list[str]:
+def _wrong(plan: ConversionPlan, made: dict[str, Tensor]) -> list[str]:
     """Tensors that the encoder lacks or has in another shape, and numbers that are none."""
     with torch.device("meta"):
         own = _CLASSES[plan.encoder](**plan.options).state_dict()
@@ -163,7 +178,9 @@ def _wrong(plan: Plan, made: dict[str, Tensor]) -> list[str]:
     return wrong
 
 
-def _refuse(layout: Layout, missing: list[str], unexpected: list[str], wrong: list[str]) -> None:
+def _refuse(
+    layout: WeightLayout, missing: list[str], unexpected: list[str], wrong: list[str]
+) -> None:
     lists = {"missing": missing, "unexpected": unexpected, "shapes": wrong}
-    if told := [f"{what}: {some(sorted(names))}" for what, names in lists.items() if names]:
+    if told := [f"{what}: {first_names(sorted(names))}" for what, names in lists.items() if names]:
         raise ConfigError(f"not a whole {layout.title} file; {'; '.join(told)}")

@@ -46,7 +46,7 @@ class _Leftover(dict[Any, Any]):
         pass
 
 
-def read(path: str | Path) -> dict[str, Tensor]:
+def read_tensors(path: str | Path) -> dict[str, Tensor]:
     """The tensors of a checkpoint: safetensors, or a file of ``torch.save``.
 
     T3 publishes several files for one model: give the folder that holds ``trunk.pth`` and
@@ -75,7 +75,7 @@ def _read_folder(folder: Path) -> dict[str, Tensor]:
     return {
         f"{name}.{key}": tensor
         for name, file in parts.items()
-        for key, tensor in read(file).items()
+        for key, tensor in read_tensors(file).items()
     }
 
 

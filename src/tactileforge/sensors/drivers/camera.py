@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Frame, SensorSpec
 from tactileforge.errors import ConfigError, SensorError, TactileForgeError
-from tactileforge.sensors.drivers.v4l2 import attached, matching, video_devices, why_not
+from tactileforge.sensors.drivers.v4l2 import attached_cameras, matching, video_devices, why_not
 from tactileforge.sensors.specs import spec
 
 # Seconds that OpenCV waits for a frame of a device; it reads them once.
@@ -148,7 +148,9 @@ class Camera:
             return self.device
         found = self.discover()
         if not found:
-            raise SensorError(f"no camera {self.device} is attached{attached()}; plug it in")
+            raise SensorError(
+                f"no camera {self.device} is attached{attached_cameras()}; plug it in"
+            )
         if len(found) > 1:
             raise SensorError(f"{self.device} fits {', '.join(found)}; choose with device=serial:")
         return found[0]

@@ -19,7 +19,7 @@ from tactileforge.sensors.framing import (
     hex_bytes,
     measured,
 )
-from tactileforge.sensors.links import Link, SerialLink, TcpLink, UdpLink, attached
+from tactileforge.sensors.links import Link, SerialLink, TcpLink, UdpLink, attached_ports
 from tactileforge.sensors.stream import StreamSensor
 
 #: What a wrench sensor has for a picture.
@@ -102,7 +102,7 @@ class ForceTorque(StreamSensor):
         """Ports of the USB device, if one is named; else the port, if it exists."""
         if self.link != "serial":
             return []  # a network is not searched
-        return attached(self.port, self.usb)
+        return attached_ports(self.port, self.usb)
 
     def connect(self) -> Link:
         """Opens the serial port, or connects."""

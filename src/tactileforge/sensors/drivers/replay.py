@@ -117,7 +117,7 @@ class Replay:
 
     def _recording(self, path: Path) -> tuple[Frames, NDArray[np.float64]]:
         keys = []
-        for recording in shards.read(path):
+        for recording in shards.read_shard(path):
             if self.key in ("", recording.key):
                 known = spec(self.type or recording.sensor)
                 self.spec = replace(known, kind="image")

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from tactileforge.contracts import SensorSpec
 from tactileforge.errors import ConfigError, SensorError
 from tactileforge.sensors.framing import Framing, PacketParser, Parser, hex_bytes, measured
-from tactileforge.sensors.links import Link, SerialLink, attached
+from tactileforge.sensors.links import Link, SerialLink, attached_ports
 from tactileforge.sensors.specs import spec
 from tactileforge.sensors.stream import StreamSensor
-from tactileforge.sensors.taxels import Layout
+from tactileforge.sensors.taxels import TaxelLayout
 
 #: Seconds that the frames of a baseline may take.
 _PATIENCE = 5.0
@@ -88,7 +88,7 @@ class SerialArray(StreamSensor):
         self.port, self.baudrate = port, baudrate
         self.usb, self.serial_number = usb, serial_number
         self.baseline = baseline
-        self.layout = Layout(shape, positions, channels, span)
+        self.layout = TaxelLayout(shape, positions, channels, span)
         self.payload, self.values = payload, values
         size = _checked(payload, self.layout.taxels, values, channels)
         self.framing = Framing(
@@ -115,7 +115,7 @@ class SerialArray(StreamSensor):
 
     def discover(self) -> list[str]:
         """Ports of the USB device, if one is named; else the port, if it exists."""
-        return attached(self.port, self.usb, self.serial_number)
+        return attached_ports(self.port, self.usb, self.serial_number)
 
     def connect(self) -> Link:
         """Opens the port."""

@@ -73,7 +73,7 @@ def matching(words: str, devices: list[VideoDevice]) -> list[VideoDevice]:
     return []
 
 
-def attached() -> str:
+def attached_cameras() -> str:
     """The cameras that are attached, for an error."""
     found = ", ".join(f"{one.path} {one.name}" for one in video_devices())
     return f" (attached: {found or 'none'})"
@@ -87,7 +87,7 @@ def why_not(source: str) -> str:
     if "://" in source:
         return f"{source}: no video comes from there; is it on, and is the address right?"
     if not path.exists():
-        return f"{source}: no such camera{attached()}; plug it in, or set device="
+        return f"{source}: no such camera{attached_cameras()}; plug it in, or set device="
     try:
         os.close(os.open(source, os.O_RDWR | os.O_NONBLOCK))
     except OSError as error:

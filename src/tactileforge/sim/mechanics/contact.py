@@ -66,7 +66,7 @@ def press(
     )
 
 
-def look(count: int, device: torch.device) -> bool:
+def is_check_step(count: int, device: torch.device) -> bool:
     """Whether a loop asks at this step if it may stop."""
     return (count + 1) % _LOOK.get(device.type, _RARELY) == 0
 
@@ -89,7 +89,7 @@ def _settle(
         clear = torch.where(touching, misfit, 0.0)
         worst = torch.maximum(residual.abs().amax((1, 2)), (-clear).amax((1, 2)))
         settled = worst <= limit
-        if look(count, overlap.device) and bool(settled.all()):
+        if is_check_step(count, overlap.device) and bool(settled.all()):
             break
         square = _dot(residual, residual)
         share = torch.where(before > 0, square / before.clamp(min=1e-30), 0.0)

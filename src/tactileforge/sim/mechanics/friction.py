@@ -10,7 +10,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from tactileforge.sim.mechanics.contact import NotConverged, look
+from tactileforge.sim.mechanics.contact import NotConverged, is_check_step
 from tactileforge.sim.mechanics.gel import Kernel
 
 #: Largest misfit of sticking points, mm.
@@ -47,15 +47,15 @@ def shear(
     """
     limit = bound[:, None]
     inside = limit > 0
-    now = within(before if start is None else start, limit)
+    now = limit_traction(before if start is None else start, limit)
     slip = torch.where(inside, kernel.drag(now - before) - motion, 0.0)
     length = (4 / kernel.tangent[0].max()).expand(len(now), 1, 1, 1)
     for count in range(_STEPS):
-        after = within(now - length * slip, limit)
+        after = limit_traction(now - length * slip, limit)
         change = after - now
         misfit = (change.abs() / length).amax((1, 2, 3))
         settled = misfit <= tolerance
-        if look(count, now.device) and bool(settled.all()):
+        if is_check_step(count, now.device) and bool(settled.all()):
             return after
         kept = settled[:, None, None, None]
         slipped = torch.where(inside, kernel.drag(after - before) - motion, 0.0)
@@ -74,7 +74,7 @@ def shear(
     )
 
 
-def within(traction: Tensor, limit: Tensor) -> Tensor:
+def limit_traction(traction: Tensor, limit: Tensor) -> Tensor:
     """Shortens a traction (B, 2, n, n) to a limit (B, 1, n, n) where it is longer."""
     x, y = traction.unbind(1)
     size = torch.hypot(x, y).clamp_(min=1e-12)[:, None]

@@ -9,7 +9,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from tactileforge.sim.mechanics.gel import Gel, kernel
-from tactileforge.sim.mechanics.touch import Contact
+from tactileforge.sim.mechanics.touch import ContactState
 
 #: Points of a fine height map for each point of the solver's.
 DETAIL = 4
@@ -33,7 +33,7 @@ class Fields:
     strain: Tensor | None
 
 
-class Surface:
+class GelSurface:
     """Surfaces of a batch of touches, from what `touch.contacts` yields.
 
     The solver's displacement, which shear tilts as pressure dents it, is continued to twice the
@@ -56,7 +56,7 @@ class Surface:
         columns = torch.fft.rfftfreq(2 * self.n, device=fine.device)
         self.smooth = torch.exp(-_BLUR * 4 * (rows**2 + columns**2))
 
-    def fields(self, contact: Contact) -> Fields:
+    def fields(self, contact: ContactState) -> Fields:
         """The surfaces of moments, which `picture` samples."""
         pressure, shear = contact.strain[:, :1], contact.strain[:, 1:]
         spectrum = self.kernel.normal * self._spectrum(pressure)
@@ -72,7 +72,7 @@ class Surface:
         soft = pressure if bool((contact.give > 0).any()) else None
         return Fields(depth, (3 * inside - 2).clamp(min=0), soft)
 
-    def picture(self, fields: Fields, contact: Contact, places: Tensor) -> Tensor:
+    def picture(self, fields: Fields, contact: ContactState, places: Tensor) -> Tensor:
         """The depth of the surface at places of pictures.
 
         Args:
@@ -98,7 +98,7 @@ class Surface:
         filled = more.clamp(max=0).mul_(_sample(fields.inside, there)).nan_to_num_()
         return depth.add_(filled).add_(more.clamp_(min=0))
 
-    def lateral(self, contact: Contact, places: Tensor) -> Tensor:
+    def lateral(self, contact: ContactState, places: Tensor) -> Tensor:
         """How far points of the surface move sideways.
 
         Args:

@@ -26,7 +26,7 @@ _FIRST = 5 * contact.TOLERANCE
 
 
 @dataclass(frozen=True)
-class Contact:
+class ContactState:
     """One moment of a batch of touches, in the frames of the objects.
 
     Attributes:
@@ -72,7 +72,7 @@ def contacts(
     name: str = "touch",
     softness: Sequence[float] | None = None,
     window: int | None = None,
-) -> Iterator[Contact]:
+) -> Iterator[ContactState]:
     """Solves a batch of touches, in step; memory does not grow with the number of frames.
 
     Args:
@@ -87,7 +87,7 @@ def contacts(
             holds every contact of the batch.
 
     Yields:
-        One `Contact` a frame; its fields have the resolution of ``heights``.
+        One `ContactState` a frame; its fields have the resolution of ``heights``.
 
     Raises:
         ConfigError: A depth beyond the gel, or gels of different thickness; says which.
@@ -163,7 +163,7 @@ class _State:
         shear = friction.shear(solver, laws.mu[:, None, None] * felt, before, motion)
         pressure = contact.press(solver, entered - solver.lift(shear), pressure, give=laws.give)
         felt = self._felt(pressure, laws)
-        shear = friction.within(shear, laws.mu[:, None, None, None] * felt[:, None])
+        shear = friction.limit_traction(shear, laws.mu[:, None, None, None] * felt[:, None])
         return _State(pose, pressure, felt, shear, pressure.sum((1, 2)))
 
     def _felt(self, pressure: Tensor, laws: _Laws) -> Tensor:
@@ -238,7 +238,7 @@ def _contact(
     modulus: Tensor,
     give: Tensor,
     points: int,
-) -> Contact:
+) -> ContactState:
     area = overlap.spacing**2
     stiff = modulus[:, None, None]
     pressure, shear = state.felt * stiff, state.shear * stiff[:, None]
@@ -250,7 +250,7 @@ def _contact(
         torch.nn.functional.pad(field, (edge,) * 4) for field in (pressure, shear, strain)
     )
     force = torch.cat([pull, pressure.sum((1, 2))[:, None] * area], 1)
-    return Contact(
+    return ContactState(
         pose,
         wide,
         wide_shear,

@@ -12,7 +12,7 @@ import torch.nn.functional as F
 from numpy.typing import NDArray
 from torch import Tensor
 
-#: Rows or columns, whichever are fewer, of the picture that `Camera.blur` counts pixels of.
+#: Rows or columns, whichever are fewer, of the picture that `CameraModel.blur` counts pixels of.
 FULL = 240
 #: Lowest JPEG quality that is used.
 _WORST = 10
@@ -21,7 +21,7 @@ _KEY = 15
 
 
 @dataclass(frozen=True)
-class Camera:
+class CameraModel:
     """Camera of a unit, which turns light into numbers.
 
     Attributes:
@@ -108,7 +108,7 @@ class Codec:
             in one that was shrunk.
     """
 
-    def __init__(self, camera: Camera, shrink: float = 1.0) -> None:
+    def __init__(self, camera: CameraModel, shrink: float = 1.0) -> None:
         self.jpeg, self.mpeg = (
             round(max(_WORST, 100 - lost / max(1.0, shrink))) if lost else None
             for lost in (camera.jpeg, camera.mpeg)

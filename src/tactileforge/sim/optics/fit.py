@@ -16,7 +16,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from tactileforge.sim.optics.features import POWERS, Coarse, fine, normals, places
-from tactileforge.sim.optics.lighting import DEGREE, Calibration
+from tactileforge.sim.optics.lighting import DEGREE, OpticalCalibration
 from tactileforge.sim.optics.presses import Presses
 
 #: A fit looks at a square of this many contact radii around the contact.
@@ -27,7 +27,7 @@ _PLACE = 10.0
 _GROUND = 6
 
 
-def features(presses: Presses, lights: Sequence[float]) -> list[Tensor]:
+def press_features(presses: Presses, lights: Sequence[float]) -> list[Tensor]:
     """All features of each press at the picture's resolution, float32 (K, H, W)."""
     coarse = Coarse(presses.size, presses.spacing, lights)
     out = []
@@ -39,7 +39,9 @@ def features(presses: Presses, lights: Sequence[float]) -> list[Tensor]:
     return out
 
 
-def weigh(presses: Presses, found: Sequence[Tensor], degree: int, ridge: float = _RIDGE) -> Tensor:
+def fit_weights(
+    presses: Presses, found: Sequence[Tensor], degree: int, ridge: float = _RIDGE
+) -> Tensor:
     """Least-squares weights from features and places to the change of the picture.
 
     Args:
@@ -76,25 +78,25 @@ def weigh(presses: Presses, found: Sequence[Tensor], degree: int, ridge: float =
     return solved.view(-1, len(ground), 3).float()
 
 
-def fit(presses: Presses) -> Calibration:
+def fit_optics(presses: Presses) -> OpticalCalibration:
     """The calibration of a sensor from presses of a ball.
 
     Lights are where each colour's slope is bright, on average.
     """
-    slopes = [feature[:2] for feature in features(presses, ())]
-    weights = weigh(presses, slopes, 0, 0)[:, 0]
+    slopes = [feature[:2] for feature in press_features(presses, ())]
+    weights = fit_weights(presses, slopes, 0, 0)[:, 0]
     lights = tuple(torch.atan2(-weights[1], -weights[0]).tolist()) if presses.shadows else ()
-    found = features(presses, lights)
-    weights = weigh(presses, found, DEGREE)
+    found = press_features(presses, lights)
+    weights = fit_weights(presses, found, DEGREE)
     peak = torch.stack([feature[len(POWERS) :].abs().amax((1, 2)) for feature in found]).amax(0)
-    return Calibration(
+    return OpticalCalibration(
         fine=weights[: len(POWERS)],
         coarse=weights[len(POWERS) :],
         limits=1.2 * peak,
         steepest=presses.steepest,
         lights=lights,
         backgrounds=fit_background(presses.background)[None],
-        noise=noise(presses),
+        noise=camera_noise(presses),
     )
 
 
@@ -105,14 +107,14 @@ def fit_background(picture: Tensor) -> Tensor:
     return found
 
 
-def noise(presses: Presses) -> float:
+def camera_noise(presses: Presses) -> float:
     """Standard deviation of the camera's noise: what neighbouring pixels do not share."""
     change = presses.pictures.float() - presses.background
     rough = change - F.avg_pool2d(change, 3, 1, 1)
     return float(rough.abs().median()) * 1.4826 * math.sqrt(9 / 8 / 2)
 
 
-def save(calibration: Calibration, path: Path, source: str) -> None:
+def save_optics(calibration: OpticalCalibration, path: Path, source: str) -> None:
     """Writes a calibration as JSON, with where its numbers come from."""
     held = {
         "source": source,

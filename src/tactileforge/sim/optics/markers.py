@@ -97,7 +97,7 @@ def coverage(centres: Tensor, radii: Tensor, height: int, width: int) -> Tensor:
 
 
 @dataclass(frozen=True)
-class Grid:
+class MarkerPattern:
     """A pattern of markers: rows and columns of dots, or dots anywhere (speckle).
 
     Attributes:
@@ -126,15 +126,15 @@ class Grid:
 
 #: GelSight: 11 x 9 dots. Mini: dots of 1 mm, 2.4 mm apart. DM-Tac: dense speckle.
 GRIDS = {
-    "gelsight": Grid(11, 9, (1.7, 1.55), 0.25),
-    "gelsight_mini": Grid(9, 7, (2.4, 2.4), 0.5),
-    "gelslim": Grid(16, 12, (1.4, 1.4), 0.14, 0.03),
-    "duragel": Grid(14, 11, (1.45, 1.45), 0.2),
-    "dm": Grid(34, 26, (0.6, 0.6), 0.13, 0.13),
+    "gelsight": MarkerPattern(11, 9, (1.7, 1.55), 0.25),
+    "gelsight_mini": MarkerPattern(9, 7, (2.4, 2.4), 0.5),
+    "gelslim": MarkerPattern(16, 12, (1.4, 1.4), 0.14, 0.03),
+    "duragel": MarkerPattern(14, 11, (1.45, 1.45), 0.2),
+    "dm": MarkerPattern(34, 26, (0.6, 0.6), 0.13, 0.13),
 }
 
 
-def grid(sensor: str) -> Grid:
+def marker_pattern(sensor: str) -> MarkerPattern:
     """The pattern of a sensor's marker gel.
 
     Raises:

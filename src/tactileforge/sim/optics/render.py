@@ -15,7 +15,7 @@ from tactileforge.errors import ConfigError
 from tactileforge.sim.optics.camera import FULL, Lens
 from tactileforge.sim.optics.features import Coarse, fine, normals, places
 from tactileforge.sim.optics.lighting import DEGREE
-from tactileforge.sim.optics.sensor_instances import Unit
+from tactileforge.sim.optics.sensor_instances import SensorInstance
 
 #: Frames, and pixels of each, that are worked on at a time: what fits a processor's cache.
 _FRAMES = 8
@@ -28,13 +28,15 @@ class Optics:
 
     Example:
         >>> import torch
-        >>> from tactileforge.sim.optics.sensor_instances import draw
-        >>> optics = Optics(draw("digit", seed=3, size=(64, 48)))
+        >>> from tactileforge.sim.optics.sensor_instances import draw_instance
+        >>> optics = Optics(draw_instance("digit", seed=3, size=(64, 48)))
         >>> optics.render(torch.zeros(2, 64, 48)).shape
         torch.Size([2, 3, 64, 48])
     """
 
-    def __init__(self, unit: Unit, device: str | torch.device = "cpu", shrink: int = 1) -> None:
+    def __init__(
+        self, unit: SensorInstance, device: str | torch.device = "cpu", shrink: int = 1
+    ) -> None:
         """Prepares maps of the weights.
 
         Args:

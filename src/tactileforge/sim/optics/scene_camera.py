@@ -22,7 +22,7 @@ _SMALLEST = 16
 _Image: TypeAlias = NDArray[np.float32]
 
 
-def view(shape: Shape, size: int, seed: int) -> NDArray[np.uint8]:
+def render_scene_image(shape: Shape, size: int, seed: int) -> NDArray[np.uint8]:
     """Draws a shape: its touching side up, tilted, lit, in its own colour, on a random table.
 
     The same shape, size and seed give the same picture.

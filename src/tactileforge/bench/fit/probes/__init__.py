@@ -23,7 +23,7 @@ PROBES = {
 }
 
 
-def probe(name: str) -> type[Probe]:
+def probe_class(name: str) -> type[Probe]:
     """The class of a probe.
 
     Raises:

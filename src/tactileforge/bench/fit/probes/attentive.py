@@ -10,8 +10,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from tactileforge.bench.fit.probes.base import Probe, Training, Values
-from tactileforge.bench.tasks.targets import Part
+from tactileforge.bench.fit.probes.base import Probe, ProbeTraining, Values
+from tactileforge.bench.tasks.targets import TargetPart
 from tactileforge.encoders.transformer import AttentivePooler
 from tactileforge.errors import ConfigError
 
@@ -75,9 +75,9 @@ class Attentive(Probe):
         heads: Attention heads.
     """
 
-    published: ClassVar[Training] = Training(schedule="cosine")
+    published: ClassVar[ProbeTraining] = ProbeTraining(schedule="cosine")
 
-    def __init__(self, width: int, parts: Mapping[str, Part], heads: int = 16) -> None:
+    def __init__(self, width: int, parts: Mapping[str, TargetPart], heads: int = 16) -> None:
         super().__init__(width, parts)
         self.pooler = Pooler(width, heads)
         self.head = nn.ModuleDict({k: nn.Linear(width, part.outputs) for k, part in parts.items()})

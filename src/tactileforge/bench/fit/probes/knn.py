@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from tactileforge.bench.fit.probes.base import Probe, Values
-from tactileforge.bench.tasks.targets import Part
+from tactileforge.bench.tasks.targets import TargetPart
 
 #: Test clips that are compared at once.
 _CHUNK = 512
@@ -32,7 +32,7 @@ class Knn(Probe):
     def __init__(
         self,
         width: int,
-        parts: Mapping[str, Part],
+        parts: Mapping[str, TargetPart],
         neighbours: int = 20,
         temperature: float = 0.07,
     ) -> None:

@@ -11,7 +11,7 @@ from torch.nn import functional as F
 
 from tactileforge.bench.fit.probes import ridge_regression
 from tactileforge.bench.fit.probes.base import Probe, Values
-from tactileforge.bench.tasks.targets import Part
+from tactileforge.bench.tasks.targets import TargetPart
 
 
 class Ridge(Probe):
@@ -42,13 +42,13 @@ class Ridge(Probe):
             groups: n names; samples of one name are left out together.
             asked: (m, d).
         """
-        known, asked = ridge_regression.standardised(known, asked)
+        known, asked = ridge_regression.standardise(known, asked)
         gram, cross = known @ known.T, (asked @ known.T).double()
         places = _places(groups)
         inner: Values = {}
         outer: Values = {}
         for name, part in self.parts.items():
-            found = ridge_regression.fit(gram, _coded(part, truth[name]))
+            found = ridge_regression.fit_ridge(gram, _coded(part, truth[name]))
             tried = [found.left_out(penalty, places) for penalty in found.penalties]
             best = _best(part, torch.stack(tried), truth[name])
             inner[name] = _decoded(part, _chosen(tried, best))
@@ -66,7 +66,7 @@ def _places(groups: Sequence[str]) -> list[Tensor]:
     return [torch.tensor(places) for places in found.values()]
 
 
-def _coded(part: Part, truth: Tensor) -> Tensor:
+def _coded(part: TargetPart, truth: Tensor) -> Tensor:
     """Targets of the regression, (n, k)."""
     if part.kind != "classes":
         return truth
@@ -74,14 +74,14 @@ def _coded(part: Part, truth: Tensor) -> Tensor:
     return (coded / coded.mean(0).clamp(min=1 / len(truth))).flatten(1)
 
 
-def _decoded(part: Part, found: Tensor) -> Tensor:
+def _decoded(part: TargetPart, found: Tensor) -> Tensor:
     """Class indices, or normalised vectors, float32 (n, columns)."""
     if part.kind != "classes":
         return found.float()
     return found.reshape(len(found), -1, len(part.names)).argmax(-1).float()
 
 
-def _best(part: Part, tried: Tensor, truth: Tensor) -> Tensor:
+def _best(part: TargetPart, tried: Tensor, truth: Tensor) -> Tensor:
     """Which penalty each column of the regression takes, int64 (k,).
 
     Args:

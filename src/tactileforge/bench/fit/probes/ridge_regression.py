@@ -15,7 +15,7 @@ _STILL = 1e-6
 
 
 @dataclass(frozen=True)
-class Fit:
+class DualRidge:
     """Ridge on all penalties at once, in its dual form; the intercept carries no penalty.
 
     With the centred Gram matrix ``G = U diag(s) U'`` the fitted values are ``H y``, ``H = 1/n + U
@@ -61,7 +61,7 @@ class Fit:
         return self.truth - out + self.mean
 
 
-def standardised(known: Tensor, asked: Tensor) -> tuple[Tensor, Tensor]:
+def standardise(known: Tensor, asked: Tensor) -> tuple[Tensor, Tensor]:
     """Features of mean 0 and deviation 1 on what is known; those that stand still become 0.
 
     Args:
@@ -74,7 +74,7 @@ def standardised(known: Tensor, asked: Tensor) -> tuple[Tensor, Tensor]:
     return (known - mean) * factor, (asked - mean) * factor
 
 
-def fit(gram: Tensor, truth: Tensor) -> Fit:
+def fit_ridge(gram: Tensor, truth: Tensor) -> DualRidge:
     """Decomposes the Gram matrix of centred features.
 
     Args:
@@ -83,4 +83,4 @@ def fit(gram: Tensor, truth: Tensor) -> Fit:
     """
     values, vectors = torch.linalg.eigh(gram.double())
     mean = truth.double().mean(0)
-    return Fit(values.clamp(min=0.0), vectors, mean, truth.double() - mean)
+    return DualRidge(values.clamp(min=0.0), vectors, mean, truth.double() - mean)

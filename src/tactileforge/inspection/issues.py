@@ -7,9 +7,9 @@ from html import escape
 
 from tactileforge.contracts import LABELS
 from tactileforge.inspection.checks import REASONS, is_sure
-from tactileforge.inspection.findings import Findings, Suspect
-from tactileforge.inspection.sections import card, grid
-from tactileforge.inspection.survey import Survey
+from tactileforge.inspection.findings import InspectionFindings, Suspect
+from tactileforge.inspection.scan import Scan
+from tactileforge.inspection.sections import card_grid, recording_card
 from tactileforge.pages.images import figure, image
 from tactileforge.pages.page import SPLIT_WORDS, Section, duration, paragraph, table
 
@@ -19,7 +19,7 @@ _SHOWN = 12
 _LINES = 100
 
 
-def top(name: str, found: Survey) -> str:
+def top_section(name: str, found: Scan) -> str:
     """What the data set is, and whether it can be trusted."""
     all_of = found.findings
     carried = [
@@ -41,7 +41,7 @@ def top(name: str, found: Survey) -> str:
     return f'<dl>{cells}</dl><ul class="verdict">{lines}</ul>'
 
 
-def _verdict(found: Survey) -> Iterator[tuple[str, str]]:
+def _verdict(found: Scan) -> Iterator[tuple[str, str]]:
     result = found.findings
     unread = len(result.unreadable)
     if unread:
@@ -67,7 +67,7 @@ def _verdict(found: Survey) -> Iterator[tuple[str, str]]:
             yield "bad", f"{_count(count, words)}; see Duplicates."
 
 
-def _of(reason: str, count: int, found: Survey) -> str:
+def _of(reason: str, count: int, found: Scan) -> str:
     if reason in _COUNTED:
         return f"{count:,} of {_count(found.findings.recordings, 'recording')}"
     if reason == "lag":
@@ -80,13 +80,13 @@ def _count(count: int, words: str) -> str:
     return f"{count:,} {first}{'s' * (count != 1)} {rest}".rstrip()
 
 
-def duplicates(found: Survey) -> Section:
+def duplicates_section(found: Scan) -> Section:
     """Recordings that show the same or nearly the same, and keys that are used twice."""
     body = ""
     if found.same:
         groups = [_group(found, group) for group in found.same[:_SHOWN]]
         note = f"{_count(len(found.same), 'group')}; at the frames that were looked at, bit by bit."
-        body += "<h3>The same pixels</h3>" + paragraph(note, soft=True) + grid(groups, 15)
+        body += "<h3>The same pixels</h3>" + paragraph(note, soft=True) + card_grid(groups, 15)
     if found.similar:
         pairs = [
             _group(found, (i, j), f"differ by {level:.1f} grey levels; ")
@@ -96,7 +96,7 @@ def duplicates(found: Survey) -> Section:
             f"{_count(len(found.similar), 'pair')}, closest first: small pictures at the same "
             "places in time, all but 0.5 % of which differ by less than what is said."
         )
-        body += "<h3>Nearly the same</h3>" + paragraph(note, soft=True) + grid(pairs, 15)
+        body += "<h3>Nearly the same</h3>" + paragraph(note, soft=True) + card_grid(pairs, 15)
     if found.findings.repeated:
         counts = dict(found.tally.names.top("key", _SHOWN))
         rows = [(key, str(counts[key])) for key in found.findings.repeated]
@@ -107,7 +107,7 @@ def duplicates(found: Survey) -> Section:
     return Section("duplicates", "Duplicates", body or paragraph(text))
 
 
-def _group(found: Survey, group: Sequence[int], words: str = "") -> str:
+def _group(found: Scan, group: Sequence[int], words: str = "") -> str:
     ones = [found.seen[i] for i in group]
     splits = {one.of.split for one in ones}
     across = "IN BOTH SPLITS: " if len(splits) > 1 else ""
@@ -117,7 +117,7 @@ def _group(found: Survey, group: Sequence[int], words: str = "") -> str:
     return figure([one.look.frame for one in ones[:2]], caption, "", 2)
 
 
-def suspicious(found: Survey) -> Section:
+def suspicious_section(found: Scan) -> Section:
     """The worst recordings of each reason, and those that cannot be read."""
     body = _unreadable(found.findings)
     seen = {one.of.order: one for one in found.seen}
@@ -125,8 +125,8 @@ def suspicious(found: Survey) -> Section:
         about = REASONS[reason]
         body += f"<h3>{escape(about.title)}: {_of(reason, found.findings.counts[reason], found)}"
         body += f"</h3>{paragraph(about.why, soft=True)}"
-        body += grid(
-            card(seen[one.order], _words(one)) if one.order in seen else _unseen(one)
+        body += card_grid(
+            recording_card(seen[one.order], _words(one)) if one.order in seen else _unseen(one)
             for one in worst
         )
     if not body:
@@ -143,7 +143,7 @@ def _unseen(one: Suspect) -> str:
     return f"<figure>{picture}<figcaption>{escape(_words(one))}</figcaption></figure>"
 
 
-def _unreadable(found: Findings) -> str:
+def _unreadable(found: InspectionFindings) -> str:
     if not found.unreadable:
         return ""
     count = len(found.unreadable)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Frames, Recording
-from tactileforge.data.frames.crop import as_text
+from tactileforge.data.frames.crop import size_text
 from tactileforge.errors import DataError
 
 #: Frames of a recording that are looked at, and those of them that a strip shows.
@@ -29,7 +29,7 @@ _NOTHING = np.empty((0, 1, 1, 3), np.uint8)
 
 
 @dataclass(frozen=True)
-class Look:
+class FrameStats:
     """What some frames of a recording show.
 
     Differences are absolute, from the background or, where there is none, from the median of the
@@ -70,7 +70,7 @@ class Look:
     strip_rows: list[int]
 
 
-def look(recording: Recording, strip: bool = False) -> Look:
+def frame_stats(recording: Recording, strip: bool = False) -> FrameStats:
     """Decodes at most `FRAMES` frames and the background.
 
     Args:
@@ -99,7 +99,7 @@ def look(recording: Recording, strip: bool = False) -> Look:
     change = away.mean(axis=(1, 2))
     most, least = int(change.argmax()), int(change.argmin())
     shown = evenly(len(rows), STRIP)
-    return Look(
+    return FrameStats(
         rows=rows,
         shape=recording.frames.shape,
         change=change.astype(np.float64),
@@ -150,8 +150,8 @@ def background_of(recording: Recording) -> NDArray[np.float32] | None:
         return None
     if still.shape != recording.frames.shape:
         raise DataError(
-            f"{recording.key}: the background has {as_text(still.shape)} pixels, the frames "
-            f"{as_text(recording.frames.shape)}; give a background of the same size"
+            f"{recording.key}: the background has {size_text(still.shape)} pixels, the frames "
+            f"{size_text(recording.frames.shape)}; give a background of the same size"
         )
     rows = evenly(len(still), _BACKGROUND).tolist()
     small = [shrunk(frame) for chunk in _chunks(still, rows) for frame in chunk]

@@ -13,10 +13,22 @@ from tactileforge.contracts import Dataset
 from tactileforge.data.labels.align import Lag
 from tactileforge.errors import DataError, DataNotFoundError
 from tactileforge.inspection import duplicates
-from tactileforge.inspection.checks import REASONS, Flag, lag_of, of_labels, of_lag, of_pixels
-from tactileforge.inspection.findings import Findings, Suspect
-from tactileforge.inspection.look import Look, evenly, look
-from tactileforge.inspection.tally import Sample, Sampled, Tally, duration_of
+from tactileforge.inspection.checks import (
+    REASONS,
+    Suspicion,
+    check_labels,
+    check_lag,
+    check_pixels,
+    lag_of,
+)
+from tactileforge.inspection.counters import (
+    Counters,
+    RecordingSample,
+    SampledRecording,
+    duration_of,
+)
+from tactileforge.inspection.findings import InspectionFindings, Suspect
+from tactileforge.inspection.frame_stats import FrameStats, evenly, frame_stats
 
 SPLITS = ("train", "val")
 #: Suspicious recordings of one reason that are kept, recordings shown as strips, and recordings
@@ -27,15 +39,15 @@ _LAGS = 10
 
 
 @dataclass(frozen=True)
-class Seen:
+class ScannedRecording:
     """A recording that was looked at."""
 
-    of: Sampled
-    look: Look
+    of: SampledRecording
+    look: FrameStats
 
 
 @dataclass(frozen=True)
-class Survey:
+class Scan:
     """What the page shows.
 
     Attributes:
@@ -48,13 +60,13 @@ class Survey:
         findings: The result.
     """
 
-    tally: Tally
-    seen: list[Seen]
-    strips: list[Seen]
-    lags: list[tuple[Sampled, Lag]]
+    tally: Counters
+    seen: list[ScannedRecording]
+    strips: list[ScannedRecording]
+    lags: list[tuple[SampledRecording, Lag]]
     same: list[list[int]]
     similar: list[tuple[int, int, float]]
-    findings: Findings
+    findings: InspectionFindings
 
 
 class Suspects:
@@ -62,9 +74,9 @@ class Suspects:
 
     def __init__(self) -> None:
         self.counts = dict.fromkeys(REASONS, 0)
-        self._kept: dict[str, list[tuple[float, int, Suspect, Sampled]]] = {}
+        self._kept: dict[str, list[tuple[float, int, Suspect, SampledRecording]]] = {}
 
-    def add(self, flag: Flag, one: Sampled) -> None:
+    def add(self, flag: Suspicion, one: SampledRecording) -> None:
         """Counts a recording, and keeps it if it is among the worst."""
         self.counts[flag.reason] += 1
         recording = one.recording
@@ -82,11 +94,11 @@ class Suspects:
         if len(heap) > _WORST:
             heapq.heappop(heap)
 
-    def kept(self) -> list[Sampled]:
+    def kept(self) -> list[SampledRecording]:
         """The recordings that are kept."""
         return [entry[3] for heap in self._kept.values() for entry in heap]
 
-    def worst(self, seen: list[Seen]) -> dict[str, list[Suspect]]:
+    def worst(self, seen: list[ScannedRecording]) -> dict[str, list[Suspect]]:
         """The worst by reason, worst first, with the pictures of those that were looked at."""
         pictures = {one.of.order: one.look.frame for one in seen}
         return {
@@ -99,7 +111,7 @@ class Suspects:
         }
 
 
-def survey(dataset: Dataset, limit: int, progress: bool) -> Survey:
+def scan_dataset(dataset: Dataset, limit: int, progress: bool) -> Scan:
     """Reads a data set.
 
     Args:
@@ -111,12 +123,12 @@ def survey(dataset: Dataset, limit: int, progress: bool) -> Survey:
         DataNotFoundError: The data is not there.
         DataError: It holds no recording that can be opened.
     """
-    tally, suspects, sample = Tally(), Suspects(), Sample(limit)
+    tally, suspects, sample = Counters(), Suspects(), RecordingSample(limit)
     unreadable: list[str] = []
     listed = _listed(dataset, unreadable)
     for one in tqdm(listed, desc="count", unit="recording", disable=not progress):
         tally.add(one.recording, one.split)
-        for flag in of_labels(one.recording):
+        for flag in check_labels(one.recording):
             suspects.add(flag, one)
         sample.offer(one)
     if not tally.totals:
@@ -130,9 +142,9 @@ def survey(dataset: Dataset, limit: int, progress: bool) -> Survey:
     readable = {one.of.order for one in seen}
     lags = _lags([one for one in drawn if one.order in readable], suspects, unreadable, progress)
     looks = [one.look for one in seen]
-    same, similar = duplicates.same(looks), duplicates.similar(looks)
+    same, similar = duplicates.identical_groups(looks), duplicates.similar_pairs(looks)
     keys = [one.of.recording.key for one in seen]
-    findings = Findings(
+    findings = InspectionFindings(
         totals=tally.totals,
         looked=len(seen),
         counts=suspects.counts,
@@ -143,16 +155,16 @@ def survey(dataset: Dataset, limit: int, progress: bool) -> Survey:
         unreadable=list(dict.fromkeys([*dataset.skipped, *unreadable])),
     )
     strips = [one for one in seen if one.of.order in stripped]
-    return Survey(tally, seen, strips, lags, same, similar, findings)
+    return Scan(tally, seen, strips, lags, same, similar, findings)
 
 
-def _listed(dataset: Dataset, unreadable: list[str]) -> Iterator[Sampled]:
+def _listed(dataset: Dataset, unreadable: list[str]) -> Iterator[SampledRecording]:
     """The recordings of both splits; where the list breaks off, that is noted."""
     order = 0
     for split in SPLITS:
         try:
             for recording in dataset.recordings(split):
-                yield Sampled(recording, split, order)
+                yield SampledRecording(recording, split, order)
                 order += 1
         except DataNotFoundError:
             raise
@@ -161,28 +173,28 @@ def _listed(dataset: Dataset, unreadable: list[str]) -> Iterator[Sampled]:
 
 
 def _look(
-    chosen: list[Sampled],
+    chosen: list[SampledRecording],
     stripped: set[int],
     suspects: Suspects,
     unreadable: list[str],
     progress: bool,
-) -> list[Seen]:
+) -> list[ScannedRecording]:
     seen = []
     for one in tqdm(chosen, desc="look", unit="recording", disable=not progress):
         try:
-            found = look(one.recording, one.order in stripped)
+            found = frame_stats(one.recording, one.order in stripped)
         except DataError as error:
             unreadable.append(f"{one.recording.key}: {error}")
             continue
-        seen.append(Seen(one, found))
-        for flag in of_pixels(one.recording, found):
+        seen.append(ScannedRecording(one, found))
+        for flag in check_pixels(one.recording, found):
             suspects.add(flag, one)
     return seen
 
 
 def _lags(
-    drawn: list[Sampled], suspects: Suspects, unreadable: list[str], progress: bool
-) -> list[tuple[Sampled, Lag]]:
+    drawn: list[SampledRecording], suspects: Suspects, unreadable: list[str], progress: bool
+) -> list[tuple[SampledRecording, Lag]]:
     able = [one for one in drawn if one.recording.force is not None]
     able = _over_sensors(able, _LAGS)
     found = []
@@ -194,12 +206,12 @@ def _lags(
             continue
         if lag is not None:
             found.append((one, lag))
-            for flag in of_lag(one.recording, lag):
+            for flag in check_lag(one.recording, lag):
                 suspects.add(flag, one)
     return found
 
 
-def _strips(drawn: list[Sampled]) -> list[Sampled]:
+def _strips(drawn: list[SampledRecording]) -> list[SampledRecording]:
     """Recordings to show over time: long ones, with labels over time if a sensor has any."""
     moving = [
         one
@@ -216,16 +228,16 @@ def _strips(drawn: list[Sampled]) -> list[Sampled]:
     return _over_sensors(long, _STRIPS)
 
 
-def _has_curve(one: Sampled) -> bool:
+def _has_curve(one: SampledRecording) -> bool:
     return one.recording.force is not None or one.recording.action is not None
 
 
-def _over_sensors(candidates: list[Sampled], count: int) -> list[Sampled]:
+def _over_sensors(candidates: list[SampledRecording], count: int) -> list[SampledRecording]:
     """Some of them, spread over the sensors and over the order."""
-    queues: dict[str, list[Sampled]] = {}
+    queues: dict[str, list[SampledRecording]] = {}
     for one in candidates:
         queues.setdefault(one.recording.sensor, []).append(one)
-    chosen: list[Sampled] = []
+    chosen: list[SampledRecording] = []
     for place, queue in enumerate(sorted(queues.values(), key=len)):
         share = -(-(count - len(chosen)) // (len(queues) - place))
         chosen += [queue[i] for i in evenly(len(queue), share)] if share else []
