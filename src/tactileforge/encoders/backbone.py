@@ -21,8 +21,8 @@ from tactileforge.errors import ConfigError
 class Backbone(nn.Module):
     """A touch encoder less its network: preprocessing, patches, views.
 
-    A subclass sets ``prefix``, ``projected``, ``project`` and ``universal``, and says what `rows`,
-    `encode` and `pool_tokens` are.
+    A subclass sets ``prefix``, ``projected``, ``project`` and ``universal``, and says what
+    `sensor_ids`, `encode` and `pool_tokens` are.
 
     Args:
         size: A key of `transformer.SIZES`.
@@ -135,7 +135,7 @@ class Backbone(nn.Module):
         Args:
             frames: uint8 (B, T, 3, H, W), RGB, oldest first.
             background: uint8 (B, 3, H, W).
-            sensor: int64 (B,), see `rows`.
+            sensor: int64 (B,), see `sensor_ids`.
         """
         tokens = self.encode(self.patchify(self.preprocess(frames, background, sensor)), sensor)
         return tokens, self.pool_tokens(tokens)

@@ -219,7 +219,8 @@ class LayoutReader:
         if found.full_shape != frames.full_shape:
             raise DataError(
                 f"{path}: the background has {size_text(found.full_shape)} pixels, "
-                f"{touch.paths[0]} {size_text(frames.full_shape)}; give a background of the same size"
+                f"{touch.paths[0]} {size_text(frames.full_shape)}; give a background of the same "
+                "size"
             )
         if isinstance(found, VideoFrames) and not given.first + given.last:
             raise DataError(f"{path}: a video as background: say which frames with first or last")
