@@ -48,7 +48,7 @@ class Labels:
             log.warning(line)
 
     def missing(self, key: str) -> str:
-        """What is wrong with the labels of an objective; "" where nothing is, or it is early."""
+        """Problem with the labels of an objective; "" where there is none, or it is early."""
         count = self.counts.get(key)
         if count is None or count["batches"] < PATIENCE:
             return ""

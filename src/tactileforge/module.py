@@ -126,7 +126,7 @@ class TouchModule(L.LightningModule):
     def terms(
         self, batch: Batch, weights: Mapping[str, float], universal: float = 0.0
     ) -> dict[str, Term]:
-        """What each objective makes of a batch.
+        """Computes the term of each objective on a batch.
 
         Args:
             batch: See `tactileforge.contracts`, on this module's device.
@@ -193,7 +193,7 @@ class TouchModule(L.LightningModule):
         return total
 
     def on_train_start(self) -> None:
-        """What follows the encoder starts equal to it."""
+        """Initialises the EMA copies with the encoder's weights."""
         if self.global_step == 0:
             self._follow(0)
 

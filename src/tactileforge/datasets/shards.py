@@ -49,7 +49,7 @@ class Shards:
 
     @property
     def folder(self) -> ShardFolder:
-        """Where the shards are."""
+        """Folder of the shards."""
         return ShardFolder(self.root, cache_folder(self.cache) / "shards", self.cache_gb)
 
     @cached_property
@@ -138,12 +138,12 @@ class _Shard:
 
     @property
     def recordings(self) -> int:
-        """How many there are."""
+        """Number of recordings."""
         return self.entry.summary.recordings
 
     @property
     def seconds(self) -> float:
-        """How long they last together."""
+        """Total duration, s."""
         return self.entry.summary.seconds
 
     def open(self, bad: Bad) -> Iterator[Recording]:

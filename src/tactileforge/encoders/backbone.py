@@ -1,4 +1,4 @@
-"""What touch encoders share: their input, their sensor rows, and the views of a batch."""
+"""Base of touch encoders: input, sensor ids, tube masking and the views of a batch."""
 
 from __future__ import annotations
 
@@ -198,14 +198,14 @@ class TactileViews:
 
     @cached_property
     def full(self) -> Features:
-        """Every patch is seen."""
+        """Features with every patch visible."""
         encoder = self.encoder
         tokens = encoder.encode(self.patches, self.sensor)
         return Features(tokens, encoder.pool_tokens(tokens), encoder.prefix, encoder.grid)
 
     @cached_property
     def masked(self) -> MaskedFeatures:
-        """``mask_ratio`` of the spatial positions are hidden, the same in every slot."""
+        """Tube masking: ``mask_ratio`` of the positions are hidden, the same in every slot."""
         encoder = self.encoder
         count = self.order.shape[1]
         keep = max(1, round(count * (1 - encoder.mask_ratio)))

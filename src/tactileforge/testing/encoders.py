@@ -53,7 +53,7 @@ def _call(encoder: Any, size: int) -> list[Tensor]:
 
 
 def declared_sizes_are_true(subject: CheckSubject) -> None:
-    """What an encoder says of its shapes is what comes out."""
+    """Shapes that an encoder declares are those that come out."""
     encoder = _build(subject)
     out = _call(encoder, 4)
     require(finite(out), "not every output is finite")

@@ -1,4 +1,4 @@
-"""What the checks of encoders, heads and objectives share."""
+"""Helpers of the checks of encoders, heads and objectives."""
 
 from __future__ import annotations
 

@@ -243,7 +243,7 @@ def _ends(
 
 
 def _view(recording: Recording, row: int) -> int:
-    """Which camera view belongs to a frame."""
+    """Index of the camera image that belongs to a frame."""
     assert recording.image is not None
     if recording.image_times is None:
         return row * len(recording.image) // len(recording.frames)

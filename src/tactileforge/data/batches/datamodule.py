@@ -43,7 +43,7 @@ class Loader(DataLoader[Batch]):
     """
 
     def state_dict(self) -> dict[str, Any]:
-        """What the batches depend on."""
+        """Facts that the batches depend on; a resumed run must have the same."""
         stream = self.dataset
         assert isinstance(stream, Stream)
         state = {
@@ -127,17 +127,17 @@ class TouchData(L.LightningDataModule):
 
     @property
     def skipped(self) -> Skipped:
-        """What could not be indexed."""
+        """Recordings that could not be indexed or read, with their counts."""
         return {line: (line, 1) for line in self.dataset.skipped} | self._bad
 
     @property
     def allowed(self) -> int:
-        """How many recordings may be unreadable before a run stops."""
+        """Number of recordings that may be unreadable before a run stops."""
         total = sum(self.summary(split).recordings for split in self.sources)
         return max(1, int(self.max_bad * total))
 
     def summary(self, split: str) -> Summary:
-        """What a split holds."""
+        """Counts of a split."""
         found = Summary()
         for source in self.sources.get(split, ()):
             found.merge(source.summary)

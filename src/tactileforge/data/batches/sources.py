@@ -1,4 +1,4 @@
-"""Where a stream's recordings come from: sources, each in parts that are opened as a whole."""
+"""Sources of recordings, each in parts that are opened as a whole."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ class Part(Protocol):
 
     @property
     def recordings(self) -> int:
-        """How many there are."""
+        """Number of recordings."""
         ...
 
     @property
     def seconds(self) -> float:
-        """How long they last together."""
+        """Total duration, s."""
         ...
 
     def open(self, bad: Bad) -> Iterable[Recording]:
@@ -79,7 +79,7 @@ class InMemory:
 
     @property
     def recordings(self) -> int:
-        """How many there are."""
+        """Number of recordings."""
         return len(self.content)
 
     def open(self, bad: Bad) -> Sequence[Recording]:

@@ -27,7 +27,7 @@ _MAX_EMPTY = 20
 
 @dataclass(frozen=True)
 class WorkerId:
-    """Who reads: one worker of one rank.
+    """One worker of one rank.
 
     Attributes:
         rank: The process.
@@ -42,7 +42,7 @@ class WorkerId:
 
 @dataclass(frozen=True)
 class SourceDraw:
-    """What a batch takes from one source: the clips at hand, and which of them, in order."""
+    """Clips of one source in a batch: those at hand, and the rows drawn, in order."""
 
     clips: Clips
     rows: NDArray[np.int64]
@@ -71,7 +71,7 @@ class FullSource:
         return len(self.clips)
 
     def draw(self, number: int, reader: WorkerId, bad: Bad) -> SourceDraw:
-        """What batch ``number`` of a reader's rank takes."""
+        """Draws the clips of batch ``number`` for a reader's rank."""
         first = (number * reader.world + reader.rank) * self.count
         passes, rows = divmod(np.arange(first, first + self.count), len(self.clips))
         for old in set(self._orders) - set(passes.tolist()):
@@ -128,7 +128,7 @@ class WindowedSource:
         return float(self.clips.sum())
 
     def draw(self, number: int, reader: WorkerId, bad: Bad) -> SourceDraw:
-        """What batch ``number`` of a reader's rank takes."""
+        """Draws the clips of batch ``number`` for a reader's rank."""
         turn, worker = divmod(number, reader.workers)
         mine = (reader.rank * reader.workers + worker, reader.world * reader.workers)
         passed, place, done = self._place(turn, mine)
@@ -239,7 +239,7 @@ class Stream(Dataset[Batch]):
         return batch
 
     def items(self, number: int) -> list[list[Item]]:
-        """Which clips batch ``number`` takes from each source, with their groups."""
+        """Clips of batch ``number`` by source, with their groups."""
         draws = [track.draw(number, self.reader, self._note) for track in self.tracks]
         return self._items(number, draws)
 

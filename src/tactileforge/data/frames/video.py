@@ -82,7 +82,7 @@ class VideoFrames(Cropped):
 
 @dataclass(frozen=True)
 class _Index:
-    """What the packets of a video say.
+    """Facts of a video, read from its packets.
 
     Attributes:
         shape: Height and width.

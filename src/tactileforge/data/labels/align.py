@@ -140,7 +140,7 @@ def _correlation(pressed: NDArray[np.float64], seen: NDArray[np.float64], shift:
 
 
 def _vertex(values: NDArray[np.float64], at: int) -> float:
-    """Where a parabola through a peak and its neighbours is highest, -0.5 to 0.5 from the peak."""
+    """Sub-sample offset of a peak, -0.5 to 0.5, by a parabola through its neighbours."""
     if not 0 < at < len(values) - 1:
         return 0.0
     left, middle, right = values[at - 1 : at + 2]

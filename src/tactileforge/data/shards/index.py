@@ -169,7 +169,7 @@ def _check_apart(index: Index, where: str) -> None:
 
 
 def sort_key(object: str | None, key: str) -> str:
-    """Where a recording stands among others, 32 hexadecimal digits.
+    """Key by which recordings are ordered, 32 hexadecimal digits.
 
     What one object felt stands together, and objects stand in an order that says nothing about
     them: a part of the whole is a fair sample of it, and pairs lie in one shard.

@@ -1,4 +1,4 @@
-"""What a set of recordings holds, in numbers: kept in indices, shown in reports."""
+"""Counts of a set of recordings, kept in indices and shown in reports."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ COUNTED = (*LABELS, *(f"force.{axis}" for axis in AXES))
 
 
 def labels_of(recording: Recording) -> list[str]:
-    """Which of `COUNTED` a recording has; a force that is NaN throughout is none."""
+    """Labels of `COUNTED` that a recording has; a force that is NaN throughout is none."""
     found = [key for key in LABELS if key != "force" and getattr(recording, key) is not None]
     if recording.force is None:
         return found
@@ -54,7 +54,7 @@ class RecordingKind:
 
 @dataclass
 class Count:
-    """How much there is of a kind.
+    """Counts of one kind.
 
     Attributes:
         recordings: Recordings.
@@ -163,6 +163,6 @@ class Summary(dict[RecordingKind, Count]):
 
 
 def duration_seconds(recording: Recording) -> float:
-    """How long its frames last, without gaps between them; a still lasts no time."""
+    """Duration of the frames, s, without gaps between them; 0 for a still."""
     times = recording.times
     return float(len(times) * np.median(np.diff(times))) if len(times) > 1 else 0.0

@@ -38,7 +38,7 @@ class Tile:
 
 @dataclass(frozen=True)
 class BackgroundRule:
-    """Which frames are without contact: those of a file, or some of the recording.
+    """Frames without contact: those of a file, or some of the recording.
 
     Attributes:
         file: An image, or a video of which ``first`` or ``last`` says which frames.
@@ -278,7 +278,7 @@ def _force(node: Node) -> FrameTable | None:
 
 
 def _action(node: Node, has_force: bool) -> str | FrameTable | tuple[ActionRange, ...] | None:
-    """Where actions come from; ``force`` stands for the forces themselves."""
+    """Reads the origin of actions; ``force`` stands for the forces themselves."""
     value = node.take("action", (str, dict, list), "force" if has_force else "none")
     where = f"{node.where}, action"
     if isinstance(value, list):

@@ -20,7 +20,7 @@ from tactileforge.errors import DataError, DataNotFoundError
 
 
 def load_pickle(path: str | Path) -> Any:
-    """What a pickle (protocol 2 to 5) holds; byte strings of 256 bytes and more are `Blob`.
+    """Content of a pickle (protocol 2 to 5); byte strings of 256 bytes and more are `Blob`.
 
     Raises:
         DataNotFoundError: There is no such file.

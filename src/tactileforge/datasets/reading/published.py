@@ -1,4 +1,4 @@
-"""What the readers of published data sets have in common."""
+"""Base of the readers of published data sets."""
 
 from __future__ import annotations
 

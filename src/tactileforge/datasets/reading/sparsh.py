@@ -42,7 +42,7 @@ class PickleFolder:
 
     @cached_property
     def labels(self) -> tuple[NDArray[np.bool_], Mapping[Any, Any]]:
-        """Which images are in contact, and the trajectories by number."""
+        """Contact of each image, and the trajectories by number."""
         path = self.folder / _LABELS
         found = load_pickle(path)
         try:
@@ -62,7 +62,7 @@ class PickleFolder:
 
     @cached_property
     def sign(self) -> float:
-        """What turns Fz into a force that is positive when pressing: a probe cannot pull."""
+        """Sign that makes Fz positive when pressing: a probe cannot pull."""
         normal = [_force(one)[:, 2] for one in self.labels[1].values()]
         return -1.0 if normal and np.mean(np.concatenate(normal)) < 0 else 1.0
 
@@ -92,7 +92,7 @@ def _force(trajectory: Mapping[str, Any]) -> NDArray[np.float32]:
 
 
 class SparshTrajectories(PublishedDataset):
-    """What ``sparsh_force`` and ``sparsh_slip`` have in common; see there."""
+    """Base of ``sparsh_force`` and ``sparsh_slip``; see there."""
 
     sensors = tuple(_FILES)
     tier = 1

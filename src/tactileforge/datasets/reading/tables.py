@@ -23,7 +23,7 @@ from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unkno
 
 @dataclass(frozen=True)
 class LabelRow:
-    """What is known of one file.
+    """Labels of one file.
 
     Attributes:
         where: CSV and line, or the file itself where it has no row.

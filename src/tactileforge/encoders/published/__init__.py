@@ -77,7 +77,7 @@ class Converted:
 
     @property
     def report(self) -> str:
-        """What was taken and what was not, in words."""
+        """Tensors that were taken and those that were not, in words."""
         count = sum(tensor.numel() for tensor in self.state.values()) / 1e6
         options = self.encoder_config
         what = f"{options['size']}, {options['depth']} blocks, {options['frames']} frames"
@@ -96,7 +96,7 @@ class Converted:
 
 
 def recognise(state: State) -> WeightLayout:
-    """Which published layout a file has, by names and shapes of its tensors.
+    """Recognises the published layout of a file by names and shapes of its tensors.
 
     Args:
         state: See `read_tensors`.
