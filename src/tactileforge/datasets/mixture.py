@@ -117,6 +117,6 @@ class _Named:
 
 
 def _named(name: str, recording: Recording) -> Recording:
-    given = recording.object
-    whole = None if given is None else f"{name}/{given}"
+    label = recording.object
+    whole = None if label is None else f"{name}/{label}"
     return replace(recording, key=f"{name}/{recording.key}", object=whole)

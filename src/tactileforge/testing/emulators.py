@@ -89,9 +89,9 @@ class _Device:
             fps: Packets a second; 0 sends them as fast as they are taken.
             faults: What goes wrong; None for nothing.
         """
-        given = faults or Faults()
-        step = given.merge / fps if fps else 0.0
-        thread = threading.Thread(target=self._play, args=(packets, given, step), daemon=True)
+        line_faults = faults or Faults()
+        step = line_faults.merge / fps if fps else 0.0
+        thread = threading.Thread(target=self._play, args=(packets, line_faults, step), daemon=True)
         self._threads.append(thread)
         thread.start()
 

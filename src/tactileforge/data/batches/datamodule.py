@@ -138,10 +138,10 @@ class TouchData(L.LightningDataModule):
 
     def summary(self, split: str) -> Summary:
         """Counts of a split."""
-        found = Summary()
+        total = Summary()
         for source in self.sources.get(split, ()):
-            found.merge(source.summary)
-        return found
+            total.merge(source.summary)
+        return total
 
     def setup(self, stage: str = "fit") -> None:
         """Indexes the recordings; decodes nothing.
@@ -158,10 +158,10 @@ class TouchData(L.LightningDataModule):
         sample: list[Recording] = []
         for number, source in enumerate(self.sources["train"]):
             is_whole = len(source.parts) == 1 or source.summary.recordings <= self.window
-            found = source.open(_first(source, None if is_whole else _SAMPLE), self._note)
-            sample += found
+            recordings = source.open(_first(source, None if is_whole else _SAMPLE), self._note)
+            sample += recordings
             if is_whole:
-                self._whole[number] = self._clips(found)
+                self._whole[number] = self._clips(recordings)
         alone = len(self.sources["train"]) == 1 and self._whole
         self.train = self._whole[0] if alone else self._clips(sample)
         if self.match and not Pairs(*self.train.labels()):

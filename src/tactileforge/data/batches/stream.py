@@ -161,9 +161,11 @@ class WindowedSource:
                 self._schedules.pop(next(iter(self._schedules)))
             order = np.random.default_rng([*self.seed, passed]).permutation(len(self.recordings))
             # with fewer parts than readers, some readers share a part
-            own = order[reader::readers] if len(order) >= readers else order[[reader % len(order)]]
-            before = np.cumsum(self.recordings[own]) - self.recordings[own]
-            groups = np.split(own, np.flatnonzero(np.diff(before // self.window)) + 1)
+            parts = (
+                order[reader::readers] if len(order) >= readers else order[[reader % len(order)]]
+            )
+            before = np.cumsum(self.recordings[parts]) - self.recordings[parts]
+            groups = np.split(parts, np.flatnonzero(np.diff(before // self.window)) + 1)
             self._schedules[key] = [
                 (max(1, round(self.clips[g].sum() / self.count)), g.tolist()) for g in groups
             ]
@@ -176,9 +178,9 @@ class WindowedSource:
             self._held = None  # the old one is let go before the new one is opened
             wanted = list(parts)
             for _ in range(_MAX_EMPTY):
-                found = self.source.open(wanted, bad)
-                if found:
-                    self._held = key, self.cut(found)
+                recordings = self.source.open(wanted, bad)
+                if recordings:
+                    self._held = key, self.cut(recordings)
                     break
                 wanted = [(wanted[-1] + 1) % len(self.source.parts)]
             else:
@@ -256,17 +258,17 @@ class Stream(Dataset[Batch]):
             for clip, group in drawn:
                 track = int(np.searchsorted(bounds, clip, side="right")) - 1
                 items[track].append((clip - int(bounds[track]), group))
-        for own, draw in zip(items, draws, strict=True):
-            own += [(int(row), -1) for row in draw.rows]
+        for source_items, draw in zip(items, draws, strict=True):
+            source_items += [(int(row), -1) for row in draw.rows]
         return items
 
     def _pairs_of(self, clips: Sequence[Clips]) -> Pairs:
-        held = self._pairs
-        if held is None or any(a is not b for a, b in zip(held[0], clips, strict=True)):
+        cached = self._pairs
+        if cached is None or any(a is not b for a, b in zip(cached[0], clips, strict=True)):
             labels = zip(*(each.labels() for each in clips), strict=True)
             objects, sensors, actions = (np.concatenate(column) for column in labels)
-            self._pairs = held = list(clips), Pairs(objects, sensors, actions)
-        return held[1]
+            self._pairs = cached = list(clips), Pairs(objects, sensors, actions)
+        return cached[1]
 
     def _note(self, line: str, count: int) -> None:
         self._bad[line] = line, count

@@ -74,10 +74,10 @@ class _Unfinished:
 
 
 def _bytes(raw: Any) -> bytes:
-    found = raw.read() if isinstance(raw, Blob) else raw
-    if not isinstance(found, bytes):
+    content = raw.read() if isinstance(raw, Blob) else raw
+    if not isinstance(content, bytes):
         raise ValueError("an array without bytes")
-    return found
+    return content
 
 
 def _dtype(name: str, *_: Any) -> _Unfinished:
