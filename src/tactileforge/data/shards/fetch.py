@@ -47,8 +47,8 @@ class ShardFolder:
             if not self.remote:
                 return (self.path / name).read_bytes()
             with _open(f"{self.root}/{name}") as stream:
-                found: bytes = stream.read()
-                return found
+                content: bytes = stream.read()
+                return content
         except _UNREACHABLE as error:
             raise DataError(f"{self.root}/{name}: cannot be read ({error})") from error
 
@@ -67,31 +67,31 @@ class ShardFolder:
         if self.remote and not path.exists():
             self._fetch(path, size, sha256)
         try:
-            found = path.stat().st_size
+            actual = path.stat().st_size
             if self.remote:
                 os.utime(path)
         except OSError as error:
             raise DataError(f"{path}: listed in the index, but not there ({error})") from error
-        if not self.remote and found > size:
-            raise DataError(f"{path}: {found} bytes, but {size} in the index; pack it again")
+        if not self.remote and actual > size:
+            raise DataError(f"{path}: {actual} bytes, but {size} in the index; pack it again")
         return path
 
     def _fetch(self, path: Path, size: int, sha256: str) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         self._make_room(size)
         part = path.with_name(f"{path.name}.{os.getpid()}.part")
-        digest, held = hashlib.sha256(), 0
+        digest, received = hashlib.sha256(), 0
         url = f"{self.root}/{path.name}"
         try:
             with _open(url) as stream, part.open("wb") as out:
                 while chunk := stream.read(_CHUNK):
                     digest.update(chunk)
-                    held += len(chunk)
+                    received += len(chunk)
                     out.write(chunk)
             if digest.hexdigest() != sha256:
                 raise DataError(
-                    f"{url}: {held} bytes with SHA-256 {digest.hexdigest()[:12]}..., but the index "
-                    f"says {size} with {sha256[:12]}...; upload the shard again"
+                    f"{url}: {received} bytes with SHA-256 {digest.hexdigest()[:12]}..., but the "
+                    f"index says {size} with {sha256[:12]}...; upload the shard again"
                 )
             part.replace(path)
         except _UNREACHABLE as error:
@@ -102,9 +102,9 @@ class ShardFolder:
     def _make_room(self, size: int) -> None:
         if self.cache_gb is None:
             return
-        held = sorted(self.path.glob("*.tar"), key=lambda path: path.stat().st_mtime)
-        total = sum(path.stat().st_size for path in held) + size
-        for path in held:
+        cached = sorted(self.path.glob("*.tar"), key=lambda path: path.stat().st_mtime)
+        total = sum(path.stat().st_size for path in cached) + size
+        for path in cached:
             if total <= self.cache_gb * 1e9:
                 break
             total -= path.stat().st_size

@@ -260,8 +260,8 @@ def _head(text: bytes, where: str) -> dict[str, Any]:
         )
     if stated != _checksum(about):
         raise DataError(f"{where}: damaged (its checksum is another); download or pack it again")
-    found: dict[str, Any] = about
-    return found
+    head: dict[str, Any] = about
+    return head
 
 
 def _recording(path: Path, stem: str, about: Any, place: int) -> tuple[Recording, int]:
