@@ -83,12 +83,12 @@ class FixedWeights(nn.Module):
 
     def logs(self, weights: Mapping[str, float]) -> dict[str, Tensor | float]:
         """Effective weights, and norms of the gradients where they are measured."""
-        found: dict[str, Tensor | float] = {}
+        values: dict[str, Tensor | float] = {}
         for i, key in enumerate(self.keys):
-            found[f"weight/{key}"] = weights[key] * self.factor[i]
+            values[f"weight/{key}"] = weights[key] * self.factor[i]
             if self.every and weights[key]:
-                found[f"gradient/{key}"] = self.norm[i]
-        return found
+                values[f"gradient/{key}"] = self.norm[i]
+        return values
 
     def _followed(self, fresh: Tensor) -> Tensor:
         return fresh
@@ -96,11 +96,11 @@ class FixedWeights(nn.Module):
     def _measured(self, losses: Mapping[str, Tensor], shared: Any) -> Tensor:
         """Norms (K,) of the gradients of the joint batch; 0 where there is none."""
         parameters = [p for p in shared.parameters() if p.requires_grad]
-        found = torch.zeros_like(self.norm)
+        norms = torch.zeros_like(self.norm)
         for i, key in enumerate(self.keys):
             if parameters and key in losses and losses[key].requires_grad:
-                found[i] = joint_norm(losses[key], parameters)
-        return found
+                norms[i] = joint_norm(losses[key], parameters)
+        return norms
 
 
 class GradClip(FixedWeights):
@@ -123,8 +123,8 @@ class GradClip(FixedWeights):
         self, losses: Tensor, awake: Tensor, weights: Mapping[str, float], step: int
     ) -> None:
         """See `FixedWeights.update`."""
-        given = self.norm.new_tensor([weights.get(key, 0.0) for key in self.keys]) * self.norm
-        self.factor.copy_((self.limit / given.clamp(min=self.limit)).clamp(max=1))
+        weighted = self.norm.new_tensor([weights.get(key, 0.0) for key in self.keys]) * self.norm
+        self.factor.copy_((self.limit / weighted.clamp(min=self.limit)).clamp(max=1))
 
 
 class GradNorm(FixedWeights):
@@ -232,11 +232,11 @@ def joint_norm(loss: Tensor, parameters: Sequence[Tensor]) -> Tensor:
         loss: A scalar of this rank, whose mean over ranks is that of the joint batch.
         parameters: What the gradient is of.
     """
-    found = torch.autograd.grad(loss, parameters, retain_graph=True, allow_unused=True)
+    grads = torch.autograd.grad(loss, parameters, retain_graph=True, allow_unused=True)
     flat = torch.cat(
         [
             (torch.zeros_like(p) if g is None else g).flatten().float()
-            for p, g in zip(parameters, found, strict=True)
+            for p, g in zip(parameters, grads, strict=True)
         ]
     )
     norm: Tensor = torch.linalg.vector_norm(sum_over_ranks(flat) / world()[1])

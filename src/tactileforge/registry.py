@@ -45,11 +45,11 @@ class PluginInfo:
 def _entries(kind: str) -> dict[str, list[EntryPoint]]:
     if kind not in (*KINDS, *OTHERS):
         raise PluginError(unknown("kind of plugin", kind, KINDS))
-    found: dict[str, dict[tuple[str, str], EntryPoint]] = {}
+    entries: dict[str, dict[tuple[str, str], EntryPoint]] = {}
     for entry in entry_points(group=f"tactileforge.{kind}"):
         owner = entry.dist.name if entry.dist else ""
-        found.setdefault(entry.name, {}).setdefault((owner, entry.value), entry)
-    return {name: list(found[name].values()) for name in sorted(found)}
+        entries.setdefault(entry.name, {}).setdefault((owner, entry.value), entry)
+    return {name: list(entries[name].values()) for name in sorted(entries)}
 
 
 def names(kind: str) -> list[str]:

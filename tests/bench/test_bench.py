@@ -144,9 +144,11 @@ def test_cells_that_are_there_are_kept(
     bench(tmp_path, {"force": FORCE}).run(tiny())
     before = (tmp_path / "results.json").read_text()
     trained: list[str] = []
-    run = bench_run.cells.run
+    run = bench_run.evaluate.evaluate_probe
     monkeypatch.setattr(
-        bench_run.cells, "run", lambda one, *rest: trained.append(one.task.name) or run(one, *rest)
+        bench_run.evaluate,
+        "evaluate_probe",
+        lambda one, *rest: trained.append(one.task.name) or run(one, *rest),
     )
     bench(tmp_path, {"force": FORCE}).run(tiny())
     assert trained == []
@@ -170,7 +172,7 @@ def test_a_bench_of_other_models_forgets_no_cell(
     bench(tmp_path, {"force": FORCE}).run(tiny("a"))
     bench(tmp_path, {"force": FORCE}).run(tiny("b"))
     assert {cell.model for cell in load.read_results(tmp_path).cells} == {"b"}
-    monkeypatch.setattr(bench_run.cells, "run", None)
+    monkeypatch.setattr(bench_run.evaluate, "evaluate_probe", None)
     both = bench(tmp_path, {"force": FORCE})
     both.run(tiny("a"))
     both.run(tiny("b"))

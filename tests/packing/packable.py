@@ -1,6 +1,7 @@
 """Recordings for the tests of packing, which other processes can import and run.
 
-``python packable.py OUT JSON`` packs them; JSON has the arguments of `Touches` and of `PackOptions`.
+``python packable.py OUT JSON`` packs them; JSON has the arguments of `Touches` and
+of `PackOptions`.
 """
 
 import json

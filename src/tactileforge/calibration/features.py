@@ -38,8 +38,8 @@ def force_features(
     product ``volume`` = peak * sqrt(area); what each colour changes; and the first moments of all
     that along x and y, which a shear shifts. ``taxels`` are pictures of an array: the sums ``x``,
     ``y``, ``z`` of what taxels show, in units of full colour. ``head`` is what a model reads of
-    the force, see `hub.forces.calibration_inputs`. Else it is the name of a track (T, 3), whose columns are
-    ``x``, ``y``, ``z``.
+    the force, see `hub.forces.calibration_inputs`. Else it is the name of a track (T, 3), whose
+    columns are ``x``, ``y``, ``z``.
 
     Args:
         recording: The touch.

@@ -193,8 +193,8 @@ def read_own(path: str | Path, run: str | None) -> dict[str, Any]:
     found = read_checkpoint(path)
     if found.get("run") != run:
         raise ConfigError(
-            f"{find_checkpoint(path)} is a checkpoint of run {found.get('run')}, but config.yaml beside it is "
-            f"of run {run}: one of the two was copied or overwritten. Start a new run from the "
+            f"{find_checkpoint(path)} is a checkpoint of run {found.get('run')}, but config.yaml "
+            f"beside it is of run {run}: one of the two was copied or overwritten. Start a new run from the "
             "weights with init=, or put the right file back"
         )
     return found
@@ -234,21 +234,21 @@ def initialise(module: nn.Module, state: Mapping[str, torch.Tensor]) -> str:
     Raises:
         ConfigError: Encoder tensors are missing, left over, or of another shape; names them.
     """
-    own, state = (
-        {key: value for key, value in one.items() if not key.startswith("balance.")}
-        for one in (module.state_dict(), state)
+    current, state = (
+        {key: value for key, value in states.items() if not key.startswith("balance.")}
+        for states in (module.state_dict(), state)
     )
-    fits = {k: v for k, v in state.items() if k in own and own[k].shape == v.shape}
+    fits = {k: v for k, v in state.items() if k in current and current[k].shape == v.shape}
     wrong = [
         f"{key} ({tuple(state[key].shape) if key in state else 'missing'} in the checkpoint, "
-        f"{tuple(own[key].shape) if key in own else 'absent'} here)"
-        for key in sorted(own.keys() | state.keys())
+        f"{tuple(current[key].shape) if key in current else 'absent'} here)"
+        for key in sorted(current.keys() | state.keys())
         if key.startswith("encoder.") and key not in fits
     ]
     if wrong:
         some = "; ".join(wrong[:5])
         raise ConfigError(f"init: the encoder does not fit: {some} ({len(wrong)} in all)")
     module.load_state_dict(fits, strict=False)
-    fresh = sorted({key.rsplit(".", 1)[0] for key in own.keys() - fits.keys()})
+    fresh = sorted({key.rsplit(".", 1)[0] for key in current.keys() - fits.keys()})
     left = sorted({key.rsplit(".", 1)[0] for key in state.keys() - fits.keys()})
     return f"init: {len(fits)} tensors taken; new: {fresh or 'none'}; not used: {left or 'none'}"

@@ -90,7 +90,7 @@ class Cloth(PublishedDataset):
 
     def _sides(self) -> dict[tuple[str, str], str]:
         """Side by cloth and trial, as the lists of the split have it."""
-        found = {}
+        sides = {}
         for side, name in zip(("train", "test"), _LISTS.get(self.split, ()), strict=False):
             for entry in self._read(name).values():
                 try:
@@ -100,8 +100,8 @@ class Cloth(PublishedDataset):
                         f"{self.root / name}: {entry!r} has no cloth_index and trial_index; "
                         "download it again"
                     ) from error
-                found[place] = side
-        return found
+                sides[place] = side
+        return sides
 
     def _read(self, name: str) -> Mapping[str, Any]:
         """A JSON object below the root whose keys are plain numbers."""
@@ -109,8 +109,8 @@ class Cloth(PublishedDataset):
         if not path.is_file():
             raise self._missing(f"no file {path}")
         try:
-            found = load_json(path.read_text(encoding="utf-8"))
-            return {_plain(key): value for key, value in found.items()}
+            content = load_json(path.read_text(encoding="utf-8"))
+            return {_plain(key): value for key, value in content.items()}
         except (AttributeError, ValueError) as error:
             raise DataError(f"{path}: not a JSON object: {error}; download it again") from error
 

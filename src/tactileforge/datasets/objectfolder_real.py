@@ -87,7 +87,7 @@ def _views(tactile: Path) -> dict[Path, list[Path]]:
                 touch, view = tactile / row[0], tactile / row[1]
                 if touch.stem.isdigit() and view.is_file():
                     pairs[touch.parent][int(touch.stem)] = view
-    found: dict[Path, list[Path]] = defaultdict(list)
+    by_folder: dict[Path, list[Path]] = defaultdict(list)
     for folder, by_number in pairs.items():
-        found[folder] = list(dict.fromkeys(by_number[number] for number in sorted(by_number)))
-    return found
+        by_folder[folder] = list(dict.fromkeys(by_number[number] for number in sorted(by_number)))
+    return by_folder

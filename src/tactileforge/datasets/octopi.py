@@ -96,16 +96,16 @@ def _constants(root: Path) -> dict[str, Any]:
         body = ast.parse(path.read_text(encoding="utf-8")).body
     except (SyntaxError, ValueError) as error:
         raise DataError(f"{path}: not the constants of Octopi: {error}; download it") from error
-    found = {}
+    constants = {}
     for node in body:
         if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
             name = node.targets[0].id
             if re.fullmatch(r"\w+_(OBJECTS|RANK|MAP)", name):
                 try:
-                    found[name] = ast.literal_eval(node.value)
+                    constants[name] = ast.literal_eval(node.value)
                 except ValueError as error:
                     raise DataError(f"{path}: {name} is no literal; download it again") from error
-    return found
+    return constants
 
 
 def _ranks(name: str, constants: dict[str, Any]) -> dict[str, tuple[float, str]]:

@@ -49,7 +49,7 @@ class Shards:
 
     @property
     def folder(self) -> ShardFolder:
-        """Where the shards are."""
+        """Folder of the shards."""
         return ShardFolder(self.root, cache_folder(self.cache) / "shards", self.cache_gb)
 
     @cached_property
@@ -82,15 +82,15 @@ class Shards:
         """
         if split not in _SPLITS:
             raise ConfigError(unknown("split", split, _SPLITS))
-        found, folder = self.index, self.folder
-        if found is None:
+        index, folder = self.index, self.folder
+        if index is None:
             return self._unindexed(split)
-        entries = found.splits.get(split, [])
+        entries = index.splits.get(split, [])
         summary = Summary()
         for entry in entries:
             summary.merge(entry.summary)
         parts = [_Shard(folder, entry) for entry in entries]
-        return [Source(found.name, parts, summary)] if summary.recordings else []
+        return [Source(index.name, parts, summary)] if summary.recordings else []
 
     def recordings(self, split: str) -> Iterator[Recording]:
         """Yields the recordings of a split, shard after shard.
@@ -138,12 +138,12 @@ class _Shard:
 
     @property
     def recordings(self) -> int:
-        """How many there are."""
+        """Number of recordings."""
         return self.entry.summary.recordings
 
     @property
     def seconds(self) -> float:
-        """How long they last together."""
+        """Total duration, s."""
         return self.entry.summary.seconds
 
     def open(self, bad: Bad) -> Iterator[Recording]:
@@ -151,9 +151,9 @@ class _Shard:
         left, lines = self.recordings, []
         try:
             path = self.folder.get(self.entry.file, self.entry.bytes, self.entry.sha256)
-            for one in shards.read_shard(path, lambda error: lines.append(str(error))):
+            for recording in shards.read_shard(path, lambda error: lines.append(str(error))):
                 left -= 1
-                yield one
+                yield recording
         except DataError as error:
             lines.append(str(error))
         for line in lines[1:]:

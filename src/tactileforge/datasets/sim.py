@@ -87,7 +87,7 @@ class Sim:
 
     @property
     def config(self) -> SimConfig:
-        """What is simulated.
+        """Configuration of the simulation.
 
         Raises:
             ConfigError: An unknown sensor, indenter or motion.
@@ -98,7 +98,7 @@ class Sim:
 
     @property
     def folder(self) -> Path:
-        """Where the touches of this configuration are kept."""
+        """Folder in which the touches of this configuration are kept."""
         return cache_folder(self.cache) / "sim" / self.config.digest()
 
     def recordings(self, split: str) -> Iterator[Recording]:

@@ -85,7 +85,7 @@ class SimArray:
 
     @property
     def array(self) -> Array:
-        """What feels it.
+        """The taxel array.
 
         Raises:
             ConfigError: A number makes no sense.
@@ -107,7 +107,7 @@ class SimArray:
 
     @property
     def config(self) -> SimConfig:
-        """What is simulated.
+        """Configuration of the simulation.
 
         Raises:
             ConfigError: An unknown indenter or motion.
@@ -133,7 +133,7 @@ class SimArray:
 
     @property
     def folder(self) -> Path:
-        """Where the touches of this configuration are kept."""
+        """Folder in which the touches of this configuration are kept."""
         from tactileforge.sim.array_scenes import folder_name
 
         return cache_folder(self.cache) / "sim_array" / folder_name(self.config, self.array)

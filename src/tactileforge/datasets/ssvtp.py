@@ -79,4 +79,4 @@ def _numbers(path: Path) -> set[int]:
         return set()
     with path.open(newline="", encoding="utf-8") as file:
         names = [re.search(r"image_(\d+)_rgb", row[0]) for row in csv.reader(file) if row]
-    return {int(found[1]) for found in names if found}
+    return {int(match[1]) for match in names if match}

@@ -62,12 +62,12 @@ class TacQuad(PublishedDataset):
 
     def _items(self) -> Iterator[RecordingItem]:
         root = self.root / "tacquad" if (self.root / "tacquad").is_dir() else self.root
-        found = False
+        any_found = False
         for area in ("indoor", "outdoor"):
             index = root / f"contact_{area}.csv"
             if not index.is_file():
                 continue
-            found = True
+            any_found = True
             for i, (name, ranges) in enumerate(_read(index)):
                 item = f"{area}/{i}_{name}"
                 for folder, contact in zip(_SENSORS, ranges, strict=True):
@@ -76,7 +76,7 @@ class TacQuad(PublishedDataset):
                     yield RecordingItem(
                         key, partial(self._open, key, place, name, contact), group=item
                     )
-        if not found:
+        if not any_found:
             raise self._missing(f"no index {root / 'contact_indoor.csv'}")
 
     def _open(self, key: str, place: Path, name: str, contact: tuple[int, int]) -> Recording:

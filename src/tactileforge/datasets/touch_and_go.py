@@ -134,7 +134,7 @@ class TouchAndGo(PublishedDataset):
 
 def _read(path: Path) -> dict[str, list[_Row]]:
     """Labelled frames of a list ``FILM/FRAME.jpg,LABEL[,BACKGROUND.jpg]`` by film, in order."""
-    found: dict[str, dict[int, _Row]] = {}
+    films: dict[str, dict[int, _Row]] = {}
     for i, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
         if not line.strip():
             continue
@@ -147,5 +147,5 @@ def _read(path: Path) -> dict[str, list[_Row]]:
                 f"{path}, line {i}: {line!r} is not FILM/NUMBER.jpg,LABEL; download it again"
             ) from None
         if row.label >= 0:
-            found.setdefault(film, {})[row.number] = row
-    return {film: [rows[i] for i in sorted(rows)] for film, rows in sorted(found.items())}
+            films.setdefault(film, {})[row.number] = row
+    return {film: [rows[i] for i in sorted(rows)] for film, rows in sorted(films.items())}

@@ -36,10 +36,10 @@ class _Row(NamedTuple):
     @property
     def number(self) -> int:
         """The number of the frame: files are ``NUMBER-SECONDS.jpg``."""
-        found = re.match(r"\d+", Path(self.touch).name)
-        if not found:
+        match = re.match(r"\d+", Path(self.touch).name)
+        if not match:
             raise DataError(f"{self.touch}: its name begins with no number; download it again")
-        return int(found[0])
+        return int(match[0])
 
 
 class Tvl(PublishedDataset):
@@ -88,16 +88,16 @@ class Tvl(PublishedDataset):
         for part in parts:
             rows = {(row.side, _folder(row), row.number): row for row in self._rows(part)}
             for (side, folder), group in groupby(sorted(rows), lambda place: place[:2]):
-                found = [rows[place] for place in group]
+                group_rows = [rows[place] for place in group]
                 for run in label_runs(
-                    [row.number for row in found], [row.caption for row in found]
+                    [row.number for row in group_rows], [row.caption for row in group_rows]
                 ):
-                    key = f"{part.name}/{folder}/{side}_{found[run][0].number}"
-                    opened = partial(self._open, key, part, found[run])
+                    key = f"{part.name}/{folder}/{side}_{group_rows[run][0].number}"
+                    opened = partial(self._open, key, part, group_rows[run])
                     yield RecordingItem(key, opened, {"list": side}, group=f"{part.name}/{folder}")
 
     def _rows(self, part: Path) -> list[_Row]:
-        found = []
+        rows = []
         for side in ("train", "test"):
             path = part / f"{side}.csv"
             if path.is_file():
@@ -109,8 +109,8 @@ class Tvl(PublishedDataset):
                                 "background and caption belong; download it again"
                             )
                         vision, touch, background, caption = map(str.strip, cells)
-                        found.append(_Row(touch, vision, background, caption, side))
-        return found or self._in_contact(part / "contact.json")
+                        rows.append(_Row(touch, vision, background, caption, side))
+        return rows or self._in_contact(part / "contact.json")
 
     def _in_contact(self, path: Path) -> list[_Row]:
         if not path.is_file():
@@ -135,8 +135,8 @@ class Tvl(PublishedDataset):
         image = ImageFrames(views) if all(path.is_file() for path in views) else None
         if image and image.shape[0] * image.shape[1] < frames.shape[0] * frames.shape[1]:
             frames, image = image, frames
-        own = part / rows[0].background
-        background = own if own.is_file() else part / "digit_background.png"
+        still = part / rows[0].background
+        background = still if still.is_file() else part / "digit_background.png"
         return self._recording(
             key,
             sensor="digit",

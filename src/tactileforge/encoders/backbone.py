@@ -1,4 +1,4 @@
-"""What touch encoders share: their input, their sensor rows, and the views of a batch."""
+"""Base of touch encoders: input, sensor ids, tube masking and the views of a batch."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from tactileforge.errors import ConfigError
 class Backbone(nn.Module):
     """A touch encoder less its network: preprocessing, patches, views.
 
-    A subclass sets ``prefix``, ``projected``, ``project`` and ``universal``, and says what `rows`,
-    `encode` and `pool_tokens` are.
+    A subclass sets ``prefix``, ``projected``, ``project`` and ``universal``, and says what
+    `sensor_ids`, `encode` and `pool_tokens` are.
 
     Args:
         size: A key of `transformer.SIZES`.
@@ -40,8 +40,8 @@ class Backbone(nn.Module):
         prefix: Tokens before the patches.
         grid: Temporal slots, rows, columns.
         universal: Row of the universal sensor; None where there is none.
-        pools_class_token: Whether the class token is all that `pool_tokens` reads, and `encode` knows
-            ``class_only``.
+        pools_class_token: Whether the class token is all that `pool_tokens` reads, and `encode`
+            knows ``class_only``.
 
     Raises:
         ConfigError: Sizes that the tubes do not divide, or a mask that hides everything.
@@ -135,7 +135,7 @@ class Backbone(nn.Module):
         Args:
             frames: uint8 (B, T, 3, H, W), RGB, oldest first.
             background: uint8 (B, 3, H, W).
-            sensor: int64 (B,), see `rows`.
+            sensor: int64 (B,), see `sensor_ids`.
         """
         tokens = self.encode(self.patchify(self.preprocess(frames, background, sensor)), sensor)
         return tokens, self.pool_tokens(tokens)
@@ -198,14 +198,14 @@ class TactileViews:
 
     @cached_property
     def full(self) -> Features:
-        """Every patch is seen."""
+        """Features with every patch visible."""
         encoder = self.encoder
         tokens = encoder.encode(self.patches, self.sensor)
         return Features(tokens, encoder.pool_tokens(tokens), encoder.prefix, encoder.grid)
 
     @cached_property
     def masked(self) -> MaskedFeatures:
-        """``mask_ratio`` of the spatial positions are hidden, the same in every slot."""
+        """Tube masking: ``mask_ratio`` of the positions are hidden, the same in every slot."""
         encoder = self.encoder
         count = self.order.shape[1]
         keep = max(1, round(count * (1 - encoder.mask_ratio)))

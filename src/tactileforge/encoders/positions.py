@@ -1,4 +1,4 @@
-"""Where a patch lies, as numbers."""
+"""Fixed sine-cosine position embeddings."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ class Prototypes(nn.Module):
 
 
 class DinoHead(nn.Module):
-    """Prototypes on the summary of the masked view, and slow copies of encoder and prototypes.
+    """Prototypes on the pooled masked view, and EMA copies of encoder and prototypes.
 
     Source: DINO (Caron et al. 2021), with masks for views as Sparsh has them: the student sees the
     visible patches, the teacher the whole clip. Sparsh compares ten masks of each clip with two,
@@ -91,7 +91,7 @@ class DinoHead(nn.Module):
         self.target.after_step(encoder, step, total)
 
     def forward(self, views: Views, batch: Batch) -> Distilled:
-        """What student and teacher make of the batch."""
+        """Outputs of student and teacher on a batch."""
         student = self.student(views.masked.cls)
         with torch.no_grad():
             teacher = self.teacher.network(self.target.network.views(batch).full.cls)

@@ -1,4 +1,4 @@
-"""A slow copy of a network, which objectives take their targets from."""
+"""Exponential moving average of a network's weights: the target network of objectives."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from torch import nn
 
 
 class EMA(nn.Module):
-    """The moving average of a network's weights; no gradient reaches it.
+    """Exponential moving average (EMA) of a network's weights; no gradient reaches it.
 
     After each step ``slow = keep * slow + (1 - keep) * fast``, where ``keep`` rises linearly from
     ``momentum`` at the start of the run to 1 at its end. It is always in evaluation mode. Where a

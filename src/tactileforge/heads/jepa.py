@@ -16,7 +16,7 @@ from tactileforge.heads.ema import EMA
 
 @dataclass(frozen=True)
 class Latents:
-    """Features of masked tubes as predicted, and as the slow copy of the encoder has them.
+    """Features of masked tubes: predicted, and of the encoder's EMA.
 
     Attributes:
         predicted: float (B, slots, M, width).
@@ -28,7 +28,7 @@ class Latents:
 
 
 class JepaHead(nn.Module):
-    """A predictor on the visible tokens, and a slow copy of the encoder that sees everything.
+    """A predictor on the visible tokens, and an EMA of the encoder that sees everything.
 
     Source: V-JEPA (Bardes et al. 2024, section 3). The slow copy never takes the universal sensor
     tokens.

@@ -264,7 +264,7 @@ class Model:
     def force_inputs(
         self, frames: Images, background: Images | str | None, sensor: str
     ) -> dict[str, Tensor]:
-        """What a calibration may be fitted to, float32 (B, T - 1) each; see `forces.calibration_inputs`.
+        """Inputs of a force calibration, float32 (B, T - 1) each; see `forces.calibration_inputs`.
 
         Args:
             frames: See `encode`; a batch.

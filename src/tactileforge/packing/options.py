@@ -20,8 +20,9 @@ class Filter:
     """Which frames are kept; all of them unless something is given.
 
     Attributes:
-        laplacian: A frame is lively from this `filters.laplacian_score` on; frames that share no clip with a
-            lively one are left out. One number, or one by sensor (others are not filtered).
+        laplacian: A frame is lively from this `filters.laplacian_score` on; frames that share no
+            clip with a lively one are left out. One number, or one by sensor (others
+            are not filtered).
         every: Seconds between frames that are kept; sampled first.
         span: Length of a clip of four frames, s; see `filters.reach`.
 

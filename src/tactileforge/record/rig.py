@@ -37,7 +37,8 @@ class RigSensor:
         name: The key of its recordings.
         sensor: The sensor.
         capture: The thread that reads it.
-        keeps: What it gives during a take: `FrameQueue` of a camera or array, `WrenchBuffer` of a wrench.
+        keeps: What it gives during a take: `FrameQueue` of a camera or array, `WrenchBuffer` of a
+            wrench.
         background: Encoded frames without contact.
         rest: float64 (6,), the wrench without contact.
         seen: Frames for the next background; None while none is taken.

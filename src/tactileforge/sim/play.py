@@ -41,7 +41,8 @@ class SimFrames:
         pictures: uint8 (K, H, W, 3), RGB.
         force: float32 (K, 3), N.
         torque: float32 (K,), N mm.
-        surface: uint8 (K, h, w, 3), how the gel's surface is displaced, see `displacement.encode_displacement`.
+        surface: uint8 (K, h, w, 3), how the gel's surface is displaced, see
+            `displacement.encode_displacement`.
     """
 
     scene: int

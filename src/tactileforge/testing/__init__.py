@@ -90,7 +90,7 @@ def _subject(
             f"checks build {kind} anew: give check() the class {type(plugin).__name__} and its "
             "options, not an instance"
         )
-    found = type(plugin) if instance is not None else plugin
-    target = f"{found.__module__}:{found.__qualname__}"
+    cls = type(plugin) if instance is not None else plugin
+    target = f"{cls.__module__}:{cls.__qualname__}"
     installed = (p.name for p in registry.list_plugins() if (p.kind, p.target) == (kind, target))
-    return CheckSubject(kind, found, next(installed, ""), options, instance, head)
+    return CheckSubject(kind, cls, next(installed, ""), options, instance, head)

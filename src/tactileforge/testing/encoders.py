@@ -53,7 +53,7 @@ def _call(encoder: Any, size: int) -> list[Tensor]:
 
 
 def declared_sizes_are_true(subject: CheckSubject) -> None:
-    """What an encoder says of its shapes is what comes out."""
+    """Shapes that an encoder declares are those that come out."""
     encoder = _build(subject)
     out = _call(encoder, 4)
     require(finite(out), "not every output is finite")
@@ -104,9 +104,9 @@ def batch_of_one_equals_a_row(subject: CheckSubject) -> None:
     """A sample does not depend on its neighbours."""
     encoder = _build(subject)
     inputs = _inputs(encoder, 4)
-    one = tuple(rows_of({"x": value}, slice(1))["x"] for value in inputs)
+    first_row = tuple(rows_of({"x": value}, slice(1))["x"] for value in inputs)
     with torch.no_grad():
-        require_row(leaves(encoder(*inputs)), leaves(encoder(*one)))
+        require_row(leaves(encoder(*inputs)), leaves(encoder(*first_row)))
 
 
 def torch_export_matches(subject: CheckSubject) -> None:

@@ -58,12 +58,12 @@ def _plain(value: Any) -> bool:
 
 def constructing_does_no_io(subject: CheckSubject) -> None:
     """Files, devices, processes and threads wait until they are asked for."""
-    given = small_context() if subject.kind in ("heads", "objectives") else {}
+    context = small_context() if subject.kind in ("heads", "objectives") else {}
     if subject.instance is not None:
         raise Skip("an instance was given; give the class and its options to check this")
     handles, threads = _handles(), threading.active_count()
     with _watched() as events:
-        built = subject.build(**given)
+        built = subject.build(**context)
     require(not events, f"the constructor does I/O: {'; '.join(events[:3])}")
     require(_handles() <= handles, "the constructor leaves a file or device open")
     require(threading.active_count() <= threads, "the constructor leaves a thread running")
@@ -131,11 +131,11 @@ def module_imports_no_vendor_sdk(subject: CheckSubject) -> None:
                 allowed = allowed | _closure(plugin.distribution)
     parts = module.split(".")
     seen: set[str] = set()
-    found = [_imports(".".join(parts[:i]), seen) for i in range(1, len(parts) + 1)]
+    imports = [_imports(".".join(parts[:i]), seen) for i in range(1, len(parts) + 1)]
     if not seen:
         raise Skip(f"no source of module {module!r} to read")
     owners = packages_distributions()
-    for name in sorted(set().union(*found) - sys.stdlib_module_names - {root, "tactileforge"}):
+    for name in sorted(set().union(*imports) - sys.stdlib_module_names - {root, "tactileforge"}):
         fine = any(_canonical(owner) in allowed for owner in owners.get(name, ()))
         require(fine, f"{module} imports {name!r} at top level: import it where it is used")
 
@@ -150,12 +150,12 @@ def _imports(module: str, seen: set[str]) -> set[str]:
         return set()
     seen.add(module)
     root = module.partition(".")[0]
-    found = set()
+    names = set()
     tree = ast.parse(Path(spec.origin).read_text("utf-8"))
     for name in _top_level(tree.body, spec.parent or ""):
         top = name.partition(".")[0]
-        found |= _imports(name, seen) if top == root else {top}
-    return found
+        names |= _imports(name, seen) if top == root else {top}
+    return names
 
 
 def _top_level(nodes: Iterable[ast.AST], package: str) -> Iterator[str]:

@@ -31,18 +31,18 @@ def _predict(head: Any, views: FrozenViews, made: Batch) -> list[Tensor]:
 
 def _parts(subject: CheckSubject, seed: int = 0) -> tuple[Any, FrozenViews, Batch]:
     """A head in eval mode, and four samples for it."""
-    given = small_context()
+    context = small_context()
     made = batch(4)
-    views = views_of(given["encoder"], made)
+    views = views_of(context["encoder"], made)
     return subject.build(**small_context(seed)).eval(), views, made
 
 
 def sizes_follow_the_encoder(subject: CheckSubject) -> None:
     """A head takes its sizes from the encoder: it works with more frames and a finer grid."""
     for frames, image in ((4, 32), (6, 48)):
-        given = small_context(frames=frames, image=image)
+        context = small_context(frames=frames, image=image)
         made = batch(4, frames, image)
-        out = _predict(subject.build(**given).eval(), views_of(given["encoder"], made), made)
+        out = _predict(subject.build(**context).eval(), views_of(context["encoder"], made), made)
         require(bool(out), "the prediction has no tensor")
         require(finite(out), f"the prediction of {frames} frames of {image} pixels is not finite")
 
@@ -58,8 +58,8 @@ def eval_is_deterministic(subject: CheckSubject) -> None:
 def batch_of_one_equals_a_row(subject: CheckSubject) -> None:
     """A sample's prediction does not depend on its neighbours."""
     head, views, made = _parts(subject)
-    one = _predict(head, views.rows(slice(1)), rows_of(made, slice(1)))
-    require_row(_predict(head, views, made), one)
+    first_row = _predict(head, views.rows(slice(1)), rows_of(made, slice(1)))
+    require_row(_predict(head, views, made), first_row)
 
 
 class _OfTensors(nn.Module):

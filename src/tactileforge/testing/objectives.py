@@ -35,12 +35,12 @@ class _Parts:
 
 
 def _parts(subject: CheckSubject) -> _Parts:
-    given = small_context()
+    context = small_context()
     if subject.head is None:
-        head = registry.build("heads", {"name": subject.plugin.head}, **given)
+        head = registry.build("heads", {"name": subject.plugin.head}, **context)
     else:
-        head = construct(subject.head, {}, given)
-    return _Parts(given["encoder"], head, subject.build(**given))
+        head = construct(subject.head, {}, context)
+    return _Parts(context["encoder"], head, subject.build(**context))
 
 
 def head_and_needs_are_declared(subject: CheckSubject) -> None:
@@ -68,7 +68,7 @@ def every_own_parameter_gets_gradient(subject: CheckSubject) -> None:
     """Of head and objective; three steps, as a layer may start at zero and hide those before it."""
     parts = _parts(subject)
     shared = {id(parameter) for parameter in parts.encoder.parameters()}
-    own = {
+    parameters = {
         name: parameter
         for part in (parts.head, parts.objective)
         for name, parameter in part.named_parameters(type(part).__name__)
@@ -79,9 +79,9 @@ def every_own_parameter_gets_gradient(subject: CheckSubject) -> None:
     for _ in range(3):
         optimizer.zero_grad()
         torch.autograd.backward(parts(batch())[0])
-        reached |= {n for n, p in own.items() if p.grad is not None and bool(p.grad.any())}
+        reached |= {n for n, p in parameters.items() if p.grad is not None and bool(p.grad.any())}
         optimizer.step()
-    idle = sorted(set(own) - reached)
+    idle = sorted(set(parameters) - reached)
     require(not idle, f"no gradient reaches {', '.join(idle)}")
 
 

@@ -1,4 +1,4 @@
-"""What a check is, what it is made on, and what it says."""
+"""Checks, their subjects and their results."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tactileforge import registry
 
 @dataclass(frozen=True)
 class CheckResult:
-    """What one check says.
+    """Result of one check.
 
     Attributes:
         name: The check, in words.

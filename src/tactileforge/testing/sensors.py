@@ -49,11 +49,11 @@ def spec_is_a_sensor_spec(subject: CheckSubject) -> None:
 
 def discover_with_nothing_attached_gives_nothing(subject: CheckSubject) -> None:
     """An empty list, not an error."""
-    found = subject.build().discover()
-    good = isinstance(found, list) and all(isinstance(address, str) for address in found)
-    require(good, f"discover() gives {found!r}, not a list of addresses")
-    if found:
-        raise Skip(f"attached: {', '.join(found)}")
+    addresses = subject.build().discover()
+    good = isinstance(addresses, list) and all(isinstance(address, str) for address in addresses)
+    require(good, f"discover() gives {addresses!r}, not a list of addresses")
+    if addresses:
+        raise Skip(f"attached: {', '.join(addresses)}")
 
 
 def read_before_open_raises(subject: CheckSubject) -> None:

@@ -175,10 +175,10 @@ class Clips(Dataset[dict[str, Any]]):
 
     def _background(self, number: int) -> NDArray[np.uint8]:
         recording = self.recordings[number]
-        found = self._cache.get(("background", number))
-        if found is None:
+        background = self._cache.get(("background", number))
+        if background is None:
             if recording.no_contact is None:
-                found = np.full((*self.size, 3), NEUTRAL_BACKGROUND, np.uint8)
+                background = np.full((*self.size, 3), NEUTRAL_BACKGROUND, np.uint8)
             else:
                 if recording.no_contact.shape != recording.frames.shape:
                     raise DataError(
@@ -186,10 +186,10 @@ class Clips(Dataset[dict[str, Any]]):
                         f"frames are {recording.frames.shape}; give a background of the same size"
                     )
                 still = recording.no_contact.read(range(len(recording.no_contact)))
-                one = still[0] if len(still) == 1 else np.median(still, axis=0).astype(np.uint8)
-                found = resize_frame(one, self.size)
-            self._cache.put(("background", number), found)
-        return found
+                median = still[0] if len(still) == 1 else np.median(still, axis=0).astype(np.uint8)
+                background = resize_frame(median, self.size)
+            self._cache.put(("background", number), background)
+        return background
 
     def _frames(
         self, key: tuple[str, int], frames: Frames, rows: Sequence[int], size: tuple[int, int]
@@ -242,7 +242,7 @@ def _ends(
 
 
 def _view(recording: Recording, row: int) -> int:
-    """Which camera view belongs to a frame."""
+    """Index of the camera image that belongs to a frame."""
     assert recording.image is not None
     if recording.image_times is None:
         return row * len(recording.image) // len(recording.frames)

@@ -38,12 +38,12 @@ _SAMPLE = 256
 class Loader(DataLoader[Batch]):
     """A loader that a run can resume from at any step.
 
-    Its place is that of the run (see `stream.BatchIndexSampler`); what it keeps is what may not change in
-    between.
+    Its place is that of the run (see `stream.BatchIndexSampler`); what it keeps is what may not
+    change in between.
     """
 
     def state_dict(self) -> dict[str, Any]:
-        """What the batches depend on."""
+        """Facts that the batches depend on; a resumed run must have the same."""
         stream = self.dataset
         assert isinstance(stream, Stream)
         state = {
@@ -127,21 +127,21 @@ class TouchData(L.LightningDataModule):
 
     @property
     def skipped(self) -> Skipped:
-        """What could not be indexed."""
+        """Recordings that could not be indexed or read, with their counts."""
         return {line: (line, 1) for line in self.dataset.skipped} | self._bad
 
     @property
     def allowed(self) -> int:
-        """How many recordings may be unreadable before a run stops."""
+        """Number of recordings that may be unreadable before a run stops."""
         total = sum(self.summary(split).recordings for split in self.sources)
         return max(1, int(self.max_bad * total))
 
     def summary(self, split: str) -> Summary:
-        """What a split holds."""
-        found = Summary()
+        """Counts of a split."""
+        total = Summary()
         for source in self.sources.get(split, ()):
-            found.merge(source.summary)
-        return found
+            total.merge(source.summary)
+        return total
 
     def setup(self, stage: str = "fit") -> None:
         """Indexes the recordings; decodes nothing.
@@ -158,10 +158,10 @@ class TouchData(L.LightningDataModule):
         sample: list[Recording] = []
         for number, source in enumerate(self.sources["train"]):
             is_whole = len(source.parts) == 1 or source.summary.recordings <= self.window
-            found = source.open(_first(source, None if is_whole else _SAMPLE), self._note)
-            sample += found
+            recordings = source.open(_first(source, None if is_whole else _SAMPLE), self._note)
+            sample += recordings
             if is_whole:
-                self._whole[number] = self._clips(found)
+                self._whole[number] = self._clips(recordings)
         alone = len(self.sources["train"]) == 1 and self._whole
         self.train = self._whole[0] if alone else self._clips(sample)
         if self.match and not Pairs(*self.train.labels()):

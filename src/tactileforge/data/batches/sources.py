@@ -1,4 +1,4 @@
-"""Where a stream's recordings come from: sources, each in parts that are opened as a whole."""
+"""Sources of recordings, each in parts that are opened as a whole."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ class Part(Protocol):
 
     @property
     def recordings(self) -> int:
-        """How many there are."""
+        """Number of recordings."""
         ...
 
     @property
     def seconds(self) -> float:
-        """How long they last together."""
+        """Total duration, s."""
         ...
 
     def open(self, bad: Bad) -> Iterable[Recording]:
@@ -51,14 +51,18 @@ class Source:
 
     def open(self, which: Iterable[int], bad: Bad) -> list[Recording]:
         """The recordings of some parts, in the order of `index.sort_key`; one key comes once."""
-        found: dict[str, Recording] = {}
+        by_key: dict[str, Recording] = {}
         for number in which:
-            for one in self.parts[number].open(bad):
-                if one.key in found:
-                    bad(f"{one.key}: two recordings of {self.name or 'the data'} have this key", 1)
+            for recording in self.parts[number].open(bad):
+                if recording.key in by_key:
+                    bad(
+                        f"{recording.key}: two recordings of {self.name or 'the data'} have this "
+                        "key",
+                        1,
+                    )
                 else:
-                    found[one.key] = one
-        return sort_recordings(found.values())
+                    by_key[recording.key] = recording
+        return sort_recordings(by_key.values())
 
 
 @runtime_checkable
@@ -79,7 +83,7 @@ class InMemory:
 
     @property
     def recordings(self) -> int:
-        """How many there are."""
+        """Number of recordings."""
         return len(self.content)
 
     def open(self, bad: Bad) -> Sequence[Recording]:

@@ -27,7 +27,7 @@ _MAX_EMPTY = 20
 
 @dataclass(frozen=True)
 class WorkerId:
-    """Who reads: one worker of one rank.
+    """One worker of one rank.
 
     Attributes:
         rank: The process.
@@ -42,7 +42,7 @@ class WorkerId:
 
 @dataclass(frozen=True)
 class SourceDraw:
-    """What a batch takes from one source: the clips at hand, and which of them, in order."""
+    """Clips of one source in a batch: those at hand, and the rows drawn, in order."""
 
     clips: Clips
     rows: NDArray[np.int64]
@@ -71,7 +71,7 @@ class FullSource:
         return len(self.clips)
 
     def draw(self, number: int, reader: WorkerId, bad: Bad) -> SourceDraw:
-        """What batch ``number`` of a reader's rank takes."""
+        """Draws the clips of batch ``number`` for a reader's rank."""
         first = (number * reader.world + reader.rank) * self.count
         passes, rows = divmod(np.arange(first, first + self.count), len(self.clips))
         for old in set(self._orders) - set(passes.tolist()):
@@ -128,7 +128,7 @@ class WindowedSource:
         return float(self.clips.sum())
 
     def draw(self, number: int, reader: WorkerId, bad: Bad) -> SourceDraw:
-        """What batch ``number`` of a reader's rank takes."""
+        """Draws the clips of batch ``number`` for a reader's rank."""
         turn, worker = divmod(number, reader.workers)
         mine = (reader.rank * reader.workers + worker, reader.world * reader.workers)
         passed, place, done = self._place(turn, mine)
@@ -161,9 +161,11 @@ class WindowedSource:
                 self._schedules.pop(next(iter(self._schedules)))
             order = np.random.default_rng([*self.seed, passed]).permutation(len(self.recordings))
             # with fewer parts than readers, some readers share a part
-            own = order[reader::readers] if len(order) >= readers else order[[reader % len(order)]]
-            before = np.cumsum(self.recordings[own]) - self.recordings[own]
-            groups = np.split(own, np.flatnonzero(np.diff(before // self.window)) + 1)
+            parts = (
+                order[reader::readers] if len(order) >= readers else order[[reader % len(order)]]
+            )
+            before = np.cumsum(self.recordings[parts]) - self.recordings[parts]
+            groups = np.split(parts, np.flatnonzero(np.diff(before // self.window)) + 1)
             self._schedules[key] = [
                 (max(1, round(self.clips[g].sum() / self.count)), g.tolist()) for g in groups
             ]
@@ -176,9 +178,9 @@ class WindowedSource:
             self._held = None  # the old one is let go before the new one is opened
             wanted = list(parts)
             for _ in range(_MAX_EMPTY):
-                found = self.source.open(wanted, bad)
-                if found:
-                    self._held = key, self.cut(found)
+                recordings = self.source.open(wanted, bad)
+                if recordings:
+                    self._held = key, self.cut(recordings)
                     break
                 wanted = [(wanted[-1] + 1) % len(self.source.parts)]
             else:
@@ -239,7 +241,7 @@ class Stream(Dataset[Batch]):
         return batch
 
     def items(self, number: int) -> list[list[Item]]:
-        """Which clips batch ``number`` takes from each source, with their groups."""
+        """Clips of batch ``number`` by source, with their groups."""
         draws = [track.draw(number, self.reader, self._note) for track in self.tracks]
         return self._items(number, draws)
 
@@ -256,17 +258,17 @@ class Stream(Dataset[Batch]):
             for clip, group in drawn:
                 track = int(np.searchsorted(bounds, clip, side="right")) - 1
                 items[track].append((clip - int(bounds[track]), group))
-        for own, draw in zip(items, draws, strict=True):
-            own += [(int(row), -1) for row in draw.rows]
+        for source_items, draw in zip(items, draws, strict=True):
+            source_items += [(int(row), -1) for row in draw.rows]
         return items
 
     def _pairs_of(self, clips: Sequence[Clips]) -> Pairs:
-        held = self._pairs
-        if held is None or any(a is not b for a, b in zip(held[0], clips, strict=True)):
+        cached = self._pairs
+        if cached is None or any(a is not b for a, b in zip(cached[0], clips, strict=True)):
             labels = zip(*(each.labels() for each in clips), strict=True)
             objects, sensors, actions = (np.concatenate(column) for column in labels)
-            self._pairs = held = list(clips), Pairs(objects, sensors, actions)
-        return held[1]
+            self._pairs = cached = list(clips), Pairs(objects, sensors, actions)
+        return cached[1]
 
     def _note(self, line: str, count: int) -> None:
         self._bad[line] = line, count

@@ -1,4 +1,4 @@
-"""Frames of which a part may be shown; shared by videos and images."""
+"""Crops: frames of which a part may be shown; shared by videos and images."""
 
 from __future__ import annotations
 

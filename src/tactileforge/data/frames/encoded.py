@@ -40,12 +40,12 @@ class Blob:
         try:
             with open(self.path, "rb") as file:
                 file.seek(self.offset)
-                found = file.read(self.size)
+                content = file.read(self.size)
         except OSError as error:
             raise DataError(f"{self.path}: cannot be read: {error}") from error
-        if len(found) != self.size:
+        if len(content) != self.size:
             raise DataError(f"{self.path}: has become shorter; download it again")
-        return found
+        return content
 
 
 class EncodedFrames:

@@ -158,14 +158,14 @@ class PackedFrames:
         return picture
 
     def _decoded(self, picture: bytes, i: int) -> NDArray[np.uint8]:
-        found = self.shape
+        shape = self.shape
         try:
-            found = image_size(picture)  # before anything of that size is allocated
+            shape = image_size(picture)  # before anything of that size is allocated
         except (OSError, ValueError, SyntaxError) as error:
             raise DataError(f"{self.name}, {self.group} {i}: no picture ({error})") from error
-        if found != self.shape:
+        if shape != self.shape:
             raise DataError(
-                f"{self.name}, {self.group} {i}: {size_text(found)} pixels, where "
+                f"{self.name}, {self.group} {i}: {size_text(shape)} pixels, where "
                 f"{size_text(self.shape)} are stated; pack it again"
             )
         frame = cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR_RGB)

@@ -1,4 +1,4 @@
-"""Displacement of a gel's surface as a small image: red, green and blue are x, y and z.
+"""Displacement field (3-D optical flow) of a gel's surface as a small image: RGB is x, y, z.
 
 As in drawn taxels, 128 stands for none. The other values follow the square root, so that the weak
 slope around a contact is told from noise, and the deepest dent still fits.

@@ -51,8 +51,8 @@ class ShardFolder:
             if not self.remote:
                 return (self.path / name).read_bytes()
             with _open(f"{self.root}/{name}") as stream:
-                found: bytes = stream.read()
-                return found
+                content: bytes = stream.read()
+                return content
         except _UNREACHABLE as error:
             raise DataError(f"{self.root}/{name}: cannot be read ({error})") from error
 
@@ -85,8 +85,8 @@ class ShardFolder:
     def _is(self, path: Path, sha256: str) -> bool:
         """Whether a file has a checksum; each state of a file is read once in a process."""
         try:
-            found = path.stat()
-            state = (str(path), found.st_ino, found.st_size, found.st_mtime_ns, sha256)
+            status = path.stat()
+            state = (str(path), status.st_ino, status.st_size, status.st_mtime_ns, sha256)
             if state not in _CHECKED:
                 with path.open("rb") as file:
                     if hashlib.file_digest(file, "sha256").hexdigest() != sha256:
@@ -100,18 +100,18 @@ class ShardFolder:
         path.parent.mkdir(parents=True, exist_ok=True)
         self._make_room(size)
         part = path.with_name(f"{path.name}.{os.getpid()}.part")
-        digest, held = hashlib.sha256(), 0
+        digest, received = hashlib.sha256(), 0
         url = f"{self.root}/{path.name}"
         try:
             with _open(url) as stream, part.open("wb") as out:
                 while chunk := stream.read(_CHUNK):
                     digest.update(chunk)
-                    held += len(chunk)
+                    received += len(chunk)
                     out.write(chunk)
             if digest.hexdigest() != sha256:
                 raise DataError(
-                    f"{url}: {held} bytes with SHA-256 {digest.hexdigest()[:12]}..., but the index "
-                    f"says {size} with {sha256[:12]}...; upload the shard again"
+                    f"{url}: {received} bytes with SHA-256 {digest.hexdigest()[:12]}..., but the "
+                    f"index says {size} with {sha256[:12]}...; upload the shard again"
                 )
             part.replace(path)
         except _UNREACHABLE as error:
@@ -122,9 +122,9 @@ class ShardFolder:
     def _make_room(self, size: int) -> None:
         if self.cache_gb is None:
             return
-        held = sorted(self.path.glob("*.tar"), key=lambda path: path.stat().st_atime)
-        total = sum(path.stat().st_size for path in held) + size
-        for path in held:
+        cached = sorted(self.path.glob("*.tar"), key=lambda path: path.stat().st_atime)
+        total = sum(path.stat().st_size for path in cached) + size
+        for path in cached:
             if total <= self.cache_gb * 1e9:
                 break
             total -= path.stat().st_size

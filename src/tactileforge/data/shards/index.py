@@ -147,7 +147,7 @@ def parse_index(text: str | bytes, where: str) -> Index:
             str(split): [IndexEntry.from_json(row) for row in rows]
             for split, rows in plain["splits"].items()
         }
-        found = Index(
+        index = Index(
             name=str(plain["name"]),
             splits=splits,
             sorted=bool(plain["sorted"]),
@@ -156,24 +156,24 @@ def parse_index(text: str | bytes, where: str) -> Index:
         )
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise DataError(f"{where}: no index of shards ({error!r}); pack the data again") from error
-    _check_apart(found, where)
-    return found
+    _check_apart(index, where)
+    return index
 
 
 def _check_apart(index: Index, where: str) -> None:
     for entries in index.splits.values():
-        held = sorted((e for e in entries if e.first), key=lambda e: (e.first, e.last))
-        for one, other in pairwise(held):
-            overlaps = index.sorted and other.first <= one.last
-            if overlaps or one.sha256 == other.sha256 or one.file == other.file:
+        ordered = sorted((e for e in entries if e.first), key=lambda e: (e.first, e.last))
+        for entry, other in pairwise(ordered):
+            overlaps = index.sorted and other.first <= entry.last
+            if overlaps or entry.sha256 == other.sha256 or entry.file == other.file:
                 raise DataError(
-                    f"{where}: {one.file} and {other.file} hold recordings of one key; remove one "
-                    "of them and pack again"
+                    f"{where}: {entry.file} and {other.file} hold recordings of one key; remove "
+                    "one of them and pack again"
                 )
 
 
 def sort_key(object: str | None, key: str) -> str:
-    """Where a recording stands among others, 32 hexadecimal digits.
+    """Key by which recordings are ordered, 32 hexadecimal digits.
 
     What one object felt stands together, and objects stand in an order that says nothing about
     them: a part of the whole is a fair sample of it, and pairs lie in one shard.
@@ -184,7 +184,7 @@ def sort_key(object: str | None, key: str) -> str:
 
 def sort_recordings(recordings: Iterable[Recording]) -> list[Recording]:
     """Recordings in the order of `sort_key`."""
-    return sorted(recordings, key=lambda one: sort_key(one.object, one.key))
+    return sorted(recordings, key=lambda recording: sort_key(recording.object, recording.key))
 
 
 def _digest(text: str) -> str:

@@ -38,7 +38,7 @@ class Tile:
 
 @dataclass(frozen=True)
 class BackgroundRule:
-    """Which frames are without contact: those of a file, or some of the recording.
+    """Frames without contact: those of a file, or some of the recording.
 
     Attributes:
         file: An image, or a video of which ``first`` or ``last`` says which frames.
@@ -154,14 +154,14 @@ def parse_layout(name: str, config: Any) -> DatasetLayout:
         split=split,
         provides=frozenset(
             key
-            for key, given in {
+            for key, value in {
                 "force": force is not None,
                 "action": action is not None,
                 "object": node.has("object"),
                 "text": bool(text),
                 "image": node.has("image"),
             }.items()
-            if given
+            if value
         ),
     )
     labels.close()
@@ -195,8 +195,8 @@ def _files(node: Node) -> tuple[tuple[str, ...], str]:
 
 
 def _patterns(node: Node, key: str) -> tuple[str, ...]:
-    given = node.take(key, (str, list))
-    return (given,) if isinstance(given, str) else tuple(map(str, given))
+    patterns = node.take(key, (str, list))
+    return (patterns,) if isinstance(patterns, str) else tuple(map(str, patterns))
 
 
 def _sensors(node: Node) -> tuple[str | None, dict[str, Tile]]:
@@ -205,8 +205,8 @@ def _sensors(node: Node) -> tuple[str | None, dict[str, Tile]]:
     for name, value in node.take("crops", dict, {}).items():
         tile = Node(value, f"{node.where}, crops.{name}")
         left, top, width, height = (int(v) for v in tile.numbers("box", 4))
-        own = tile.take("sensor", str, sensor) or tile.need("sensor", str, "digit")
-        crops[str(name)] = Tile((left, top, width, height), own)
+        tile_sensor = tile.take("sensor", str, sensor) or tile.need("sensor", str, "digit")
+        crops[str(name)] = Tile((left, top, width, height), tile_sensor)
         tile.close()
     if not crops:
         sensor = node.need("sensor", str, "digit")
@@ -229,21 +229,21 @@ def _background(node: Node) -> BackgroundRule | None:
     if value == "none":
         return None
     inner = Node(value, f"{node.where}, background")
-    found = BackgroundRule(
+    rule = BackgroundRule(
         inner.take("file", str),
         inner.take("first", int, 0),
         inner.take("last", int, 0),
         inner.take("median", bool, False),
     )
     inner.close()
-    chosen = sum([found.first > 0, found.last > 0, found.median])
-    allowed = chosen <= 1 and not found.median if found.file else chosen == 1
-    if not allowed or min(found.first, found.last) < 0:
+    chosen = sum([rule.first > 0, rule.last > 0, rule.median])
+    allowed = chosen <= 1 and not rule.median if rule.file else chosen == 1
+    if not allowed or min(rule.first, rule.last) < 0:
         raise ConfigError(
             f"{inner.where}: {dict(value)} must be one of {{file: background.png}}, {{first: 3}}, "
             "{last: 3}, {median: true}, or none"
         )
-    return found
+    return rule
 
 
 def _words(node: Node) -> dict[str, dict[str, str]]:
@@ -260,8 +260,8 @@ def _force(node: Node) -> FrameTable | None:
     names = inner.need("columns", list, "[fx, fy, fz]")
     if len(names) != 3:
         raise ConfigError(f"{inner.where}: columns are those of x, y and z, not {names}")
-    given = [name for name in names if name is not None]
-    if not given or len(set(given)) < len(given):
+    columns = [name for name in names if name is not None]
+    if not columns or len(set(columns)) < len(columns):
         raise ConfigError(
             f"{inner.where}: columns are {names}; give each axis a column of its own, and null to "
             "an axis that was not measured: [null, null, fz]"
@@ -278,7 +278,7 @@ def _force(node: Node) -> FrameTable | None:
 
 
 def _action(node: Node, has_force: bool) -> str | FrameTable | tuple[ActionRange, ...] | None:
-    """Where actions come from; ``force`` stands for the forces themselves."""
+    """Reads the origin of actions; ``force`` stands for the forces themselves."""
     value = node.take("action", (str, dict, list), "force" if has_force else "none")
     where = f"{node.where}, action"
     if isinstance(value, list):

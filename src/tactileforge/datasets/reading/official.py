@@ -10,7 +10,7 @@ _NONE: frozenset[str] = frozenset()
 
 @dataclass(frozen=True)
 class OfficialSplit:
-    """Which recordings are for training, validation and test, by one fact that is known of each.
+    """Training, validation and test recordings, by one fact that is known of each.
 
     Attributes:
         name: What users write.

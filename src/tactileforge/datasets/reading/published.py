@@ -1,4 +1,4 @@
-"""What the readers of published data sets have in common."""
+"""Base of the readers of published data sets."""
 
 from __future__ import annotations
 
@@ -202,12 +202,12 @@ class NumberedImages:
     @cached_property
     def files(self) -> dict[int, Path]:
         """File by number, ascending; hidden files and other kinds are left out."""
-        found = {}
+        paths = {}
         for path in sorted(self.folder.iterdir()) if self.folder.is_dir() else ():
             wanted = path.suffix.lower() in _IMAGES and not path.name.startswith(".")
             if wanted and self.named.fullmatch(path.stem):
-                found[int(re.findall(r"\d+", path.stem)[-1])] = path
-        return dict(sorted(found.items()))
+                paths[int(re.findall(r"\d+", path.stem)[-1])] = path
+        return dict(sorted(paths.items()))
 
     def frames(self) -> ImageFrames:
         """All of them.
@@ -266,10 +266,10 @@ def still_background(path: Path, frames: Frames) -> ImageFrames | None:
     """
     if not path.is_file():
         return None
-    found = ImageFrames([path])
-    if found.shape != frames.shape:
+    background = ImageFrames([path])
+    if background.shape != frames.shape:
         raise DataError(
-            f"{path}: the background has {size_text(found.shape)} pixels, the frames "
+            f"{path}: the background has {size_text(background.shape)} pixels, the frames "
             f"{size_text(frames.shape)}; give a background of the same size, or remove it"
         )
-    return found
+    return background

@@ -184,21 +184,21 @@ class LayoutReader:
     def _action(
         self, touch: LayoutTouch, times: NDArray[np.float64], force: NDArray[np.float32] | None
     ) -> NDArray[np.int64] | None:
-        given = self.layout.action
-        if given is None:
+        action = self.layout.action
+        if action is None:
             return None
-        if given == "force" and force is not None:
+        if action == "force" and force is not None:
             return label_actions(times, force)
-        if isinstance(given, FrameTable):
-            return read_actions(given, self._path(given.file, touch), len(times))
+        if isinstance(action, FrameTable):
+            return read_actions(action, self._path(action.file, touch), len(times))
         actions = np.full(len(times), -1, np.int64)
-        if isinstance(given, str):
-            name = touch.row.fill(given)
+        if isinstance(action, str):
+            name = touch.row.fill(action)
             if name:
                 check_action(name, touch.row.where)
                 actions[:] = ACTIONS.index(name)
             return actions
-        for part in given:
+        for part in action:
             if not 0 <= part.start < part.stop <= len(times):
                 raise DataError(
                     f"{touch.paths[0]}: it has {len(times)} frames, but layout "
@@ -209,34 +209,35 @@ class LayoutReader:
 
     def _background(self, touch: LayoutTouch, frames: FileFrames) -> FileFrames | None:
         """The background file, opened once, if there is one."""
-        given = self.layout.background
-        if given is None or given.file is None:
+        rule = self.layout.background
+        if rule is None or rule.file is None:
             return None
-        path = self._path(given.file, touch)
+        path = self._path(rule.file, touch)
         if path not in self._backgrounds:
             self._backgrounds[path] = _open(path)
-        found = self._backgrounds[path]
-        if found.full_shape != frames.full_shape:
+        background = self._backgrounds[path]
+        if background.full_shape != frames.full_shape:
             raise DataError(
-                f"{path}: the background has {size_text(found.full_shape)} pixels, {touch.paths[0]} "
-                f"{size_text(frames.full_shape)}; give a background of the same size"
+                f"{path}: the background has {size_text(background.full_shape)} pixels, "
+                f"{touch.paths[0]} {size_text(frames.full_shape)}; give a background of the same "
+                "size"
             )
-        if isinstance(found, VideoFrames) and not given.first + given.last:
+        if isinstance(background, VideoFrames) and not rule.first + rule.last:
             raise DataError(f"{path}: a video as background: say which frames with first or last")
-        return found
+        return background
 
     def _no_contact(self, shown: FileFrames, file: FileFrames | None, box: Crop) -> Frames | None:
-        given = self.layout.background
-        if given is None:
+        rule = self.layout.background
+        if rule is None:
             return None
         base = file.crop(box) if file else shown
         count = len(base)
-        if given.median:
+        if rule.median:
             rows = np.unique(np.linspace(0, count - 1, _MEDIAN_FRAMES).round().astype(int)).tolist()
-        elif given.last:
-            rows = list(range(max(0, count - given.last), count))
+        elif rule.last:
+            rows = list(range(max(0, count - rule.last), count))
         else:
-            rows = list(range(min(count, given.first or count)))
+            rows = list(range(min(count, rule.first or count)))
         return FrameSubset(base, rows)
 
     def _camera(self, touch: LayoutTouch) -> Frames | None:
@@ -258,8 +259,8 @@ def _open(path: Path) -> FileFrames:
 
 def _matches(folder: Path, pattern: str) -> list[Path]:
     """Files that match, in natural order: 2 before 10."""
-    found = [path for path in folder.glob(pattern) if path.is_file()]
-    return sorted(found, key=lambda path: _natural(path.relative_to(folder)))
+    paths = [path for path in folder.glob(pattern) if path.is_file()]
+    return sorted(paths, key=lambda path: _natural(path.relative_to(folder)))
 
 
 def _natural(path: Path) -> list[list[tuple[str, int]]]:

@@ -42,12 +42,12 @@ class PickleFolder:
 
     @cached_property
     def labels(self) -> tuple[NDArray[np.bool_], Mapping[Any, Any]]:
-        """Which images are in contact, and the trajectories by number."""
+        """Contact of each image, and the trajectories by number."""
         path = self.folder / _LABELS
-        found = load_pickle(path)
+        content = load_pickle(path)
         try:
-            contact = np.asarray(found["in_contact"]).astype(bool).ravel()
-            trajectories = dict(found["trajectories"])
+            contact = np.asarray(content["in_contact"]).astype(bool).ravel()
+            trajectories = dict(content["trajectories"])
         except (KeyError, TypeError, ValueError) as error:
             raise DataError(
                 f"{path}: no in_contact and trajectories ({error!r}); download it again"
@@ -62,8 +62,8 @@ class PickleFolder:
 
     @cached_property
     def sign(self) -> float:
-        """What turns Fz into a force that is positive when pressing: a probe cannot pull."""
-        normal = [_force(one)[:, 2] for one in self.labels[1].values()]
+        """Sign that makes Fz positive when pressing: a probe cannot pull."""
+        normal = [_force(trajectory)[:, 2] for trajectory in self.labels[1].values()]
         return -1.0 if normal and np.mean(np.concatenate(normal)) < 0 else 1.0
 
     def frames(self, rows: NDArray[np.int64]) -> EncodedFrames:
@@ -92,7 +92,7 @@ def _force(trajectory: Mapping[str, Any]) -> NDArray[np.float32]:
 
 
 class SparshTrajectories(PublishedDataset):
-    """What ``sparsh_force`` and ``sparsh_slip`` have in common; see there."""
+    """Base of ``sparsh_force`` and ``sparsh_slip``; see there."""
 
     sensors = tuple(_FILES)
     tier = 1

@@ -1,4 +1,4 @@
-"""What is held out for validation."""
+"""Held-out validation parts."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unkno
 
 @dataclass(frozen=True)
 class LabelRow:
-    """What is known of one file.
+    """Labels of one file.
 
     Attributes:
         where: CSV and line, or the file itself where it has no row.
@@ -68,17 +68,17 @@ def read_labels(layout: DatasetLayout, folder: Path) -> dict[str, LabelRow]:
     if layout.labels is None:
         return {}
     path = folder / layout.labels
-    found: dict[str, LabelRow] = {}
+    rows: dict[str, LabelRow] = {}
     for where, cells in _read(path, [layout.key, *layout.words]):
         name = cells[layout.key]
-        if name in found:
-            raise DataError(f"{where}: {name!r} has a row already ({found[name].where})")
+        if name in rows:
+            raise DataError(f"{where}: {name!r} has a row already ({rows[name].where})")
         words = {
             column: _word(layout.words.get(column), value, f"{where}, column {column!r}")
             for column, value in cells.items()
         }
-        found[name] = LabelRow(where, cells, words | _names(name))
-    return found
+        rows[name] = LabelRow(where, cells, words | _names(name))
+    return rows
 
 
 def label_row(name: str, labels: Mapping[str, LabelRow]) -> LabelRow:

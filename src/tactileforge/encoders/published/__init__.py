@@ -77,7 +77,7 @@ class Converted:
 
     @property
     def report(self) -> str:
-        """What was taken and what was not, in words."""
+        """Tensors that were taken and those that were not, in words."""
         count = sum(tensor.numel() for tensor in self.state.values()) / 1e6
         options = self.encoder_config
         what = f"{options['size']}, {options['depth']} blocks, {options['frames']} frames"
@@ -96,7 +96,7 @@ class Converted:
 
 
 def recognise(state: State) -> WeightLayout:
-    """Which published layout a file has, by names and shapes of its tensors.
+    """Recognises the published layout of a file by names and shapes of its tensors.
 
     Args:
         state: See `read_tensors`.
@@ -104,8 +104,8 @@ def recognise(state: State) -> WeightLayout:
     Raises:
         ConfigError: None; lists the nearest layouts and what they lack.
     """
-    found = [(layout, *layout.locate(state)) for layout in LAYOUTS]
-    for layout, _, lost in found:
+    candidates = [(layout, *layout.locate(state)) for layout in LAYOUTS]
+    for layout, _, lost in candidates:
         if not lost:
             return layout
     if any("head.pooler.query_tokens" in key for key in state):
@@ -113,8 +113,8 @@ def recognise(state: State) -> WeightLayout:
             "this file holds a force head of AnyTouch 2 but no encoder: import "
             "checkpoint-4frames.pth, and read the head with published.force_head"
         )
-    found.sort(key=lambda row: len(row[2]) / len(row[0].marks))
-    near = "; ".join(f"{x.title} lacks {first_names(lost, 3)}" for x, _, lost in found[:3])
+    candidates.sort(key=lambda row: len(row[2]) / len(row[0].marks))
+    near = "; ".join(f"{x.title} lacks {first_names(lost, 3)}" for x, _, lost in candidates[:3])
     raise ConfigError(
         f"not a published touch encoder that can be imported: it has {first_names(sorted(state))}. "
         f"Nearest: {near}"
@@ -165,14 +165,14 @@ def convert(state: State, options: Mapping[str, Any] | None = None) -> Converted
 def _wrong(plan: ConversionPlan, made: dict[str, Tensor]) -> list[str]:
     """Tensors that the encoder lacks or has in another shape, and numbers that are none."""
     with torch.device("meta"):
-        own = _CLASSES[plan.encoder](**plan.options).state_dict()
-    wrong = [f"{key} is not filled" for key in own.keys() - made.keys()]
+        expected = _CLASSES[plan.encoder](**plan.options).state_dict()
+    wrong = [f"{key} is not filled" for key in expected.keys() - made.keys()]
     for key, tensor in made.items():
-        if key not in own:
+        if key not in expected:
             wrong.append(f"{key} is not in the encoder")
-        elif tensor.shape != own[key].shape:
+        elif tensor.shape != expected[key].shape:
             theirs = plan.keys[key]
-            wrong.append(f"{theirs} gives {tuple(tensor.shape)}, not {tuple(own[key].shape)}")
+            wrong.append(f"{theirs} gives {tuple(tensor.shape)}, not {tuple(expected[key].shape)}")
         elif not torch.isfinite(tensor).all():
             wrong.append(f"{plan.keys[key]} is not finite")
     return wrong
@@ -182,5 +182,7 @@ def _refuse(
     layout: WeightLayout, missing: list[str], unexpected: list[str], wrong: list[str]
 ) -> None:
     lists = {"missing": missing, "unexpected": unexpected, "shapes": wrong}
-    if told := [f"{what}: {first_names(sorted(names))}" for what, names in lists.items() if names]:
-        raise ConfigError(f"not a whole {layout.title} file; {'; '.join(told)}")
+    if problems := [
+        f"{what}: {first_names(sorted(names))}" for what, names in lists.items() if names
+    ]:
+        raise ConfigError(f"not a whole {layout.title} file; {'; '.join(problems)}")

@@ -124,7 +124,8 @@ def force_head(state: State) -> dict[str, Tensor]:
     if missing or unexpected:
         raise ConfigError(
             "not the force head of AnyTouch 2; missing: "
-            f"{first_names(missing) or 'nothing'}; unexpected: {first_names(unexpected) or 'nothing'}"
+            f"{first_names(missing) or 'nothing'}; "
+            f"unexpected: {first_names(unexpected) or 'nothing'}"
         )
     return gather_tensors(ConversionPlan("", {}, keys), theirs)
 

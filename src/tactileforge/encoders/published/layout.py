@@ -1,4 +1,4 @@
-"""What a published layout is, and how its tensors become ours: all of them, or an error."""
+"""Published layouts of weights, and their conversion to ours: all tensors, or an error."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Keys: TypeAlias = dict[str, str | tuple[str, ...]]
 
 @dataclass(frozen=True)
 class ConversionPlan:
-    """What one file becomes.
+    """Plan by which one file becomes an encoder.
 
     Attributes:
         encoder: Name of the encoder plugin.

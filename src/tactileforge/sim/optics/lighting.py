@@ -1,6 +1,7 @@
 """How the picture of a sensor answers to the surface of its gel: calibrations.
 
-Those that ship are fitted on real presses of balls (see `fit`); `lamp_calibration` makes one from lamps.
+Those that ship are fitted on real presses of balls (see `fit`); `lamp_calibration` makes one from
+lamps.
 """
 
 from __future__ import annotations
