@@ -116,7 +116,7 @@ def _pictures(
     area = (size > noise).mean((1, 2))
     peak = np.percentile(felt, 99, axis=(1, 2))
     rows, columns = (np.linspace(-1, 1, n) for n in size.shape[1:])
-    found = {
+    features = {
         "strength": felt.mean((1, 2)),
         "area": area,
         "peak": peak,
@@ -125,11 +125,11 @@ def _pictures(
         "strength_y": (felt * rows[:, None]).mean((1, 2)),
     }
     for number, colour in enumerate(_COLOURS):
-        one = change[..., number]
-        found[colour] = one.mean((1, 2))
-        found[f"{colour}_x"] = (one * columns).mean((1, 2))
-        found[f"{colour}_y"] = (one * rows[:, None]).mean((1, 2))
-    return found
+        channel = change[..., number]
+        features[colour] = channel.mean((1, 2))
+        features[f"{colour}_x"] = (channel * columns).mean((1, 2))
+        features[f"{colour}_y"] = (channel * rows[:, None]).mean((1, 2))
+    return features
 
 
 def _read_by(model: Model, recording: Recording) -> Iterator[dict[str, NDArray[np.float64]]]:
@@ -145,10 +145,10 @@ def _read_by(model: Model, recording: Recording) -> Iterator[dict[str, NDArray[n
         known, places = np.unique(rows, return_inverse=True)
         pictures = recording.frames.read(known.tolist())
         if model.recipe:  # trained here, on pictures of the size of its input
-            pictures = np.stack([resized(one, size) for one in pictures])
+            pictures = np.stack([resized(image, size) for image in pictures])
         clips = pictures[places.reshape(rows.shape)]
-        found = model.force_inputs(clips, rest, recording.sensor)
-        yield {name: one[:, -1].cpu().double().numpy() for name, one in found.items()}
+        inputs = model.force_inputs(clips, rest, recording.sensor)
+        yield {name: value[:, -1].cpu().double().numpy() for name, value in inputs.items()}
 
 
 def _taxels(frames: NDArray[np.uint8]) -> dict[str, NDArray[np.float64]]:

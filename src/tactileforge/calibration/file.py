@@ -164,11 +164,11 @@ class Calibration:
             raise ConfigError(
                 f"the forces of {self.sensor} {self.unit} were fitted to a model: give that model"
             )
-        found = of(recording, self.force.of, self.force.noise, model)
+        features = of(recording, self.force.of, self.force.noise, model)
         out = np.full((len(recording.frames), 3), np.nan, np.float32)
         for column, name in enumerate(AXES):
             if name in self.force.axes:
-                out[:, column] = self.force.axes[name](found)
+                out[:, column] = self.force.axes[name](features)
         return out
 
     def check(self, sensor: str, unit: str = "") -> None:
@@ -225,9 +225,9 @@ def labels(path: str | Path, sensor: str, unit: str = "") -> dict[str, str]:
         DataNotFoundError: There is no such file.
         ConfigError: It is wrong, or of another sensor.
     """
-    found = load(path)
-    found.check(sensor, unit)
-    return {LABEL: found.text()}
+    calibration = load(path)
+    calibration.check(sensor, unit)
+    return {LABEL: calibration.text()}
 
 
 def parse(text: str, where: str) -> Calibration:
@@ -255,7 +255,7 @@ def parse(text: str, where: str) -> Calibration:
     if scale is not None and not 0 < scale < math.inf:
         raise ConfigError(f"{where}: mm_per_pixel is {scale}, but must be above 0")
     light, force = node.take("light", dict), node.take("force", dict)
-    found = Calibration(
+    calibration = Calibration(
         sensor=node.need("sensor", str, "digit"),
         unit=node.take("unit", str, ""),
         made=node.take("made", str, ""),
@@ -265,7 +265,7 @@ def parse(text: str, where: str) -> Calibration:
         force=None if force is None else _force(Node(force, f"{where}, force")),
     )
     node.close()
-    return found
+    return calibration
 
 
 def _light(node: Node) -> Light:
@@ -281,7 +281,7 @@ def _light(node: Node) -> Light:
 
 def _force(node: Node) -> Force:
     axes = Node(node.need("axes", dict, "{z: {...}}"), f"{node.where}, axes")
-    found = Force(
+    force = Force(
         of=node.need("of", str, "pictures"),
         noise=_number(node, "noise"),
         lag=_number(node, "lag"),
@@ -294,15 +294,15 @@ def _force(node: Node) -> Force:
     )
     axes.close()
     node.close()
-    if not found.axes:
+    if not force.axes:
         raise ConfigError(f"{node.where}: axes is empty; give x, y or z")
-    return found
+    return force
 
 
 def _axis(node: Node) -> Axis:
     weights = Node(node.need("weights", dict, "{area: 12.5}"), f"{node.where}, weights")
     names = [str(name) for name in node.take("weights", dict)]
-    found = Axis(
+    axis = Axis(
         offset=_number(node, "offset"),
         weights={name: _number(weights, name) for name in names},
         rmse=_number(node, "rmse"),
@@ -311,7 +311,7 @@ def _axis(node: Node) -> Axis:
         before=_number(node, "before") if node.take("before", (int, float)) is not None else None,
     )
     node.close()
-    return found
+    return axis
 
 
 def _number(node: Node, key: str) -> float:

@@ -88,18 +88,18 @@ def fit(
         raise DataError(f"force {name}: it is {measured[0]:.3g} N throughout; press harder")
     best: Fit | None = None
     for names in _affordable(choices, len(measured)):
-        columns = np.stack([features[one][known] for one in names], 1)
+        columns = np.stack([features[column][known] for column in names], 1)
         for rcond in _RCONDS if len(names) > _MANY else (_RCOND,):
-            found = _fit(names, columns, measured, held, rcond)
-            if best is None or found.axis.rmse < best.axis.rmse:
-                best = found
+            candidate = _fit(names, columns, measured, held, rcond)
+            if best is None or candidate.axis.rmse < best.axis.rmse:
+                best = candidate
     assert best is not None
     return best if raw is None else _beside(best, features[raw][known])
 
 
-def _beside(found: Fit, raw: NDArray[np.float64]) -> Fit:
-    error = _short(float(np.sqrt(np.mean((raw - found.measured) ** 2))))
-    return replace(found, axis=replace(found.axis, before=error), before=raw)
+def _beside(fitted: Fit, raw: NDArray[np.float64]) -> Fit:
+    error = _short(float(np.sqrt(np.mean((raw - fitted.measured) ** 2))))
+    return replace(fitted, axis=replace(fitted.axis, before=error), before=raw)
 
 
 def _affordable(choices: Sequence[Sequence[str]], frames: int) -> Iterator[Sequence[str]]:
@@ -115,8 +115,8 @@ def _fit(
     rcond: float,
 ) -> Fit:
     predicted = np.empty_like(measured)
-    for one in np.unique(held):
-        out = held == one
+    for number in np.unique(held):
+        out = held == number
         offset, weights = _solved(columns[~out], measured[~out], rcond)
         predicted[out] = offset + columns[out] @ weights
     offset, weights = _solved(columns, measured, rcond)

@@ -12,24 +12,24 @@ from tactileforge.pages.images import figure
 from tactileforge.pages.page import Section, number, page, panel, panels, paragraph, table
 
 
-def render(found: Found) -> str:
+def render(result: Found) -> str:
     """The page, as HTML."""
-    one = found.calibration
-    title = f"Calibration of {one.sensor} {one.unit}".strip()
-    notes = "".join(f'<li class="bad">{escape(note)}</li>' for note in found.notes)
-    top = f"{paragraph(one.made, soft=True)}<ul class=verdict>{notes}</ul>"
-    parts = [_force(found)] if one.force is not None else []
-    parts += [_light(found)] if one.light is not None else []
-    return page(title, top, [*parts, _scale(found)])
+    calibration = result.calibration
+    title = f"Calibration of {calibration.sensor} {calibration.unit}".strip()
+    notes = "".join(f'<li class="bad">{escape(note)}</li>' for note in result.notes)
+    top = f"{paragraph(calibration.made, soft=True)}<ul class=verdict>{notes}</ul>"
+    parts = [_force(result)] if calibration.force is not None else []
+    parts += [_light(result)] if calibration.light is not None else []
+    return page(title, top, [*parts, _scale(result)])
 
 
-def _force(found: Found) -> Section:
-    force = found.calibration.force
+def _force(result: Found) -> Section:
+    force = result.calibration.force
     assert force is not None
     drawn = []
-    for name, one in found.fits.items():
-        drawn += [panel(f"Force {name}", _against(one, name))]
-        drawn += [panel(f"Error of {name}", _residual(one, name))]
+    for name, fit in result.fits.items():
+        drawn += [panel(f"Force {name}", _against(fit, name))]
+        drawn += [panel(f"Error of {name}", _residual(fit, name))]
     with_model = force.of == "head"
     rows = [
         (
@@ -38,7 +38,7 @@ def _force(found: Found) -> Section:
             number(axis.rmse),
             number(axis.r2),
             f"{number(axis.span[0])} to {number(axis.span[1])}",
-            str(len(found.fits[name].measured)),
+            str(len(result.fits[name].measured)),
             f"text|{_told(list(axis.weights))}",
         )
         for name, axis in force.axes.items()
@@ -94,30 +94,34 @@ def _dots(axes: object, fit: Fit, values: object) -> None:
         )
 
 
-def _light(found: Found) -> Section:
-    one = found.calibration
-    assert one.light is not None
+def _light(result: Found) -> Section:
+    calibration = result.calibration
+    assert calibration.light is not None
     rows = [
         (name, number(mean), number(factor))
         for name, mean, factor in zip(
-            ("red", "green", "blue"), one.light.colour, one.light.balance, strict=True
+            ("red", "green", "blue"),
+            calibration.light.colour,
+            calibration.light.balance,
+            strict=True,
         )
     ]
     shown = ""
-    if found.still is not None:
-        pictures = [found.still, one.balanced(found.still)]
+    if result.still is not None:
+        pictures = [result.still, calibration.balanced(result.still)]
         shown = figure(pictures, "background; the same in balanced colours", "background", 2)
     body = table("light-table", ("colour", "mean (grey levels)", "balance"), rows)
     return Section("light", "Light", body + panels([shown]))
 
 
-def _scale(found: Found) -> Section:
-    one = found.calibration
-    height, width = one.size
-    if one.mm_per_pixel is None:
-        return Section("scale", "Scale", paragraph(f"mm per pixel: {found.scale}."))
-    told = (
-        f"{one.mm_per_pixel:.4g} mm per pixel, from {found.scale}: the picture of {height} x "
-        f"{width} pixels shows {height * one.mm_per_pixel:.3g} x {width * one.mm_per_pixel:.3g} mm."
+def _scale(result: Found) -> Section:
+    calibration = result.calibration
+    height, width = calibration.size
+    if calibration.mm_per_pixel is None:
+        return Section("scale", "Scale", paragraph(f"mm per pixel: {result.scale}."))
+    scale = calibration.mm_per_pixel
+    text = (
+        f"{scale:.4g} mm per pixel, from {result.scale}: the image of {height} x {width} pixels "
+        f"shows {height * scale:.3g} x {width * scale:.3g} mm."
     )
-    return Section("scale", "Scale", paragraph(told))
+    return Section("scale", "Scale", paragraph(text))

@@ -41,14 +41,14 @@ def inspect(
     """
     if limit < 1:
         raise ConfigError(f"limit={limit}: look at 1 recording or more")
-    found = survey(dataset, limit, progress)
+    contents = survey(dataset, limit, progress)
     parts = [
-        sections.totals(found),
-        sections.sheets(found),
-        sections.strips(found),
-        sections.labels(found),
-        trouble.duplicates(found),
-        trouble.suspicious(found),
+        sections.totals(contents),
+        sections.sheets(contents),
+        sections.strips(contents),
+        sections.labels(contents),
+        trouble.duplicates(contents),
+        trouble.suspicious(contents),
     ]
-    write_text(path, page(f"Data set {name}", trouble.top(name, found), parts))
-    return found.findings
+    write_text(path, page(f"Data set {name}", trouble.top(name, contents), parts))
+    return contents.findings

@@ -71,8 +71,8 @@ def _stretches(
 
 def force_histogram(sensors: Sequence[Histogram], axis: str) -> str:
     """Shares of the frames of each sensor by force along one axis, on a logarithmic scale."""
-    widest = max(sensors, key=lambda one: one.reach)
-    counts = [one.over(widest.reach) for one in sensors]
+    widest = max(sensors, key=lambda sensor: sensor.reach)
+    counts = [sensor.over(widest.reach) for sensor in sensors]
     kept = np.flatnonzero(sum(counts))
     with drawing(4.2, 2.4) as (figure, axes):
         for i, own in enumerate(counts if len(kept) else []):

@@ -40,7 +40,7 @@ def similar(looks: Sequence[Look]) -> list[tuple[int, int, float]]:
         return []
     pictures = np.stack([looks[i].signature.ravel() for i in chosen])
     means = pictures.mean(axis=1)
-    found = []
+    pairs = []
     for place, i in enumerate(chosen):
         near = np.flatnonzero(np.abs(means[place + 1 :] - means[place]) < SIMILAR) + place + 1
         close = (np.abs(pictures[near] - pictures[place]) >= SIMILAR).mean(axis=1) < _ELSEWHERE
@@ -48,5 +48,5 @@ def similar(looks: Sequence[Look]) -> list[tuple[int, int, float]]:
             j = chosen[other]
             if looks[i].digest != looks[j].digest and looks[i].shape == looks[j].shape:
                 level = np.quantile(np.abs(pictures[other] - pictures[place]), 1 - _ELSEWHERE)
-                found.append((i, j, float(level)))
-    return sorted(found, key=lambda pair: pair[2])
+                pairs.append((i, j, float(level)))
+    return sorted(pairs, key=lambda pair: pair[2])

@@ -131,5 +131,5 @@ class Findings:
             ("pairs of recordings that are nearly the same", self.similar),
             ("keys that several recordings have", self.repeated),
         )
-        lines += [f"{len(found)} {words}" for words, found in counted if found]
+        lines += [f"{len(entries)} {words}" for words, entries in counted if entries]
         return "\n".join(lines)

@@ -130,13 +130,13 @@ def changes(recording: Recording, rows: Sequence[int]) -> NDArray[np.float64]:
         DataError: A frame cannot be decoded.
     """
     still = background_of(recording)
-    found = []
+    differences = []
     for chunk in _chunks(recording.frames, rows):
         for frame in chunk:
             small = shrunk(frame)
             still = small if still is None else still
-            found.append(float(np.abs(small - still).mean()))
-    return np.array(found)
+            differences.append(float(np.abs(small - still).mean()))
+    return np.array(differences)
 
 
 def background_of(recording: Recording) -> NDArray[np.float32] | None:

@@ -38,23 +38,23 @@ _OBJECTS = 30
 _SOURCES = 20
 
 
-def totals(found: Survey) -> Section:
+def totals(survey: Survey) -> Section:
     """Recordings, frames, time and labels of each sensor and split; where they come from."""
     shapes: dict[str, Counter[str]] = {}
-    for one in found.seen:
-        shape = shapes.setdefault(one.of.recording.sensor, Counter())
-        shape[as_text(one.look.shape)] += 1
+    for seen in survey.seen:
+        shape = shapes.setdefault(seen.of.recording.sensor, Counter())
+        shape[as_text(seen.look.shape)] += 1
     sizes = {sensor: [size for size, _ in shape.most_common()] for sensor, shape in shapes.items()}
     rows = [
         (f"{sensor}, {SPLIT_WORDS[split]}", *_row(total, sizes.get(sensor, [])))
-        for (split, sensor), total in sorted(found.tally.totals.items(), key=lambda row: row[0][1])
+        for (split, sensor), total in sorted(survey.tally.totals.items(), key=lambda row: row[0][1])
     ]
     head = ("Sensor", "recordings", "frames", "time", "Hz", "text|pixels", *LABELS, "background")
     note = "Under a label, and under background, the number of recordings that have it."
-    names, _ = found.tally.names.number("source")
+    names, _ = survey.tally.names.number("source")
     lines = [
         (source or "not given", f"text|{licence or 'not given'}", tier, f"{count:,}")
-        for source, licence, tier, count in sources(found.tally.names, _SOURCES)
+        for source, licence, tier, count in sources(survey.tally.names, _SOURCES)
     ]
     body = table("recordings", head, rows, note)
     body += table("sources", ("Source", "text|licence", "tier", "recordings"), lines)
@@ -77,11 +77,11 @@ def _row(total: Total, sizes: Sequence[str]) -> list[str]:
     ]
 
 
-def sheets(found: Survey) -> Section:
+def sheets(survey: Survey) -> Section:
     """For each sensor, the frame of largest contact of some recordings."""
     by_sensor: dict[str, list[Seen]] = {}
-    for one in found.seen:
-        by_sensor.setdefault(one.of.recording.sensor, []).append(one)
+    for item in survey.seen:
+        by_sensor.setdefault(item.of.recording.sensor, []).append(item)
     body = paragraph(
         "The frame that differs most from the background, and the difference around mid-grey, "
         "amplified; no difference where a recording has no background."
@@ -101,18 +101,18 @@ def grid(cards: Iterable[str], rem: float = 11) -> str:
     )
 
 
-def card(one: Seen, words: str = "") -> str:
+def card(seen: Seen, words: str = "") -> str:
     """The frame of largest contact, the difference, and the key or what is said."""
-    pictures = [one.look.frame]
-    if one.look.difference is not None:
-        pictures.append(one.look.difference)
-    key = one.of.recording.key
+    pictures = [seen.look.frame]
+    if seen.look.difference is not None:
+        pictures.append(seen.look.difference)
+    key = seen.of.recording.key
     return figure(pictures, words or key, key, 2)
 
 
-def strips(found: Survey) -> Section:
+def strips(survey: Survey) -> Section:
     """Recordings over time, with their forces and actions."""
-    if not found.strips:
+    if not survey.strips:
         text = "Every recording that was looked at is a still: there is nothing to show over time."
         return Section("clips", "Over time", paragraph(text))
     body = paragraph(
@@ -121,23 +121,23 @@ def strips(found: Survey) -> Section:
         "Forces are those of the object on the gel: x to the right of the image, y down, z into "
         "the gel."
     )
-    if any(one.of.recording.force is not None for one in found.strips):
+    if any(seen.of.recording.force is not None for seen in survey.strips):
         body += legend({i: f"{axis} (N)" for i, axis in enumerate(AXES)}, area="a labelled action")
-    return Section("clips", "Over time", body + panels(map(_strip, found.strips), wide=True))
+    return Section("clips", "Over time", body + panels(map(_strip, survey.strips), wide=True))
 
 
-def _strip(one: Seen) -> str:
-    recording = one.of.recording
+def _strip(seen: Seen) -> str:
+    recording = seen.of.recording
     title = " · ".join(filter(None, (recording.sensor, recording.object)))
-    count = len(one.look.strip)
+    count = len(seen.look.strip)
     images = "".join(
         image(picture, f"frame {row}{words}")
-        for pictures, words in ((one.look.strip, ""), (one.look.strip_difference, ", difference"))
-        for picture, row in zip(pictures, one.look.strip_rows, strict=False)
+        for pictures, words in ((seen.look.strip, ""), (seen.look.strip_difference, ", difference"))
+        for picture, row in zip(pictures, seen.look.strip_rows, strict=False)
     )
     drawing = ""
     if recording.force is not None or recording.action is not None:
-        drawing = charts.force_curve(recording, recording.times[one.look.strip_rows].tolist())
+        drawing = charts.force_curve(recording, recording.times[seen.look.strip_rows].tolist())
         drawing = drawing.replace("<svg", '<svg style="width:100%;height:auto;display:block"', 1)
     rate = 1 / float(np.median(np.diff(recording.times)))
     seconds = float(recording.times[-1] - recording.times[0])
@@ -151,16 +151,16 @@ def _strip(one: Seen) -> str:
     )
 
 
-def labels(found: Survey) -> Section:
+def labels(survey: Survey) -> Section:
     """Histograms of forces, actions, objects and durations."""
-    tally, parts = found.tally, []
+    tally, parts = survey.tally, []
     body = ""
     if tally.forces:
         sensors = dict(sorted(tally.forces.items()))
         drawings = [
             panel(
                 f"Force along {axis}",
-                charts.force_histogram([one[i] for one in sensors.values()], axis),
+                charts.force_histogram([axes[i] for axes in sensors.values()], axis),
             )
             for i, axis in enumerate(AXES)
         ]
@@ -182,21 +182,21 @@ def labels(found: Survey) -> Section:
         parts.append(panel(title, drawing, more if kinds > len(objects) else ""))
     if not body and not parts:
         body = paragraph("Stills without labels.")
-    return Section("labels", "Labels", body + panels(parts, wide=True) + _lags(found))
+    return Section("labels", "Labels", body + panels(parts, wide=True) + _lags(survey))
 
 
-def _lags(found: Survey) -> str:
-    if not found.lags:
+def _lags(survey: Survey) -> str:
+    if not survey.lags:
         return ""
     rows = [
         (
-            one.recording.sensor,
-            f"text|{one.recording.key}",
+            drawn.recording.sensor,
+            f"text|{drawn.recording.key}",
             f"{1000 * lag.seconds:.0f}".replace("-", MINUS) if is_sure(lag) else "not sure",
             number(lag.correlation),
             number(lag.prominence),
         )
-        for one, lag in found.lags
+        for drawn, lag in survey.lags
     ]
     head = ("Sensor", "text|recording", "lag (ms)", "correlation", "prominence")
     words = (

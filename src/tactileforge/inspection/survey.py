@@ -64,21 +64,23 @@ class Suspects:
         self.counts = dict.fromkeys(REASONS, 0)
         self._kept: dict[str, list[tuple[float, int, Suspect, Sampled]]] = {}
 
-    def add(self, flag: Flag, one: Sampled) -> None:
+    def add(self, flag: Flag, sampled: Sampled) -> None:
         """Counts a recording, and keeps it if it is among the worst."""
         self.counts[flag.reason] += 1
-        recording = one.recording
+        recording = sampled.recording
         suspect = Suspect(
             flag.reason,
             flag.value,
             flag.words,
             recording.key,
-            one.split,
+            sampled.split,
             recording.sensor,
-            one.order,
+            sampled.order,
         )
         heap = self._kept.setdefault(flag.reason, [])
-        heapq.heappush(heap, (REASONS[flag.reason].worst * flag.value, -one.order, suspect, one))
+        heapq.heappush(
+            heap, (REASONS[flag.reason].worst * flag.value, -sampled.order, suspect, sampled)
+        )
         if len(heap) > _WORST:
             heapq.heappop(heap)
 
@@ -88,7 +90,7 @@ class Suspects:
 
     def worst(self, seen: list[Seen]) -> dict[str, list[Suspect]]:
         """The worst by reason, worst first, with the pictures of those that were looked at."""
-        pictures = {one.of.order: one.look.frame for one in seen}
+        pictures = {item.of.order: item.look.frame for item in seen}
         return {
             reason: [
                 replace(entry[2], picture=pictures.get(entry[2].order))
@@ -114,24 +116,26 @@ def survey(dataset: Dataset, limit: int, progress: bool) -> Survey:
     tally, suspects, sample = Tally(), Suspects(), Sample(limit)
     unreadable: list[str] = []
     listed = _listed(dataset, unreadable)
-    for one in tqdm(listed, desc="count", unit="recording", disable=not progress):
-        tally.add(one.recording, one.split)
-        for flag in of_labels(one.recording):
-            suspects.add(flag, one)
-        sample.offer(one)
+    for sampled in tqdm(listed, desc="count", unit="recording", disable=not progress):
+        tally.add(sampled.recording, sampled.split)
+        for flag in of_labels(sampled.recording):
+            suspects.add(flag, sampled)
+        sample.offer(sampled)
     if not tally.totals:
         problems = [*dataset.skipped, *unreadable, "the data set is empty"]
         raise DataError(f"no recording to look at; {problems[0]}")
     drawn = sample.drawn()
-    orders = {one.order: one for one in [*drawn, *suspects.kept()]}
+    orders = {sampled.order: sampled for sampled in [*drawn, *suspects.kept()]}
     chosen = [orders[order] for order in sorted(orders)]
-    stripped = {one.order for one in _strips(drawn)}
+    stripped = {sampled.order for sampled in _strips(drawn)}
     seen = _look(chosen, stripped, suspects, unreadable, progress)
-    readable = {one.of.order for one in seen}
-    lags = _lags([one for one in drawn if one.order in readable], suspects, unreadable, progress)
-    looks = [one.look for one in seen]
+    readable = {item.of.order for item in seen}
+    lags = _lags(
+        [sampled for sampled in drawn if sampled.order in readable], suspects, unreadable, progress
+    )
+    looks = [item.look for item in seen]
     same, similar = duplicates.same(looks), duplicates.similar(looks)
-    keys = [one.of.recording.key for one in seen]
+    keys = [item.of.recording.key for item in seen]
     findings = Findings(
         totals=tally.totals,
         looked=len(seen),
@@ -142,7 +146,7 @@ def survey(dataset: Dataset, limit: int, progress: bool) -> Survey:
         repeated=[key for key, count in tally.names.top("key", _WORST) if count > 1],
         unreadable=list(dict.fromkeys([*dataset.skipped, *unreadable])),
     )
-    strips = [one for one in seen if one.of.order in stripped]
+    strips = [item for item in seen if item.of.order in stripped]
     return Survey(tally, seen, strips, lags, same, similar, findings)
 
 
@@ -168,63 +172,71 @@ def _look(
     progress: bool,
 ) -> list[Seen]:
     seen = []
-    for one in tqdm(chosen, desc="look", unit="recording", disable=not progress):
+    for sampled in tqdm(chosen, desc="look", unit="recording", disable=not progress):
         try:
-            found = look(one.recording, one.order in stripped)
+            pixels = look(sampled.recording, sampled.order in stripped)
         except DataError as error:
-            unreadable.append(f"{one.recording.key}: {error}")
+            unreadable.append(f"{sampled.recording.key}: {error}")
             continue
-        seen.append(Seen(one, found))
-        for flag in of_pixels(one.recording, found):
-            suspects.add(flag, one)
+        seen.append(Seen(sampled, pixels))
+        for flag in of_pixels(sampled.recording, pixels):
+            suspects.add(flag, sampled)
     return seen
 
 
 def _lags(
     drawn: list[Sampled], suspects: Suspects, unreadable: list[str], progress: bool
 ) -> list[tuple[Sampled, Lag]]:
-    able = [one for one in drawn if one.recording.force is not None]
+    able = [sampled for sampled in drawn if sampled.recording.force is not None]
     able = _over_sensors(able, _LAGS)
-    found = []
-    for one in tqdm(able, desc="lag", unit="recording", disable=not progress or not able):
+    lags = []
+    for sampled in tqdm(able, desc="lag", unit="recording", disable=not progress or not able):
         try:
-            lag = lag_of(one.recording)
+            lag = lag_of(sampled.recording)
         except DataError as error:
-            unreadable.append(f"{one.recording.key}: {error}")
+            unreadable.append(f"{sampled.recording.key}: {error}")
             continue
         if lag is not None:
-            found.append((one, lag))
-            for flag in of_lag(one.recording, lag):
-                suspects.add(flag, one)
-    return found
+            lags.append((sampled, lag))
+            for flag in of_lag(sampled.recording, lag):
+                suspects.add(flag, sampled)
+    return lags
 
 
 def _strips(drawn: list[Sampled]) -> list[Sampled]:
     """Recordings to show over time: long ones, with labels over time if a sensor has any."""
     moving = [
-        one
-        for one in drawn
-        if duration_of(one.recording) > 0 and (np.diff(one.recording.times) > 0).all()
+        sampled
+        for sampled in drawn
+        if duration_of(sampled.recording) > 0 and (np.diff(sampled.recording.times) > 0).all()
     ]
-    labelled = {one.recording.sensor for one in moving if _has_curve(one)}
-    kept = [one for one in moving if _has_curve(one) or one.recording.sensor not in labelled]
+    labelled = {sampled.recording.sensor for sampled in moving if _has_curve(sampled)}
+    kept = [
+        sampled
+        for sampled in moving
+        if _has_curve(sampled) or sampled.recording.sensor not in labelled
+    ]
     frames: dict[str, list[int]] = {}
-    for one in kept:
-        frames.setdefault(one.recording.sensor, []).append(len(one.recording.frames))
+    for sampled in kept:
+        frames.setdefault(sampled.recording.sensor, []).append(len(sampled.recording.frames))
     usual = {sensor: float(np.median(counts)) for sensor, counts in frames.items()}
-    long = [one for one in kept if len(one.recording.frames) >= usual[one.recording.sensor]]
+    long = [
+        sampled
+        for sampled in kept
+        if len(sampled.recording.frames) >= usual[sampled.recording.sensor]
+    ]
     return _over_sensors(long, _STRIPS)
 
 
-def _has_curve(one: Sampled) -> bool:
-    return one.recording.force is not None or one.recording.action is not None
+def _has_curve(sampled: Sampled) -> bool:
+    return sampled.recording.force is not None or sampled.recording.action is not None
 
 
 def _over_sensors(candidates: list[Sampled], count: int) -> list[Sampled]:
     """Some of them, spread over the sensors and over the order."""
     queues: dict[str, list[Sampled]] = {}
-    for one in candidates:
-        queues.setdefault(one.recording.sensor, []).append(one)
+    for sampled in candidates:
+        queues.setdefault(sampled.recording.sensor, []).append(sampled)
     chosen: list[Sampled] = []
     for place, queue in enumerate(sorted(queues.values(), key=len)):
         share = -(-(count - len(chosen)) // (len(queues) - place))

@@ -114,10 +114,10 @@ class Sample:
         self._random = np.random.default_rng(0)
         self._heaps: dict[str, list[tuple[float, int, Sampled]]] = {}
 
-    def offer(self, one: Sampled) -> None:
+    def offer(self, sampled: Sampled) -> None:
         """Draws for a recording."""
-        heap = self._heaps.setdefault(one.recording.sensor, [])
-        entry = (-float(self._random.random()), one.order, one)
+        heap = self._heaps.setdefault(sampled.recording.sensor, [])
+        entry = (-float(self._random.random()), sampled.order, sampled)
         if len(heap) < self.limit:
             heapq.heappush(heap, entry)
         else:
@@ -130,8 +130,8 @@ class Sample:
         for place, heap in enumerate(heaps):
             share = min(len(heap), -(-left // (len(heaps) - place)))
             left -= share
-            chosen += [one for *_, one in heapq.nlargest(share, heap)]
-        return sorted(chosen, key=lambda one: one.order)
+            chosen += [sampled for *_, sampled in heapq.nlargest(share, heap)]
+        return sorted(chosen, key=lambda sampled: sampled.order)
 
 
 class Tally:

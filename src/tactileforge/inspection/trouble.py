@@ -19,9 +19,9 @@ _SHOWN = 12
 _LINES = 100
 
 
-def top(name: str, found: Survey) -> str:
+def top(name: str, survey: Survey) -> str:
     """What the data set is, and whether it can be trusted."""
-    all_of = found.findings
+    all_of = survey.findings
     carried = [
         label
         for label in LABELS
@@ -37,12 +37,12 @@ def top(name: str, found: Survey) -> str:
         "Looked at": f"{all_of.looked:,} recordings",
     }
     cells = "".join(f"<div><dt>{k}</dt><dd>{escape(v)}</dd></div>" for k, v in about.items())
-    lines = "".join(f'<li class="{mark}">{escape(text)}</li>' for mark, text in _verdict(found))
+    lines = "".join(f'<li class="{mark}">{escape(text)}</li>' for mark, text in _verdict(survey))
     return f'<dl>{cells}</dl><ul class="verdict">{lines}</ul>'
 
 
-def _verdict(found: Survey) -> Iterator[tuple[str, str]]:
-    result = found.findings
+def _verdict(survey: Survey) -> Iterator[tuple[str, str]]:
+    result = survey.findings
     unread = len(result.unreadable)
     if unread:
         yield "bad", f"{_count(unread, 'recording')} could not be read."
@@ -51,10 +51,10 @@ def _verdict(found: Survey) -> Iterator[tuple[str, str]]:
     for reason, count in result.counts.items():
         if count:
             mark = "plain" if reason == "no_background" else "bad"
-            yield mark, f"{REASONS[reason].title}: {_of(reason, count, found)}."
+            yield mark, f"{REASONS[reason].title}: {_of(reason, count, survey)}."
     if not any(result.counts.values()):
         yield "good", "No recording is suspicious."
-    telling = sum(is_sure(lag) for _, lag in found.lags)
+    telling = sum(is_sure(lag) for _, lag in survey.lags)
     if telling and not result.counts["lag"]:
         tested = _count(telling, "recording")
         yield "good", f"Pictures and forces fit in time in {tested} whose lag can be told."
@@ -67,12 +67,12 @@ def _verdict(found: Survey) -> Iterator[tuple[str, str]]:
             yield "bad", f"{_count(count, words)}; see Duplicates."
 
 
-def _of(reason: str, count: int, found: Survey) -> str:
+def _of(reason: str, count: int, survey: Survey) -> str:
     if reason in _COUNTED:
-        return f"{count:,} of {_count(found.findings.recordings, 'recording')}"
+        return f"{count:,} of {_count(survey.findings.recordings, 'recording')}"
     if reason == "lag":
-        return f"{count} of {_count(len(found.lags), 'recording')} that were tested"
-    return f"{count:,} of {_count(found.findings.looked, 'recording')} that were looked at"
+        return f"{count} of {_count(len(survey.lags), 'recording')} that were tested"
+    return f"{count:,} of {_count(survey.findings.looked, 'recording')} that were looked at"
 
 
 def _count(count: int, words: str) -> str:
@@ -80,74 +80,78 @@ def _count(count: int, words: str) -> str:
     return f"{count:,} {first}{'s' * (count != 1)} {rest}".rstrip()
 
 
-def duplicates(found: Survey) -> Section:
+def duplicates(survey: Survey) -> Section:
     """Recordings that show the same or nearly the same, and keys that are used twice."""
     body = ""
-    if found.same:
-        groups = [_group(found, group) for group in found.same[:_SHOWN]]
-        note = f"{_count(len(found.same), 'group')}; at the frames that were looked at, bit by bit."
+    if survey.same:
+        groups = [_group(survey, group) for group in survey.same[:_SHOWN]]
+        note = (
+            f"{_count(len(survey.same), 'group')}; at the frames that were looked at, bit by bit."
+        )
         body += "<h3>The same pixels</h3>" + paragraph(note, soft=True) + grid(groups, 15)
-    if found.similar:
+    if survey.similar:
         pairs = [
-            _group(found, (i, j), f"differ by {level:.1f} grey levels; ")
-            for i, j, level in found.similar[:_SHOWN]
+            _group(survey, (i, j), f"differ by {level:.1f} grey levels; ")
+            for i, j, level in survey.similar[:_SHOWN]
         ]
         note = (
-            f"{_count(len(found.similar), 'pair')}, closest first: small pictures at the same "
+            f"{_count(len(survey.similar), 'pair')}, closest first: small pictures at the same "
             "places in time, all but 0.5 % of which differ by less than what is said."
         )
         body += "<h3>Nearly the same</h3>" + paragraph(note, soft=True) + grid(pairs, 15)
-    if found.findings.repeated:
-        counts = dict(found.tally.names.top("key", _SHOWN))
-        rows = [(key, str(counts[key])) for key in found.findings.repeated]
+    if survey.findings.repeated:
+        counts = dict(survey.tally.names.top("key", _SHOWN))
+        rows = [(key, str(counts[key])) for key in survey.findings.repeated]
         note = "A key has to be unique: labels and files are found by it. The most frequent ones:"
         body += "<h3>Keys that several recordings have</h3>"
         body += table("keys", ("Key", "recordings"), rows, note)
-    text = f"None among the {_count(found.findings.looked, 'recording')} that were looked at."
+    text = f"None among the {_count(survey.findings.looked, 'recording')} that were looked at."
     return Section("duplicates", "Duplicates", body or paragraph(text))
 
 
-def _group(found: Survey, group: Sequence[int], words: str = "") -> str:
-    ones = [found.seen[i] for i in group]
-    splits = {one.of.split for one in ones}
+def _group(survey: Survey, group: Sequence[int], words: str = "") -> str:
+    ones = [survey.seen[i] for i in group]
+    splits = {member.of.split for member in ones}
     across = "IN BOTH SPLITS: " if len(splits) > 1 else ""
-    keys = ", ".join(one.of.recording.key for one in ones[:4])
+    keys = ", ".join(member.of.recording.key for member in ones[:4])
     more = f" and {len(ones) - 4} more" if len(ones) > 4 else ""
     caption = f"{across}{words}{keys}{more}"
-    return figure([one.look.frame for one in ones[:2]], caption, "", 2)
+    return figure([member.look.frame for member in ones[:2]], caption, "", 2)
 
 
-def suspicious(found: Survey) -> Section:
+def suspicious(survey: Survey) -> Section:
     """The worst recordings of each reason, and those that cannot be read."""
-    body = _unreadable(found.findings)
-    seen = {one.of.order: one for one in found.seen}
-    for reason, worst in found.findings.worst.items():
+    body = _unreadable(survey.findings)
+    seen = {item.of.order: item for item in survey.seen}
+    for reason, worst in survey.findings.worst.items():
         about = REASONS[reason]
-        body += f"<h3>{escape(about.title)}: {_of(reason, found.findings.counts[reason], found)}"
+        body += f"<h3>{escape(about.title)}: {_of(reason, survey.findings.counts[reason], survey)}"
         body += f"</h3>{paragraph(about.why, soft=True)}"
         body += grid(
-            card(seen[one.order], _words(one)) if one.order in seen else _unseen(one)
-            for one in worst
+            card(seen[suspect.order], _words(suspect))
+            if suspect.order in seen
+            else _unseen(suspect)
+            for suspect in worst
         )
     if not body:
         body = paragraph("None. Each check is explained in the documentation of data inspect.")
     return Section("suspicious", "Suspicious recordings", body)
 
 
-def _words(one: Suspect) -> str:
-    return f"{one.words}: {one.key}, {one.sensor}, {SPLIT_WORDS[one.split]}"
+def _words(suspect: Suspect) -> str:
+    return f"{suspect.words}: {suspect.key}, {suspect.sensor}, {SPLIT_WORDS[suspect.split]}"
 
 
-def _unseen(one: Suspect) -> str:
-    picture = "" if one.picture is None else image(one.picture, one.key)
-    return f"<figure>{picture}<figcaption>{escape(_words(one))}</figcaption></figure>"
+def _unseen(suspect: Suspect) -> str:
+    picture = "" if suspect.picture is None else image(suspect.picture, suspect.key)
+    return f"<figure>{picture}<figcaption>{escape(_words(suspect))}</figcaption></figure>"
 
 
-def _unreadable(found: Findings) -> str:
-    if not found.unreadable:
+def _unreadable(findings: Findings) -> str:
+    if not findings.unreadable:
         return ""
-    count = len(found.unreadable)
-    shown = "".join(f"<li>{escape(line)}</li>" for line in found.unreadable[:_LINES])
+    count = len(findings.unreadable)
+    shown = "".join(f"<li>{escape(line)}</li>" for line in findings.unreadable[:_LINES])
     more = f"<li>and {count - _LINES:,} more</li>" if count > _LINES else ""
     why = "Training goes on without them. Download them again, or remove them."
     return (

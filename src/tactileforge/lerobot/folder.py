@@ -44,8 +44,8 @@ def arrow() -> ModuleType:
         raise ConfigError(
             "LeRobot data sets are parquet files: pip install 'tactileforge[lerobot]'"
         ) from error
-    found: ModuleType = pyarrow
-    return found
+    module: ModuleType = pyarrow
+    return module
 
 
 def place(number: int) -> dict[str, int]:
@@ -85,26 +85,28 @@ class Info:
         try:
             held = json.loads(path.read_text(encoding="utf-8"))
             version = str(held["codebase_version"])
-            found = cls(
+            info = cls(
                 float(held["fps"]),
                 {str(key): dict(value) for key, value in held["features"].items()},
                 str(held.get("data_path") or DATA),
                 str(held.get("video_path") or VIDEO),
             )
-            dtypes = [(one["dtype"], one["shape"]) for one in found.features.values()]
+            dtypes = [(feature["dtype"], feature["shape"]) for feature in info.features.values()]
         except (ValueError, KeyError, TypeError, AttributeError, OSError) as error:
             raise DataError(f"{path}: not what LeRobot writes ({error!r})") from error
         if not version.startswith("v3."):
             raise DataError(
                 f"{path}: format {version}, but v3 is read; convert it with LeRobot's own script"
             )
-        if not found.fps > 0 or not dtypes:
-            raise DataError(f"{path}: fps={found.fps} and {len(dtypes)} features")
-        return found
+        if not info.fps > 0 or not dtypes:
+            raise DataError(f"{path}: fps={info.fps} and {len(dtypes)} features")
+        return info
 
     def pictures(self) -> list[str]:
         """Names of the features that are videos or images."""
-        return [key for key, one in self.features.items() if one["dtype"] in ("video", "image")]
+        return [
+            key for key, feature in self.features.items() if feature["dtype"] in ("video", "image")
+        ]
 
 
 @cache

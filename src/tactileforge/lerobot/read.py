@@ -79,15 +79,16 @@ class Folder:
             return []
         try:
             held = json.loads(path.read_text(encoding="utf-8"))
-            version, found = held["version"], list(held["episodes"])
+            version, touches = held["version"], list(held["episodes"])
         except (ValueError, KeyError, TypeError) as error:
             raise DataError(f"{path}: damaged ({error!r}); remove it, or write it again") from error
-        if version != folder.TOUCH_VERSION or len(found) != len(self.episodes):
+        if version != folder.TOUCH_VERSION or len(touches) != len(self.episodes):
             raise DataError(
-                f"{path}: version {version} and {len(found)} episodes, where {folder.TOUCH_VERSION}"
-                f" and {len(self.episodes)} are expected; remove it if the data set was changed"
+                f"{path}: version {version} and {len(touches)} episodes, where "
+                f"{folder.TOUCH_VERSION} and {len(self.episodes)} are expected; "
+                "remove it if the data set was changed"
             )
-        return found
+        return touches
 
     def recording(
         self, number: int, touch: Touch, camera: str | None, background: str
@@ -208,12 +209,12 @@ class Folder:
         feature = f"observation.touch.{device}"
         if feature not in self.info.features:
             return None
-        found: NDArray[np.int64] = self._numbers(row, feature)[kept, 0].astype(np.int64)
-        if ((found < -1) | (found >= len(ACTIONS))).any():
+        actions: NDArray[np.int64] = self._numbers(row, feature)[kept, 0].astype(np.int64)
+        if ((actions < -1) | (actions >= len(ACTIONS))).any():
             raise DataError(
                 f"{self.root}: {feature} has other values than -1 to {len(ACTIONS) - 1}"
             )
-        return found
+        return actions
 
     def _still(self, about: dict[str, Any], frames: Frames, background: str) -> Frames | None:
         if about:

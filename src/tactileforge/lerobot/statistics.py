@@ -23,14 +23,14 @@ def of_numbers(values: NDArray[Any]) -> dict[str, list[Any]]:
     rows = rows[np.isfinite(rows).all(1)]
     if not len(rows):
         rows = np.zeros((1, rows.shape[1]))
-    found = {
+    values_of = {
         "min": rows.min(0),
         "max": rows.max(0),
         "mean": rows.mean(0),
         "std": rows.std(0),
         **{name: np.quantile(rows, share, 0) for name, share in _QUANTILES.items()},
     }
-    return {name: one.tolist() for name, one in found.items()} | {"count": [len(rows)]}
+    return {name: value.tolist() for name, value in values_of.items()} | {"count": [len(rows)]}
 
 
 def of_pictures(small: NDArray[np.uint8]) -> dict[str, list[Any]]:
@@ -39,9 +39,9 @@ def of_pictures(small: NDArray[np.uint8]) -> dict[str, list[Any]]:
     Args:
         small: uint8 (N, h, w, 3), see `sample`.
     """
-    found = of_numbers(small.reshape(-1, 3) / 255)
+    numbers = of_numbers(small.reshape(-1, 3) / 255)
     shaped = {
-        name: [[[value]] for value in values] for name, values in found.items() if name != "count"
+        name: [[[value]] for value in values] for name, values in numbers.items() if name != "count"
     }
     return shaped | {"count": [len(small)]}
 
@@ -56,4 +56,4 @@ def sample(frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
     height, width = frames.shape[1:3]
     scale = min(1.0, _SIDE / max(height, width))
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
-    return np.stack([cv2.resize(one, size, interpolation=cv2.INTER_AREA) for one in chosen])
+    return np.stack([cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in chosen])

@@ -69,12 +69,12 @@ def pack(dataset: Dataset, name: str, out: Path, options: Options | None = None)
 def _notes(planned: Plan, options: Options, out: Path) -> dict[int, Note]:
     """Makes the shards that are not whole yet; what is known of all, by the number of the job."""
     _sweep(out)
-    found = {job.number: note for job in planned.jobs if (note := Note.of(job))}
-    missing = [job for job in planned.jobs if job.number not in found]
+    notes = {job.number: note for job in planned.jobs if (note := Note.of(job))}
+    missing = [job for job in planned.jobs if job.number not in notes]
     guard = _Guard(planned, options)
-    for note in found.values():
+    for note in notes.values():
         guard.see(note)
-    done = {job.number: job.frames for job in planned.jobs if job.number in found}
+    done = {job.number: job.frames for job in planned.jobs if job.number in notes}
     with tqdm(total=planned.frames, initial=sum(done.values()), unit="frame", desc="pack") as bar:
 
         def tick(number: int, frames: int) -> None:
@@ -83,12 +83,12 @@ def _notes(planned: Plan, options: Options, out: Path) -> dict[int, Note]:
 
         with closing(execute(missing, options.executor, options.processes, tick)) as work:
             for job, note in work:
-                found[job.number] = note
+                notes[job.number] = note
                 tick(job.number, job.frames)
                 for line in note.statistics.skipped:
                     bar.write(f"skipped: {line}", file=sys.stderr)
                 guard.see(note)
-    return found
+    return notes
 
 
 class _Guard:
@@ -123,13 +123,13 @@ class _Guard:
 def _merged(planned: Plan, notes: Mapping[int, Note]) -> dict[str, Any]:
     """Shards and statistics of each split."""
     splits: dict[str, Any] = {split: [] for split in SPLITS}
-    found = {split: Statistics() for split in SPLITS}
+    by_split = {split: Statistics() for split in SPLITS}
     for split, lines in planned.skipped.items():
-        found[split].skipped += lines
-        found[split].damaged += len(lines)
+        by_split[split].skipped += lines
+        by_split[split].damaged += len(lines)
     for job in planned.jobs:
         note = notes[job.number]
-        found[job.split].merge(note.statistics)
+        by_split[job.split].merge(note.statistics)
         if note.entry is not None:
             splits[job.split].append(note.entry)
     if not splits["train"]:
@@ -137,7 +137,7 @@ def _merged(planned: Plan, notes: Mapping[int, Note]) -> dict[str, Any]:
             "the filter leaves nothing to train on: lower pack.filter.laplacian; tactileforge data "
             "filter shows what each value keeps"
         )
-    return {"splits": splits, "statistics": {k: each.report() for k, each in found.items()}}
+    return {"splits": splits, "statistics": {k: each.report() for k, each in by_split.items()}}
 
 
 def _made(name: str, planned: Plan, options: Options) -> dict[str, Any]:
@@ -182,11 +182,11 @@ def _claim(out: Path, made: Mapping[str, Any]) -> None:
 
 def _flat(plain: Mapping[str, Any], above: str = "") -> dict[str, Any]:
     """Nested keys with dots between them."""
-    found: dict[str, Any] = {}
+    flat: dict[str, Any] = {}
     for key, value in plain.items():
         name = f"{above}{key}"
-        found.update(_flat(value, f"{name}.") if isinstance(value, Mapping) else {name: value})
-    return found
+        flat.update(_flat(value, f"{name}.") if isinstance(value, Mapping) else {name: value})
+    return flat
 
 
 def _sweep(out: Path) -> None:
@@ -199,16 +199,16 @@ def _sweep(out: Path) -> None:
 def summary(index: Index) -> str:
     """What was packed, in a few lines of plain text."""
     lines = []
-    for split, found in index.statistics.items():
-        sensors = ", ".join(f"{name} {count:,}" for name, count in found["sensors"].items())
+    for split, counts in index.statistics.items():
+        sensors = ", ".join(f"{name} {count:,}" for name, count in counts["sensors"].items())
         lines.append(
-            f"{split}: {found['recordings']:,} recordings, {found['frames']:,} frames "
-            f"({sensors or 'none'}), {found['objects']:,} objects, "
-            f"{len(index.splits[split]):,} shards, {found['bytes'] / 2**20:,.1f} MB"
+            f"{split}: {counts['recordings']:,} recordings, {counts['frames']:,} frames "
+            f"({sensors or 'none'}), {counts['objects']:,} objects, "
+            f"{len(index.splits[split]):,} shards, {counts['bytes'] / 2**20:,.1f} MB"
         )
     total = Counter[str]()
-    for found in index.statistics.values():
-        total.update({key: found[key] for key in ("read", "frames", "emptied", "damaged")})
+    for counts in index.statistics.values():
+        total.update({key: counts[key] for key in ("read", "frames", "emptied", "damaged")})
     if total["read"] > total["frames"] or total["emptied"]:
         lines.append(
             f"the filter kept {total['frames']:,} of {total['read']:,} frames that were read; "

@@ -32,8 +32,8 @@ def score_histogram(
             shares = 100 * np.histogram(values, edges)[0] / max(1, len(values))
             axes.stairs(shares, edges, color=colour, linewidth=1.6)
             if (threshold := thresholds[name]) is not None:
-                one = len({*thresholds.values()}) == 1
-                axes.axvline(threshold, color=INK if one else colour, dashes=(4, 3), linewidth=1)
+                shared = len({*thresholds.values()}) == 1
+                axes.axvline(threshold, color=INK if shared else colour, dashes=(4, 3), linewidth=1)
         axes.set(xscale="log", xlabel="score", ylabel="frames (%)")
         return svg(figure, "shares of frames by score")
 

@@ -63,13 +63,13 @@ def score(before: NDArray[np.int16], after: NDArray[np.int16]) -> float:
 
 def scores(frames: Iterable[Numbered]) -> list[float]:
     """Score of each frame against the one before; the first has none (NaN)."""
-    found: list[float] = []
+    values: list[float] = []
     before = None
     for _, frame in frames:
         now = laplacian(frame)
-        found.append(float("nan") if before is None else score(before, now))
+        values.append(float("nan") if before is None else score(before, now))
         before = now
-    return found
+    return values
 
 
 def reach(times: NDArray[np.float64], span: float) -> float:

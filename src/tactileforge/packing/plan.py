@@ -56,25 +56,25 @@ def plan(dataset: Dataset, out: Path, options: Options) -> Plan:
         DataError: There is nothing to train on, two recordings have one key, or times are not those
             of the frames.
     """
-    found: dict[str, list[Recording]] = {}
+    by_split: dict[str, list[Recording]] = {}
     skipped: dict[str, list[str]] = {}
     for split in SPLITS:
         before = len(dataset.skipped)
-        found[split] = list(dataset.recordings(split))
+        by_split[split] = list(dataset.recordings(split))
         skipped[split] = list(dataset.skipped[before:])
-    if not found["train"]:
+    if not by_split["train"]:
         raise DataError("the data set has no recording for training; check where its data lies")
-    _check(found)
+    _check(by_split)
     jobs: list[Job] = []
-    for split, recordings in found.items():
+    for split, recordings in by_split.items():
         dealt = deal(arranged(recordings), options.shard_frames)
         for number, own in enumerate(dealt):
             path = out / f"{split}-{number:06d}.tar"
-            frames = sum(len(one.frames) for one in own)
+            frames = sum(len(recording.frames) for recording in own)
             digest = _digest(own, path.name, options)
             jobs.append(Job(len(jobs), path, split, own, frames, digest, options))
     whole = hashlib.sha256("".join(job.digest for job in jobs).encode()).hexdigest()
-    return Plan(jobs, skipped, sum(map(len, found.values())), whole)
+    return Plan(jobs, skipped, sum(map(len, by_split.values())), whole)
 
 
 def deal(recordings: Sequence[Recording], frames: int) -> Iterator[list[Recording]]:
@@ -89,13 +89,14 @@ def deal(recordings: Sequence[Recording], frames: int) -> Iterator[list[Recordin
     shard: list[Recording] = []
     held = 0
     for _, group in groupby(
-        recordings, key=lambda one: (one.object is None, one.object or one.key)
+        recordings,
+        key=lambda recording: (recording.object is None, recording.object or recording.key),
     ):
         together = list(group)
-        length = sum(len(one.frames) for one in together)
-        pieces = [together] if length <= frames else [[one] for one in together]
+        length = sum(len(recording.frames) for recording in together)
+        pieces = [together] if length <= frames else [[recording] for recording in together]
         for piece in pieces:
-            more = sum(len(one.frames) for one in piece)
+            more = sum(len(recording.frames) for recording in piece)
             if shard and held + more > frames:
                 yield shard
                 shard, held = [], 0
@@ -105,29 +106,34 @@ def deal(recordings: Sequence[Recording], frames: int) -> Iterator[list[Recordin
         yield shard
 
 
-def _check(found: dict[str, list[Recording]]) -> None:
+def _check(by_split: dict[str, list[Recording]]) -> None:
     seen: dict[str, str] = {}
-    for split, recordings in found.items():
-        for number, one in enumerate(recordings):
-            place = f"number {number} of {split} ({one.sensor}, {len(one.frames)} frames)"
-            if one.key in seen:
+    for split, recordings in by_split.items():
+        for number, recording in enumerate(recordings):
+            place = (
+                f"number {number} of {split} ({recording.sensor}, {len(recording.frames)} frames)"
+            )
+            if recording.key in seen:
                 raise DataError(
-                    f"two recordings are called {one.key!r}: {seen[one.key]} and {place}; give "
-                    "each a key of its own"
+                    f"two recordings are called {recording.key!r}: {seen[recording.key]} and "
+                    f"{place}; give each a key of its own"
                 )
-            seen[one.key] = place
-            if len(one.times) != len(one.frames):
+            seen[recording.key] = place
+            if len(recording.times) != len(recording.frames):
                 raise DataError(
-                    f"{one.key}: {len(one.frames)} frames and {len(one.times)} times; correct "
-                    "its reader"
+                    f"{recording.key}: {len(recording.frames)} frames and {len(recording.times)} "
+                    "times; correct its reader"
                 )
-            if not (np.diff(one.times) > 0).all():
-                raise DataError(f"{one.key}: its times do not increase; correct its reader")
+            if not (np.diff(recording.times) > 0).all():
+                raise DataError(f"{recording.key}: its times do not increase; correct its reader")
 
 
 def _digest(recordings: Sequence[Recording], file: str, options: Options) -> str:
-    found = hashlib.sha256(json.dumps([file, options.content()], sort_keys=True).encode())
-    for one in recordings:
-        lengths = [len(frames or ()) for frames in (one.frames, one.no_contact, one.image)]
-        found.update(json.dumps([shards.head(one), lengths], sort_keys=True).encode())
-    return found.hexdigest()
+    digest = hashlib.sha256(json.dumps([file, options.content()], sort_keys=True).encode())
+    for recording in recordings:
+        lengths = [
+            len(frames or ())
+            for frames in (recording.frames, recording.no_contact, recording.image)
+        ]
+        digest.update(json.dumps([shards.head(recording), lengths], sort_keys=True).encode())
+    return digest.hexdigest()

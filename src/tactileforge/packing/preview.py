@@ -95,7 +95,7 @@ def preview(
         DataError: There is no recording that can be read.
     """
     chosen = (options or Options()).filter
-    everything = arranged(one for split in SPLITS for one in dataset.recordings(split))
+    everything = arranged(item for split in SPLITS for item in dataset.recordings(split))
     skipped = list(dataset.skipped)
     judged = []
     for recording in tqdm(_spread(everything, recordings), desc="look", unit="recording"):
@@ -129,7 +129,7 @@ def judge(recording: Recording, chosen: Filter) -> Judged:
 
 def threshold_for(judged: Sequence[Judged], share: float) -> float:
     """The threshold that keeps a share of the frames; NaN where there are but stills."""
-    peaks = np.concatenate([one.peaks for one in judged])
+    peaks = np.concatenate([item.peaks for item in judged])
     peaks = peaks[np.isfinite(peaks)]
     return float(np.quantile(peaks, 1 - share, method="higher")) if len(peaks) else float("nan")
 
@@ -143,14 +143,14 @@ def _read(recording: Recording, rows: Sequence[int]) -> Iterator[filters.Numbere
 def _spread(everything: Sequence[Recording], count: int) -> list[Recording]:
     """So many recordings, as many of each sensor, spread evenly; at least two of each."""
     sensors: dict[str, list[Recording]] = {}
-    for one in everything:
-        sensors.setdefault(one.sensor, []).append(one)
-    found = []
+    for recording in everything:
+        sensors.setdefault(recording.sensor, []).append(recording)
+    spread = []
     for sensor in sorted(sensors):
         own = sensors[sensor]
         most = min(len(own), max(2, count // len(sensors)))
-        found += [own[i] for i in np.linspace(0, len(own) - 1, most).round().astype(int)]
-    return found
+        spread += [own[i] for i in np.linspace(0, len(own) - 1, most).round().astype(int)]
+    return spread
 
 
 def _middle(recording: Recording, frames: int) -> Recording:
@@ -164,10 +164,10 @@ def _facts(name: str, judged: Sequence[Judged], total: int, chosen: Filter) -> s
     given = chosen.laplacian
     by_sensor = given if isinstance(given, Mapping) else {"": given}
     told = [f"{sensor} {value:g}".strip() for sensor, value in by_sensor.items() if value]
-    shares = [one.keeps(chosen.threshold(one.recording.sensor)) for one in judged]
+    shares = [item.keeps(chosen.threshold(item.recording.sensor)) for item in judged]
     about = {
         "Recordings": f"{len(judged)} looked at, of {total:,}",
-        "Frames": f"{sum(len(one.rows) for one in judged):,} scored",
+        "Frames": f"{sum(len(item.rows) for item in judged):,} scored",
         "Threshold": ", ".join(told) or NONE,
         "Sampling": "every frame" if chosen.every is None else f"every {chosen.every:g} s",
         "Length of a clip": f"{chosen.span:g} s",
@@ -180,17 +180,17 @@ def _facts(name: str, judged: Sequence[Judged], total: int, chosen: Filter) -> s
 def _scores(judged: Sequence[Judged], chosen: Filter) -> Section:
     """How scores are distributed, and what thresholds would keep."""
     sensors: dict[str, list[Judged]] = {}
-    for one in judged:
-        sensors.setdefault(one.recording.sensor, []).append(one)
+    for item in judged:
+        sensors.setdefault(item.recording.sensor, []).append(item)
     rows = []
     for sensor, own in sensors.items():
-        held = np.concatenate([one.keeps(chosen.threshold(sensor)) for one in own])
+        held = np.concatenate([item.keeps(chosen.threshold(sensor)) for item in own])
         rows.append((sensor, str(len(own)), percent(float(held.mean())), *_suggested(own)))
     if len(sensors) > 1:
         rows.append(("all", str(len(judged)), "", *_suggested(judged)))
     head = ("Sensor", "recordings", "kept", *(f"{percent(share)} with" for share in _SHARES))
     drawn = charts.score_histogram(
-        {sensor: np.concatenate([one.scores for one in own]) for sensor, own in sensors.items()},
+        {sensor: np.concatenate([item.scores for item in own]) for sensor, own in sensors.items()},
         {sensor: chosen.threshold(sensor) for sensor in sensors},
     )
     words = (
@@ -212,7 +212,7 @@ def _suggested(judged: Sequence[Judged]) -> list[str]:
 
 
 def _pictures(judged: Sequence[Judged], chosen: Filter) -> Section:
-    shown = [one for one in judged if len(one.rows) > 1] or judged
+    shown = [item for item in judged if len(item.rows) > 1] or judged
     places = np.linspace(0, len(shown) - 1, min(_SHOWN, len(shown))).round().astype(int)
     cards = [_card(shown[i], chosen.threshold(shown[i].recording.sensor)) for i in places]
     words = (
@@ -222,27 +222,27 @@ def _pictures(judged: Sequence[Judged], chosen: Filter) -> Section:
     return Section("frames", "Frames", paragraph(words) + panels(cards, wide=True))
 
 
-def _card(one: Judged, threshold: float | None) -> str:
-    recording, held = one.recording, one.keeps(threshold)
+def _card(judged: Judged, threshold: float | None) -> str:
+    recording, held = judged.recording, judged.keeps(threshold)
     title = " · ".join(filter(None, (recording.sensor, recording.object, recording.key)))
-    body = charts.score_curve(one.times, one.scores, held, threshold) if len(held) > 1 else ""
-    gain = 40 / max(float(np.nanmax(one.scores, initial=0)) ** 0.5, 1)
+    body = charts.score_curve(judged.times, judged.scores, held, threshold) if len(held) > 1 else ""
+    gain = 40 / max(float(np.nanmax(judged.scores, initial=0)) ** 0.5, 1)
     for name, places in (("Kept", np.flatnonzero(held)), ("Left out", np.flatnonzero(~held))):
         if len(places):
             shown = np.unique(np.linspace(0, len(places) - 1, min(_STRIP, len(places))).astype(int))
-            body += _strip(one, name, places[shown].tolist(), gain)
+            body += _strip(judged, name, places[shown].tolist(), gain)
     below = f"<figcaption>{percent(float(held.mean()))} kept</figcaption>"
     return f'<figure class="clip"><b>{escape(title)}</b>{body}{below}</figure>'
 
 
-def _strip(one: Judged, name: str, places: Sequence[int], gain: float) -> str:
+def _strip(judged: Judged, name: str, places: Sequence[int], gain: float) -> str:
     """Frames beside each other, above their differences to the frame before."""
     top, bottom = "", ""
     for place in places:
-        before, row = one.rows[max(place - 1, 0)], one.rows[place]
-        pair = one.recording.frames.read([int(before), int(row)]).astype(np.int16)
+        before, row = judged.rows[max(place - 1, 0)], judged.rows[place]
+        pair = judged.recording.frames.read([int(before), int(row)]).astype(np.int16)
         change = np.clip(128 + gain * (pair[1] - pair[0]), 0, 255).astype(np.uint8)
-        value = number(float(one.scores[place]))
+        value = number(float(judged.scores[place]))
         words = f"frame {row}, score {value}"
         top += f"<div>{_image(pair[1].astype(np.uint8), words)}</div>"
         bottom += (

@@ -81,11 +81,11 @@ class Note:
             plain = json.loads(_note_path(job.path).read_text())
             row = plain["entry"]
             entry = None if row is None else Entry.from_json(row)
-            found = cls(plain["digest"], entry, Statistics.from_json(plain["statistics"]))
+            note = cls(plain["digest"], entry, Statistics.from_json(plain["statistics"]))
             is_there = entry is None or job.path.stat().st_size == entry.bytes
         except (OSError, ValueError, KeyError, TypeError):
             return None
-        return found if is_there and found.digest == job.digest else None
+        return note if is_there and note.digest == job.digest else None
 
     def save(self, path: Path) -> None:
         """Writes it down for a shard."""
@@ -116,10 +116,10 @@ def packed_job(job: Job) -> bytes:
 def run_packed(job: bytes, tick: Callable[[int, int], None]) -> Note:
     """`run`, of a job that comes from another process."""
     try:
-        found: Job = pickle.loads(job)
+        unpickled: Job = pickle.loads(job)
     except (pickle.UnpicklingError, AttributeError, ImportError, TypeError) as error:
         raise DataError(_NO_PICKLE.format("a shard", error)) from error
-    return run(found, tick)
+    return run(unpickled, tick)
 
 
 _NO_PICKLE = (
@@ -156,24 +156,24 @@ def _packed(
 ) -> Iterator[shards.Packed]:
     done = 0
     for recording in job.recordings:
-        one = _Packer(recording, job.options)
+        packer = _Packer(recording, job.options)
         try:
-            made = one.pack(lambda frames, done=done: tick(done + frames))  # type: ignore[misc]
+            made = packer.pack(lambda frames, done=done: tick(done + frames))  # type: ignore[misc]
         except (DataError, OSError) as error:
             made = None
-            one.bad.append(f"{recording.key}: {error}")
+            packer.bad.append(f"{recording.key}: {error}")
         except Exception as error:
             error.add_note(f"while packing {recording.key} for {job.path}")
             raise
         done += len(recording.frames)
         tick(done)
-        statistics.read += one.read
-        statistics.damaged += bool(one.bad)
-        statistics.skipped += one.bad
+        statistics.read += packer.read
+        statistics.damaged += bool(packer.bad)
+        statistics.skipped += packer.bad
         if made is not None:
             statistics.add(made[0])
             yield made[1]
-        elif not one.bad:
+        elif not packer.bad:
             statistics.emptied += 1
 
 
@@ -227,25 +227,25 @@ class _Packer:
         for start in range(0, len(rows), _CHUNK):
             chunk = rows[start : start + _CHUNK]
             try:
-                found = fetch(chunk)
+                frames = fetch(chunk)
             except DataError:
                 for row in chunk:
                     yield from self._one(fetch, row)
             else:
                 self.read += len(chunk)
-                yield from zip(chunk, found, strict=True)
+                yield from zip(chunk, frames, strict=True)
             tick(chunk[-1])
 
     def _one(self, fetch: Fetch, row: int) -> Iterator[tuple[int, Any]]:
         try:
-            found = fetch([row])
+            frames = fetch([row])
         except DataError as error:
             if len(self.bad) == _MAX_FRAMES:
                 raise
             self.bad.append(f"{self.recording.key}, frame {row}: {error}")
             return
         self.read += 1
-        yield row, found[0]
+        yield row, frames[0]
 
     def _all(self, frames: Frames | None) -> list[bytes]:
         """All pictures of a group, as they are kept."""

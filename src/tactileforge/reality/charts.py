@@ -21,8 +21,8 @@ def spectra(profiles: Sequence[Profile]) -> str:
     with drawing(5.2, 3.2) as (figure, axes):
         for start in measures.BANDS:
             axes.axvline(start, color=SHADE, linewidth=1.0)
-        for number, one in enumerate(profiles):
-            power = one.of("spectrum")
+        for number, profile in enumerate(profiles):
+            power = profile.of("spectrum")
             low = np.nanmean(power[:, measures.RINGS < measures.LOW], axis=1, keepdims=True)
             level = np.median(np.log10(np.maximum(power, 1e-9) / low), axis=0)
             axes.plot(measures.RINGS, level, color=_colour(number), linewidth=_width(number))
@@ -37,9 +37,9 @@ def touches(profiles: Sequence[Profile]) -> str:
         profiles: The simulated one first.
     """
     with drawing(5.2, 3.2) as (figure, axes):
-        for number, one in reversed(list(enumerate(profiles))):
+        for number, profile in reversed(list(enumerate(profiles))):
             style = {"color": _colour(number), "markersize": 4, "markeredgewidth": 0}
-            axes.plot(100 * one.of("area"), one.of("contrast"), "o", alpha=0.7, **style)
+            axes.plot(100 * profile.of("area"), profile.of("contrast"), "o", alpha=0.7, **style)
         axes.set(xscale="log", xlabel="contact, share of the picture (%)")
         axes.set(yscale="log", ylabel="change in contact (grey levels)")
         for axis in (axes.xaxis, axes.yaxis):

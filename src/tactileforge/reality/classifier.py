@@ -67,8 +67,8 @@ class Split:
                 f"classifier needs {_LEAST} of each: give more touches or more scenes"
             )
         rows = (
-            np.linspace(0, len(one) - 1, count).round().astype(int)
-            for one in (self.real, self.simulated)
+            np.linspace(0, len(patches) - 1, count).round().astype(int)
+            for patches in (self.real, self.simulated)
         )
         first, second = rows
         return Split(self.real[first], self.simulated[second])
@@ -118,7 +118,7 @@ def told_apart(train: Split, test: Split, view: str, seed: int = 0, steps: int =
         ConfigError: Too few patches.
     """
     shown, network = VIEWS[view]
-    (x, y), (other, truth) = (_labelled(one.balanced(), shown) for one in (train, test))
+    (x, y), (other, truth) = (_labelled(split.balanced(), shown) for split in (train, test))
     if x.ndim == 2:
         mean, spread = x.mean(0), x.std(0) + 1e-6
         x, other = (x - mean) / spread, (other - mean) / spread
@@ -133,10 +133,10 @@ def told_apart(train: Split, test: Split, view: str, seed: int = 0, steps: int =
     return Score(right, auc(scores, truth > 0), fitted, (len(y) // 2, len(truth) // 2))
 
 
-def _labelled(one: Split, shown: Callable[[Array], Array]) -> tuple[Tensor, Tensor]:
+def _labelled(split: Split, shown: Callable[[Array], Array]) -> tuple[Tensor, Tensor]:
     """Inputs, and 1 for real and 0 for simulated."""
-    inputs = np.concatenate([shown(one.real), shown(one.simulated)])
-    labels = torch.cat([torch.ones(len(one.real)), torch.zeros(len(one.simulated))])
+    inputs = np.concatenate([shown(split.real), shown(split.simulated)])
+    labels = torch.cat([torch.ones(len(split.real)), torch.zeros(len(split.simulated))])
     return torch.from_numpy(inputs), labels
 
 

@@ -93,12 +93,12 @@ def bands(change: Array) -> Array:
     """
     far, power = density(change)
     low = power[far < LOW].mean()
-    found = []
+    ratios = []
     for start, stop in pairwise(BANDS):
         seen = power[(far >= start) & (far < stop)]
         reached = _finest(change) >= stop and low > 0 and seen.mean() > 0
-        found.append(np.log10(seen.mean() / low) if reached else np.nan)
-    return np.array(found)
+        ratios.append(np.log10(seen.mean() / low) if reached else np.nan)
+    return np.array(ratios)
 
 
 def noise(still: Sequence[Array]) -> float:
@@ -112,8 +112,8 @@ def noise(still: Sequence[Array]) -> float:
         still: Frames in order, without contact; NaN for fewer than two.
     """
     steps = (np.subtract(after, before, dtype=np.float32) for before, after in pairwise(still))
-    found = [np.sqrt(step.var(axis=(0, 1)).mean() / 2) for step in steps]
-    return float(np.median(found or [np.nan]))
+    deviations = [np.sqrt(step.var(axis=(0, 1)).mean() / 2) for step in steps]
+    return float(np.median(deviations or [np.nan]))
 
 
 def smooth(change: Array) -> Array:
@@ -174,11 +174,11 @@ def distance(ours: Array, theirs: Array) -> float:
     Returns:
         In the unit of the samples; NaN where one of them is empty.
     """
-    a, b = (np.sort(one[np.isfinite(one)]) for one in (ours, theirs))
+    a, b = (np.sort(sample[np.isfinite(sample)]) for sample in (ours, theirs))
     if not len(a) or not len(b):
         return float("nan")
-    at = np.sort(np.concatenate([np.arange(1, len(one) + 1) / len(one) for one in (a, b)]))
+    at = np.sort(np.concatenate([np.arange(1, len(sample) + 1) / len(sample) for sample in (a, b)]))
     width = np.diff(at, prepend=0.0)
     middle = at - width / 2
-    rows = [np.minimum((middle * len(one)).astype(int), len(one) - 1) for one in (a, b)]
+    rows = [np.minimum((middle * len(sample)).astype(int), len(sample) - 1) for sample in (a, b)]
     return float((width * np.abs(a[rows[0]] - b[rows[1]])).sum())

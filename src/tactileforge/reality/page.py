@@ -51,7 +51,7 @@ def render(name: str, sides: Mapping[str, Side]) -> str:
     verdicts = "".join(_verdict(sensor, side) for sensor, side in sides.items())
     top = f"{paragraph(' '.join(_METHOD.split()), soft=True)}<ul class=verdict>{verdicts}</ul>"
     parts = [_section(sensor, side) for sensor, side in sides.items()]
-    words = "".join(paragraph(" ".join(one.split())) for one in _CONFOUNDED.split("\n\n"))
+    words = "".join(paragraph(" ".join(text.split())) for text in _CONFOUNDED.split("\n\n"))
     last = Section("confounds", "What codec, camera and objects confound", words)
     return page(f"Simulated touch beside {name}", top, [*parts, last])
 
@@ -59,7 +59,7 @@ def render(name: str, sides: Mapping[str, Side]) -> str:
 def _verdict(sensor: str, side: Side) -> str:
     """Which numbers are further from real sources than these are from each other."""
     ratios = {name: side.ratio(name) for name in DISTANCES}
-    far = [f"{name} ({number(found)} times)" for name, found in ratios.items() if found > _FAR]
+    far = [f"{name} ({number(ratio)} times)" for name, ratio in ratios.items() if ratio > _FAR]
     if len(side.real) < 2:
         kind, words = "plain", "one real source, so nothing says which distance is small"
     elif far:
@@ -90,10 +90,10 @@ def _section(sensor: str, side: Side) -> Section:
 
 def _legend(profiles: Sequence[Profile]) -> str:
     items = ""
-    for place, one in enumerate(profiles):
+    for place, profile in enumerate(profiles):
         colour = f"var(--c{(place - 1) % len(CLASSES)})" if place else "currentColor"
         dot = f'<svg viewBox="0 0 10 10" fill="{colour}"><circle cx="5" cy="5" r="4.4"/></svg>'
-        items += f"<li>{dot}{escape(one.name)}</li>"
+        items += f"<li>{dot}{escape(profile.name)}</li>"
     return f'<ul class="legend">{items}</ul>'
 
 
@@ -102,11 +102,12 @@ def _pictures(profiles: Sequence[Profile]) -> str:
         f"Background, touch, and {_GAIN:g} times the difference around mid-grey, the same for all."
     )
     body = "<h3>Pictures</h3>" + paragraph(words, soft=True)
-    for one in profiles:
-        cards = "".join(_card(touch) for touch in one.shown)
+    for profile in profiles:
+        cards = "".join(_card(touch) for touch in profile.shown)
         body += (
-            f'<p class="strip-name"><b>{escape(one.name)}</b>, {_count(len(one.looks), "touch")}'
-            f"{f', {one.faint} too faint to measure' if one.faint else ''}</p>"
+            f'<p class="strip-name"><b>{escape(profile.name)}</b>, '
+            f"{_count(len(profile.looks), 'touch')}"
+            f"{f', {profile.faint} too faint to measure' if profile.faint else ''}</p>"
             f'<div style="display:grid;gap:.8rem;margin:.3rem 0 1rem">{cards}</div>'
         )
     return body
@@ -116,8 +117,8 @@ def _card(touch: Touch) -> str:
     shown = (touch.background, touch.picture, 128 + _GAIN * touch.change)
     names = ("background", "touch", "difference")
     images = "".join(
-        image(np.clip(np.round(one), 0, 255).astype(np.uint8), f"{touch.key}, {name}")
-        for one, name in zip(shown, names, strict=True)
+        image(np.clip(np.round(pixels), 0, 255).astype(np.uint8), f"{touch.key}, {name}")
+        for pixels, name in zip(shown, names, strict=True)
     )
     width = 3 * touch.picture.shape[1]
     return (
@@ -133,7 +134,7 @@ def _count(count: int, word: str) -> str:
 
 
 def _numbers(sensor: str, profiles: Sequence[Profile]) -> str:
-    rows = [(name, *(tell(one) for one in profiles)) for name, tell in _ROWS.items()]
+    rows = [(name, *(tell(profile) for profile in profiles)) for name, tell in _ROWS.items()]
     note = (
         "Medians over touches; in brackets what 80 % of them lie between. Power in bands of cycles "
         "per pixel, over that below 0.03. Noise: deviation of a pixel over neighbouring frames "
@@ -141,7 +142,7 @@ def _numbers(sensor: str, profiles: Sequence[Profile]) -> str:
         "square over the contact, fitted over force trials with the imprint moved back; shear at "
         "constant normal force."
     )
-    head = ("", *(f"text|{one.name}" for one in profiles))
+    head = ("", *(f"text|{profile.name}" for profile in profiles))
     return "<h3>Numbers</h3>" + table(f"{sensor}-numbers", head, rows, note)
 
 
@@ -149,7 +150,7 @@ def _spread(values: Array) -> str:
     known = values[np.isfinite(values)]
     if not len(known):
         return NONE
-    low, middle, high = (_rounded(float(one)) for one in np.quantile(known, (0.1, 0.5, 0.9)))
+    low, middle, high = (_rounded(float(value)) for value in np.quantile(known, (0.1, 0.5, 0.9)))
     return middle if low == high else f"{middle} ({low} to {high})"
 
 
@@ -159,56 +160,56 @@ def _rounded(value: float) -> str:
 
 
 def _of(name: str, scale: float = 1.0) -> Callable[[Profile], str]:
-    return lambda one: _spread(scale * one.of(name))
+    return lambda profile: _spread(scale * profile.of(name))
 
 
 def _list(values: Array) -> str:
     return ", ".join(number(float(value)) for value in values)
 
 
-def _bands(one: Profile) -> str:
+def _bands(profile: Profile) -> str:
     return ", ".join(
-        f"{value:.1f}".replace("-", "\N{MINUS SIGN}") for value in _middle(one, "bands")
+        f"{value:.1f}".replace("-", "\N{MINUS SIGN}") for value in _middle(profile, "bands")
     )
 
 
-def _middle(one: Profile, name: str) -> Array:
-    out: Array = np.median(one.of(name), axis=0)
+def _middle(profile: Profile, name: str) -> Array:
+    out: Array = np.median(profile.of(name), axis=0)
     return out
 
 
-def _ground(one: Profile) -> str:
-    return ", ".join(f"{value:.0f}" for value in one.of("ground").mean(axis=0))
+def _ground(profile: Profile) -> str:
+    return ", ".join(f"{value:.0f}" for value in profile.of("ground").mean(axis=0))
 
 
-def _ground_spread(one: Profile) -> str:
-    return _list(one.of("ground").std(axis=0).round(1))
+def _ground_spread(profile: Profile) -> str:
+    return _list(profile.of("ground").std(axis=0).round(1))
 
 
-def _deviation(one: Profile) -> str:
-    deviations = np.sqrt([np.diag(matrix) for matrix in one.of("covariance")])
+def _deviation(profile: Profile) -> str:
+    deviations = np.sqrt([np.diag(matrix) for matrix in profile.of("covariance")])
     return _list(np.median(deviations, axis=0))
 
 
-def _correlations(one: Profile) -> str:
-    return _list(np.median(correlations(one), axis=0).round(2))
+def _correlations(profile: Profile) -> str:
+    return _list(np.median(correlations(profile), axis=0).round(2))
 
 
-def _normal(one: Profile) -> str:
-    return _spread(np.array([answer.normal for answer in one.responses]))
+def _normal(profile: Profile) -> str:
+    return _spread(np.array([answer.normal for answer in profile.responses]))
 
 
 def _shear(axis: int) -> Callable[[Profile], str]:
-    return lambda one: _spread(np.array([answer.shear[axis] for answer in one.responses]))
+    return lambda profile: _spread(np.array([answer.shear[axis] for answer in profile.responses]))
 
 
-def _relative(one: Profile) -> str:
-    return _spread(np.array([100 * answer.relative for answer in one.responses]))
+def _relative(profile: Profile) -> str:
+    return _spread(np.array([100 * answer.relative for answer in profile.responses]))
 
 
-def _curve(one: Profile) -> str:
-    found = np.array([answer.curve for answer in one.responses])
-    return ", ".join(_middle_of(column) for column in found.T) if len(found) else NONE
+def _curve(profile: Profile) -> str:
+    curves = np.array([answer.curve for answer in profile.responses])
+    return ", ".join(_middle_of(column) for column in curves.T) if len(curves) else NONE
 
 
 def _middle_of(values: Array) -> str:
@@ -218,7 +219,7 @@ def _middle_of(values: Array) -> str:
 
 #: What is told of a source, by its row.
 _ROWS: dict[str, Callable[[Profile], str]] = {
-    "stored as": lambda one: f"text|{', '.join(one.stored) or 'pixels'}",
+    "stored as": lambda profile: f"text|{', '.join(profile.stored) or 'pixels'}",
     "log10 power, .06-.12, -.2, -.3, -.5": _bands,
     "noise (grey levels)": _of("noise"),
     "contact (% of the picture)": _of("area", 100),
@@ -251,7 +252,7 @@ def _distances(sensor: str, side: Side) -> str:
     for name, unit in DISTANCES.items():
         times = side.ratio(name)
         told = [f"{'bad|' if times > _FAR else ''}{number(times)}"]
-        told += [number(one[name]) for one in apart.values()]
+        told += [number(source[name]) for source in apart.values()]
         told += [number(among[pair][name]) for pair in few]
         rows.append((name, unit, *told))
     note = (

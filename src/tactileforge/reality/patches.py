@@ -38,19 +38,19 @@ def patches(
         DataError: A recording cannot be read.
     """
     chance = np.random.default_rng(seed)
-    found = []
+    cut = []
     for recording in recordings:
-        for one in touches(recording, most):
+        for touch in touches(recording, most):
             half = PATCH // 2
-            inner = one.touched[half : one.touched.shape[0] - half, half:-half]
+            inner = touch.touched[half : touch.touched.shape[0] - half, half:-half]
             rows, columns = np.nonzero(inner)
             if not len(rows):
                 continue
-            change = one.change
+            change = touch.change
             for place in chance.integers(len(rows), size=each):
                 top, left = rows[place], columns[place]
-                found.append(change[top : top + PATCH, left : left + PATCH])
-    return np.stack(found) if found else np.empty((0, PATCH, PATCH, 3), np.float32)
+                cut.append(change[top : top + PATCH, left : left + PATCH])
+    return np.stack(cut) if cut else np.empty((0, PATCH, PATCH, 3), np.float32)
 
 
 def colours(cut: Array) -> Array:

@@ -45,7 +45,7 @@ class Profile:
 
     def of(self, name: str) -> Array:
         """A number of all touches, stacked along the first axis."""
-        return np.array([getattr(one, name) for one in self.looks], np.float64)
+        return np.array([getattr(numbers, name) for numbers in self.looks], np.float64)
 
 
 def profile(name: str, sensor: str, recordings: Iterable[Recording]) -> Profile:
@@ -64,11 +64,11 @@ def profile(name: str, sensor: str, recordings: Iterable[Recording]) -> Profile:
         if (ending := _ending(recording.frames)) and ending not in out.stored:
             out.stored.append(ending)
         for seen in touches(recording):
-            found = look(seen)
-            if found is None:
+            numbers = look(seen)
+            if numbers is None:
                 out.faint += 1
                 continue
-            out.looks.append(found)
+            out.looks.append(numbers)
             if len(out.looks) % every == 1 % every:
                 out.shown.append(seen)
             if len(out.shown) == 2 * SHOWN:
@@ -114,8 +114,10 @@ def distances(ours: Profile, theirs: Profile) -> dict[str, float]:
     """
     pairs = {name: (_sample(ours, name), _sample(theirs, name)) for name in DISTANCES}
     return {
-        name: float(np.mean([measures.distance(a, b) for a, b in zip(one.T, other.T, strict=True)]))
-        for name, (one, other) in pairs.items()
+        name: float(
+            np.mean([measures.distance(a, b) for a, b in zip(left.T, other.T, strict=True)])
+        )
+        for name, (left, other) in pairs.items()
     }
 
 
@@ -125,26 +127,30 @@ def ratio(apart: Iterable[float], among: Iterable[float]) -> float:
     Returns:
         The median of one over the median of the other; NaN where there is no other.
     """
-    ours, theirs = (np.array([one for one in pair if one == one]) for pair in (apart, among))
+    ours, theirs = (
+        np.array([distance for distance in pair if distance == distance]) for pair in (apart, among)
+    )
     if not len(ours) or not len(theirs) or not np.median(theirs):
         return float("nan")
     return float(np.median(ours) / np.median(theirs))
 
 
-def _sample(one: Profile, name: str) -> Array:
+def _sample(source: Profile, name: str) -> Array:
     """What is compared, (touches, columns)."""
     if name == "spectrum":
-        return one.of("bands").reshape(-1, len(measures.BANDS) - 1)
+        return source.of("bands").reshape(-1, len(measures.BANDS) - 1)
     if name == "background colour":
-        return one.of("ground").reshape(-1, 3)
+        return source.of("ground").reshape(-1, 3)
     if name == "channel correlation":
-        return correlations(one)
+        return correlations(source)
     if name == "normal force":
-        return _logs([answer.normal for answer in one.responses])
+        return _logs([answer.normal for answer in source.responses])
     if name == "shear":
-        return _logs([float(np.nanmean(answer.shear)) for answer in one.responses if _told(answer)])
+        return _logs(
+            [float(np.nanmean(answer.shear)) for answer in source.responses if _told(answer)]
+        )
     words = {"detail inside": "inside", "detail outside": "outside"}
-    return _logs(one.of(words.get(name, name)).tolist())
+    return _logs(source.of(words.get(name, name)).tolist())
 
 
 def _told(answer: Response) -> bool:
@@ -156,9 +162,9 @@ def _logs(values: Sequence[float]) -> Array:
     return np.log10(np.maximum(known, _FLOOR))
 
 
-def correlations(one: Profile) -> Array:
+def correlations(source: Profile) -> Array:
     """Correlation of the changes of red and green, red and blue, green and blue, (touches, 3)."""
-    covariance = one.of("covariance").reshape(-1, 3, 3)
+    covariance = source.of("covariance").reshape(-1, 3, 3)
     deviation = np.sqrt(np.maximum(np.einsum("ncc->nc", covariance), 1e-9))
     shared: Array = covariance / (deviation[:, :, None] * deviation[:, None])
     return shared[:, [0, 0, 1], [1, 2, 2]]

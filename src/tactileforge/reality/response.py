@@ -111,8 +111,8 @@ def _curve(size: Array, normal: Array) -> tuple[float, ...]:
     """Median change near shares of the largest force, over that near the largest."""
     share = normal / normal.max()
     near = [np.abs(share - at) < 0.1 for at in (*SHARES, 1.0)]
-    found = [float(np.median(size[rows])) if rows.any() else np.nan for rows in near]
-    return tuple(one / found[-1] if found[-1] else np.nan for one in found[:-1])
+    medians = [float(np.median(size[rows])) if rows.any() else np.nan for rows in near]
+    return tuple(median / medians[-1] if medians[-1] else np.nan for median in medians[:-1])
 
 
 def _aligned(changes: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
@@ -147,12 +147,12 @@ def _translation(reference: Array, size: Array) -> Array | None:
     start = np.array([[1, 0, middle[0]], [0, 1, middle[1]]], np.float32)
     stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 1e-3)
     try:
-        _, found = cv2.findTransformECC(
+        _, matrix = cv2.findTransformECC(
             reference, size, start.copy(), cv2.MOTION_TRANSLATION, stop, None, 5
         )
     except cv2.error:  # it did not converge
         return None
-    step: Array = np.asarray(found)
+    step: Array = np.asarray(matrix)
     return step if np.hypot(*(step - start)[:, 2]) < _ASTRAY else None
 
 
@@ -179,7 +179,7 @@ def _slopes(pixels: Array, force: Array, places: Array, axes: Sequence[int]) -> 
     shear = [force[:, i] for i in axes]
     by = np.stack([np.ones_like(normal), normal, *shear, normal**2, *place], axis=1)
     half = (np.arange(len(by)) // _BLOCK) % 2 == 0
-    one, other = (np.linalg.lstsq(by[rows], pixels[rows], rcond=None)[0] for rows in (half, ~half))
-    common = (one * other).mean(axis=1)[1 : 2 + len(axes)]
-    found: list[float] = np.sqrt(np.maximum(common, 0)).tolist()
-    return found
+    left, other = (np.linalg.lstsq(by[rows], pixels[rows], rcond=None)[0] for rows in (half, ~half))
+    common = (left * other).mean(axis=1)[1 : 2 + len(axes)]
+    sizes: list[float] = np.sqrt(np.maximum(common, 0)).tolist()
+    return sizes

@@ -75,15 +75,15 @@ def simulated(config: Config, scenes: range, progress: bool = False) -> Iterator
         for number in tqdm(scenes, desc=told, unit="touch", disable=not progress):
             path = Path(folder) / f"{number}.tar"
             shards.write(path, recordings(config, number))
-            for one in shards.read(path):
-                yield _from_rest(one)
+            for recording in shards.read(path):
+                yield _from_rest(recording)
             path.unlink()
 
 
-def _from_rest(one: Recording) -> Recording:
-    assert one.force is not None
-    touched = one.force[:, 2] > 0
+def _from_rest(recording: Recording) -> Recording:
+    assert recording.force is not None
+    touched = recording.force[:, 2] > 0
     first = int(np.argmax(touched)) if touched.any() else len(touched)
     if first == 0:
-        raise DataError(f"{one.key} starts in contact: choose motions that press first")
-    return replace(one, no_contact=FrameSubset(one.frames, range(first)))
+        raise DataError(f"{recording.key} starts in contact: choose motions that press first")
+    return replace(recording, no_contact=FrameSubset(recording.frames, range(first)))

@@ -71,7 +71,7 @@ def touches(recording: Recording, most: int = _MOST) -> list[Touch]:
         )
     first = still.read(range(min(len(still), _STILL)))
     background = np.median(first, axis=0).astype(np.float32)
-    level = measures.noise([measures.sized(one) for one in first])
+    level = measures.noise([measures.sized(image) for image in first])
     count = len(recording.frames)
     parts = np.array_split(np.arange(count), max(1, min(most, count // _LONG)))
     pictures = (_strongest(recording, part, background) for part in parts)
@@ -123,20 +123,20 @@ class Look:
     covariance: Array
 
 
-def look(one: Touch) -> Look | None:
+def look(touch: Touch) -> Look | None:
     """Measures a touch; None where it is too faint."""
-    if np.count_nonzero(one.touched) < 9:
+    if np.count_nonzero(touch.touched) < 9:
         return None
-    change = one.change
-    inside, outside = measures.detail(change, one.touched)
+    change = touch.change
+    inside, outside = measures.detail(change, touch.touched)
     return Look(
         bands=measures.bands(change),
         spectrum=measures.radial(change),
-        noise=one.noise,
-        area=float(one.touched.mean()),
-        contrast=measures.contrast(change, one.touched),
+        noise=touch.noise,
+        area=float(touch.touched.mean()),
+        contrast=measures.contrast(change, touch.touched),
         inside=inside,
         outside=outside,
-        ground=one.background.mean(axis=(0, 1), dtype=np.float64),
-        covariance=measures.covariance(change, one.touched),
+        ground=touch.background.mean(axis=(0, 1), dtype=np.float64),
+        covariance=measures.covariance(change, touch.touched),
     )

@@ -30,7 +30,7 @@ def main(argv: Sequence[str]) -> int:
     from tactileforge.compose import plain
 
     given = plain("compare", argv)
-    options = Options(**{one.name: _frozen(given[one.name]) for one in fields(Options)})
+    options = Options(**{field.name: _frozen(given[field.name]) for field in fields(Options)})
     dataset = registry.build("datasets", given["data"])
     sides = compare(dataset, options)
 
@@ -52,9 +52,9 @@ def _frozen(value: Any) -> Any:
 def _told(sensor: str, side: Side) -> str:
     """The nearest real source by each number."""
     lines = [f"{sensor}: {len(side.simulated.looks)} simulated touches"]
-    for source, found in side.apart.items():
+    for source, distances in side.apart.items():
         numbers = ", ".join(
-            f"{name} {value:.2g}" for name, value in found.items() if value == value
+            f"{name} {value:.2g}" for name, value in distances.items() if value == value
         )
         lines.append(f"  to {source}: {numbers}")
     return "\n".join(lines)

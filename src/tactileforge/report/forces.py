@@ -146,8 +146,8 @@ def _learning(objective: str, curves: Mapping[str, Curve], last_step: int) -> st
         ("r2_{}", "R\N{SUPERSCRIPT TWO} of each axis, validation", "R\N{SUPERSCRIPT TWO}"),
         ("deviation_{}_mN", "Deviation of the predictions, validation", "mN"),
     ):
-        found = {axis: curves.get(f"val/{objective}/{name.format(axis)}") for axis in AXES}
-        lines = {axis: curve for axis, curve in found.items() if curve is not None}
+        by_axis = {axis: curves.get(f"val/{objective}/{name.format(axis)}") for axis in AXES}
+        lines = {axis: curve for axis, curve in by_axis.items() if curve is not None}
         if lines:
             drawn.append(panel(title, lines_figure(unit, last_step, lines)))
     names = dict(enumerate(AXES))
@@ -171,7 +171,7 @@ def _result(result: ForceResult, data: TouchData, learning: str) -> str:
     drawings = [
         panel(f"{axis} (N)", _scatter(result, data, sensors, i))
         for i, axis in enumerate(AXES)
-        if any(np.isfinite(one.measured[..., i]).any() for one in result.readings.values())
+        if any(np.isfinite(head.measured[..., i]).any() for head in result.readings.values())
     ]
     return (
         paragraph(text)
@@ -203,15 +203,15 @@ def _scores(result: ForceResult) -> str:
     rows = [
         (
             f"{axis}, {SPLIT_WORDS[split]}",
-            milli(one.mae),
-            milli(one.median),
-            number(round(one.correlation, 2) + 0.0),
-            number(round(one.r2, 2) + 0.0),
-            milli(one.measured),
-            f"{'bad|' if one.collapsed else ''}{milli(one.predicted)}",
+            milli(axis_score.mae),
+            milli(axis_score.median),
+            number(round(axis_score.correlation, 2) + 0.0),
+            number(round(axis_score.r2, 2) + 0.0),
+            milli(axis_score.measured),
+            f"{'bad|' if axis_score.collapsed else ''}{milli(axis_score.predicted)}",
         )
         for split in result.readings
-        for axis, one in zip(AXES, result.scores(split), strict=True)
+        for axis, axis_score in zip(AXES, result.scores(split), strict=True)
     ]
     note = (
         "Median guess: the error of always giving the median force of the training clips. An axis "

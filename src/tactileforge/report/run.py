@@ -64,18 +64,18 @@ def write_report(folder: Path, module: TouchModule, data: TouchData) -> Path:
     config = _config(folder)
     curves = read_metrics(folder)
     steps, seconds = _progress(folder, curves)
-    found = find(module, data)
+    findings = find(module, data)
     weights = {key: float(node["weight"]) for key, node in config["objective"].items()}
     versions = sections.kept_versions(folder).get("versions", {})
     top = summary.facts(config, module, data, steps, seconds, versions)
-    top += summary.verdict(curves, weights, found, module.labels)
+    top += summary.verdict(curves, weights, findings, module.labels)
     parts = [
         sections.losses(curves, list(weights), steps),
         *sections.balance(curves, list(weights), steps),
-        sections.frames(found),
-        forces.section(found.forces, data, curves, steps),
-        embedding.section(found.embedding, found.scores),
-        sections.data_section(data, found.skipped),
+        sections.frames(findings),
+        forces.section(findings.forces, data, curves, steps),
+        embedding.section(findings.embedding, findings.scores),
+        sections.data_section(data, findings.skipped),
         sections.recipe(folder),
     ]
     report = folder / "report.html"

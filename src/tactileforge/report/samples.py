@@ -121,8 +121,8 @@ def look(module: TouchModule, clips: Clips, which: Sequence[int], skipped: Skipp
             change = batch["frames"].float() - batch["frames"][:, :1].float()
             moved.append(change.abs().mean((1, 2, 3, 4)).cpu().numpy())
             numbers.append(batch["clip"].cpu().numpy())
-    found, first = np.unique(np.concatenate(numbers), return_index=True)
-    return Look(found, np.concatenate(rows)[first], np.concatenate(moved)[first])
+    places, first = np.unique(np.concatenate(numbers), return_index=True)
+    return Look(places, np.concatenate(rows)[first], np.concatenate(moved)[first])
 
 
 def liveliest(clips: Clips, seen: Look, count: int) -> list[int]:
@@ -182,9 +182,11 @@ def explained(
         for batch in batches(module, clips, which if keys else []):
             views = module.encoder.views(batch)
             for key in keys:
-                found: Reconstruction = module.heads[key](views, batch)
-                if kind := kind_of(found, module.encoder.frames):
-                    sums[kind] = sums.get(kind, torch.zeros(2)) + residuals(found, kind).sum(0)
+                reconstruction: Reconstruction = module.heads[key](views, batch)
+                if kind := kind_of(reconstruction, module.encoder.frames):
+                    sums[kind] = sums.get(kind, torch.zeros(2)) + residuals(
+                        reconstruction, kind
+                    ).sum(0)
     return {kind: share(residual) for kind, residual in sums.items()}
 
 

@@ -52,9 +52,11 @@ def losses(curves: Mapping[str, Curve], objectives: Sequence[str], last_step: in
         return Section("losses", "Losses", paragraph(text))
     parts = []
     for key in objectives:
-        found = [curves.get(f"{kind}/{key}") for kind in ("train", "val", "weight")]
-        asleep = "" if found[0] else "never computed: its weight was 0 whenever metrics were logged"
-        parts.append(panel(key, curve_figure("loss", last_step, *found), asleep))
+        logged = [curves.get(f"{kind}/{key}") for kind in ("train", "val", "weight")]
+        asleep = (
+            "" if logged[0] else "never computed: its weight was 0 whenever metrics were logged"
+        )
+        parts.append(panel(key, curve_figure("loss", last_step, *logged), asleep))
     for key, title in (
         ("lr", "learning rate"),
         ("universal", "chance of the universal sensor token"),
@@ -98,16 +100,16 @@ def balance(
     return [Section("balance", "Balance", body)]
 
 
-def frames(found: Findings) -> Section:
+def frames(findings: Findings) -> Section:
     """Pictures of a few clips, row by row."""
     cards = [
-        _card(found.clips, clip, strip)
-        for clip, strip in zip(found.shown, found.strips, strict=True)
+        _card(findings.clips, clip, strip)
+        for clip, strip in zip(findings.shown, findings.strips, strict=True)
     ]
-    kinds = list(found.explained)
+    kinds = list(findings.explained)
     text = (
-        f"The {SPLIT_WORDS[found.split]} clips that move most, of different sensors, objects and "
-        "recordings. "
+        f"The {SPLIT_WORDS[findings.split]} clips that move most, of different sensors, objects "
+        "and recordings. "
         "The background is subtracted: what nothing touches is grey. "
     )
     if not kinds:

@@ -66,22 +66,22 @@ def facts(
 def verdict(
     curves: Mapping[str, Curve],
     weights: Mapping[str, float],
-    found: Findings,
+    findings: Findings,
     labels: Labels,
 ) -> str:
     """The run in a few sentences, each marked as good, bad or plain; then the losses as a table."""
     lines = [_fell(curves, weights, "train")]
-    if found.split == "val":
+    if findings.split == "val":
         lines.append(_fell(curves, weights, "val"))
     else:
         lines.append(("plain", "No validation: the data holds nothing out."))
     lines += [
         ("bad", f"{line[0].upper()}{line[1:]}.") for key in weights if (line := labels.missing(key))
     ]
-    lines += _rebuilt(found.explained)
-    lines += [line for result in found.forces for line in _force(result)]
-    lines += _read(found.scores)
-    count = len(found.skipped)
+    lines += _rebuilt(findings.explained)
+    lines += [line for result in findings.forces for line in _force(result)]
+    lines += _read(findings.scores)
+    count = len(findings.skipped)
     lines.append(
         ("bad", f"{count} recording{'s' * (count > 1)} could not be read; see Data.")
         if count

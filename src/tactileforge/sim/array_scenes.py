@@ -97,8 +97,8 @@ class Array:
         step = 2 * self.span / (2**self.bits - 1)
         noisy = forces + chance.normal(0, self.noise, forces.shape)
         steps = np.rint(noisy.clip(-self.span, self.span) / step)
-        found: NDArray[np.float32] = (steps * step).astype(np.float32)
-        return found
+        quantised: NDArray[np.float32] = (steps * step).astype(np.float32)
+        return quantised
 
 
 def taxel_forces(contact: Contact, shape: tuple[int, int], pitch: float) -> NDArray[np.float64]:
@@ -172,7 +172,7 @@ def recording(config: Config, array: Array, number: int) -> shards.Packed:
     still = np.zeros((_REST, *forces.shape[1:]))
     values = array.measured(np.concatenate([still, forces]), chance)
     layout, rest = array.layout(), np.zeros(forces.shape[1:], np.float32)
-    pictures = [shards.encode(layout.draw(one, rest), "png") for one in values]
+    pictures = [shards.encode(layout.draw(frame, rest), "png") for frame in values]
     times = scene.times(FPS)
     kind = "surface" if scene.shape.index is None else "indenter"
     about = Recording(

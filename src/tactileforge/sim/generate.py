@@ -177,12 +177,12 @@ def _shuffled(count: int, seed: int, place: int) -> int:
 @lru_cache
 def _code() -> str:
     """A hash of this package's files."""
-    found = hashlib.sha256()
+    digest_of_code = hashlib.sha256()
     folder = Path(str(files("tactileforge.sim")))
     for path in sorted(folder.rglob("*")):
         if path.suffix in (".py", ".json"):
-            found.update(path.read_bytes())
-    return found.hexdigest()
+            digest_of_code.update(path.read_bytes())
+    return digest_of_code.hexdigest()
 
 
 def recordings(config: Config, number: int) -> list[shards.Packed]:

@@ -112,8 +112,8 @@ class Path:
         return replace(self, poses=self.poses * sign, actions=actions, sway=sway)
 
     def _phase(self, times: NDArray[np.float64]) -> NDArray[np.intp]:
-        found = np.searchsorted(self.times, times, side="right") - 1
-        return np.clip(found, 0, len(self.actions) - 1)
+        segment = np.searchsorted(self.times, times, side="right") - 1
+        return np.clip(segment, 0, len(self.actions) - 1)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -103,13 +103,13 @@ class Coarse:
     def __call__(self, dent: Tensor) -> Tensor:
         """The features of dents (B, H, W) in mm: (B, K, h, w)."""
         sharp = F.interpolate(dent[:, None], self.size, mode="area")[:, 0]
-        found = []
+        maps = []
         before = sharp
         for rows, columns in zip(self._rows, self._columns, strict=True):
             blurred = rows @ sharp @ columns
-            found += [blurred @ self._right, self._down @ blurred, before - blurred]
+            maps += [blurred @ self._right, self._down @ blurred, before - blurred]
             before = blurred
-        return torch.stack(found + [self._shadow(sharp, path) for path in self._paths], 1)
+        return torch.stack(maps + [self._shadow(sharp, path) for path in self._paths], 1)
 
     def enlarge(self, field: Tensor) -> Tensor:
         """A field (..., h, w) of the grid at the picture's resolution, (..., H, W)."""

@@ -39,12 +39,12 @@ def features(presses: Presses, lights: Sequence[float]) -> list[Tensor]:
     return out
 
 
-def weigh(presses: Presses, found: Sequence[Tensor], degree: int, ridge: float = _RIDGE) -> Tensor:
+def weigh(presses: Presses, maps: Sequence[Tensor], degree: int, ridge: float = _RIDGE) -> Tensor:
     """Least-squares weights from features and places to the change of the picture.
 
     Args:
         presses: N presses.
-        found: N times float32 (K, H, W), their features.
+        maps: N times float32 (K, H, W), their features.
         degree: Of the polynomials of the place.
         ridge: What a weight costs, as a share of what its largest effect costs in every pixel.
 
@@ -52,10 +52,10 @@ def weigh(presses: Presses, found: Sequence[Tensor], degree: int, ridge: float =
         float32 (K, P, 3).
     """
     ground = places(*presses.size, degree)
-    terms = len(found[0]) * len(ground)
+    terms = len(maps[0]) * len(ground)
     left, right = torch.zeros(terms, terms).double(), torch.zeros(terms, 3).double()
-    largest, pixels = torch.zeros(len(found[0])).double(), 0
-    for number, feature in enumerate(found):
+    largest, pixels = torch.zeros(len(maps[0])).double(), 0
+    for number, feature in enumerate(maps):
         rows, columns = presses.crop(number, _AROUND)
         change = presses.pictures[number, :, rows, columns] - presses.background[:, rows, columns]
         seen = feature[:, rows, columns][..., ::2, ::2].flatten(1)
@@ -84,9 +84,9 @@ def fit(presses: Presses) -> Calibration:
     slopes = [feature[:2] for feature in features(presses, ())]
     weights = weigh(presses, slopes, 0, 0)[:, 0]
     lights = tuple(torch.atan2(-weights[1], -weights[0]).tolist()) if presses.shadows else ()
-    found = features(presses, lights)
-    weights = weigh(presses, found, DEGREE)
-    peak = torch.stack([feature[len(POWERS) :].abs().amax((1, 2)) for feature in found]).amax(0)
+    maps = features(presses, lights)
+    weights = weigh(presses, maps, DEGREE)
+    peak = torch.stack([feature[len(POWERS) :].abs().amax((1, 2)) for feature in maps]).amax(0)
     return Calibration(
         fine=weights[: len(POWERS)],
         coarse=weights[len(POWERS) :],
@@ -101,8 +101,8 @@ def fit(presses: Presses) -> Calibration:
 def fit_background(picture: Tensor) -> Tensor:
     """A background (3, H, W) as polynomials of the place, float32 (Q, 3)."""
     ground = places(picture.shape[1], picture.shape[2], _GROUND).flatten(1)[:, ::7]
-    found: Tensor = torch.linalg.lstsq(ground.T, picture.flatten(1)[:, ::7].T).solution
-    return found
+    weights: Tensor = torch.linalg.lstsq(ground.T, picture.flatten(1)[:, ::7].T).solution
+    return weights
 
 
 def noise(presses: Presses) -> float:

@@ -134,8 +134,10 @@ def load(name: str) -> Calibration:
 
 def names() -> list[str]:
     """The calibrations that ship with the package."""
-    found = (files("tactileforge.sim") / "calibration").iterdir()
-    return sorted(item.name.removesuffix(".json") for item in found if item.name.endswith(".json"))
+    entries = (files("tactileforge.sim") / "calibration").iterdir()
+    return sorted(
+        item.name.removesuffix(".json") for item in entries if item.name.endswith(".json")
+    )
 
 
 @lru_cache

@@ -122,16 +122,16 @@ def _ball_presses(ball: float, thickness: float) -> list[tuple[float, Array]]:
     layer = kernel(Gel(thickness=thickness, poisson=0.49), _POINTS, _SPACING)
     rings = (far / _SPACING).round().long().clamp(max=_POINTS // 2).flatten()
     count = torch.bincount(rings)
-    found: list[tuple[float, Array]] = []
+    profiles: list[tuple[float, Array]] = []
     pressure = None
     for depth in np.arange(_STEP, 1.8 * ball, _STEP):
         pressure = contact.press(layer, (float(depth) - height)[None], pressure)
         radius = math.sqrt(float((pressure > 0).sum()) / math.pi) * _SPACING
-        if found and radius < found[-1][0] + 1e-3:
+        if profiles and radius < profiles[-1][0] + 1e-3:
             break
         total = torch.bincount(rings, weights=layer.press(pressure).flatten())
-        found.append((radius, (total / count)[:-1].numpy()))
-    return found
+        profiles.append((radius, (total / count)[:-1].numpy()))
+    return profiles
 
 
 def find_circle(

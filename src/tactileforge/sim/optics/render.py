@@ -119,8 +119,8 @@ class Optics:
 
     def _scattered(self, dent: Tensor) -> Tensor:
         """What the coarse features change, (B, 3, H, W)."""
-        found = self._coarse(dent).clamp(-self._limits, self._limits)
-        change = torch.einsum("bkhw,kchw->bchw", found, self._smooth)
+        coarse = self._coarse(dent).clamp(-self._limits, self._limits)
+        change = torch.einsum("bkhw,kchw->bchw", coarse, self._smooth)
         return self._coarse.enlarge(change)
 
     def _shade(self, dent: Tensor, out: Tensor) -> None:
