@@ -71,7 +71,7 @@ class Options:
 
 @dataclass(frozen=True)
 class Found:
-    """A calibration, and what it was found from.
+    """A calibration, and the fits and images behind it.
 
     Attributes:
         calibration: What the file holds.
@@ -262,7 +262,7 @@ def _force(
 
 
 def _choices(kind: str, axis: str, columns: Mapping[str, Any]) -> list[Sequence[str]]:
-    """What an axis may be fitted to: of arrays and tracks its own values, scale and offset."""
+    """Candidate features of an axis; arrays and tracks get only scale and offset."""
     if kind == "head":
         hidden = [column for column in columns if column not in AXES]
         return [[axis], list(AXES), *([[*AXES, *hidden]] if hidden else [])]
@@ -270,7 +270,7 @@ def _choices(kind: str, axis: str, columns: Mapping[str, Any]) -> list[Sequence[
 
 
 def _lagged(recording: Recording, column: int, lag: float) -> NDArray[np.float64]:
-    """One axis of the force, so many seconds before each frame."""
+    """One axis of the force, ``lag`` seconds before each frame."""
     assert recording.force is not None
     force = recording.force[:, column].astype(np.float64)
     known = np.isfinite(force)

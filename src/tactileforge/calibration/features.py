@@ -1,4 +1,4 @@
-"""What a frame says of the force on it, as a few numbers."""
+"""Features of a frame for force estimation."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def of(
 
 
 def background(recording: Recording) -> NDArray[np.float32]:
-    """The picture without contact, float32 (H, W, 3): the median of those there are.
+    """The median image without contact, float32 (H, W, 3).
 
     Raises:
         DataError: There is none.
@@ -133,7 +133,7 @@ def _pictures(
 
 
 def _read_by(model: Model, recording: Recording) -> Iterator[dict[str, NDArray[np.float64]]]:
-    """What a model reads in the clips that end at each frame; it is shown the last."""
+    """Features of a model for the last frame of the clips that end at each frame."""
     rest, size = background(recording).round().astype(np.uint8), model.encoder.image_size
     rest = resized(rest, size) if model.recipe else rest
     period = float(np.median(np.diff(recording.times))) if len(recording.times) > 1 else 1.0

@@ -29,7 +29,7 @@ AXES = ("x", "y", "z")
 
 @dataclass(frozen=True)
 class Light:
-    """The picture without contact.
+    """Background of the unit: its mean colour and white balance.
 
     Attributes:
         colour: Mean red, green and blue, grey levels.
@@ -75,7 +75,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class Force:
-    """How forces follow from what the unit shows.
+    """Linear model of the force from the unit's features.
 
     Attributes:
         of: ``pictures``, ``taxels``, ``head``, or the name of a track, see `features.of`.
@@ -95,7 +95,7 @@ class Force:
 
 @dataclass(frozen=True, kw_only=True)
 class Calibration:
-    """What one unit has of its own.
+    """The calibration of one unit.
 
     Attributes:
         sensor: Type of the sensor.

@@ -1,4 +1,4 @@
-"""Force by least squares, judged on presses that the fit did not see."""
+"""Force by least squares, cross-validated on held-out presses."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Fit:
 
 
 def folds(lengths: Sequence[int]) -> NDArray[np.int64]:
-    """In which fold each frame is held out, int64 (N,).
+    """Number of the fold in which each frame is held out, int64 (N,).
 
     A press is held out whole where there are enough; fewer presses are cut into stretches, so that
     neighbouring frames, which are alike, are held out together.
@@ -144,5 +144,5 @@ def _solved(
 
 
 def _short(value: float) -> float:
-    """Seven digits are more than any of it is good for."""
+    """Rounds to seven significant digits."""
     return float(f"{value:.7g}")

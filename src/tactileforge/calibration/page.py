@@ -1,4 +1,4 @@
-"""The page of a calibration: how well forces are fitted, the light, the scale."""
+"""The page of a calibration: errors of the force fits, light and scale."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ __all__ = ["Findings", "Reason", "Suspect", "Total", "inspect"]
 def inspect(
     dataset: Dataset, name: str, path: Path, limit: int = 400, progress: bool = True
 ) -> Findings:
-    """Writes a page on a data set: what it holds, how it looks, and what is wrong with it.
+    """Writes a page on a data set: its content, its images and its problems.
 
     All recordings are counted, and ``limit`` of them, spread over the sensors, are looked at:
     at most 24 frames each, and all frames of ten recordings with force. Memory does not grow with

@@ -1,4 +1,4 @@
-"""What makes a recording suspicious. Each check gives a number, and says it in words."""
+"""Checks for suspicious recordings; each gives a number, and the same in words."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ REASONS = {
 
 @dataclass(frozen=True)
 class Flag:
-    """That a recording is suspicious.
+    """A reason a recording looks suspicious.
 
     Attributes:
         reason: One of `REASONS`.
@@ -113,7 +113,7 @@ class Flag:
 
 
 def of_labels(recording: Recording) -> Iterator[Flag]:
-    """What can be told without a pixel."""
+    """Checks of labels and times; decodes nothing."""
     if recording.no_contact is None:
         yield Flag("no_background", 0.0, "no frame without contact")
     yield from _times(recording)
@@ -121,7 +121,7 @@ def of_labels(recording: Recording) -> Iterator[Flag]:
 
 
 def of_pixels(recording: Recording, seen: Look) -> Iterator[Flag]:
-    """What some frames tell."""
+    """Checks of the pixels of some frames."""
     if recording.no_contact is not None:
         if seen.contact < NO_CONTACT:
             yield Flag(
@@ -137,7 +137,7 @@ def of_pixels(recording: Recording, seen: Look) -> Iterator[Flag]:
 
 
 def of_lag(recording: Recording, lag: Lag) -> Iterator[Flag]:
-    """What the lag tells that was estimated on a recording."""
+    """Checks of the estimated lag of images behind forces."""
     late = abs(lag.seconds)
     step = float(np.median(np.diff(recording.times)))
     if is_sure(lag) and late > max(LAG, LAG_FRAMES * step):
@@ -147,7 +147,7 @@ def of_lag(recording: Recording, lag: Lag) -> Iterator[Flag]:
 
 
 def is_sure(lag: Lag) -> bool:
-    """Whether the recording tells its lag: force and picture must change, and fit at one lag."""
+    """Whether the lag is reliable: force and image must change, and fit at one lag."""
     return lag.correlation >= LAG_CORRELATION and lag.prominence >= LAG_PROMINENCE
 
 

@@ -1,4 +1,4 @@
-"""Recordings that show the same, or nearly."""
+"""Exact and near duplicates among recordings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an inspection finds: totals, suspicious recordings, duplicates."""
+"""Findings of an inspection: totals, suspicious recordings, duplicates."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class Total:
 
 @dataclass(frozen=True)
 class Findings:
-    """What was found in a data set.
+    """Findings in a data set.
 
     Attributes:
         totals: By split and sensor.

@@ -30,7 +30,7 @@ _NOTHING = np.empty((0, 1, 1, 3), np.uint8)
 
 @dataclass(frozen=True)
 class Look:
-    """What some frames of a recording show.
+    """Some frames of a recording, made small, and their statistics.
 
     Differences are absolute, from the background or, where there is none, from the median of the
     frames; in grey levels of 255, the mean of the three channels.
@@ -173,7 +173,7 @@ def shrunk(frame: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 
 def amplified(difference: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """A difference as a picture around mid-grey, so strong that 0.5 % of it is clipped."""
+    """A difference as an image around mid-grey, so strong that 0.5 % of it is clipped."""
     gain = 127 / max(float(np.quantile(np.abs(difference), 0.995)), 8.0)
     out: NDArray[np.uint8] = np.clip(128 + gain * difference, 0, 255).astype(np.uint8)
     return out

@@ -1,4 +1,4 @@
-"""The parts of the page that tell what there is: totals, pictures, labels."""
+"""The sections on content: totals, images, labels."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def sheets(survey: Survey) -> Section:
 
 
 def grid(cards: Iterable[str], rem: float = 11) -> str:
-    """Cards beside each other, as many as fit."""
+    """Cards side by side, as many as fit."""
     columns = f"repeat(auto-fill,minmax(min(47%,{rem}rem),1fr))"
     return (
         f'<div style="display:grid;gap:.8rem;grid-template-columns:{columns};margin:.8rem 0">'

@@ -1,4 +1,4 @@
-"""A data set, read once: everything is counted, some of it is looked at."""
+"""One pass over a data set: all is counted, a sample is decoded."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _LAGS = 10
 
 @dataclass(frozen=True)
 class Seen:
-    """A recording that was looked at."""
+    """A recording whose frames were decoded."""
 
     of: Sampled
     look: Look
@@ -36,7 +36,7 @@ class Seen:
 
 @dataclass(frozen=True)
 class Survey:
-    """What the page shows.
+    """Content of the page.
 
     Attributes:
         tally: Counts of all recordings.

@@ -44,7 +44,7 @@ class Names:
         return [(str(name), int(count)) for name, count in self._base.execute(query, (kind, most))]
 
     def number(self, kind: str) -> tuple[int, int]:
-        """How many names of a kind there are, and the sum of their counts."""
+        """Number of distinct names of a kind, and the sum of their counts."""
         query = "SELECT COUNT(*), COALESCE(SUM(count), 0) FROM names WHERE kind = ?"
         names, total = self._base.execute(query, (kind,)).fetchone()
         return int(names), int(total)

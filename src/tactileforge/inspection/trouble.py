@@ -1,4 +1,4 @@
-"""The parts of the page that tell what is wrong: the verdict, duplicates, suspicious recordings."""
+"""The sections on problems: verdict, duplicates, suspicious recordings."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _LINES = 100
 
 
 def top(name: str, survey: Survey) -> str:
-    """What the data set is, and whether it can be trusted."""
+    """The top of the page: the data set in brief, and the verdict on it."""
     all_of = survey.findings
     carried = [
         label

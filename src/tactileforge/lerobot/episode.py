@@ -35,7 +35,7 @@ class Episode:
 
     @property
     def task(self) -> str:
-        """What was done, in words."""
+        """Description of the task in words."""
         first = next(iter(self.parts.values()))
         words = first.text or (f"touch the {first.object}" if first.object else "touch")
         return re.sub(r"\s+", " ", words.replace("{action}", "touch")).strip()

@@ -1,4 +1,4 @@
-"""Where things lie in a LeRobot data set of version 3."""
+"""Folder layout of a LeRobot data set of version 3."""
 
 from __future__ import annotations
 

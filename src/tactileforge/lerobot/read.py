@@ -52,12 +52,12 @@ class Folder:
 
     @cached_property
     def info(self) -> Info:
-        """What it holds; see `Info.read`."""
+        """Metadata of the data set; see `Info.read`."""
         return Info.read(self.root)
 
     @cached_property
     def episodes(self) -> list[dict[str, Any]]:
-        """Where each episode lies, in order; without statistics."""
+        """Location of each episode, in order; without statistics."""
         rows: list[dict[str, Any]] = []
         for path in sorted((self.root / "meta" / "episodes").glob("*/*.parquet")):
             names = folder.arrow().parquet.read_schema(path).names
@@ -69,7 +69,7 @@ class Folder:
 
     @cached_property
     def touch(self) -> list[dict[str, Any]]:
-        """What `write` has added, an episode each; [] where somebody else wrote the data set.
+        """Touch metadata added by `write`, by episode; [] if another program wrote the data set.
 
         Raises:
             DataError: The file is damaged, or of another version.

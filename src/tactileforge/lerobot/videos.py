@@ -39,7 +39,7 @@ class Videos:
         return self.root / folder.VIDEO.format(video_key=self.name, **folder.place(self.file))
 
     def add(self, frames: NDArray[np.uint8]) -> dict[str, Any]:
-        """Appends an episode, and says where it lies.
+        """Appends an episode, and returns its location.
 
         Raises:
             DataError: This OpenCV writes no such video.
@@ -70,7 +70,7 @@ class Videos:
             self._open = None
 
     def info(self) -> dict[str, Any]:
-        """What LeRobot says of a video."""
+        """Description of a video in LeRobot's format."""
         return {
             "video.height": self.size[1],
             "video.width": self.size[0],

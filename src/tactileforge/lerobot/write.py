@@ -66,7 +66,7 @@ class Options:
 
 @dataclass
 class Summary:
-    """What was written.
+    """Summary of the written data set.
 
     Attributes:
         episodes: How many.
@@ -232,7 +232,7 @@ class _Writer:
         self.data.write_table(table)  # one row group an episode
 
     def _about(self, number: int, name: str, part: Recording) -> dict[str, Any]:
-        """What LeRobot has no place for."""
+        """Touch metadata that LeRobot's format has no place for."""
         left = ("version", "times", "force", "action", "tracks", "image_times")
         about = {key: value for key, value in head(part).items() if key not in left}
         rest = [] if part.no_contact is None else range(min(len(part.no_contact), 9))

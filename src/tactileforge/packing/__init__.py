@@ -67,7 +67,7 @@ def pack(dataset: Dataset, name: str, out: Path, options: Options | None = None)
 
 
 def _notes(planned: Plan, options: Options, out: Path) -> dict[int, Note]:
-    """Makes the shards that are not whole yet; what is known of all, by the number of the job."""
+    """Makes the missing shards, and returns the notes of all, by job number."""
     _sweep(out)
     notes = {job.number: note for job in planned.jobs if (note := Note.of(job))}
     missing = [job for job in planned.jobs if job.number not in notes]
@@ -141,7 +141,7 @@ def _merged(planned: Plan, notes: Mapping[int, Note]) -> dict[str, Any]:
 
 
 def _made(name: str, planned: Plan, options: Options) -> dict[str, Any]:
-    """How the shards are made; all but ``by`` must not change within a folder."""
+    """Provenance of the shards; all but ``by`` must not change within a folder."""
     return {
         "by": f"tactileforge {version('tactileforge')}",
         "data": name,
@@ -153,7 +153,7 @@ def _made(name: str, planned: Plan, options: Options) -> dict[str, Any]:
 
 
 def _claim(out: Path, made: Mapping[str, Any]) -> None:
-    """Says in the folder how its shards are made, or checks that they are made so."""
+    """Records the options in the folder, or checks that they match."""
     claim = out / NOTES / "made.json"
     if not any(out.glob("*.tar")):
         write_text(claim, json.dumps(dict(made), indent=1))
@@ -197,7 +197,7 @@ def _sweep(out: Path) -> None:
 
 
 def summary(index: Index) -> str:
-    """What was packed, in a few lines of plain text."""
+    """Summarises what was packed, in a few lines of plain text."""
     lines = []
     for split, counts in index.statistics.items():
         sensors = ", ".join(f"{name} {count:,}" for name, count in counts["sensors"].items())

@@ -1,4 +1,4 @@
-"""Which frames of a recording are kept: sampling in time, and frames that show something new.
+"""Frame filters: sampling in time, and selection of frames that show something new.
 
 AnyTouch 2 (appendix, statistics of the training data) computes "the variance of the Laplacian for
 each frame relative to its preceding frame" and keeps what lies above a threshold. Clips are made of

@@ -1,4 +1,4 @@
-"""How recordings are packed: the keys under ``pack.`` in conf/pack.yaml."""
+"""Options of packing: the keys under ``pack.`` in conf/pack.yaml."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, kw_only=True)
 class Filter:
-    """Which frames are kept; all of them unless something is given.
+    """Filter of frames; it keeps all of them by default.
 
     Attributes:
         laplacian: A frame is lively from this `filters.score` on; frames that share no clip with a
@@ -49,7 +49,7 @@ class Filter:
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """How recordings are packed.
+    """Options of packing.
 
     Attributes:
         codec: How pictures are stored, see `data.shards.shards.CODECS`.
@@ -104,7 +104,7 @@ class Options:
         return _build(cls, "pack", {**given, "filter": chosen})
 
     def content(self) -> dict[str, Any]:
-        """What decides the bytes of the shards, as plain data: not who makes them."""
+        """The options that decide the bytes of the shards, as plain data."""
         plain = asdict(self)
         for name in ("processes", "executor", "max_bad"):
             del plain[name]

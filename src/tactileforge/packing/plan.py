@@ -1,4 +1,4 @@
-"""Which recordings go into which shard; nothing is decoded."""
+"""Allocation of recordings to shards; decodes nothing."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SPLITS = ("train", "val")
 
 @dataclass(frozen=True)
 class Plan:
-    """What is to be packed.
+    """The jobs of a run of packing.
 
     Attributes:
         jobs: One a shard.
@@ -78,7 +78,7 @@ def plan(dataset: Dataset, out: Path, options: Options) -> Plan:
 
 
 def deal(recordings: Sequence[Recording], frames: int) -> Iterator[list[Recording]]:
-    """Recordings of about so many frames at a time.
+    """Groups recordings into shards of about ``frames`` frames.
 
     What one object felt stays together, unless that alone is more.
 

@@ -45,7 +45,7 @@ _CHUNK = 16
 
 @dataclass(frozen=True)
 class Judged:
-    """A recording of which each frame has a score.
+    """A recording with a score for each frame.
 
     Attributes:
         recording: As it was judged: a part of a long one.
@@ -66,7 +66,7 @@ class Judged:
         return times
 
     def keeps(self, threshold: float | None) -> NDArray[np.bool_]:
-        """Which frames a threshold keeps."""
+        """Mask of the frames that a threshold keeps."""
         return self.peaks >= (-np.inf if threshold is None else threshold)
 
 
@@ -178,7 +178,7 @@ def _facts(name: str, judged: Sequence[Judged], total: int, chosen: Filter) -> s
 
 
 def _scores(judged: Sequence[Judged], chosen: Filter) -> Section:
-    """How scores are distributed, and what thresholds would keep."""
+    """Distribution of scores, and the share that each threshold would keep."""
     sensors: dict[str, list[Judged]] = {}
     for item in judged:
         sensors.setdefault(item.recording.sensor, []).append(item)

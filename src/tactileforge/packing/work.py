@@ -1,4 +1,4 @@
-"""One shard: recordings are decoded, filtered and encoded, and written with what they are.
+"""Makes one shard: recordings are decoded, filtered, encoded and written.
 
 Processes that do this import no torch.
 """
@@ -39,7 +39,7 @@ Fetch: TypeAlias = Callable[[Sequence[int]], Sequence[Any] | NDArray[np.uint8]]
 
 @dataclass(frozen=True)
 class Job:
-    """What one shard is made of.
+    """The recordings and options of one shard.
 
     Attributes:
         number: Which of the run.
@@ -62,7 +62,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Note:
-    """What is known of a shard that is whole.
+    """Entry and statistics of a finished shard.
 
     Attributes:
         digest: Of the job that made it.
@@ -76,7 +76,7 @@ class Note:
 
     @classmethod
     def of(cls, job: Job) -> Note | None:
-        """What an earlier run noted of a shard; None where it must be made (again)."""
+        """Reads the note of an earlier run; None where the shard must be made (again)."""
         try:
             plain = json.loads(_note_path(job.path).read_text())
             row = plain["entry"]
@@ -129,7 +129,7 @@ _NO_PICKLE = (
 
 
 def run(job: Job, tick: Callable[[int, int], None] = lambda number, frames: None) -> Note:
-    """Makes a shard, and notes what it is.
+    """Makes a shard, and writes its note.
 
     Args:
         job: What to make.

@@ -34,13 +34,13 @@ def jpeg(frame: Tensor) -> tuple[str, int, int]:
 
 
 def image(picture: NDArray[np.uint8], alt: str) -> str:
-    """A picture, uint8 (H, W, 3), that is part of the page."""
+    """An image, uint8 (H, W, 3), embedded in the page."""
     url, width, height = jpeg(torch.from_numpy(picture).permute(2, 0, 1) / 255)
     return f'<img src="{url}" width="{width}" height="{height}" alt="{escape(alt)}" loading="lazy">'
 
 
 def figure(pictures: Sequence[NDArray[np.uint8]], caption: str, alt: str, columns: int) -> str:
-    """Pictures in a row, and a line below."""
+    """Images in a row, and a caption below."""
     images = "".join(image(picture, alt) for picture in pictures)
     return (
         f'<figure><div class="strip" style="grid-template-columns:repeat({columns},1fr);'

@@ -1,4 +1,4 @@
-"""The page: its style, and the few pieces it is put together from."""
+"""The page kit: style, sections, tables and panels."""
 
 from __future__ import annotations
 
@@ -162,12 +162,12 @@ def panel(title: str, drawing: str, caption: str = "") -> str:
 
 
 def panels(parts: Iterable[str], wide: bool = False) -> str:
-    """Drawings beside each other, as many as fit."""
+    """Drawings side by side, as many as fit."""
     return f'<div class="panels{" wide" if wide else ""}">{"".join(parts)}</div>'
 
 
 def legend(names: Mapping[int, str], line: str = "", area: str = "") -> str:
-    """What the marks of a drawing stand for.
+    """The legend of a drawing.
 
     Args:
         names: By the number of the class; -1 is grey.

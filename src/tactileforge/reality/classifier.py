@@ -1,4 +1,4 @@
-"""A classifier of real against simulated patches: what gives a simulated picture away.
+"""A classifier of real against simulated patches, to measure the gap between them.
 
 Trained on one real source and tested on another, so that it cannot know the unit, and on other
 simulated scenes. 0.5 is chance: the two cannot be told apart by what the classifier sees.
@@ -27,7 +27,7 @@ _BATCH, _RATE, _DECAY = 64, 2e-3, 1e-2
 
 @dataclass(frozen=True)
 class Score:
-    """How well patches that were not trained on are told apart.
+    """Accuracy and AUC of the classifier on held-out patches.
 
     Attributes:
         accuracy: Share that is right, of as many real as simulated ones.
@@ -55,7 +55,7 @@ class Split:
     simulated: Array
 
     def balanced(self) -> Split:
-        """As many of one as of the other, evenly spread.
+        """Subsamples to as many real as simulated patches, evenly spread.
 
         Raises:
             ConfigError: Fewer than 16 of one.

@@ -23,7 +23,7 @@ SIMULATED = "simulated"
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """What is compared.
+    """Options of a comparison.
 
     Attributes:
         sensors: Types; None for all that the data has and the simulator knows.
@@ -77,7 +77,7 @@ class Side:
 
     @cached_property
     def among(self) -> dict[tuple[str, str], dict[str, float]]:
-        """Distances of real sources to each other: what can be hoped for."""
+        """Distances of real sources to each other, the best that a simulator can reach."""
         return {
             (a.name, b.name): distances(a, b)
             for i, a in enumerate(self.real)
@@ -85,7 +85,7 @@ class Side:
         }
 
     def ratio(self, name: str) -> float:
-        """How far off one of the distances is, see `profiles.ratio`."""
+        """Ratio of the distances of one measure, see `profiles.ratio`."""
         apart, among = (
             [distance[name] for distance in sources.values()]
             for sources in (self.apart, self.among)

@@ -1,4 +1,4 @@
-"""How one touch looks, in numbers: spectrum, noise, contact, contrast, colour.
+"""Image statistics of one touch: spectrum, noise, contact, contrast, colour.
 
 Pictures are float32 (H, W, 3) in grey levels of 255, at most `SIDE` pixels on their shorter side,
 and a change is a picture minus the picture without contact. Frequencies are cycles per pixel of a
@@ -37,7 +37,7 @@ _BORDER = 16
 
 
 def sized(picture: Array) -> NDArray[np.float32]:
-    """The picture, averaged down until its shorter side is `SIDE`; smaller ones stay as they are.
+    """The image, averaged down until its shorter side is `SIDE`; smaller ones stay as they are.
 
     Args:
         picture: (H, W, 3), grey levels.
@@ -125,7 +125,7 @@ def smooth(change: Array) -> Array:
 
 
 def contact(change: Array) -> NDArray[np.bool_]:
-    """Where a picture is touched, bool (H, W); nowhere if the change is faint."""
+    """Mask of the contact in an image, bool (H, W); empty if the change is faint."""
     size = smooth(change)
     top = float(np.quantile(size, 0.999))
     return size > (_SHARE * top if top >= FAINT else np.inf)
@@ -163,7 +163,7 @@ def covariance(change: Array, touched: NDArray[np.bool_]) -> Array:
 
 
 def distance(ours: Array, theirs: Array) -> float:
-    """Wasserstein distance of two samples of a number: how far one must be moved to be the other.
+    """Wasserstein-1 distance between two samples of a number.
 
     0 for equal samples; for one that is the other plus a constant, the size of that constant.
 

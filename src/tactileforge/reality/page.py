@@ -1,4 +1,4 @@
-"""The page of a comparison: pictures, spectra and numbers of simulated and real touches."""
+"""The page of a comparison: images, spectra and measures of simulated and real touches."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def render(name: str, sides: Mapping[str, Side]) -> str:
 
 
 def _verdict(sensor: str, side: Side) -> str:
-    """Which numbers are further from real sources than these are from each other."""
+    """Names the measures further from real sources than these are from each other."""
     ratios = {name: side.ratio(name) for name in DISTANCES}
     far = [f"{name} ({number(ratio)} times)" for name, ratio in ratios.items() if ratio > _FAR]
     if len(side.real) < 2:

@@ -1,4 +1,4 @@
-"""Patches of change pictures in contact, and what a classifier is told about them."""
+"""Patches of difference images in contact, and the inputs of a classifier."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""All the numbers of a set of touches, and how far two sets are from each other."""
+"""All measures of a set of touches, and the distances between two sets."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ DISTANCES = {
 
 
 def distances(ours: Profile, theirs: Profile) -> dict[str, float]:
-    """One number for each thing that is compared, see `DISTANCES`; 0 for equal sets.
+    """Distance between two sets by each measure, see `DISTANCES`; 0 for equal sets.
 
     All are Wasserstein distances over touches, see `measures.distance`, of base-10 logarithms
     where the unit is decades (0.3 is a factor of 2), averaged over bands or channels. NaN where a
@@ -122,7 +122,7 @@ def distances(ours: Profile, theirs: Profile) -> dict[str, float]:
 
 
 def ratio(apart: Iterable[float], among: Iterable[float]) -> float:
-    """How much further simulated touches are from real sources than these are from each other.
+    """Distance of simulated touches to real sources, over that of these to each other.
 
     Returns:
         The median of one over the median of the other; NaN where there is no other.
@@ -136,7 +136,7 @@ def ratio(apart: Iterable[float], among: Iterable[float]) -> float:
 
 
 def _sample(source: Profile, name: str) -> Array:
-    """What is compared, (touches, columns)."""
+    """Values of one measure, (touches, columns)."""
     if name == "spectrum":
         return source.of("bands").reshape(-1, len(measures.BANDS) - 1)
     if name == "background colour":

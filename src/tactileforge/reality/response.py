@@ -1,4 +1,4 @@
-"""How the picture answers to normal force and to shear, by regression over the frames of a trial.
+"""Response of the image to normal force and shear, by regression over the frames of a trial.
 
 When the object slides, its imprint moves in the picture. Each change picture is first moved back
 onto the strongest one, by the translation of largest enhanced correlation (Evangelidis and
@@ -37,7 +37,7 @@ SHARES = (0.25, 0.5, 0.75)
 
 @dataclass(frozen=True)
 class Response:
-    """What a newton does to the picture of one trial.
+    """Change of the image per newton in one trial.
 
     Attributes:
         normal: Root mean square over the contact of the change by normal force at its mean, grey
@@ -142,7 +142,7 @@ def _strongest(changes: Array) -> int:
 
 
 def _translation(reference: Array, size: Array) -> Array | None:
-    """What moves the reference onto a picture, float32 (2, 3); None if nothing does."""
+    """Translation of the reference onto an image, float32 (2, 3); None if there is none."""
     middle = _centre(size) - _centre(reference)
     start = np.array([[1, 0, middle[0]], [0, 1, middle[1]]], np.float32)
     stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 1e-3)

@@ -27,7 +27,7 @@ _TRIAL: dict[str, Any] = {
 
 
 def config(sensor: str, **given: Any) -> Config:
-    """What is simulated for a sensor: touches at the size at which pictures are compared.
+    """Configuration of touches for a sensor, at the size at which images are compared.
 
     Args:
         sensor: Its type.
@@ -53,7 +53,7 @@ def config(sensor: str, **given: Any) -> Config:
 
 
 def trial(sensor: str, **given: Any) -> Config:
-    """What is simulated for the answer to force: press, slides in four directions, lift."""
+    """Configuration of force trials: press, slides in four directions, lift."""
     return config(sensor, **(_TRIAL | given))
 
 

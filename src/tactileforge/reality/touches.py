@@ -24,7 +24,7 @@ _LONG, _MOST = 64, 8
 
 @dataclass(frozen=True)
 class Touch:
-    """What a recording shows where it is touched most.
+    """A recording at its strongest contact.
 
     Attributes:
         key: Of the recording.
@@ -44,7 +44,7 @@ class Touch:
 
     @property
     def change(self) -> NDArray[np.float32]:
-        """The picture minus the background."""
+        """The image minus the background."""
         return self.picture - self.background
 
 

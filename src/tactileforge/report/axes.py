@@ -33,7 +33,7 @@ class AxisScore:
 
     @property
     def collapsed(self) -> bool:
-        """Whether the same is said of every clip, although the force varies."""
+        """Whether predictions are nearly constant although the force varies."""
         return self.predicted < _COLLAPSED * self.measured
 
 

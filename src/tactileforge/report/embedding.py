@@ -1,4 +1,4 @@
-"""The embedding map, and what nearest neighbours read from the embedding."""
+"""The embedding map, and nearest-neighbour scores of the embedding."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Embedding:
 
 @dataclass(frozen=True)
 class Score:
-    """How well nearest neighbours in other recordings tell a class.
+    """Accuracy of classification by nearest neighbours in other recordings.
 
     Attributes:
         accuracy: Mean over classes.

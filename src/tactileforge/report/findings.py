@@ -1,4 +1,4 @@
-"""What a trained module makes of its data: everything that the report shows beside the metrics."""
+"""Outputs of a trained module on its data, which the report shows beside the metrics."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _SHOWN = 6
 
 @dataclass(frozen=True)
 class Findings:
-    """What the report shows of a module.
+    """Outputs of a module that the report shows.
 
     Attributes:
         split: Where the clips that are shown come from: ``val``, or ``train`` without validation.

@@ -35,7 +35,7 @@ _CLIPS = 200
 
 @dataclass(frozen=True)
 class ForceResult:
-    """What one head reads.
+    """Forces that one head predicts, and their scores.
 
     Attributes:
         objective: Its name.
@@ -61,7 +61,7 @@ class ForceResult:
 def force_results(
     module: TouchModule, data: TouchData, predictions: dict[str, object]
 ) -> list[ForceResult]:
-    """Reads the forces of labelled clips with every head that predicts them.
+    """Predicts the forces of labelled clips with every head that can.
 
     Args:
         module: The trained module.

@@ -1,4 +1,4 @@
-"""Clips as pictures: input, masked, reconstructed, and how their frames differ."""
+"""Clips as images: input, masked, reconstructed, and differences between frames."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Strips:
 
 
 def kind_of(reconstruction: Reconstruction, frames: int) -> str:
-    """What was reconstructed: T frames, T - 1 differences to the first frame, or something else."""
+    """Kind of reconstruction: T ``frames``, T - 1 ``differences`` to the first, or ``""``."""
     return {frames: "frames", frames - 1: "differences"}.get(reconstruction.target.shape[2], "")
 
 
@@ -62,7 +62,7 @@ def share(residual: Tensor) -> float:
 def strips_of(
     encoder: Encoder, patches: Tensor, predictions: Sequence[Reconstruction], row: int
 ) -> Strips:
-    """Rows of pictures of one clip of a batch.
+    """Rows of images of one clip of a batch.
 
     Args:
         encoder: Made the patches.
@@ -129,7 +129,7 @@ def _masked(encoder: Encoder, frames: Tensor, hidden: Tensor) -> Tensor:
 
 
 def _spread(encoder: Any) -> Tensor:
-    """What 1 in normalised pixels is in 0..1; a quarter for an encoder that does not tell."""
+    """Standard deviation of pixels in 0..1; a quarter where the encoder does not give one."""
     return _normalisation(encoder, "std", 0.25)
 
 

@@ -1,4 +1,4 @@
-"""Writes the report of a run: one HTML file that tells in a minute whether it went well."""
+"""Writes the report of a run: one HTML file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a trained module makes of some clips: embeddings, forces, reconstructions."""
+"""Outputs of a trained module on some clips: embeddings, forces, reconstructions."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ def liveliest(clips: Clips, seen: Look, count: int) -> list[int]:
 def predictions(
     module: TouchModule, clips: Clips, which: Sequence[int]
 ) -> tuple[Tensor, dict[str, Any]]:
-    """The patches of one batch of clips, and what every head makes of them, by objective."""
+    """The patches of one batch of clips, and the predictions of every head, by objective."""
     with quiet(module):
         batch = next(batches(module, clips, which))
         views = module.encoder.views(batch)

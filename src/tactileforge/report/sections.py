@@ -44,7 +44,7 @@ _FRAMES = 6
 
 
 def losses(curves: Mapping[str, Curve], objectives: Sequence[str], last_step: int) -> Section:
-    """A panel an objective; then the learning rate and the chance of the universal token."""
+    """One panel per objective; then the learning rate and the chance of the universal token."""
     if not any(key.startswith("train/") for key in curves):
         text = (
             "No metrics were logged; lower trainer.log_every_n_steps to see curves of short runs."
@@ -84,7 +84,7 @@ def losses(curves: Mapping[str, Curve], objectives: Sequence[str], last_step: in
 def balance(
     curves: Mapping[str, Curve], objectives: Sequence[str], last_step: int
 ) -> list[Section]:
-    """What of each objective reaches the encoder; nothing where that was not measured."""
+    """Share of each objective in the encoder's gradient; empty where it was not measured."""
     norms = {key: curves[f"gradient/{key}"] for key in objectives if f"gradient/{key}" in curves}
     if not norms:
         return []
@@ -101,7 +101,7 @@ def balance(
 
 
 def frames(findings: Findings) -> Section:
-    """Pictures of a few clips, row by row."""
+    """Images of a few clips, row by row."""
     cards = [
         _card(findings.clips, clip, strip)
         for clip, strip in zip(findings.shown, findings.strips, strict=True)
@@ -152,7 +152,7 @@ def _image(picture: Tensor, words: str) -> str:
 
 
 def data_section(data: TouchData, skipped: Sequence[str]) -> Section:
-    """What was trained on, where it comes from, and what could not be read."""
+    """The training data: recordings, sources, and files that could not be read."""
     rows = []
     sources: Counter[tuple[str, str, int]] = Counter()
     for split in ("train", "val"):
@@ -192,7 +192,7 @@ def _row(counts: Sequence[Count]) -> list[str]:
 
 
 def kept_versions(folder: Path) -> dict[str, Any]:
-    """What ``versions.json`` of a run says; nothing where it is absent."""
+    """Content of a run's ``versions.json``; empty where it is absent."""
     path = folder / "versions.json"
     return json.loads(path.read_text()) if path.is_file() else {}
 

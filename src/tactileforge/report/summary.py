@@ -40,7 +40,7 @@ def facts(
     seconds: float | None,
     versions: Mapping[str, str],
 ) -> str:
-    """What was trained, on what, for how long."""
+    """Facts of the run: model, data and duration."""
     encoder = config["encoder"]
     name = " ".join(filter(None, (encoder["name"], encoder.get("size"))))
     size = sum(parameter.numel() for parameter in module.encoder.parameters()) / 1e6
@@ -97,7 +97,7 @@ def verdict(
 
 
 def ends(curve: Curve) -> tuple[float, float]:
-    """How a loss began and ended: means of the first and the last tenth of its values."""
+    """First and last value of a loss: means of the first and the last tenth of its values."""
     count = max(1, len(curve.values) // 10)
     return float(curve.values[:count].mean()), float(curve.values[-count:].mean())
 

@@ -80,7 +80,7 @@ class Array:
             raise ConfigError(f"sim_array: size={self.size} pixels for {rows} rows of taxels")
 
     def layout(self) -> Layout:
-        """How its taxels are drawn."""
+        """Layout by which its taxels are drawn as an image."""
         rows, columns = self.shape
         channels = (0, 1, 2) if self.axes == 3 else (0,)
         if self.size is None or self.size == rows:
@@ -146,7 +146,7 @@ def _shares(
 
 
 def play(scene: Scene, array: Array) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-    """What every taxel feels of a scene.
+    """Simulates the force on every taxel of an array over a scene.
 
     Returns:
         Forces on taxels, float64 (T, taxels, 3), and those on all of the skin, float32 (T, 3), N.

@@ -68,7 +68,7 @@ _MANY = 4
 
 @dataclass(frozen=True, kw_only=True)
 class Config:
-    """What is simulated; the same configuration gives the same bytes.
+    """Configuration of a simulated data set; equal configurations give equal bytes.
 
     Attributes:
         sensors: Types of sensors; each scene is felt by all of them.
@@ -132,7 +132,7 @@ class Config:
         return [shape(chosen)]
 
     def moves(self, is_round: bool) -> list[str]:
-        """The motions; what is round shows no rotation."""
+        """Names of the motions; round shapes get no rotation, which nobody could see."""
         chosen = self.motions
         if isinstance(chosen, str):
             chosen = _MOTION_GROUPS.get(chosen, (chosen,))
@@ -143,7 +143,7 @@ class Config:
         return seen or list(chosen)
 
     def digest(self) -> str:
-        """Names what is simulated, and the code that does it."""
+        """Digest of the configuration and of the simulator's code."""
         text = json.dumps([asdict(self), shards.VERSION], sort_keys=True) + _code()
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -357,7 +357,7 @@ def write_seconds(
 
 
 def _claim(config: Config, folder: Path) -> None:
-    """Says in the folder what its touches are, or checks that they are these."""
+    """Records the configuration in the folder, or checks that it matches."""
     path = folder / "sim.json"
     wanted = json.loads(json.dumps(asdict(config)))
     if path.exists():

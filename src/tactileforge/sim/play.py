@@ -1,4 +1,4 @@
-"""Pictures and forces of touches on any number of sensors."""
+"""Images and forces of touches on any number of sensors."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def play(
     viscosity: float = 0.0,
     device_name: str = "cpu",
 ) -> Iterator[Shots]:
-    """Pictures and forces of touches on several sensors at once, a few frames at a time.
+    """Simulates touches on several sensors at once, a few frames at a time.
 
     All sensors feel the same object on the same path. Contacts of all scenes and sensors that one
     solver serves are solved in one batch; each is the same, to the bit, alone or beside others.

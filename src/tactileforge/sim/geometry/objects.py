@@ -1,4 +1,4 @@
-"""Any object as a shape: a mesh, a point cloud, or a picture of heights.
+"""Any object as a shape: a mesh, a point cloud, or a height image.
 
 An object touches the gel with its upper side: it is seen along its own -z axis, its x to the right
 and its y up, and only what lies within `REACH` of the place that is touched.
@@ -25,7 +25,7 @@ _SAMPLES = 2_000_000
 
 
 class Mesh(Protocol):
-    """What a mesh must have, as one of ``trimesh`` does."""
+    """Interface of a triangle mesh, as ``trimesh`` has it."""
 
     vertices: Any
     faces: Any
@@ -109,7 +109,7 @@ def cloud_shape(
 def picture_shape(
     path: str | Path, mm_per_pixel: float, range_mm: float, name: str | None = None
 ) -> Shape:
-    """A grey picture of heights as a shape: white touches first, black lies ``range_mm`` below.
+    """A grey height image as a shape: white touches first, black lies ``range_mm`` below.
 
     Args:
         path: A grey picture, 8 or 16 bit.

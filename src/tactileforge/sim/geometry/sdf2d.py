@@ -143,7 +143,7 @@ def wavy(radius: float, wave: float, count: int) -> Mask:
 
 
 def union(*masks: Mask) -> Mask:
-    """What lies in any of the outlines."""
+    """The union of outlines."""
     return lambda x, y: reduce(np.minimum, (mask(x, y) for mask in masks))
 
 
@@ -153,7 +153,7 @@ def minus(mask: Mask, *holes: Mask) -> Mask:
 
 
 def both(*masks: Mask) -> Mask:
-    """What lies in all of the outlines."""
+    """The intersection of outlines."""
     return lambda x, y: reduce(np.maximum, (mask(x, y) for mask in masks))
 
 

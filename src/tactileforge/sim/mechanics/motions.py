@@ -1,4 +1,4 @@
-"""Motions of an object against a gel: where it is, frame by frame, and which action that is."""
+"""Motions of an object against a gel: its pose frame by frame, and the action labels."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Sway:
 
 @dataclass(frozen=True)
 class Path:
-    """Where an object is, at any time; between its knots it starts and stops smoothly.
+    """Pose of an object at any time; between its knots it starts and stops smoothly.
 
     Attributes:
         times: float64 (K,), seconds, strictly increasing; the first is 0.

@@ -128,7 +128,7 @@ class _Laws:
 
 @dataclass(frozen=True)
 class _State:
-    """Where a batch is: tractions over the modulus, and the steps that led there."""
+    """State of a batch: tractions over the modulus, and the steps that led there."""
 
     pose: Tensor | None
     pressure: Tensor
@@ -144,7 +144,7 @@ class _State:
         )
 
     def next(self, laws: _Laws, overlap: _Overlap, pose: Tensor) -> _State:
-        """The next frame.
+        """Solves the next frame.
 
         Pressure and shear act on each other's displacements: pressure is solved over the surface
         that the shear of the frame before has tilted, shear with what pressure spreads, and then
@@ -174,7 +174,7 @@ class _State:
 
 
 class _Overlap:
-    """How far objects enter undeformed gels, in the frames of the objects."""
+    """Overlap of objects with undeformed gels, in the frames of the objects."""
 
     def __init__(self, heights: Tensor, spacing: float, gels: Sequence[Gel], poses: Tensor) -> None:
         n = heights.shape[-1]
@@ -212,7 +212,7 @@ class _Overlap:
         return next((w for w in _WINDOWS if need <= w <= n and (n - w) % 2 == 0), n)
 
     def cropped(self, window: int) -> _Overlap:
-        """The same on the middle ``window`` points a side."""
+        """The same laws on the middle ``window`` points a side."""
         edge = (len(self.x) - window) // 2
         middle = slice(edge, edge + window)
         out = object.__new__(_Overlap)

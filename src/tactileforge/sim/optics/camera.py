@@ -1,4 +1,4 @@
-"""The camera behind the gel: focus, exposure, tone curve, noise, and what a codec leaves."""
+"""The camera behind the gel: focus, exposure, tone curve, noise and codec."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class Camera:
 
 
 class Lens:
-    """Blurs a picture that was drawn finer, and shrinks it to its size.
+    """Blurs an image that was drawn finer, and shrinks it to its size.
 
     Args:
         blur: Deviation of a Gaussian, pixels of the fine picture; beyond the border, the picture is
@@ -96,7 +96,7 @@ class Lens:
 
 
 class Codec:
-    """Compresses the pictures of one film, in their order, as a camera or a video file does.
+    """Compresses the images of one film, in their order, as a camera or a video file does.
 
     JPEG codes each picture. MPEG, which takes its place where a unit has both, codes the change
     from the picture before as that was decoded, in the same blocks of cosines; motion between
@@ -117,7 +117,7 @@ class Codec:
         self._count = 0
 
     def __call__(self, pictures: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """The next pictures (K, H, W, 3), RGB, as they are decoded."""
+        """The next images (K, H, W, 3), RGB, as they are decoded."""
         if self.jpeg is None and self.mpeg is None:
             return pictures
         return np.stack([self._next(picture) for picture in pictures])
@@ -136,7 +136,7 @@ class Codec:
 
 
 def _coded(picture: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
-    """A picture (H, W, 3), RGB, as JPEG gives it back."""
+    """An image (H, W, 3), RGB, after JPEG compression."""
     _, code = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
     decoded = cv2.imdecode(code, cv2.IMREAD_COLOR)
     assert decoded is not None  # it was coded here

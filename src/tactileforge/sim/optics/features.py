@@ -1,4 +1,4 @@
-"""What the light of a tactile sensor reacts to: features of the gel's surface.
+"""Features of the gel's surface that the light of a tactile sensor responds to.
 
 Powers of the surface's normal at the picture's resolution; and on a coarse grid what happens to
 light on its way through the gel: it scatters (slopes and bulges of the blurred dent) and is blocked
@@ -116,7 +116,7 @@ class Coarse:
         return self._taller @ (field @ self._wider)
 
     def _shadow(self, sharp: Tensor, path: list[tuple[int, int, float]]) -> Tensor:
-        """How dark the surface is in the shadow of a light, 0 to 1."""
+        """Darkness of the surface in the shadow of a light, 0 to 1."""
         height, width = self.size
         margin = max(max(abs(y), abs(x)) for y, x, _ in path)
         wide = F.pad(sharp[:, None], (margin,) * 4, mode="replicate")[:, 0]

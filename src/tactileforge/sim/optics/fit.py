@@ -1,4 +1,4 @@
-"""Fits calibrations on real pictures of balls pressed into a gel.
+"""Fits calibrations on real images of balls pressed into a gel.
 
 The gel's surface in each press is known (see `presses`). What is left is linear: grey levels from
 features of the surface and the place.
@@ -28,7 +28,7 @@ _GROUND = 6
 
 
 def features(presses: Presses, lights: Sequence[float]) -> list[Tensor]:
-    """All features of each press at the picture's resolution, float32 (K, H, W)."""
+    """All features of each press at the image's resolution, float32 (K, H, W)."""
     coarse = Coarse(presses.size, presses.spacing, lights)
     out = []
     for number in range(len(presses)):
@@ -106,7 +106,7 @@ def fit_background(picture: Tensor) -> Tensor:
 
 
 def noise(presses: Presses) -> float:
-    """Standard deviation of the camera's noise: what neighbouring pixels do not share."""
+    """Standard deviation of the camera's noise, from what neighbouring pixels do not share."""
     change = presses.pictures.float() - presses.background
     rough = change - F.avg_pool2d(change, 3, 1, 1)
     return float(rough.abs().median()) * 1.4826 * math.sqrt(9 / 8 / 2)

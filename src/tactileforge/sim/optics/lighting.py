@@ -1,4 +1,4 @@
-"""How the picture of a sensor answers to the surface of its gel: calibrations.
+"""Optical calibrations: the response of a sensor's image to the surface of its gel.
 
 Those that ship are fitted on real presses of balls (see `fit`); `lit` makes one from lamps.
 """
@@ -24,7 +24,7 @@ DEGREE = 2
 
 @dataclass(frozen=True)
 class Calibration:
-    """How a sensor's picture answers to the surface of its gel. It holds for any picture size.
+    """Response of a sensor's image to the surface of its gel, at any image size.
 
     Attributes:
         fine: float32 (len(POWERS), P, 3), grey levels for each feature of the normal, polynomial
@@ -87,11 +87,11 @@ class Calibration:
         return replace(self, fine=fine, coarse=coarse)
 
     def contrasted(self, gain: float) -> Calibration:
-        """The calibration of a sensor whose picture changes so many times as much."""
+        """The calibration of a sensor whose image changes by a factor more."""
         return replace(self, fine=gain * self.fine, coarse=gain * self.coarse)
 
     def coloured(self, mixing: Tensor) -> Calibration:
-        """The same surface seen through other colours: channels are mixed by a matrix (3, 3)."""
+        """The calibration of a sensor with other colours: channels are mixed by a matrix (3, 3)."""
         return replace(self, fine=self.fine @ mixing.T, coarse=self.coarse @ mixing.T)
 
 

@@ -1,4 +1,4 @@
-"""Real pictures of balls pressed into a gel: what calibrations are fitted on.
+"""Real images of balls pressed into a gel, to fit calibrations on.
 
 The circle of the contact is known, or found; the gel's surface around a ball of known radius
 follows from the same contact mechanics that the simulator uses.
@@ -31,7 +31,7 @@ CROP = 1.6
 
 @dataclass(frozen=True)
 class Presses:
-    """Pictures of a ball pressed into one sensor.
+    """Images of a ball pressed into one sensor.
 
     Attributes:
         background: float32 (3, H, W), the picture with no contact, RGB grey levels.
@@ -60,7 +60,7 @@ class Presses:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Height and width of the pictures."""
+        """Height and width of the images."""
         return self.background.shape[1], self.background.shape[2]
 
     def part(self, which: slice) -> Presses:
@@ -237,7 +237,7 @@ def read_known(name: str, data: Path) -> Presses:
 
 
 def read_picture(path: Path) -> Tensor:
-    """A picture, uint8 (3, H, W), RGB.
+    """Reads an image, uint8 (3, H, W), RGB.
 
     Raises:
         DataNotFoundError: The file does not exist.

@@ -1,4 +1,4 @@
-"""From the surface of the gel to the picture that the sensor's camera takes.
+"""Renders the image that a sensor's camera takes of the surface of its gel.
 
 The change of each channel from the background is a weighted sum of features of the dent (see
 `features`), and the weights are polynomials of the place in the picture (see `lighting`). The
@@ -24,7 +24,7 @@ _MARGIN = 64
 
 
 class Optics:
-    """The pictures of one unit of a sensor.
+    """Images of one unit of a sensor.
 
     Example:
         >>> import torch
@@ -68,7 +68,7 @@ class Optics:
         first: int | None = None,
         drift: Tensor | None = None,
     ) -> Tensor:
-        """Pictures of dents.
+        """Renders images of dents.
 
         Args:
             dent: float32 (B, H, W), the gel's surface in mm into the gel, 0 at rest.
@@ -109,7 +109,7 @@ class Optics:
         return out
 
     def _film(self, light: Tensor, first: int | None) -> Tensor:
-        """Picture that the camera makes of light, float32 (B, 3, H, W)."""
+        """Image that the camera makes of light, float32 (B, 3, H, W)."""
         out = self.unit.camera.tone(self.lens(light)) + 0.5
         if first is not None:
             for number, picture in enumerate(out, first):
@@ -118,13 +118,13 @@ class Optics:
         return out.clamp_(0, 255)
 
     def _scattered(self, dent: Tensor) -> Tensor:
-        """What the coarse features change, (B, 3, H, W)."""
+        """Change by the coarse features, (B, 3, H, W)."""
         coarse = self._coarse(dent).clamp(-self._limits, self._limits)
         change = torch.einsum("bkhw,kchw->bchw", coarse, self._smooth)
         return self._coarse.enlarge(change)
 
     def _shade(self, dent: Tensor, out: Tensor) -> None:
-        """Adds what the normals change."""
+        """Adds the change by the normals."""
         x, y = (
             n.flatten(1) for n in normals(dent, self.unit.spacing, self.unit.calibration.steepest)
         )

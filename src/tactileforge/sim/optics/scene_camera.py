@@ -1,4 +1,4 @@
-"""A small picture of a shape on a table, as a camera beside the sensor might take it."""
+"""A small camera image of a shape on a table, as beside the sensor."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ class Unit:
 
 @dataclass(frozen=True)
 class Style:
-    """What the units of a type have in common.
+    """Properties that the units of a sensor type share.
 
     Attributes:
         calibrations: Names of those that ship; a unit has one of them.
