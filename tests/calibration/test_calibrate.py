@@ -192,7 +192,11 @@ def test_bad_recordings_are_named() -> None:
     for recordings, options, message in (
         ([], Options(), "there are no recordings"),
         (without, Options(fit="pictures"), "no recording has forces"),
-        ([good[0], second], Options(), "digit D1, digit D2: a calibration is of one unit"),
+        (
+            [good[0], second],
+            Options(),
+            "digit D1, digit D2: a calibration belongs to a single unit",
+        ),
         (good, Options(unit="D9"), "unknown device or unit 'D9'"),
         ([bare], Options(), "press0: no frame without contact"),
         ([good[0], small], Options(), "24 x 64 and 48 x 64 pixels"),
@@ -211,7 +215,7 @@ def test_bad_recordings_are_named() -> None:
         ({"axes": []}, "give some of x, y, z"),
         ({"max_lag": -1}, "max_lag=-1"),
         ({"punch_mm": 0}, "punch_mm=0"),
-        ({"punch_mm": 4, "mm_per_pixel": 0.1}, "say the same twice"),
+        ({"punch_mm": 4, "mm_per_pixel": 0.1}, "both set the scale"),
     ],
 )
 def test_bad_options_are_named(options: dict[str, object], message: str) -> None:
@@ -298,7 +302,7 @@ def test_a_calibration_travels_with_recordings(tmp_path: Path) -> None:
         ("balance: [1.0, 1.0, 1.0]", "balance: [1.0, 1.0]", "must be 3 numbers"),
         ("    z:", "    w:", "unknown key in here, force, axes 'w'"),
         ("size: [48, 64]", "size: [48]", "a height and a width"),
-        ("version: 1", "version: [", "no YAML"),
+        ("version: 1", "version: [", "not YAML"),
         ("version: 1", "", "version is missing"),
     ],
 )

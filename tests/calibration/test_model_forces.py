@@ -127,7 +127,7 @@ def test_a_calibration_knows_its_model(model: Model, calibrated: Found) -> None:
     )
     with pytest.raises(ConfigError, match="was not fitted to the forces of this model"):
         model.force(frames, rest, "digit", calibration=other)
-    with pytest.raises(ConfigError, match="fit=head: say whose, model=NAME"):
+    with pytest.raises(ConfigError, match="fit=head needs a model: give model=NAME"):
         calibrate([touch], Options(fit="head"))
 
 

@@ -66,7 +66,7 @@ class Options:
             if value is not None and not value > 0:
                 raise ConfigError(f"{name}={value}: give a value above 0")
         if self.punch_mm is not None and self.mm_per_pixel is not None:
-            raise ConfigError("punch_mm and mm_per_pixel say the same twice: give one of them")
+            raise ConfigError("punch_mm and mm_per_pixel both set the scale: give one of them")
 
 
 @dataclass(frozen=True)
@@ -113,8 +113,8 @@ def calibrate(
     notes: list[str] = []
     sizes = {recording.frames.shape for recording in chosen}
     if len(sizes) > 1:
-        told = " and ".join(f"{h} x {w}" for h, w in sorted(sizes))
-        raise DataError(f"frames of {told} pixels: calibrate recordings of one size")
+        shapes = " and ".join(f"{h} x {w}" for h, w in sorted(sizes))
+        raise DataError(f"frames of {shapes} pixels: calibrate recordings of one size")
     kind = _kind(first, chosen, options, model)
     shines, still = _light(chosen, reference, notes)
     scale, source = _scale(chosen, options)
@@ -154,8 +154,8 @@ def _chosen(recordings: Iterable[Recording], options: Options) -> list[Recording
     }
     if len(units) > 1:
         raise ConfigError(
-            f"recordings of {', '.join(sorted(units))}: a calibration is of one unit; choose it "
-            "with device=NAME or unit=NAME"
+            f"recordings of {', '.join(sorted(units))}: a calibration belongs to a single unit; "
+            "choose it with device=NAME or unit=NAME"
         )
     return chosen
 
@@ -164,7 +164,7 @@ def _kind(
     first: Recording, chosen: Sequence[Recording], options: Options, model: Model | None
 ) -> str:
     if (options.fit == "head") > (model is not None):
-        raise ConfigError("fit=head: say whose, model=NAME")
+        raise ConfigError("fit=head needs a model: give model=NAME")
     if options.fit != "auto":
         return options.fit
     if all(recording.force is None for recording in chosen):
@@ -210,8 +210,8 @@ def _scale(chosen: Sequence[Recording], options: Options) -> tuple[float | None,
             for press in punched[:20]
         ]
         spread = 100 * float(np.std(scales) / np.mean(scales))
-        told = f"{len(scales)} presses of a {options.punch_mm:g} mm punch, which differ by "
-        return round(float(np.median(scales)), 6), f"{told}{spread:.1f} %"
+        summary = f"{len(scales)} presses of a {options.punch_mm:g} mm punch, which differ by "
+        return round(float(np.median(scales)), 6), f"{summary}{spread:.1f} %"
     known = spec(chosen[0].sensor)
     if known.area_mm is None:
         return None, "not known: give punch_mm or mm_per_pixel"
@@ -233,13 +233,13 @@ def _force(
     noise = max(features.noise_of(press) for press in presses) if kind == "pictures" else 0.0
     parts = [features.of(press, kind, noise, model) for press in presses]
     joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    held = folds([len(press.frames) for press in presses])
+    fold = folds([len(press.frames) for press in presses])
 
     def fitted(name: str, lag: float) -> Fit:
         column = AXES.index(name)
         force = np.concatenate([_lagged(press, column, lag) for press in presses])
         raw = name if kind == "head" else None
-        return fit(joined, _choices(kind, name, joined), force, held, name, raw)
+        return fit(joined, _choices(kind, name, joined), force, fold, name, raw)
 
     wanted = [name for name in AXES if name in options.axes]
     lag = 0.0

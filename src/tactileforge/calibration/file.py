@@ -195,11 +195,11 @@ def load(path: str | Path) -> Calibration:
         text = Path(path).read_text(encoding="utf-8")
     except OSError as error:
         raise DataNotFoundError(
-            f"{path}: no calibration there ({error.strerror}); make one: tactileforge calibrate "
-            f"data=shards data.root=DIR out={path}"
+            f"{path}: no calibration there ({error.strerror}); make it with: tactileforge "
+            f"calibrate data=shards data.root=DIR out={path}"
         ) from error
     except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: no text ({error.reason})") from error
+        raise ConfigError(f"{path}: not a text file ({error.reason})") from error
     return parse(text, str(path))
 
 
@@ -243,7 +243,7 @@ def parse(text: str, where: str) -> Calibration:
     try:
         node = Node(yaml.safe_load(text), where)
     except yaml.YAMLError as error:
-        raise ConfigError(f"{where}: no YAML ({error})") from error
+        raise ConfigError(f"{where}: not YAML ({error})") from error
     if (version := node.need("version", int, str(VERSION))) != VERSION:
         raise ConfigError(
             f"{where}: version {version}, but this tactileforge reads {VERSION}; calibrate again"

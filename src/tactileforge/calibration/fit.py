@@ -78,8 +78,8 @@ def fit(
     known = np.isfinite(force)
     for values in features.values():
         known &= np.isfinite(values)
-    measured, held = np.asarray(force, np.float64)[known], fold[known]
-    if len(measured) < _LEAST_FRAMES or len(np.unique(held)) < 2:
+    measured, held_out = np.asarray(force, np.float64)[known], fold[known]
+    if len(measured) < _LEAST_FRAMES or len(np.unique(held_out)) < 2:
         raise DataError(
             f"force {name}: {len(measured)} frames with a force; give {_LEAST_FRAMES} or more, of "
             "several presses"
@@ -90,7 +90,7 @@ def fit(
     for names in _affordable(choices, len(measured)):
         columns = np.stack([features[column][known] for column in names], 1)
         for rcond in _RCONDS if len(names) > _MANY else (_RCOND,):
-            candidate = _fit(names, columns, measured, held, rcond)
+            candidate = _fit(names, columns, measured, held_out, rcond)
             if best is None or candidate.axis.rmse < best.axis.rmse:
                 best = candidate
     assert best is not None
@@ -111,12 +111,12 @@ def _fit(
     names: Sequence[str],
     columns: NDArray[np.float64],
     measured: NDArray[np.float64],
-    held: NDArray[np.int64],
+    held_out: NDArray[np.int64],
     rcond: float,
 ) -> Fit:
     predicted = np.empty_like(measured)
-    for number in np.unique(held):
-        out = held == number
+    for number in np.unique(held_out):
+        out = held_out == number
         offset, weights = _solved(columns[~out], measured[~out], rcond)
         predicted[out] = offset + columns[out] @ weights
     offset, weights = _solved(columns, measured, rcond)
@@ -128,7 +128,7 @@ def _fit(
         r2=_short(float(1 - np.mean(error**2) / np.var(measured))),
         span=[_short(float(measured.min())), _short(float(measured.max()))],
     )
-    return Fit(axis, measured, predicted, held)
+    return Fit(axis, measured, predicted, held_out)
 
 
 def _solved(

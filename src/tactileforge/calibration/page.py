@@ -46,20 +46,20 @@ def _force(result: Found) -> Section:
     before = ["before (N)"] * with_model
     rest = ("R\N{SUPERSCRIPT TWO}", "range (N)", "frames", "text|fitted to")
     head = ("axis", *before, "error (N)", *rest)
-    told = f"Fitted to {'what a model reads' if with_model else force.of} by least squares"
-    told += f", pictures {1000 * force.lag:.0f} ms after forces." if force.lag else "."
-    told += " Each frame is predicted by a fit that has not seen its press; colours are folds."
+    text = f"Fitted to {'what a model reads' if with_model else force.of} by least squares"
+    text += f", pictures {1000 * force.lag:.0f} ms after forces." if force.lag else "."
+    text += " Each frame is predicted by a fit that has not seen its press; colours are folds."
     if with_model:
-        told += " Before: the error of the model as it is, drawn faintly."
+        text += " Before: the error of the model as it is, drawn faintly."
     return Section(
-        "force", "Force", paragraph(told) + table("axes", head, rows) + panels(drawn, wide=True)
+        "force", "Force", paragraph(text) + table("axes", head, rows) + panels(drawn, wide=True)
     )
 
 
 def _told(names: Sequence[str]) -> str:
     hidden = [name for name in names if name.startswith("hidden")]
-    told = [name for name in names if name not in hidden]
-    return ", ".join([*told, *([f"{len(hidden)} values of the head"] if hidden else [])])
+    shown = [name for name in names if name not in hidden]
+    return ", ".join([*shown, *([f"{len(hidden)} values of the head"] if hidden else [])])
 
 
 def _against(fit: Fit, name: str) -> str:

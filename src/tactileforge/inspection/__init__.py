@@ -40,7 +40,7 @@ def inspect(
         DataError: Not one recording can be opened.
     """
     if limit < 1:
-        raise ConfigError(f"limit={limit}: look at 1 recording or more")
+        raise ConfigError(f"limit={limit}: give 1 or more")
     contents = survey(dataset, limit, progress)
     parts = [
         sections.totals(contents),

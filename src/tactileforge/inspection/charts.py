@@ -75,8 +75,8 @@ def force_histogram(sensors: Sequence[Histogram], axis: str) -> str:
     counts = [sensor.over(widest.reach) for sensor in sensors]
     kept = np.flatnonzero(sum(counts))
     with drawing(4.2, 2.4) as (figure, axes):
-        for i, own in enumerate(counts if len(kept) else []):
-            shares = own[kept[0] : kept[-1] + 1] / max(1, own.sum())
+        for i, histogram in enumerate(counts if len(kept) else []):
+            shares = histogram[kept[0] : kept[-1] + 1] / max(1, histogram.sum())
             edges = widest.edges[kept[0] : kept[-1] + 2]
             axes.stairs(shares, edges, color=CLASSES[i % len(CLASSES)][0], linewidth=1.6)
         axes.set(yscale="log", xlabel=f"{axis} (N)", ylabel="share of frames")

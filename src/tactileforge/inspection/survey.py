@@ -161,7 +161,7 @@ def _listed(dataset: Dataset, unreadable: list[str]) -> Iterator[Sampled]:
         except DataNotFoundError:
             raise
         except DataError as error:
-            unreadable.append(f"{split}: the list of recordings breaks off: {error}")
+            unreadable.append(f"{split}: listing the recordings failed: {error}")
 
 
 def _look(

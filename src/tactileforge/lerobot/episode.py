@@ -74,11 +74,11 @@ def together(recordings: Iterable[Recording]) -> Iterator[list[Recording]]:
         )
 
     for _, group in groupby(enumerate(recordings), take):
-        held: dict[str, list[Recording]] = {}
+        by_device: dict[str, list[Recording]] = {}
         for _, recording in group:
-            held.setdefault(device(recording), []).append(recording)
-        for number in range(max(map(len, held.values()))):
-            yield [parts[number] for parts in held.values() if number < len(parts)]
+            by_device.setdefault(device(recording), []).append(recording)
+        for number in range(max(map(len, by_device.values()))):
+            yield [parts[number] for parts in by_device.values() if number < len(parts)]
 
 
 def episode(recordings: Sequence[Recording], fps: float) -> Episode:
@@ -91,7 +91,10 @@ def episode(recordings: Sequence[Recording], fps: float) -> Episode:
     end = min(float(recording.times[-1]) for recording in recordings)
     if end < start:
         keys = " and ".join(recording.key for recording in recordings)
-        raise DataError(f"{keys} have one take and share no time; leave one out with devices=[...]")
+        raise DataError(
+            f"{keys} belong to one take but do not overlap in time; leave out a sensor with "
+            "devices=[...]"
+        )
     due = start + np.arange(int((end - start) * fps + 0.5) + 1) / fps
     parts, rows, dropped = {}, {}, {}
     for recording in recordings:

@@ -83,20 +83,21 @@ class Info:
                 f"{path}: not there; set data.root to the folder of a LeRobot data set"
             )
         try:
-            held = json.loads(path.read_text(encoding="utf-8"))
-            version = str(held["codebase_version"])
+            info_json = json.loads(path.read_text(encoding="utf-8"))
+            version = str(info_json["codebase_version"])
             info = cls(
-                float(held["fps"]),
-                {str(key): dict(value) for key, value in held["features"].items()},
-                str(held.get("data_path") or DATA),
-                str(held.get("video_path") or VIDEO),
+                float(info_json["fps"]),
+                {str(key): dict(value) for key, value in info_json["features"].items()},
+                str(info_json.get("data_path") or DATA),
+                str(info_json.get("video_path") or VIDEO),
             )
             dtypes = [(feature["dtype"], feature["shape"]) for feature in info.features.values()]
         except (ValueError, KeyError, TypeError, AttributeError, OSError) as error:
-            raise DataError(f"{path}: not what LeRobot writes ({error!r})") from error
+            raise DataError(f"{path}: not a LeRobot info file ({error!r})") from error
         if not version.startswith("v3."):
             raise DataError(
-                f"{path}: format {version}, but v3 is read; convert it with LeRobot's own script"
+                f"{path}: format {version}, but only v3 can be read; convert it with LeRobot's "
+                "own script"
             )
         if not info.fps > 0 or not dtypes:
             raise DataError(f"{path}: fps={info.fps} and {len(dtypes)} features")

@@ -78,8 +78,8 @@ class Folder:
         if not path.is_file():
             return []
         try:
-            held = json.loads(path.read_text(encoding="utf-8"))
-            version, touches = held["version"], list(held["episodes"])
+            stored = json.loads(path.read_text(encoding="utf-8"))
+            version, touches = stored["version"], list(stored["episodes"])
         except (ValueError, KeyError, TypeError) as error:
             raise DataError(f"{path}: damaged ({error!r}); remove it, or write it again") from error
         if version != folder.TOUCH_VERSION or len(touches) != len(self.episodes):
@@ -172,8 +172,8 @@ class Folder:
         """The parquet file of an episode, and its first row there."""
         place = {key: int(row[f"data/{key}"]) for key in ("chunk_index", "file_index")}
         path = self.root / self.info.data_path.format(**place)
-        held = folder.table(path, ("episode_index",))["episode_index"].to_numpy()
-        rows = np.flatnonzero(held == int(row["episode_index"]))
+        numbers = folder.table(path, ("episode_index",))["episode_index"].to_numpy()
+        rows = np.flatnonzero(numbers == int(row["episode_index"]))
         if len(rows) != int(row["length"]) or (np.diff(rows) != 1).any():
             raise DataError(
                 f"{path}: {len(rows)} rows of episode {row['episode_index']}, but its length is "
@@ -211,9 +211,7 @@ class Folder:
             return None
         actions: NDArray[np.int64] = self._numbers(row, feature)[kept, 0].astype(np.int64)
         if ((actions < -1) | (actions >= len(ACTIONS))).any():
-            raise DataError(
-                f"{self.root}: {feature} has other values than -1 to {len(ACTIONS) - 1}"
-            )
+            raise DataError(f"{self.root}: {feature} has values outside -1 to {len(ACTIONS) - 1}")
         return actions
 
     def _still(self, about: dict[str, Any], frames: Frames, background: str) -> Frames | None:
@@ -260,5 +258,5 @@ class _Images(Sequence[bytes]):
         cell = folder.table(self.path, (self.feature,))[self.feature][self.start + i].as_py()
         content = cell.get("bytes") if isinstance(cell, dict) else None
         if not isinstance(content, bytes):
-            raise DataError(f"{self.path}, row {self.start + i}: no picture in {self.feature}")
+            raise DataError(f"{self.path}, row {self.start + i}: no image in {self.feature}")
         return content

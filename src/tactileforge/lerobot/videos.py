@@ -54,7 +54,7 @@ class Videos:
                 str(self._path), cv2.CAP_FFMPEG, code, float(self.fps), self.size
             )
             if not self._open.isOpened():
-                raise DataError(f"{self._path}: this OpenCV writes no MPEG-4; give images=png")
+                raise DataError(f"{self._path}: this OpenCV cannot write MPEG-4; give images=png")
         start = self.frames
         for frame in frames:
             self._open.write(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))

@@ -200,8 +200,8 @@ class _Writer:
             )
             keys = ", ".join(part.key for part in added.parts.values())
             raise DataError(
-                f"{keys}: other features than the first episode ({', '.join(differ)}); LeRobot has "
-                "the same in all: choose sensors with devices=[...]"
+                f"{keys}: other features than the first episode ({', '.join(differ)}); LeRobot "
+                "needs the same in all: choose sensors with devices=[...]"
             )
 
     def _video(self, name: str, feature: dict[str, Any]) -> Videos:

@@ -115,7 +115,7 @@ class _Guard:
         rest = len(self.lines) - _NAMED
         raise DataError(
             f"{self.damaged} of {self.total} recordings are damaged, pack.max_bad={self.share} "
-            f"allows {self.most}; mend them, or allow more:{shown}"
+            f"allows {self.most}; repair them, or allow more:{shown}"
             + (f"\n  and {rest} more" if rest > 0 else "")
         )
 
@@ -134,8 +134,8 @@ def _merged(planned: Plan, notes: Mapping[int, Note]) -> dict[str, Any]:
             splits[job.split].append(note.entry)
     if not splits["train"]:
         raise DataError(
-            "the filter leaves nothing to train on: lower pack.filter.laplacian; tactileforge data "
-            "filter shows what each value keeps"
+            "the filter leaves no frame to train on: lower pack.filter.laplacian; tactileforge "
+            "data filter shows what each value keeps"
         )
     return {"splits": splits, "statistics": {k: each.report() for k, each in by_split.items()}}
 
@@ -163,20 +163,20 @@ def _claim(out: Path, made: Mapping[str, Any]) -> None:
         raise ConfigError(f"{out} holds shards that were not packed here; give another out=")
     try:
         there = json.loads(path.read_text())
-        held, wanted = _flat(there["made"] if path.name == NAME else there), _flat(made)
+        recorded, wanted = _flat(there["made"] if path.name == NAME else there), _flat(made)
     except (ValueError, KeyError, AttributeError) as error:
         raise ConfigError(f"{path}: damaged ({error!r}); give another out=") from error
     changed = [
-        f"{key} was {held.get(key)!r}, is {wanted.get(key)!r}"
-        for key in {**wanted, **held}
-        if key not in ("by", "digest") and held.get(key) != wanted.get(key)
+        f"{key} was {recorded.get(key)!r}, is {wanted.get(key)!r}"
+        for key in {**wanted, **recorded}
+        if key not in ("by", "digest") and recorded.get(key) != wanted.get(key)
     ]
-    if not changed and held.get("digest") != wanted["digest"]:
+    if not changed and recorded.get("digest") != wanted["digest"]:
         changed = ["its recordings have changed"]
     if changed:
         raise ConfigError(
-            f"{out} holds shards that were made otherwise: {'; '.join(changed)}. Give another "
-            "out=, or remove the folder"
+            f"{out} holds shards that were made with other options: {'; '.join(changed)}. Give "
+            "another out=, or remove the folder"
         )
 
 

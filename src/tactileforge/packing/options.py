@@ -35,8 +35,8 @@ class Filter:
 
     def __post_init__(self) -> None:
         by_sensor = self.laplacian if isinstance(self.laplacian, Mapping) else {"": self.laplacian}
-        given = {f"laplacian {sensor}".strip(): value for sensor, value in by_sensor.items()}
-        for name, value in (given | {"every": self.every, "span": self.span}).items():
+        values = {f"laplacian {sensor}".strip(): value for sensor, value in by_sensor.items()}
+        for name, value in (values | {"every": self.every, "span": self.span}).items():
             if value is not None and not value > 0:
                 raise ConfigError(f"pack.filter: {name} is {value}; give more than 0, or null")
 
@@ -81,7 +81,7 @@ class Options:
         if self.executor not in EXECUTORS:
             raise ConfigError(unknown("pack.executor", self.executor, EXECUTORS))
         if self.quality is not None and (self.codec != "jpg" or not 1 <= self.quality <= 100):
-            raise ConfigError(f"pack.quality={self.quality}: only jpg has one, from 1 to 100")
+            raise ConfigError(f"pack.quality={self.quality}: only jpg has a quality, from 1 to 100")
         if not 0 <= self.max_bad <= 1:
             raise ConfigError(f"pack.max_bad is {self.max_bad}; give a share, from 0 to 1")
         for name in ("size", "shard_frames", "processes"):
@@ -99,9 +99,9 @@ class Options:
         Raises:
             ConfigError: An unknown key, or a value that is none.
         """
-        given = dict(config)
-        chosen = _build(Filter, "pack.filter", given.pop("filter", None) or {})
-        return _build(cls, "pack", {**given, "filter": chosen})
+        keys = dict(config)
+        chosen = _build(Filter, "pack.filter", keys.pop("filter", None) or {})
+        return _build(cls, "pack", {**keys, "filter": chosen})
 
     def content(self) -> dict[str, Any]:
         """The options that decide the bytes of the shards, as plain data."""
@@ -111,12 +111,12 @@ class Options:
         return plain
 
 
-def _build(kind: type[T], what: str, given: Mapping[str, Any]) -> T:
+def _build(kind: type[T], what: str, values: Mapping[str, Any]) -> T:
     known = [each.name for each in fields(kind)]  # type: ignore[arg-type]
-    for key in given:
+    for key in values:
         if key not in known:
             raise ConfigError(unknown(f"key of {what}", key, known))
     try:
-        return kind(**given)
+        return kind(**values)
     except TypeError as error:
-        raise ConfigError(f"{what}: {dict(given)} is of a wrong type ({error})") from error
+        raise ConfigError(f"{what}: {dict(values)} is of a wrong type ({error})") from error

@@ -63,16 +63,16 @@ def plan(dataset: Dataset, out: Path, options: Options) -> Plan:
         by_split[split] = list(dataset.recordings(split))
         skipped[split] = list(dataset.skipped[before:])
     if not by_split["train"]:
-        raise DataError("the data set has no recording for training; check where its data lies")
+        raise DataError("the data set has no recording for training; check the path of its data")
     _check(by_split)
     jobs: list[Job] = []
     for split, recordings in by_split.items():
         dealt = deal(arranged(recordings), options.shard_frames)
-        for number, own in enumerate(dealt):
+        for number, members in enumerate(dealt):
             path = out / f"{split}-{number:06d}.tar"
-            frames = sum(len(recording.frames) for recording in own)
-            digest = _digest(own, path.name, options)
-            jobs.append(Job(len(jobs), path, split, own, frames, digest, options))
+            frames = sum(len(recording.frames) for recording in members)
+            digest = _digest(members, path.name, options)
+            jobs.append(Job(len(jobs), path, split, members, frames, digest, options))
     whole = hashlib.sha256("".join(job.digest for job in jobs).encode()).hexdigest()
     return Plan(jobs, skipped, sum(map(len, by_split.values())), whole)
 
@@ -87,7 +87,7 @@ def deal(recordings: Sequence[Recording], frames: int) -> Iterator[list[Recordin
         frames: How many a shard may have; a longer recording has one of its own.
     """
     shard: list[Recording] = []
-    held = 0
+    count = 0
     for _, group in groupby(
         recordings,
         key=lambda recording: (recording.object is None, recording.object or recording.key),
@@ -97,11 +97,11 @@ def deal(recordings: Sequence[Recording], frames: int) -> Iterator[list[Recordin
         pieces = [together] if length <= frames else [[recording] for recording in together]
         for piece in pieces:
             more = sum(len(recording.frames) for recording in piece)
-            if shard and held + more > frames:
+            if shard and count + more > frames:
                 yield shard
-                shard, held = [], 0
+                shard, count = [], 0
             shard += piece
-            held += more
+            count += more
     if shard:
         yield shard
 

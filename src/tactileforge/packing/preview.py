@@ -104,7 +104,9 @@ def preview(
         except DataError as error:
             skipped.append(f"{recording.key}: {error}")
     if not judged:
-        raise DataError("no recording can be read: " + "; ".join(skipped[:3] or ["there is none"]))
+        raise DataError(
+            "no recording can be read: " + "; ".join(skipped[:3] or ["the data set is empty"])
+        )
     sections = [_scores(judged, chosen), _pictures(judged, chosen)]
     if skipped:
         lines = "".join(f"<li>{escape(line)}</li>" for line in skipped)
@@ -147,9 +149,9 @@ def _spread(everything: Sequence[Recording], count: int) -> list[Recording]:
         sensors.setdefault(recording.sensor, []).append(recording)
     spread = []
     for sensor in sorted(sensors):
-        own = sensors[sensor]
-        most = min(len(own), max(2, count // len(sensors)))
-        spread += [own[i] for i in np.linspace(0, len(own) - 1, most).round().astype(int)]
+        members = sensors[sensor]
+        most = min(len(members), max(2, count // len(sensors)))
+        spread += [members[i] for i in np.linspace(0, len(members) - 1, most).round().astype(int)]
     return spread
 
 
@@ -161,14 +163,14 @@ def _middle(recording: Recording, frames: int) -> Recording:
 
 
 def _facts(name: str, judged: Sequence[Judged], total: int, chosen: Filter) -> str:
-    given = chosen.laplacian
-    by_sensor = given if isinstance(given, Mapping) else {"": given}
-    told = [f"{sensor} {value:g}".strip() for sensor, value in by_sensor.items() if value]
+    laplacian = chosen.laplacian
+    by_sensor = laplacian if isinstance(laplacian, Mapping) else {"": laplacian}
+    thresholds = [f"{sensor} {value:g}".strip() for sensor, value in by_sensor.items() if value]
     shares = [item.keeps(chosen.threshold(item.recording.sensor)) for item in judged]
     about = {
         "Recordings": f"{len(judged)} looked at, of {total:,}",
         "Frames": f"{sum(len(item.rows) for item in judged):,} scored",
-        "Threshold": ", ".join(told) or NONE,
+        "Threshold": ", ".join(thresholds) or NONE,
         "Sampling": "every frame" if chosen.every is None else f"every {chosen.every:g} s",
         "Length of a clip": f"{chosen.span:g} s",
         "Kept": percent(float(np.concatenate(shares).mean())),
@@ -183,14 +185,17 @@ def _scores(judged: Sequence[Judged], chosen: Filter) -> Section:
     for item in judged:
         sensors.setdefault(item.recording.sensor, []).append(item)
     rows = []
-    for sensor, own in sensors.items():
-        held = np.concatenate([item.keeps(chosen.threshold(sensor)) for item in own])
-        rows.append((sensor, str(len(own)), percent(float(held.mean())), *_suggested(own)))
+    for sensor, scored in sensors.items():
+        kept = np.concatenate([item.keeps(chosen.threshold(sensor)) for item in scored])
+        rows.append((sensor, str(len(scored)), percent(float(kept.mean())), *_suggested(scored)))
     if len(sensors) > 1:
         rows.append(("all", str(len(judged)), "", *_suggested(judged)))
     head = ("Sensor", "recordings", "kept", *(f"{percent(share)} with" for share in _SHARES))
     drawn = charts.score_histogram(
-        {sensor: np.concatenate([item.scores for item in own]) for sensor, own in sensors.items()},
+        {
+            sensor: np.concatenate([item.scores for item in scored])
+            for sensor, scored in sensors.items()
+        },
         {sensor: chosen.threshold(sensor) for sensor in sensors},
     )
     words = (
@@ -223,15 +228,15 @@ def _pictures(judged: Sequence[Judged], chosen: Filter) -> Section:
 
 
 def _card(judged: Judged, threshold: float | None) -> str:
-    recording, held = judged.recording, judged.keeps(threshold)
+    recording, kept = judged.recording, judged.keeps(threshold)
     title = " · ".join(filter(None, (recording.sensor, recording.object, recording.key)))
-    body = charts.score_curve(judged.times, judged.scores, held, threshold) if len(held) > 1 else ""
+    body = charts.score_curve(judged.times, judged.scores, kept, threshold) if len(kept) > 1 else ""
     gain = 40 / max(float(np.nanmax(judged.scores, initial=0)) ** 0.5, 1)
-    for name, places in (("Kept", np.flatnonzero(held)), ("Left out", np.flatnonzero(~held))):
+    for name, places in (("Kept", np.flatnonzero(kept)), ("Left out", np.flatnonzero(~kept))):
         if len(places):
             shown = np.unique(np.linspace(0, len(places) - 1, min(_STRIP, len(places))).astype(int))
             body += _strip(judged, name, places[shown].tolist(), gain)
-    below = f"<figcaption>{percent(float(held.mean()))} kept</figcaption>"
+    below = f"<figcaption>{percent(float(kept.mean()))} kept</figcaption>"
     return f'<figure class="clip"><b>{escape(title)}</b>{body}{below}</figure>'
 
 

@@ -101,8 +101,8 @@ def page(title: str, top: str, sections: Sequence[Section]) -> str:
     """
     css = _CSS
     for theme in (0, 1):
-        own = ";".join(f"--c{i}:{colours[theme]}" for i, colours in enumerate(CLASSES))
-        css = css.replace(f"COLOURS{theme}", own)
+        variables = ";".join(f"--c{i}:{colours[theme]}" for i, colours in enumerate(CLASSES))
+        css = css.replace(f"COLOURS{theme}", variables)
     links = "".join(f'<a href="#{part.name}">{escape(part.title)}</a>' for part in sections)
     bodies = "\n".join(
         f'<section id="{part.name}"><h2>{escape(part.title)}</h2>\n{part.body}\n</section>'
@@ -130,14 +130,14 @@ def table(name: str, head: Sequence[str], rows: Iterable[Sequence[str]], caption
         caption: Plain text, above the table.
     """
     words = f'<p class="soft" id="{name}-note">{escape(caption)}</p>' if caption else ""
-    told = f' aria-describedby="{name}-note"' if caption else ""
+    described = f' aria-describedby="{name}-note"' if caption else ""
     top = "".join(_cell(cell, 'th scope="col"') for cell in head)
     body = "".join(
         f'<tr><th scope="row">{escape(first)}</th>{"".join(map(_cell, rest))}</tr>'
         for first, *rest in rows
     )
     return (
-        f'{words}<div class="scroll" tabindex="0"><table id="{name}"{told}>'
+        f'{words}<div class="scroll" tabindex="0"><table id="{name}"{described}>'
         f"<thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>"
     )
 
@@ -146,8 +146,8 @@ def _cell(text: str, tag: str = "td") -> str:
     kind, mark, rest = text.partition("|")
     if not mark or kind not in ("good", "bad", "text"):
         kind, rest = "", text
-    given = f' class="{kind}"' if kind else ""
-    return f"<{tag}{given}>{escape(rest)}</{tag[:2]}>"
+    marked = f' class="{kind}"' if kind else ""
+    return f"<{tag}{marked}>{escape(rest)}</{tag[:2]}>"
 
 
 def paragraph(text: str, soft: bool = False) -> str:

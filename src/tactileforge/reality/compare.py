@@ -113,7 +113,7 @@ def compare(dataset: Dataset, options: Options, progress: bool = True) -> dict[s
     for sensor in wanted:
         if sensor not in by_sensor:
             raise ConfigError(
-                f"sensors={sensor}: the data has no recording of it, only of "
+                f"sensors={sensor}: the data has no recording of this sensor, only of "
                 f"{', '.join(sorted(by_sensor)) or 'none'}; leave it out, or give other data"
             )
     if not wanted:
@@ -135,9 +135,9 @@ def _by_sensor(dataset: Dataset) -> dict[str, list[Recording]]:
 
 def _side(sensor: str, recordings: Sequence[Recording], options: Options, progress: bool) -> Side:
     real = []
-    for name, held in by_source(recordings).items():
-        rows = evenly(len(held), options.recordings).tolist()
-        chosen = (held[row] for row in rows)
+    for name, of_source in by_source(recordings).items():
+        rows = evenly(len(of_source), options.recordings).tolist()
+        chosen = (of_source[row] for row in rows)
         bar = tqdm(chosen, desc=f"{sensor}, {name}", total=len(rows), disable=not progress)
         real.append(profile(name, sensor, bar))
     real = [measured for measured in real if measured.looks]
@@ -162,7 +162,7 @@ def _simulated(sensor: str, options: Options, forces: bool, progress: bool) -> P
     )
     out = profile(SIMULATED, sensor, simulated(shown, range(options.scenes), progress))
     if not out.looks:
-        raise DataError(f"{sensor}: no simulated touch can be seen; raise newton={options.newton}")
+        raise DataError(f"{sensor}: no simulated touch is visible; raise newton={options.newton}")
     if forces:
         pressed = trial(sensor, markers=options.markers, seed=options.seed)
         scenes = simulated(pressed, range(options.trials), progress)
@@ -173,11 +173,11 @@ def _simulated(sensor: str, options: Options, forces: bool, progress: bool) -> P
 def by_source(recordings: Iterable[Recording]) -> dict[str, list[Recording]]:
     """Recordings by the first part of their key, or by `source` where that makes too many."""
     sources: dict[str, list[Recording]] = {}
-    held = list(recordings)
-    for recording in held:
+    listed = list(recordings)
+    for recording in listed:
         sources.setdefault(recording.key.split("/")[0], []).append(recording)
     if len(sources) > _SOURCES:
         sources = {}
-        for recording in held:
+        for recording in listed:
             sources.setdefault(recording.source or "source not given", []).append(recording)
     return sources

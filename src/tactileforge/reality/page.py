@@ -251,10 +251,10 @@ def _distances(sensor: str, side: Side) -> str:
     rows = []
     for name, unit in DISTANCES.items():
         times = side.ratio(name)
-        told = [f"{'bad|' if times > _FAR else ''}{number(times)}"]
-        told += [number(source[name]) for source in apart.values()]
-        told += [number(among[pair][name]) for pair in few]
-        rows.append((name, unit, *told))
+        cells = [f"{'bad|' if times > _FAR else ''}{number(times)}"]
+        cells += [number(source[name]) for source in apart.values()]
+        cells += [number(among[pair][name]) for pair in few]
+        rows.append((name, unit, *cells))
     note = (
         "One number for each: the Wasserstein distance between touches of the two sets, 0 for "
         "equal ones; 0.3 decades are a factor of 2. At the end real sources among themselves, at "

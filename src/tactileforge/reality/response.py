@@ -97,10 +97,10 @@ def fitted(changes: Array, force: Array) -> Response | None:
     kept = np.isfinite(places[:, 0])
     if np.count_nonzero(kept) < _LEAST:
         return None
-    pixels, held = moved[kept][:, touched], force[pressed][kept]
+    pixels, forces = moved[kept][:, touched], force[pressed][kept]
     pixels = pixels.reshape(len(pixels), -1)
-    axes = [i for i in (0, 1) if held[:, i].std() >= _SHEARED]
-    slopes = _slopes(pixels, held, places[kept], axes)
+    axes = [i for i in (0, 1) if forces[:, i].std() >= _SHEARED]
+    slopes = _slopes(pixels, forces, places[kept], axes)
     shear = [slopes[1 + axes.index(i)] if i in axes else np.nan for i in (0, 1)]
     size = np.sqrt(np.square(pixels.mean(axis=0)).mean())
     relative = float(np.mean(slopes[1:]) / size) if axes else np.nan

@@ -26,12 +26,12 @@ _TRIAL: dict[str, Any] = {
 }
 
 
-def config(sensor: str, **given: Any) -> Config:
+def config(sensor: str, **changes: Any) -> Config:
     """Configuration of touches for a sensor, at the size at which images are compared.
 
     Args:
         sensor: Its type.
-        given: Of `sim.generate.Config`, instead of what is chosen here.
+        changes: Of `sim.generate.Config`, instead of what is chosen here.
 
     Raises:
         ConfigError: The simulator does not know the sensor, or a word in ``given``.
@@ -49,12 +49,12 @@ def config(sensor: str, **given: Any) -> Config:
         "seed": 0,
         "codec": "png",  # JPEG would be compared as well
     }
-    return Config(**(how | given))
+    return Config(**(how | changes))
 
 
-def trial(sensor: str, **given: Any) -> Config:
+def trial(sensor: str, **changes: Any) -> Config:
     """Configuration of force trials: press, slides in four directions, lift."""
-    return config(sensor, **(_TRIAL | given))
+    return config(sensor, **(_TRIAL | changes))
 
 
 def simulated(config: Config, scenes: range, progress: bool = False) -> Iterator[Recording]:
@@ -70,9 +70,9 @@ def simulated(config: Config, scenes: range, progress: bool = False) -> Iterator
     Raises:
         DataError: A scene starts in contact.
     """
-    told = f"simulating {', '.join(config.sensors)}"
+    label = f"simulating {', '.join(config.sensors)}"
     with tempfile.TemporaryDirectory() as folder:
-        for number in tqdm(scenes, desc=told, unit="touch", disable=not progress):
+        for number in tqdm(scenes, desc=label, unit="touch", disable=not progress):
             path = Path(folder) / f"{number}.tar"
             shards.write(path, recordings(config, number))
             for recording in shards.read(path):

@@ -29,19 +29,19 @@ def main(argv: Sequence[str]) -> int:
         return 0
     from tactileforge.compose import plain
 
-    given = plain("compare", argv)
-    options = Options(**{field.name: _frozen(given[field.name]) for field in fields(Options)})
-    dataset = registry.build("datasets", given["data"])
+    config = plain("compare", argv)
+    options = Options(**{field.name: _frozen(config[field.name]) for field in fields(Options)})
+    dataset = registry.build("datasets", config["data"])
     sides = compare(dataset, options)
 
     from tactileforge.reality.page import render
 
-    write_text(Path(given["out"]), render(given["data"]["name"], sides))
+    write_text(Path(config["out"]), render(config["data"]["name"], sides))
     for sensor, side in sides.items():
         print(_told(sensor, side))
     for line in dataset.skipped:
         print(f"note: {line}")
-    print(f"page: {given['out']}")
+    print(f"page: {config['out']}")
     return 0
 
 

@@ -64,8 +64,8 @@ def find(module: TouchModule, data: TouchData) -> Findings:
     }
     split, clips = next(iter(present.items()))
     shown = liveliest(clips, looks[split], _SHOWN)
-    patches, given = predictions(module, clips, shown)
-    rebuilt = {key: value for key, value in given.items() if isinstance(value, Reconstruction)}
+    patches, predicted = predictions(module, clips, shown)
+    rebuilt = {key: value for key, value in predicted.items() if isinstance(value, Reconstruction)}
     embedding = embedding_of(data, looks)
     return Findings(
         split=split,
@@ -76,7 +76,7 @@ def find(module: TouchModule, data: TouchData) -> Findings:
             for row in range(len(shown))
         ],
         explained=explained(module, clips, spread(clips, _REBUILT), list(rebuilt)),
-        forces=force_results(module, data, given),
+        forces=force_results(module, data, predicted),
         embedding=embedding,
         scores={kind: neighbours(embedding, kind) for kind in embedding.labels},
         skipped=[line for line, _ in skipped.values()],

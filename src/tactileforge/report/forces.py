@@ -81,8 +81,8 @@ def force_results(
         curve = {}
         for split in readings:
             clips = getattr(data, split)
-            own = [i for i, r in enumerate(clips.recordings) if whole_key(r) == recording]
-            cut = np.flatnonzero(np.isin(clips.index[:, 0], own))
+            clips_of_it = [i for i, r in enumerate(clips.recordings) if whole_key(r) == recording]
+            cut = np.flatnonzero(np.isin(clips.index[:, 0], clips_of_it))
             reading = read_forces(module, clips, cut[even(len(cut), _CLIPS)].tolist(), key)
             if reading:
                 curve[split] = reading
@@ -193,9 +193,11 @@ def _scatter(result: ForceResult, data: TouchData, sensors: list[str], axis: int
         names = _sensors(getattr(data, split), reading)
         classes = np.repeat([sensors.index(name) for name in names], reading.measured.shape[1])
         faint = split == "train" and len(result.readings) > 1
-        true, said = (part[..., axis].ravel() for part in (reading.measured, reading.predicted))
+        true, estimated = (
+            part[..., axis].ravel() for part in (reading.measured, reading.predicted)
+        )
         known = np.isfinite(true)
-        groups.append((true[known], said[known], classes[known], 0.25 if faint else 0.9))
+        groups.append((true[known], estimated[known], classes[known], 0.25 if faint else 0.9))
     return scatter_figure(groups, ("measured (N)", "predicted (N)"), identity=True)
 
 

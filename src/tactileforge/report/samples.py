@@ -79,9 +79,9 @@ def spread(
         numbers = [numbers[i] for i in np.linspace(0, len(numbers) - 1, count).round().astype(int)]
     chosen: list[int] = []
     for place, number in enumerate(numbers):
-        own = np.flatnonzero(which == number)
+        members = np.flatnonzero(which == number)
         quota = (count - len(chosen)) // (len(numbers) - place)
-        chosen += own[even(len(own), quota)].tolist()
+        chosen += members[even(len(members), quota)].tolist()
     return chosen
 
 

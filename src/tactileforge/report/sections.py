@@ -89,11 +89,11 @@ def balance(
     if not norms:
         return []
     weights = {key: curves[f"weight/{key}"] for key in norms}
-    given = {key: weighed(norms[key], weights[key]) for key in norms}
+    reaching = {key: weighed(norms[key], weights[key]) for key in norms}
     shares = [
         panel("norm of the gradient, not weighted", lines_figure("norm", last_step, norms)),
         panel("weight", lines_figure("weight", last_step, weights)),
-        panel("weight times norm", lines_figure("norm", last_step, given)),
+        panel("weight times norm", lines_figure("norm", last_step, reaching)),
     ]
     text = "Norms of each objective's gradient on the encoder, as last measured."
     body = paragraph(text) + legend(dict(enumerate(norms))) + panels(shares)

@@ -128,8 +128,8 @@ def taxel_forces(contact: Contact, shape: tuple[int, int], pitch: float) -> NDAr
     out = np.zeros((*shape, 3))
     for place, share in _shares(row[felt], column[felt]):
         inside = ((place >= 0) & (place < shape)).all(1)
-        given = (share * force[:, felt]).T
-        np.add.at(out, tuple(place[inside].T), given[inside])
+        contributions = (share * force[:, felt]).T
+        np.add.at(out, tuple(place[inside].T), contributions[inside])
     return out.reshape(-1, 3)
 
 

@@ -295,8 +295,8 @@ def _spread(
                 bar.update(new)
             for process in running:
                 if process.poll():
-                    said = process.stderr.read() if process.stderr else ""
-                    raise TactileForgeError(said.strip().rpartition("\n")[2])
+                    stderr = process.stderr.read() if process.stderr else ""
+                    raise TactileForgeError(stderr.strip().rpartition("\n")[2])
         bar.update(len(numbers) - int(bar.n))
 
 
@@ -361,8 +361,8 @@ def _claim(config: Config, folder: Path) -> None:
     path = folder / "sim.json"
     wanted = json.loads(json.dumps(asdict(config)))
     if path.exists():
-        held = json.loads(path.read_text())
-        changed = [key for key in wanted if held.get(key) != wanted[key]]
+        recorded = json.loads(path.read_text())
+        changed = [key for key in wanted if recorded.get(key) != wanted[key]]
         if changed:
             raise ConfigError(
                 f"{folder} holds touches of another configuration (other "
@@ -374,14 +374,14 @@ def _claim(config: Config, folder: Path) -> None:
 
 def _main(config: str, folder: str, *numbers: str) -> None:
     """A process that simulates a share of the scenes."""
-    given: dict[str, Any] = {
+    keys: dict[str, Any] = {
         k: tuple(v) if isinstance(v, list) else v for k, v in json.loads(config).items()
     }
     parent = os.getppid()
     for number in numbers:
         if os.getppid() != parent:  # it was killed: nobody waits for these touches
             return
-        _write(Config(**given), Path(folder), int(number))
+        _write(Config(**keys), Path(folder), int(number))
 
 
 if __name__ == "__main__":

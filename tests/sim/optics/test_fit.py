@@ -122,5 +122,5 @@ def test_missing_and_broken_pictures_are_named(tmp_path):
     with pytest.raises(DataNotFoundError, match=r"still\.png does not exist"):
         read_presses(tmp_path, "still.png", 0.1)
     (tmp_path / "still.png").write_text("nothing")
-    with pytest.raises(DataError, match=r"still\.png is no picture"):
+    with pytest.raises(DataError, match=r"still\.png is not an image"):
         read_presses(tmp_path, "still.png", 0.1)

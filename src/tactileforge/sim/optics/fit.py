@@ -114,7 +114,7 @@ def noise(presses: Presses) -> float:
 
 def save(calibration: Calibration, path: Path, source: str) -> None:
     """Writes a calibration as JSON, with where its numbers come from."""
-    held = {
+    fields = {
         "source": source,
         "noise": round(calibration.noise, 3),
         "lights": [round(light, 4) for light in calibration.lights],
@@ -124,7 +124,7 @@ def save(calibration: Calibration, path: Path, source: str) -> None:
         "coarse": _short(calibration.coarse),
         "backgrounds": _short(calibration.backgrounds),
     }
-    path.write_text(json.dumps(held, indent=1).replace(",\n      ", ", ") + "\n")
+    path.write_text(json.dumps(fields, indent=1).replace(",\n      ", ", ") + "\n")
 
 
 def _short(values: Tensor) -> object:

@@ -147,15 +147,15 @@ def _load(name: str) -> Calibration:
 
 def read(text: str) -> Calibration:
     """A calibration from what `fit.save` wrote."""
-    held = json.loads(text)
+    data = json.loads(text)
     return Calibration(
-        fine=torch.tensor(held["fine"]),
-        coarse=torch.tensor(held["coarse"]),
-        limits=torch.tensor(held["limits"]),
-        steepest=held["steepest"],
-        lights=tuple(held["lights"]),
-        backgrounds=torch.tensor(held["backgrounds"]),
-        noise=held["noise"],
+        fine=torch.tensor(data["fine"]),
+        coarse=torch.tensor(data["coarse"]),
+        limits=torch.tensor(data["limits"]),
+        steepest=data["steepest"],
+        lights=tuple(data["lights"]),
+        backgrounds=torch.tensor(data["backgrounds"]),
+        noise=data["noise"],
     )
 
 

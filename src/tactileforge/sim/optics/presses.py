@@ -247,5 +247,5 @@ def read_picture(path: Path) -> Tensor:
         raise DataNotFoundError(f"{path} does not exist; give the folder of the ball presses")
     picture = cv2.imread(str(path))
     if picture is None:
-        raise DataError(f"{path} is no picture")
+        raise DataError(f"{path} is not an image")
     return torch.from_numpy(picture[..., ::-1].copy()).permute(2, 0, 1)

@@ -85,7 +85,7 @@ class Optics:
         """
         if dent.shape[1:] != self.size:
             raise ConfigError(
-                f"dents are {tuple(dent.shape[1:])} pixels, but the unit's pictures {self.size};"
+                f"dents are {tuple(dent.shape[1:])} pixels, but the unit's images are {self.size};"
                 " draw the unit with that size"
             )
         pictures = torch.empty(len(dent), 3, *self.shown, dtype=torch.uint8, device=dent.device)
