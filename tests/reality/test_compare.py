@@ -124,7 +124,7 @@ def test_sides_are_compared(tmp_path):
         (
             [recording(0)],
             {"sensors": ("gelsight",)},
-            r"sensors=gelsight: the data has no recording of this sensor, only of digit; leave it out",
+            r"sensors=gelsight: the data has no recording of this sensor, only of digit; leave it",
         ),
         ([recording(0, gain=0.0)], {}, r"digit: not one of 1 recordings shows a touch"),
     ],

@@ -37,7 +37,7 @@ class Options:
         fit: What forces are fitted to: ``auto``, ``none``, ``pictures``, ``taxels``, ``head``, or a
             track.
         axes: Which axes of the force.
-        max_lag: Longest time by which pictures may come later than forces, s; 0 looks for none.
+        max_lag: Longest time by which images may come later than forces, s; 0 looks for none.
         punch_mm: Diameter of a flat round punch that presses in the recordings whose ``object`` is
             ``punch``, or in all where none is called so.
         mm_per_pixel: What it is, where it is known.

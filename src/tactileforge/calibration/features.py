@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _SIZE = 64
 #: Frames that are decoded at a time.
 _CHUNK = 64
-#: Features of a picture that grow with the normal force, and do not tell directions.
+#: Features of an image that grow with the normal force, and do not tell directions.
 NORMAL = ("strength", "area", "peak", "volume")
 _COLOURS = ("red", "green", "blue")
 #: Change of a pixel that counts as contact where noise is not known, grey levels.
@@ -36,7 +36,7 @@ def of(
     ``pictures`` are compared with the background: how much they change on the whole
     (``strength``), where they do (``area``, a share), how much at most (``peak``), their
     product ``volume`` = peak * sqrt(area); what each colour changes; and the first moments of all
-    that along x and y, which a shear shifts. ``taxels`` are pictures of an array: the sums ``x``,
+    that along x and y, which a shear shifts. ``taxels`` are images of an array: the sums ``x``,
     ``y``, ``z`` of what taxels show, in units of full colour. ``head`` is what a model reads of
     the force, see `hub.forces.readable`. Else it is the name of a track (T, 3), whose columns are
     ``x``, ``y``, ``z``.

@@ -35,7 +35,7 @@ class Light:
         colour: Mean red, green and blue, grey levels.
         balance: What each colour is multiplied by to be that of the reference; of a unit without a
             reference, to make the three means equal.
-        grid: Mean colours of 3 x 4 parts of the picture, grey levels.
+        grid: Mean colours of 3 x 4 parts of the image, grey levels.
     """
 
     colour: list[float]
@@ -80,7 +80,7 @@ class Force:
     Attributes:
         of: ``pictures``, ``taxels``, ``head``, or the name of a track, see `features.of`.
         noise: Change of a pixel that counts as contact, grey levels.
-        lag: Seconds by which pictures come later than forces.
+        lag: Seconds by which images come later than forces.
         axes: Those of ``x``, ``y``, ``z`` that were fitted.
         model: Fingerprint of the model that it was fitted to (`hub.model.Model.fingerprint`); ""
             for none.

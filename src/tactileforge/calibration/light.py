@@ -22,7 +22,7 @@ def light(backgrounds: Sequence[NDArray[np.float32]], reference: Light | None = 
     """The light of a unit.
 
     Args:
-        backgrounds: float32 (H, W, 3) each: pictures without contact, of one size.
+        backgrounds: float32 (H, W, 3) each: images without contact, of one size.
         reference: The light that the colours are balanced to; None makes the three means equal.
 
     Raises:
@@ -60,7 +60,7 @@ def punch_mm_per_pixel(
 ) -> float:
     """Size of a pixel, from a press of a flat round punch of known diameter.
 
-    Around the punch the picture changes most at its rim, where the gel is steepest. The rim's
+    Around the punch the image changes most at its rim, where the gel is steepest. The rim's
     radius is where the change, averaged over all directions, peaks.
 
     Args:

@@ -23,7 +23,7 @@ GAP = 2.5
 NO_CONTACT = 2.0
 #: Grey levels. Touch is local: real videos whose background fits stay below 2, and 0.5 in the air.
 NEW_GROUND = 6.0
-#: Share of the picture. Real sensors that are not overexposed stay below 0.04.
+#: Share of the image. Real sensors that are not overexposed stay below 0.04.
 SATURATED = 0.05
 #: Seconds; the noise of a live sensor makes any two of its frames differ.
 FROZEN = 1.0

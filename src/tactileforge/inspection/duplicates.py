@@ -9,9 +9,9 @@ import numpy as np
 from tactileforge.inspection.checks import NO_CONTACT
 from tactileforge.inspection.look import Look
 
-#: Grey levels. The same frames encoded again differ by less nearly everywhere in small pictures.
+#: Grey levels. The same frames encoded again differ by less nearly everywhere in small images.
 SIMILAR = 3.0
-#: Share of the pictures that may differ by more: less than the least contact covers.
+#: Share of the images that may differ by more: less than the least contact covers.
 _ELSEWHERE = 0.005
 
 
@@ -32,7 +32,7 @@ def similar(looks: Sequence[Look]) -> list[tuple[int, int, float]]:
         looks: What the recordings show.
 
     Returns:
-        Two numbers of recordings, and by how many grey levels all but 0.5 % of their pictures
+        Two numbers of recordings, and by how many grey levels all but 0.5 % of their images
         differ at most; closest first.
     """
     chosen = [i for i, seen in enumerate(looks) if seen.contact >= NO_CONTACT]

@@ -23,7 +23,7 @@ _WIDTH = 128
 _BACKGROUND = 15
 #: Frames in memory at once.
 _CHUNK = 8
-#: Height and width of the pictures by which recordings are compared.
+#: Height and width of the images by which recordings are compared.
 _SIGNATURE = (24, 32)
 _NOTHING = np.empty((0, 1, 1, 3), np.uint8)
 
@@ -39,7 +39,7 @@ class Look:
         rows: int64 (n,), which frames, evenly spread.
         shape: Height and width of a frame.
         change: float64 (n,), mean difference of each frame.
-        contact: What the strongest 1 % of the picture differs by, in the frame of largest change,
+        contact: What the strongest 1 % of the image differs by, in the frame of largest change,
             noise smoothed away.
         ground: Median difference in the frame of least change.
         saturated: Share of pixels with a channel at 0 or 255, in the worst frame.

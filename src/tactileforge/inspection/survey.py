@@ -89,7 +89,7 @@ class Suspects:
         return [entry[3] for heap in self._kept.values() for entry in heap]
 
     def worst(self, seen: list[Seen]) -> dict[str, list[Suspect]]:
-        """The worst by reason, worst first, with the pictures of those that were looked at."""
+        """The worst by reason, worst first, with the images of those that were looked at."""
         pictures = {item.of.order: item.look.frame for item in seen}
         return {
             reason: [

@@ -152,7 +152,7 @@ def _numbers(dtype: str, size: int, names: list[str] | None) -> dict[str, Any]:
 
 
 def numbers(shown: Episode, feature: str) -> NDArray[Any]:
-    """The rows of a feature that is no picture, (N, ...)."""
+    """The rows of a feature that is no image, (N, ...)."""
     _, kind, name = feature.split(".", 2)
     part, rows = shown.parts[name], shown.rows[name]
     known: dict[str, Any] = {"time": part.times, "force": part.force, "touch": part.action}
@@ -161,7 +161,7 @@ def numbers(shown: Episode, feature: str) -> NDArray[Any]:
 
 
 def pictures(shown: Episode, feature: str) -> NDArray[np.uint8]:
-    """The rows of a feature that is a picture, uint8 (N, H, W, 3), as they were recorded."""
+    """The rows of a feature that is an image, uint8 (N, H, W, 3), as they were recorded."""
     name = feature.removeprefix("observation.images.")
     if name in shown.parts:
         return shown.parts[name].frames.read(shown.rows[name].tolist())

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 _QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
-#: Pictures of an episode that are looked at, and their longer side.
+#: Images of an episode that are looked at, and their longer side.
 _PICTURES, _SIDE = 8, 32
 
 

@@ -52,9 +52,9 @@ class Options:
     """Options of packing.
 
     Attributes:
-        codec: How pictures are stored, see `data.shards.shards.CODECS`.
+        codec: How images are stored, see `data.shards.shards.CODECS`.
         quality: Of jpg, 1 to 100; None for 95.
-        size: Rows or columns of a picture, whichever are fewer; smaller pictures, and all where it
+        size: Rows or columns of an image, whichever are fewer; smaller images, and all where it
             is None, stay as they are.
         shard_frames: Frames of a shard, before filtering.
         processes: Processes that pack; None for one a core.

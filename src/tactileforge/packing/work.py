@@ -33,7 +33,7 @@ _CHUNK = 16
 #: Frames of a recording that may be unreadable; with more, all of it is.
 _MAX_FRAMES = 8
 
-#: Reads frames by number: arrays (n, H, W, 3), or encoded pictures.
+#: Reads frames by number: arrays (n, H, W, 3), or encoded images.
 Fetch: TypeAlias = Callable[[Sequence[int]], Sequence[Any] | NDArray[np.uint8]]
 
 
@@ -187,7 +187,7 @@ class _Packer:
         self.bad: list[str] = []
 
     def pack(self, tick: Callable[[int], None]) -> tuple[Recording, shards.Packed] | None:
-        """The recording as it is kept, and its pictures; None where the filter leaves nothing."""
+        """The recording as it is kept, and its images; None where the filter leaves nothing."""
         whole = self.recording
         rows, frames = self._frames(tick)
         if not rows:
@@ -248,7 +248,7 @@ class _Packer:
         yield row, frames[0]
 
     def _all(self, frames: Frames | None) -> list[bytes]:
-        """All pictures of a group, as they are kept."""
+        """All images of a group, as they are kept."""
         if frames is None:
             return []
         fetch = self._fetch(frames)
@@ -280,7 +280,7 @@ def _lossless(frames: Frames) -> list[bytes]:
 
 
 def _smaller(shape: Sequence[int], size: int | None) -> tuple[int, int] | None:
-    """Height and width after shrinking; None where a picture stays as it is."""
+    """Height and width after shrinking; None where an image stays as it is."""
     shorter = min(shape)
     if size is None or shorter <= size:
         return None

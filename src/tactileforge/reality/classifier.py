@@ -44,7 +44,7 @@ class Score:
 
 @dataclass(frozen=True)
 class Split:
-    """Patches (N, 48, 48, 3) of change pictures, see `patches.patches`.
+    """Patches (N, 48, 48, 3) of change images, see `patches.patches`.
 
     Attributes:
         real: Of a real source.
@@ -75,7 +75,7 @@ class Split:
 
 
 def _pixels(cut: Array) -> Array:
-    """Change pictures for a network, (N, 3, 48, 48): each of mean 0 and deviation 1.
+    """Change images for a network, (N, 3, 48, 48): each of mean 0 and deviation 1.
 
     How strong a contrast is differs between sources, and would hide what does not.
     """

@@ -1,8 +1,8 @@
 """Image statistics of one touch: spectrum, noise, contact, contrast, colour.
 
-Pictures are float32 (H, W, 3) in grey levels of 255, at most `SIDE` pixels on their shorter side,
-and a change is a picture minus the picture without contact. Frequencies are cycles per pixel of a
-picture whose shorter side is `SIDE`.
+Images are float32 (H, W, 3) in grey levels of 255, at most `SIDE` pixels on their shorter side,
+and a change is an image minus the image without contact. Frequencies are cycles per pixel of an
+image whose shorter side is `SIDE`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 Array: TypeAlias = NDArray[Any]
 
-#: Pixels on the shorter side at which pictures are compared.
+#: Pixels on the shorter side at which images are compared.
 SIDE = 240
 #: Edges of the bands of frequency, cycles per pixel.
 BANDS = (0.06, 0.12, 0.2, 0.3, 0.5)
@@ -104,7 +104,7 @@ def bands(change: Array) -> Array:
 def noise(still: Sequence[Array]) -> float:
     """Standard deviation over time of a pixel without contact, grey levels.
 
-    From neighbouring frames: half the variance of their difference over the picture, its mean
+    From neighbouring frames: half the variance of their difference over the image, its mean
     removed, so that flicker of the whole light does not count. The median over the pairs of frames
     leaves out a pair in which something moves.
 

@@ -23,16 +23,16 @@ _FLOOR = 1 / 256
 def patches(
     recordings: Iterable[Recording], each: int, most: int = 8, seed: int = 0
 ) -> NDArray[np.float32]:
-    """Cuts patches whose centre is in contact from change pictures.
+    """Cuts patches whose centre is in contact from change images.
 
     Args:
         recordings: Of one source.
-        each: Patches of a picture.
-        most: Pictures of a recording.
+        each: Patches of an image.
+        most: Images of a recording.
         seed: Chooses the places.
 
     Returns:
-        float32 (N, 48, 48, 3), grey levels. The shorter side of a picture is at most 240 pixels.
+        float32 (N, 48, 48, 3), grey levels. The shorter side of an image is at most 240 pixels.
 
     Raises:
         DataError: A recording cannot be read.

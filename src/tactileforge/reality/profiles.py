@@ -17,7 +17,7 @@ from tactileforge.reality.touches import Look, Touch, look, touches
 
 #: Smallest number of which a logarithm is compared: a hundredth of a grey level is nothing.
 _FLOOR = 0.01
-#: Touches of a source of which pictures are shown, and trials that are fitted.
+#: Touches of a source of which images are shown, and trials that are fitted.
 SHOWN, _TRIALS = 3, 6
 
 
@@ -30,7 +30,7 @@ class Profile:
         sensor: Type of the sensor.
         looks: The numbers of each touch.
         responses: To force, of the trials that tell.
-        shown: A few touches, with pictures.
+        shown: A few touches, with images.
         faint: Touches that were too faint to measure.
         stored: Endings of the files that the frames come from, without the dot.
     """

@@ -1,6 +1,6 @@
 """Response of the image to normal force and shear, by regression over the frames of a trial.
 
-When the object slides, its imprint moves in the picture. Each change picture is first moved back
+When the object slides, its imprint moves in the image. Each change image is first moved back
 onto the strongest one, by the translation of largest enhanced correlation (Evangelidis and
 Psarakis, 2008). What is left is fitted pixel by pixel as ``a + b z + c z^2 + d x + e y`` of the
 forces x, y and z, and a quadratic of where the imprint was, because light differs from place to
@@ -45,7 +45,7 @@ class Response:
         shear: The same by shear along x and along y, at constant normal force; NaN along an axis
             that the trial does not shear.
         relative: Mean change by 1 N of shear over the mean change in the contact.
-        curve: Mean change of the picture at `SHARES` of the largest normal force, over that at the
+        curve: Mean change of the image at `SHARES` of the largest normal force, over that at the
             largest.
     """
 
@@ -83,7 +83,7 @@ def _half(change: Array) -> Array:
 
 
 def fitted(changes: Array, force: Array) -> Response | None:
-    """The response of change pictures to forces.
+    """The response of change images to forces.
 
     Args:
         changes: float32 (T, H, W, 3), grey levels, in order of time.

@@ -56,7 +56,7 @@ def touches(recording: Recording, most: int = _MOST) -> list[Touch]:
         most: Parts, at most.
 
     Returns:
-        Touches; none where the recording has no picture without contact.
+        Touches; none where the recording has no image without contact.
 
     Raises:
         DataError: A frame cannot be decoded, or the background has another size than the frames.
@@ -104,7 +104,7 @@ class Look:
         bands: float64 (4,), decades.
         spectrum: float64 (40,), power density in rings, squared grey levels.
         noise: Grey levels.
-        area: Share of the picture that is touched.
+        area: Share of the image that is touched.
         contrast: Grey levels.
         inside: Fine detail in the contact, grey levels.
         outside: Fine detail far from it.

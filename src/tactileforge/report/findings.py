@@ -28,7 +28,7 @@ class Findings:
         split: Where the clips that are shown come from: ``val``, or ``train`` without validation.
         clips: The clips of that split.
         shown: Which of them are shown.
-        strips: Their pictures.
+        strips: Their images.
         explained: Share of the variance of hidden pixels that is explained, by kind.
         forces: One for each head that predicts force.
         embedding: Of both splits.

@@ -50,7 +50,7 @@ class Array:
         span: Force on a taxel that is full colour, and the most that it can tell, N.
         noise: Standard deviation of a taxel, N.
         bits: Of the converter, over -span to span.
-        size: Rows of the picture; None for one pixel a taxel.
+        size: Rows of the image; None for one pixel a taxel.
     """
 
     sensor: str
@@ -104,7 +104,7 @@ class Array:
 def taxel_forces(contact: Contact, shape: tuple[int, int], pitch: float) -> NDArray[np.float64]:
     """Pressure and shear, summed over the cells of taxels.
 
-    The array lies around the middle of the picture. What presses beside it is lost. The force of a
+    The array lies around the middle of the image. What presses beside it is lost. The force of a
     point is shared among the four taxels around it, so that it moves on smoothly.
 
     Args:

@@ -76,15 +76,15 @@ class Config:
             indenters of their own, as in the paper), ``textures``, ``all``, or names of shapes.
         motions: ``atomic`` (slides and turns), ``force_trial``, ``manipulation``, ``all``, or
             names of motions.
-        size: Rows or columns of a picture, whichever are fewer.
+        size: Rows or columns of an image, whichever are fewer.
         seconds: Mean duration of one action.
         force: Range of the largest normal force on a nominal gel, N; a shape that does not reach it
             within 1.5 mm presses as hard as it can.
         markers: Whether the gels have markers; None as their types have.
         viscosity: Relaxation time of the gels, s.
-        lag: Seconds by which pictures come later than forces, as from a real camera.
+        lag: Seconds by which images come later than forces, as from a real camera.
         seed: Another seed, other touches.
-        codec: How pictures are stored, see `data.shards.shards.CODECS`.
+        codec: How images are stored, see `data.shards.shards.CODECS`.
         randomise: How units and scenes differ, see `randomise.draw.rows`.
     """
 

@@ -112,15 +112,15 @@ def picture_shape(
     """A grey height image as a shape: white touches first, black lies ``range_mm`` below.
 
     Args:
-        path: A grey picture, 8 or 16 bit.
+        path: A grey image, 8 or 16 bit.
         mm_per_pixel: Width of a pixel.
         range_mm: Height of white above black.
         name: Name of the shape; the file's where it is not given.
 
     Raises:
         DataNotFoundError: There is no such file.
-        DataError: The file is no picture, or is not grey.
-        ConfigError: A size that is not above 0, or a picture of too few pixels.
+        DataError: The file is no image, or is not grey.
+        ConfigError: A size that is not above 0, or an image of too few pixels.
     """
     path = _existing(path)
     if not mm_per_pixel > 0 or not range_mm > 0:

@@ -1,7 +1,7 @@
 """Flat outlines as signed distances: how far a point is from the edge, in mm, negative inside.
 
 An outline is a function of ``x`` (right) and ``y`` (down), both arrays in mm. Sizes are in mm,
-angles in degrees, positive angles clockwise in the picture. Outlines know no pixels, so they are
+angles in degrees, positive angles clockwise in the image. Outlines know no pixels, so they are
 sharp at any resolution.
 """
 

@@ -65,8 +65,8 @@ class Path:
 
     Attributes:
         times: float64 (K,), seconds, strictly increasing; the first is 0.
-        poses: float64 (K, 6): x and y (mm, from the centre of the picture, right and down), angle
-            (rad, clockwise in the picture), depth (mm beyond the first touch), tilt along x and
+        poses: float64 (K, 6): x and y (mm, from the centre of the image, right and down), angle
+            (rad, clockwise in the image), depth (mm beyond the first touch), tilt along x and
             along y (slope).
         actions: One for each phase, that is K - 1; ``stay`` is none.
         sway: How the path is left; None for a machine.

@@ -76,7 +76,7 @@ class Surface:
         return Fields(depth, (3 * inside - 2).clamp(min=0), soft)
 
     def picture(self, fields: Fields, contact: Contact, places: Tensor) -> Tensor:
-        """The depth of the surface at places of pictures.
+        """The depth of the surface at places of images.
 
         Args:
             fields: Of `fields`.
@@ -106,10 +106,10 @@ class Surface:
 
         Args:
             contact: The moment.
-            places: float32 (B, M, 2), x and y at rest, mm from the centre of the picture.
+            places: float32 (B, M, 2), x and y at rest, mm from the centre of the image.
 
         Returns:
-            float32 (B, M, 2), mm along x and y of the picture.
+            float32 (B, M, 2), mm along x and y of the image.
         """
         pressure, shear = contact.strain[:, :1], contact.strain[:, 1:]
         moved = self.kernel.dragged(self._spectrum(shear))
@@ -137,7 +137,7 @@ def _sample(field: Tensor, there: Tensor, padding: str = "zeros") -> Tensor:
 
 
 def _unplaced(places: Tensor, pose: Tensor) -> tuple[Tensor, Tensor]:
-    """Places (..., H, W, 2) in the picture as x and y (B, H, W) in the frames of the objects."""
+    """Places (..., H, W, 2) in the image as x and y (B, H, W) in the frames of the objects."""
     x, y = places.unbind(-1)
     left, top, angle = pose[:, :3, None, None].unbind(1)
     x, y = x - left, y - top

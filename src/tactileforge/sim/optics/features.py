@@ -1,6 +1,6 @@
 """Features of the gel's surface that the light of a tactile sensor responds to.
 
-Powers of the surface's normal at the picture's resolution; and on a coarse grid what happens to
+Powers of the surface's normal at the image's resolution; and on a coarse grid what happens to
 light on its way through the gel: it scatters (slopes and bulges of the blurred dent) and is blocked
 (shadows). All features are 0 where nothing is pressed.
 """
@@ -32,7 +32,7 @@ def exponents(degree: int) -> list[tuple[int, int]]:
 
 
 def places(height: int, width: int, degree: int) -> Tensor:
-    """The polynomials x^i y^j of the place in a picture, x and y from -1 to 1.
+    """The polynomials x^i y^j of the place in an image, x and y from -1 to 1.
 
     Returns:
         float32 (P, H, W), in the order of `exponents`.
@@ -80,7 +80,7 @@ class Coarse:
         """Prepares the grid.
 
         Args:
-            size: Height and width of the picture.
+            size: Height and width of the image.
             spacing: mm per pixel.
             lights: Where each light is, seen from the centre: rad, clockwise from the right.
             device: Where the dents live.
@@ -112,7 +112,7 @@ class Coarse:
         return torch.stack(maps + [self._shadow(sharp, path) for path in self._paths], 1)
 
     def enlarge(self, field: Tensor) -> Tensor:
-        """A field (..., h, w) of the grid at the picture's resolution, (..., H, W)."""
+        """A field (..., h, w) of the grid at the image's resolution, (..., H, W)."""
         return self._taller @ (field @ self._wider)
 
     def _shadow(self, sharp: Tensor, path: list[tuple[int, int, float]]) -> Tensor:

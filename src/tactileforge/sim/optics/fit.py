@@ -40,7 +40,7 @@ def features(presses: Presses, lights: Sequence[float]) -> list[Tensor]:
 
 
 def weigh(presses: Presses, maps: Sequence[Tensor], degree: int, ridge: float = _RIDGE) -> Tensor:
-    """Least-squares weights from features and places to the change of the picture.
+    """Least-squares weights from features and places to the change of the image.
 
     Args:
         presses: N presses.
@@ -65,8 +65,8 @@ def weigh(presses: Presses, maps: Sequence[Tensor], degree: int, ridge: float = 
         right += matrix @ change[:, ::2, ::2].flatten(1).T.double()
         largest = torch.maximum(largest, seen.double().square().amax(1))
         pixels += seen.shape[1]
-    # What the presses did not reach, steep slopes and corners of the picture, stays tame: a weight
-    # costs by what it does where its feature is largest, and all over the picture.
+    # What the presses did not reach, steep slopes and corners of the image, stays tame: a weight
+    # costs by what it does where its feature is largest, and all over the image.
     order = torch.tensor([i + j for i, j in POWERS])[: len(largest)]
     largest[: len(order)] = presses.steepest ** (2.0 * order)
     cost = ground.square().mean((1, 2)).double() * _PLACE

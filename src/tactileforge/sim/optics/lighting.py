@@ -34,7 +34,7 @@ class Calibration:
             has not seen more.
         steepest: See `features.normals`.
         lights: Where the lights are that cast shadows, rad, clockwise from the right.
-        backgrounds: float32 (N, Q, 3), pictures with no contact as polynomials of the place.
+        backgrounds: float32 (N, Q, 3), images with no contact as polynomials of the place.
         noise: Standard deviation of the camera's noise, grey levels.
     """
 
@@ -65,7 +65,7 @@ class Calibration:
         """The calibration of a sensor whose light of each colour comes from another direction.
 
         Args:
-            angles: Of R, G, B: rad, clockwise in the picture.
+            angles: Of R, G, B: rad, clockwise in the image.
         """
         fine = torch.stack(
             [
@@ -164,10 +164,10 @@ class Lamp:
     """A light at the side of the gel.
 
     Attributes:
-        azimuth: Where it is, rad, clockwise from the right of the picture.
+        azimuth: Where it is, rad, clockwise from the right of the image.
         elevation: How steeply it shines onto the gel at rest, rad.
         colour: Grey levels it adds to R, G, B of a surface that faces it.
-        fall: Share by which it is weaker at the centre than at its edge of the picture.
+        fall: Share by which it is weaker at the centre than at its edge of the image.
         shadow: Share of its light that is missing in its shadow.
     """
 
@@ -186,7 +186,7 @@ def lit(
     Args:
         lamps: The lights.
         base: R, G, B of the light that comes from everywhere.
-        dim: Share of the background that is missing in the middle of the picture's sides.
+        dim: Share of the background that is missing in the middle of the image's sides.
         noise: Standard deviation of the camera's noise, grey levels.
     """
     grid = torch.linspace(-0.95, 0.95, 39, dtype=torch.float64)

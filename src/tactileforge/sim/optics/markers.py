@@ -17,10 +17,10 @@ class Markers:
     """Discs printed on a gel.
 
     Attributes:
-        places: float32 (M, 2), x and y at rest, mm from the centre of the picture.
+        places: float32 (M, 2), x and y at rest, mm from the centre of the image.
         radii: float32 (M,), mm.
         colour: R, G, B in grey levels.
-        opacity: Share of the picture's light that a marker blocks.
+        opacity: Share of the image's light that a marker blocks.
     """
 
     places: Tensor
@@ -76,8 +76,8 @@ def coverage(centres: Tensor, radii: Tensor, height: int, width: int) -> Tensor:
     Args:
         centres: float32 (B, M, 2), x and y in pixels; (0, 0) is the middle of the first pixel.
         radii: float32 (M,), pixels.
-        height: Of the picture, pixels.
-        width: Of the picture, pixels.
+        height: Of the image, pixels.
+        width: Of the image, pixels.
 
     Returns:
         float32 (B, H, W), 0 to 1.

@@ -34,7 +34,7 @@ class Presses:
     """Images of a ball pressed into one sensor.
 
     Attributes:
-        background: float32 (3, H, W), the picture with no contact, RGB grey levels.
+        background: float32 (3, H, W), the image with no contact, RGB grey levels.
         pictures: uint8 (N, 3, H, W).
         circles: float32 (N, 3), centre x, centre y and radius of the contacts, pixels.
         spacing: mm per pixel.
@@ -137,7 +137,7 @@ def _ball_presses(ball: float, thickness: float) -> list[tuple[float, Array]]:
 def find_circle(
     picture: Tensor, background: Tensor, share: float = 0.3
 ) -> tuple[float, float, float]:
-    """The contact in a picture: the disc as large as the largest region that changed.
+    """The contact in an image: the disc as large as the largest region that changed.
 
     Args:
         picture: (3, H, W), grey levels.
@@ -167,17 +167,17 @@ def read_presses(
     """Reads presses from a folder.
 
     Args:
-        folder: Holds the pictures.
-        background: Name of the picture with no contact.
+        folder: Holds the images.
+        background: Name of the image with no contact.
         spacing: mm per pixel.
         annotations: Name of a CSV file with the columns file, center_x_px, center_y_px, radius_px;
-            None to find the circles in the pictures.
+            None to find the circles in the images.
         pictures: Which files are presses, where there are no annotations.
         about: More of the `Presses`.
 
     Raises:
         DataNotFoundError: A file does not exist.
-        DataError: A file is no picture.
+        DataError: A file is no image.
     """
     still = read_picture(folder / background).float()
     if annotations is None:
@@ -241,7 +241,7 @@ def read_picture(path: Path) -> Tensor:
 
     Raises:
         DataNotFoundError: The file does not exist.
-        DataError: It is no picture.
+        DataError: It is no image.
     """
     if not path.is_file():
         raise DataNotFoundError(f"{path} does not exist; give the folder of the ball presses")

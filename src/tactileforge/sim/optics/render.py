@@ -1,7 +1,7 @@
 """Renders the image that a sensor's camera takes of the surface of its gel.
 
 The change of each channel from the background is a weighted sum of features of the dent (see
-`features`), and the weights are polynomials of the place in the picture (see `lighting`). The
+`features`), and the weights are polynomials of the place in the image (see `lighting`). The
 camera then blurs and shrinks what was drawn, and adds its tone and noise (see `camera`).
 """
 
@@ -38,9 +38,9 @@ class Optics:
         """Prepares maps of the weights.
 
         Args:
-            unit: The unit of a sensor, drawn with ``shrink`` times the size of its pictures.
-            device: Where the dents will be, and the pictures are made.
-            shrink: Pixels of a dent to a pixel of the picture, along rows and columns.
+            unit: The unit of a sensor, drawn with ``shrink`` times the size of its images.
+            device: Where the dents will be, and the images are made.
+            shrink: Pixels of a dent to a pixel of the image, along rows and columns.
         """
         self.unit = unit
         self.size = height, width = unit.background.shape[1], unit.background.shape[2]
@@ -81,7 +81,7 @@ class Optics:
             uint8 (B, 3, H, W), RGB; rows and columns are fewer by ``shrink``.
 
         Raises:
-            ConfigError: The dent has not the size of the unit's picture.
+            ConfigError: The dent has not the size of the unit's image.
         """
         if dent.shape[1:] != self.size:
             raise ConfigError(
