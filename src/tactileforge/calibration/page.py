@@ -3,21 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from html import escape
+
+from markupsafe import Markup
 
 from tactileforge.calibration.calibrate import Found
 from tactileforge.calibration.fit import Fit
 from tactileforge.pages.figures import CLASSES, INK, MARKERS, drawing, svg
 from tactileforge.pages.images import figure
-from tactileforge.pages.page import Section, number, page, panel, panels, paragraph, table
+from tactileforge.pages.page import (
+    Section,
+    number,
+    page,
+    panel,
+    panels,
+    paragraph,
+    table,
+    verdict,
+)
 
 
 def render(result: Found) -> str:
     """The page, as HTML."""
     calibration = result.calibration
     title = f"Calibration of {calibration.sensor} {calibration.unit}".strip()
-    notes = "".join(f'<li class="bad">{escape(note)}</li>' for note in result.notes)
-    top = f"{paragraph(calibration.made, soft=True)}<ul class=verdict>{notes}</ul>"
+    top = paragraph(calibration.made, soft=True) + verdict(("bad", note) for note in result.notes)
     parts = [_force(result)] if calibration.force is not None else []
     parts += [_light(result)] if calibration.light is not None else []
     return page(title, top, [*parts, _scale(result)])
@@ -62,7 +71,7 @@ def _told(names: Sequence[str]) -> str:
     return ", ".join([*shown, *([f"{len(hidden)} values of the head"] if hidden else [])])
 
 
-def _against(fit: Fit, name: str) -> str:
+def _against(fit: Fit, name: str) -> Markup:
     with drawing(4.2, 3.2) as (drawn, axes):
         ends = [float(fit.measured.min()), float(fit.measured.max())]
         axes.plot(ends, ends, color=INK, linewidth=0.9)
@@ -73,7 +82,7 @@ def _against(fit: Fit, name: str) -> str:
         return svg(drawn, f"predicted against measured force along {name}")
 
 
-def _residual(fit: Fit, name: str) -> str:
+def _residual(fit: Fit, name: str) -> Markup:
     with drawing(4.2, 3.2) as (drawn, axes):
         axes.axhline(0, color=INK, linewidth=0.9)
         _dots(axes, fit, fit.predicted - fit.measured)
@@ -106,7 +115,7 @@ def _light(result: Found) -> Section:
             strict=True,
         )
     ]
-    shown = ""
+    shown = Markup()
     if result.still is not None:
         pictures = [result.still, calibration.balanced(result.still)]
         shown = figure(pictures, "background; the same in balanced colours", "background", 2)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tactileforge.contracts import Frames, Recording
 from tactileforge.data.frames.crop import as_text
 from tactileforge.errors import DataError
+from tactileforge.pages import images
 
 #: Frames of a recording that are looked at, and those of them that a strip shows.
 FRAMES = 24
@@ -175,8 +176,7 @@ def shrunk(frame: NDArray[np.uint8]) -> NDArray[np.float32]:
 def amplified(difference: NDArray[np.float32]) -> NDArray[np.uint8]:
     """A difference as an image around mid-grey, so strong that 0.5 % of it is clipped."""
     gain = 127 / max(float(np.quantile(np.abs(difference), 0.995)), 8.0)
-    out: NDArray[np.uint8] = np.clip(128 + gain * difference, 0, 255).astype(np.uint8)
-    return out
+    return images.difference(difference, gain)
 
 
 def _chunks(frames: Frames, rows: Sequence[int]) -> Iterator[NDArray[np.uint8]]:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
-from html import escape
+from collections.abc import Sequence
 
 import numpy as np
+from markupsafe import Markup
 
 from tactileforge.contracts import ACTIONS, LABELS
 from tactileforge.data.frames.crop import as_text
@@ -17,13 +17,16 @@ from tactileforge.inspection.findings import Total
 from tactileforge.inspection.look import evenly
 from tactileforge.inspection.survey import Seen, Survey
 from tactileforge.inspection.tally import sources
-from tactileforge.pages.images import figure, image
+from tactileforge.pages import page
+from tactileforge.pages.images import figure, image, strip
 from tactileforge.pages.page import (
     MINUS,
     NONE,
     SPLIT_WORDS,
     Section,
+    cards,
     duration,
+    heading,
     legend,
     number,
     panel,
@@ -87,21 +90,11 @@ def sheets(survey: Survey) -> Section:
         "amplified; no difference where a recording has no background."
     )
     for sensor, seen in sorted(by_sensor.items()):
-        cards = [card(seen[i]) for i in evenly(len(seen), _SHEET)]
-        body += f"<h3>{escape(sensor)}</h3>{grid(cards)}"
+        body += heading(sensor) + cards(card(seen[i]) for i in evenly(len(seen), _SHEET))
     return Section("contact", "Contact", body)
 
 
-def grid(cards: Iterable[str], rem: float = 11) -> str:
-    """Cards side by side, as many as fit."""
-    columns = f"repeat(auto-fill,minmax(min(47%,{rem}rem),1fr))"
-    return (
-        f'<div style="display:grid;gap:.8rem;grid-template-columns:{columns};margin:.8rem 0">'
-        f"{''.join(cards)}</div>"
-    )
-
-
-def card(seen: Seen, words: str = "") -> str:
+def card(seen: Seen, words: str = "") -> Markup:
     """The frame of largest contact, the difference, and the key or what is said."""
     pictures = [seen.look.frame]
     if seen.look.difference is not None:
@@ -126,35 +119,29 @@ def strips(survey: Survey) -> Section:
     return Section("clips", "Over time", body + panels(map(_strip, survey.strips), wide=True))
 
 
-def _strip(seen: Seen) -> str:
+def _strip(seen: Seen) -> Markup:
     recording = seen.of.recording
     title = " · ".join(filter(None, (recording.sensor, recording.object)))
-    count = len(seen.look.strip)
-    images = "".join(
+    images = [
         image(picture, f"frame {row}{words}")
         for pictures, words in ((seen.look.strip, ""), (seen.look.strip_difference, ", difference"))
         for picture, row in zip(pictures, seen.look.strip_rows, strict=False)
-    )
-    drawing = ""
+    ]
+    body = strip(images, len(seen.look.strip))
     if recording.force is not None or recording.action is not None:
-        drawing = charts.force_curve(recording, recording.times[seen.look.strip_rows].tolist())
-        drawing = drawing.replace("<svg", '<svg style="width:100%;height:auto;display:block"', 1)
+        body += charts.force_curve(recording, recording.times[seen.look.strip_rows].tolist())
     rate = 1 / float(np.median(np.diff(recording.times)))
     seconds = float(recording.times[-1] - recording.times[0])
     below = f"{recording.key} · {len(recording.frames)} frames, {seconds:.3g} s, {rate:.3g} Hz"
     if recording.text:
         below += f" · “{recording.text}”"
-    return (
-        f'<figure class="clip"><b>{escape(title)}</b><div class="strip" '
-        f'style="grid-template-columns:repeat({count},1fr)">{images}</div>{drawing}'
-        f'<figcaption style="overflow-wrap:anywhere">{escape(below)}</figcaption></figure>'
-    )
+    return page.card(title, body, below)
 
 
 def labels(survey: Survey) -> Section:
     """Histograms of forces, actions, objects and durations."""
     tally, parts = survey.tally, []
-    body = ""
+    body = Markup()
     if tally.forces:
         sensors = dict(sorted(tally.forces.items()))
         drawings = [
@@ -185,9 +172,9 @@ def labels(survey: Survey) -> Section:
     return Section("labels", "Labels", body + panels(parts, wide=True) + _lags(survey))
 
 
-def _lags(survey: Survey) -> str:
+def _lags(survey: Survey) -> Markup:
     if not survey.lags:
-        return ""
+        return Markup()
     rows = [
         (
             drawn.recording.sensor,
@@ -205,4 +192,4 @@ def _lags(survey: Survey) -> str:
         f"prominence over other lags, is below {LAG_CORRELATION:g} or {LAG_PROMINENCE:g}, the "
         "recording does not tell."
     )
-    return "<h3>Forces and pictures in time</h3>" + table("lags", head, rows, words)
+    return heading("Forces and images in time") + table("lags", head, rows, words)

@@ -3,15 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from html import escape
+
+from markupsafe import Markup
 
 from tactileforge.contracts import LABELS
 from tactileforge.inspection.checks import REASONS, is_sure
 from tactileforge.inspection.findings import Findings, Suspect
-from tactileforge.inspection.sections import card, grid
+from tactileforge.inspection.sections import card
 from tactileforge.inspection.survey import Survey
-from tactileforge.pages.images import figure, image
-from tactileforge.pages.page import SPLIT_WORDS, Section, duration, paragraph, table
+from tactileforge.pages.images import captioned, figure, image
+from tactileforge.pages.page import (
+    SPLIT_WORDS,
+    Section,
+    cards,
+    details,
+    duration,
+    facts,
+    heading,
+    items,
+    paragraph,
+    table,
+    verdict,
+)
 
 #: Reasons that are told without a pixel, of all recordings.
 _COUNTED = ("no_background", "gaps_in_time", "force_out_of_range", "pulling_force")
@@ -19,7 +32,7 @@ _SHOWN = 12
 _LINES = 100
 
 
-def top(name: str, survey: Survey) -> str:
+def top(name: str, survey: Survey) -> Markup:
     """The top of the page: the data set in brief, and the verdict on it."""
     all_of = survey.findings
     carried = [
@@ -36,9 +49,7 @@ def top(name: str, survey: Survey) -> str:
         "Labels": ", ".join(carried) or "none",
         "Looked at": f"{all_of.looked:,} recordings",
     }
-    cells = "".join(f"<div><dt>{k}</dt><dd>{escape(v)}</dd></div>" for k, v in about.items())
-    lines = "".join(f'<li class="{mark}">{escape(text)}</li>' for mark, text in _verdict(survey))
-    return f'<dl>{cells}</dl><ul class="verdict">{lines}</ul>'
+    return facts(about) + verdict(_verdict(survey))
 
 
 def _verdict(survey: Survey) -> Iterator[tuple[str, str]]:
@@ -82,13 +93,13 @@ def _count(count: int, words: str) -> str:
 
 def duplicates(survey: Survey) -> Section:
     """Recordings that show the same or nearly the same, and keys that are used twice."""
-    body = ""
+    body = Markup()
     if survey.same:
         groups = [_group(survey, group) for group in survey.same[:_SHOWN]]
         note = (
             f"{_count(len(survey.same), 'group')}; at the frames that were looked at, bit by bit."
         )
-        body += "<h3>The same pixels</h3>" + paragraph(note, soft=True) + grid(groups, 15)
+        body += heading("The same pixels") + paragraph(note, soft=True) + cards(groups, 15)
     if survey.similar:
         pairs = [
             _group(survey, (i, j), f"differ by {level:.1f} grey levels; ")
@@ -98,18 +109,18 @@ def duplicates(survey: Survey) -> Section:
             f"{_count(len(survey.similar), 'pair')}, closest first: small pictures at the same "
             "places in time, all but 0.5 % of which differ by less than what is said."
         )
-        body += "<h3>Nearly the same</h3>" + paragraph(note, soft=True) + grid(pairs, 15)
+        body += heading("Nearly the same") + paragraph(note, soft=True) + cards(pairs, 15)
     if survey.findings.repeated:
         counts = dict(survey.tally.names.top("key", _SHOWN))
         rows = [(key, str(counts[key])) for key in survey.findings.repeated]
         note = "A key has to be unique: labels and files are found by it. The most frequent ones:"
-        body += "<h3>Keys that several recordings have</h3>"
+        body += heading("Keys that several recordings have")
         body += table("keys", ("Key", "recordings"), rows, note)
     text = f"None among the {_count(survey.findings.looked, 'recording')} that were looked at."
     return Section("duplicates", "Duplicates", body or paragraph(text))
 
 
-def _group(survey: Survey, group: Sequence[int], words: str = "") -> str:
+def _group(survey: Survey, group: Sequence[int], words: str = "") -> Markup:
     ones = [survey.seen[i] for i in group]
     splits = {member.of.split for member in ones}
     across = "IN BOTH SPLITS: " if len(splits) > 1 else ""
@@ -125,9 +136,10 @@ def suspicious(survey: Survey) -> Section:
     seen = {item.of.order: item for item in survey.seen}
     for reason, worst in survey.findings.worst.items():
         about = REASONS[reason]
-        body += f"<h3>{escape(about.title)}: {_of(reason, survey.findings.counts[reason], survey)}"
-        body += f"</h3>{paragraph(about.why, soft=True)}"
-        body += grid(
+        count = survey.findings.counts[reason]
+        body += heading(f"{about.title}: {_of(reason, count, survey)}")
+        body += paragraph(about.why, soft=True)
+        body += cards(
             card(seen[suspect.order], _words(suspect))
             if suspect.order in seen
             else _unseen(suspect)
@@ -142,20 +154,21 @@ def _words(suspect: Suspect) -> str:
     return f"{suspect.words}: {suspect.key}, {suspect.sensor}, {SPLIT_WORDS[suspect.split]}"
 
 
-def _unseen(suspect: Suspect) -> str:
-    picture = "" if suspect.picture is None else image(suspect.picture, suspect.key)
-    return f"<figure>{picture}<figcaption>{escape(_words(suspect))}</figcaption></figure>"
+def _unseen(suspect: Suspect) -> Markup:
+    picture = Markup() if suspect.picture is None else image(suspect.picture, suspect.key)
+    return captioned(picture, _words(suspect))
 
 
-def _unreadable(findings: Findings) -> str:
+def _unreadable(findings: Findings) -> Markup:
     if not findings.unreadable:
-        return ""
+        return Markup()
     count = len(findings.unreadable)
-    shown = "".join(f"<li>{escape(line)}</li>" for line in findings.unreadable[:_LINES])
-    more = f"<li>and {count - _LINES:,} more</li>" if count > _LINES else ""
+    lines = [*findings.unreadable[:_LINES]]
+    if count > _LINES:
+        lines.append(f"and {count - _LINES:,} more")
     why = "Training goes on without them. Download them again, or remove them."
     return (
-        f"<h3>{_count(count, 'recording')} that cannot be read</h3>{paragraph(why, soft=True)}"
-        f"<details{' open' if count <= 10 else ''}><summary>Which</summary><ul>{shown}{more}</ul>"
-        "</details>"
+        heading(f"{_count(count, 'recording')} that cannot be read")
+        + paragraph(why, soft=True)
+        + details("Which", items(lines), is_open=count <= 10)
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import NDArray
 
 from tactileforge.pages.figures import CLASSES, INK, SHADE, drawing, svg
@@ -15,7 +16,7 @@ _LEAST = 0.01
 
 def score_histogram(
     scores: Mapping[str, NDArray[np.float64]], thresholds: Mapping[str, float | None]
-) -> str:
+) -> Markup:
     """Shares of the frames of each sensor by score, and its threshold.
 
     Args:
@@ -43,7 +44,7 @@ def score_curve(
     scores: NDArray[np.float64],
     kept: NDArray[np.bool_],
     threshold: float | None,
-) -> str:
+) -> Markup:
     """Scores of a recording over time; what is kept is shaded.
 
     Args:

@@ -2,28 +2,29 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 
-import cv2
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import NDArray
 from tqdm import tqdm
 
 from tactileforge.contracts import Dataset, Recording
-from tactileforge.data.shards import shards
 from tactileforge.data.shards.index import arranged
 from tactileforge.errors import DataError
 from tactileforge.files import write_text
 from tactileforge.packing import charts, filters
 from tactileforge.packing.options import Filter, Options
 from tactileforge.packing.plan import SPLITS
+from tactileforge.pages.images import difference, image, noted, strip
 from tactileforge.pages.page import (
     NONE,
     Section,
+    card,
+    facts,
+    items,
     legend,
     number,
     page,
@@ -38,8 +39,6 @@ from tactileforge.pages.page import (
 _SHARES = (0.75, 0.5, 0.25)
 #: Recordings that are shown, and frames of a strip.
 _SHOWN, _STRIP = 12, 6
-#: Pixels; wider frames are shrunk.
-_WIDEST = 144
 _CHUNK = 16
 
 
@@ -109,10 +108,9 @@ def preview(
         )
     sections = [_scores(judged, chosen), _pictures(judged, chosen)]
     if skipped:
-        lines = "".join(f"<li>{escape(line)}</li>" for line in skipped)
-        sections.append(Section("skipped", "Not readable", f"<ul>{lines}</ul>"))
-    facts = _facts(name, judged, len(everything), chosen)
-    write_text(path, page(f"What is kept of {name}", facts, sections))
+        sections.append(Section("skipped", "Not readable", items(skipped)))
+    top = _facts(judged, len(everything), chosen)
+    write_text(path, page(f"What is kept of {name}", top, sections))
     return path
 
 
@@ -162,21 +160,21 @@ def _middle(recording: Recording, frames: int) -> Recording:
     return recording.part(start, start + frames)
 
 
-def _facts(name: str, judged: Sequence[Judged], total: int, chosen: Filter) -> str:
+def _facts(judged: Sequence[Judged], total: int, chosen: Filter) -> Markup:
     laplacian = chosen.laplacian
     by_sensor = laplacian if isinstance(laplacian, Mapping) else {"": laplacian}
     thresholds = [f"{sensor} {value:g}".strip() for sensor, value in by_sensor.items() if value]
     shares = [item.keeps(chosen.threshold(item.recording.sensor)) for item in judged]
-    about = {
-        "Recordings": f"{len(judged)} looked at, of {total:,}",
-        "Frames": f"{sum(len(item.rows) for item in judged):,} scored",
-        "Threshold": ", ".join(thresholds) or NONE,
-        "Sampling": "every frame" if chosen.every is None else f"every {chosen.every:g} s",
-        "Length of a clip": f"{chosen.span:g} s",
-        "Kept": percent(float(np.concatenate(shares).mean())),
-    }
-    cells = (f"<div><dt>{key}</dt><dd>{escape(value)}</dd></div>" for key, value in about.items())
-    return f"<dl>{''.join(cells)}</dl>"
+    return facts(
+        {
+            "Recordings": f"{len(judged)} looked at, of {total:,}",
+            "Frames": f"{sum(len(item.rows) for item in judged):,} scored",
+            "Threshold": ", ".join(thresholds) or NONE,
+            "Sampling": "every frame" if chosen.every is None else f"every {chosen.every:g} s",
+            "Length of a clip": f"{chosen.span:g} s",
+            "Kept": percent(float(np.concatenate(shares).mean())),
+        }
+    )
 
 
 def _scores(judged: Sequence[Judged], chosen: Filter) -> Section:
@@ -227,45 +225,29 @@ def _pictures(judged: Sequence[Judged], chosen: Filter) -> Section:
     return Section("frames", "Frames", paragraph(words) + panels(cards, wide=True))
 
 
-def _card(judged: Judged, threshold: float | None) -> str:
+def _card(judged: Judged, threshold: float | None) -> Markup:
     recording, kept = judged.recording, judged.keeps(threshold)
     title = " · ".join(filter(None, (recording.sensor, recording.object, recording.key)))
-    body = charts.score_curve(judged.times, judged.scores, kept, threshold) if len(kept) > 1 else ""
+    body = Markup()
+    if len(kept) > 1:
+        body += charts.score_curve(judged.times, judged.scores, kept, threshold)
     gain = 40 / max(float(np.nanmax(judged.scores, initial=0)) ** 0.5, 1)
     for name, places in (("Kept", np.flatnonzero(kept)), ("Left out", np.flatnonzero(~kept))):
         if len(places):
             shown = np.unique(np.linspace(0, len(places) - 1, min(_STRIP, len(places))).astype(int))
             body += _strip(judged, name, places[shown].tolist(), gain)
-    below = f"<figcaption>{percent(float(kept.mean()))} kept</figcaption>"
-    return f'<figure class="clip"><b>{escape(title)}</b>{body}{below}</figure>'
+    return card(title, body, f"{percent(float(kept.mean()))} kept")
 
 
-def _strip(judged: Judged, name: str, places: Sequence[int], gain: float) -> str:
-    """Frames beside each other, above their differences to the frame before."""
-    top, bottom = "", ""
+def _strip(judged: Judged, name: str, places: Sequence[int], gain: float) -> Markup:
+    """Frames side by side, above their differences to the frame before."""
+    top, bottom = [], []
     for place in places:
         before, row = judged.rows[max(place - 1, 0)], judged.rows[place]
-        pair = judged.recording.frames.read([int(before), int(row)]).astype(np.int16)
-        change = np.clip(128 + gain * (pair[1] - pair[0]), 0, 255).astype(np.uint8)
+        pair = judged.recording.frames.read([int(before), int(row)])
+        change = difference(pair[1].astype(np.int16) - pair[0], gain)
         value = number(float(judged.scores[place]))
         words = f"frame {row}, score {value}"
-        top += f"<div>{_image(pair[1].astype(np.uint8), words)}</div>"
-        bottom += (
-            f'<div>{_image(change, f"change, {words}")}<span class="soft">{value}</span></div>'
-        )
-    grid = f'style="grid-template-columns:repeat({_STRIP},1fr)"'
-    strips = "".join(f'<div class="strip" {grid}>{part}</div>' for part in (top, bottom))
-    return f'<div class="strip-name">{name}</div>{strips}'
-
-
-def _image(picture: NDArray[np.uint8], words: str) -> str:
-    height, width = picture.shape[:2]
-    if width > _WIDEST:
-        size = (_WIDEST, max(1, round(height * _WIDEST / width)))
-        picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
-    text = base64.b64encode(shards.encode(picture, "jpg", 85)).decode()
-    height, width = picture.shape[:2]
-    return (
-        f'<img src="data:image/jpeg;base64,{text}" width="{width}" height="{height}" '
-        f'alt="{escape(words)}">'
-    )
+        top.append(image(pair[1], words))
+        bottom.append(noted(image(change, f"change, {words}"), value))
+    return strip(top, _STRIP, name) + strip(bottom, _STRIP)

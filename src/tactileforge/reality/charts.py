@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from markupsafe import Markup
 from matplotlib.ticker import FuncFormatter, LogLocator
 
 from tactileforge.pages.figures import CLASSES, INK, SHADE, drawing, svg
@@ -12,7 +13,7 @@ from tactileforge.reality import measures
 from tactileforge.reality.profiles import Profile
 
 
-def spectra(profiles: Sequence[Profile]) -> str:
+def spectra(profiles: Sequence[Profile]) -> Markup:
     """Median spectrum of each source relative to its lowest frequencies; the first is black.
 
     Args:
@@ -30,7 +31,7 @@ def spectra(profiles: Sequence[Profile]) -> str:
         return svg(figure, "power of the change picture over frequency, simulated and real")
 
 
-def touches(profiles: Sequence[Profile]) -> str:
+def touches(profiles: Sequence[Profile]) -> Markup:
     """Contrast against contact area, a point a touch.
 
     Args:

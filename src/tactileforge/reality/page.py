@@ -3,13 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from html import escape
 
 import numpy as np
+from markupsafe import Markup
 
-from tactileforge.pages.figures import CLASSES
-from tactileforge.pages.images import image
-from tactileforge.pages.page import NONE, Section, number, page, panel, panels, paragraph, table
+from tactileforge.pages.images import difference, figure
+from tactileforge.pages.page import (
+    NONE,
+    Section,
+    group_name,
+    heading,
+    legend,
+    number,
+    page,
+    panel,
+    panels,
+    paragraph,
+    stack,
+    table,
+    verdict,
+)
+from tactileforge.pages.templating import joined
 from tactileforge.reality import charts
 from tactileforge.reality.compare import Side
 from tactileforge.reality.measures import Array
@@ -48,15 +62,15 @@ def render(name: str, sides: Mapping[str, Side]) -> str:
         name: What the data set is called.
         sides: By type of sensor, see `compare.compare`.
     """
-    verdicts = "".join(_verdict(sensor, side) for sensor, side in sides.items())
-    top = f"{paragraph(' '.join(_METHOD.split()), soft=True)}<ul class=verdict>{verdicts}</ul>"
+    verdicts = verdict(_verdict(sensor, side) for sensor, side in sides.items())
+    top = paragraph(" ".join(_METHOD.split()), soft=True) + verdicts
     parts = [_section(sensor, side) for sensor, side in sides.items()]
-    words = "".join(paragraph(" ".join(text.split())) for text in _CONFOUNDED.split("\n\n"))
+    words = joined(paragraph(" ".join(text.split())) for text in _CONFOUNDED.split("\n\n"))
     last = Section("confounds", "What codec, camera and objects confound", words)
     return page(f"Simulated touch beside {name}", top, [*parts, last])
 
 
-def _verdict(sensor: str, side: Side) -> str:
+def _verdict(sensor: str, side: Side) -> tuple[str, str]:
     """Names the measures further from real sources than these are from each other."""
     ratios = {name: side.ratio(name) for name in DISTANCES}
     far = [f"{name} ({number(ratio)} times)" for name, ratio in ratios.items() if ratio > _FAR]
@@ -69,7 +83,7 @@ def _verdict(sensor: str, side: Side) -> str:
         )
     else:
         kind, words = "good", "as near to real sources as these are to each other"
-    return f'<li class="{kind}">{escape(f"{sensor}: {words}")}.</li>'
+    return kind, f"{sensor}: {words}."
 
 
 def _section(sensor: str, side: Side) -> Section:
@@ -82,58 +96,38 @@ def _section(sensor: str, side: Side) -> Section:
         ),
         panel("Contrast and contact", charts.touches(profiles), "A point a touch."),
     ]
-    body = _pictures(profiles) + "<h3>Spectrum, contrast, contact</h3>"
-    body += _legend(profiles) + panels(drawn, wide=True)
+    body = _pictures(profiles) + heading("Spectrum, contrast, contact")
+    names = {place: profile.name for place, profile in enumerate(side.real)}
+    body += legend(names, ink=side.simulated.name) + panels(drawn, wide=True)
     body += _numbers(sensor, profiles) + _distances(sensor, side)
     return Section(sensor, sensor, body)
 
 
-def _legend(profiles: Sequence[Profile]) -> str:
-    items = ""
-    for place, profile in enumerate(profiles):
-        colour = f"var(--c{(place - 1) % len(CLASSES)})" if place else "currentColor"
-        dot = f'<svg viewBox="0 0 10 10" fill="{colour}"><circle cx="5" cy="5" r="4.4"/></svg>'
-        items += f"<li>{dot}{escape(profile.name)}</li>"
-    return f'<ul class="legend">{items}</ul>'
-
-
-def _pictures(profiles: Sequence[Profile]) -> str:
+def _pictures(profiles: Sequence[Profile]) -> Markup:
     words = (
         f"Background, touch, and {_GAIN:g} times the difference around mid-grey, the same for all."
     )
-    body = "<h3>Pictures</h3>" + paragraph(words, soft=True)
+    body = heading("Images") + paragraph(words, soft=True)
     for profile in profiles:
-        cards = "".join(_card(touch) for touch in profile.shown)
-        body += (
-            f'<p class="strip-name"><b>{escape(profile.name)}</b>, '
-            f"{_count(len(profile.looks), 'touch')}"
-            f"{f', {profile.faint} too faint to measure' if profile.faint else ''}</p>"
-            f'<div style="display:grid;gap:.8rem;margin:.3rem 0 1rem">{cards}</div>'
-        )
+        words = _count(len(profile.looks), "touch")
+        if profile.faint:
+            words += f", {profile.faint} too faint to measure"
+        body += group_name(profile.name, words) + stack(_card(touch) for touch in profile.shown)
     return body
 
 
-def _card(touch: Touch) -> str:
-    shown = (touch.background, touch.picture, 128 + _GAIN * touch.change)
-    names = ("background", "touch", "difference")
-    images = "".join(
-        image(np.clip(np.round(pixels), 0, 255).astype(np.uint8), f"{touch.key}, {name}")
-        for pixels, name in zip(shown, names, strict=True)
-    )
-    width = 3 * touch.picture.shape[1]
-    return (
-        f'<figure style="max-width:{width}px">'
-        '<div class="strip" style="grid-template-columns:repeat(3,1fr);margin:0">'
-        f'{images}</div><figcaption style="font-size:.75rem;line-height:1.3;'
-        f'overflow-wrap:anywhere">{escape(touch.key)}</figcaption></figure>'
-    )
+def _card(touch: Touch) -> Markup:
+    levels = [np.clip(np.round(part), 0, 255) for part in (touch.background, touch.picture)]
+    shown = [*(part.astype(np.uint8) for part in levels), difference(touch.change, _GAIN)]
+    words = [f"{touch.key}, {name}" for name in ("background", "touch", "difference")]
+    return figure(shown, touch.key, words, columns=3, width=3 * touch.picture.shape[1])
 
 
 def _count(count: int, word: str) -> str:
     return f"{count} {word}{'es' if count != 1 else ''}"
 
 
-def _numbers(sensor: str, profiles: Sequence[Profile]) -> str:
+def _numbers(sensor: str, profiles: Sequence[Profile]) -> Markup:
     rows = [(name, *(tell(profile) for profile in profiles)) for name, tell in _ROWS.items()]
     note = (
         "Medians over touches; in brackets what 80 % of them lie between. Power in bands of cycles "
@@ -143,7 +137,7 @@ def _numbers(sensor: str, profiles: Sequence[Profile]) -> str:
         "constant normal force."
     )
     head = ("", *(f"text|{profile.name}" for profile in profiles))
-    return "<h3>Numbers</h3>" + table(f"{sensor}-numbers", head, rows, note)
+    return heading("Numbers") + table(f"{sensor}-numbers", head, rows, note)
 
 
 def _spread(values: Array) -> str:
@@ -238,7 +232,7 @@ _ROWS: dict[str, Callable[[Profile], str]] = {
 }
 
 
-def _distances(sensor: str, side: Side) -> str:
+def _distances(sensor: str, side: Side) -> Markup:
     apart, among = side.apart, side.among
     few = _few(side)
     head = (
@@ -261,7 +255,7 @@ def _distances(sensor: str, side: Side) -> str:
         "most four pairs. Simulated over real: the median of the distances to real sources over "
         "the median of those between them; 1 cannot be told from real."
     )
-    return "<h3>Distances</h3>" + table(f"{sensor}-distances", head, rows, note)
+    return heading("Distances") + table(f"{sensor}-distances", head, rows, note)
 
 
 def _few(side: Side) -> list[tuple[str, str]]:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from html import escape
 
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import NDArray
 
 from tactileforge.contracts import AXES, Recording
@@ -20,6 +20,7 @@ from tactileforge.pages.page import (
     NONE,
     SPLIT_WORDS,
     Section,
+    heading,
     legend,
     number,
     panel,
@@ -127,10 +128,10 @@ def section(
     name, title = "force", "Force"
     if not results:
         return Section(name, title, paragraph("No objective predicts force."))
-    body = ""
+    body = Markup()
     for result in results:
         if len(results) > 1:
-            body += f"<h3>{escape(result.objective)}</h3>"
+            body += heading(result.objective)
         body += (
             _result(result, data, _learning(result.objective, curves, last_step))
             if result.readings
@@ -139,7 +140,7 @@ def section(
     return Section(name, title, body)
 
 
-def _learning(objective: str, curves: Mapping[str, Curve], last_step: int) -> str:
+def _learning(objective: str, curves: Mapping[str, Curve], last_step: int) -> Markup:
     """R2 and deviation of the predictions of each axis, over the run."""
     drawn = []
     for name, title, unit in (
@@ -151,10 +152,10 @@ def _learning(objective: str, curves: Mapping[str, Curve], last_step: int) -> st
         if lines:
             drawn.append(panel(title, lines_figure(unit, last_step, lines)))
     names = dict(enumerate(AXES))
-    return f"<h3>Over the run</h3>{legend(names)}{panels(drawn)}" if drawn else ""
+    return heading("Over the run") + legend(names) + panels(drawn) if drawn else Markup()
 
 
-def _result(result: ForceResult, data: TouchData, learning: str) -> str:
+def _result(result: ForceResult, data: TouchData, learning: Markup) -> Markup:
     sensors = sorted(
         {
             sensor
@@ -187,7 +188,7 @@ def _sensors(clips: Clips, reading: ForceReading) -> list[str]:
     return [clips.recordings[n].sensor for n in clips.index[reading.clips, 0].tolist()]
 
 
-def _scatter(result: ForceResult, data: TouchData, sensors: list[str], axis: int) -> str:
+def _scatter(result: ForceResult, data: TouchData, sensors: list[str], axis: int) -> Markup:
     groups = []
     for split, reading in reversed(result.readings.items()):
         names = _sensors(getattr(data, split), reading)
@@ -201,7 +202,7 @@ def _scatter(result: ForceResult, data: TouchData, sensors: list[str], axis: int
     return scatter_figure(groups, ("measured (N)", "predicted (N)"), identity=True)
 
 
-def _scores(result: ForceResult) -> str:
+def _scores(result: ForceResult) -> Markup:
     rows = [
         (
             f"{axis}, {SPLIT_WORDS[split]}",
@@ -224,7 +225,7 @@ def _scores(result: ForceResult) -> str:
     return table(f"force-{result.objective}", columns, rows, note)
 
 
-def _over_time(result: ForceResult, data: TouchData) -> str:
+def _over_time(result: ForceResult, data: TouchData) -> Markup:
     measured, predicted = [], {}
     for split, reading in result.curve.items():
         clips: Clips = getattr(data, split)
@@ -243,7 +244,7 @@ def _over_time(result: ForceResult, data: TouchData) -> str:
         drawings.append(panel(f"{axis} (N)", force_curve_figure(lines, points, axis)))
     names = {SPLITS[split]: f"predicted, {SPLIT_WORDS[split]}" for split in predicted}
     title = f"One recording over time: {result.recording}"
-    return f"<h3>{escape(title)}</h3>" + legend(names, line="measured") + panels(drawings)
+    return heading(title) + legend(names, line="measured") + panels(drawings)
 
 
 def milli(value: float) -> str:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from html import escape
 from typing import Any
+
+from markupsafe import Markup
 
 from tactileforge.contracts import AXES
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.labels import Labels
 from tactileforge.module import TouchModule
+from tactileforge.pages import page
 from tactileforge.pages.curves import Curve
 from tactileforge.pages.page import NONE, SPLIT_WORDS, duration, number, percent, table
 from tactileforge.report.embedding import Score
@@ -39,7 +41,7 @@ def facts(
     steps: int,
     seconds: float | None,
     versions: Mapping[str, str],
-) -> str:
+) -> Markup:
     """Facts of the run: model, data and duration."""
     encoder = config["encoder"]
     name = " ".join(filter(None, (encoder["name"], encoder.get("size"))))
@@ -59,8 +61,7 @@ def facts(
             f"{k} {versions[k]}" for k in ("tactileforge", "torch") if k in versions
         ),
     }
-    cells = (f"<div><dt>{k}</dt><dd>{escape(v)}</dd></div>" for k, v in about.items() if v)
-    return f"<dl>{''.join(cells)}</dl>"
+    return page.facts(about)
 
 
 def verdict(
@@ -68,7 +69,7 @@ def verdict(
     weights: Mapping[str, float],
     findings: Findings,
     labels: Labels,
-) -> str:
+) -> Markup:
     """The run in a few sentences, each marked as good, bad or plain; then the losses as a table."""
     lines = [_fell(curves, weights, "train")]
     if findings.split == "val":
@@ -87,13 +88,12 @@ def verdict(
         if count
         else ("good", "No recording was skipped.")
     )
-    items = "".join(f'<li class="{kind}">{escape(text)}</li>' for kind, text in lines)
     rows = [_row(key, weight, curves) for key, weight in weights.items()]
     note = (
         "First and last: means of the first and the last tenth of the logged values (of one value "
         "where fewer than 20 were logged)."
     )
-    return f'<ul class="verdict">{items}</ul>' + table("losses-summary", _HEAD, rows, note)
+    return page.verdict(lines) + table("losses-summary", _HEAD, rows, note)
 
 
 def ends(curve: Curve) -> tuple[float, float]:
