@@ -40,9 +40,9 @@ def make() -> Make:
 
 
 def fact(text: str, name: str) -> str:
-    found = re.search(rf"<dt>{name}</dt><dd>(.*?)</dd>", text)
-    assert found, name
-    return found[1]
+    match = re.search(rf"<dt>{name}</dt><dd>(.*?)</dd>", text)
+    assert match, name
+    return match[1]
 
 
 def test_the_page_says_what_packing_keeps(packable: ModuleType, make: Make, tmp_path: Path) -> None:
@@ -52,7 +52,7 @@ def test_the_page_says_what_packing_keeps(packable: ModuleType, make: Make, tmp_
     chosen = Filter(laplacian=10.0)
     text = preview(data, "toy", tmp_path / "look.html", PackOptions(filter=chosen)).read_text()
     made = pack(data, "toy", tmp_path / "out", PackOptions(filter=chosen))
-    kept = sum(found["frames"] for found in made.statistics.values())
+    kept = sum(counts["frames"] for counts in made.statistics.values())
     assert kept == (10 + 2 * 6) + (1 + 6 + 6)
     assert fact(text, "Kept") == f"{100 * kept / 180:.0f} %"
     assert fact(text, "Recordings") == "3 looked at, of 3"
@@ -66,12 +66,14 @@ def test_suggested_thresholds_keep_what_they_say(make: Make) -> None:
     rng = np.random.default_rng(0)
     judged = [judge(make("still", slice(0, 0)).part(0, 1), Filter())]
     for i in range(20):
-        one = make(str(i), slice(0, 0))
+        recording = make(str(i), slice(0, 0))
         frames = rng.normal(0, rng.uniform(1, 30), (60, 12, 16, 3)).clip(-99, 99) + 100
-        judged.append(judge(replace(one, frames=ArrayFrames(frames.astype(np.uint8))), Filter()))
+        judged.append(
+            judge(replace(recording, frames=ArrayFrames(frames.astype(np.uint8))), Filter())
+        )
     for share in (0.25, 0.5, 0.75):
         threshold = threshold_for(judged, share)
-        kept = np.concatenate([one.keeps(threshold) for one in judged[1:]])
+        kept = np.concatenate([scored.keeps(threshold) for scored in judged[1:]])
         assert abs(kept.mean() - share) < 0.05
 
 

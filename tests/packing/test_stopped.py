@@ -25,7 +25,7 @@ def tree(folder: Path) -> dict[str, bytes]:
 
 @pytest.fixture
 def whole(packable: ModuleType, tmp_path: Path) -> dict[str, bytes]:
-    """What an undisturbed run leaves."""
+    """Files that an undisturbed run leaves."""
     pack(
         packable.Touches(), "touches", tmp_path / "whole", PackOptions.of(GIVEN | {"processes": 1})
     )

@@ -39,18 +39,20 @@ def main(argv: Sequence[str]) -> int:
     out = Path(config["out"])
     if out.suffix not in (".yaml", ".yml"):
         raise ConfigError(f"out={out}: give the name of a file, for example digit.yaml")
-    options = CalibrateOptions(**{one.name: config[one.name] for one in fields(CalibrateOptions)})
+    options = CalibrateOptions(
+        **{field.name: config[field.name] for field in fields(CalibrateOptions)}
+    )
     reference = load_calibration(config["reference"]) if config["reference"] else None
     dataset = registry.build("datasets", config["data"])
     model = load_model(config["model"]) if config["model"] else None
-    found = calibrate(_recordings(dataset), options, reference, model)
+    result = calibrate(_recordings(dataset), options, reference, model)
 
     from tactileforge.calibration.page import calibration_page
 
-    found.calibration.save(out)
-    write_text(out.with_suffix(".html"), calibration_page(found))
-    print(_told(found))
-    for line in [*found.notes, *dataset.skipped]:
+    result.calibration.save(out)
+    write_text(out.with_suffix(".html"), calibration_page(result))
+    print(_told(result))
+    for line in [*result.notes, *dataset.skipped]:
         print(f"note: {line}")
     print(f"calibration: {out}\npage: {out.with_suffix('.html')}")
     return 0
@@ -68,17 +70,17 @@ def _recordings(dataset: Dataset) -> Iterator[Recording]:
         yield from dataset.recordings(split)
 
 
-def _told(found: CalibrationResult) -> str:
-    one = found.calibration
-    lines = [f"{one.sensor} {one.unit}".strip()]
-    if one.light is not None:
-        lines.append(f"balance of red, green, blue: {one.light.balance}")
-    if one.mm_per_pixel is not None:
-        lines.append(f"mm per pixel: {one.mm_per_pixel:.4g} ({found.scale})")
-    if one.force is not None:
+def _told(result: CalibrationResult) -> str:
+    calibration = result.calibration
+    lines = [f"{calibration.sensor} {calibration.unit}".strip()]
+    if calibration.light is not None:
+        lines.append(f"balance of red, green, blue: {calibration.light.balance}")
+    if calibration.mm_per_pixel is not None:
+        lines.append(f"mm per pixel: {calibration.mm_per_pixel:.4g} ({result.scale})")
+    if calibration.force is not None:
         lines += [
             f"force {name}: error {axis.rmse:.3g} N, R2 {axis.r2:.3f}, on presses not seen"
             + ("" if axis.before is None else f" (before: {axis.before:.3g} N)")
-            for name, axis in one.force.axes.items()
+            for name, axis in calibration.force.axes.items()
         ]
     return "\n".join(lines)

@@ -29,21 +29,21 @@ def main(argv: Sequence[str]) -> int:
         return 0
     from tactileforge.compose import plain
 
-    given = plain("compare", argv)
+    config = plain("compare", argv)
     options = CompareOptions(
-        **{one.name: _frozen(given[one.name]) for one in fields(CompareOptions)}
+        **{field.name: _frozen(config[field.name]) for field in fields(CompareOptions)}
     )
-    dataset = registry.build("datasets", given["data"])
+    dataset = registry.build("datasets", config["data"])
     sides = compare_reality(dataset, options)
 
     from tactileforge.reality.page import reality_page
 
-    write_text(Path(given["out"]), reality_page(given["data"]["name"], sides))
+    write_text(Path(config["out"]), reality_page(config["data"]["name"], sides))
     for sensor, side in sides.items():
         print(_told(sensor, side))
     for line in dataset.skipped:
         print(f"note: {line}")
-    print(f"page: {given['out']}")
+    print(f"page: {config['out']}")
     return 0
 
 
@@ -54,9 +54,9 @@ def _frozen(value: Any) -> Any:
 def _told(sensor: str, side: Side) -> str:
     """The nearest real source by each number."""
     lines = [f"{sensor}: {len(side.simulated.looks)} simulated touches"]
-    for source, found in side.apart.items():
+    for source, distances in side.apart.items():
         numbers = ", ".join(
-            f"{name} {value:.2g}" for name, value in found.items() if value == value
+            f"{name} {value:.2g}" for name, value in distances.items() if value == value
         )
         lines.append(f"  to {source}: {numbers}")
     return "\n".join(lines)
