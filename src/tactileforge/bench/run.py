@@ -91,37 +91,39 @@ class Bench:
             self.writer.not_run(reason, model=entry.name, fix=fix)
             return
         self.writer.model(_model(entry, subjects))
-        todo = [one for one in self.prepared if not self._is_done(one, entry, subjects)]
-        todo = [one for one in todo if self._knows(one, entry, subjects)]
+        todo = [
+            prepared for prepared in self.prepared if not self._is_done(prepared, entry, subjects)
+        ]
+        todo = [prepared for prepared in todo if self._knows(prepared, entry, subjects)]
         groups: dict[int, list[Prepared]] = {}
-        for one in todo:
-            groups.setdefault(id(one.source), []).append(one)
+        for prepared in todo:
+            groups.setdefault(id(prepared.source), []).append(prepared)
         for group in groups.values():
             self._group(entry, subjects, group)
         self.writer.write()
 
     def _group(self, entry: Entry, subjects: Sequence[Subject], group: Sequence[Prepared]) -> None:
         """Tasks on one source, which share features."""
-        found: list[Features | None] = []
-        frozen = [one for one in group if not self.choices[one.task.name].finetune]
+        extracted: list[Features | None] = []
+        frozen = [prepared for prepared in group if not self.choices[prepared.task.name].finetune]
         for subject in subjects if frozen else ():
             try:
-                found.append(self._features(subject, frozen))
+                extracted.append(self._features(subject, frozen))
             except TactileForgeError as error:
-                for one in group:
-                    self._refuse(error, one, entry)
+                for prepared in group:
+                    self._refuse(error, prepared, entry)
                 return
-        for one in tqdm(group, desc=f"probes on {entry.name}", unit="task"):
+        for prepared in tqdm(group, desc=f"probes on {entry.name}", unit="task"):
             try:
-                self._task(entry, subjects, found, one)
+                self._task(entry, subjects, extracted, prepared)
             except TactileForgeError as error:
-                self._refuse(error, one, entry)
+                self._refuse(error, prepared, entry)
 
     def _features(self, subject: Subject, group: Sequence[Prepared]) -> Features:
-        clips = np.unique(np.concatenate([one.target.clips for one in group]))
-        kinds = [self.choices[one.task.name].kind for one in group]
+        clips = np.unique(np.concatenate([prepared.target.clips for prepared in group]))
+        kinds = [self.choices[prepared.task.name].kind for prepared in group]
         taps = sorted({tap for kind in kinds for tap in subject.taps(kind)})
-        flips = FLIPS if any(one.task.flips for one in group) else (PLAIN,)
+        flips = FLIPS if any(prepared.task.flips for prepared in group) else (PLAIN,)
         policy = group[0].task.unknown_sensor
         source = group[0].source
         arrays = features(self.store, subject, source, clips, taps, flips, policy)
@@ -131,18 +133,18 @@ class Bench:
         self,
         entry: Entry,
         subjects: Sequence[Subject],
-        found: Sequence[Features | None],
-        one: Prepared,
+        extracted: Sequence[Features | None],
+        prepared: Prepared,
     ) -> None:
-        choice = self.choices[one.task.name]
+        choice = self.choices[prepared.task.name]
         measured: list[tuple[int, evaluate.Result]] = []
         for number, subject in enumerate(subjects):
             seeds = range(number, self.options.seeds, len(subjects))
             done = evaluate.run(
-                one,
+                prepared,
                 choice,
                 subject,
-                None if choice.finetune else found[number],
+                None if choice.finetune else extracted[number],
                 self.store,
                 seeds if choice.kind.trained else [number],
                 self.options.selection == "test",
@@ -151,30 +153,30 @@ class Bench:
                 (result.outcomes[0].seed if choice.kind.trained else number, result)
                 for result in done
             ]
-        rows = self._cells(entry, one, choice, measured)
-        self.writer.cells(one.task.name, entry.name, self._key(one, subjects), rows)
+        rows = self._cells(entry, prepared, choice, measured)
+        self.writer.cells(prepared.task.name, entry.name, self._key(prepared, subjects), rows)
 
     def _cells(
         self,
         entry: Entry,
-        one: Prepared,
+        prepared: Prepared,
         choice: Choice,
         measured: Sequence[tuple[int, evaluate.Result]],
     ) -> list[results.Cell]:
         """The rows of the file; first those of the rate that validation prefers."""
-        main = one.task.metrics[0]
-        name = metrics.part_of(main, one.target.parts)
+        main = prepared.task.metrics[0]
+        name = metrics.part_of(main, prepared.target.parts)
         sign = 1 if metrics.kind(main).better == "lower" else -1
         scores: dict[str, list[float]] = {}
         for _, result in measured:
             scores.setdefault(_name(result), []).append(sign * result.score)
         order = sorted(scores, key=lambda name: sum(scores[name]))
-        units = _units(one)
+        units = _units(prepared)
         rows = []
         for seed, result in sorted(measured, key=lambda row: (order.index(_name(row[1])), row[0])):
             first = result.outcomes[0]
             cell = results.Cell(
-                task=one.task.name,
+                task=prepared.task.name,
                 model=entry.name,
                 seed=seed,
                 setting=_setting(choice, first),
@@ -182,23 +184,23 @@ class Bench:
                 epoch=first.epoch,
                 curve=result.curve if first.train else {},
             )
-            part = one.target.parts[name]
+            part = prepared.target.parts[name]
             predicted, truth = result.predicted[name], result.truth[name]
             rows.append(self.writer.predictions(cell, name, part, predicted, truth, units))
         return rows
 
-    def _is_done(self, one: Prepared, entry: Entry, subjects: Sequence[Subject]) -> bool:
-        return self.writer.kept(one.task.name, entry.name, self._key(one, subjects))
+    def _is_done(self, prepared: Prepared, entry: Entry, subjects: Sequence[Subject]) -> bool:
+        return self.writer.kept(prepared.task.name, entry.name, self._key(prepared, subjects))
 
-    def _key(self, one: Prepared, subjects: Sequence[Subject]) -> str:
+    def _key(self, prepared: Prepared, subjects: Sequence[Subject]) -> str:
         """What the cells of a task and model depend on."""
-        choice = self.choices[one.task.name]
+        choice = self.choices[prepared.task.name]
         facts = {
-            "task": asdict(one.task),
-            "data": one.source.fingerprint,
+            "task": asdict(prepared.task),
+            "data": prepared.source.fingerprint,
             "truth": [
                 hashlib.sha256(p.truth.numpy().tobytes()).hexdigest()
-                for p in one.target.parts.values()
+                for p in prepared.target.parts.values()
             ],
             "probe": [
                 choice.kind.__name__,
@@ -206,28 +208,30 @@ class Bench:
                 asdict(choice.training),
                 choice.finetune,
             ],
-            "models": [[s.weights, s.preprocessing, s.spacing_of(one.task.clip)] for s in subjects],
+            "models": [
+                [s.weights, s.preprocessing, s.spacing_of(prepared.task.clip)] for s in subjects
+            ],
             "seeds": self.options.seeds,
             "selection": self.options.selection,
         }
         return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:24]
 
-    def _knows(self, one: Prepared, entry: Entry, subjects: Sequence[Subject]) -> bool:
-        strange = subjects[0].unknown(one.sensors)
-        if not strange or one.task.unknown_sensor == "universal":
+    def _knows(self, prepared: Prepared, entry: Entry, subjects: Sequence[Subject]) -> bool:
+        strange = subjects[0].unknown(prepared.sensors)
+        if not strange or prepared.task.unknown_sensor == "universal":
             return True
         known = ", ".join(subjects[0].encoder.sensors)
         self.writer.not_run(
             f"the model does not know the sensor {', '.join(strange)} (it knows: {known})",
-            task=one.task.name,
+            task=prepared.task.name,
             model=entry.name,
-            fix=f"tasks.{one.task.name}.unknown_sensor=universal takes the universal tokens",
+            fix=f"tasks.{prepared.task.name}.unknown_sensor=universal takes the universal tokens",
         )
         return False
 
-    def _refuse(self, error: TactileForgeError, one: Prepared, entry: Entry) -> None:
+    def _refuse(self, error: TactileForgeError, prepared: Prepared, entry: Entry) -> None:
         reason, fix = _split(error)
-        self.writer.not_run(reason, task=one.task.name, model=entry.name, fix=fix)
+        self.writer.not_run(reason, task=prepared.task.name, model=entry.name, fix=fix)
 
 
 def _name(result: evaluate.Result) -> str:
@@ -236,19 +240,19 @@ def _name(result: evaluate.Result) -> str:
     return first.reading or str(first.lr)
 
 
-def _units(one: Prepared) -> list[str]:
+def _units(prepared: Prepared) -> list[str]:
     """What the test clips are drawn by where intervals draw them again, in their order."""
-    plan = one.task.split
-    test = np.concatenate([split.test for split in one.splits])
-    return splits.names(one.source, one.target, test, plan.unit or plan.group)
+    plan = prepared.task.split
+    test = np.concatenate([split.test for split in prepared.splits])
+    return splits.names(prepared.source, prepared.target, test, plan.unit or plan.group)
 
 
 def _setting(choice: Choice, first: Outcome) -> dict[str, Any]:
     training = choice.training
     if not choice.kind.trained:
         return dict(choice.options) | ({"reading": first.reading} if first.reading else {})
-    found = {"lr": first.lr, "epochs": training.epochs, "batch": training.batch, **choice.options}
-    return found | ({"encoder_lr": choice.finetune} if choice.finetune else {})
+    setting = {"lr": first.lr, "epochs": training.epochs, "batch": training.batch, **choice.options}
+    return setting | ({"encoder_lr": choice.finetune} if choice.finetune else {})
 
 
 def _model(entry: Entry, subjects: Sequence[Subject]) -> results.Model:

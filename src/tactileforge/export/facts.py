@@ -61,9 +61,9 @@ class Exported:
 
     def text(self) -> str:
         """JSON that goes into the file: everything but its path."""
-        given = asdict(self)
-        del given["path"]
-        return json.dumps(given, sort_keys=True)
+        content = asdict(self)
+        del content["path"]
+        return json.dumps(content, sort_keys=True)
 
 
 def read(path: str | Path) -> Exported:
@@ -79,8 +79,8 @@ def read(path: str | Path) -> Exported:
         raise DataNotFoundError(f"{path}: no such file; correct the path")
     try:
         text = _of_zip(path) if zipfile.is_zipfile(path) else _of_onnx(path)
-        given = strict.mapping("its metadata", json.loads(text))
-        return strict.build(Exported, "its metadata", given | {"path": str(path)})
+        content = strict.mapping("its metadata", json.loads(text))
+        return strict.build(Exported, "its metadata", content | {"path": str(path)})
     except (ConfigError, ValueError) as error:
         raise DataError(f"{path}: not written by tactileforge export: {error}") from error
 

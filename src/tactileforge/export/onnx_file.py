@@ -43,7 +43,7 @@ class OnnxFile:
             resize._upsample_bilinear2d_aa.default: _resize("bilinear"),
             resize._upsample_bicubic2d_aa.default: _resize("bicubic"),
         }
-        found = torch.onnx.export(
+        exported = torch.onnx.export(
             program,
             input_names=INPUTS,
             output_names=OUTPUTS,
@@ -51,8 +51,8 @@ class OnnxFile:
             verbose=False,
             custom_translation_table=table,
         )
-        assert found is not None
-        self.model = found.model_proto
+        assert exported is not None
+        self.model = exported.model_proto
         #: Matrices of resizing are no weights: they stay as they are.
         self._fixed = [node.name for node in self.model.graph.node if _resizes(node)]
         _clean(self.model)
@@ -150,15 +150,15 @@ def _any_weights(size: Any, wanted: int) -> Any:
     A triangle at each centre, as wide as a pixel of the result and at least as one of the frame.
     Rounds as torch does, step by step, in float32.
     """
-    one = _constant(np.float32(1))
+    unit = _constant(np.float32(1))
     half = _constant(np.float32(0.5))
     scale = op.Div(op.Cast(size, to=onnx.TensorProto.FLOAT), _constant(np.float32(wanted)))
     centre = op.Mul(scale, _constant(np.arange(wanted, dtype=np.float32)[:, None] + 0.5))
     zero, step = _constant(np.int64(0)), _constant(np.int64(1))
     pixels = op.Range(zero, op.Squeeze(size), step)
     away = op.Add(op.Sub(op.Cast(pixels, to=onnx.TensorProto.FLOAT), centre), half)
-    away = op.Mul(away, op.Div(one, op.Max(scale, one)))
-    weights = op.Relu(op.Sub(one, op.Abs(away)))
+    away = op.Mul(away, op.Div(unit, op.Max(scale, unit)))
+    weights = op.Relu(op.Sub(unit, op.Abs(away)))
     return op.Div(weights, op.ReduceSum(weights, _constant(np.array([1])), keepdims=1))
 
 

@@ -89,14 +89,14 @@ def compare(run: Run, encoder: Any, sizes: Sequence[tuple[int, int]]) -> Gap:
     largest, relative, cosine = 0.0, 0.0, 1.0
     for inputs in _batches(encoder, sizes):
         with torch.no_grad():
-            expected, found = encoder(*inputs), run(*inputs)
-        for mine, theirs in zip(expected, found, strict=True):
+            expected, outputs = encoder(*inputs), run(*inputs)
+        for mine, theirs in zip(expected, outputs, strict=True):
             if mine.shape != theirs.shape or not theirs.isfinite().all():
                 return Gap(float("inf"), float("inf"), -1.0)
             largest = max(largest, float((mine - theirs).abs().max()))
-        change = (expected[1] - found[1]).norm() / expected[1].norm()
+        change = (expected[1] - outputs[1]).norm() / expected[1].norm()
         relative = max(relative, float(change))
-        cosine = min(cosine, float(F.cosine_similarity(expected[1], found[1]).min()))
+        cosine = min(cosine, float(F.cosine_similarity(expected[1], outputs[1]).min()))
     return Gap(largest, relative, cosine)
 
 
@@ -119,8 +119,8 @@ def trace(encoder: Any, size: tuple[int, int] | None) -> ExportedProgram:
     sizes = sizes_of(encoder, size)
     batch, height, width = Dim("batch"), None, None
     if size is None:
-        own = encoder.image_size
-        height, width = Dim("height", min=own[0] + 1), Dim("width", min=own[1] + 1)
+        native = encoder.image_size
+        height, width = Dim("height", min=native[0] + 1), Dim("width", min=native[1] + 1)
     shapes = ({0: batch, 3: height, 4: width}, {0: batch, 2: height, 3: width}, {0: batch})
     try:
         # Not strict, `len` of a tensor would fix the number of clips.

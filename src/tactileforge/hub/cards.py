@@ -163,8 +163,8 @@ class Card:
 
     def clip(self, weight: Weight | None) -> tuple[int, float]:
         """Frames of a clip, and seconds between them, of some weights."""
-        own = weight if weight and weight.frames else self
-        return own.frames, own.spacing
+        source = weight if weight and weight.frames else self
+        return source.frames, source.spacing
 
 
 def zoo() -> Traversable:
@@ -211,11 +211,11 @@ def models(pattern: str = "*") -> list[tuple[str, Card, Weight | None]]:
 
     A card without weights is listed under its own name.
     """
-    found: list[tuple[str, Card, Weight | None]] = []
+    rows: list[tuple[str, Card, Weight | None]] = []
     for card in map(read, names()):
-        found += [(f"{card.name}.{weight.tag}", card, weight) for weight in card.weights]
-        found += [] if card.weights else [(card.name, card, None)]
-    return [row for row in found if fnmatchcase(row[0], pattern)]
+        rows += [(f"{card.name}.{weight.tag}", card, weight) for weight in card.weights]
+        rows += [] if card.weights else [(card.name, card, None)]
+    return [row for row in rows if fnmatchcase(row[0], pattern)]
 
 
 def parse(name: str, text: str, recipe: bool) -> Card:
@@ -234,18 +234,18 @@ def parse(name: str, text: str, recipe: bool) -> Card:
     if not match:
         raise ConfigError(f"{where}: starts with no front matter between two lines of ---")
     try:
-        given = yaml.load(match[1], _Loader)
+        front = yaml.load(match[1], _Loader)
     except yaml.YAMLError as error:
         raise ConfigError(f"{where}: {error}") from error
-    given = strict.mapping(where, given)
-    given.setdefault("gates", [])
+    front = strict.mapping(where, front)
+    front.setdefault("gates", [])
     for key, kind in (("weights", Weight), ("results", Result), ("gates", Gate)):
-        rows = given.get(key)
+        rows = front.get(key)
         if not isinstance(rows, list):
             raise ConfigError(f"{where}: {key} must be a list")
-        given[key] = [strict.build(kind, f"{where}, {key}[{i}]", row) for i, row in enumerate(rows)]
+        front[key] = [strict.build(kind, f"{where}, {key}[{i}]", row) for i, row in enumerate(rows)]
     card = strict.build(
-        Card, where, given | {"name": name, "text": match[2].strip(), "recipe": recipe}
+        Card, where, front | {"name": name, "text": match[2].strip(), "recipe": recipe}
     )
     _check(card)
     return card

@@ -71,11 +71,11 @@ def readable(
     """
     views = SimpleNamespace(full=Features(tokens, projected, encoder.prefix, encoder.grid))
     newton = head(views, {}).force.float() * scale
-    found = dict(zip(AXES, newton.unbind(-1), strict=True))
+    columns = dict(zip(AXES, newton.unbind(-1), strict=True))
     if hasattr(head, "hidden"):
         hidden = head.hidden(views).float().unbind(-1)
-        found |= {f"hidden{i}": column for i, column in enumerate(hidden)}
-    return found
+        columns |= {f"hidden{i}": column for i, column in enumerate(hidden)}
+    return columns
 
 
 def fingerprint(parts: Iterable[nn.Module]) -> str:
@@ -88,18 +88,18 @@ def fingerprint(parts: Iterable[nn.Module]) -> str:
     return digest.hexdigest()[:16]
 
 
-def newton(found: Mapping[str, Tensor], axes: Mapping[str, Axis] | None = None) -> Tensor:
+def newton(readings: Mapping[str, Tensor], axes: Mapping[str, Axis] | None = None) -> Tensor:
     """Forces (B, T - 1, 3), N; an axis without a calibration stays what the head says.
 
     Args:
-        found: See `readable`.
+        readings: See `readable`.
         axes: Fits of a unit, by axis.
     """
     columns = []
     for name in AXES:
-        column = found[name]
+        column = readings[name]
         if axes and name in axes:
-            terms = (weight * found[one] for one, weight in axes[name].weights.items())
+            terms = (weight * readings[source] for source, weight in axes[name].weights.items())
             column = sum(terms, torch.full_like(column, axes[name].offset))
         columns.append(column)
     return torch.stack(columns, -1)

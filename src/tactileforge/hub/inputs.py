@@ -56,9 +56,9 @@ def prepare(frames: Images, background: Images | str | None, count: int, needed:
         return Clips(clips, clips[:, 0], single)
     if background == "none" or (background is None and not needed):
         return Clips(clips, neutral, single)
-    given = "no background" if background is None else f"background={background!r}"
+    what = "no background" if background is None else f"background={background!r}"
     raise ConfigError(
-        f"{given}: give a frame without contact of the same recording; background='first' takes "
+        f"{what}: give a frame without contact of the same recording; background='first' takes "
         "the first frame of each clip, background='none' subtracts nothing"
     )
 
@@ -132,13 +132,13 @@ def _fix(images: Images) -> str:
     if 0 in images.shape:
         return ""
     low, high = float(images.min()), float(images.max())
-    found = f" from {low:.3g} to {high:.3g}"
+    span = f" from {low:.3g} to {high:.3g}"
     if low < 0:
-        return f"{found}: give the frames as they were before normalisation"
+        return f"{span}: give the frames as they were before normalisation"
     scaled = "x" if high > 1 else "255 * x"
     if isinstance(images, Tensor):
-        return f"{found}: convert with ({scaled}).round().byte()"
-    return f"{found}: convert with np.rint({scaled}).astype(np.uint8)"
+        return f"{span}: convert with ({scaled}).round().byte()"
+    return f"{span}: convert with np.rint({scaled}).astype(np.uint8)"
 
 
 def _channels_first(what: str, images: Tensor, single: int, expected: str) -> Tensor:

@@ -211,8 +211,8 @@ class Model:
                 f"{self!r} has no force head: pack a run whose objectives include force "
                 "(tactileforge zoo pack RUN)"
             )
-        found = self.readings(frames, background, sensor, calibration=calibration).force
-        if found is None:
+        force = self.readings(frames, background, sensor, calibration=calibration).force
+        if force is None:
             known = self.header.heads["force"].get("scale", {})
             raise ConfigError(f"force: say which sensor it is, one of: {', '.join(known)}")
         names = [sensor] if isinstance(sensor, str) else list(sensor or self.encoder.sensors)
@@ -223,7 +223,7 @@ class Model:
                 "are an estimate, not a measurement: compare them with a force sensor before use",
                 stacklevel=2,
             )
-        return found
+        return force
 
     def readings(
         self,
@@ -385,10 +385,10 @@ class Model:
         """What the encoder gives at each tap; ``tokens`` only if wanted."""
         inputs = [part.to(self.device) for part in (frames, background, rows)]
         # an encoder with a `forward` of its own, or one put on it, is asked by that
-        own = getattr(self.encoder.forward, "__func__", None) is Backbone.forward
+        is_backbone = getattr(self.encoder.forward, "__func__", None) is Backbone.forward
         out: dict[str, Tensor] = {}
-        with self._packed if own else nullcontext():
-            if own and not tokens:
+        with self._packed if is_backbone else nullcontext():
+            if is_backbone and not tokens:
                 out["cls"], out["projected"] = self.encoder.class_tokens(*inputs)
             else:
                 out["tokens"], out["projected"] = self.encoder(*inputs)

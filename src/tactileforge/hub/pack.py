@@ -125,9 +125,9 @@ def _choose(
         return "trained", trained
     if len(slow) == 1:
         return "slow", _below(slow[0], state)
-    found = ", ".join(place.removesuffix(".network.") for place in slow) or "none"
+    copies = ", ".join(place.removesuffix(".network.") for place in slow) or "none"
     raise ConfigError(
-        f"{run}: one slow copy of the encoder is wanted, found {found}; give encoder=trained"
+        f"{run}: one slow copy of the encoder is wanted, found {copies}; give encoder=trained"
     )
 
 
@@ -190,8 +190,8 @@ def _check_variant(
 ) -> None:
     """Raises a DataError where the file is that of another model, or of another variant."""
     wanted = _variant(card, weight)
-    found = {"layout": layout, **{key: node.get(key) for key in wanted if key != "layout"}}
-    if found == wanted:
+    variant = {"layout": layout, **{key: node.get(key) for key in wanted if key != "layout"}}
+    if variant == wanted:
         return
     other = {**node, "layout": layout}
     fits = [
@@ -200,7 +200,7 @@ def _check_variant(
         if row and all(other.get(key) == value for key, value in _variant(of, row).items())
     ]
     hint = f"; it fits {' or '.join(fits)}" if fits else ""
-    raise DataError(f"{source} is {found}, but {card.name}.{weight.tag} is {wanted}{hint}")
+    raise DataError(f"{source} is {variant}, but {card.name}.{weight.tag} is {wanted}{hint}")
 
 
 def _variant(card: cards.Card, weight: cards.Weight) -> dict[str, Any]:

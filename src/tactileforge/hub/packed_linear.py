@@ -78,17 +78,17 @@ class PackedLinears(TorchFunctionMode):
         return func(*args, **(kwargs or {}))
 
     def _of(self, weight: nn.Parameter) -> Any:
-        found = self._packed.get(id(weight))
-        if found is None or not found.holds(weight):
-            found = _Packed(
+        packed = self._packed.get(id(weight))
+        if packed is None or not packed.holds(weight):
+            packed = _Packed(
                 weight,
                 weight._version,
                 weight.data_ptr(),
                 _probes(weight).clone(),
                 torch.ops.mkldnn._reorder_linear_weight(weight.detach()),
             )
-            self._packed[id(weight)] = found
-        return found.weight
+            self._packed[id(weight)] = packed
+        return packed.weight
 
 
 def _suits(x: Any, weight: Any) -> bool:
@@ -113,12 +113,12 @@ def can_pack() -> bool:
     """Whether the private operators that are used here are what they were when this was written."""
     try:
         packed = torch.ops.mkldnn._reorder_linear_weight(torch.full((2, 3), 2.0))
-        found: Tensor = torch.ops.mkldnn._linear_pointwise(
+        product: Tensor = torch.ops.mkldnn._linear_pointwise(
             torch.ones(1, 3), packed, torch.ones(2), "none", [], ""
         )
     except (AttributeError, RuntimeError, TypeError):
         return False
-    return torch.equal(found, torch.full((1, 2), 7.0))
+    return torch.equal(product, torch.full((1, 2), 7.0))
 
 
 def _probes(weight: Tensor) -> Tensor:

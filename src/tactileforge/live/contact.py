@@ -116,25 +116,25 @@ class Slip:
             force: (3,), N.
             contact: Whether anything touches.
         """
-        given = self.options
+        options = self.options
         shear, normal = math.hypot(force[0], force[1]), float(force[2])
-        if not contact or normal < given.least:
+        if not contact or normal < options.least:
             self._recent.clear()
             self.is_on = False
             return False
-        while self._recent and self._recent[0][0] < time - given.window:
+        while self._recent and self._recent[0][0] < time - options.window:
             self._recent.popleft()
-        edge = given.friction * (0.8 if self.is_on else 1.0)
+        edge = options.friction * (0.8 if self.is_on else 1.0)
         self.is_on = shear >= edge * normal or self._has_let_go(shear, normal)
         self._recent.append((time, shear, normal))
         return self.is_on
 
     def _has_let_go(self, shear: float, normal: float) -> bool:
         """Whether shear that counted, half the cone or more, went while the normal force stayed."""
-        given = self.options
+        options = self.options
         return any(
-            before >= 0.5 * given.friction * pressed
-            and shear <= (1 - given.drop) * before
+            before >= 0.5 * options.friction * pressed
+            and shear <= (1 - options.drop) * before
             and abs(normal - pressed) <= 0.1 * pressed
             for _, before, pressed in self._recent
         )

@@ -57,14 +57,14 @@ class JsonLines:
         """Does nothing: standard output stays open."""
 
 
-def built(given: Sequence[str] | Mapping[str, Any]) -> list[Publisher]:
+def built(publishers: Sequence[str] | Mapping[str, Any]) -> list[Publisher]:
     """Publishers by name, or by name with their options.
 
     Raises:
         PluginError: One is not installed.
         ConfigError: An unknown option.
     """
-    nodes = given if isinstance(given, Mapping) else dict.fromkeys(given)
+    nodes = publishers if isinstance(publishers, Mapping) else dict.fromkeys(publishers)
     return [
         registry.build("publishers", {"name": name, **(node or {})}) for name, node in nodes.items()
     ]

@@ -60,7 +60,7 @@ class Reading:
 
     def message(self) -> dict[str, Any]:
         """As plain data, for publishers."""
-        found: dict[str, Any] = {
+        message: dict[str, Any] = {
             "sensor": self.sensor,
             "frame": self.number,
             "time": round(self.time, 6),
@@ -72,10 +72,10 @@ class Reading:
             "latency_ms": round(1000 * self.latency, 2),
         }
         if self.trouble:
-            found["trouble"] = self.trouble
+            message["trouble"] = self.trouble
         if self.vector is not None:
-            found["embedding"] = [round(float(x), 5) for x in self.vector]
-        return found
+            message["embedding"] = [round(float(x), 5) for x in self.vector]
+        return message
 
 
 class Finger:
@@ -228,11 +228,11 @@ class Finger:
         if not trouble:
             contact = self.contact.update(difference)
             if self.model is not None and shot.clip is not None:
-                found = self.model.readings(
+                readings = self.model.readings(
                     shot.clip, self._still, self.type, calibration=self.calibration
                 )
-                force = None if found.force is None else found.force[-1].cpu().numpy()
-                vector = found.vector.cpu().numpy() if with_vector else None
+                force = None if readings.force is None else readings.force[-1].cpu().numpy()
+                vector = readings.vector.cpu().numpy() if with_vector else None
             if force is not None:
                 slip = self.slip.update(frame.time, force, contact)
         return Reading(
@@ -272,7 +272,7 @@ def picture_of(path: str) -> NDArray[np.uint8]:
     Raises:
         ConfigError: It is no picture.
     """
-    found = cv2.imread(path, cv2.IMREAD_COLOR)
-    if found is None:
+    image = cv2.imread(path, cv2.IMREAD_COLOR)
+    if image is None:
         raise ConfigError(f"background.image={path}: not a picture that can be read")
-    return np.asarray(cv2.cvtColor(found, cv2.COLOR_BGR2RGB), np.uint8)
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)

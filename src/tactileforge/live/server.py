@@ -99,8 +99,8 @@ class _Handler(BaseHTTPRequestHandler):
             self._answer(200, "text/html; charset=utf-8", html(nonce).encode(), nonce)
         elif rest == "state":
             after = parse_qs(url.query).get("after", ["0"])[0]
-            found = state(self.view, float(after) if after.replace(".", "", 1).isdigit() else 0.0)
-            self._answer(200, "application/json", json.dumps(found).encode())
+            content = state(self.view, float(after) if after.replace(".", "", 1).isdigit() else 0.0)
+            self._answer(200, "application/json", json.dumps(content).encode())
         elif what in ("frame", "difference") and unquote(name) in self.view.fingers:
             self._picture(self.view.fingers[unquote(name)], what)
         else:

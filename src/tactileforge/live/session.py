@@ -122,7 +122,7 @@ class Show:
             SensorError: One cannot be opened, gives nothing, or two are the same device.
             ConfigError: The model does not know one, or a calibration is of another.
         """
-        given, known = self.options, self._calibrations()
+        options, known = self.options, self._calibrations()
         with ExitStack() as stack:
             stack.enter_context(quick_switches())
             open_all(self.sensors, stack)
@@ -132,10 +132,10 @@ class Show:
                     sensor,
                     self.model,
                     self.wake,
-                    given.contact,
-                    given.slip,
-                    given.reconnect,
-                    given.unknown_sensor,
+                    options.contact,
+                    options.slip,
+                    options.reconnect,
+                    options.unknown_sensor,
                     known.get(name),
                 )
                 for name, sensor in self.sensors.items()
@@ -151,10 +151,10 @@ class Show:
         self._stack.close()
 
     def _calibrations(self) -> dict[str, Calibration]:
-        given = self.options.calibration
-        if strange := sorted(set(given) - set(self.sensors)):
+        paths = self.options.calibration
+        if strange := sorted(set(paths) - set(self.sensors)):
             raise ConfigError(unknown("sensor of calibration", strange[0], self.sensors))
-        return {name: load(path) for name, path in given.items()}
+        return {name: load(path) for name, path in paths.items()}
 
     def _wait_for_all(self) -> None:
         end = time.monotonic() + _PATIENCE
@@ -177,16 +177,16 @@ class Show:
             SensorError: Something touches, or a sensor gives no good picture.
             ConfigError: The picture given instead does not fit.
         """
-        given = self.options
-        picture = picture_of(given.image) if given.image else None
+        options = self.options
+        picture = picture_of(options.image) if options.image else None
         for finger in self.fingers.values():
             finger.begin_background()
-        end = time.monotonic() + (0.0 if given.image else given.background.seconds)
+        end = time.monotonic() + (0.0 if options.image else options.background.seconds)
         while time.monotonic() < end:
             time.sleep(0.02)
             self.check()
         for finger in self.fingers.values():
-            finger.take_background(given.background, picture)
+            finger.take_background(options.background, picture)
 
     def readings(self, stop: threading.Event | None = None) -> Iterator[Reading | None]:
         """Readings of the newest frames, as they come; None now and then where none comes.
@@ -197,8 +197,8 @@ class Show:
         Raises:
             SensorError: A sensor is lost, and has not come back.
         """
-        fingers, given = list(self.fingers.values()), self.options
-        end = float("inf") if given.seconds is None else time.monotonic() + given.seconds
+        fingers, options = list(self.fingers.values()), self.options
+        end = float("inf") if options.seconds is None else time.monotonic() + options.seconds
         count = 0
         while not (stop is not None and stop.is_set()) and time.monotonic() < end:
             self.check()
@@ -206,15 +206,15 @@ class Show:
                 return
             with self.wake:
                 self.wake.wait_for(lambda: any(f.is_fresh for f in fingers), _WAIT)
-            found = [finger.read(given.embedding) for finger in fingers]
-            for reading in found:
+            batch = [finger.read(options.embedding) for finger in fingers]
+            for reading in batch:
                 if reading is not None:
                     self.latency.add(reading.latency)
                     yield reading
                     count += 1
-                    if given.frames is not None and count >= given.frames:
+                    if options.frames is not None and count >= options.frames:
                         return
-            if not any(found):
+            if not any(batch):
                 yield None
 
 

@@ -44,8 +44,8 @@ class Flat(nn.Module):
 
     def forward(self, frames: Tensor, background: Tensor, sensor: Tensor) -> tuple[Tensor, Tensor]:
         """(B, 1, width) and (B, width) of uint8 frames (B, 2, 3, H, W)."""
-        found = self.read(self.pixels(frames, background))
-        return found[:, None], found
+        features = self.read(self.pixels(frames, background))
+        return features[:, None], features
 
     def read(self, x: Tensor) -> Tensor:
         """(B, width) of two frames (B, 2, 3, H, W), less their background."""
@@ -113,8 +113,8 @@ class Background(Flat):
 
     def forward(self, frames: Tensor, background: Tensor, sensor: Tensor) -> tuple[Tensor, Tensor]:
         """(B, 1, width) and (B, width) of uint8 backgrounds (B, 3, H, W)."""
-        found = F.adaptive_avg_pool2d(background.float() / 255, _SMALL).flatten(1)
-        return found[:, None], found
+        features = F.adaptive_avg_pool2d(background.float() / 255, _SMALL).flatten(1)
+        return features[:, None], features
 
 
 class Chance(Flat):
@@ -131,7 +131,9 @@ def rings(x: Tensor) -> Tensor:
     across, down = (torch.fft.fftfreq(n, device=x.device) for n in (x.shape[3], x.shape[2]))
     radius = (across[None] ** 2 + down[:, None] ** 2).sqrt()
     inside = [(radius > low) & (radius <= high) for low, high in pairwise(_RINGS)]
-    return torch.stack([(power * one).sum((2, 3)) / one.sum() for one in inside], 2).add(1e-6).log()
+    return (
+        torch.stack([(power * ring).sum((2, 3)) / ring.sum() for ring in inside], 2).add(1e-6).log()
+    )
 
 
 #: Baseline by the word that names it, and its name in print.

@@ -59,14 +59,14 @@ class Result:
     @property
     def score(self) -> float:
         """Mean over the folds of what was selected on."""
-        return sum(one.score for one in self.outcomes) / len(self.outcomes)
+        return sum(outcome.score for outcome in self.outcomes) / len(self.outcomes)
 
     @property
     def curve(self) -> dict[str, list[float]]:
         """Losses by epoch, means over the folds."""
         losses = {
-            "train": [one.train for one in self.outcomes],
-            "validation": [one.validation for one in self.outcomes],
+            "train": [outcome.train for outcome in self.outcomes],
+            "validation": [outcome.validation for outcome in self.outcomes],
         }
         return {name: np.mean(rows, axis=0).tolist() for name, rows in losses.items()}
 
@@ -107,19 +107,19 @@ def run(
         select = split.test if select_on_test else split.validation
         score, uses = _scorer(prepared, select), (split.train, select, split.test)
         if features is None:
-            found = finetune.train(prepared, choice, subject, store, uses, seeds, score, higher)
-            folds.append(found)
+            fold = finetune.train(prepared, choice, subject, store, uses, seeds, score, higher)
+            folds.append(fold)
             continue
         taps = subject.taps(choice.kind)
         examples = [_examples(prepared, tap, features, subject) for tap in taps]
         if choice.kind.trained:
-            found = train(build, choice.training, examples[0], uses, seeds, score, higher)
+            fold = train(build, choice.training, examples[0], uses, seeds, score, higher)
         elif issubclass(choice.kind, Ridge):
             pairs = zip(taps, examples, strict=True)
-            found = [_solve(prepared, build(), rows, split, tap) for tap, rows in pairs]
+            fold = [_solve(prepared, build(), rows, split, tap) for tap, rows in pairs]
         else:
-            found = [_vote(build(), examples[0], uses, score)]
-        folds.append(found)
+            fold = [_vote(build(), examples[0], uses, score)]
+        folds.append(fold)
     return [_result(prepared, outcomes) for outcomes in zip(*folds, strict=True)]
 
 
@@ -149,7 +149,7 @@ def _vote(
     assert isinstance(model, Knn)
     known, truth = examples.take(uses[0])
     decoded = [model.vote(known, truth, examples.take(places)[0]) for places in uses[1:]]
-    on_cpu = [{key: value.cpu() for key, value in one.items()} for one in decoded]
+    on_cpu = [{key: value.cpu() for key, value in values.items()} for values in decoded]
     return Outcome(0, math.nan, on_cpu[1], score(on_cpu[0]))
 
 
@@ -172,7 +172,7 @@ def _result(prepared: Prepared, outcomes: Sequence[Outcome]) -> Result:
     parts = prepared.target.parts
     test = np.concatenate([split.test for split in prepared.splits])
     predicted = {
-        name: torch.cat([one.predicted[name] for one in outcomes]) * part.scale[test]
+        name: torch.cat([outcome.predicted[name] for outcome in outcomes]) * part.scale[test]
         for name, part in parts.items()
     }
     truth = {name: part.truth[test] for name, part in parts.items()}

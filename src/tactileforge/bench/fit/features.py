@@ -147,9 +147,9 @@ class _Extraction:
         ) as bar:
             for number, (places, batch) in enumerate(self._batches(done), start=1):
                 for flip in flips:
-                    found = self.subject.features(batch, flip, self.policy)
+                    readings = self.subject.features(batch, flip, self.policy)
                     for what in [what for what in self.paths if what[1] == flip]:
-                        values = _half(found[what[0]], self.subject.name)
+                        values = _half(readings[what[0]], self.subject.name)
                         if what not in arrays:
                             shape = (self.total, *values.shape[1:])
                             arrays[what] = np.lib.format.open_memmap(
@@ -223,7 +223,7 @@ def readers(
 ) -> Iterator[tuple[Clips, NDArray[np.int64]]]:
     """Clips as a model is shown them: of one size each, with their places among all."""
     index = source.index[clips]
-    shapes = [subject.size_for(one.frames.shape) for one in source.recordings]
+    shapes = [subject.size_for(recording.frames.shape) for recording in source.recordings]
     for size in dict.fromkeys(shapes[number] for number in index[:, 0]):
         places = np.flatnonzero([shapes[number] == size for number in index[:, 0]])
         frames, spacing = subject.frames, subject.spacing_of(source.clip)

@@ -73,23 +73,23 @@ class Subject:
     def facts(self) -> dict[str, Any]:
         """Parameters, frames, image size; what trained it, and how long, where that is known."""
         height, width = self.encoder.image_size
-        found = {
+        known = {
             "parameters": sum(p.numel() for p in self.encoder.parameters()),
             "frames": self.encoder.frames,
             "image_size": f"{height} x {width}",
         }
         if not self.header.source:
-            return found
-        found |= {"trained_on": trained_on.trained_on(self.header)}
-        if told := trained_on.seen(self.header):
-            found |= {"seen_of_held_out": told}
+            return known
+        known |= {"trained_on": trained_on.trained_on(self.header)}
+        if overlap := trained_on.seen(self.header):
+            known |= {"seen_of_held_out": overlap}
         steps = self.header.source.get("steps")
-        return found if steps is None else found | {"steps": steps}
+        return known if steps is None else known | {"steps": steps}
 
     def width(self, tap: str) -> int:
         """Size of a feature."""
-        found: int = self.encoder.projected if tap == "projected" else self.encoder.width
-        return found
+        width: int = self.encoder.projected if tap == "projected" else self.encoder.width
+        return width
 
     def taps(self, kind: type[Probe]) -> tuple[str, ...]:
         """Features that a probe of a kind reads; of several readings, those that it has."""
@@ -110,13 +110,13 @@ class Subject:
 
     def unknown(self, sensors: Sequence[str]) -> list[str]:
         """Those sensors that it does not know."""
-        found = []
+        unknown = []
         for name in sensors:
             try:
                 self._rows([name], "error")
             except ConfigError:
-                found.append(name)
-        return found
+                unknown.append(name)
+        return unknown
 
     def features(self, batch: Batch, flip: tuple[bool, bool], policy: str) -> dict[str, Tensor]:
         """What probes read, without gradients.
@@ -127,10 +127,10 @@ class Subject:
             a baseline without patches ``pooled`` is ``projected``.
         """
         with torch.inference_mode():
-            found = self.run(batch, flip, policy)
-            patches = found["tokens"][:, self.encoder.prefix :]
-            pooled = found["projected"] if self.flat else patches.float().mean(1)
-            return found | {"pooled": pooled, "patches": patches.flatten(1)}
+            taps = self.run(batch, flip, policy)
+            patches = taps["tokens"][:, self.encoder.prefix :]
+            pooled = taps["projected"] if self.flat else patches.float().mean(1)
+            return taps | {"pooled": pooled, "patches": patches.flatten(1)}
 
     def run(self, batch: Batch, flip: tuple[bool, bool], policy: str) -> dict[str, Tensor]:
         """The same, with gradients where the encoder has them.
@@ -155,8 +155,8 @@ class Subject:
             background.repeat_interleave(count, 0),
             rows.repeat_interleave(count),
         )
-        found = {"tokens": tokens, "projected": projected}
-        return {tap: value.unflatten(0, (-1, count)).mean(1) for tap, value in found.items()}
+        taps = {"tokens": tokens, "projected": projected}
+        return {tap: value.unflatten(0, (-1, count)).mean(1) for tap, value in taps.items()}
 
     def _rows(self, sensors: Sequence[str], policy: str) -> Tensor:
         if hasattr(self.encoder, "unknown_sensor"):
@@ -296,8 +296,8 @@ def _of_file(name: str, path: Path, device: str) -> Subject:
 
 
 def _hash(encoder: torch.nn.Module) -> str:
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for key, value in sorted(encoder.state_dict().items()):
-        found.update(key.encode())
-        found.update(value.detach().cpu().contiguous().numpy().tobytes())
-    return found.hexdigest()
+        digest.update(key.encode())
+        digest.update(value.detach().cpu().contiguous().numpy().tobytes())
+    return digest.hexdigest()

@@ -79,7 +79,7 @@ class Job:
         return path.read_text("utf-8") if path.is_file() else ""
 
 
-def read(given: Mapping[str, Any]) -> dict[str, Model]:
+def read(config: Mapping[str, Any]) -> dict[str, Model]:
     """The models of a configuration.
 
     Raises:
@@ -87,7 +87,7 @@ def read(given: Mapping[str, Any]) -> dict[str, Model]:
     """
     return {
         name: strict.build(Model, f"pretrain.models.{name}", node)
-        for name, node in (given.get("models") or {}).items()
+        for name, node in (config.get("models") or {}).items()
         if node is not None
     }
 
@@ -104,20 +104,24 @@ def ablations(wanted: str, known: Sequence[str], models: Mapping[str, Model]) ->
         ConfigError: An unknown ablation.
     """
     name, base = next(iter(models.items()), ("anytouch2", Model(title="AnyTouch 2")))
-    chosen = [one for one in known if one != "none"] if wanted == "all" else wanted.split(",")
-    for one in chosen:
-        if one not in known:
-            raise ConfigError(unknown("ablation", one, known))
+    chosen = (
+        [ablation for ablation in known if ablation != "none"]
+        if wanted == "all"
+        else wanted.split(",")
+    )
+    for ablation in chosen:
+        if ablation not in known:
+            raise ConfigError(unknown("ablation", ablation, known))
     return {name: base, **models} | {
-        one: models.get(one)
+        ablation: models.get(ablation)
         or Model(
-            title=one.replace("_", " "),
+            title=ablation.replace("_", " "),
             recipe=base.recipe,
-            words=[*base.words, f"ablation={one}"],
+            words=[*base.words, f"ablation={ablation}"],
             seeds=base.seeds,
             group="ablation",
         )
-        for one in chosen
+        for ablation in chosen
     }
 
 
@@ -153,27 +157,27 @@ def train(job: Job) -> None:
     if not job.has_checkpoint:
         words = [*job.words, f"hydra.run.dir={job.folder}"]
     print(f"tactileforge train {' '.join(words)}", flush=True)
-    status, said = _run([sys.executable, "-m", "tactileforge", "train", *words])
+    status, output = _run([sys.executable, "-m", "tactileforge", "train", *words])
     if status == 130:
         raise KeyboardInterrupt(f"stopped in {job.folder}")
     if status:
-        reason = said.strip().rpartition("error: ")[2] or f"exit status {status}"
+        reason = output.strip().rpartition("error: ")[2] or f"exit status {status}"
         write_text(job.folder / _FAILED, " ".join(reason.split()))
 
 
 def _run(command: Sequence[str]) -> tuple[int, str]:
     """Exit status and last words of a program, whose words are shown as they come."""
-    said = b""
+    output = b""
     with subprocess.Popen(command, stderr=subprocess.PIPE) as process:
         assert process.stderr is not None
         try:
             for chunk in iter(partial(os.read, process.stderr.fileno(), 4096), b""):
                 sys.stderr.write(chunk.decode(errors="replace"))
-                said = (said + chunk)[-_TAIL:]
+                output = (output + chunk)[-_TAIL:]
         except KeyboardInterrupt:
             process.wait()  # the terminal has told it too, and it keeps a checkpoint
             raise
-    return process.returncode, said.decode(errors="replace")
+    return process.returncode, output.decode(errors="replace")
 
 
 def _claim(job: Job) -> None:
@@ -250,13 +254,13 @@ def curves(name: str, folder: Path) -> Iterator[Training]:
     """Loss curves of a run, one for each objective."""
     from tactileforge.pages.curves import read_metrics
 
-    found = read_metrics(folder)
-    for key, curve in found.items():
+    metrics = read_metrics(folder)
+    for key, curve in metrics.items():
         kind, _, objective = key.partition("/")
         if kind != "train" or "/" in objective:
             continue
         thin = curve.thinned()
-        held_out = found.get(f"val/{objective}")
+        held_out = metrics.get(f"val/{objective}")
         points = dict(zip(thin.steps.tolist(), thin.values.tolist(), strict=True))
         others = {}
         if held_out is not None:

@@ -69,21 +69,21 @@ class Choice:
         return self.kind(width, target.parts, **self.options)
 
 
-def choose(task: Task, given: Mapping[str, Any]) -> Choice:
+def choose(task: Task, overrides: Mapping[str, Any]) -> Choice:
     """The probe of a task, with what was given for all tasks.
 
     Raises:
         ConfigError: An unknown probe or option.
     """
-    node = {**task.probe, **{key: value for key, value in given.items() if value is not None}}
+    node = {**task.probe, **{key: value for key, value in overrides.items() if value is not None}}
     name = str(node.pop("name"))
     kind = probe(name)
     rate = float(node.pop("finetune", 0.0))
-    known = {one.name for one in fields(Training)}
-    own = set(signature(kind).parameters) - {"width", "parts"}
+    known = {field.name for field in fields(Training)}
+    parameters = set(signature(kind).parameters) - {"width", "parts"}
     for key in node:
-        if key not in known | own:
-            names = {*known, *own, "name", "finetune"}
+        if key not in known | parameters:
+            names = {*known, *parameters, "name", "finetune"}
             raise ConfigError(unknown(f"option of the probe of task {task.name}", key, names))
     values = {key: value for key, value in node.items() if key in known}
     if "lr" in values:
@@ -92,7 +92,7 @@ def choose(task: Task, given: Mapping[str, Any]) -> Choice:
     if "betas" in values:
         values["betas"] = tuple(values["betas"])
     training = replace(kind.published, **values)
-    options = {key: value for key, value in node.items() if key in own}
+    options = {key: value for key, value in node.items() if key in parameters}
     return Choice(name=name, kind=kind, options=options, training=training, finetune=rate)
 
 

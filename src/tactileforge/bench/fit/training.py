@@ -116,8 +116,8 @@ class Members:
                 "or adam, and cosine or constant"
             )
         groups = [
-            {"params": list(own.values()), "lr": rate}
-            for own, rate in zip(self.params, rates, strict=True)
+            {"params": list(params.values()), "lr": rate}
+            for params, rate in zip(self.params, rates, strict=True)
         ]
         self.optimiser = kinds[training.optimiser](
             groups, betas=training.betas, weight_decay=training.weight_decay
@@ -128,7 +128,9 @@ class Members:
         self.done = 0
 
     def _stacked(self) -> Params:
-        return {name: torch.stack([own[name] for own in self.params]) for name in self.params[0]}
+        return {
+            name: torch.stack([params[name] for params in self.params]) for name in self.params[0]
+        }
 
     def step(self, rows: Tensor, truth: Values) -> Tensor:
         """One optimiser step; the loss of each member before it."""
@@ -153,7 +155,7 @@ class Members:
     @torch.no_grad()
     def predict(self, examples: Examples, places: NDArray[np.int64]) -> tuple[Tensor, Values]:
         """Loss (members,) and decoded predictions (members, n, columns) of some clips."""
-        stacked, total, found = self._stacked(), torch.zeros(len(self.params)), []
+        stacked, total, batches = self._stacked(), torch.zeros(len(self.params)), []
         for some in np.split(places, range(_CHUNK, len(places), _CHUNK)):
             rows, truth = examples.take(some)
 
@@ -165,8 +167,10 @@ class Members:
 
             losses, decoded = vmap(run)(stacked)
             total += losses.cpu() * len(some) / len(places)
-            found.append(decoded)
-        return total, {name: torch.cat([one[name] for one in found], 1).cpu() for name in found[0]}
+            batches.append(decoded)
+        return total, {
+            name: torch.cat([batch[name] for batch in batches], 1).cpu() for name in batches[0]
+        }
 
     def copies(self, member: int) -> Params:
         """The parameters of a member, as they are now."""
@@ -210,10 +214,10 @@ def train(
     """
     train_on, select_on, test_on = uses
     outcomes = [Outcome(seed, lr) for lr in training.lr for seed in seeds]
-    probes = [seeded(build, one.seed).to(examples.device) for one in outcomes]
+    probes = [seeded(build, outcome.seed).to(examples.device) for outcome in outcomes]
     batches = math.ceil(len(train_on) / training.batch)
     members = Members(
-        probes, [one.lr for one in outcomes], training, max(1, training.epochs * batches)
+        probes, [outcome.lr for outcome in outcomes], training, max(1, training.epochs * batches)
     )
     best: list[Params] = [{} for _ in outcomes]
     for epoch in range(1, training.epochs + 1):
@@ -223,18 +227,18 @@ def train(
         losses, decoded = members.predict(examples, select_on)
         if not torch.isfinite(total).all():
             raise DataError(f"the loss of a probe is not finite in epoch {epoch}; lower probe.lr")
-        for i, one in enumerate(outcomes):
-            one.train.append(float(total[i]))
-            one.validation.append(float(losses[i]))
+        for i, outcome in enumerate(outcomes):
+            outcome.train.append(float(total[i]))
+            outcome.validation.append(float(losses[i]))
             value = score({name: values[i] for name, values in decoded.items()})
-            if one.epoch < 0 or (value > one.score if higher else value < one.score):
-                one.score, one.epoch, best[i] = value, epoch, members.copies(i)
+            if outcome.epoch < 0 or (value > outcome.score if higher else value < outcome.score):
+                outcome.score, outcome.epoch, best[i] = value, epoch, members.copies(i)
     for i, kept in enumerate(best):
         if kept:
             members.restore(i, kept)
     _, decoded = members.predict(examples, test_on)
-    for i, one in enumerate(outcomes):
-        one.predicted = {name: values[i] for name, values in decoded.items()}
+    for i, outcome in enumerate(outcomes):
+        outcome.predicted = {name: values[i] for name, values in decoded.items()}
     return outcomes
 
 

@@ -58,8 +58,8 @@ def scatter(
         x, y = (np.clip(part[rows], *limits) for part in (truth, predicted))
         axes.add_patch(_dots(x, y, (limits[1] - limits[0]) / 2000))
         error = rmse(truth, predicted)
-        told = f"{1000 * error:.0f} mN" if unit == "N" else f"{error:.3g} {unit}".rstrip()
-        words = f"RMSE {told}\nr {_r(truth, predicted)}"
+        error_text = f"{1000 * error:.0f} mN" if unit == "N" else f"{error:.3g} {unit}".rstrip()
+        words = f"RMSE {error_text}\nr {_r(truth, predicted)}"
         axes.text(0.04, 0.97, words, transform=axes.transAxes, va="top", linespacing=1.4, zorder=4)
         room = 0.02 * (limits[1] - limits[0])
         ends = (limits[0] - room, limits[1] + room)

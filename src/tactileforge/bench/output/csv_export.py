@@ -19,7 +19,7 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def long_form(results: Results, found: Scores, rows: Sequence[Published]) -> str:
+def long_form(results: Results, all_scores: Scores, rows: Sequence[Published]) -> str:
     """The text of the file.
 
     ``origin`` is ``ours`` or ``published``. Where ``mean`` is empty, ``note`` says why.
@@ -29,12 +29,14 @@ def long_form(results: Results, found: Scores, rows: Sequence[Published]) -> str
     writer.writeheader()
     for task in results.tasks:
         for model in results.models:
-            writer.writerows(_ours(results, found, task, model))
+            writer.writerows(_ours(results, all_scores, task, model))
     listed = {task.name for task in results.tasks}
-    for one in results.not_run:
-        if one.task and one.task not in listed:
-            note = f"not run: {sentences(one)}"
-            writer.writerow({"task": one.task, "model": one.model, "origin": "ours", "note": note})
+    for skipped in results.not_run:
+        if skipped.task and skipped.task not in listed:
+            note = f"not run: {sentences(skipped)}"
+            writer.writerow(
+                {"task": skipped.task, "model": skipped.model, "origin": "ours", "note": note}
+            )
     for row in rows:
         writer.writerow(
             {
@@ -50,8 +52,10 @@ def long_form(results: Results, found: Scores, rows: Sequence[Published]) -> str
     return file.getvalue()
 
 
-def _ours(results: Results, found: Scores, task: Task, model: Model) -> Iterator[dict[str, object]]:
-    known = found.get((task.name, model.name), [])
+def _ours(
+    results: Results, all_scores: Scores, task: Task, model: Model
+) -> Iterator[dict[str, object]]:
+    known = all_scores.get((task.name, model.name), [])
     about = " ".join(words(results, task.name, model.name))
     for score in known:
         for metric in task.metrics:

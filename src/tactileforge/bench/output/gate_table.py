@@ -23,25 +23,25 @@ _CAPTION = (
 
 def write(folder: Path, results: Results) -> list[Row]:
     """Writes ``gate.json``; nothing where no probe is in closed form."""
-    found = gate.rows(folder, results)
-    if found:
-        plain = gate.plain(found, results)
+    rows = gate.rows(folder, results)
+    if rows:
+        plain = gate.plain(rows, results)
         write_text(folder / gate.FILE, json.dumps(plain, indent=1, allow_nan=False) + "\n")
-    return found
+    return rows
 
 
-def grid(found: Sequence[Row], results: Results) -> Grid | None:
+def grid(gate_rows: Sequence[Row], results: Results) -> Grid | None:
     """The table; None where there is nothing in it."""
-    if not found:
+    if not gate_rows:
         return None
     names = titles(results)
-    keys = list(dict.fromkeys((row.model, row.reading) for row in found))
-    known = {(row.model, row.reading, row.task): row for row in found}
+    keys = list(dict.fromkeys((row.model, row.reading) for row in gate_rows))
+    known = {(row.model, row.reading, row.task): row for row in gate_rows}
     rows = []
     for model, reading in keys:
-        own = [known.get((model, reading, task.name)) for task in results.tasks]
-        entries = [_entry(row) if row else Entry("not run", tone="soft") for row in own]
-        rows.append([Entry(names[model]), Entry(reading), *entries, Entry(_won(own))])
+        cells = [known.get((model, reading, task.name)) for task in results.tasks]
+        entries = [_entry(row) if row else Entry("not run", tone="soft") for row in cells]
+        rows.append([Entry(names[model]), Entry(reading), *entries, Entry(_won(cells))])
     heads = [Head(task.title, task.main) for task in results.tasks]
     return Grid(
         name="gate",
@@ -56,13 +56,13 @@ def _entry(row: Row) -> Entry:
     below = [f"{name[0]} {_signed(row.above[name])}" for name in gate.AGAINST if name in row.above]
     lost = any(row.above[name].high < 0 for name in gate.AGAINST if name in row.above)
     sign = " ▲" if row.beats else " ▼" if lost else ""
-    one = row.score
-    text = f"{fixed(one.value, 3)} [{fixed(one.low, 2)}, {fixed(one.high, 2)}]{sign}"
+    score = row.score
+    text = f"{fixed(score.value, 3)} [{fixed(score.low, 2)}, {fixed(score.high, 2)}]{sign}"
     return Entry(text, below=", ".join(below), tone="good" if row.beats else "bad" if lost else "")
 
 
-def _signed(one: Score) -> str:
-    return f"{fixed(one.value, 3, signed=True)} (> {fixed(one.low, 2, signed=True)})"
+def _signed(score: Score) -> str:
+    return f"{fixed(score.value, 3, signed=True)} (> {fixed(score.low, 2, signed=True)})"
 
 
 def _won(rows: Sequence[Row | None]) -> str:

@@ -99,14 +99,14 @@ def of_task(task: Task, rows: Sequence[Published]) -> list[tuple[Published, str]
     ]
 
 
-def beside_tables(results: Results, found: Scores, rows: Sequence[Published]) -> list[Grid]:
+def beside_tables(results: Results, all_scores: Scores, rows: Sequence[Published]) -> list[Grid]:
     """Our numbers beside published ones: a table for each task and metric that both have."""
     grids = []
     for task in results.tasks:
         pairs = of_task(task, rows)
         for metric in dict.fromkeys(name for _, name in pairs):
             theirs = {row.model: row for row, name in pairs if name == metric}
-            grid = _beside(Columns(results, found), task, metric, theirs)
+            grid = _beside(Columns(results, all_scores), task, metric, theirs)
             grids += [grid] if grid else []
     return grids
 
@@ -121,10 +121,10 @@ def _beside(table: Columns, task: Task, metric: str, theirs: dict[str, Published
     digits, names = digits_of(list(ours.values())), titles(table.results)
     entries = []
     for name in dict.fromkeys((*models, *theirs)):
-        score, own, other = scores.get(name), ours.get(name), theirs.get(name)
+        score, interval, other = scores.get(name), ours.get(name), theirs.get(name)
         left = Entry("not in this bench", tone="soft")
-        if score and own:
-            left = Entry(plus_minus(own, digits), marks=table.marks(score, metric))
+        if score and interval:
+            left = Entry(plus_minus(interval, digits), marks=table.marks(score, metric))
         elif name in models:
             left = table.without(task, models[name], score, metric)
         right = Entry(f"{other.value:g}") if other else _NONE

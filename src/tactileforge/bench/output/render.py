@@ -127,8 +127,8 @@ def html(grid: Grid, heading: bool = False) -> str:
     title = f"<h3>{escape(grid.title)}</h3>" if heading else ""
     caption = f'<p class="soft" id="{name}-note">{escape(grid.caption)}</p>'
     head = "".join(
-        _html_head(one, i, entry.tone == "text")
-        for i, (one, entry) in enumerate(zip(grid.head, grid.rows[0], strict=True))
+        _html_head(column, i, entry.tone == "text")
+        for i, (column, entry) in enumerate(zip(grid.head, grid.rows[0], strict=True))
     )
     body = "".join(f"<tr>{_html_row(row)}</tr>" for row in grid.rows)
     notes = "".join(

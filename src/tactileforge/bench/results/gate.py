@@ -55,8 +55,8 @@ class Tally:
         top, bottom = counts @ self.top, counts @ self.bottom
         there = bottom > 0
         share = np.divide(top, bottom, out=np.zeros_like(top), where=there)
-        found: Sums = self.start + self.sign * share.sum(1) / np.maximum(there.sum(1), 1)
-        return found
+        scores: Sums = self.start + self.sign * share.sum(1) / np.maximum(there.sum(1), 1)
+        return scores
 
 
 def tally(path: Path, metric: str) -> Tally:
@@ -69,17 +69,19 @@ def tally(path: Path, metric: str) -> Tally:
     Raises:
         DataError: The file does not say which clips belong together, or the metric is another.
     """
-    found = read_readings(path)
+    predictions = read_readings(path)
     with np.load(path, allow_pickle=False) as file:
         if "units" not in file.files:
             raise DataError(f"{path}: array 'units' is missing; run the bench again")
         names, of = np.unique(file["units"], return_inverse=True)
     if metric == "r2":
-        truth, error = found.truth.astype(float), (found.predicted - found.truth).astype(float)
+        truth = predictions.truth.astype(float)
+        error = (predictions.predicted - predictions.truth).astype(float)
         parts = error**2, (truth - truth.mean(0)) ** 2
     elif metric in ("accuracy", "balanced_accuracy"):
-        right = (found.truth == found.predicted).astype(float)
-        classes = found.truth[:, :1] == np.unique(found.truth) if metric != "accuracy" else [[True]]
+        right = (predictions.truth == predictions.predicted).astype(float)
+        per_class = predictions.truth[:, :1] == np.unique(predictions.truth)
+        classes = per_class if metric != "accuracy" else [[True]]
         parts = right * classes, np.ones_like(right) * classes
     else:
         raise DataError(f"{path}: the gate knows accuracy, balanced_accuracy and r2, not {metric}")
@@ -105,33 +107,33 @@ class Score:
     high: float
 
 
-def compared(own: Sequence[Tally], other: Sequence[Tally] = ()) -> Score:
+def compared(tallies: Sequence[Tally], others: Sequence[Tally] = ()) -> Score:
     """The mean of some networks, or what it is above that of others.
 
     Args:
-        own: A tally each.
-        other: Alike; none to give the score itself.
+        tallies: A tally each.
+        others: Alike; none to give the score itself.
 
     Raises:
         DataError: They were not tested on the same groups.
     """
-    every = [*own, *other]
+    every = [*tallies, *others]
     groups = every[0].groups
-    if any(one.groups != groups for one in every):
+    if any(network.groups != groups for network in every):
         raise DataError("models were tested on other recordings; run the bench again, all at once")
     rng = np.random.default_rng(_SEED)
     counts = rng.multinomial(len(groups), np.full(len(groups), 1 / len(groups)), DRAWS)
     all_once = np.ones((1, len(groups)))
 
     def drawn(networks: Sequence[Tally]) -> Sums:
-        table = np.stack([one.scores(counts.astype(float)) for one in networks])
+        table = np.stack([network.scores(counts.astype(float)) for network in networks])
         chosen = rng.integers(len(networks), size=(len(networks), DRAWS))
-        found: Sums = np.take_along_axis(table, chosen, axis=0).mean(0)
-        return found
+        means: Sums = np.take_along_axis(table, chosen, axis=0).mean(0)
+        return means
 
-    values = drawn(own) - drawn(other) if other else drawn(own)
-    mean = np.mean([one.scores(all_once) for one in own])
-    mean -= np.mean([one.scores(all_once) for one in other]) if other else 0.0
+    values = drawn(tallies) - drawn(others) if others else drawn(tallies)
+    mean = np.mean([network.scores(all_once) for network in tallies])
+    mean -= np.mean([network.scores(all_once) for network in others]) if others else 0.0
     low, high = np.quantile(values, (0.025, 0.975))
     return Score(float(mean), float(low), float(high))
 
@@ -167,26 +169,26 @@ def rows(folder: Path, results: Results) -> list[Row]:
         folder: Of a bench.
         results: What it left.
     """
-    found = []
+    gate_rows = []
     for task in results.tasks:
         cells = _cells(folder, results, task)
         for model in results.models:
             for reading in dict.fromkeys(key[1] for key in cells if key[0] == model.name):
-                own = cells[model.name, reading]
+                networks = cells[model.name, reading]
                 above = {
-                    name: compared(own, other)
+                    name: compared(networks, other)
                     for name, other in _others(cells, model, reading).items()
                 }
-                found.append(Row(task.name, model.name, reading, compared(own), above))
-    return found
+                gate_rows.append(Row(task.name, model.name, reading, compared(networks), above))
+    return gate_rows
 
 
 def _cells(folder: Path, results: Results, task: Task) -> dict[tuple[str, str], list[Tally]]:
-    found: dict[tuple[str, str], list[Tally]] = {}
+    tallies: dict[tuple[str, str], list[Tally]] = {}
     for cell in results.cells:
         if cell.task == task.name and (reading := str(cell.setting.get("reading", ""))):
-            found.setdefault((cell.model, reading), []).append(_of(folder, cell, task))
-    return found
+            tallies.setdefault((cell.model, reading), []).append(_of(folder, cell, task))
+    return tallies
 
 
 def _of(folder: Path, cell: Cell, task: Task) -> Tally:
@@ -200,11 +202,11 @@ def _others(
     if is_baseline(model.name):
         return {}
     random = cells.get((f"untrained:{model.name}", reading))
-    found = {"random": random} if random else {}
+    others = {"random": random} if random else {}
     for name in _BASELINES:
         if (name, "pooled") in cells:
-            found[name] = cells[name, "pooled"]
-    return found
+            others[name] = cells[name, "pooled"]
+    return others
 
 
 def is_baseline(name: str) -> bool:
@@ -212,18 +214,18 @@ def is_baseline(name: str) -> bool:
     return name in _BASELINES or name.startswith("untrained:")
 
 
-def passes(found: Sequence[Row], model: str) -> dict[str, Any]:
+def passes(gate_rows: Sequence[Row], model: str) -> dict[str, Any]:
     """Tasks that a model wins in each reading, and whether those are the majority in both."""
-    out: dict[str, Any] = {"passes": bool(found)}
+    out: dict[str, Any] = {"passes": bool(gate_rows)}
     for reading in ("pooled", "patches"):
-        own = [row for row in found if row.model == model and row.reading == reading]
-        won = [row.task for row in own if row.beats]
-        out[reading] = {"tasks": len(own), "won": won}
-        out["passes"] &= 2 * len(won) > len(own)
+        readings = [row for row in gate_rows if row.model == model and row.reading == reading]
+        won = [row.task for row in readings if row.beats]
+        out[reading] = {"tasks": len(readings), "won": won}
+        out["passes"] &= 2 * len(won) > len(readings)
     return out
 
 
-def plain(found: Sequence[Row], results: Results) -> dict[str, Any]:
+def plain(gate_rows: Sequence[Row], results: Results) -> dict[str, Any]:
     """The gate as plain data, for ``gate.json`` and for cards."""
     models = [model for model in results.models if not is_baseline(model.name)]
     return {
@@ -231,19 +233,19 @@ def plain(found: Sequence[Row], results: Results) -> dict[str, Any]:
         "versions": dict(results.versions),
         "tasks": {task.name: {"title": task.title, "metric": task.main} for task in results.tasks},
         "models": {
-            model.name: passes(found, model.name)
+            model.name: passes(gate_rows, model.name)
             | {key: model.facts.get(key, []) for key in ("trained_on", "seen_of_held_out")}
             | {"sha256": model.sha256}
             for model in models
         },
         "rows": [
             {"task": row.task, "model": row.model, "reading": row.reading, **_score(row.score)}
-            | {"above": {name: _score(one) for name, one in row.above.items()}}
+            | {"above": {name: _score(difference) for name, difference in row.above.items()}}
             | ({"beats": row.beats} if row.above else {})
-            for row in found
+            for row in gate_rows
         ],
     }
 
 
-def _score(one: Score) -> dict[str, float]:
-    return {key: round(getattr(one, key), 4) for key in ("value", "low", "high")}
+def _score(score: Score) -> dict[str, float]:
+    return {key: round(getattr(score, key), 4) for key in ("value", "low", "high")}

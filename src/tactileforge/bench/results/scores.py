@@ -65,19 +65,19 @@ def scores(results: Results) -> Scores:
     }
 
 
-def main_score(found: Scores, task: Task, model: Model) -> Score | None:
+def main_score(all_scores: Scores, task: Task, model: Model) -> Score | None:
     """What the setting of the main table gave."""
-    return next(iter(found.get((task.name, model.name), [])), None)
+    return next(iter(all_scores.get((task.name, model.name), [])), None)
 
 
 def words(results: Results, task: str, model: str) -> list[str]:
     """Why a cell, or a part of it, was not run, and what to do."""
-    return [sentences(one) for one in results.not_run if one.covers(task, model)]
+    return [sentences(skipped) for skipped in results.not_run if skipped.covers(task, model)]
 
 
-def sentences(one: NotRun) -> str:
+def sentences(skipped: NotRun) -> str:
     """Reason and fix, each as a sentence."""
-    parts = (part.strip().rstrip(".") for part in (one.reason, one.fix))
+    parts = (part.strip().rstrip(".") for part in (skipped.reason, skipped.fix))
     return " ".join(f"{part[0].upper()}{part[1:]}." for part in parts if part)
 
 

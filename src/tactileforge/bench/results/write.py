@@ -65,10 +65,10 @@ class Writer:
     def _read(self) -> dict[str, tuple[str, list[Cell]]]:
         path = self.folder / _MEASURED
         try:
-            found = json.loads(path.read_text("utf-8"))
+            rows = json.loads(path.read_text("utf-8"))
             return {
                 what: (row["key"], [read_cell(str(path), cell) for cell in row["cells"]])
-                for what, row in found.items()
+                for what, row in rows.items()
             }
         except (OSError, TactileForgeError, ValueError, TypeError, KeyError, AttributeError):
             return {}  # none yet, or of another format: everything is measured again

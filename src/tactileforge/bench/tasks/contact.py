@@ -29,11 +29,11 @@ def energy(recording: Recording) -> NDArray[np.float64]:
     assert recording.no_contact is not None
     still = recording.no_contact.read(range(len(recording.no_contact)))
     background = _small(np.median(still, axis=0).astype(np.uint8))
-    found = []
+    means = []
     for start in range(0, len(recording.frames), _CHUNK):
         rows = range(start, min(start + _CHUNK, len(recording.frames)))
-        found += [np.abs(_small(f) - background).mean() for f in recording.frames.read(rows)]
-    return np.array(found)
+        means += [np.abs(_small(f) - background).mean() for f in recording.frames.read(rows)]
+    return np.array(means)
 
 
 def held(change: NDArray[np.float64]) -> tuple[int, int] | None:

@@ -134,8 +134,8 @@ class R2(Metric):
     def compute(self) -> Tensor:
         """See the class."""
         n, y, yy, ee = self.moments
-        found: Tensor = 1 - ee / (yy - y * y / n)
-        return found.mean() if self.axis < 0 else found[self.axis]
+        scores: Tensor = 1 - ee / (yy - y * y / n)
+        return scores.mean() if self.axis < 0 else scores[self.axis]
 
 
 class Correlation(Metric):
@@ -162,8 +162,8 @@ class Correlation(Metric):
         n, x, y, xx, yy, xy = self.moments
         covariance = xy - x * y / n
         spread: Tensor = ((xx - x * x / n) * (yy - y * y / n)).sqrt()
-        found: Tensor = (covariance / spread).mean()
-        return found
+        mean: Tensor = (covariance / spread).mean()
+        return mean
 
 
 class Percent(Metric):

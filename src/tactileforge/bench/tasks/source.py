@@ -40,7 +40,9 @@ class Source:
     def __init__(self, recordings: list[Recording], sides: list[str], clip: Clip) -> None:
         if clip.parts > 1:
             sides = [side for side in sides for _ in range(clip.parts)]
-            recordings = [part for one in recordings for part in _parts(one, clip.parts)]
+            recordings = [
+                part for recording in recordings for part in _parts(recording, clip.parts)
+            ]
         self.recordings = recordings
         self.sides = sides
         self.clip = clip
@@ -56,13 +58,13 @@ class Source:
     @cached_property
     def fingerprint(self) -> str:
         """Changes with what the clips show: names, places, and a picture of each recording."""
-        found = hashlib.sha256(np.ascontiguousarray(self.index).tobytes())
-        for one in self.recordings:
-            found.update(f"{one.key} {one.sensor} {one.frames.shape}".encode())
-            found.update(one.frames.read([len(one.frames) // 2]).tobytes())
-            if one.no_contact is not None:
-                found.update(one.no_contact.read([0]).tobytes())
-        return found.hexdigest()
+        digest = hashlib.sha256(np.ascontiguousarray(self.index).tobytes())
+        for recording in self.recordings:
+            digest.update(f"{recording.key} {recording.sensor} {recording.frames.shape}".encode())
+            digest.update(recording.frames.read([len(recording.frames) // 2]).tobytes())
+            if recording.no_contact is not None:
+                digest.update(recording.no_contact.read([0]).tobytes())
+        return digest.hexdigest()
 
 
 def open_source(data: Mapping[str, Any], sides: tuple[str, ...], clip: Clip) -> Source:
@@ -82,9 +84,9 @@ def open_source(data: Mapping[str, Any], sides: tuple[str, ...], clip: Clip) -> 
     recordings: list[Recording] = []
     of: list[str] = []
     for side in sides:
-        found = list(dataset.recordings(side))
-        recordings += found
-        of += [side] * len(found)
+        opened = list(dataset.recordings(side))
+        recordings += opened
+        of += [side] * len(opened)
     if dataset.skipped:
         raise DataError(
             f"{len(dataset.skipped)} recordings cannot be read, and a bench leaves none out; the "
@@ -108,13 +110,13 @@ def _node(data: Mapping[str, Any]) -> dict[str, Any]:
     layouts = node.pop("layouts", None)
     words = [f"data.{key}={value}" for key, value in node.items()]
     config = settings("inspect", [f"data={preset}", *words]).data
-    found: dict[str, Any] = OmegaConf.to_container(config, resolve=True)  # type: ignore[assignment]
+    options: dict[str, Any] = OmegaConf.to_container(config, resolve=True)  # type: ignore[assignment]
     if layouts is not None:
         for name in layouts:
-            if name not in found["layouts"]:
-                raise ConfigError(unknown(f"layout of {preset}", name, found["layouts"]))
-        found["layouts"] = {name: found["layouts"][name] for name in layouts}
-    return found
+            if name not in options["layouts"]:
+                raise ConfigError(unknown(f"layout of {preset}", name, options["layouts"]))
+        options["layouts"] = {name: options["layouts"][name] for name in layouts}
+    return options
 
 
 def _parts(recording: Recording, count: int) -> list[Recording]:
@@ -125,8 +127,8 @@ def _parts(recording: Recording, count: int) -> list[Recording]:
 
 def _fixed(recordings: list[Recording], ends: list[Any]) -> NDArray[np.int32]:
     rows = []
-    for number, one in enumerate(recordings):
-        count = len(one.times)
+    for number, recording in enumerate(recordings):
+        count = len(recording.times)
         places = [
             round(end * (count - 1)) if isinstance(end, float) else end + count * (end < 0)
             for end in ends

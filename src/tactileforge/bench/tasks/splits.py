@@ -115,11 +115,11 @@ def _strata(numbers: Sequence[int], of: NDArray[np.int64], target: Target) -> di
     names = target.names
     if names is None:
         return dict.fromkeys(numbers, -1)
-    found = {}
+    strata = {}
     for number in numbers:
         classes = set(names[of == number].tolist())
-        found[number] = classes.pop() if len(classes) == 1 else -1
-    return found
+        strata[number] = classes.pop() if len(classes) == 1 else -1
+    return strata
 
 
 def _ordered(names: Mapping[int, str], stratum: Mapping[int, int]) -> dict[int, list[str]]:
@@ -127,11 +127,11 @@ def _ordered(names: Mapping[int, str], stratum: Mapping[int, int]) -> dict[int, 
     strata: dict[str, set[int]] = {}
     for number, name in names.items():
         strata.setdefault(name, set()).add(stratum[number])
-    found: dict[int, list[str]] = {}
+    by_stratum: dict[int, list[str]] = {}
     for name in sorted(strata, key=lambda name: hashlib.sha256(name.encode()).digest()):
         only = strata[name].pop() if len(strata[name]) == 1 else -1
-        found.setdefault(only, []).append(name)
-    return dict(sorted(found.items()))
+        by_stratum.setdefault(only, []).append(name)
+    return dict(sorted(by_stratum.items()))
 
 
 def _folds(names: Mapping[int, str], stratum: Mapping[int, int], folds: int) -> dict[str, int]:
@@ -155,8 +155,8 @@ def _validation(
     names = {n: fact(source, n, group) for n in rest}
     taken: set[str] = set()
     groups = list(_ordered(names, stratum).values())
-    for found in groups:
-        taken.update(found[: int(share * len(found) + 0.5)])
+    for members in groups:
+        taken.update(members[: int(share * len(members) + 0.5)])
     if not taken and groups and len(names) > 1:
         taken.add(max(groups, key=len)[0])
     return [n for n in rest if names[n] in taken]

@@ -107,18 +107,18 @@ class Task:
         return tuple(dict.fromkeys(named)) or ("train", "val")
 
 
-def _values(given: Any) -> list[str]:
-    return [str(one) for one in (given if isinstance(given, list) else [given])]
+def _values(wanted: Any) -> list[str]:
+    return [str(value) for value in (wanted if isinstance(wanted, list) else [wanted])]
 
 
-def parse(name: str, given: Mapping[str, Any]) -> Task:
+def parse(name: str, config: Mapping[str, Any]) -> Task:
     """A task from plain data.
 
     Raises:
         ConfigError: A key is unknown, missing, or of another type; names it.
     """
     where = f"tasks.{name}"
-    values = dict(given)
+    values = dict(config)
     clip = strict.build(Clip, f"{where}.clip", values.pop("clip", {}))
     split = strict.build(Plan, f"{where}.split", values.pop("split", None) or {})
     known = [key for key in Task.__dataclass_fields__ if key != "name"]

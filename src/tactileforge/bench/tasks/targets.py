@@ -93,8 +93,8 @@ class Target:
         part = next(iter(self.parts.values()))
         if part.kind != "classes" or part.truth.shape[1] != 1:
             return None
-        found: NDArray[np.int64] = part.truth[:, 0].long().numpy()
-        return found
+        classes: NDArray[np.int64] = part.truth[:, 0].long().numpy()
+        return classes
 
 
 def build(task: Task, source: Source) -> Target:
@@ -136,9 +136,9 @@ def _partial(parts: dict[str, Part]) -> str:
     for part in parts.values():
         known = part.truth.isfinite().any(0).tolist()
         if part.kind == "force" and any(known):
-            told = [name for name, there in zip(part.names, known, strict=True) if there]
+            axes = [name for name, there in zip(part.names, known, strict=True) if there]
             return (
-                f" along all of {', '.join(part.names)} (it has {', '.join(told)}); a benchmark of "
+                f" along all of {', '.join(part.names)} (it has {', '.join(axes)}); a benchmark of "
                 "forces needs all axes in one clip"
             )
     return ""
@@ -163,11 +163,13 @@ def _classes(
     value: Callable[[Recording, int, int], str | None],
     names: tuple[str, ...] = (),
 ) -> Part:
-    found = _each(source, value)
-    known = names or tuple(sorted({str(one) for one in found if one is not None}))
+    values = _each(source, value)
+    known = names or tuple(sorted({str(label) for label in values if label is not None}))
     place = {name: i for i, name in enumerate(known)}
-    truth = torch.tensor([[place[str(one)] if one is not None else torch.nan] for one in found])
-    return Part("classes", truth.float(), torch.ones(len(found), 1), known)
+    truth = torch.tensor(
+        [[place[str(label)] if label is not None else torch.nan] for label in values]
+    )
+    return Part("classes", truth.float(), torch.ones(len(values), 1), known)
 
 
 def _label(recording: Recording, name: str) -> str | None:
@@ -187,8 +189,8 @@ def _newton(task: Task, source: Source, change: bool) -> Part:
         force = recording.force
         if force is None:
             return np.full(3, np.nan, np.float32)
-        found: NDArray[np.float32] = force[last] - force[first] if change else force[last]
-        return found
+        newton: NDArray[np.float32] = force[last] - force[first] if change else force[last]
+        return newton
 
     truth = np.array(_each(source, value), np.float32).reshape(-1, 3)
     return Part("force", torch.from_numpy(truth), _scale(task, source), ("x", "y", "z"))
@@ -233,7 +235,7 @@ def _pose(task: Task, source: Source) -> dict[str, Part]:
 def _place(task: Task, source: Source) -> dict[str, Part]:
     def value(recording: Recording, first: int, last: int) -> list[float]:
         place = [recording.labels.get(f"center_{axis}_px", np.nan) for axis in "xy"]
-        return [float(one) / recording.frames.shape[1] for one in place]
+        return [float(coordinate) / recording.frames.shape[1] for coordinate in place]
 
     truth = torch.tensor(np.array(_each(source, value), np.float32).reshape(-1, 2))
     return {"place": Part("place", truth, torch.ones_like(truth), ("x", "y"))}
@@ -243,9 +245,9 @@ def _numbers(source: Source, columns: list[str]) -> Part:
     """Labels as numbers; ``_px`` in a name stands for pixels, which are counted in widths."""
 
     def value(recording: Recording, first: int, last: int) -> list[float]:
-        found = [float(recording.labels.get(name, np.nan)) for name in columns]
+        row = [float(recording.labels.get(name, np.nan)) for name in columns]
         width = recording.frames.shape[1]
-        return [x / width if "_px" in n else x for x, n in zip(found, columns, strict=True)]
+        return [x / width if "_px" in n else x for x, n in zip(row, columns, strict=True)]
 
     truth = torch.tensor(np.array(_each(source, value), np.float32).reshape(-1, len(columns)))
     return Part("numbers", truth, torch.ones_like(truth), tuple(columns))
@@ -260,13 +262,13 @@ def _time(task: Task, source: Source) -> dict[str, Part]:
 
 def _losing(task: Task, source: Source) -> dict[str, Part]:
     """Whether a grasped object is held, or about to be lost; recordings that are used alone."""
-    held = {
-        number: contact.held(contact.energy(one))
-        for number, one in enumerate(source.recordings)
+    grasps = {
+        number: contact.held(contact.energy(recording))
+        for number, recording in enumerate(source.recordings)
         if fits(source, number, task.split.only)
     }
     states = iter(
-        contact.state(held.get(number), last, source.recordings[number].times)
+        contact.state(grasps.get(number), last, source.recordings[number].times)
         for number, last in source.index.tolist()
     )
     return {"losing": _classes(source, lambda *_: next(states), ("held", "losing"))}

@@ -32,5 +32,5 @@ def probe(name: str) -> type[Probe]:
     if name not in PROBES:
         raise ConfigError(unknown("probe", name, PROBES))
     module, _, kind = PROBES[name].partition(":")
-    found: type[Probe] = getattr(import_module(f"{__name__}.{module}"), kind)
-    return found
+    probe_class: type[Probe] = getattr(import_module(f"{__name__}.{module}"), kind)
+    return probe_class

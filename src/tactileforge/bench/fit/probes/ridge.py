@@ -48,22 +48,22 @@ class Ridge(Probe):
         inner: Values = {}
         outer: Values = {}
         for name, part in self.parts.items():
-            found = ridge_regression.fit(gram, _coded(part, truth[name]))
-            tried = [found.left_out(penalty, places) for penalty in found.penalties]
+            fit = ridge_regression.fit(gram, _coded(part, truth[name]))
+            tried = [fit.left_out(penalty, places) for penalty in fit.penalties]
             best = _best(part, torch.stack(tried), truth[name])
             inner[name] = _decoded(part, _chosen(tried, best))
             used = sorted(set(best.tolist()))
-            far = [cross @ found.dual(found.penalties[i]) + found.mean for i in used]
+            far = [cross @ fit.dual(fit.penalties[i]) + fit.mean for i in used]
             where = torch.tensor([used.index(i) for i in best.tolist()])
             outer[name] = _decoded(part, _chosen(far, where))
         return inner, outer
 
 
 def _places(groups: Sequence[str]) -> list[Tensor]:
-    found: dict[str, list[int]] = {}
+    by_group: dict[str, list[int]] = {}
     for place, name in enumerate(groups):
-        found.setdefault(name, []).append(place)
-    return [torch.tensor(places) for places in found.values()]
+        by_group.setdefault(name, []).append(place)
+    return [torch.tensor(places) for places in by_group.values()]
 
 
 def _coded(part: Part, truth: Tensor) -> Tensor:
@@ -74,11 +74,11 @@ def _coded(part: Part, truth: Tensor) -> Tensor:
     return (coded / coded.mean(0).clamp(min=1 / len(truth))).flatten(1)
 
 
-def _decoded(part: Part, found: Tensor) -> Tensor:
+def _decoded(part: Part, values: Tensor) -> Tensor:
     """Class indices, or normalised vectors, float32 (n, columns)."""
     if part.kind != "classes":
-        return found.float()
-    return found.reshape(len(found), -1, len(part.names)).argmax(-1).float()
+        return values.float()
+    return values.reshape(len(values), -1, len(part.names)).argmax(-1).float()
 
 
 def _best(part: Part, tried: Tensor, truth: Tensor) -> Tensor:
@@ -91,7 +91,7 @@ def _best(part: Part, tried: Tensor, truth: Tensor) -> Tensor:
     """
     if part.kind != "classes":
         return (tried - truth).square().mean(1).argmin(0)
-    right = torch.stack([_decoded(part, one) == truth for one in tried]).double()
+    right = torch.stack([_decoded(part, values) == truth for values in tried]).double()
     weight = 1 / torch.bincount(truth.flatten().long(), minlength=len(part.names)).clamp(min=1)
     score = (right * weight[truth.long()]).sum((1, 2))
     # of equals the largest penalty
