@@ -1,4 +1,4 @@
-"""A bench: tasks by models, cell by cell; what cannot be run is said, and the rest goes on."""
+"""Runs a benchmark, tasks by models, cell by cell; reports what cannot be run and goes on."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from tactileforge.errors import ConfigError, DataError, TactileForgeError
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """How a bench is run.
+    """Options of a benchmark.
 
     Attributes:
         seeds: Probes of each cell; a model that was trained several times takes turns.
@@ -103,7 +103,7 @@ class Bench:
         self.writer.write()
 
     def _group(self, entry: Entry, subjects: Sequence[Subject], group: Sequence[Prepared]) -> None:
-        """Tasks on one source, which share features."""
+        """Runs the tasks of one source, which share features."""
         extracted: list[Features | None] = []
         frozen = [prepared for prepared in group if not self.choices[prepared.task.name].finetune]
         for subject in subjects if frozen else ():
@@ -163,7 +163,7 @@ class Bench:
         choice: Choice,
         measured: Sequence[tuple[int, evaluate.Result]],
     ) -> list[results.Cell]:
-        """The rows of the file; first those of the rate that validation prefers."""
+        """Result cells; those of the learning rate best on validation come first."""
         main = prepared.task.metrics[0]
         name = metrics.part_of(main, prepared.target.parts)
         sign = 1 if metrics.kind(main).better == "lower" else -1
@@ -193,7 +193,7 @@ class Bench:
         return self.writer.kept(prepared.task.name, entry.name, self._key(prepared, subjects))
 
     def _key(self, prepared: Prepared, subjects: Sequence[Subject]) -> str:
-        """What the cells of a task and model depend on."""
+        """Hash of everything the cells of a task and model depend on."""
         choice = self.choices[prepared.task.name]
         facts = {
             "task": asdict(prepared.task),
@@ -235,13 +235,13 @@ class Bench:
 
 
 def _name(result: evaluate.Result) -> str:
-    """What tells the settings of a probe apart."""
+    """Name of the setting of a probe."""
     first = result.outcomes[0]
     return first.reading or str(first.lr)
 
 
 def _units(prepared: Prepared) -> list[str]:
-    """What the test clips are drawn by where intervals draw them again, in their order."""
+    """Bootstrap unit of each test clip, in their order."""
     plan = prepared.task.split
     test = np.concatenate([split.test for split in prepared.splits])
     return splits.names(prepared.source, prepared.target, test, plan.unit or plan.group)
@@ -281,13 +281,13 @@ def _source(task: Task, known: dict[str, Source | TactileForgeError]) -> Source 
 
 
 def _split(error: TactileForgeError) -> tuple[str, str]:
-    """What is wrong, and what to download where that is said."""
+    """Splits the text of an error into reason and fix."""
     reason, _, fix = str(error).partition(". Download ")
     return reason, f"Download {fix.partition(', and ')[0]}." if fix else ""
 
 
 def finish(folder: Path) -> str:
-    """Writes the tables and the report; gives the tables as Markdown."""
+    """Writes the tables and the report; returns the tables as Markdown."""
     from tactileforge.bench.output.write import write_all
 
     write_all(folder)

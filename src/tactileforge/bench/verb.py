@@ -116,7 +116,7 @@ def _report(writer: Writer) -> int:
 
 
 def _beside(named: Sequence[str], trained: Iterable[str], baselines: Sequence[str]) -> list[str]:
-    """Models, and where there are baselines those, and each model with random weights."""
+    """Models, followed by the baselines and each model with random weights."""
     if not baselines:
         return list(named)
     from tactileforge.bench.fit.baselines import BASELINES

@@ -28,7 +28,7 @@ BATCHES = (1, 3)
 
 @dataclass(frozen=True)
 class Gap:
-    """How far the outputs of a graph are from those of the module.
+    """Deviation of the outputs of a graph from those of the module.
 
     Attributes:
         largest: Largest difference of a number.
@@ -44,7 +44,7 @@ class Gap:
 def sizes_of(
     encoder: Any, size: tuple[int, int] | None, small: bool = False
 ) -> list[tuple[int, int]]:
-    """Sizes of frames with which a graph is compared.
+    """Frame sizes for comparing a graph with its module.
 
     Args:
         encoder: A touch encoder.
@@ -59,7 +59,7 @@ def sizes_of(
 
 
 def clips(encoder: Any, batch: int, size: tuple[int, int]) -> Clips:
-    """Made-up clips: a smooth background, a smooth change that grows, noise; the same each time.
+    """Synthetic clips: a smooth background, a smooth change that grows, noise; deterministic.
 
     Args:
         encoder: Its frames and sensors are taken.
@@ -85,7 +85,7 @@ def clips(encoder: Any, batch: int, size: tuple[int, int]) -> Clips:
 
 
 def compare(run: Run, encoder: Any, sizes: Sequence[tuple[int, int]]) -> Gap:
-    """Runs a graph on batches of several lengths beside the module."""
+    """Compares a graph with the module on batches of several lengths."""
     largest, relative, cosine = 0.0, 0.0, 1.0
     for inputs in _batches(encoder, sizes):
         with torch.no_grad():
@@ -107,7 +107,7 @@ def _batches(encoder: Any, sizes: Sequence[tuple[int, int]]) -> Iterator[Clips]:
 
 
 def trace(encoder: Any, size: tuple[int, int] | None) -> ExportedProgram:
-    """The graph, for any number of clips; tried where it is to take any size.
+    """Traces the graph for any number of clips, and for any image size where asked.
 
     Args:
         encoder: A touch encoder in eval mode.
@@ -154,11 +154,11 @@ class ProgramFile:
         self.program = program
 
     def save(self, path: Path, text: str = "") -> None:
-        """Writes it, with a text of its metadata."""
+        """Writes the file with its metadata text."""
         with path.open("wb") as file:
             torch.export.save(self.program, file, extra_files={KEY: text})
 
     def load(self, path: Path) -> Run:
-        """What the file computes."""
+        """Loads the file as a function."""
         run: Run = torch.export.load(io.BytesIO(path.read_bytes())).module()
         return run

@@ -1,4 +1,4 @@
-"""Cards: what the zoo says of each model. Reading them needs no torch.
+"""Model cards of the zoo, readable without torch.
 
 A card is ``zoo/recipe/NAME.md``: YAML front matter, then text. A model is named ``NAME.TAG``, one
 of the weights on the card; ``NAME`` alone means the first of them.
@@ -91,7 +91,7 @@ class Result:
 
     @property
     def is_ours(self) -> bool:
-        """Whether we measured it."""
+        """Whether it was measured by this project."""
         return self.source.startswith("docs/")
 
 
@@ -136,7 +136,7 @@ class Card:
         return [row for row in self.gates if row.model == weight.tag]
 
     def may_ship(self, weight: Weight) -> bool:
-        """Whether weights may come with the package: what is only a demonstration has to say so.
+        """Whether weights may ship with the package: demonstrations must be marked as such.
 
         The text of the card then has the word *demonstration* below the heading of the weights.
         """
@@ -194,7 +194,7 @@ def read(name: str) -> Card:
 
 
 def find(model: str) -> tuple[Card, Weight]:
-    """The card and the weights that a name means: ``NAME.TAG``, or ``NAME`` for the default.
+    """Card and weights of a name: ``NAME.TAG``, or ``NAME`` for the default weights.
 
     Raises:
         ConfigError: Unknown name or tag, or a card without weights.
@@ -252,7 +252,7 @@ def parse(name: str, text: str, recipe: bool) -> Card:
 
 
 def _check(card: Card) -> None:
-    """What types do not say."""
+    """Validates what the types cannot express."""
     where = f"card {card.name}"
     tags = [weight.tag for weight in card.weights]
     for weight in card.weights:

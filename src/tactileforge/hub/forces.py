@@ -1,4 +1,4 @@
-"""Forces in newton, from the head that a model was packed with."""
+"""Forces in newton, from the force head packed with a model."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Readings:
-    """What a model makes of clips, from one pass of its encoder.
+    """Vectors and forces of clips, from one pass of the encoder.
 
     Attributes:
         vector: float32 (projected,), or (B, projected) for a batch; what `Model.encode` gives.
@@ -32,7 +32,7 @@ class Readings:
 
 
 def scales(entry: Mapping[str, Any], sensors: Sequence[str]) -> Tensor | None:
-    """Newton that count as 1, float32 (B, 1, 3); None where a sensor has none.
+    """Force scale, the newtons per unit of output, float32 (B, 1, 3); None without one.
 
     Args:
         entry: Of a head, see `Header.heads`.
@@ -45,7 +45,7 @@ def scales(entry: Mapping[str, Any], sensors: Sequence[str]) -> Tensor | None:
 
 
 def uncalibrated(entry: Mapping[str, Any], sensors: Sequence[str]) -> list[str]:
-    """Sensors no unit of which was calibrated, sorted.
+    """Sensors without any calibrated unit, sorted.
 
     Args:
         entry: Of a head, see `Header.heads`.
@@ -57,7 +57,7 @@ def uncalibrated(entry: Mapping[str, Any], sensors: Sequence[str]) -> list[str]:
 def readable(
     head: Any, encoder: Any, tokens: Tensor, projected: Tensor, scale: Tensor
 ) -> dict[str, Tensor]:
-    """What a calibration may be fitted to, float32 (B, T - 1) each.
+    """Inputs for fitting a calibration, float32 (B, T - 1) each.
 
     The forces ``x``, ``y``, ``z`` in newton, and what the last layer of the head reads
     (``hidden0``, ...) where the head tells.
@@ -79,7 +79,7 @@ def readable(
 
 
 def fingerprint(parts: Iterable[nn.Module]) -> str:
-    """Sixteen hexadecimal digits of the weights of some modules."""
+    """Hash of the weights of some modules, 16 hexadecimal digits."""
     digest = hashlib.sha256()
     for part in parts:
         for key, value in part.state_dict().items():
@@ -89,7 +89,7 @@ def fingerprint(parts: Iterable[nn.Module]) -> str:
 
 
 def newton(readings: Mapping[str, Tensor], axes: Mapping[str, Axis] | None = None) -> Tensor:
-    """Forces (B, T - 1, 3), N; an axis without a calibration stays what the head says.
+    """Forces (B, T - 1, 3), N; an axis without a calibration keeps the head's output.
 
     Args:
         readings: See `readable`.

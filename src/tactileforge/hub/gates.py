@@ -1,4 +1,4 @@
-"""The release gate on a card: what `bench suite=[real,real_held_out]` measured of some weights.
+"""The release gate on a card: results of `bench suite=[real,real_held_out]` for some weights.
 
 Nothing here needs torch. Differences are those of `bench.results.gate`: paired, with 95 %
 intervals.
@@ -53,18 +53,18 @@ class Gate:
 
     @property
     def beats(self) -> bool:
-        """Whether it is above random weights and above pixels, both beyond the interval."""
+        """Whether it beats random weights and pixels, both beyond the interval."""
         return self.random_low > 0 and self.pixels_low > 0
 
 
 def won(rows: Sequence[Gate], tokens: str) -> tuple[int, int]:
-    """Tasks that are won by one reading of the tokens, and all of them."""
+    """Number of tasks won with one kind of tokens, and number of all tasks."""
     chosen = [row for row in rows if row.tokens == tokens]
     return sum(row.beats for row in chosen), len(chosen)
 
 
 def passes(rows: Sequence[Gate]) -> bool:
-    """Whether the majority of tasks is won, pooled and with all tokens; not without any."""
+    """Whether most tasks are won, both pooled and with all tokens; False without tasks."""
     counts = [won(rows, tokens) for tokens in TOKENS]
     return all(2 * wins > every > 0 for wins, every in counts)
 
@@ -128,7 +128,7 @@ def _row(path: Path, gate: Any, row: Any, tag: str, chance: dict[str, float]) ->
 
 
 def write(card: Path, rows: Sequence[Gate]) -> None:
-    """Puts the rows of one model into the front matter of its card, in place of those before.
+    """Replaces the gate rows of one model in the front matter of its card.
 
     Args:
         card: The file ``NAME.md``.
@@ -152,7 +152,7 @@ def write(card: Path, rows: Sequence[Gate]) -> None:
 
 
 def stamp(card: Path, tag: str, sha256: str, size: int) -> None:
-    """Puts the hash and the size of a new file of weights into their card.
+    """Updates hash and size of a file of weights in its card.
 
     Args:
         card: The file ``NAME.md``.

@@ -26,7 +26,7 @@ _KEY = "tactileforge"
 
 @dataclass(frozen=True, kw_only=True)
 class Header:
-    """What a one-file checkpoint says of itself; plain data.
+    """Metadata of a one-file checkpoint, as plain data.
 
     Attributes:
         format: Version of the format.

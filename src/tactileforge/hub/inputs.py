@@ -1,4 +1,4 @@
-"""Frames and background as users have them, words included, as an encoder takes them."""
+"""Converts users' frames and backgrounds to the encoder's input."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def prepare(frames: Images, background: Images | str | None, count: int, needed:
 def check_clip(
     frames: Images, background: Images | None = None, count: int | None = None
 ) -> tuple[Tensor, Tensor]:
-    """Frames and background as encoders take them; nothing is guessed and nothing is resized.
+    """Checks frames and background strictly: nothing is guessed and nothing is resized.
 
     Time is always the axis before the image. Three frames are no exception: (3, 3, H, W) is three
     frames of three colours.
@@ -128,7 +128,7 @@ def _pixels(what: str, images: Images) -> Tensor:
 
 
 def _fix(images: Images) -> str:
-    """How to make integers of these numbers."""
+    """Suggests the conversion to uint8, as part of an error."""
     if 0 in images.shape:
         return ""
     low, high = float(images.min()), float(images.max())
@@ -142,7 +142,7 @@ def _fix(images: Images) -> str:
 
 
 def _channels_first(what: str, images: Tensor, single: int, expected: str) -> Tensor:
-    """A batch, with colours before rows; ``single`` is the number of axes without a batch."""
+    """Adds a batch axis and moves channels first; ``single`` is the number of axes without one."""
     shape = tuple(images.shape)
     if images.ndim not in (single, single + 1) or 0 in shape:
         raise DataError(f"{what}: expected {expected}; found {shape}")

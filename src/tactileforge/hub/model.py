@@ -1,4 +1,4 @@
-"""A model that is ready for use: uint8 frames in, vectors out."""
+"""A loaded model: uint8 frames in, vectors out."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Tap = Literal["projected", "cls", "tokens"]
 
 
 class Model:
-    """An encoder in eval mode, with its preprocessing and what is known of it.
+    """An encoder in eval mode, with its preprocessing and metadata.
 
     It is frozen: `encode` keeps no gradients. The encoder itself can be trained like any module,
     after ``model.encoder.requires_grad_(True)``, and `encode` goes by its weights of the moment. On
@@ -80,7 +80,7 @@ class Model:
 
     @property
     def sensors(self) -> list[str]:
-        """The sensors that it knows; none where it does not tell them apart."""
+        """Sensors that it was trained on; empty where it ignores the sensor type."""
         return [] if self._any_sensor else list(self.encoder.sensors)
 
     @property
@@ -109,7 +109,7 @@ class Model:
         unknown_sensor: Policy = "error",
         batch_size: int = 32,
     ) -> Tensor:
-        """One vector a clip.
+        """Encodes each clip as one vector.
 
         Args:
             frames: uint8, RGB, oldest first, of any size: one clip (T, H, W, 3) or (T, 3, H, W), or
@@ -148,7 +148,7 @@ class Model:
         unknown_sensor: Policy = "error",
         batch_size: int = 32,
     ) -> Tensor:
-        """What the encoder makes of clips, at one of its taps.
+        """Features of clips at one of the encoder's taps.
 
         Args:
             frames: See `encode`.
@@ -264,7 +264,7 @@ class Model:
     def force_inputs(
         self, frames: Images, background: Images | str | None, sensor: str
     ) -> dict[str, Tensor]:
-        """What a calibration may be fitted to, float32 (B, T - 1) each; see `forces.readable`.
+        """Inputs for fitting a calibration, float32 (B, T - 1) each; see `forces.readable`.
 
         Args:
             frames: See `encode`; a batch.
@@ -285,7 +285,7 @@ class Model:
 
     @cached_property
     def fingerprint(self) -> str:
-        """Sixteen hexadecimal digits of its weights, by which a calibration knows its model."""
+        """Hash of its weights, 16 hexadecimal digits; ties a calibration to its model."""
         return forces.fingerprint([self.encoder, *(self.heads[key] for key in sorted(self.heads))])
 
     def _readable(self, out: Mapping[str, Tensor], scale: Tensor) -> dict[str, Tensor]:
@@ -293,7 +293,7 @@ class Model:
         return forces.readable(head, self.encoder, out["tokens"], out["projected"], scale)
 
     def axes_of(self, calibration: Calibration, names: Sequence[str]) -> Mapping[str, Axis]:
-        """The fits of a calibration, if they are those of this model's forces.
+        """The fits of a calibration, if it was made for this model.
 
         Args:
             calibration: Of one unit.
@@ -314,7 +314,7 @@ class Model:
     def cut(
         self, video: str | Path | Frames, hop: float = 0.2, times: Times | None = None
     ) -> Iterator[tuple[float, NDArray[np.uint8]]]:
-        """Cuts a video into clips as the model was trained on; reads one at a time.
+        """Cuts a video into clips as in training, reading one at a time.
 
         Args:
             video: A file, or frames.
@@ -382,7 +382,7 @@ class Model:
     def _taps(
         self, tokens: bool, frames: Tensor, background: Tensor, rows: Tensor
     ) -> dict[str, Tensor]:
-        """What the encoder gives at each tap; ``tokens`` only if wanted."""
+        """Encoder output at each tap; ``tokens`` only if requested."""
         inputs = [part.to(self.device) for part in (frames, background, rows)]
         # an encoder with a `forward` of its own, or one put on it, is asked by that
         is_backbone = getattr(self.encoder.forward, "__func__", None) is Backbone.forward
@@ -396,7 +396,7 @@ class Model:
         return out
 
     def _names(self, sensor: str | Sequence[str] | None, count: int) -> list[str]:
-        """A name for each clip; "" where none is given and none is needed."""
+        """Sensor name of each clip; "" where none is given and none is needed."""
         known: dict[str, int] = self.encoder.sensors
         if sensor is None and self._any_sensor:
             sensor = ""
@@ -434,7 +434,7 @@ class Model:
 
 
 def _takes_any_sensor(encoder: Any) -> bool:
-    """Whether it does not tell sensors apart."""
+    """Whether it ignores the sensor type."""
     if not encoder.sensors:
         return True
     if not hasattr(encoder, "rows"):

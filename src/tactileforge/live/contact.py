@@ -18,7 +18,7 @@ _SQUARE = 8
 
 @dataclass(frozen=True, kw_only=True)
 class ContactOptions:
-    """When something touches.
+    """Thresholds of contact.
 
     Attributes:
         begin: Difference with the background, grey levels, from which on there is contact.
@@ -37,7 +37,7 @@ class ContactOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class SlipOptions:
-    """When something slips.
+    """Thresholds of slip.
 
     Attributes:
         friction: Ratio of shear to normal force, the slope of the friction cone, at which it slips.
@@ -59,7 +59,7 @@ class SlipOptions:
 
 
 class Difference:
-    """How far pictures are from the background, in grey levels.
+    """Difference of images from the background, in grey levels.
 
     Both are averaged over squares of eight pixels; a hundredth of the squares may differ more, in
     their strongest colour, than the result.
@@ -83,20 +83,20 @@ class Difference:
 
 
 class Contact:
-    """Contact on or off, with two thresholds, so that it does not flicker between them."""
+    """Contact with hysteresis: separate thresholds for its begin and end."""
 
     def __init__(self, options: ContactOptions) -> None:
         self.options = options
         self.is_on = False
 
     def update(self, difference: float) -> bool:
-        """Whether there is contact, after a picture that differs so much."""
+        """Whether there is contact, given the difference of the newest image."""
         self.is_on = difference >= (self.options.end if self.is_on else self.options.begin)
         return self.is_on
 
 
 class Slip:
-    """An estimate of slip from forces alone: no slip is seen, it is inferred.
+    """Estimates slip from forces alone: slip is inferred, not observed.
 
     It slips where the shear reaches the friction cone (Coulomb), and until the ratio is a fifth
     below; and for a moment where shear goes at once while the normal force stays, as it does when
@@ -109,7 +109,7 @@ class Slip:
         self._recent: deque[tuple[float, float, float]] = deque()
 
     def update(self, time: float, force: NDArray[np.floating], contact: bool) -> bool:
-        """Whether it slips.
+        """Updates slip from the newest force; returns whether it slips.
 
         Args:
             time: Seconds.
@@ -130,7 +130,7 @@ class Slip:
         return self.is_on
 
     def _has_let_go(self, shear: float, normal: float) -> bool:
-        """Whether shear that counted, half the cone or more, went while the normal force stayed."""
+        """Whether shear of at least half the friction cone dropped at a steady normal force."""
         options = self.options
         return any(
             before >= 0.5 * options.friction * pressed

@@ -1,4 +1,4 @@
-"""One sensor that is shown live: its frames, its background, and what they say."""
+"""Live estimates of one sensor from its frames and background."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _LOOKED_AT = 60
 
 @dataclass(frozen=True)
 class Reading:
-    """What one frame says.
+    """Contact, force and slip estimated from one frame.
 
     Attributes:
         sensor: Name of the sensor.
@@ -59,7 +59,7 @@ class Reading:
     vector: NDArray[np.float32] | None = None
 
     def message(self) -> dict[str, Any]:
-        """As plain data, for publishers."""
+        """The reading as plain data, for publishers."""
         message: dict[str, Any] = {
             "sensor": self.sensor,
             "frame": self.number,
@@ -79,7 +79,7 @@ class Reading:
 
 
 class Finger:
-    """A sensor, read in a thread; readings are computed by whoever asks, of the newest frame.
+    """A sensor read in a thread; readings of the newest frame are computed on request.
 
     Args:
         name: Of the sensor.
@@ -133,7 +133,7 @@ class Finger:
         self._last = self._frozen = 0
 
     def prepare(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """A picture as the model was shown those it was trained on.
+        """Prepares an image as in training.
 
         A model that was trained here saw pictures of the size of its input; what was imported does
         its own resizing.
@@ -143,7 +143,7 @@ class Finger:
         return resized(picture, self.model.encoder.image_size)
 
     def sink(self, frame: Frame) -> None:
-        """Takes a frame from the thread of the sensor."""
+        """Receives a frame in the sensor's thread."""
         seen = self._seen
         if seen is not None and len(seen) < _LOOKED_AT:
             seen.append(frame.array)

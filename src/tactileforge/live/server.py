@@ -1,4 +1,4 @@
-"""The page of ``tactileforge live``: served to this machine alone, to whoever has the token."""
+"""Server of the live page: on this machine only, protected by a token."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class _Server(ThreadingHTTPServer):
     daemon_threads = True
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A browser that goes away is no error."""
+        """Ignores browsers that disconnect."""
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -134,11 +134,11 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Says nothing: the terminal has its line."""
+        """Logs nothing: the terminal has its status line."""
 
 
 def state(view: Show, after: float) -> dict[str, Any]:
-    """What the page shows, as plain data.
+    """State of the page, as plain data.
 
     Args:
         view: Open.
@@ -177,7 +177,7 @@ def _of(finger: Finger, after: float, now: float) -> dict[str, Any]:
 
 
 def difference(picture: NDArray[np.uint8], background: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """A picture less its background, twice as strong, around the middle grey."""
+    """Difference image: image less background, gain 2, around mid-grey."""
     if picture.shape != background.shape:
         return picture
     change = picture.astype(np.float32) - background
@@ -185,7 +185,7 @@ def difference(picture: NDArray[np.uint8], background: NDArray[np.uint8]) -> NDA
 
 
 def jpeg(picture: NDArray[np.uint8]) -> bytes:
-    """A picture, RGB, of a size that fits the page: large ones smaller, arrays larger."""
+    """Encodes an RGB image as JPEG, resized to fit the page."""
     longest = max(picture.shape[:2])
     if longest > _LARGE:
         factor, how = _LARGE / longest, cv2.INTER_AREA

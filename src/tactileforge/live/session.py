@@ -1,4 +1,4 @@
-"""Live: the newest frame of each sensor to contact, force and slip, as fast as it goes."""
+"""Live session: estimates contact, force and slip from the newest frame of each sensor."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _KEPT, _RECENT = 20_000, 300
 
 @dataclass(frozen=True, kw_only=True)
 class ShowOptions:
-    """How sensors are shown live.
+    """Options of a live session.
 
     Attributes:
         background: How the frame without contact is taken.
@@ -64,11 +64,11 @@ class Latency:
         self._all: deque[float] = deque(maxlen=_KEPT)
 
     def add(self, seconds: float) -> None:
-        """Counts one."""
+        """Adds one latency, s."""
         self._all.append(seconds)
 
     def percentiles(self, recent: bool = True) -> tuple[float, float]:
-        """p50 and p99, s, of the last ones or of all; NaN where there are none."""
+        """p50 and p99, s, of the latest or of all latencies; NaN without any."""
         values = list(self._all)[-_RECENT if recent else 0 :]
         if not values:
             return float("nan"), float("nan")
@@ -77,7 +77,7 @@ class Latency:
 
 
 class Show:
-    """Opens sensors, takes their backgrounds, and computes readings until it is stopped.
+    """Opens sensors, takes their backgrounds, and computes readings until stopped.
 
     Args:
         sensors: Cameras and arrays by name, not open.
@@ -171,7 +171,7 @@ class Show:
                 raise finger.capture.error
 
     def take_background(self) -> None:
-        """Takes the frame without contact of every sensor; nothing may touch meanwhile.
+        """Takes the background of every sensor; nothing may touch it meanwhile.
 
         Raises:
             SensorError: Something touches, or a sensor gives no good picture.
@@ -189,7 +189,7 @@ class Show:
             finger.take_background(options.background, picture)
 
     def readings(self, stop: threading.Event | None = None) -> Iterator[Reading | None]:
-        """Readings of the newest frames, as they come; None now and then where none comes.
+        """Readings of the newest frames as they arrive; None at intervals while none arrives.
 
         Args:
             stop: Ends them when set.
@@ -225,7 +225,7 @@ def show(
     say: Callable[[str], None] = print,
     tell: Callable[[Show], None] | None = None,
 ) -> None:
-    """Takes the background, then publishes readings and what becomes of the sensors.
+    """Takes the background, then publishes readings and the states of the sensors.
 
     Args:
         view: Open.

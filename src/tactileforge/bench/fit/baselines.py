@@ -1,4 +1,4 @@
-"""Baselines without weights: what a closed-form probe reads where there is no encoder."""
+"""Baselines without weights: fixed features of the frames in place of an encoder."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SMALL = 16
 
 
 class Flat(nn.Module):
-    """Two frames less their background, to one vector; a subclass says which.
+    """Base of fixed features: two frames less their background, to one vector.
 
     Attributes:
         frames: 2.
@@ -106,7 +106,7 @@ class Hog(Flat):
 
 
 class Background(Flat):
-    """The frame without contact at 16 x 16: what can be known before anything is touched.
+    """The frame without contact at 16 x 16: features that exist before any contact.
 
     A task that it answers has a shortcut, as where all recordings of an object are of one hour.
     """
@@ -118,7 +118,7 @@ class Background(Flat):
 
 
 class Chance(Flat):
-    """Nothing: a probe predicts the mean, or the first class."""
+    """No features: a probe predicts the mean, or the first class."""
 
     def read(self, x: Tensor) -> Tensor:
         """See the class."""

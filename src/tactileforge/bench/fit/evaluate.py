@@ -42,7 +42,7 @@ class Features:
 
 @dataclass(frozen=True)
 class Result:
-    """A probe that was tested, on all folds.
+    """A tested probe, over all folds.
 
     Attributes:
         outcomes: Of each fold.
@@ -58,7 +58,7 @@ class Result:
 
     @property
     def score(self) -> float:
-        """Mean over the folds of what was selected on."""
+        """Mean over the folds of the metric used for selection."""
         return sum(outcome.score for outcome in self.outcomes) / len(self.outcomes)
 
     @property
@@ -154,7 +154,7 @@ def _vote(
 
 
 def _solve(prepared: Prepared, model: Probe, examples: Examples, split: Split, tap: str) -> Outcome:
-    """A closed form: training and validation clips are one, inner folds choose."""
+    """Fits in closed form on training and validation clips; inner folds choose the penalty."""
     assert isinstance(model, Ridge)
     known = np.sort(np.concatenate([split.train, split.validation]))
     plan = prepared.task.split

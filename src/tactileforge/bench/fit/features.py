@@ -36,7 +36,7 @@ Array: TypeAlias = NDArray[np.float16]
 
 @dataclass(frozen=True)
 class Store:
-    """Where features are kept, and how they are computed.
+    """Location of features on disk, and options of their extraction.
 
     Attributes:
         folder: Folder of the features of all models.
@@ -112,7 +112,7 @@ def _key(subject: Subject, source: Source, clips: NDArray[np.int64], policy: str
 
 
 class _Extraction:
-    """One pass over the clips, which fills several arrays."""
+    """One pass over the clips that fills several arrays."""
 
     def __init__(
         self,
@@ -135,7 +135,7 @@ class _Extraction:
         self.note = next(iter(paths.values())).with_name(f"{stem}.json")
 
     def run(self) -> None:
-        """Fills the arrays, from where a pass before was stopped, and renames them."""
+        """Fills the arrays, resuming an interrupted pass, and renames them."""
         parts = {what: path.with_suffix(f".{self.note.stem}") for what, path in self.paths.items()}
         done = self._done(parts.values())
         arrays: dict[tuple[str, Flip], Array] = {}
@@ -180,7 +180,7 @@ class _Extraction:
                 start += count
 
     def _read(self, clips: Clips, rows: range) -> Iterator[Batch]:
-        """Batches of some rows; decoded for the first encoder that wants them in this form."""
+        """Batches of some rows, decoded once for all encoders that read them in this form."""
         size, spacing = self.store.batch, self.subject.spacing_of(self.source.clip)
         folder = decoded.place(self.store.folder.parent / "clips", self.source, clips, spacing)
         if folder is None or rows.start:
@@ -221,7 +221,7 @@ def loader(clips: Clips, rows: Sequence[int], store: Store, size: int) -> Iterat
 def readers(
     subject: Subject, source: Source, clips: NDArray[np.int64]
 ) -> Iterator[tuple[Clips, NDArray[np.int64]]]:
-    """Clips as a model is shown them: of one size each, with their places among all."""
+    """Groups clips by the size a model reads them at, with their places among all."""
     index = source.index[clips]
     shapes = [subject.size_for(recording.frames.shape) for recording in source.recordings]
     for size in dict.fromkeys(shapes[number] for number in index[:, 0]):

@@ -1,4 +1,4 @@
-"""Full fine-tuning: the encoder learns with the probe, so nothing can be computed beforehand."""
+"""Full fine-tuning: the encoder is trained with the probe, so features cannot be cached."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def train(
     score: Callable[[Values], float],
     higher: bool,
 ) -> list[Outcome]:
-    """Trains encoder and probe, for each learning rate and seed on its own.
+    """Trains encoder and probe, separately for each learning rate and seed.
 
     Args:
         prepared: The task.

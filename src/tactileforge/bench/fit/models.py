@@ -1,4 +1,4 @@
-"""Encoders that are compared: models of the zoo, files, runs, and baselines that know nothing."""
+"""Encoders to compare: models of the zoo, files, runs, and untrained baselines."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ UNTRAINED = 3
 
 
 class Subject:
-    """One frozen encoder, and how it is shown clips.
+    """One frozen encoder, and the form of its input clips.
 
     Clips are read as its training read them: what was trained here is given frames of the size of
     its input, what was imported frames as they were recorded. A model of single frames is shown
@@ -71,7 +71,7 @@ class Subject:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """Parameters, frames, image size; what trained it, and how long, where that is known."""
+        """Parameters, frames, image size; training data and steps, where they are known."""
         height, width = self.encoder.image_size
         known = {
             "parameters": sum(p.numel() for p in self.encoder.parameters()),
@@ -87,18 +87,18 @@ class Subject:
         return known if steps is None else known | {"steps": steps}
 
     def width(self, tap: str) -> int:
-        """Size of a feature."""
+        """Width of a feature."""
         width: int = self.encoder.projected if tap == "projected" else self.encoder.width
         return width
 
     def taps(self, kind: type[Probe]) -> tuple[str, ...]:
-        """Features that a probe of a kind reads; of several readings, those that it has."""
+        """Names of the features that a kind of probe reads and this encoder has."""
         if not kind.readings:
             return (kind.tap,)
         return kind.readings[:1] if self.flat else kind.readings
 
     def spacing_of(self, clip: Clip) -> float:
-        """Seconds between the frames that it is shown."""
+        """Seconds between the frames of its clips."""
         if self.single or clip.spread:
             return clip.span / (self.frames - 1)
         return self.header.spacing
@@ -109,7 +109,7 @@ class Subject:
         return shape if self.native else size
 
     def unknown(self, sensors: Sequence[str]) -> list[str]:
-        """Those sensors that it does not know."""
+        """Those of the sensors that the encoder does not know."""
         unknown = []
         for name in sensors:
             try:
@@ -119,7 +119,7 @@ class Subject:
         return unknown
 
     def features(self, batch: Batch, flip: tuple[bool, bool], policy: str) -> dict[str, Tensor]:
-        """What probes read, without gradients.
+        """Features for probes, without gradients.
 
         Returns:
             ``tokens`` (B, L, width) and ``projected`` (B, projected). ``patches`` (B, n width), the
@@ -247,7 +247,7 @@ def entry(
 
 
 def of_run(name: str, folder: Path, device: str = "cpu") -> Subject:
-    """The encoder of a run, by way of a one-file checkpoint that is not kept."""
+    """The encoder of a run, packed into a temporary one-file checkpoint."""
     with tempfile.TemporaryDirectory() as place:
         subject = _of_file(name, pack(folder, Path(place) / "model.safetensors"), device)
     subject.sha256 = subject.weights
@@ -270,7 +270,7 @@ def baseline(word: str, device: str = "cpu") -> Subject:
 
 
 def header_of(word: str, composed: Sequence[str] = ()) -> Header:
-    """What is known of a model; of a recipe without weights, what it would train."""
+    """Header of a model; for a recipe without weights, of the encoder that it would train."""
     if word.startswith(("run:", "file:")):
         return entry(word).open[0]().header
     name, _, tag = word.partition(".")

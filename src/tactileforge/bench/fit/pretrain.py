@@ -1,4 +1,4 @@
-"""Models that are trained for a bench: each run in a process of its own, skipped once finished."""
+"""Pretraining for a benchmark: each run in its own process, skipped once finished."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Job:
 
     @property
     def finished(self) -> bool:
-        """Whether it has been trained to the end: the report comes last."""
+        """Whether training is complete: the report is written last."""
         return (self.folder / "report.html").is_file() and self.has_checkpoint
 
     @property
@@ -74,7 +74,7 @@ class Job:
 
     @property
     def failed(self) -> str:
-        """Why it failed; "" if it did not."""
+        """The error of a failed run; "" if it did not fail."""
         path = self.folder / _FAILED
         return path.read_text("utf-8") if path.is_file() else ""
 
@@ -141,7 +141,7 @@ def jobs(folder: Path, words: Sequence[str], models: Mapping[str, Model]) -> dic
 
 
 def train(job: Job) -> None:
-    """Trains a run to its end; one that is finished stays, one that was stopped goes on.
+    """Trains a run to its end; skips a finished run and resumes an interrupted one.
 
     A run that fails leaves its last words in its folder, see `Job.failed`.
 
@@ -166,7 +166,7 @@ def train(job: Job) -> None:
 
 
 def _run(command: Sequence[str]) -> tuple[int, str]:
-    """Exit status and last words of a program, whose words are shown as they come."""
+    """Runs a program and shows its output; returns its exit status and the end of the output."""
     output = b""
     with subprocess.Popen(command, stderr=subprocess.PIPE) as process:
         assert process.stderr is not None
@@ -226,14 +226,14 @@ def _launch(folder: Path, runs: Sequence[Job], words: Sequence[str]) -> None:
 
 
 def run_job(config: DictConfig) -> None:
-    """One job of Hydra: trains the run that its list has under its name."""
+    """Trains one run of the list, as a job of Hydra."""
     rows = json.loads(Path(config.jobs).read_text("utf-8"))
     folder, words = rows[config.job]
     train(Job(config.job, Path(folder), words))
 
 
 def entry(name: str, model: Model, runs: Sequence[Job], device: str) -> Entry:
-    """A trained model as one that can be compared; opening it says why a run has failed."""
+    """A trained model as a row of the tables; opening it reports a failed run."""
     return Entry(
         name=name,
         title=model.title,

@@ -1,4 +1,4 @@
-"""A task with its data, and the probe that is chosen for it."""
+"""Resolves a task to its data and its probe."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tactileforge.errors import ConfigError, unknown
 
 @dataclass(frozen=True)
 class Prepared:
-    """A task whose data is at hand.
+    """A task with its opened data.
 
     Attributes:
         task: The task.
@@ -70,7 +70,7 @@ class Choice:
 
 
 def choose(task: Task, overrides: Mapping[str, Any]) -> Choice:
-    """The probe of a task, with what was given for all tasks.
+    """The probe of a task, with the overrides of all tasks.
 
     Raises:
         ConfigError: An unknown probe or option.
@@ -97,7 +97,7 @@ def choose(task: Task, overrides: Mapping[str, Any]) -> Choice:
 
 
 def row_of(task: Task, choice: Choice, selection: str) -> results.Task:
-    """A task as the results know it."""
+    """A task as a row of the results."""
     kinds = {name: metrics.kind(name) for name in task.metrics}
     return results.Task(
         name=task.name,

@@ -1,4 +1,4 @@
-"""What a model was trained on, as far as its file says, and what of it the gate holds out."""
+"""Training data that a model's file names, and its overlap with the gate's held-out data."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def trained_on(header: Header) -> list[str]:
 
 
 def seen(header: Header) -> list[str]:
-    """What training may have seen of that which the gate holds out, sorted; best is none."""
+    """Held-out data of the gate that training may have seen, sorted; ideally none."""
     overlap = []
     for name, held_out in _sets(header.recipe.get("data") or {}):
         for known, share in HELD_OUT.items():
@@ -34,7 +34,7 @@ def seen(header: Header) -> list[str]:
 
 
 def _sets(node: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
-    """Names with the share of objects that is held out; 0 where it is not held out by object."""
+    """Names of data sets with their held-out share of objects; 0 where not split by object."""
     for inner in (node.get("sources") or {}).values():
         yield from _sets(inner)
     layouts = {name: layout for name, layout in (node.get("layouts") or {}).items() if layout}

@@ -1,4 +1,4 @@
-"""Many probes trained at once, on the same batches in the same order."""
+"""Trains many probes at once, on the same batches in the same order."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Params = dict[str, Tensor]
 
 @dataclass(frozen=True)
 class Examples:
-    """Features and what they are to predict, without holding them in memory.
+    """Features and targets, mapped into memory.
 
     Attributes:
         features: Mapped arrays (m, ...), by flip.
@@ -39,7 +39,7 @@ class Examples:
     device: torch.device
 
     def take(self, places: NDArray[np.int64], flip: Flip = PLAIN) -> tuple[Tensor, Values]:
-        """Features, float32, and truth of some clips."""
+        """Features, float32, and truth of the given clips."""
         rows = torch.from_numpy(np.asarray(self.features[flip][self.rows[places]])).to(self.device)
         truth = {name: values[places].to(self.device) for name, values in self.truth[flip].items()}
         return rows.float(), truth
@@ -47,7 +47,7 @@ class Examples:
     def mirrored(
         self, places: NDArray[np.int64], rng: np.random.Generator
     ) -> tuple[Tensor, Values]:
-        """The same, each clip mirrored with a chance of one half in each direction."""
+        """Features and truth of clips, each mirrored with probability 1/2 in each direction."""
         flips = list(self.features)
         if len(flips) == 1:
             return self.take(places)
@@ -89,7 +89,7 @@ class Outcome:
 
 
 class Members:
-    """Probes of one kind that see the same batches.
+    """An ensemble of probes of one kind, trained on the same batches.
 
     Each member has parameters and an optimiser of its own, so it becomes what it would become
     alone; only the passes are shared.
@@ -133,7 +133,7 @@ class Members:
         }
 
     def step(self, rows: Tensor, truth: Values) -> Tensor:
-        """One optimiser step; the loss of each member before it."""
+        """Takes one optimiser step; returns the loss of each member before it."""
         if self.cosine:
             factor = 0.5 * (1 + math.cos(math.pi * self.done / self.steps))
             for group, rate in zip(self.optimiser.param_groups, self.rates, strict=True):
@@ -173,11 +173,11 @@ class Members:
         }
 
     def copies(self, member: int) -> Params:
-        """The parameters of a member, as they are now."""
+        """Copies of the current parameters of a member."""
         return {name: value.detach().clone() for name, value in self.params[member].items()}
 
     def restore(self, member: int, kept: Params) -> None:
-        """Takes back kept parameters."""
+        """Restores copied parameters."""
         with torch.no_grad():
             for name, value in self.params[member].items():
                 value.copy_(kept[name])
@@ -243,7 +243,7 @@ def train(
 
 
 def seeded(build: Callable[[], nn.Module], seed: int) -> Probe:
-    """A probe whose weights are drawn from a seed; the state of the generator is left as it was."""
+    """Builds a probe with seeded weights; the state of the generator is restored."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         probe = build()

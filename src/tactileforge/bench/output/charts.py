@@ -1,4 +1,4 @@
-"""The pictures of a bench, in the style of the report."""
+"""Charts of a benchmark, in the style of the report."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def _r(truth: NDArray[Any], predicted: NDArray[Any]) -> str:
 
 
 def _dots(x: NDArray[Any], y: NDArray[Any], length: float) -> PathPatch:
-    """All dots as one path, a short round line each: a tenth of the bytes of markers."""
+    """Draws all dots as one path of short round lines: a tenth of the bytes of markers."""
     ends = np.stack([np.stack([x, y], 1), np.stack([x + length, y], 1)], 1).reshape(-1, 2)
     codes = np.tile([Path.MOVETO, Path.LINETO], len(x))
     colour = CLASSES[0][0]
@@ -87,7 +87,7 @@ def _dots(x: NDArray[Any], y: NDArray[Any], length: float) -> PathPatch:
 def confusion(
     truth: NDArray[np.int64], predicted: NDArray[np.int64], names: Sequence[str]
 ) -> tuple[str, NDArray[np.int64]]:
-    """Shares of each true class that are predicted as each class.
+    """Confusion matrix, each row normalised by its true class.
 
     Args:
         truth: int64 (N,).

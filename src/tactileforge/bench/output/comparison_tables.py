@@ -1,4 +1,4 @@
-"""The tables of our own numbers: models by tasks, ablations, settings, and every metric."""
+"""Tables of measured numbers: models by tasks, ablations, settings, and every metric."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Columns:
         return metric_head(task.metric(), task.title)
 
     def score(self, task: Task, model: Model) -> Score | None:
-        """What the setting of the main table gave."""
+        """The score of the main setting."""
         return main_score(self.all_scores, task, model)
 
     def column(self, task: Task, models: Sequence[Model]) -> list[Entry]:
@@ -81,7 +81,7 @@ class Columns:
         return (*selection_note, *map(self.notes.letter, reasons))
 
     def without(self, task: Task, model: Model, score: Score | None, metric: str = "") -> Entry:
-        """The entry where there is no number."""
+        """An entry without a number, with its reason as a footnote."""
         if score:
             return Entry("no number", marks=self.marks(score, metric), tone="soft")
         reasons = missing(self.results, task.name, model.name)
@@ -139,7 +139,7 @@ def _seeds(table: Columns, model: Model) -> str:
 
 
 def ablation_table(results: Results, all_scores: Scores) -> Grid | None:
-    """Each ablation against its full model; None where there is none."""
+    """Each ablation against its full model; None without ablations."""
     ablations = [model for model in results.models if model.group == "ablation"]
     if not ablations or not results.tasks:
         return None
@@ -200,7 +200,7 @@ def _ablation_column(
 
 
 def verdict(change: Interval, better: str) -> tuple[str, Tone]:
-    """The sign of a difference, and its tone: filled where it is beyond its interval."""
+    """The sign of a difference, and its tone: filled where it exceeds its interval."""
     if change.mean == 0:
         return "", ""
     worse = (change.mean > 0) == (better == "lower")
@@ -210,7 +210,7 @@ def verdict(change: Interval, better: str) -> tuple[str, Tone]:
 
 
 def settings_table(results: Results, all_scores: Scores) -> Grid | None:
-    """Models by the settings that were tried; None where each has one."""
+    """Models by settings; None where each has only one."""
     tried = {key: some for key, some in all_scores.items() if len(some) > 1}
     if not tried:
         return None
@@ -266,7 +266,7 @@ def _settings_column(
 
 
 def _words_of(setting: dict[str, Any], rows: Sequence[tuple[Model, dict[str, Any]]]) -> str:
-    """The options that are not the same in all rows."""
+    """The options that differ between rows."""
     every = [other for _, other in rows]
     differing = [key for key in setting if any(o.get(key) != setting[key] for o in every)]
     return ", ".join(f"{key}={setting[key]}" for key in differing) or "as published"

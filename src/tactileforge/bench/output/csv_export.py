@@ -1,4 +1,4 @@
-"""Every number of a bench in one CSV file, one a row."""
+"""Exports every number of a benchmark as CSV, one per row."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ COLUMNS = (
 
 
 def long_form(results: Results, all_scores: Scores, rows: Sequence[Published]) -> str:
-    """The text of the file.
+    """The results as CSV text, one number per row.
 
     ``origin`` is ``ours`` or ``published``. Where ``mean`` is empty, ``note`` says why.
     """

@@ -22,7 +22,7 @@ _CAPTION = (
 
 
 def write(folder: Path, results: Results) -> list[Row]:
-    """Writes ``gate.json``; nothing where no probe is in closed form."""
+    """Writes ``gate.json``, unless no probe is in closed form."""
     rows = gate.rows(folder, results)
     if rows:
         plain = gate.plain(rows, results)
@@ -31,7 +31,7 @@ def write(folder: Path, results: Results) -> list[Row]:
 
 
 def grid(gate_rows: Sequence[Row], results: Results) -> Grid | None:
-    """The table; None where there is nothing in it."""
+    """The table of the release gate; None if it is empty."""
     if not gate_rows:
         return None
     names = titles(results)

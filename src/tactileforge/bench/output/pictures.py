@@ -1,4 +1,4 @@
-"""The sections of the bench's page that are drawn: forces, confusions, losses."""
+"""Sections of the benchmark's page with charts: forces, confusion matrices, losses."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _CURVE = 200
 
 
 def drawn(folder: Path, results: Results, all_scores: Scores) -> list[Section]:
-    """Scatter of forces, confusion matrices, and loss curves; only what there is."""
+    """Sections with scatter plots, confusion matrices and loss curves, if there are any."""
     scatters, confusions = "", ""
     for task in results.tasks:
         readings, trouble = _read(folder, results, all_scores, task)
@@ -62,7 +62,7 @@ def _folded(title: str, body: str, is_open: bool) -> str:
 def _read(
     folder: Path, results: Results, all_scores: Scores, task: Task
 ) -> tuple[dict[str, Readings], str]:
-    """Predictions of one task by title of the model, and words on those that are not there."""
+    """Predictions of one task by title of the model, and a note on missing ones."""
     names, readings, trouble = titles(results), {}, []
     for model in results.models:
         score = main_score(all_scores, task, model)
@@ -78,7 +78,7 @@ def _read(
 
 
 def _scatters(task: Task, values: Mapping[str, Readings]) -> str:
-    """A row of panels for each model, one for each axis."""
+    """Scatter plots: a row of panels per model, one per axis."""
     limits = _limits(list(values.values()))
     usual = "N" if any(metric.unit == "mN" for metric in task.metrics) else ""
     body = ""
@@ -101,7 +101,7 @@ def _scatters(task: Task, values: Mapping[str, Readings]) -> str:
 
 
 def _limits(readings: Sequence[Readings]) -> dict[str, tuple[float, float]]:
-    """One range for an axis, in which all true values are, with room around them."""
+    """A shared range per axis that holds all true values with a margin."""
     limits: dict[str, tuple[float, float]] = {}
     for axis in dict.fromkeys(axis for prediction in readings for axis in prediction.columns):
         parts = [

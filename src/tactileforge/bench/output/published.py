@@ -1,4 +1,4 @@
-"""Numbers that others published, from the cards of the zoo; kept apart from our own."""
+"""Published numbers of the cards of the zoo, kept apart from measured ones."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Published:
 
 
 def of_zoo() -> list[Published]:
-    """What others measured, of all cards, in the order of their names."""
+    """Published numbers of all cards, in the order of their names."""
     return [
         Published(f"{card.name}.{r.model}", r.task, r.metric, r.value, r.unit, r.source)
         for card in map(cards.read, cards.names())
@@ -45,7 +45,7 @@ def of_zoo() -> list[Published]:
 
 
 def same(ours: str, theirs: str) -> bool:
-    """Whether two names mean the same: letters and digits count, and neither case nor ``of``.
+    """Whether two names are equal up to case, punctuation and the word ``of``.
 
     Example:
         >>> same("rmse_sum_axes", "RMSE, sum of axes")
@@ -89,7 +89,7 @@ _NONE = Entry("not published", tone="soft")
 
 
 def of_task(task: Task, rows: Sequence[Published]) -> list[tuple[Published, str]]:
-    """What was published for the same task and one of its metrics, with our name of the metric."""
+    """Published numbers for the same task and one of its metrics, with our name of the metric."""
     return [
         (row, metric.name)
         for row in rows
@@ -100,7 +100,7 @@ def of_task(task: Task, rows: Sequence[Published]) -> list[tuple[Published, str]
 
 
 def beside_tables(results: Results, all_scores: Scores, rows: Sequence[Published]) -> list[Grid]:
-    """Our numbers beside published ones: a table for each task and metric that both have."""
+    """Measured beside published numbers: a table for each task and metric that both have."""
     grids = []
     for task in results.tasks:
         pairs = of_task(task, rows)
@@ -112,7 +112,7 @@ def beside_tables(results: Results, all_scores: Scores, rows: Sequence[Published
 
 
 def _beside(table: Columns, task: Task, metric: str, theirs: dict[str, Published]) -> Grid | None:
-    """None where we have no number."""
+    """A table of measured beside published numbers; None without a measured one."""
     models = {model.name: model for model in main_models(table.results)}
     scores = {name: table.score(task, model) for name, model in models.items()}
     ours = {name: score.interval(metric) if score else None for name, score in scores.items()}

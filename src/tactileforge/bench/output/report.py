@@ -1,4 +1,4 @@
-"""The page of a bench: its tables and pictures in one HTML file."""
+"""The page of a benchmark: tables and charts in one HTML file."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def bench_page(
     rows: Sequence[Published],
     gate: Grid | None = None,
 ) -> str:
-    """The whole page.
+    """The complete page as HTML.
 
     Args:
         folder: Where the predictions lie.
@@ -81,7 +81,7 @@ def _top(results: Results, all_scores: Scores) -> str:
 
 
 def _leaders(results: Results, all_scores: Scores) -> list[tuple[str, str]]:
-    """Which models are first, and in which tasks that is beyond the interval to the second."""
+    """Best models by task, and the tasks in which the lead exceeds the interval."""
     first: dict[str, list[str]] = {}
     clear = compared = 0
     for task in results.tasks:

@@ -1,4 +1,4 @@
-"""Writes what a bench found: tables for reading and for papers, every number, and a page.
+"""Writes the results of a benchmark: tables as Markdown and LaTeX, a CSV file, and a page.
 
 A number is the mean over seeds with its 95 % interval. What was not run says so, and why.
 """
@@ -55,7 +55,7 @@ def write_all(folder: Path) -> list[Path]:
 def tables(
     results: Results, all_scores: Scores, rows: list[Published], gate: Grid | None = None
 ) -> list[Grid]:
-    """The tables, our own first; only those that have something to say."""
+    """All tables that are not empty, measured numbers first."""
     grids = [
         gate,
         comparison_tables.main_table(results, all_scores),

@@ -1,4 +1,4 @@
-"""The release gate: is a model better than random weights and than raw pixels, beyond the interval?
+"""The release gate: compares a model with random weights and raw pixels, beyond the interval.
 
 Every test clip is scored, clips of one recording (or object) are drawn together, with replacement,
 and differences are taken within a draw: the paired bootstrap over groups, by percentiles. Of random
@@ -32,7 +32,7 @@ Sums = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Tally:
-    """A score as sums over groups, so that drawing groups again is a product of matrices.
+    """A score as sums over groups, so that the bootstrap over groups is a matrix product.
 
     The score is ``start + sign * mean_k(top_k / bottom_k)``, tops and bottoms summed over groups.
 
@@ -51,7 +51,7 @@ class Tally:
     sign: float
 
     def scores(self, counts: Sums) -> Sums:
-        """The score of each draw, (draws,), of how often each group was drawn, (draws, groups)."""
+        """Scores (draws,) from the number of times each group was drawn, (draws, groups)."""
         top, bottom = counts @ self.top, counts @ self.bottom
         there = bottom > 0
         share = np.divide(top, bottom, out=np.zeros_like(top), where=there)
@@ -108,7 +108,7 @@ class Score:
 
 
 def compared(tallies: Sequence[Tally], others: Sequence[Tally] = ()) -> Score:
-    """The mean of some networks, or what it is above that of others.
+    """Mean score of some networks, or its difference to that of others, by the bootstrap.
 
     Args:
         tallies: A tally each.
@@ -140,7 +140,7 @@ def compared(tallies: Sequence[Tally], others: Sequence[Tally] = ()) -> Score:
 
 @dataclass(frozen=True)
 class Row:
-    """A model in a task, by one reading of its features.
+    """A model in a task, with one kind of features.
 
     Attributes:
         task: Name of the task.
@@ -158,12 +158,12 @@ class Row:
 
     @property
     def beats(self) -> bool:
-        """Whether it is better than random weights and than pixels, both beyond the interval."""
+        """Whether it beats random weights and pixels, both beyond the interval."""
         return all(name in self.above and self.above[name].low > 0 for name in AGAINST)
 
 
 def rows(folder: Path, results: Results) -> list[Row]:
-    """Every model in every task, in each reading.
+    """Rows of the gate: every model in every task, with each kind of features.
 
     Args:
         folder: Of a bench.
@@ -198,7 +198,7 @@ def _of(folder: Path, cell: Cell, task: Task) -> Tally:
 def _others(
     cells: Mapping[tuple[str, str], list[Tally]], model: Model, reading: str
 ) -> dict[str, list[Tally]]:
-    """What a model is compared with; baselines have one reading for both."""
+    """Tallies of the baselines of a model; baselines have one kind of features for both."""
     if is_baseline(model.name):
         return {}
     random = cells.get((f"untrained:{model.name}", reading))
@@ -210,12 +210,12 @@ def _others(
 
 
 def is_baseline(name: str) -> bool:
-    """Whether nothing was trained behind a row."""
+    """Whether the model of a row is untrained."""
     return name in _BASELINES or name.startswith("untrained:")
 
 
 def passes(gate_rows: Sequence[Row], model: str) -> dict[str, Any]:
-    """Tasks that a model wins in each reading, and whether those are the majority in both."""
+    """Tasks won with each kind of features, and whether they are the majority in both."""
     out: dict[str, Any] = {"passes": bool(gate_rows)}
     for reading in ("pooled", "patches"):
         readings = [row for row in gate_rows if row.model == model and row.reading == reading]

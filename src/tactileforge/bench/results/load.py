@@ -1,4 +1,4 @@
-"""``results.json``, read strictly."""
+"""Loads ``results.json`` strictly."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _CHOICES = {
 
 
 def read(folder: Path) -> Results:
-    """Reads ``results.json`` of a bench.
+    """Reads ``results.json`` of a benchmark.
 
     Raises:
         DataNotFoundError: There is none in the folder.
@@ -87,7 +87,7 @@ def _build(path: Path, content: dict[str, Any]) -> Results:
 
 
 def _row(where: str, key: str, content: Any) -> Any:
-    """One entry of a list; null stands for a default, as ``epoch`` of a probe without epochs."""
+    """Builds one entry of a list; null means the default, as for ``epoch`` of a closed form."""
     row = {
         name: value for name, value in strict.mapping(where, content).items() if value is not None
     }
@@ -125,7 +125,7 @@ def _row(where: str, key: str, content: Any) -> Any:
 
 
 def _numbers(where: str, values: Any) -> Any:
-    """The numbers of a list; anything else is left to the check of types."""
+    """Numbers of a list as floats; anything else is left to the type check."""
     if not isinstance(values, list):
         return values
     return [_number(where, value) for value in values]
@@ -140,7 +140,7 @@ def _number(where: str, value: Any) -> float:
 
 
 def _check(path: Path, results: Results) -> None:
-    """What types do not say."""
+    """Validates what the types cannot express."""
     tasks = {task.name: task for task in results.tasks}
     models = {model.name for model in results.models}
     _once(f"{path}: task", [task.name for task in results.tasks])

@@ -1,4 +1,4 @@
-"""When a grasped object is lost, as far as the pictures tell."""
+"""Estimates from the images when a grasped object is lost."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def energy(recording: Recording) -> NDArray[np.float64]:
 
 
 def held(change: NDArray[np.float64]) -> tuple[int, int] | None:
-    """The first and last frame of the last contact.
+    """First and last frame of the last contact.
 
     None where the recording ends in contact, or never has any.
 

@@ -1,4 +1,4 @@
-"""What is known of a recording, by name: what splits go by."""
+"""Facts of a recording by name, for splits and filters."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tactileforge.errors import ConfigError
 
 
 def fact(source: Source, number: int, name: str) -> str:
-    """What is known of a recording; see `suite.Plan`.
+    """Looks up a fact of a recording by name; see `suite.Plan`.
 
     Raises:
         ConfigError: Nothing is known by that name.

@@ -1,4 +1,4 @@
-"""The clips of a task: recordings of a data set, and the moments that are shown."""
+"""Clips of a task: recordings of a data set, and their frame indices."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _SMALL = (8, 8)
 
 
 class Source:
-    """Recordings with the side they are of, and an index of clips that all models share.
+    """Recordings with their sides of the data set, and an index of clips shared by all models.
 
     Args:
         recordings: What to cut.
@@ -57,7 +57,7 @@ class Source:
 
     @cached_property
     def fingerprint(self) -> str:
-        """Changes with what the clips show: names, places, and a picture of each recording."""
+        """Hash of the clips: names, indices, and one image of each recording."""
         digest = hashlib.sha256(np.ascontiguousarray(self.index).tobytes())
         for recording in self.recordings:
             digest.update(f"{recording.key} {recording.sensor} {recording.frames.shape}".encode())
@@ -98,7 +98,7 @@ def open_source(data: Mapping[str, Any], sides: tuple[str, ...], clip: Clip) -> 
 
 
 def _node(data: Mapping[str, Any]) -> dict[str, Any]:
-    """The plugin's node; that of a preset keeps only the layouts asked for."""
+    """The plugin's configuration; a preset keeps only the requested layouts."""
     node = dict(data)
     preset = node.pop("preset", None)
     if preset is None:

@@ -1,4 +1,4 @@
-"""Who trains, who selects, who tests; and the proof that they are not the same."""
+"""Train, validation and test splits, and leakage checks."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def build(task: Task, source: Source, target: Target) -> list[Split]:
 
 
 def names(source: Source, target: Target, places: NDArray[np.int64], fact_name: str) -> list[str]:
-    """The fact of the recording of each clip, by places in the clips of a target."""
+    """A fact of the recording of each clip, by places in the clips of a target."""
     numbers = source.index[target.clips[places], 0].tolist()
     known = {number: fact(source, number, fact_name) for number in set(numbers)}
     return [known[number] for number in numbers]
@@ -77,7 +77,7 @@ def names(source: Source, target: Target, places: NDArray[np.int64], fact_name: 
 def check(
     task: Task, source: Source, train: Sequence[int], validation: Sequence[int], test: Sequence[int]
 ) -> None:
-    """Raises a ConfigError where two uses share frames, or a fact that has to be unseen."""
+    """Leakage check: raises a ConfigError where two splits share frames or an unseen fact."""
     uses = {"train": train, "validation": validation, "test": test}
     spans = [
         (*_span(source.recordings[n].key), use) for use, chosen in uses.items() for n in chosen
@@ -103,7 +103,7 @@ def check(
 
 
 def _span(key: str) -> tuple[str, float, float]:
-    """A recording without its parts, and the frames of it."""
+    """Key of the whole recording, and the range of frames of this part."""
     start, stop = 0, float("inf")
     for part in _PART.finditer(key):
         start, stop = start + int(part[1]), start + int(part[2])
@@ -111,7 +111,7 @@ def _span(key: str) -> tuple[str, float, float]:
 
 
 def _strata(numbers: Sequence[int], of: NDArray[np.int64], target: Target) -> dict[int, int]:
-    """The class of each recording all of whose clips have the same; else -1."""
+    """Stratum of each recording: its class if all clips agree, else -1."""
     names = target.names
     if names is None:
         return dict.fromkeys(numbers, -1)
@@ -123,7 +123,7 @@ def _strata(numbers: Sequence[int], of: NDArray[np.int64], target: Target) -> di
 
 
 def _ordered(names: Mapping[int, str], stratum: Mapping[int, int]) -> dict[int, list[str]]:
-    """Groups by stratum, in an order that only their names decide."""
+    """Groups by stratum, in an order that depends only on their names."""
     strata: dict[str, set[int]] = {}
     for number, name in names.items():
         strata.setdefault(name, set()).add(stratum[number])
@@ -135,7 +135,7 @@ def _ordered(names: Mapping[int, str], stratum: Mapping[int, int]) -> dict[int, 
 
 
 def _folds(names: Mapping[int, str], stratum: Mapping[int, int], folds: int) -> dict[str, int]:
-    """Deals groups to folds, stratum by stratum."""
+    """Assigns groups to stratified folds."""
     dealt = [name for group in _ordered(names, stratum).values() for name in group]
     if len(dealt) < folds:
         raise ConfigError(f"{folds} folds of {len(dealt)} groups; give split.folds fewer")

@@ -1,4 +1,4 @@
-"""What clips are to predict: labels of recordings become numbers."""
+"""Prediction targets of clips, from labels of recordings."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _NUMBERS = "numbers:"
 
 @dataclass(frozen=True)
 class Part:
-    """One thing that is predicted.
+    """One predicted quantity.
 
     Attributes:
         kind: ``classes``, ``force`` (N), ``place`` (shares of the width of the image), or
@@ -46,17 +46,17 @@ class Part:
 
     @property
     def outputs(self) -> int:
-        """Numbers that a probe gives for it."""
+        """Number of outputs of a probe."""
         columns = self.truth.shape[1]
         return columns * len(self.names) if self.kind == "classes" else columns
 
     @property
     def normalised(self) -> Tensor:
-        """The truth as a probe learns it."""
+        """The truth in normalised units."""
         return self.truth / self.scale
 
     def flipped(self, horizontal: bool, vertical: bool) -> Part:
-        """The truth of mirrored clips."""
+        """The truth for mirrored clips."""
         if not (horizontal or vertical):
             return self
         if self.kind in ("place", "numbers"):
@@ -77,7 +77,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Target:
-    """What the clips of a source are to predict.
+    """Prediction targets of the clips of a source.
 
     Attributes:
         parts: By name; all have the same length.
@@ -132,7 +132,7 @@ def build(task: Task, source: Source) -> Target:
 
 
 def _partial(parts: dict[str, Part]) -> str:
-    """Which axes of a force are known, where some are, and clips with all of them are none."""
+    """Part of an error: the known axes of a force, where no clip has all of them."""
     for part in parts.values():
         known = part.truth.isfinite().any(0).tolist()
         if part.kind == "force" and any(known):
@@ -197,7 +197,7 @@ def _newton(task: Task, source: Source, change: bool) -> Part:
 
 
 def _slips(recording: Recording, first: int, last: int) -> str | None:
-    """As labelled; in simulation whether shear has reached the friction cone."""
+    """Slip labels; in simulation whether shear has reached the friction cone."""
     slip = recording.tracks.get("slip")
     if slip is not None:
         return ("stick", "slip")[int(slip[last] > 0)]
@@ -242,7 +242,7 @@ def _place(task: Task, source: Source) -> dict[str, Part]:
 
 
 def _numbers(source: Source, columns: list[str]) -> Part:
-    """Labels as numbers; ``_px`` in a name stands for pixels, which are counted in widths."""
+    """Numeric labels; those in pixels (``_px``) become shares of the image width."""
 
     def value(recording: Recording, first: int, last: int) -> list[float]:
         row = [float(recording.labels.get(name, np.nan)) for name in columns]
@@ -261,7 +261,7 @@ def _time(task: Task, source: Source) -> dict[str, Part]:
 
 
 def _losing(task: Task, source: Source) -> dict[str, Part]:
-    """Whether a grasped object is held, or about to be lost; recordings that are used alone."""
+    """Whether a grasped object is held, or about to be lost; only recordings that pass the filter."""
     grasps = {
         number: contact.held(contact.energy(recording))
         for number, recording in enumerate(source.recordings)

@@ -1,4 +1,4 @@
-"""Probes by name: what is trained on the features of an encoder.
+"""Probes by name: small models trained on the features of an encoder.
 
 A new probe is a file here with a subclass of `base.Probe`, and a line in `PROBES`.
 """

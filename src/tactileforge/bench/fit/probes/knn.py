@@ -1,4 +1,4 @@
-"""The probe ``knn``: the nearest training clips vote; nothing is trained."""
+"""The probe ``knn``: a vote of the nearest training clips, without training."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from tactileforge.bench.tasks.targets import Part
 
 
 class Ridge(Probe):
-    """Ridge on standardised features; nothing is drawn, and nothing but the penalty is chosen.
+    """Ridge regression on standardised features, deterministic; only the penalty is chosen.
 
     The penalty is that of the best predictions of training samples whose group is left out, in
     closed form: of each column alone where it is a number, of the classes together by balanced
@@ -34,7 +34,7 @@ class Ridge(Probe):
     def solve(
         self, known: Tensor, truth: Values, groups: Sequence[str], asked: Tensor
     ) -> tuple[Values, Values]:
-        """Predictions of the training samples, each without its group, and of others.
+        """Leave-group-out predictions of the training samples, and predictions of new ones.
 
         Args:
             known: (n, d), features of the training samples.
@@ -82,7 +82,7 @@ def _decoded(part: Part, values: Tensor) -> Tensor:
 
 
 def _best(part: Part, tried: Tensor, truth: Tensor) -> Tensor:
-    """Which penalty each column of the regression takes, int64 (k,).
+    """Index of the best penalty of each column of the regression, int64 (k,).
 
     Args:
         part: What is predicted.
@@ -100,6 +100,6 @@ def _best(part: Part, tried: Tensor, truth: Tensor) -> Tensor:
 
 
 def _chosen(rows: Sequence[Tensor], best: Tensor) -> Tensor:
-    """Each column from the row that it takes, (n, k)."""
+    """Gathers each column from its chosen row, (n, k)."""
     stacked = torch.stack(list(rows))
     return stacked[best, :, torch.arange(len(best))].T
