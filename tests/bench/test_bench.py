@@ -142,9 +142,9 @@ def test_cells_that_are_there_are_kept(
     bench(tmp_path, {"force": FORCE}).run(tiny())
     before = (tmp_path / "results.json").read_text()
     trained: list[str] = []
-    run = bench_run.cells.run
+    run = bench_run.evaluate.run
     monkeypatch.setattr(
-        bench_run.cells, "run", lambda one, *rest: trained.append(one.task.name) or run(one, *rest)
+        bench_run.evaluate, "run", lambda one, *rest: trained.append(one.task.name) or run(one, *rest)
     )
     bench(tmp_path, {"force": FORCE}).run(tiny())
     assert trained == []
@@ -168,7 +168,7 @@ def test_a_bench_of_other_models_forgets_no_cell(
     bench(tmp_path, {"force": FORCE}).run(tiny("a"))
     bench(tmp_path, {"force": FORCE}).run(tiny("b"))
     assert {cell.model for cell in load.read(tmp_path).cells} == {"b"}
-    monkeypatch.setattr(bench_run.cells, "run", None)
+    monkeypatch.setattr(bench_run.evaluate, "run", None)
     both = bench(tmp_path, {"force": FORCE})
     both.run(tiny("a"))
     both.run(tiny("b"))
@@ -272,9 +272,7 @@ def test_an_overlap_stops_the_bench(data: Any, tmp_path: Path, monkeypatch: Any)
 
 
 def test_a_metric_that_is_no_number(data: Any, tmp_path: Path, monkeypatch: Any) -> None:
-    monkeypatch.setattr(
-        bench_run.metrics.RmseSumAxes, "compute", lambda _: torch.tensor(float("nan"))
-    )
+    monkeypatch.setattr(bench_run.metrics.PerAxis, "compute", lambda _: torch.tensor(float("nan")))
     bench(tmp_path, {"force": FORCE, "hard": HARD}).run(tiny())
     ((task, model, reason),) = not_run(tmp_path)
     assert (task, model) == ("force", "tiny")

@@ -54,7 +54,7 @@ def test_conformance_with_a_file(video):
 
 
 class Sensor:
-    """What is public of the vendor's software: pictures by number, at a hundred a second."""
+    """Public interface of the vendor's software: numbered images, 100 per second."""
 
     opened: list = []  # noqa: RUF012
     status = 0

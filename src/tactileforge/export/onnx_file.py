@@ -58,7 +58,7 @@ class OnnxFile:
         _clean(self.model)
 
     def quantise(self, path: Path) -> None:
-        """Quantises the weights of linear layers to int8, one scale per column; overwrites ``path``.
+        """Quantises the weights of linear layers to int8, one scale per column, in place.
 
         Activations become 8 bits as they come, one scale a tensor.
         """

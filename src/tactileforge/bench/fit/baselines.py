@@ -56,7 +56,7 @@ class Statistics(Flat):
     """Statistics of the last frame: moments, quantiles, gradients and rings of the spectrum."""
 
     def read(self, x: Tensor) -> Tensor:
-        """See the class."""
+        """(B, width): moments, quantiles, gradients and spectrum of the last frame."""
         last = x[:, -1]
         flat = last.flatten(2)
         mean, spread = flat.mean(2), flat.std(2)
@@ -74,7 +74,7 @@ class Motion(Flat):
     """Energy of the change from the background, and between the frames, of each channel."""
 
     def read(self, x: Tensor) -> Tensor:
-        """See the class."""
+        """(B, width): energies of the changes."""
         still = x[:, -1] - x[:, -1].median(dim=3, keepdim=True).values
         change = x[:, -1] - x[:, 0]
         parts = [part.flatten(2) for part in (x[:, -1], still, change)]
@@ -89,7 +89,7 @@ class Hog(Flat):
     """
 
     def read(self, x: Tensor) -> Tensor:
-        """See the class."""
+        """(B, width): normalised histograms of the last frame."""
         grey = F.pad(x[:, -1].mean(1, keepdim=True), (1, 1, 1, 1), mode="replicate")
         dx = grey[:, :, 1:-1, 2:] - grey[:, :, 1:-1, :-2]
         dy = grey[:, :, 2:, 1:-1] - grey[:, :, :-2, 1:-1]
@@ -121,7 +121,7 @@ class Chance(Flat):
     """No features: a probe predicts the mean, or the first class."""
 
     def read(self, x: Tensor) -> Tensor:
-        """See the class."""
+        """(B, 1) zeros."""
         return torch.zeros(len(x), 1, device=x.device)
 
 

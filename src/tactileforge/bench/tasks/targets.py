@@ -261,7 +261,7 @@ def _time(task: Task, source: Source) -> dict[str, Part]:
 
 
 def _losing(task: Task, source: Source) -> dict[str, Part]:
-    """Whether a grasped object is held, or about to be lost; only recordings that pass the filter."""
+    """Whether a grasped object is held, or about to be lost; of the recordings in use."""
     grasps = {
         number: contact.held(contact.energy(recording))
         for number, recording in enumerate(source.recordings)
