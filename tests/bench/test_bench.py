@@ -143,9 +143,12 @@ def test_cells_that_are_there_are_kept(
     before = (tmp_path / "results.json").read_text()
     trained: list[str] = []
     run = bench_run.evaluate.run
-    monkeypatch.setattr(
-        bench_run.evaluate, "run", lambda one, *rest: trained.append(one.task.name) or run(one, *rest)
-    )
+
+    def counted(prepared: Any, *rest: Any) -> Any:
+        trained.append(prepared.task.name)
+        return run(prepared, *rest)
+
+    monkeypatch.setattr(bench_run.evaluate, "run", counted)
     bench(tmp_path, {"force": FORCE}).run(tiny())
     assert trained == []
     assert (tmp_path / "results.json").read_text() == before

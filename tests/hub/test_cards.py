@@ -135,7 +135,7 @@ def test_cards_at_fault_are_named(
 
 
 def test_a_page_without_front_matter_is_no_card(card_text: Callable[..., str]) -> None:
-    with pytest.raises(ConfigError, match="no front matter"):
+    with pytest.raises(ConfigError, match="does not start with front matter"):
         cards.parse("thing", "# Thing\n", False)
     with pytest.raises(ConfigError, match="card thing: while"):
         cards.parse("thing", "---\ntitle: [\n---\n", False)

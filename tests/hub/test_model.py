@@ -178,7 +178,7 @@ def test_backgrounds_that_do_not_fit(model: Model, frames: np.ndarray, still: np
 
 def test_sensors(model: Model, frames: np.ndarray, vit: TactileViT) -> None:
     assert model.sensors == list(vit.sensors)
-    with pytest.raises(ConfigError, match=r"which sensor\?.*gelsight, digit"):
+    with pytest.raises(ConfigError, match=r"no sensor is named: .*gelsight, digit"):
         model.encode(frames, "none")
     with pytest.raises(ConfigError, match=r"did you mean 'digit'.*unknown_sensor='universal'"):
         model.encode(frames, "none", "digitt")

@@ -232,7 +232,7 @@ def parse(name: str, text: str, recipe: bool) -> Card:
     where = f"card {name}"
     match = re.match(r"---\n(.*?)\n---\n(.*)", text, re.S)
     if not match:
-        raise ConfigError(f"{where}: starts with no front matter between two lines of ---")
+        raise ConfigError(f"{where}: does not start with front matter between two lines of ---")
     try:
         front = yaml.load(match[1], _Loader)
     except yaml.YAMLError as error:
@@ -262,7 +262,7 @@ def _check(card: Card) -> None:
         if bool(weight.file) + bool(weight.url) + bool(weight.layout) != 1:
             raise ConfigError(f"{place}: give one of file, url and layout")
         if weight.layout and not weight.source:
-            raise ConfigError(f"{place}: say in source where the published file is to be had")
+            raise ConfigError(f"{place}: state in source where the published file is available")
         verified = re.fullmatch(r"[0-9a-f]{64}", weight.sha256) and weight.bytes > 0
         if not weight.layout and not verified:
             raise ConfigError(f"{place}: sha256 (64 hexadecimal digits) and bytes are needed")

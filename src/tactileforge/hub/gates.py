@@ -100,9 +100,9 @@ def read(folder: str | Path, tag: str, words: Sequence[str], sha256: str = "") -
     gate = json.loads(path.read_text("utf-8"))
     name = next((word for word in words if word in gate["models"]), None)
     if name is None:
-        raise DataError(f"{path}: it measured {', '.join(gate['models'])}, not {words[0]}")
+        raise DataError(f"{path}: measured {', '.join(gate['models'])}, not {words[0]}")
     if sha256 not in ("", gate["models"][name]["sha256"]):
-        raise DataError(f"{path}: it measured other weights of {name}; run the bench again")
+        raise DataError(f"{path}: measured other weights of {name}; run the bench again")
     chance = {row["task"]: row["value"] for row in gate["rows"] if row["model"] == "chance"}
     chosen = [row for row in gate["rows"] if row["model"] == name]
     return [_row(path, gate, row, tag, chance) for row in chosen]

@@ -402,7 +402,9 @@ class Model:
             sensor = ""
         elif sensor is None:
             if len(known) > 1:
-                raise ConfigError(f"which sensor? Give sensor=..., one of: {', '.join(known)}")
+                raise ConfigError(
+                    f"no sensor is named: give sensor=..., one of: {', '.join(known)}"
+                )
             sensor = next(iter(known))
         names = [sensor] * count if isinstance(sensor, str) else list(sensor)
         if len(names) != count:

@@ -127,7 +127,7 @@ def _choose(
         return "slow", _below(slow[0], state)
     copies = ", ".join(place.removesuffix(".network.") for place in slow) or "none"
     raise ConfigError(
-        f"{run}: one slow copy of the encoder is wanted, found {copies}; give encoder=trained"
+        f"{run}: expected one slow copy of the encoder, found {copies}; give encoder=trained"
     )
 
 

@@ -43,7 +43,7 @@ class ClipBuffer:
     Args:
         frames: Of a clip, T.
         spacing: Seconds between them; 0 for one frame.
-        prepare: Makes of a picture what the model is shown.
+        prepare: Makes of an image what the model is shown.
     """
 
     def __init__(
@@ -60,12 +60,12 @@ class ClipBuffer:
 
     def push(self, frame: Frame) -> None:
         """Adds a frame and drops those that no clip needs any more."""
-        picture = self.prepare(frame.array)
+        image = self.prepare(frame.array)
         horizon = frame.time - (self.frames - 1) * self.spacing - _BEYOND
         with self._lock:
             self.count += 1
             self._newest = frame
-            self._items.append((frame.time, picture))
+            self._items.append((frame.time, image))
             while len(self._items) > self.frames + 1 and self._items[0][0] < horizon:
                 self._items.popleft()
 

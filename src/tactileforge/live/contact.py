@@ -73,13 +73,13 @@ class Difference:
         self._size = (max(1, width // _SQUARE), max(1, height // _SQUARE))
         self._still = self._small(background)
 
-    def _small(self, picture: NDArray[np.uint8]) -> NDArray[np.float32]:
-        small = cv2.resize(picture, self._size, interpolation=cv2.INTER_AREA)
+    def _small(self, image: NDArray[np.uint8]) -> NDArray[np.float32]:
+        small = cv2.resize(image, self._size, interpolation=cv2.INTER_AREA)
         return np.asarray(small, np.float32)
 
-    def __call__(self, picture: NDArray[np.uint8]) -> float:
+    def __call__(self, image: NDArray[np.uint8]) -> float:
         """The difference of uint8 (H, W, 3), grey levels."""
-        return float(np.percentile(np.abs(self._small(picture) - self._still).max(-1), 99))
+        return float(np.percentile(np.abs(self._small(image) - self._still).max(-1), 99))
 
 
 class Contact:

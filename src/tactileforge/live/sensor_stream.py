@@ -39,8 +39,8 @@ class Reading:
         number: Of the frame, counted from 1.
         time: When it was taken, monotonic seconds.
         difference: From the background, grey levels.
-        contact: Whether anything touches; None where the picture is no good.
-        force: N, x, y and z; None where the model gives none, or the picture is no good.
+        contact: Whether anything touches; None where the image is invalid.
+        force: N, x, y and z; None where the model gives none, or the image is invalid.
         slip: See `contact.Slip`; None without forces.
         latency: Seconds from the frame to this reading.
         trouble: One of `health.TROUBLES`; "" for none.
@@ -132,15 +132,15 @@ class Finger:
         self._difference = Difference(self.background)
         self._last = self._frozen = 0
 
-    def prepare(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def prepare(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Prepares an image as in training.
 
-        A model that was trained here saw pictures of the size of its input; what was imported does
+        A model that was trained here saw images of the size of its input; what was imported does
         its own resizing.
         """
         if self.model is None or not self.model.recipe:
-            return picture
-        return resized(picture, self.model.encoder.image_size)
+            return image
+        return resized(image, self.model.encoder.image_size)
 
     def sink(self, frame: Frame) -> None:
         """Receives a frame in the sensor's thread."""
@@ -156,26 +156,26 @@ class Finger:
         """Begins to keep frames without contact."""
         self._seen = []
 
-    def take_background(self, options: Background, picture: NDArray[np.uint8] | None) -> None:
+    def take_background(self, options: Background, image: NDArray[np.uint8] | None) -> None:
         """Takes the background from the frames since `begin_background`, or as given.
 
         Args:
             options: ``seconds`` 0 takes the newest frame, unchecked.
-            picture: uint8 (H, W, 3), RGB; None takes the frames.
+            image: uint8 (H, W, 3), RGB; None takes the frames.
 
         Raises:
-            SensorError: Something touches, or there is no picture.
-            ConfigError: The picture has another size than the frames.
+            SensorError: Something touches, or there is no image.
+            ConfigError: The image has another size than the frames.
         """
         seen, self._seen = self._seen or [], None
         spec = self.sensor.spec
-        if picture is not None:
-            if picture.shape[:2] != (spec.height, spec.width):
+        if image is not None:
+            if image.shape[:2] != (spec.height, spec.width):
                 raise ConfigError(
-                    f"{self.name}: the background has {picture.shape[:2]} pixels, and its frames "
+                    f"{self.name}: the background has {image.shape[:2]} pixels, and its frames "
                     f"{(spec.height, spec.width)}"
                 )
-            self.background = picture
+            self.background = image
         elif options.seconds:
             background.check(self.name, seen, options.threshold)
             chosen = background.chosen(seen, options.frames)
@@ -270,9 +270,9 @@ def picture_of(path: str) -> NDArray[np.uint8]:
     """A background from a file, uint8 (H, W, 3), RGB.
 
     Raises:
-        ConfigError: It is no picture.
+        ConfigError: It is not an image.
     """
     image = cv2.imread(path, cv2.IMREAD_COLOR)
     if image is None:
-        raise ConfigError(f"background.image={path}: not a picture that can be read")
+        raise ConfigError(f"background.image={path}: not a readable image")
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)

@@ -20,7 +20,7 @@ from tactileforge.live.page import html
 from tactileforge.live.sensor_stream import Finger
 from tactileforge.live.session import Show
 
-#: Pixels of the longer side of a picture on the page, and of the shorter side of a small one.
+#: Pixels of the longer side of an image on the page, and of the shorter side of a small one.
 _LARGE = 480
 #: By how much differences are strengthened, to be seen.
 _GAIN = 2.0
@@ -176,22 +176,22 @@ def _of(finger: Finger, after: float, now: float) -> dict[str, Any]:
     }
 
 
-def difference(picture: NDArray[np.uint8], background: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def difference(image: NDArray[np.uint8], background: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Difference image: image less background, gain 2, around mid-grey."""
-    if picture.shape != background.shape:
-        return picture
-    change = picture.astype(np.float32) - background
+    if image.shape != background.shape:
+        return image
+    change = image.astype(np.float32) - background
     return np.asarray((128 + _GAIN * change).clip(0, 255), np.uint8)
 
 
-def jpeg(picture: NDArray[np.uint8]) -> bytes:
+def jpeg(image: NDArray[np.uint8]) -> bytes:
     """Encodes an RGB image as JPEG, resized to fit the page."""
-    longest = max(picture.shape[:2])
+    longest = max(image.shape[:2])
     if longest > _LARGE:
         factor, how = _LARGE / longest, cv2.INTER_AREA
     else:
         factor, how = max(1, _LARGE // (2 * longest)), cv2.INTER_NEAREST
-    sized = cv2.resize(picture, None, fx=factor, fy=factor, interpolation=how)
+    sized = cv2.resize(image, None, fx=factor, fy=factor, interpolation=how)
     good, data = cv2.imencode(".jpg", cv2.cvtColor(sized, cv2.COLOR_RGB2BGR))
-    assert good  # a picture in memory can be written
+    assert good  # an image in memory can be written
     return bytes(data.tobytes())

@@ -107,7 +107,7 @@ class Show:
             raise ConfigError("no sensor: choose some, e.g. sensor=digit")
         for name, sensor in sensors.items():
             if sensor.spec.kind == "wrench":
-                raise ConfigError(f"{name} is a wrench sensor: it has no pictures to show")
+                raise ConfigError(f"{name} is a wrench sensor: it has no images to show")
         self.sensors, self.model = dict(sensors), model
         self.options = options or ShowOptions()
         self.fingers: dict[str, Finger] = {}
@@ -161,7 +161,7 @@ class Show:
         while silent := [f for f in self.fingers.values() if not f.buffer.count]:
             self.check()
             if time.monotonic() > end or silent[0].capture.ended:
-                raise SensorError(f"{silent[0].name}: gives nothing; is it on?")
+                raise SensorError(f"{silent[0].name}: delivers no frames; is it on?")
             time.sleep(0.01)
 
     def check(self) -> None:
@@ -174,11 +174,11 @@ class Show:
         """Takes the background of every sensor; nothing may touch it meanwhile.
 
         Raises:
-            SensorError: Something touches, or a sensor gives no good picture.
-            ConfigError: The picture given instead does not fit.
+            SensorError: Something touches, or a sensor delivers no valid image.
+            ConfigError: The image given instead does not fit.
         """
         options = self.options
-        picture = picture_of(options.image) if options.image else None
+        image = picture_of(options.image) if options.image else None
         for finger in self.fingers.values():
             finger.begin_background()
         end = time.monotonic() + (0.0 if options.image else options.background.seconds)
@@ -186,7 +186,7 @@ class Show:
             time.sleep(0.02)
             self.check()
         for finger in self.fingers.values():
-            finger.take_background(options.background, picture)
+            finger.take_background(options.background, image)
 
     def readings(self, stop: threading.Event | None = None) -> Iterator[Reading | None]:
         """Readings of the newest frames as they arrive; None at intervals while none arrives.

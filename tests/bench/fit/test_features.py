@@ -214,7 +214,7 @@ def test_clips_that_cannot_be_read_are_not_replaced(subject: Subject, store: Sto
 
     of = source()
     of.recordings[1] = replace(of.recordings[1], frames=Broken(np.zeros((12, 32, 40, 3), np.uint8)))
-    with pytest.raises(DataError, match="a bench leaves none out: r1: truncated"):
+    with pytest.raises(DataError, match="the benchmark skips none: r1: truncated"):
         features(store, subject, of, every(of), ["projected"])
 
 

@@ -214,7 +214,7 @@ def loader(clips: Clips, rows: Sequence[int], store: Store, size: int) -> Iterat
         pin_memory=torch.cuda.is_available(),
     ):
         for line, _ in batch["skipped"].values():
-            raise DataError(f"a clip cannot be read, and a bench leaves none out: {line}")
+            raise DataError(f"a clip cannot be read, and the benchmark skips none: {line}")
         yield batch
 
 

@@ -178,4 +178,4 @@ def _known(what: str, name: str, names: Iterable[str]) -> None:
 def _once(what: str, names: Iterable[str]) -> None:
     for name, count in Counter(names).items():
         if count > 1:
-            raise DataError(f"{what} {name!r} is there {count} times; keep one")
+            raise DataError(f"{what} {name!r} appears {count} times; keep one")

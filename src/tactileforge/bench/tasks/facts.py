@@ -27,7 +27,7 @@ def fact(source: Source, number: int, name: str) -> str:
     if name.startswith("re:"):
         match = re.search(name[3:], recording.key)
         if not match:
-            raise ConfigError(f"split: {name!r} finds nothing in the key {recording.key!r}")
+            raise ConfigError(f"split: {name!r} does not match the key {recording.key!r}")
         return match[match.lastindex or 0]
     if name in known:
         return known[name]

@@ -199,9 +199,7 @@ METRICS: dict[str, Kind] = {
         f"r2_{name}": Kind(("force",), "", "higher", partial(lambda axis, _: R2(3, axis), axis))
         for axis, name in enumerate("xyz")
     },
-    "correlation": Kind(
-        ("force",), "", "higher", lambda _: _correlation()
-    ),
+    "correlation": Kind(("force",), "", "higher", lambda _: _correlation()),
     "distance": Kind(("place",), "% of width", "lower", lambda _: Distance()),
 }
 

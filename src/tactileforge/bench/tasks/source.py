@@ -89,8 +89,8 @@ def open_source(data: Mapping[str, Any], sides: tuple[str, ...], clip: Clip) -> 
         of += [side] * len(opened)
     if dataset.skipped:
         raise DataError(
-            f"{len(dataset.skipped)} recordings cannot be read, and a bench leaves none out; the "
-            f"first: {dataset.skipped[0]}"
+            f"{len(dataset.skipped)} recordings cannot be read, and the benchmark skips none; "
+            f"the first: {dataset.skipped[0]}"
         )
     if not recordings:
         raise DataError(f"data {data.get('name') or data.get('preset')}: no recording in {sides}")
