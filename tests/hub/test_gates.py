@@ -120,16 +120,16 @@ def test_a_made_up_bad_card_may_not_ship(
     path = tmp_path / "a.md"
     path.write_text(card(more, text))
     gates.write(path, rows(wins))
-    found = cards.parse("a", path.read_text(), recipe=False)
-    assert found.gates == rows(wins)
-    assert found.may_ship(found.weights[0]) == good
-    table = gate_rows(found, found.weights[0])
+    parsed = cards.parse("a", path.read_text(), recipe=False)
+    assert parsed.gates == rows(wins)
+    assert parsed.may_ship(parsed.weights[0]) == good
+    table = gate_rows(parsed, parsed.weights[0])
     assert [line[-1] for line in table[1:6]] == ["yes"] * wins + ["no"] * (5 - wins)
 
 
 def test_a_card_that_was_not_measured_may_not_ship() -> None:
-    found = cards.parse("a", card(), recipe=False)
-    assert not found.may_ship(found.weights[0])
+    parsed = cards.parse("a", card(), recipe=False)
+    assert not parsed.may_ship(parsed.weights[0])
 
 
 def test_writing_again_replaces_and_keeps_the_rest(tmp_path: Path) -> None:
@@ -148,7 +148,7 @@ def bench(folder: Path, name: str = "a.small", sha: str = SHA, **above: Any) -> 
     score = {"value": 0.2, "low": 0.1, "high": 0.3}
     above = above or {"random": score, "pixels": score | {"low": -0.1}}
     folder.mkdir(exist_ok=True)
-    given = {
+    content = {
         "suite": "real",
         "tasks": {"t": {"title": "Task", "metric": "r2"}},
         "models": {name: {"passes": False, "sha256": sha}},
@@ -158,14 +158,14 @@ def bench(folder: Path, name: str = "a.small", sha: str = SHA, **above: Any) -> 
             | {"above": {}},
         ],
     }
-    (folder / "gate.json").write_text(json.dumps(given))
+    (folder / "gate.json").write_text(json.dumps(content))
     return folder
 
 
 def test_the_numbers_are_those_of_the_bench(tmp_path: Path) -> None:
-    (found,) = gates.read(bench(tmp_path), "small", ["a.small"], SHA)
-    assert (found.value, found.chance, found.metric, found.suite) == (0.2, -0.01, "r2", "real")
-    assert (found.random_low, found.pixels_low, found.beats) == (0.1, -0.1, False)
+    (parsed,) = gates.read(bench(tmp_path), "small", ["a.small"], SHA)
+    assert (parsed.value, parsed.chance, parsed.metric, parsed.suite) == (0.2, -0.01, "r2", "real")
+    assert (parsed.random_low, parsed.pixels_low, parsed.beats) == (0.1, -0.1, False)
 
 
 def test_other_weights_are_refused(tmp_path: Path) -> None:
@@ -207,9 +207,9 @@ def test_packing_writes_the_card(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         folder = bench(tmp_path / "gate", name="run:runs/a")
         assert run(["zoo", "pack", "runs/a", "name=a.small", f"gate={folder}"]) == 0
         cards.read.cache_clear()
-        found = cards.read("a")
-        assert (len(found.gates), found.weights[0].bytes) == (1, 3)
-        assert found.weights[0].sha256 == hashlib.sha256(b"123").hexdigest()
+        parsed = cards.read("a")
+        assert (len(parsed.gates), parsed.weights[0].bytes) == (1, 3)
+        assert parsed.weights[0].sha256 == hashlib.sha256(b"123").hexdigest()
     finally:
         for cached in (cards.names, cards.read):
             cached.cache_clear()

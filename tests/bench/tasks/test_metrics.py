@@ -33,8 +33,8 @@ def classes(truth: list[int], count: int) -> Part:
     ],
 )
 def test_errors_of_force(name: str, value: float) -> None:
-    found = metrics.measure(name, force(), TRUTH + ERROR, TRUTH)
-    assert found == pytest.approx(value, rel=1e-6)
+    measured = metrics.measure(name, force(), TRUTH + ERROR, TRUTH)
+    assert measured == pytest.approx(value, rel=1e-6)
 
 
 def test_correlation_is_pearsons_and_means_the_axes() -> None:
