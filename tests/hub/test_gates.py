@@ -91,11 +91,11 @@ def test_pixels_have_to_be_beaten_too() -> None:
 
 @pytest.mark.parametrize("name", cards.names())
 def test_what_is_shipped_passes_or_says_that_it_is_a_demonstration(name: str) -> None:
-    one = cards.read(name)
-    for weight in one.weights:
+    shipped = cards.read(name)
+    for weight in shipped.weights:
         if weight.kind == "shipped":
-            assert one.gate(weight), f"measure it: tactileforge zoo gate {name}.{weight.tag} BENCH"
-            assert one.may_ship(weight), f"{name}.{weight.tag} {verdict(one.gate(weight))}"
+            assert shipped.gate(weight), f"measure it: tactileforge zoo gate {name}.{weight.tag} BENCH"
+            assert shipped.may_ship(weight), f"{name}.{weight.tag} {verdict(shipped.gate(weight))}"
 
 
 def test_every_file_in_the_zoo_is_on_a_card() -> None:
