@@ -94,7 +94,9 @@ def test_what_is_shipped_passes_or_says_that_it_is_a_demonstration(name: str) ->
     shipped = cards.read(name)
     for weight in shipped.weights:
         if weight.kind == "shipped":
-            assert shipped.gate(weight), f"measure it: tactileforge zoo gate {name}.{weight.tag} BENCH"
+            assert shipped.gate(weight), (
+                f"measure it: tactileforge zoo gate {name}.{weight.tag} BENCH"
+            )
             assert shipped.may_ship(weight), f"{name}.{weight.tag} {verdict(shipped.gate(weight))}"
 
 
