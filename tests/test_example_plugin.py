@@ -19,6 +19,8 @@ from tactileforge.testing import check
 
 ROOT = Path(__file__).parents[1]
 
+pytestmark = pytest.mark.slow  # pip installs it
+
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
@@ -74,7 +76,6 @@ def test_it_is_checked_by_the_command_line(site):
     assert int(summary.split()[0]) > 30
 
 
-@pytest.mark.slow
 def test_its_own_tests_pass(site):
     done = run(site, "pytest", "-q", "-p", "no:cacheprovider", cwd=site.parent / "source")
     assert done.returncode == 0, done.stdout
@@ -136,7 +137,6 @@ def test_it_is_not_left_behind():
     assert "dummy" not in registry.names("sensors")
 
 
-@pytest.mark.slow
 def test_it_trains(site, tmp_path):
     """Data set, objective and head of the package; the sensor's row is in the configuration."""
     words = ["scale=demo", "data=dummy_presses", "objective=[contact_area]", "batch.workers=0"]
