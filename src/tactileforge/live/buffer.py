@@ -101,6 +101,7 @@ def clip_rows(times: NDArray[np.float64], frames: int, spacing: float) -> list[i
         return [len(times) - 1]
     if len(times) < 2:
         return None
+    # the median: a lost frame or a late one does not change the rate
     period = float(np.median(np.diff(times)))
     step = max(1, round(spacing / period)) * period
     wanted = times[-1] - step * np.arange(frames - 1, -1, -1)

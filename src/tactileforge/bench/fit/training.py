@@ -140,6 +140,7 @@ class Members:
                 group["lr"] = rate * factor
         losses = self._losses(rows, truth)
         self.optimiser.zero_grad(set_to_none=True)
+        # members share no parameter, so the gradient of the sum is each member's own
         losses.sum().backward()  # type: ignore[no-untyped-call]
         self.optimiser.step()
         self.done += 1

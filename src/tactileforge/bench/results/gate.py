@@ -53,6 +53,7 @@ class Tally:
     def scores(self, counts: Sums) -> Sums:
         """Scores (draws,) from the number of times each group was drawn, (draws, groups)."""
         top, bottom = counts @ self.top, counts @ self.bottom
+        # a draw may miss a class entirely: its recall is left out of the mean
         there = bottom > 0
         share = np.divide(top, bottom, out=np.zeros_like(top), where=there)
         scores: Sums = self.start + self.sign * share.sum(1) / np.maximum(there.sum(1), 1)
@@ -75,10 +76,12 @@ def tally(path: Path, metric: str) -> Tally:
             raise DataError(f"{path}: array 'units' is missing; run the bench again")
         names, of = np.unique(file["units"], return_inverse=True)
     if metric == "r2":
+        # deviations are from the mean of all clips, not of a draw: only then do they sum over groups
         truth = predictions.truth.astype(float)
         error = (predictions.predicted - predictions.truth).astype(float)
         parts = error**2, (truth - truth.mean(0)) ** 2
     elif metric in ("accuracy", "balanced_accuracy"):
+        # one column per class gives the mean recall, one column for all the accuracy
         right = (predictions.truth == predictions.predicted).astype(float)
         per_class = predictions.truth[:, :1] == np.unique(predictions.truth)
         classes = per_class if metric != "accuracy" else [[True]]
@@ -122,11 +125,13 @@ def compared(tallies: Sequence[Tally], others: Sequence[Tally] = ()) -> Score:
     if any(network.groups != groups for network in every):
         raise DataError("models were tested on other recordings; run the bench again, all at once")
     rng = np.random.default_rng(_SEED)
+    # the same draws of groups for all networks: the test is paired
     counts = rng.multinomial(len(groups), np.full(len(groups), 1 / len(groups)), DRAWS)
     all_once = np.ones((1, len(groups)))
 
     def drawn(networks: Sequence[Tally]) -> Sums:
         table = np.stack([network.scores(counts.astype(float)) for network in networks])
+        # networks are drawn too, so that the interval covers the spread of seeds
         chosen = rng.integers(len(networks), size=(len(networks), DRAWS))
         means: Sums = np.take_along_axis(table, chosen, axis=0).mean(0)
         return means

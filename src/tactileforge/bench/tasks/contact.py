@@ -44,6 +44,7 @@ def held(change: NDArray[np.float64]) -> tuple[int, int] | None:
     Args:
         change: See `energy`.
     """
+    # a high percentile stands for the firm grasp: the maximum may be one bad frame
     bound = _NOISE + _SHARE * max(float(np.percentile(change, 80)) - _NOISE, 0.0)
     there = np.flatnonzero(change > bound)
     if not len(there) or there[-1] >= len(change) - _AFTER:

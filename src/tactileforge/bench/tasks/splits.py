@@ -82,6 +82,7 @@ def check(
     spans = [
         (*_span(source.recordings[n].key), use) for use, chosen in uses.items() for n in chosen
     ]
+    # spans of a recording sorted by start: an overlap is with the one that reaches farthest so far
     spans.sort()
     reach: dict[str, tuple[float, str]] = {}
     for key, start, stop, use in spans:
@@ -128,6 +129,7 @@ def _ordered(names: Mapping[int, str], stratum: Mapping[int, int]) -> dict[int, 
     for number, name in names.items():
         strata.setdefault(name, set()).add(stratum[number])
     by_stratum: dict[int, list[str]] = {}
+    # by hash: neighbours in name, often of one session, are spread; equal on every machine
     for name in sorted(strata, key=lambda name: hashlib.sha256(name.encode()).digest()):
         only = strata[name].pop() if len(strata[name]) == 1 else -1
         by_stratum.setdefault(only, []).append(name)
@@ -139,6 +141,7 @@ def _folds(names: Mapping[int, str], stratum: Mapping[int, int], folds: int) -> 
     dealt = [name for group in _ordered(names, stratum).values() for name in group]
     if len(dealt) < folds:
         raise ConfigError(f"{folds} folds of {len(dealt)} groups; give split.folds fewer")
+    # in turn along the strata: folds differ by one group at most, in size and nearly so in classes
     return {name: i % folds for i, name in enumerate(dealt)}
 
 
@@ -157,6 +160,7 @@ def _validation(
     groups = list(_ordered(names, stratum).values())
     for members in groups:
         taken.update(members[: int(share * len(members) + 0.5)])
+    # a small share can round to no group in every stratum, but one is needed to select on
     if not taken and groups and len(names) > 1:
         taken.add(max(groups, key=len)[0])
     return [n for n in rest if names[n] in taken]

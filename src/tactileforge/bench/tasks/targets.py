@@ -206,6 +206,7 @@ def _slips(recording: Recording, first: int, last: int) -> str | None:
         return None
     from tactileforge.sim.mechanics.sensor_gels import device
 
+    # Coulomb: the contact slips where |(x, y)| reaches friction * z
     x, y, z = (float(value) for value in force[last])
     bound = device(recording.sensor).touched(float(grip)).friction * z
     return ("stick", "slip")[int(z > _TOUCH_N and np.hypot(x, y) >= _CONE * bound)]

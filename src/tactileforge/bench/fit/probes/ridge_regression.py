@@ -52,6 +52,7 @@ class Fit:
             groups: int64 places of the samples of each group; together all of them.
         """
         share = self.values / (self.values + penalty)
+        # 1 / n is the hat matrix of the intercept, so leaving a group out refits the mean as well
         hat = (self.vectors * share) @ self.vectors.T + 1 / len(self.truth)
         residual = self.truth - hat @ self.truth
         out = torch.empty_like(self.truth)
@@ -69,6 +70,7 @@ def standardised(known: Tensor, asked: Tensor) -> tuple[Tensor, Tensor]:
         asked: float32 (m, d).
     """
     mean, spread = known.mean(0), known.std(0, correction=0)
+    # scaling a constant feature to deviation 1 would amplify rounding errors
     still = spread <= _STILL * spread.max().clamp(min=1e-12)
     factor = torch.where(still, 0.0, 1 / spread.clamp(min=1e-12))
     return (known - mean) * factor, (asked - mean) * factor
