@@ -124,7 +124,7 @@ class Slip:
             return False
         while self._recent and self._recent[0][0] < time - options.window:
             self._recent.popleft()
-        # a slipping contact sticks again a fifth below the cone: without this, noise would toggle it
+        # a slipping contact sticks again a fifth below the cone: noise must not toggle it
         edge = options.friction * (0.8 if self.is_on else 1.0)
         self.is_on = shear >= edge * normal or self._has_let_go(shear, normal)
         self._recent.append((time, shear, normal))

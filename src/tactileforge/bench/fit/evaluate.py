@@ -159,7 +159,7 @@ def _solve(prepared: Prepared, model: Probe, examples: Examples, split: Split, t
     known = np.sort(np.concatenate([split.train, split.validation]))
     plan = prepared.task.split
     groups = splits.names(prepared.source, prepared.target, known, plan.group)
-    # inner folds need two groups at least: take the finer unit
+    # inner folds need two groups at least: take the unit of the intervals
     if len(set(groups)) == 1 and plan.unit:
         groups = splits.names(prepared.source, prepared.target, known, plan.unit)
     rows, truth = examples.take(known)

@@ -76,7 +76,7 @@ def tally(path: Path, metric: str) -> Tally:
             raise DataError(f"{path}: array 'units' is missing; run the bench again")
         names, of = np.unique(file["units"], return_inverse=True)
     if metric == "r2":
-        # deviations are from the mean of all clips, not of a draw: only then do they sum over groups
+        # deviations are from the mean of all clips, not of a draw: else they do not sum over groups
         truth = predictions.truth.astype(float)
         error = (predictions.predicted - predictions.truth).astype(float)
         parts = error**2, (truth - truth.mean(0)) ** 2
