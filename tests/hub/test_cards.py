@@ -121,7 +121,7 @@ WEIGHT: dict[str, Any] = {
         ({"weights": [WEIGHT | {"tag": "Base"}]}, "lower-case"),
         ({"weights": [{"tag": "base"}]}, r"weights\[0\]: field 'licence' is missing"),
         ({"weights": {"base": 1}}, "weights must be a list"),
-        ({"weights": [{"tag": "a", "licence": "MIT", "layout": "clip"}]}, "say in source"),
+        ({"weights": [{"tag": "a", "licence": "MIT", "layout": "clip"}]}, "state in source"),
         ({"results": [{"task": "x"}]}, r"results\[0\]: field 'metric' is missing"),
         ({"spacing": 0}, "several have seconds between them"),
         ({"frames": 1}, "one frame has spacing 0"),
