@@ -1,4 +1,4 @@
-"""One sensor read in a thread of its own, opened again when it is lost, and counted."""
+"""Reads one sensor in a thread, reconnects when it is lost, and counts its frames."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _RATE_OVER = 60
 
 @dataclass
 class Counts:
-    """What a sensor has given.
+    """Counters of the frames of a sensor.
 
     Attributes:
         frames: Frames handed on.
@@ -91,17 +91,17 @@ class Capture:
 
     @property
     def is_done(self) -> bool:
-        """Whether no frame will come any more."""
+        """Whether no further frame will arrive."""
         return self.ended or self.error is not None
 
     @property
     def has_begun(self) -> bool:
-        """Whether a frame has come."""
+        """Whether a frame has arrived."""
         return self.latest > -math.inf
 
     @property
     def fps(self) -> float:
-        """Frames a second, over the last ones."""
+        """Frames per second, over the latest frames."""
         times = list(self._recent)
         span = times[-1] - times[0] if len(times) > 1 else 0.0
         return (len(times) - 1) / span if span > 0 else 0.0

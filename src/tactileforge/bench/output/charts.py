@@ -1,4 +1,4 @@
-"""The pictures of a bench, in the style of the report."""
+"""Charts of a benchmark, in the style of the report."""
 
 from __future__ import annotations
 
@@ -58,8 +58,8 @@ def scatter(
         x, y = (np.clip(part[rows], *limits) for part in (truth, predicted))
         axes.add_patch(_dots(x, y, (limits[1] - limits[0]) / 2000))
         error = rmse(truth, predicted)
-        told = f"{1000 * error:.0f} mN" if unit == "N" else f"{error:.3g} {unit}".rstrip()
-        words = f"RMSE {told}\nr {_r(truth, predicted)}"
+        error_text = f"{1000 * error:.0f} mN" if unit == "N" else f"{error:.3g} {unit}".rstrip()
+        words = f"RMSE {error_text}\nr {_r(truth, predicted)}"
         axes.text(0.04, 0.97, words, transform=axes.transAxes, va="top", linespacing=1.4, zorder=4)
         room = 0.02 * (limits[1] - limits[0])
         ends = (limits[0] - room, limits[1] + room)
@@ -75,7 +75,7 @@ def _r(truth: NDArray[Any], predicted: NDArray[Any]) -> str:
 
 
 def _dots(x: NDArray[Any], y: NDArray[Any], length: float) -> PathPatch:
-    """All dots as one path, a short round line each: a tenth of the bytes of markers."""
+    """Draws all dots as one path of short round lines: a tenth of the bytes of markers."""
     ends = np.stack([np.stack([x, y], 1), np.stack([x + length, y], 1)], 1).reshape(-1, 2)
     codes = np.tile([Path.MOVETO, Path.LINETO], len(x))
     colour = CLASSES[0][0]
@@ -87,7 +87,7 @@ def _dots(x: NDArray[Any], y: NDArray[Any], length: float) -> PathPatch:
 def confusion(
     truth: NDArray[np.int64], predicted: NDArray[np.int64], names: Sequence[str]
 ) -> tuple[str, NDArray[np.int64]]:
-    """Shares of each true class that are predicted as each class.
+    """Confusion matrix, each row normalised by its true class.
 
     Args:
         truth: int64 (N,).

@@ -1,4 +1,4 @@
-"""The sections of the bench's page that are drawn: forces, confusions, losses."""
+"""Sections of the benchmark's page with charts: forces, confusion matrices, losses."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from tactileforge.pages.page import Section, legend, panel, panels, paragraph
 _CURVE = 200
 
 
-def draw_figures(folder: Path, results: Results, found: Scores) -> list[Section]:
-    """Scatter of forces, confusion matrices, and loss curves; only what there is."""
+def draw_figures(folder: Path, results: Results, all_scores: Scores) -> list[Section]:
+    """Sections with scatter plots, confusion matrices and loss curves, if there are any."""
     scatters, confusions = "", ""
     for task in results.tasks:
-        readings, trouble = _read(folder, results, found, task)
-        values = {name: one for name, one in readings.items() if not one.names}
-        classes = {name: one for name, one in readings.items() if one.names}
+        readings, trouble = _read(folder, results, all_scores, task)
+        values = {name: prediction for name, prediction in readings.items() if not prediction.names}
+        classes = {name: prediction for name, prediction in readings.items() if prediction.names}
         if values:
             scatters += _folded(task.title, _scatters(task, values) + trouble, is_open=not scatters)
         if classes or (trouble and not values):
@@ -49,7 +49,7 @@ def draw_figures(folder: Path, results: Results, found: Scores) -> list[Section]
         )
         body = paragraph(words) + confusions
         parts.append(Section("confusions", "Classes", body))
-    if losses := _trainings(results) + _probes(results, found):
+    if losses := _trainings(results) + _probes(results, all_scores):
         parts.append(Section("losses", "Losses", legend({0: "training", 1: "validation"}) + losses))
     return parts
 
@@ -60,38 +60,38 @@ def _folded(title: str, body: str, is_open: bool) -> str:
 
 
 def _read(
-    folder: Path, results: Results, found: Scores, task: ResultTask
+    folder: Path, results: Results, all_scores: Scores, task: ResultTask
 ) -> tuple[dict[str, Predictions], str]:
-    """Predictions of one task by title of the model, and words on those that are not there."""
+    """Predictions of one task by title of the model, and a note on missing ones."""
     names, readings, trouble = titles(results), {}, []
     for model in results.models:
-        score = main_score(found, task, model)
+        score = main_score(all_scores, task, model)
         if score is None or not score.cells[0].predictions:
             continue
         try:
-            one = read_predictions(folder / score.cells[0].predictions)
+            prediction = read_predictions(folder / score.cells[0].predictions)
         except DataError as error:
             trouble.append(f"{names[model.name]}: no picture. {error}")
             continue
-        readings[names[model.name]] = one
+        readings[names[model.name]] = prediction
     return readings, "".join(paragraph(words, soft=True) for words in trouble)
 
 
 def _scatters(task: ResultTask, values: Mapping[str, Predictions]) -> str:
-    """A row of panels for each model, one for each axis."""
+    """Scatter plots: a row of panels per model, one per axis."""
     limits = _limits(list(values.values()))
     usual = "N" if any(metric.unit == "mN" for metric in task.metrics) else ""
     body = ""
-    for name, one in values.items():
+    for name, prediction in values.items():
         drawings = []
-        for i, axis in enumerate(one.columns):
-            truth, predicted = one.truth[:, i], one.predicted[:, i]
+        for i, axis in enumerate(prediction.columns):
+            truth, predicted = prediction.truth[:, i], prediction.predicted[:, i]
             finite = np.isfinite(truth) & np.isfinite(predicted)
             if not finite.any():
                 drawings.append(panel(axis, "", "no prediction is a finite number"))
                 continue
             drawing = scatter(
-                truth[finite], predicted[finite], axis, limits[axis], one.unit or usual
+                truth[finite], predicted[finite], axis, limits[axis], prediction.unit or usual
             )
             lost = int((~finite).sum())
             below = f"{lost} of {len(finite)} predictions are no finite number" if lost else ""
@@ -101,10 +101,14 @@ def _scatters(task: ResultTask, values: Mapping[str, Predictions]) -> str:
 
 
 def _limits(readings: Sequence[Predictions]) -> dict[str, tuple[float, float]]:
-    """One range for an axis, in which all true values are, with room around them."""
+    """A shared range per axis that holds all true values with a margin."""
     limits: dict[str, tuple[float, float]] = {}
-    for axis in dict.fromkeys(axis for one in readings for axis in one.columns):
-        parts = [one.truth[:, one.columns.index(axis)] for one in readings if axis in one.columns]
+    for axis in dict.fromkeys(axis for prediction in readings for axis in prediction.columns):
+        parts = [
+            prediction.truth[:, prediction.columns.index(axis)]
+            for prediction in readings
+            if axis in prediction.columns
+        ]
         truth = np.concatenate(parts)
         truth = truth[np.isfinite(truth)]
         low, high = (float(truth.min()), float(truth.max())) if len(truth) else (0.0, 1.0)
@@ -116,10 +120,12 @@ def _limits(readings: Sequence[Predictions]) -> dict[str, tuple[float, float]]:
 def _confusions(classes: Mapping[str, Predictions]) -> str:
     drawings = []
     widest = 0
-    for name, one in classes.items():
-        for i in range(one.truth.shape[1]):
-            title = f"{name}, {one.columns[i]}" if one.truth.shape[1] > 1 else name
-            drawing, counts = confusion(one.truth[:, i], one.predicted[:, i], one.names)
+    for name, prediction in classes.items():
+        for i in range(prediction.truth.shape[1]):
+            title = f"{name}, {prediction.columns[i]}" if prediction.truth.shape[1] > 1 else name
+            drawing, counts = confusion(
+                prediction.truth[:, i], prediction.predicted[:, i], prediction.names
+            )
             share = counts.trace() / counts.sum()
             below = f"{counts.trace()} of {counts.sum()} right, {100 * share:.1f} %"
             drawings.append(panel(title, drawing, below))
@@ -131,25 +137,28 @@ def _confusions(classes: Mapping[str, Predictions]) -> str:
 def _trainings(results: Results) -> str:
     names = titles(results)
     by_model: dict[str, list[LossCurve]] = {}
-    for one in results.training:
-        by_model.setdefault(one.model, []).append(one)
+    for training in results.training:
+        by_model.setdefault(training.model, []).append(training)
     if not by_model:
         return ""
     body = paragraph(
         "In pre-training, of the models that were trained for this bench; a panel an objective."
     )
     for i, (model, some) in enumerate(by_model.items()):
-        drawings = panels(_loss(one.objective, one.step, one.train, one.validation) for one in some)
+        drawings = panels(
+            _loss(training.objective, training.step, training.train, training.validation)
+            for training in some
+        )
         body += _folded(names[model], drawings, is_open=i == 0)
     return body
 
 
-def _probes(results: Results, found: Scores) -> str:
+def _probes(results: Results, all_scores: Scores) -> str:
     names, body = titles(results), ""
     for task in results.tasks:
         drawings = []
         for model in results.models:
-            score = main_score(found, task, model)
+            score = main_score(all_scores, task, model)
             curve = score.cells[0].curve if score else {}
             if train := curve.get("train", []):
                 epochs = list(range(1, len(train) + 1))

@@ -42,7 +42,7 @@ _NARROW = 14
 
 
 def latex_text(text: str) -> str:
-    r"""Plain text for LaTeX.
+    r"""Escapes plain text for LaTeX.
 
     Example:
         >>> print(latex_text("no_diff & 50 %"))
@@ -52,7 +52,7 @@ def latex_text(text: str) -> str:
 
 
 def markdown_text(text: str) -> str:
-    r"""Plain text for a Markdown table: nothing in it is markup, and pipes end no cell.
+    r"""Escapes plain text for a cell of a Markdown table.
 
     Example:
         >>> print(markdown_text("a|b *c* no_diff"))
@@ -63,7 +63,7 @@ def markdown_text(text: str) -> str:
 
 
 def render_markdown(grid: Table) -> str:
-    """A heading, the caption, the table in aligned columns, and its footnotes."""
+    """Markdown: a heading, the caption, the table in aligned columns, and its footnotes."""
     rows = [[markdown_text(f"{head.text}, {head.below}".strip(", ")) for head in grid.head]]
     rows += [[_markdown_entry(entry) for entry in row] for row in grid.rows]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
@@ -90,7 +90,7 @@ def _markdown_entry(entry: TableEntry) -> str:
 
 
 def render_latex(grid: Table) -> str:
-    """A floating table with booktabs' rules; footnotes below it."""
+    """LaTeX: a floating table with booktabs' rules; footnotes below it."""
     first = grid.rows[0]
     columns = "l" + "".join("l" if entry.tone == "text" else "r" for entry in first[1:])
     rows = [" & ".join(map(_latex_head, grid.head))]
@@ -122,13 +122,13 @@ def _latex_entry(entry: TableEntry) -> str:
 
 
 def render_html(grid: Table, heading: bool = False) -> str:
-    """The table, with its caption above and its footnotes below."""
+    """HTML: the table, with its caption above and its footnotes below."""
     name = escape(grid.name)
     title = f"<h3>{escape(grid.title)}</h3>" if heading else ""
     caption = f'<p class="soft" id="{name}-note">{escape(grid.caption)}</p>'
     head = "".join(
-        _html_head(one, i, entry.tone == "text")
-        for i, (one, entry) in enumerate(zip(grid.head, grid.rows[0], strict=True))
+        _html_head(column, i, entry.tone == "text")
+        for i, (column, entry) in enumerate(zip(grid.head, grid.rows[0], strict=True))
     )
     body = "".join(f"<tr>{_html_row(row)}</tr>" for row in grid.rows)
     notes = "".join(

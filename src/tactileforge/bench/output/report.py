@@ -1,4 +1,4 @@
-"""The page of a bench: its tables and pictures in one HTML file."""
+"""The page of a benchmark: tables and charts in one HTML file."""
 
 from __future__ import annotations
 
@@ -22,33 +22,37 @@ from tactileforge.pages.page import Section, page, paragraph
 def bench_page(
     folder: Path,
     results: Results,
-    found: Scores,
+    all_scores: Scores,
     rows: Sequence[PublishedScore],
     gate: Table | None = None,
 ) -> str:
-    """The whole page.
+    """The complete page as HTML.
 
     Args:
         folder: Where the predictions lie.
         results: What was measured.
-        found: The same, by task and model.
+        all_scores: The same, by task and model.
         rows: Published numbers.
         gate: The release gate, where it was measured.
     """
-    parts = [_compared(results, found)]
+    parts = [_compared(results, all_scores)]
     for name, title, grid in (
         ("gate", "Release gate", gate),
-        ("ablation", "Ablations", comparison_tables.ablation_table(results, found)),
-        ("setting", "Settings", comparison_tables.settings_table(results, found)),
+        ("ablation", "Ablations", comparison_tables.ablation_table(results, all_scores)),
+        ("setting", "Settings", comparison_tables.settings_table(results, all_scores)),
     ):
         if grid:
             parts.append(Section(name, title, render_html(grid)))
-    parts += draw_figures(folder, results, found)
-    parts += [_details(results, found), *_published(results, found, rows), _about(results)]
-    return page(f"Touch encoders compared: {results.suite}", _top(results, found), parts)
+    parts += draw_figures(folder, results, all_scores)
+    parts += [
+        _details(results, all_scores),
+        *_published(results, all_scores, rows),
+        _about(results),
+    ]
+    return page(f"Touch encoders compared: {results.suite}", _top(results, all_scores), parts)
 
 
-def _top(results: Results, found: Scores) -> str:
+def _top(results: Results, all_scores: Scores) -> str:
     seeds = sorted({cell.seed for cell in results.cells})
     about = {
         "Suite": results.suite,
@@ -67,20 +71,24 @@ def _top(results: Results, found: Scores) -> str:
         for key, value in about.items()
         if value
     )
-    lines = [*_leaders(results, found), _ran(results, found), *_warnings(results, found)]
+    lines = [
+        *_leaders(results, all_scores),
+        _ran(results, all_scores),
+        *_warnings(results, all_scores),
+    ]
     items = "".join(f'<li class="{kind}">{escape(text)}</li>' for kind, text in lines)
     return f'<dl>{cells}</dl><ul class="verdict">{items}</ul>'
 
 
-def _leaders(results: Results, found: Scores) -> list[tuple[str, str]]:
-    """Which models are first, and in which tasks that is beyond the interval to the second."""
+def _leaders(results: Results, all_scores: Scores) -> list[tuple[str, str]]:
+    """Best models by task, and the tasks in which the lead exceeds the interval."""
     first: dict[str, list[str]] = {}
     clear = compared = 0
     for task in results.tasks:
         known = [
             (interval, model.name)
             for model in comparison_tables.main_models(results)
-            for score in found.get((task.name, model.name), [])[:1]
+            for score in all_scores.get((task.name, model.name), [])[:1]
             if (interval := score.interval())
         ]
         if len(known) < 2:
@@ -94,34 +102,36 @@ def _leaders(results: Results, found: Scores) -> list[tuple[str, str]]:
         return [("plain", "No task has numbers of two models: there is nothing to compare.")]
     names = titles(results)
     order = sorted(first, key=lambda name: -len(first[name]))
-    told = "; ".join(f"{names[name]} in {len(first[name])} of {compared}" for name in order)
-    text = f"Best mean by task: {told}. Ahead of the second beyond the interval in {clear}."
+    wins = "; ".join(f"{names[name]} in {len(first[name])} of {compared}" for name in order)
+    text = f"Best mean by task: {wins}. Ahead of the second beyond the interval in {clear}."
     return [("plain", text)]
 
 
-def _ran(results: Results, found: Scores) -> tuple[str, str]:
+def _ran(results: Results, all_scores: Scores) -> tuple[str, str]:
     every = len(results.tasks) * len(results.models)
     count = sum(
-        (task.name, model.name) in found for task in results.tasks for model in results.models
+        (task.name, model.name) in all_scores for task in results.tasks for model in results.models
     )
     if count == every and not results.not_run:
         return "good", f"All {every} pairs of a model and a task were run."
     return "bad", f"{every - count} of {every} pairs of a model and a task were not run; see below."
 
 
-def _warnings(results: Results, found: Scores) -> list[tuple[str, str]]:
+def _warnings(results: Results, all_scores: Scores) -> list[tuple[str, str]]:
     lines = []
     test = [task.title for task in results.tasks if task.selection == "test"]
     if test:
         text = f"The epoch was chosen on the test set, so numbers are optimistic: {', '.join(test)}"
         lines.append(("bad", f"{text}."))
-    single = sum(len(some[0].cells) == 1 for some in found.values())
+    single = sum(len(some[0].cells) == 1 for some in all_scores.values())
     if single:
-        text = f"{single} of {len(found)} numbers of the tables come from one seed: no interval."
+        text = (
+            f"{single} of {len(all_scores)} numbers of the tables come from one seed: no interval."
+        )
         lines.append(("plain", text))
     bad = sum(
-        (one := score.interval()) is None or len(one.values) < len(score.cells)
-        for some in found.values()
+        (interval := score.interval()) is None or len(interval.values) < len(score.cells)
+        for some in all_scores.values()
         for score in some
     )
     if bad:
@@ -129,24 +139,26 @@ def _warnings(results: Results, found: Scores) -> list[tuple[str, str]]:
     return lines
 
 
-def _compared(results: Results, found: Scores) -> Section:
-    grid = comparison_tables.main_table(results, found)
+def _compared(results: Results, all_scores: Scores) -> Section:
+    grid = comparison_tables.main_table(results, all_scores)
     body = render_html(grid) if grid else paragraph("There is no model, or no task.")
     return Section("models", "Models", body)
 
 
-def _details(results: Results, found: Scores) -> Section:
+def _details(results: Results, all_scores: Scores) -> Section:
     body = paragraph("Every metric of each task, in the setting of the main table.")
     for task in results.tasks:
-        grid = comparison_tables.details_table(results, found, task)
+        grid = comparison_tables.details_table(results, all_scores, task)
         inner = render_html(grid) if grid else paragraph("There is no model.")
         body += f"<details><summary>{escape(task.title)}</summary>{inner}</details>"
     return Section("details", "All metrics", body)
 
 
-def _published(results: Results, found: Scores, rows: Sequence[PublishedScore]) -> list[Section]:
+def _published(
+    results: Results, all_scores: Scores, rows: Sequence[PublishedScore]
+) -> list[Section]:
     body = ""
-    for beside in published.beside_tables(results, found, rows):
+    for beside in published.beside_tables(results, all_scores, rows):
         body += render_html(beside, heading=True)
     every = published.published_table(rows)
     if every:
