@@ -2,7 +2,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 import tomllib
 from fnmatch import fnmatch
 from pathlib import Path
@@ -61,18 +60,14 @@ def test_list_as_json(toy, capsys):
     assert [row["name"] for row in rows if row["kind"] == "objective"][:2] == ["align", "classify"]
 
 
-def test_list_imports_no_torch_and_answers_in_half_a_second():
+def test_list_imports_nothing_heavy():
+    """Its time stands in benchmarks/hub.py: it depends on the machine."""
     code = (
         "import sys; from tactileforge.cli import run; assert run(['plugins', 'list']) == 0;"
         "heavy = {'torch', 'lightning', 'hydra', 'omegaconf', 'cv2'} & set(sys.modules);"
         "assert not heavy, heavy"
     )
-    seconds = []
-    for _ in range(5):
-        start = time.perf_counter()
-        subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
-        seconds.append(time.perf_counter() - start)
-    assert min(seconds) < 0.5
+    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
 
 
 def test_check_prints_each_result_and_the_sum(toy, capsys):

@@ -29,12 +29,12 @@ def words(tmp_path):
 
 def test_json_alone_goes_to_standard_output(words, capsys):
     assert run(["live", *words, "json=true", "frames=4"]) == 0
-    found = capsys.readouterr()
-    lines = [json.loads(line) for line in found.out.splitlines()]
+    captured = capsys.readouterr()
+    lines = [json.loads(line) for line in captured.out.splitlines()]
     assert [line["sensor"] for line in lines] == ["replay"] * 4
     assert [line["contact"] for line in lines if line["frame"] == 1] in ([], [False])
-    assert "page: http://127.0.0.1:" in found.err
-    assert "readings: replay 4 (skipped " in found.err
+    assert "page: http://127.0.0.1:" in captured.err
+    assert "readings: replay 4 (skipped " in captured.err
 
 
 def test_it_ends_after_its_seconds(words, capsys):
@@ -53,8 +53,8 @@ def test_errors_are_said(words, capsys):
 
 def test_help_lists_the_keys(capsys):
     assert run(["live", "--help"]) == 0
-    said = capsys.readouterr().out
-    assert all(f"\n{key}:" in said for key in plain("live", ["sensor=sim"]) if key != "sensor")
+    printed = capsys.readouterr().out
+    assert all(f"\n{key}:" in printed for key in plain("live", ["sensor=sim"]) if key != "sensor")
 
 
 @pytest.mark.parametrize(

@@ -62,13 +62,13 @@ def _run(config: dict[str, Any], ablation: str, hydra: Sequence[str] | None) -> 
     folder = Path(config["out"] or Path("runs") / "bench" / suite)
     words = config["pretrain"]["words"]
     runs = pretrain.jobs(Path(config["pretrain"]["folder"] or folder / "train"), words, trained)
-    folders = {name: found[0].folder for name, found in runs.items()}
+    folders = {name: jobs[0].folder for name, jobs in runs.items()}
     device = _device(config["device"])
     # mistakes are named before data is read, and overlaps before anything is trained
     beside = _beside(config["model"], trained, config["baselines"])
     known = [models.model_entry(word, config["untrained"], device, folders) for word in beside]
     bench = _bench(config, suite, folder, {"pretrain": " ".join(words)} if trained else {})
-    pretrain.train_all([job for found in runs.values() for job in found], hydra)
+    pretrain.train_all([job for jobs in runs.values() for job in jobs], hydra)
     for name, model in trained.items():
         if runs[name][0].finished:
             bench.writer.training(list(pretrain.curves(name, runs[name][0].folder)))
@@ -105,11 +105,11 @@ def _bench(config: dict[str, Any], suite: str, folder: Path, facts: dict[str, st
     return Bench(chosen, store, writer, options)
 
 
-def _device(given: str) -> str:
+def _device(device: str) -> str:
     import torch
 
-    if given != "auto":
-        return given
+    if device != "auto":
+        return device
     return "cuda" if torch.cuda.is_available() else "cpu"
 
 
@@ -121,24 +121,24 @@ def _report(writer: Writer) -> int:
     return NOT_RUN if writer.results.not_run else 0
 
 
-def _beside(given: Sequence[str], trained: Iterable[str], baselines: Sequence[str]) -> list[str]:
-    """Models, and where there are baselines those, and each model with random weights."""
+def _beside(named: Sequence[str], trained: Iterable[str], baselines: Sequence[str]) -> list[str]:
+    """Models, followed by the baselines and each model with random weights."""
     if not baselines:
-        return list(given)
+        return list(named)
     from tactileforge.bench.fit.baselines import BASELINES
 
-    models = [word for word in (*trained, *given) if word not in BASELINES]
+    models = [word for word in (*trained, *named) if word not in BASELINES]
     random = [f"untrained:{word}" for word in models if not word.startswith("untrained:")]
-    return list(dict.fromkeys([*given, *random, *baselines]))
+    return list(dict.fromkeys([*named, *random, *baselines]))
 
 
 def _tasks(config: dict[str, Any]) -> dict[str, Any]:
-    found: dict[str, Any] = config["tasks"]
-    wanted = config["task"] or list(found)
+    tasks: dict[str, Any] = config["tasks"]
+    wanted = config["task"] or list(tasks)
     for name in wanted:
-        if name not in found:
-            raise ConfigError(unknown("task", name, found))
-    return {name: found[name] for name in wanted if found[name] is not None}
+        if name not in tasks:
+            raise ConfigError(unknown("task", name, tasks))
+    return {name: tasks[name] for name in wanted if tasks[name] is not None}
 
 
 def _ablations() -> list[str]:

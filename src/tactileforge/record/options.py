@@ -1,4 +1,4 @@
-"""What is recorded, and how."""
+"""Options of a recording."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ class RecordOptions:
 
     @classmethod
     def of(cls, given: Mapping[str, Any]) -> RecordOptions:
-        """Options from a configuration; other keys (of sensors) are left out.
+        """Options from a configuration; ignores the keys of sensors.
 
         Raises:
             ConfigError: A value does not fit, or a key of ``background`` is unknown.

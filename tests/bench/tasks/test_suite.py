@@ -83,8 +83,8 @@ def test_public_samples(name: str, recordings: int, tested: int | None, realdata
     source = open_source(task.data, task.sides, task.clip)
     target = targets.build_target(task, source)
     assert len({int(n) for n in source.index[target.clips, 0]}) == recordings
-    found = splits.build_splits(task, source, target)
-    count = sum(len(split.test) for split in found)
+    folds = splits.build_splits(task, source, target)
+    count = sum(len(split.test) for split in folds)
     assert count == len(target.clips), "every clip is tested once"
     if tested is not None:
         assert count == pytest.approx(tested, rel=0.03)
@@ -105,7 +105,9 @@ def test_the_gate_never_shares_a_recording_or_an_object(
         tested = np.concatenate([fold.test for fold in folds])
         assert len(set(tested.tolist())) == len(tested)
         groups = [splits.group_names(source, target, fold.test, task.split.group) for fold in folds]
-        assert sum(len(set(one)) for one in groups) == len({n for one in groups for n in one})
+        assert sum(len(set(group)) for group in groups) == len(
+            {n for group in groups for n in group}
+        )
         for fold in folds:
             known = splits.group_names(source, target, fold.train, task.split.group)
             assert not set(known) & set(
@@ -113,16 +115,16 @@ def test_the_gate_never_shares_a_recording_or_an_object(
             )
         if "octopi" in task.name or "losing" in task.name:
             objects = splits.group_names(source, target, tested, "object")
-            assert {is_held_out(one, 0.5) for one in objects} == {half == "val"}
+            assert {is_held_out(group, 0.5) for group in objects} == {half == "val"}
 
 
 def test_the_two_parts_of_the_gate_share_nothing() -> None:
     """Other halves of the objects, other layouts of the same folders."""
     for ours, theirs in (("octopi_object", "octopi_object"), ("losing_grip", "losing_grip")):
-        one, other = suite("real")[f"real_{ours}"], suite("real_held_out")[f"held_{theirs}"]
-        assert one.split.only["side"] == "train"
+        group, other = suite("real")[f"real_{ours}"], suite("real_held_out")[f"held_{theirs}"]
+        assert group.split.only["side"] == "train"
         assert other.split.only["side"] == "val"
-        assert one.data == other.data
+        assert group.data == other.data
     layouts = [
         {layout for task in suite(name).values() for layout in task.data["layouts"]}
         for name in ("real", "real_held_out")
