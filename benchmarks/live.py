@@ -29,8 +29,7 @@ from tactileforge.heads.force import ForceHead
 from tactileforge.hub.files import describe
 from tactileforge.hub.model import Model
 from tactileforge.live.server import Page
-from tactileforge.live.session import Show, ShowOptions
-from tactileforge.sensors.background import Background
+from tactileforge.live.session import Show, ShowBackground, ShowOptions
 from tactileforge.sensors.specs import spec
 
 FPS = 30.0
@@ -123,7 +122,7 @@ def look(url: str, stop: threading.Event) -> None:
 def run(model: Model, seconds: float, with_page: bool) -> dict[str, float]:
     """Latency and counts of one model."""
     camera = SyntheticCamera()
-    options = ShowOptions(background=Background(seconds=0.0), seconds=seconds)
+    options = ShowOptions(background=ShowBackground(seconds=0.0), seconds=seconds)
     latencies: list[float] = []
     with ExitStack() as stack:
         view = stack.enter_context(Show({"camera": camera}, model, options))

@@ -18,8 +18,7 @@ import pytest
 from tactileforge.contracts import Frame
 from tactileforge.errors import ConfigError
 from tactileforge.live.server import Page, difference, jpeg
-from tactileforge.live.session import Show, ShowOptions, show
-from tactileforge.sensors.background import Background
+from tactileforge.live.session import Show, ShowBackground, ShowOptions, show
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "google-chrome", "chrome"))), None)
 
@@ -35,7 +34,7 @@ def page(scripted):
     """A page of a sensor that is pressed from its hundredth frame on."""
     sensor = scripted(fps=50.0, events=dict.fromkeys(range(50, 10_000), press))
     stop = threading.Event()
-    options = ShowOptions(background=Background(seconds=0.0))
+    options = ShowOptions(background=ShowBackground(seconds=0.0))
     with Show({"left": sensor}, None, options) as view, Page(view) as page:
         thread = threading.Thread(target=show, args=(view, [], stop, lambda line: None))
         thread.start()

@@ -28,6 +28,7 @@ from tactileforge.record.status import RecordStatus
 from tactileforge.sensors.background import Background
 from tactileforge.sensors.drivers.sim import SimSensor
 from tactileforge.sensors.drivers.sim_wrench import SimWrench
+from tactileforge.strict import build
 
 SCRIPT = Path(__file__).parent / "recordable.py"
 
@@ -290,7 +291,7 @@ def test_a_driver_that_cannot_open_is_named(scripted, options):
 )
 def test_options_that_cannot_be(given, message):
     with pytest.raises(ConfigError, match=message):
-        Options.of({"out": "x", "sensor": {}, **given})
+        build(Options, "", {"out": "x", **given})
 
 
 def test_no_room_ends_it_before_the_disk_is_full(scripted, options):

@@ -29,12 +29,23 @@ _KEPT, _RECENT = 20_000, 300
 
 
 @dataclass(frozen=True, kw_only=True)
+class ShowBackground(Background):
+    """The frame without contact.
+
+    Attributes:
+        seconds: For how long it is taken at the start; 0 takes the first frame, unchecked.
+        image: File of it instead; "" takes it.
+    """
+
+    image: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
 class ShowOptions:
     """How sensors are shown live.
 
     Attributes:
         background: How the frame without contact is taken.
-        image: File of it instead; "" takes it.
         contact: When something touches.
         slip: When something slips.
         embedding: Whether messages carry the model's vector.
@@ -45,8 +56,7 @@ class ShowOptions:
         frames: Readings after which it ends; None until stopped.
     """
 
-    background: Background = field(default_factory=Background)
-    image: str = ""
+    background: ShowBackground = field(default_factory=ShowBackground)
     contact: ContactOptions = field(default_factory=ContactOptions)
     slip: SlipOptions = field(default_factory=SlipOptions)
     embedding: bool = False
@@ -55,6 +65,12 @@ class ShowOptions:
     calibration: Mapping[str, str] = field(default_factory=dict)
     seconds: float | None = None
     frames: int | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("seconds", "frames"):
+            value = getattr(self, name)
+            if value is not None and not value > 0:
+                raise ConfigError(f"{name}={value}: give a value above 0")
 
 
 class Latency:
@@ -178,10 +194,10 @@ class Show:
             ConfigError: The picture given instead does not fit.
         """
         given = self.options
-        picture = picture_of(given.image) if given.image else None
+        picture = picture_of(given.background.image) if given.background.image else None
         for finger in self.fingers.values():
             finger.begin_background()
-        end = time.monotonic() + (0.0 if given.image else given.background.seconds)
+        end = time.monotonic() + (0.0 if given.background.image else given.background.seconds)
         while time.monotonic() < end:
             time.sleep(0.02)
             self.check()
@@ -237,7 +253,7 @@ def show(
     Raises:
         SensorError: See `Show.take_background` and `Show.readings`.
     """
-    if view.options.background.seconds and not view.options.image:
+    if view.options.background.seconds and not view.options.background.image:
         say("background: nothing may touch the sensors now")
     view.take_background()
     states = dict.fromkeys(view.fingers, "")

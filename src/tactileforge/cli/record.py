@@ -1,11 +1,10 @@
-"""``tactileforge record``."""
+"""Records sensors, forces and a camera, as shards."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
-from tactileforge import settings
+from tactileforge.cli._command import Command
 from tactileforge.record.options import Options
 from tactileforge.record.record import record
 from tactileforge.record.status import RecordStatus, Summary
@@ -13,35 +12,21 @@ from tactileforge.sensors.opening import built
 from tactileforge.signals import stopped_by_signals
 
 
-def main(argv: Sequence[str]) -> int:
-    """Runs the verb.
+def _record(keys: Options, config: dict[str, Any]) -> None:
+    """Records sensors, forces and a camera together (docs/record.md).
 
-    Args:
-        argv: The words after ``tactileforge record``.
-
-    Returns:
-        The exit code.
-
-    Raises:
-        TactileForgeError: Something is wrong; says the fix.
+    Options of a sensor are sensor.NAME.option=value, and so are those of force and camera:
+    force.option=value. A second sensor of one kind: +sensor@sensor.second=NAME
     """
-    if argv in (["--help"], ["-h"]):
-        print(settings.text("record"))
-        return 0
-    from tactileforge.compose import plain
-
-    config = plain("record", argv)
-    options = Options.of(config)
     sensors, force, camera = built(config)
     status = RecordStatus()
     with stopped_by_signals() as stop:
         try:
-            found = record(options, sensors, force, camera, stop, _say(status), status)
+            found = record(keys, sensors, force, camera, stop, _say(status), status)
         finally:
             status.end()
     print(_told(found))
-    print(f"look at it: tactileforge data inspect data=shards data.root={options.out}")
-    return 0
+    print(f"look at it: tactileforge data inspect data=shards data.root={keys.out}")
 
 
 def _say(status: RecordStatus) -> Any:
@@ -60,3 +45,7 @@ def _told(found: Summary) -> str:
         f"{takes}, {found.seconds:.1f} s, {found.bytes / 1e6:.1f} MB; frames: {frames}; "
         f"dropped: {lost or 'none'}"
     )
+
+
+_SENSORS = {"sensor": "???", "force": None, "camera": None}
+COMMANDS = {"": Command(run=_record, keys=Options, groups=_SENSORS)}
