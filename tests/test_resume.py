@@ -12,8 +12,8 @@ import torch
 
 from tactileforge import cli
 from tactileforge.balance import GradNorm
-from tactileforge.callbacks.checkpoints import AtomicCheckpointIO, find, initialise, read
-from tactileforge.errors import ConfigError, DataNotFoundError
+from tactileforge.callbacks.checkpoints import AtomicCheckpointIO, find, initialise, read, seal
+from tactileforge.errors import ConfigError, DataNotFoundError, TactileForgeError
 from tactileforge.sim.generate import Config, write_seconds
 
 OPTIONS = ["scale=demo", "encoder.image_size=32", "batch.size=8", "batch.workers=1"]
@@ -132,16 +132,17 @@ def test_a_checkpoint_is_written_beside_and_renamed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "x" / "last.ckpt"
-    AtomicCheckpointIO().save_checkpoint({"a": torch.ones(2)}, path)
+    AtomicCheckpointIO().save_checkpoint({"state_dict": torch.ones(2)}, path)
 
     def crash(checkpoint: object, file: object) -> None:
         file.write(b"half")
         raise OSError("disk full")
 
     monkeypatch.setattr(torch, "save", crash)
-    with pytest.raises(OSError, match="disk full"):
-        AtomicCheckpointIO().save_checkpoint({"a": torch.zeros(2)}, path)
-    assert read(path)["a"].tolist() == [1, 1]
+    with pytest.raises(TactileForgeError, match=r"disk full.*the one before it stays"):
+        AtomicCheckpointIO().save_checkpoint({"state_dict": torch.zeros(2)}, path)
+    assert read(path)["state_dict"].tolist() == [1, 1]
+    assert not list(path.parent.glob("*.part"))
 
 
 class Evil:
@@ -153,7 +154,9 @@ def test_nothing_in_a_checkpoint_is_executed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    torch.save({"state_dict": Evil()}, tmp_path / "evil.ckpt")
+    with (tmp_path / "evil.ckpt").open("w+b") as file:
+        torch.save({"state_dict": Evil()}, file)
+        seal(file)
     with pytest.raises(ConfigError, match=r"evil\.ckpt is not a checkpoint"):
         read(tmp_path / "evil.ckpt")
     assert not (tmp_path / "executed").exists()

@@ -9,6 +9,7 @@ from tactileforge.record.options import Options
 from tactileforge.record.record import record
 from tactileforge.record.status import RecordStatus, Summary
 from tactileforge.sensors.opening import built
+from tactileforge.sensors.status import of_drops
 from tactileforge.signals import stopped_by_signals
 
 
@@ -39,11 +40,10 @@ def _say(status: RecordStatus) -> Any:
 
 def _told(found: Summary) -> str:
     frames = ", ".join(f"{name} {count}" for name, count in found.frames.items())
-    lost = ", ".join(f"{name} {count}" for name, count in found.dropped.items() if count)
     takes = "1 take" if found.takes == 1 else f"{found.takes} takes"
     return (
         f"{takes}, {found.seconds:.1f} s, {found.bytes / 1e6:.1f} MB; frames: {frames}; "
-        f"dropped: {lost or 'none'}"
+        f"dropped: {of_drops(found.reasons)}"
     )
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from tactileforge.cli._command import Command
-from tactileforge.errors import ConfigError, DataNotFoundError, TactileForgeError
+from tactileforge.errors import ConfigError, TactileForgeError
 
 #: What Hydra leaves in a folder before a run begins, and the run's own lock.
 _EMPTY = {".hydra", ".lock", "train.log"}
@@ -59,13 +59,9 @@ def _prepare(overrides: list[str]) -> list[str]:
 
 def _of_run(folder: str) -> dict[str, Any]:
     """The configuration of the run in a folder, to go on with it."""
-    from omegaconf import OmegaConf
+    from tactileforge.run_folder import read_config
 
-    path = Path(folder) / "config.yaml"
-    if not path.is_file():
-        raise DataNotFoundError(f"resume={folder}: no config.yaml there; give the folder of a run")
-    plain: dict[str, Any] = OmegaConf.to_container(OmegaConf.load(path))  # type: ignore[assignment]
-    return {**plain, "resume": folder}
+    return {**read_config(Path(folder)), "resume": folder}
 
 
 def _finish(config: Any) -> Any:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
@@ -12,6 +11,7 @@ from tactileforge.contracts import FrameSubset, Recording
 from tactileforge.datasets.reading.official import ALL, ANYTOUCH2_CLOTH, CLOTH_OFFICIAL
 from tactileforge.datasets.reading.published import Item, Numbered, Published, seconds
 from tactileforge.errors import DataError
+from tactileforge.untrusted import load_json
 
 _LISTS = {
     CLOTH_OFFICIAL.name: ("train_data.json", "test_data.json"),
@@ -104,7 +104,7 @@ class Cloth(Published):
         if not path.is_file():
             raise self._missing(f"no file {path}")
         try:
-            found = json.loads(path.read_text(encoding="utf-8"))
+            found = load_json(path.read_text(encoding="utf-8"))
             return {_plain(key): value for key, value in found.items()}
         except (AttributeError, ValueError) as error:
             raise DataError(f"{path}: not a JSON object: {error}; download it again") from error

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator
 from functools import partial
@@ -16,6 +15,7 @@ from tactileforge.data.labels.actions import label_actions
 from tactileforge.datasets.reading.official import ALL, TOUCHD_BENCH, TOUCHD_PRETRAIN
 from tactileforge.datasets.reading.published import Item, Published, rate, seconds, still
 from tactileforge.errors import ConfigError, DataError, unknown
+from tactileforge.untrusted import load_json
 
 #: Sensor by folder. ``biotip`` sees markers in space, and ``dm`` has no labels: both are left out.
 _SENSORS = {"digit": "digit", "gelsight": "gelsight_mini", "duragel": "duragel"}
@@ -82,7 +82,7 @@ class TouchdForce(Published):
         if not index.is_file():
             raise self._missing(f"no index {index}")
         try:
-            sessions = json.loads(index.read_text(encoding="utf-8")).items()
+            sessions = load_json(index.read_text(encoding="utf-8")).items()
         except (AttributeError, ValueError) as error:
             raise DataError(f"{index}: not an index of sessions: {error}; download it") from error
         for session, tables in sorted(sessions):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import re
 from collections.abc import Iterator
 from functools import partial
@@ -16,6 +15,7 @@ from tactileforge.data.frames.lazy import ImageFrames
 from tactileforge.datasets.reading.official import ALL, TVL_OFFICIAL
 from tactileforge.datasets.reading.published import Item, Published, runs, seconds, still
 from tactileforge.errors import DataError
+from tactileforge.untrusted import load_json
 
 
 class _Row(NamedTuple):
@@ -108,7 +108,7 @@ class Tvl(Published):
         if not path.is_file():
             raise self._missing(f"neither {path.with_name('train.csv')} nor {path}")
         try:
-            lists = json.loads(path.read_text(encoding="utf-8"))
+            lists = load_json(path.read_text(encoding="utf-8"))
             touches = lists["tactile"]
             nothing = [""] * len(touches)
             backgrounds = lists.get("background") or nothing
