@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,6 +15,7 @@ import torch
 
 import tactileforge
 from tactileforge.callbacks import checkpoints
+from tactileforge.cli import dispatch
 from tactileforge.compose import compose
 from tactileforge.encoders import published
 from tactileforge.encoders.tactile_vit import TactileViT
@@ -22,8 +24,8 @@ from tactileforge.files import sha256
 from tactileforge.hub import pack, store
 from tactileforge.hub.header import read_header
 from tactileforge.train import train
-from tactileforge.zoo_verbs import main
 
+main = partial(dispatch, "zoo")
 AddCard = Callable[..., None]
 
 
@@ -93,7 +95,7 @@ def test_folders_of_the_machine_stay_there(run: Path, tmp_path: Path) -> None:
     shutil.copytree(run, copy)
     config = copy / "config.yaml"
     changed = config.read_text().replace("init: null", "init: /home/ada/secret/runs/first")
-    config.write_text(changed)
+    config.write_text(changed.partition("\n")[2])  # without its checksum
     path = pack.pack_run(copy)
     assert read_header(path).recipe["init"] == "first"
     assert read_header(path).recipe["data"] == read_header(pack.pack_run(run)).recipe["data"]
@@ -115,7 +117,11 @@ def test_what_is_no_run(run: Path, tmp_path: Path) -> None:
     copy = tmp_path / "run"
     shutil.copytree(run, copy)
     config = copy / "config.yaml"
-    config.write_text(config.read_text().replace("image_size: 32", "image_size: 48"))
+    changed = config.read_text().replace("image_size: 32", "image_size: 48")
+    config.write_text(changed)
+    with pytest.raises(DataError, match="its checksum is another"):
+        pack.pack_run(copy)
+    config.write_text(changed.partition("\n")[2])
     with pytest.raises(DataError, match=r"of another shape: position \("):
         pack.pack_run(copy)
     (copy / "checkpoints" / "last.ckpt").unlink()

@@ -19,6 +19,7 @@ from tactileforge.live.contact import ContactOptions, SlipOptions
 from tactileforge.live.publish import Publisher
 from tactileforge.live.sensor_stream import Reading, SensorStream, read_background
 from tactileforge.sensors.background import Background
+from tactileforge.sensors.capture import check
 from tactileforge.sensors.low_latency_threads import low_latency_threads
 from tactileforge.sensors.opening import open_all
 
@@ -29,12 +30,23 @@ _KEPT, _RECENT = 20_000, 300
 
 
 @dataclass(frozen=True, kw_only=True)
+class ShowBackground(Background):
+    """The frame without contact.
+
+    Attributes:
+        seconds: For how long it is taken at the start; 0 takes the first frame, unchecked.
+        image: File of it instead; "" takes it.
+    """
+
+    image: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
 class LiveOptions:
     """How sensors are shown live.
 
     Attributes:
         background: How the frame without contact is taken.
-        image: File of it instead; "" takes it.
         contact: When something touches.
         slip: When something slips.
         embedding: Whether messages carry the model's vector.
@@ -45,8 +57,7 @@ class LiveOptions:
         frames: Readings after which it ends; None until stopped.
     """
 
-    background: Background = field(default_factory=Background)
-    image: str = ""
+    background: ShowBackground = field(default_factory=ShowBackground)
     contact: ContactOptions = field(default_factory=ContactOptions)
     slip: SlipOptions = field(default_factory=SlipOptions)
     embedding: bool = False
@@ -55,6 +66,12 @@ class LiveOptions:
     calibration: Mapping[str, str] = field(default_factory=dict)
     seconds: float | None = None
     frames: int | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("seconds", "frames"):
+            value = getattr(self, name)
+            if value is not None and not value > 0:
+                raise ConfigError(f"{name}={value}: give a value above 0")
 
 
 class Latency:
@@ -166,9 +183,7 @@ class LiveSession:
 
     def check(self) -> None:
         """Raises the error of the first sensor that has ended with one."""
-        for finger in self.fingers.values():
-            if finger.capture.error is not None:
-                raise finger.capture.error
+        check([finger.capture for finger in self.fingers.values()])
 
     def take_background(self) -> None:
         """Takes the frame without contact of every sensor; nothing may touch meanwhile.
@@ -178,10 +193,10 @@ class LiveSession:
             ConfigError: The picture given instead does not fit.
         """
         given = self.options
-        picture = read_background(given.image) if given.image else None
+        picture = read_background(given.background.image) if given.background.image else None
         for finger in self.fingers.values():
             finger.begin_background()
-        end = time.monotonic() + (0.0 if given.image else given.background.seconds)
+        end = time.monotonic() + (0.0 if given.background.image else given.background.seconds)
         while time.monotonic() < end:
             time.sleep(0.02)
             self.check()
@@ -237,7 +252,7 @@ def run_session(
     Raises:
         SensorError: See `LiveSession.take_background` and `LiveSession.readings`.
     """
-    if view.options.background.seconds and not view.options.image:
+    if view.options.background.seconds and not view.options.background.image:
         say("background: nothing may touch the sensors now")
     view.take_background()
     states = dict.fromkeys(view.fingers, "")
@@ -255,6 +270,7 @@ def run_session(
                     publisher.send(message)
             if tell is not None:
                 tell(view)
+    check([finger.capture for finger in view.fingers.values()], at_end=True)
 
 
 @contextmanager
