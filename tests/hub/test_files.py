@@ -145,7 +145,7 @@ def test_other_files(tmp_path: Path, vit: TactileViT) -> None:
         ({"encoder": {"size": "tiny"}}, "encoder has no name"),
         ({"sensors": {"digit": "one"}}, "sensors is"),
         ({"spacing": "fast"}, "spacing is 'fast', which is not of type float"),
-        ({"extra": 1}, "unknown field of the header: 'extra'"),
+        ({"extra": 1}, "unknown key of the header 'extra'"),
     ],
 )
 def test_headers_at_fault_are_named(checkpoint: Path, change: dict[str, Any], message: str) -> None:
@@ -156,7 +156,7 @@ def test_headers_at_fault_are_named(checkpoint: Path, change: dict[str, Any], me
 
 def test_a_missing_key_of_the_header_is_named(checkpoint: Path) -> None:
     rewrite(checkpoint, lambda header: header.pop("licence"))
-    with pytest.raises(DataError, match="field 'licence' is missing"):
+    with pytest.raises(DataError, match="'licence' is missing"):
         read_header(checkpoint)
 
 

@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,6 +15,7 @@ import torch
 
 import tactileforge
 from tactileforge.callbacks import checkpoints
+from tactileforge.cli import dispatch
 from tactileforge.compose import compose
 from tactileforge.encoders import published
 from tactileforge.encoders.tactile_vit import TactileViT
@@ -22,8 +24,8 @@ from tactileforge.files import sha256
 from tactileforge.hub import pack, store
 from tactileforge.hub.header import read_header
 from tactileforge.train import train
-from tactileforge.zoo_verbs import main
 
+main = partial(dispatch, "zoo")
 AddCard = Callable[..., None]
 
 

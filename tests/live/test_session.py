@@ -25,10 +25,9 @@ from tactileforge.live.contact import (
 )
 from tactileforge.live.publish import JsonLines
 from tactileforge.live.sensor_stream import SensorStream, known_as
-from tactileforge.live.session import LiveOptions, LiveSession, run_session
-from tactileforge.sensors.background import Background
+from tactileforge.live.session import LiveOptions, LiveSession, ShowBackground, run_session
 
-NO_BACKGROUND = Background(seconds=0.0)
+NO_BACKGROUND = ShowBackground(seconds=0.0)
 
 
 @pytest.fixture(scope="module")
@@ -269,27 +268,26 @@ def test_what_cannot_be_shown(scripted):
 
 
 def test_touch_while_the_background_is_taken(scripted):
-    view = LiveSession(
-        {"left": scripted(moves=True)}, None, options(background=Background(seconds=0.5))
-    )
+    given = options(background=ShowBackground(seconds=0.5))
+    view = LiveSession({"left": scripted(moves=True)}, None, given)
     with view, pytest.raises(SensorError, match="something touches it"):
         view.take_background()
 
 
 def test_the_background_is_the_median_or_a_file(scripted, tmp_path):
-    view = LiveSession({"left": scripted()}, None, options(background=Background(seconds=0.3)))
+    view = LiveSession({"left": scripted()}, None, options(background=ShowBackground(seconds=0.3)))
     with view:
         view.take_background()
         assert abs(view.fingers["left"].background.astype(float) - 121).max() <= 1
     picture = np.arange(24 * 32 * 3, dtype=np.uint8).reshape(24, 32, 3)
     cv2.imwrite(str(tmp_path / "still.png"), cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
-    with LiveSession(
-        {"left": scripted()}, None, options(image=str(tmp_path / "still.png"))
-    ) as view:
+    still = options(background=ShowBackground(image=str(tmp_path / "still.png")))
+    with LiveSession({"left": scripted()}, None, still) as view:
         view.take_background()
         assert np.array_equal(view.fingers["left"].background, picture)
     cv2.imwrite(str(tmp_path / "small.png"), picture[:5])
-    view = LiveSession({"left": scripted()}, None, options(image=str(tmp_path / "small.png")))
+    small = options(background=ShowBackground(image=str(tmp_path / "small.png")))
+    view = LiveSession({"left": scripted()}, None, small)
     with view, pytest.raises(ConfigError, match=r"the background has \(5, 32\) pixels"):
         view.take_background()
 

@@ -17,6 +17,7 @@ from tactileforge.data.shards import index, shards
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.packing import PackOptions, pack, summary
 from tactileforge.packing.statistics import PackStatistics
+from tactileforge.strict import build
 
 PNG = PackOptions(codec="png", shard_frames=30, processes=1)
 
@@ -262,7 +263,7 @@ def test_options_that_cannot_be_are_named() -> None:
         ({"shard_frames": 0}, "pack.shard_frames is 0"),
         ({"processes": -1}, "pack.processes is -1"),
         ({"max_bad": 2}, "pack.max_bad is 2; give a share"),
-        ({"max_bad": "all"}, "of a wrong type"),
+        ({"max_bad": "all"}, "pack.max_bad is 'all', which is not of type float"),
         ({"sizes": 3}, "unknown key of pack 'sizes'; did you mean 'size'"),
         ({"filter": {"laplac": 3}}, "unknown key of pack.filter 'laplac'; did you mean 'laplacian"),
         ({"filter": {"laplacian": 0}}, "laplacian is 0; give more than 0, or null"),
@@ -270,4 +271,4 @@ def test_options_that_cannot_be_are_named() -> None:
         ({"filter": {"every": -1}}, "every is -1"),
     ):
         with pytest.raises(ConfigError, match=words):
-            PackOptions.of(given)
+            build(PackOptions, "pack", given)

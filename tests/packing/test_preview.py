@@ -6,15 +6,15 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from hydra import compose, initialize_config_module
 from omegaconf import OmegaConf
 
-from tactileforge.compose import register
+from tactileforge.cli.data import COMMANDS
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.errors import DataError
 from tactileforge.packing import Filter, PackOptions, pack
 from tactileforge.packing.preview import judge, preview, threshold_for
+from tactileforge.strict import build
 
 Make = Callable[..., Recording]
 
@@ -104,21 +104,20 @@ def test_stills_have_no_threshold(packable: ModuleType, make: Make, tmp_path: Pa
     assert np.isnan(threshold_for([judge(still, Filter())], 0.5))
 
 
-@pytest.mark.parametrize("data", ["sim", "public_samples"])
+@pytest.mark.parametrize("data", ["sim", "gsmini_slip"])
 def test_keys_of_the_command_line_are_the_options(data: str) -> None:
-    register()
-    with initialize_config_module("tactileforge.conf", version_base="1.3"):
-        config = compose("pack", [f"data={data}", "out=x", "pack.filter.laplacian=3"])
-        asked = compose("filter", [f"data={data}"])
-    given = OmegaConf.to_container(config.pack, resolve=True)
-    assert given == asdict(PackOptions(filter=Filter(laplacian=3)))
-    assert PackOptions.of(given) == PackOptions(filter=Filter(laplacian=3))  # type: ignore[arg-type]
-    assert PackOptions.of(OmegaConf.to_container(asked.pack)) == PackOptions()  # type: ignore[arg-type]
-    assert config.data.name in ("sim", "recordings")
+    words = [f"data={data}", "out=x", "pack.filter.laplacian=3"]
+    words += ["data.root=x"] if data == "gsmini_slip" else []
+    config = COMMANDS["pack"].compose("data pack", words)
+    assert config["pack"] == asdict(PackOptions(filter=Filter(laplacian=3)))
+    assert COMMANDS["pack"].build(config).pack == PackOptions(filter=Filter(laplacian=3))
+    asked = COMMANDS["filter"].compose("data filter", [*words[:1], *words[3:]])
+    assert COMMANDS["filter"].build(asked).pack == PackOptions()
+    assert config["data"]["name"] in ("sim", "recordings")
 
 
 def test_options_of_a_sensor_come_from_the_command_line() -> None:
     config = OmegaConf.create({"filter": {"laplacian": {"digit": 3, "gelsight": 9}}})
     plain = OmegaConf.to_container(config)
-    chosen = PackOptions.of(plain).filter  # type: ignore[arg-type]
+    chosen = build(PackOptions, "pack", plain).filter  # type: ignore[arg-type]
     assert [chosen.threshold(name) for name in ("digit", "gelsight", "dm")] == [3, 9, None]

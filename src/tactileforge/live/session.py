@@ -30,12 +30,23 @@ _KEPT, _RECENT = 20_000, 300
 
 
 @dataclass(frozen=True, kw_only=True)
+class ShowBackground(Background):
+    """The frame without contact.
+
+    Attributes:
+        seconds: For how long it is taken at the start; 0 takes the first frame, unchecked.
+        image: File of it instead; "" takes it.
+    """
+
+    image: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
 class LiveOptions:
     """Options of a live session.
 
     Attributes:
         background: How the frame without contact is taken.
-        image: File of it instead; "" takes it.
         contact: When something touches.
         slip: When something slips.
         embedding: Whether messages carry the model's vector.
@@ -46,8 +57,7 @@ class LiveOptions:
         frames: Readings after which it ends; None until stopped.
     """
 
-    background: Background = field(default_factory=Background)
-    image: str = ""
+    background: ShowBackground = field(default_factory=ShowBackground)
     contact: ContactOptions = field(default_factory=ContactOptions)
     slip: SlipOptions = field(default_factory=SlipOptions)
     embedding: bool = False
@@ -56,6 +66,12 @@ class LiveOptions:
     calibration: Mapping[str, str] = field(default_factory=dict)
     seconds: float | None = None
     frames: int | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("seconds", "frames"):
+            value = getattr(self, name)
+            if value is not None and not value > 0:
+                raise ConfigError(f"{name}={value}: give a value above 0")
 
 
 class Latency:
@@ -176,16 +192,16 @@ class LiveSession:
             SensorError: Something touches, or a sensor delivers no valid image.
             ConfigError: The image given instead does not fit.
         """
-        options = self.options
-        image = read_background(options.image) if options.image else None
+        background = self.options.background
+        image = read_background(background.image) if background.image else None
         for finger in self.fingers.values():
             finger.begin_background()
-        end = time.monotonic() + (0.0 if options.image else options.background.seconds)
+        end = time.monotonic() + (0.0 if background.image else background.seconds)
         while time.monotonic() < end:
             time.sleep(0.02)
             self.check()
         for finger in self.fingers.values():
-            finger.take_background(options.background, image)
+            finger.take_background(background, image)
 
     def readings(self, stop: threading.Event | None = None) -> Iterator[Reading | None]:
         """Readings of the newest frames as they arrive; None at intervals while none arrives.
@@ -236,7 +252,7 @@ def run_session(
     Raises:
         SensorError: See `LiveSession.take_background` and `LiveSession.readings`.
     """
-    if view.options.background.seconds and not view.options.image:
+    if view.options.background.seconds and not view.options.background.image:
         say("background: nothing may touch the sensors now")
     view.take_background()
     states = dict.fromkeys(view.fingers, "")

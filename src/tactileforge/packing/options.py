@@ -1,18 +1,16 @@
-"""Options of packing: the keys under ``pack.`` in conf/pack.yaml."""
+"""Options of packing: the keys under ``pack.`` of ``tactileforge data pack``."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
-from typing import Any, TypeVar
+from dataclasses import asdict, dataclass, field
+from typing import Any
 
 from tactileforge.data.shards.shards import CODECS
 from tactileforge.errors import ConfigError, unknown
 
 #: Who does the work.
 EXECUTORS = ("local", "ray")
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,7 +21,7 @@ class Filter:
         laplacian: A frame is lively from this `filters.laplacian_score` on; frames that share no
             clip with a lively one are left out. One number, or one by sensor (others
             are not filtered).
-        every: Seconds between frames that are kept; sampled first.
+        every: Seconds between frames that are kept; None keeps all. Sampled first.
         span: Length of a clip of four frames, s; see `filters.reach`.
 
     Raises:
@@ -90,34 +88,9 @@ class PackOptions:
             if value is not None and value < 1:
                 raise ConfigError(f"pack.{name} is {value}; give 1 or more")
 
-    @classmethod
-    def of(cls, config: Mapping[str, Any]) -> PackOptions:
-        """Options from plain data.
-
-        Args:
-            config: Some of the attributes by name, ``filter`` a mapping as well.
-
-        Raises:
-            ConfigError: An unknown key, or a value that is none.
-        """
-        keys = dict(config)
-        chosen = _build(Filter, "pack.filter", keys.pop("filter", None) or {})
-        return _build(cls, "pack", {**keys, "filter": chosen})
-
     def content(self) -> dict[str, Any]:
         """The options that decide the bytes of the shards, as plain data."""
         plain = asdict(self)
         for name in ("processes", "executor", "max_bad"):
             del plain[name]
         return plain
-
-
-def _build(kind: type[T], what: str, values: Mapping[str, Any]) -> T:
-    known = [each.name for each in fields(kind)]  # type: ignore[arg-type]
-    for key in values:
-        if key not in known:
-            raise ConfigError(unknown(f"key of {what}", key, known))
-    try:
-        return kind(**values)
-    except TypeError as error:
-        raise ConfigError(f"{what}: {dict(values)} is of a wrong type ({error})") from error

@@ -11,15 +11,15 @@ from omegaconf import OmegaConf
 from tactileforge import registry
 from tactileforge.bench.fit import pretrain
 from tactileforge.bench.fit.pretrain import PretrainJob, PretrainModel
-from tactileforge.compose import compose, settings
+from tactileforge.cli.bench import COMMANDS
+from tactileforge.compose import compose
 from tactileforge.errors import ConfigError, TactileForgeError
 
 ABLATIONS = ["no_align", "no_diff", "none"]
 
 
 def miniature() -> dict[str, Any]:
-    config = settings("bench", ["suite=[sim,public_samples]", "pretrain=miniature"])
-    return OmegaConf.to_container(config, resolve=True)  # type: ignore[return-value]
+    return COMMANDS[""].compose("bench", ["suite=[sim,public_samples]", "pretrain=miniature"])
 
 
 def test_the_miniature_is_what_the_issue_of_the_paper_is() -> None:

@@ -375,7 +375,7 @@ GONE = object()
         (["suite"], GONE, "'suite' is missing"),
         (["format"], 2, "'format' is not 1"),
         (["extra"], 1, "'extra'"),
-        (["tasks", 1, "title"], GONE, r"tasks\[1\]: field 'title' is missing"),
+        (["tasks", 1, "title"], GONE, r"tasks\[1\]: 'title' is missing"),
         (["tasks", 0, "selection"], "best", r"tasks\[0\]: selection is 'best'"),
         (["tasks", 0, "main"], "rmse", "main metric 'rmse'.*Known: rmse_sum_axes"),
         (["tasks", 0, "metrics"], [RMSE | {"better": "up"}], r"metrics\[0\]: better is 'up'"),
@@ -387,7 +387,7 @@ GONE = object()
         (["cells", 2, "metrics"], {"rmse_sum_axes": "x"}, "metrics.rmse_sum_axes is 'x'"),
         (["cells", 2, "seed"], "x", r"cells\[2\]: seed is 'x'"),
         (["cells", 2, "seed"], 1, "cell 'force, a, seed 1, {}' appears 2 times"),
-        (["not_run"], [{"task": "force"}], r"not_run\[0\]: field 'reason'"),
+        (["not_run"], [{"task": "force"}], r"not_run\[0\]: 'reason'"),
         (
             ["training"],
             [{"model": "a", "objective": "o", "step": [1], "train": []}],

@@ -1,11 +1,9 @@
 """Every suite is read, names what exists, and agrees with what is published."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from omegaconf import OmegaConf
 
 from tactileforge import registry
 from tactileforge.bench.fit.resolve import choose_probe, result_task
@@ -13,7 +11,7 @@ from tactileforge.bench.output.published import published_scores
 from tactileforge.bench.tasks import metrics, splits, targets
 from tactileforge.bench.tasks.source import open_source
 from tactileforge.bench.tasks.suite import Task, parse_task
-from tactileforge.compose import settings
+from tactileforge.cli.bench import COMMANDS
 from tactileforge.datasets.reading.splits import is_held_out
 
 ROOT = Path(__file__).parents[3]
@@ -21,7 +19,7 @@ SUITES = sorted(path.stem for path in (ROOT / "conf" / "suite").glob("*.yaml"))
 
 
 def suite(name: str, *words: str) -> dict[str, Task]:
-    config: Any = OmegaConf.to_container(settings("bench", [f"suite={name}", *words]), resolve=True)
+    config = COMMANDS[""].compose("bench", [f"suite={name}", *words])
     return {key: parse_task(key, node) for key, node in config["tasks"].items()}
 
 
@@ -56,7 +54,7 @@ def test_published_settings() -> None:
 
 
 def test_suites_add_up() -> None:
-    config = settings("bench", ["suite=[sim,touchd]"])
+    config = COMMANDS[""].compose("bench", ["suite=[sim,touchd]"])
     assert list(config.suites) == ["sim", "touchd"]
     assert {"sim_force", "touchd_force_digit"} <= set(config.tasks)
 

@@ -213,7 +213,9 @@ def train_all(runs: Sequence[PretrainJob], hydra: Sequence[str] | None) -> None:
 
 def _launch(folder: Path, runs: Sequence[PretrainJob], words: Sequence[str]) -> None:
     import hydra
+    from hydra.core.global_hydra import GlobalHydra
 
+    GlobalHydra.instance().clear()  # the bench itself may be composed by it
     listed = folder / "jobs.json"
     rows = {job.name: [str(job.folder.resolve()), list(job.words)] for job in runs}
     write_text(listed, json.dumps(rows, indent=2))

@@ -103,14 +103,11 @@ def _node(data: Mapping[str, Any]) -> dict[str, Any]:
     preset = node.pop("preset", None)
     if preset is None:
         return node
-    from omegaconf import OmegaConf
-
-    from tactileforge.compose import settings
+    from tactileforge.compose import option
 
     layouts = node.pop("layouts", None)
     words = [f"data.{key}={value}" for key, value in node.items()]
-    config = settings("inspect", [f"data={preset}", *words]).data
-    options: dict[str, Any] = OmegaConf.to_container(config, resolve=True)  # type: ignore[assignment]
+    options = option("data", [f"data={preset}", *words])
     if layouts is not None:
         for name in layouts:
             if name not in options["layouts"]:

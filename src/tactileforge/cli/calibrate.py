@@ -1,15 +1,16 @@
-"""``tactileforge calibrate``."""
+"""Finds light, scale and force of one sensor."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import fields
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from tactileforge import registry, settings
+from tactileforge import registry
 from tactileforge.calibration.calibrate import CalibrateOptions, CalibrationResult, calibrate
 from tactileforge.calibration.file import load_calibration
+from tactileforge.cli._command import Command
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.errors import ConfigError
 from tactileforge.files import write_text
@@ -18,34 +19,31 @@ if TYPE_CHECKING:
     from tactileforge.hub.model import Model
 
 
-def main(argv: Sequence[str]) -> int:
-    """Runs the verb.
+@dataclass(frozen=True, kw_only=True)
+class _Calibrate(CalibrateOptions):
+    """A calibration of one unit.
 
-    Args:
-        argv: The words after ``tactileforge calibrate``.
-
-    Returns:
-        The exit code.
-
-    Raises:
-        TactileForgeError: Something is wrong; says the fix.
+    Attributes:
+        out: The calibration, FILE.yaml; its page is beside it.
+        model: A model with a force head, NAME.TAG or file:PATH, whose forces are fitted to this
+            unit.
+        reference: Calibration of another unit, to whose colours this one is balanced.
     """
-    if argv in (["--help"], ["-h"]):
-        print(settings.text("calibrate"))
-        return 0
-    from tactileforge.compose import plain
 
-    config = plain("calibrate", argv)
-    out = Path(config["out"])
+    out: str
+    model: str | None = None
+    reference: str | None = None
+
+
+def _calibrate(keys: _Calibrate, config: dict[str, Any]) -> None:
+    """Finds light, scale and force of one unit; a page shows how well forces fit."""
+    out = Path(keys.out)
     if out.suffix not in (".yaml", ".yml"):
         raise ConfigError(f"out={out}: give the name of a file, for example digit.yaml")
-    options = CalibrateOptions(
-        **{field.name: config[field.name] for field in fields(CalibrateOptions)}
-    )
-    reference = load_calibration(config["reference"]) if config["reference"] else None
+    reference = load_calibration(keys.reference) if keys.reference else None
     dataset = registry.build("datasets", config["data"])
-    model = load_model(config["model"]) if config["model"] else None
-    result = calibrate(_recordings(dataset), options, reference, model)
+    model = load_model(keys.model) if keys.model else None
+    result = calibrate(_recordings(dataset), keys, reference, model)
 
     from tactileforge.calibration.page import calibration_page
 
@@ -55,7 +53,6 @@ def main(argv: Sequence[str]) -> int:
     for line in [*result.notes, *dataset.skipped]:
         print(f"note: {line}")
     print(f"calibration: {out}\npage: {out.with_suffix('.html')}")
-    return 0
 
 
 def load_model(name: str) -> Model:
@@ -84,3 +81,6 @@ def _told(result: CalibrationResult) -> str:
             for name, axis in calibration.force.axes.items()
         ]
     return "\n".join(lines)
+
+
+COMMANDS = {"": Command(run=_calibrate, keys=_Calibrate, groups={"data": "???"})}

@@ -1,13 +1,14 @@
-"""``tactileforge bench``."""
+"""Compares encoders: tasks by models."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tactileforge import settings
+from tactileforge.cli._command import Command
 from tactileforge.errors import ConfigError, unknown
 
 if TYPE_CHECKING:
@@ -18,44 +19,84 @@ if TYPE_CHECKING:
 NOT_RUN = 3
 
 
-def main(argv: Sequence[str]) -> int:
-    """Runs the verb.
+@dataclass(frozen=True, kw_only=True)
+class _Probe:
+    """Options of all probes; None leaves those of the task.
 
-    Args:
-        argv: The words after ``tactileforge bench``.
-
-    Returns:
-        0, or 3 where something could not be run; results.json and the tables say what and why.
-
-    Raises:
-        TactileForgeError: The configuration is wrong, or a split overlaps; says the fix.
+    Attributes:
+        name: Of the probe.
+        epochs: How many.
+        lr: Rate, or several: validation chooses.
+        batch: Clips of a step.
+        finetune: Learning rate of the encoder, where that is trained too.
     """
-    if argv in (["--help"], ["-h"]):
-        print(settings.text("bench"))
-        return 0
-    multirun = "-m" in argv or "--multirun" in argv
-    hydra = [word for word in argv if word.startswith(("hydra/", "hydra.", "+hydra"))]
-    ablation = [word.partition("=")[2] for word in argv if word.startswith("ablation=")]
-    words = [
-        word
-        for word in argv
-        if word not in (*hydra, "-m", "--multirun") and not word.startswith("ablation=")
-    ]
-    if hydra and not multirun:
-        raise ConfigError(f"{hydra[0]}: only with -m, which trains models as jobs of Hydra")
-    from tactileforge.compose import plain
 
-    config = plain("bench", words)
-    return _run(config, ablation[-1] if ablation else "", hydra if multirun else None)
+    name: str | None = None
+    epochs: int | None = None
+    lr: float | list[float] | None = None
+    batch: int | None = None
+    finetune: float | None = None
 
 
-def _run(config: dict[str, Any], ablation: str, hydra: Sequence[str] | None) -> int:
+@dataclass(frozen=True, kw_only=True)
+class _Bench:
+    """What is compared.
+
+    Attributes:
+        model: Names of the zoo, file:PATH, run:FOLDER, untrained:WORD (random weights in the shape
+            of one of these, of a recipe, or of a model that is trained here), or a baseline without
+            encoder: pixels, statistics, motion, hog, background, chance.
+        task: Names of tasks of the suites; None for all.
+        seeds: Probes of each cell; a model that was trained several times takes turns.
+        selection: What the best epoch is chosen on: validation, or test as some papers do (every
+            table says so).
+        probe: Options of all probes.
+        untrained: Overrides with which a recipe is composed for untrained:RECIPE.
+        ablation: Parts that the first model is trained without, each in turn; ``all``, or some.
+        jobs: Words for Hydra, whose jobs the trainings then are: [hydra/launcher=ray]; None trains
+            one after another.
+        out: Folder of the results; None for runs/bench/SUITE. A bench that was stopped goes on
+            there.
+        cache: Folder of the features; None for $TACTILEFORGE_CACHE, or the user's cache.
+        batch: Clips that are encoded at once.
+        workers: Processes that read them.
+        device: Where; ``auto`` for an accelerator, if there is one.
+        baselines: What is measured beside every model, and compared with it as the release gate
+            does (suites real and real_held_out).
+        suites: Titles of the suites, by name; suite=NAME gives them.
+        tasks: Of the suites; suite=NAME gives them.
+    """
+
+    model: list[str] | str = field(default_factory=list)
+    task: list[str] | str | None = None
+    seeds: int = 3
+    selection: str = "validation"
+    probe: _Probe = field(default_factory=_Probe)
+    untrained: list[str] = field(default_factory=list)
+    ablation: list[str] | str | None = None
+    jobs: list[str] | None = None
+    out: str | None = None
+    cache: str | None = None
+    batch: int = 32
+    workers: int = 2
+    device: str = "auto"
+    baselines: list[str] = field(default_factory=list)
+    suites: dict[str, str] = field(default_factory=dict)
+    tasks: dict[str, Any] = field(default_factory=dict)
+
+
+def _bench(_: _Bench, config: dict[str, Any]) -> int:
+    """Compares encoders; suites say on what (docs/bench.md)."""
+    for key in ("model", "task"):
+        config[key] = [config[key]] if isinstance(config[key], str) else config[key]
     from tactileforge.bench.fit import models, pretrain
     from tactileforge.bench.run import write_outputs
 
     trained = pretrain.read_models(config["pretrain"])
-    if ablation:
-        trained = pretrain.ablations(ablation, _ablations(), trained)
+    if config["ablation"]:
+        chosen = config["ablation"]
+        words = chosen if isinstance(chosen, str) else ",".join(chosen)
+        trained = pretrain.ablations(words, _ablations(), trained)
     if not config["model"] and not trained:
         raise ConfigError("no model: give model=[NAME,...]; tactileforge zoo list has names")
     suite = "+".join(config["suites"])
@@ -67,8 +108,8 @@ def _run(config: dict[str, Any], ablation: str, hydra: Sequence[str] | None) -> 
     # mistakes are named before data is read, and overlaps before anything is trained
     beside = _beside(config["model"], trained, config["baselines"])
     known = [models.model_entry(word, config["untrained"], device, folders) for word in beside]
-    bench = _bench(config, suite, folder, {"pretrain": " ".join(words)} if trained else {})
-    pretrain.train_all([job for jobs in runs.values() for job in jobs], hydra)
+    bench = _opened(config, suite, folder, {"pretrain": " ".join(words)} if trained else {})
+    pretrain.train_all([job for found in runs.values() for job in found], config["jobs"])
     for name, model in trained.items():
         if runs[name][0].finished:
             bench.writer.training(list(pretrain.curves(name, runs[name][0].folder)))
@@ -80,7 +121,7 @@ def _run(config: dict[str, Any], ablation: str, hydra: Sequence[str] | None) -> 
     return _report(bench.writer)
 
 
-def _bench(config: dict[str, Any], suite: str, folder: Path, facts: dict[str, str]) -> Bench:
+def _opened(config: dict[str, Any], suite: str, folder: Path, facts: dict[str, str]) -> Bench:
     """Opens the data of all tasks."""
     from tactileforge.bench.fit.features import FeatureStore
     from tactileforge.bench.fit.resolve import choose_probe, result_task
@@ -144,3 +185,7 @@ def _tasks(config: dict[str, Any]) -> dict[str, Any]:
 def _ablations() -> list[str]:
     folder = files("tactileforge.zoo") / "ablation"
     return sorted(item.name.removesuffix(".yaml") for item in folder.iterdir())
+
+
+_SUITES = {"suite": "sim", "pretrain": "none"}
+COMMANDS = {"": Command(run=_bench, keys=_Bench, groups=_SUITES, groups_last=True)}
