@@ -212,7 +212,8 @@ class _View:
         motion, lateral = self._motion(surface, part)
         pictures = self.optics.render(dent, motion, first, drift)
         deep = F.adaptive_avg_pool2d(dent[:, None], self.cells)
-        across = torch.where(touched[:, None, None], lateral, 0.0).mT.unflatten(2, self.cells)
+        across = torch.where(touched[:, None, None], lateral, 0.0).mT
+        across = across.reshape(count, 2, *self.cells)
         moved = displacement.encode_displacement(
             torch.cat([across, deep], 1).permute(0, 2, 3, 1).cpu().numpy()
         )
