@@ -40,7 +40,7 @@ from tactileforge.data.batches.clips import Clips, collate
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.data.frames.lazy import VideoFrames
 from tactileforge.data.shards import shards
-from tactileforge.data.shards.index import Entry, Index
+from tactileforge.data.shards.index import Index, IndexEntry
 from tactileforge.datasets.shards import Shards
 from tactileforge.datasets.sim import Sim
 from tactileforge.encoders.tactile_vit import CLIP_MEAN, CLIP_STD
@@ -124,7 +124,7 @@ def loaders() -> dict[str, Any]:
 def fake(folder: Path, recordings: int, each: int = 1000) -> None:
     """Shards of ``each`` recordings of two thirds of a second: one file under many names."""
     picture = np.random.default_rng(0).integers(0, 256, (32, 32, 3), np.uint8)
-    raw = shards.encode(picture)
+    raw = shards.encode_image(picture)
     first = folder / "train-000000.tar"
 
     def packed(number: int) -> shards.Packed:
@@ -138,10 +138,10 @@ def fake(folder: Path, recordings: int, each: int = 1000) -> None:
             action=np.full(20, number % 8),
             object=f"o{number // 2}",
         )
-        return shards.Packed(shards.head(touch), "jpg", [raw] * 20, [raw], [])
+        return shards.Packed(shards.describe_recording(touch), "jpg", [raw] * 20, [raw], [])
 
-    shards.write(first, map(packed, range(each)))
-    entry = Entry.of(first)
+    shards.write_shard(first, map(packed, range(each)))
+    entry = IndexEntry.of(first)
     entries = []
     for number in range(recordings // each):
         path = folder / f"train-{number:06d}.tar"

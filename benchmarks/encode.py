@@ -22,7 +22,7 @@ def ours(size: int | Sequence[int], batch: int) -> tuple[Callable[[], object], i
     """Our encoder on a batch of 4-frame clips, and its number of tokens."""
     encoder = TactileViT("base", frames=4, image_size=size).eval()
     frames = torch.randint(0, 256, (batch, 4, 3, *encoder.image_size), dtype=torch.uint8)
-    rows = encoder.rows(["digit"] * batch)
+    rows = encoder.sensor_ids(["digit"] * batch)
     with torch.no_grad():
         tokens = encoder(frames, frames[:, 0], rows)[0].shape[1]
     return lambda: encoder(frames, frames[:, 0], rows), tokens

@@ -28,7 +28,7 @@ from transformers import CLIPVisionConfig, CLIPVisionModel
 from tactileforge.encoders.preprocess import CLIP_MEAN, CLIP_STD
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.export import Exported, export
-from tactileforge.hub.files import describe
+from tactileforge.hub.files import make_header
 from tactileforge.hub.model import Model
 
 BATCHES = (1, 4)
@@ -115,7 +115,7 @@ def runner(done: Exported) -> Callable[..., list[Any]]:
 
 def loaded(ours: TactileViT) -> dict[str, Callable[..., Any]]:
     """The encoder as `tactileforge.load` gives it, asked for tokens and for vectors."""
-    header = describe(ours, {"name": "tactile_vit"}, licence="NOASSERTION", spacing=ours.spacing)
+    header = make_header(ours, {"name": "tactile_vit"}, licence="NOASSERTION", spacing=ours.spacing)
     model = Model(ours, header)
     names = {row: name for name, row in ours.sensors.items()}
 

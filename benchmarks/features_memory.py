@@ -18,12 +18,12 @@ import torch
 from common import Memory, save
 from probe import NODE, task
 
-from tactileforge.bench.fit.features import Store, features
-from tactileforge.bench.fit.models import Subject
+from tactileforge.bench.fit.features import FeatureStore, extract_features
+from tactileforge.bench.fit.models import FrozenEncoder
 from tactileforge.bench.tasks import targets
-from tactileforge.bench.tasks.source import Source, open_source
+from tactileforge.bench.tasks.source import TaskSource, open_source
 from tactileforge.encoders.tactile_vit import TactileViT
-from tactileforge.hub.files import describe
+from tactileforge.hub.files import make_header
 
 SIZE = 64
 
@@ -31,18 +31,22 @@ SIZE = 64
 def main(count: int = 500) -> None:
     torch.manual_seed(0)
     encoder = TactileViT("tiny", depth=4, image_size=SIZE)
-    header = describe(encoder, NODE, licence="", spacing=1 / 15, recipe={"encoder": NODE})
-    subject = Subject("tiny", encoder, header)
+    header = make_header(encoder, NODE, licence="", spacing=1 / 15, recipe={"encoder": NODE})
+    subject = FrozenEncoder("tiny", encoder, header)
     one = task(8)
-    source: Source = open_source(one.data, one.sides, one.clip)
-    clips = targets.build(one, source).clips
+    source: TaskSource = open_source(one.data, one.sides, one.clip)
+    clips = targets.build_target(one, source).clips
     found = {}
     with tempfile.TemporaryDirectory() as place:
-        store = Store(Path(place), workers=2, batch=16)
-        features(store, subject, source, np.resize(clips, 100), ["tokens"])  # what is kept for good
+        store = FeatureStore(Path(place), workers=2, batch=16)
+        extract_features(
+            store, subject, source, np.resize(clips, 100), ["tokens"]
+        )  # what is kept for good
         for many in (count, 10 * count):
             with Memory(0.1, "RssAnon") as memory:
-                arrays = features(store, subject, source, np.resize(clips, many), ["tokens"])
+                arrays = extract_features(
+                    store, subject, source, np.resize(clips, many), ["tokens"]
+                )
             size = next(iter(arrays.values())).nbytes / 2**20
             found[f"{many} clips"] = {
                 "before_mb": round(memory.mb[0], 1),

@@ -35,6 +35,7 @@ def main() -> None:
         {
             "python": python("-c", "pass"),
             "import tactileforge": python("-c", "import tactileforge"),
+            "plugins list": python("-m", "tactileforge", "plugins", "list"),
             "zoo list": python("-m", "tactileforge", "zoo", "list"),
             "zoo show": python("-m", "tactileforge", "zoo", "show", "anytouch2"),
         },
@@ -45,8 +46,8 @@ def main() -> None:
         for size, node in NODES.items():
             encoder = registry.build("encoders", node)
             path = Path(folder) / f"{size}.safetensors"
-            header = files.describe(encoder, node, licence="MIT", spacing=1 / 15)
-            files.save(path, encoder, header, "float16")
+            header = files.make_header(encoder, node, licence="MIT", spacing=1 / 15)
+            files.save_checkpoint(path, encoder, header, "float16")
             subjects: dict[str, Callable[[], object]] = {
                 "load": lambda path=path: load(path),  # type: ignore[misc]
                 "safetensors": lambda path=path: load_file(path),  # type: ignore[misc]

@@ -26,11 +26,10 @@ import tactileforge
 from tactileforge.contracts import Frame, SensorSpec
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.heads.force import ForceHead
-from tactileforge.hub.files import describe
+from tactileforge.hub.files import make_header
 from tactileforge.hub.model import Model
-from tactileforge.live.server import Page
-from tactileforge.live.session import Show, ShowOptions
-from tactileforge.sensors.background import Background
+from tactileforge.live.server import LivePage
+from tactileforge.live.session import LiveOptions, LiveSession, ShowBackground
 from tactileforge.sensors.specs import spec
 
 FPS = 30.0
@@ -99,7 +98,7 @@ def random_model(name: str) -> Model:
     encoder = TactileViT(**ENCODERS[name])
     head = ForceHead(encoder).eval()
     entry = {"node": {"name": "force"}, "scale": {"digit": list(spec("digit").force_scale)}}
-    header = describe(
+    header = make_header(
         encoder,
         node,
         licence="CC0-1.0",
@@ -123,16 +122,16 @@ def look(url: str, stop: threading.Event) -> None:
 def run(model: Model, seconds: float, with_page: bool) -> dict[str, float]:
     """Latency and counts of one model."""
     camera = SyntheticCamera()
-    options = ShowOptions(background=Background(seconds=0.0), seconds=seconds)
+    options = LiveOptions(background=ShowBackground(seconds=0.0), seconds=seconds)
     latencies: list[float] = []
     with ExitStack() as stack:
-        view = stack.enter_context(Show({"camera": camera}, model, options))
+        view = stack.enter_context(LiveSession({"camera": camera}, model, options))
         view.take_background()
         clip = np.zeros((model.frames, 64, 64, 3), np.uint8)
         model.readings(clip, "first", "digit")  # packs the weights
         stop = threading.Event()
         if with_page:
-            page = stack.enter_context(Page(view))
+            page = stack.enter_context(LivePage(view))
             viewer = threading.Thread(target=look, args=(page.url, stop))
             viewer.start()
             stack.callback(viewer.join)

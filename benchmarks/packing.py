@@ -31,8 +31,8 @@ from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ImageFrames
 from tactileforge.data.shards import shards
 from tactileforge.datasets.sim import Sim
-from tactileforge.packing import Filter, Options, work
-from tactileforge.packing.plan import plan
+from tactileforge.packing import Filter, PackOptions, work
+from tactileforge.packing.plan import plan_pack
 
 ROUNDS = 9
 
@@ -54,7 +54,7 @@ class Presses:
             paths = []
             for i, frame in enumerate(one.frames.read(range(len(one.frames)))):
                 paths.append(folder / f"{number:03d}_{i:04d}.jpg")
-                paths[-1].write_bytes(shards.encode(frame))
+                paths[-1].write_bytes(shards.encode_image(frame))
             frames = ImageFrames(paths)
             self.found.append(
                 Recording(
@@ -92,10 +92,10 @@ class Clock:
             self.seconds += time.process_time() - start
 
 
-def ours(presses: Presses, out: Path, options: Options) -> None:
+def ours(presses: Presses, out: Path, options: PackOptions) -> None:
     """One shard, checksums and index entry included."""
-    (job,) = plan(presses, out, options).jobs
-    work.run(job)
+    (job,) = plan_pack(presses, out, options).jobs
+    work.run_job(job)
 
 
 def plain(presses: Presses, out: Path) -> None:
@@ -105,7 +105,7 @@ def plain(presses: Presses, out: Path) -> None:
             assert isinstance(one.frames, ImageFrames)
             sample: dict[str, Any] = {
                 "__key__": f"{number:06d}",
-                "json": json.dumps(shards.head(one)).encode(),
+                "json": json.dumps(shards.describe_recording(one)).encode(),
                 "background.jpg": encoded(one.frames.paths[0]),
             }
             for i, path in enumerate(one.frames.paths):
@@ -121,18 +121,18 @@ def encoded(path: str) -> bytes:
     return file.getvalue()
 
 
-def shares(presses: Presses, out: Path, options: Options) -> dict[str, float]:
+def shares(presses: Presses, out: Path, options: PackOptions) -> dict[str, float]:
     """Shares of the time that are decoding, encoding and neither; the median of some rounds."""
     found = []
     for _ in range(ROUNDS):
-        decode, encode = Clock(ImageFrames.read), Clock(shards.encode)
+        decode, encode = Clock(ImageFrames.read), Clock(shards.encode_image)
         read: Any = lambda frames, rows, decode=decode: decode(frames, rows)  # noqa: E731
-        before = ImageFrames.read, shards.encode
-        ImageFrames.read, shards.encode = read, encode  # type: ignore[method-assign,assignment]
+        before = ImageFrames.read, shards.encode_image
+        ImageFrames.read, shards.encode_image = read, encode  # type: ignore[method-assign,assignment]
         start = time.process_time()
         ours(presses, out, options)
         total = time.process_time() - start
-        ImageFrames.read, shards.encode = before  # type: ignore[method-assign]
+        ImageFrames.read, shards.encode_image = before  # type: ignore[method-assign]
         found.append((1 - (decode.seconds + encode.seconds) / total, decode.seconds / total))
     rest, decoding = sorted(found)[len(found) // 2]
     return {
@@ -189,7 +189,7 @@ def main() -> None:
         folder = Path(name)
         presses = Presses(folder)
         count = frames_of(presses)
-        every, moving = Options(), Options(filter=Filter(laplacian=1e-3))
+        every, moving = PackOptions(), PackOptions(filter=Filter(laplacian=1e-3))
         times = core_seconds(
             {
                 "ours": lambda: ours(presses, folder / "a", every),

@@ -23,17 +23,17 @@ from common import save, side_by_side
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from tactileforge.bench.fit.evaluate import Features, run
-from tactileforge.bench.fit.features import PLAIN, Store, features, loader, readers
-from tactileforge.bench.fit.models import Subject
-from tactileforge.bench.fit.resolve import Prepared, choose
+from tactileforge.bench.fit.evaluate import SourceFeatures, evaluate_probe
+from tactileforge.bench.fit.features import PLAIN, FeatureStore, extract_features, loader, readers
+from tactileforge.bench.fit.models import FrozenEncoder
+from tactileforge.bench.fit.resolve import PreparedTask, choose_probe
 from tactileforge.bench.results.intervals import Interval, mean_interval
 from tactileforge.bench.tasks import splits, targets
-from tactileforge.bench.tasks.source import Source, open_source
-from tactileforge.bench.tasks.suite import Task, parse
+from tactileforge.bench.tasks.source import TaskSource, open_source
+from tactileforge.bench.tasks.suite import Task, parse_task
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.encoders.transformer import AttentivePooler
-from tactileforge.hub.files import describe
+from tactileforge.hub.files import make_header
 
 #: What the times are counted for.
 CLIPS, EPOCHS = 4000, 50
@@ -46,7 +46,7 @@ NODE = {"name": "tactile_vit"}
 
 def task(scenes: int) -> Task:
     data = {"name": "sim", "scenes": scenes, "val": max(2, scenes // 4), "sensors": ["digit"]}
-    return parse(
+    return parse_task(
         "force",
         {
             "title": "Force",
@@ -80,13 +80,15 @@ class PublishedHead(nn.Module):
 class Published:
     """The encoder runs on every clip in every epoch."""
 
-    def __init__(self, prepared: Prepared, subject: Subject, store: Store, seed: int) -> None:
+    def __init__(
+        self, prepared: PreparedTask, subject: FrozenEncoder, store: FeatureStore, seed: int
+    ) -> None:
         self.subject, self.store = subject, store
         ((self.clips, _),) = readers(subject, prepared.source, prepared.target.clips)
         part = prepared.target.parts["force"]
         self.truth, self.scale = part.normalised, part.scale
         torch.manual_seed(seed)
-        self.head = PublishedHead(choose(prepared.task, {}).build(768, prepared.target))
+        self.head = PublishedHead(choose_probe(prepared.task, {}).build(768, prepared.target))
         self.optimiser = torch.optim.AdamW(
             self.head.parameters(), RATE, betas=(0.9, 0.99), weight_decay=0.05
         )
@@ -112,15 +114,15 @@ class Published:
         return float((error**2).mean(0).sqrt().sum() * 1000)
 
 
-def prepare(clips: int) -> Prepared:
+def prepare(clips: int) -> PreparedTask:
     one = task(max(4, clips // 8))
-    source: Source = open_source(one.data, one.sides, one.clip)
-    target = targets.build(one, source)
-    (split,) = splits.build(one, source, target)
+    source: TaskSource = open_source(one.data, one.sides, one.clip)
+    target = targets.build_target(one, source)
+    (split,) = splits.build_splits(one, source, target)
     few = splits.Split(
         split.train[:clips], split.validation[: clips // 4], split.test[: clips // 2]
     )
-    return Prepared(one, source, target, [few])
+    return PreparedTask(one, source, target, [few])
 
 
 def seconds(function: Any) -> float:
@@ -129,7 +131,9 @@ def seconds(function: Any) -> float:
     return time.perf_counter() - start
 
 
-def as_published(prepared: Prepared, subject: Subject, store: Store, epochs: int) -> dict[str, Any]:
+def as_published(
+    prepared: PreparedTask, subject: FrozenEncoder, store: FeatureStore, epochs: int
+) -> dict[str, Any]:
     (split,) = prepared.splits
     errors, times = [], {"train": 0.0, "test": 0.0}
     for seed in SEEDS:
@@ -149,7 +153,9 @@ def as_published(prepared: Prepared, subject: Subject, store: Store, epochs: int
     }
 
 
-def ours(prepared: Prepared, subject: Subject, store: Store, epochs: int) -> dict[str, Any]:
+def ours(
+    prepared: PreparedTask, subject: FrozenEncoder, store: FeatureStore, epochs: int
+) -> dict[str, Any]:
     (split,) = prepared.splits
     clips = np.sort(
         prepared.target.clips[np.concatenate([split.train, split.validation, split.test])]
@@ -157,16 +163,16 @@ def ours(prepared: Prepared, subject: Subject, store: Store, epochs: int) -> dic
     found: dict[str, Any] = {}
 
     def extract() -> None:
-        found["x"] = features(store, subject, prepared.source, clips, ["tokens"])
+        found["x"] = extract_features(store, subject, prepared.source, clips, ["tokens"])
 
     extraction = seconds(extract) / len(clips)
-    kept = Features(clips, found["x"])
+    kept = SourceFeatures(clips, found["x"])
     done: list[Any] = []
     # the last epoch, as the published way is measured
-    choice = choose(prepared.task, {"epochs": epochs})
+    choice = choose_probe(prepared.task, {"epochs": epochs})
 
     def train(seeds: Any) -> None:
-        done[:] = run(prepared, choice, subject, kept, store, seeds, select_on_test=True)
+        done[:] = evaluate_probe(prepared, choice, subject, kept, store, seeds, select_on_test=True)
 
     alone = seconds(lambda: train(SEEDS[:1])) / epochs / len(split.train)
     together = seconds(lambda: train(SEEDS)) / epochs / len(split.train)
@@ -182,17 +188,19 @@ def ours(prepared: Prepared, subject: Subject, store: Store, epochs: int) -> dic
     }
 
 
-def extraction_speed(prepared: Prepared, subject: Subject, folder: Path) -> dict[str, Any]:
+def extraction_speed(
+    prepared: PreparedTask, subject: FrozenEncoder, folder: Path
+) -> dict[str, Any]:
     """Reading, encoding and keeping, against encoding clips that are in memory."""
     clips = prepared.target.clips[: 4 * ENCODE]
     ((reader, _),) = readers(subject, prepared.source, clips)
-    store = Store(folder, workers=2, batch=ENCODE)
-    batches = list(loader(reader, range(len(clips)), Store(folder, workers=0), ENCODE))
+    store = FeatureStore(folder, workers=2, batch=ENCODE)
+    batches = list(loader(reader, range(len(clips)), FeatureStore(folder, workers=0), ENCODE))
     number = iter(range(1000))
 
     def whole() -> None:
-        fresh = Store(folder / str(next(number)), store.workers, store.batch)
-        features(fresh, subject, prepared.source, clips, ["tokens"])
+        fresh = FeatureStore(folder / str(next(number)), store.workers, store.batch)
+        extract_features(fresh, subject, prepared.source, clips, ["tokens"])
 
     def bare() -> None:
         for batch in batches:
@@ -215,11 +223,11 @@ def plain(found: dict[str, Any]) -> dict[str, Any]:
 def main(clips: int = 64, epochs: int = 2) -> None:
     torch.manual_seed(0)
     encoder = TactileViT("base")
-    header = describe(encoder, NODE, licence="", spacing=1 / 15, recipe={"encoder": NODE})
-    subject = Subject("base", encoder, header)
+    header = make_header(encoder, NODE, licence="", spacing=1 / 15, recipe={"encoder": NODE})
+    subject = FrozenEncoder("base", encoder, header)
     prepared = prepare(clips)
     with tempfile.TemporaryDirectory() as place:
-        store = Store(Path(place) / "kept", workers=2, batch=ENCODE)
+        store = FeatureStore(Path(place) / "kept", workers=2, batch=ENCODE)
         speed = extraction_speed(prepared, subject, Path(place) / "speed")
         mine = ours(prepared, subject, store, epochs)
         theirs = as_published(prepared, subject, store, epochs)

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Frame, Recording, SensorSpec
 from tactileforge.data.shards import shards
-from tactileforge.record.options import Options
+from tactileforge.record.options import RecordOptions
 from tactileforge.record.raw import read_raw
 from tactileforge.record.record import record
 from tactileforge.sensors.background import Background
@@ -161,14 +161,14 @@ def measure(seconds: float, cameras: int, size: tuple[int, int], rate: float) ->
     )
     eyes = {f"camera{i}": SyntheticCamera(i, size) for i in range(cameras)}
     with tempfile.TemporaryDirectory() as folder:
-        options = Options(out=folder, seconds=seconds, background=Background(seconds=0.0))
+        options = RecordOptions(out=folder, seconds=seconds, background=Background(seconds=0.0))
         used = time.process_time()
         with Memory(max(0.2, seconds / 100)) as memory:
             found = record(options, eyes, force)
         used = time.process_time() - used
         ours.send("end")
         path = next(Path(folder).glob("train-*.tar"))
-        recordings = {str(one.labels["device"]): one for one in shards.read(path)}
+        recordings = {str(one.labels["device"]): one for one in shards.read_shard(path)}
         clock = float(next(iter(recordings.values())).labels["clock"])
         tenths = np.linspace(0.1, 1, 10) * (len(memory.mb) - 1)
         return {

@@ -22,7 +22,7 @@ from common import save, side_by_side
 
 from tactileforge.sim.geometry.shapes import shape
 from tactileforge.sim.mechanics.motions import MOTIONS, Path, Speeds
-from tactileforge.sim.play import play
+from tactileforge.sim.play import play_scenes
 from tactileforge.sim.scene import Scene
 
 NAMES = ("small_sphere", "pentagram", "small_square_array", "cylindrical")
@@ -38,7 +38,7 @@ def slide(name: str) -> Scene:
 
 def frames(name: str, sensors: tuple[str, ...]) -> int:
     """Plays a slide; the number of finished frames."""
-    return sum(len(shots.pictures) for shots in play(slide(name), sensors, 240))
+    return sum(len(shots.pictures) for shots in play_scenes(slide(name), sensors, 240))
 
 
 def rate(sensors: tuple[str, ...]) -> dict[str, float]:
@@ -75,7 +75,7 @@ def memory() -> dict[str, float]:
         poses = np.concatenate([base.path.poses] * repeats)
         actions = (*base.path.actions, *(("stay", *base.path.actions) * (repeats - 1)))
         touch = replace(base, path=Path(times, poses, actions))
-        count = sum(len(shots.pictures) for shots in play(touch, ["digit"], 240))
+        count = sum(len(shots.pictures) for shots in play_scenes(touch, ["digit"], 240))
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         out[f"{count} frames"] = round(peak, 1)
     return out

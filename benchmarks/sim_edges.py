@@ -21,11 +21,11 @@ from torch import Tensor
 
 from tactileforge.sim.geometry.shapes import shape
 from tactileforge.sim.mechanics.gel import Gel, kernel
-from tactileforge.sim.mechanics.sensor_gels import device
-from tactileforge.sim.mechanics.surface import DETAIL, Surface
-from tactileforge.sim.mechanics.touch import Contact, contacts
+from tactileforge.sim.mechanics.sensor_gels import sensor_gel
+from tactileforge.sim.mechanics.surface import DETAIL, GelSurface
+from tactileforge.sim.mechanics.touch import ContactState, contacts
 from tactileforge.sim.optics.render import Optics
-from tactileforge.sim.optics.sensor_instances import Unit, draw
+from tactileforge.sim.optics.sensor_instances import SensorInstance, draw_instance
 from tactileforge.sim.scene import POINTS, SPACING
 
 SENSOR = "gelsight_mini"
@@ -47,18 +47,18 @@ SHOWN = 8
 ASSET = Path(__file__).parents[1] / "docs" / "assets" / "sim_edges.jpg"
 
 
-def pressed(name: str, detail: int) -> Contact:
+def pressed(name: str, detail: int) -> ContactState:
     """A press on the grid of scenes, or on a finer one."""
     poses = torch.zeros(1, 3, 6)
     poses[0, :, 3] = torch.tensor([-0.05, 0.25, 0.5])
     poses[..., 0], poses[..., 2] = 0.37, 0.3
     heights = torch.from_numpy(shape(name).map(POINTS * detail, SPACING / detail))[None]
-    gel = device(SENSOR).touched(0.5)
+    gel = sensor_gel(SENSOR).touched(0.5)
     *_, moment = contacts(heights, SPACING / detail, [gel], poses, [30.0])
     return moment
 
 
-def reference(moment: Contact, places: Tensor) -> Tensor:
+def reference(moment: ContactState, places: Tensor) -> Tensor:
     """The displacement that was solved, at places of the picture."""
     n = moment.strain.shape[-1]
     layer = kernel(Gel(modulus=1.0), n, SPACING / DETAIL)
@@ -74,7 +74,7 @@ def reference(moment: Contact, places: Tensor) -> Tensor:
     return F.grid_sample(field, there / n, align_corners=False)[:, 0]
 
 
-def grid(unit: Unit) -> Tensor:
+def grid(unit: SensorInstance) -> Tensor:
     """Places of the pixels of a unit, mm."""
     _, height, width = unit.background.shape
     return unit.camera.places(height, width, unit.spacing)
@@ -83,11 +83,11 @@ def grid(unit: Unit) -> Tensor:
 def compared(name: str) -> tuple[dict[str, float], Tensor]:
     """Scores, and the three pictures side by side at 240 rows."""
     fine = torch.from_numpy(shape(name).map(POINTS * DETAIL, SPACING / DETAIL))[None]
-    surface = Surface(fine, SPACING, device(SENSOR).gel)
+    surface = GelSurface(fine, SPACING, sensor_gel(SENSOR).gel)
     coarse, exact = pressed(name, 1), pressed(name, DETAIL)
     row = {}
     for size in (64, 128, 240):
-        unit = draw(SENSOR, 0, (size, size * 4 // 3), False, randomise="none")
+        unit = draw_instance(SENSOR, 0, (size, size * 4 // 3), False, randomise="none")
         ours = surface.picture(surface.fields(coarse), coarse, grid(unit))
         wanted = reference(exact, grid(unit))
         seen, known = (Optics(unit).render(dent).float() for dent in (ours, wanted))

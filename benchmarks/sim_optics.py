@@ -32,10 +32,10 @@ from torch import Tensor
 
 from tactileforge.sim.optics import fit, lighting
 from tactileforge.sim.optics.features import places
-from tactileforge.sim.optics.lighting import Calibration
+from tactileforge.sim.optics.lighting import OpticalCalibration
 from tactileforge.sim.optics.presses import KNOWN, Presses, read_known, read_picture, read_presses
 from tactileforge.sim.optics.render import Optics
-from tactileforge.sim.optics.sensor_instances import STYLES, Unit, draw
+from tactileforge.sim.optics.sensor_instances import STYLES, SensorInstance, draw_instance
 
 ROOT = Path(__file__).parents[1]
 DATA = Path(os.environ.get("TACTILEFORGE_REALDATA", ROOT.parent / "shared" / "realdata"))
@@ -76,10 +76,10 @@ def _psnr(error: Tensor) -> float:
 
 def baseline(train: Presses, test: Presses, which: slice, degree: int) -> dict[str, float]:
     """Scores of a model of the normal alone, on the same surfaces."""
-    seen = [feature[which] for feature in fit.features(replace(train, steepest=1.0), ())]
-    weights = fit.weigh(train, seen, degree, ridge=1e-6)
+    seen = [feature[which] for feature in fit.press_features(replace(train, steepest=1.0), ())]
+    weights = fit.fit_weights(train, seen, degree, ridge=1e-6)
     maps = torch.einsum("kpc,phw->kchw", weights, places(*train.size, degree))
-    shown = fit.features(replace(test, steepest=1.0), ())
+    shown = fit.press_features(replace(test, steepest=1.0), ())
 
     def made(number: int) -> Tensor:
         change = torch.einsum("kchw,khw->chw", maps, shown[number][which])
@@ -88,15 +88,15 @@ def baseline(train: Presses, test: Presses, which: slice, degree: int) -> dict[s
     return scores(test, made)
 
 
-def optics(calibration: Calibration, presses: Presses) -> Optics:
+def optics(calibration: OpticalCalibration, presses: Presses) -> Optics:
     """The optics of the unit that the presses were made on."""
-    return Optics(Unit("", 0, presses.background, calibration, presses.spacing, 0.0))
+    return Optics(SensorInstance("", 0, presses.background, calibration, presses.spacing, 0.0))
 
 
 def validate(presses: Presses) -> dict[str, Any]:
     """Scores on the odd presses of what was fitted on the even ones."""
     train, test = presses.part(slice(0, None, 2)), presses.part(slice(1, None, 2))
-    ours = optics(fit.fit(train), presses)
+    ours = optics(fit.fit_optics(train), presses)
     result: dict[str, Any] = {"presses fitted": len(train), "presses scored": len(test)}
     result["background alone"] = scores(test, lambda number: test.background)
     for name, (which, degree) in BASELINES.items():
@@ -139,7 +139,7 @@ def speed() -> dict[str, float]:
     """Frames a second of our optics on one core, 320 x 240, 8 frames at a time."""
     found = {}
     for sensor in STYLES:
-        rig = Optics(draw(sensor, 0, (240, 320)))
+        rig = Optics(draw_instance(sensor, 0, (240, 320)))
         dent = 0.2 * torch.rand(8, 240, 320)
         times = []
         for number in range(12):
@@ -154,7 +154,7 @@ def write() -> None:
     """Fits on all presses, and writes the calibrations that ship."""
     folder = Path(lighting.__file__).parents[1] / "calibration"
     for name, source in SOURCES.items():
-        made = fit.fit(read(name))
+        made = fit.fit_optics(read(name))
         if name == "digit":
             stills = [
                 read_picture(DATA / "sensor_backgrounds" / f"digit_{unit}.png").float()
@@ -162,7 +162,7 @@ def write() -> None:
             ]
             more = torch.stack([fit.fit_background(still) for still in stills])
             made = replace(made, backgrounds=torch.cat([made.backgrounds, more]))
-        fit.save(made, folder / f"{name}.json", source)
+        fit.save_optics(made, folder / f"{name}.json", source)
 
 
 def main() -> None:

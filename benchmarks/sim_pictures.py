@@ -20,8 +20,8 @@ from tactileforge.data.frames.video import VideoFrames
 from tactileforge.sim.geometry.shapes import shape
 from tactileforge.sim.mechanics.motions import MOTIONS, Speeds
 from tactileforge.sim.mechanics.sensor_gels import DEVICES
-from tactileforge.sim.play import play
-from tactileforge.sim.scene import Scene, frame_rate
+from tactileforge.sim.play import play_scenes
+from tactileforge.sim.scene import Scene, simulated_rate
 
 ROOT = Path(__file__).parents[1]
 ASSETS = ROOT / "docs" / "assets"
@@ -43,7 +43,7 @@ def films(
 ) -> list[tuple[NDArray[np.uint8], NDArray[np.float32]]]:
     """Pictures and forces of a touch on each sensor."""
     parts: list[list[tuple[NDArray[np.uint8], NDArray[np.float32]]]] = [[] for _ in sensors]
-    for shots in play(touch, sensors, size, viscosity=viscosity):
+    for shots in play_scenes(touch, sensors, size, viscosity=viscosity):
         parts[shots.sensor].append((shots.pictures, shots.force))
     return [
         (np.concatenate([p for p, _ in part]), np.concatenate([f for _, f in part]))
@@ -64,7 +64,7 @@ def gallery() -> None:
         for row, sensor, (pictures, _) in zip(
             rows, sensors, films(touch, sensors, cell), strict=True
         ):
-            picture = pictures[int(moment * frame_rate(sensor))]
+            picture = pictures[int(moment * simulated_rate(sensor))]
             side = min(picture.shape[:2])
             top, left = ((n - side) // 2 for n in picture.shape[:2])
             row.append(picture[top : top + side, left : left + side])
@@ -87,7 +87,7 @@ def curves() -> None:
         figure.subplots(1, 2, sharey=True), TRIALS, films(touch, list(TRIALS), 32), strict=True
     ):
         for column, name in enumerate(("x right", "y down", "z into the gel")):
-            axes.plot(touch.times(frame_rate(sensor)), force[:, column], label=name)
+            axes.plot(touch.times(simulated_rate(sensor)), force[:, column], label=name)
         axes.set(title=f"{sensor}: {' · '.join(a for a in touch.path.actions if a != 'stay')}")
         axes.title.set_fontsize(8)
         axes.set(xlabel="s", ylabel="force, N")
@@ -133,7 +133,7 @@ def responses() -> dict[str, object]:
         entry: dict[str, object] = {"peak force N": round(peak, 2), "depth mm": round(depth, 3)}
         for name, (response, load), fps in (
             ("measured", real, 30.0),
-            ("simulated", simulated, frame_rate(sensor)),
+            ("simulated", simulated, simulated_rate(sensor)),
         ):
             shift, together = lag(response, load)
             moved = response[shift:], load[: len(load) - shift]

@@ -30,7 +30,7 @@ from omegaconf import OmegaConf
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.datasets.recordings import Recordings
-from tactileforge.reality.classifier import VIEWS, Split, told_apart
+from tactileforge.reality.classifier import VIEWS, PatchSplit, told_apart
 from tactileforge.reality.measures import Array
 from tactileforge.reality.patches import patches
 from tactileforge.reality.profiles import Profile, correlations, distances, profile
@@ -164,7 +164,7 @@ def classified(sensor: str, halves: tuple[Array, Array]) -> dict[str, Any]:
     held = {source: real_patches(source) for source in sources}
     out: dict[str, Any] = {}
     for first, second in PAIRS[sensor]:
-        train, test = Split(held[first], halves[0]), Split(held[second], halves[1])
+        train, test = PatchSplit(held[first], halves[0]), PatchSplit(held[second], halves[1])
         out[f"trained on {first}, tested on {second}"] = {
             view: _mean([told_apart(train, test, view, seed) for seed in range(_SEEDS)])
             for view in VIEWS

@@ -24,7 +24,7 @@ def losses(shared: Shared, **slopes: float) -> dict[str, Tensor]:
 
 
 def test_fixed_weights_are_the_curriculums_and_gradients_are_told() -> None:
-    shared, plain = Shared(), balance.build({"name": "none", "every": 2}, ["a", "b", "c"])
+    shared, plain = Shared(), balance.build_balance({"name": "none", "every": 2}, ["a", "b", "c"])
     total = plain(losses(shared, a=2.0, b=0.5), {"a": 1.0, "b": 0.1, "c": 0.0}, 0, shared)
     assert total.item() == pytest.approx(2 * 5 + 0.1 * 0.5 * 5)
     logs = plain.logs({"a": 1.0, "b": 0.1, "c": 0.0})
@@ -92,20 +92,20 @@ def test_uncertainty_settles_where_losses_count_alike() -> None:
 
 
 def test_clipping_each_objective() -> None:
-    shared, clip = Shared(), balance.Clip(["a", "b"], limit=1.0)
+    shared, clip = Shared(), balance.GradClip(["a", "b"], limit=1.0)
     clip(losses(shared, a=4.0, b=0.5), {"a": 0.5, "b": 1.0}, 0, shared)
     assert clip.factor.tolist() == pytest.approx([0.5, 1.0])
 
 
 @pytest.mark.parametrize("name", ["gradnorm", "uncertainty", "clip"])
 def test_a_balance_goes_on_from_its_state(name: str) -> None:
-    def steps(one: balance.Fixed, first: int, last: int) -> None:
+    def steps(one: balance.FixedWeights, first: int, last: int) -> None:
         shared = Shared()
         for step in range(first, last):
             slopes = {"a": 2 / (1 + step), "b": 3.0}
             one(losses(shared, **slopes), {"a": 1.0, "b": 1.0}, step, shared)
 
-    whole, half, other = (balance.build({"name": name}, ["a", "b"]) for _ in range(3))
+    whole, half, other = (balance.build_balance({"name": name}, ["a", "b"]) for _ in range(3))
     steps(whole, 0, 40)
     steps(half, 0, 17)
     other.load_state_dict(half.state_dict())
@@ -127,4 +127,4 @@ def test_a_balance_goes_on_from_its_state(name: str) -> None:
 )
 def test_bad_options_are_named(config: dict[str, object], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
-        balance.build(config, ["a"])
+        balance.build_balance(config, ["a"])

@@ -6,7 +6,7 @@ import pytest
 
 from tactileforge import cli
 from tactileforge.datasets.sim import Sim
-from tactileforge.packing import Options, pack
+from tactileforge.packing import PackOptions, pack
 
 SMALL = ["train", "scale=demo", "debug=steps", "encoder.image_size=32", "batch.workers=1"]
 SMALL += ["objective=[pixel]", "batch.size=8", "data=shards", "trainer.max_steps=6"]
@@ -16,7 +16,7 @@ SMALL += ["objective=[pixel]", "batch.size=8", "data=shards", "trainer.max_steps
 def damaged(tmp_path: Path) -> Path:
     """Shards of one recording for training; two of them have a flipped byte."""
     folder = tmp_path / "packed"
-    pack(Sim(scenes=3, val=1, size=32), "sim", folder, Options(processes=1, shard_frames=1))
+    pack(Sim(scenes=3, val=1, size=32), "sim", folder, PackOptions(processes=1, shard_frames=1))
     for path in sorted(folder.glob("train-*.tar"))[:2]:
         raw = bytearray(path.read_bytes())
         raw[len(raw) // 2] ^= 1

@@ -12,7 +12,7 @@ from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.datasets.mixture import Mixture
 from tactileforge.datasets.recordings import Recordings
 from tactileforge.datasets.sim import Sim
-from tactileforge.packing import Options, pack
+from tactileforge.packing import PackOptions, pack
 
 SOURCES = {
     "touchd_force": ("touchd_force_gelsight_mini", "touchd_force_digit"),
@@ -26,7 +26,7 @@ SOURCES = {
 def packed(realdata: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("packed")
     layouts = compose(overrides=["data=public_samples", f"data.root={realdata}"]).data.layouts
-    options = Options(size=64, shard_frames=500, processes=1)
+    options = PackOptions(size=64, shard_frames=500, processes=1)
     for name, chosen in SOURCES.items():
         plain = yaml.safe_load(yaml.safe_dump({key: _plain(layouts[key]) for key in chosen}))
         if name == "octopi":

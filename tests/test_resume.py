@@ -12,9 +12,15 @@ import torch
 
 from tactileforge import cli
 from tactileforge.balance import GradNorm
-from tactileforge.callbacks.checkpoints import AtomicCheckpointIO, find, initialise, read, seal
+from tactileforge.callbacks.checkpoints import (
+    AtomicCheckpointIO,
+    find_checkpoint,
+    initialise,
+    read_checkpoint,
+    seal,
+)
 from tactileforge.errors import ConfigError, DataNotFoundError, TactileForgeError
-from tactileforge.sim.generate import Config, write_seconds
+from tactileforge.sim.generate import SimConfig, write_seconds
 
 OPTIONS = ["scale=demo", "encoder.image_size=32", "batch.size=8", "batch.workers=1"]
 OPTIONS += ["trainer.max_steps=40", "trainer.save_every=5", "trainer.val_check_interval=7"]
@@ -73,7 +79,7 @@ def options_of(data: str, folder: Path) -> list[str]:
     if data == "dino":
         return ["recipe=dino", *OPTIONS, *SMALL]
     for number in range(2):
-        config = Config(
+        config = SimConfig(
             sensors=("digit", "gelsight_mini"),
             indenters="pretrain",
             motions="atomic",
@@ -102,9 +108,9 @@ def test_a_killed_run_resumes_bit_identically(tmp_path: Path, data: str) -> None
     wait_for_checkpoint(killed, run)
     run.kill()
     assert run.wait() == -signal.SIGKILL
-    assert 5 <= read(killed)["global_step"] < 40
+    assert 5 <= read_checkpoint(killed)["global_step"] < 40
     assert start(f"resume={killed}").wait(timeout=300) == 0
-    ends = [read(folder) for folder in (whole, killed)]
+    ends = [read_checkpoint(folder) for folder in (whole, killed)]
     assert ends[0]["global_step"] == ends[1]["global_step"] == 40
     for part in ("state_dict", "optimizer_states", "lr_schedulers"):
         same(ends[0][part], ends[1][part], part)
@@ -116,11 +122,11 @@ def test_ctrl_c_leaves_a_checkpoint_that_resumes(tmp_path: Path) -> None:
     options = [*OPTIONS, *SMALL, "trainer.max_steps=100000", f"hydra.run.dir={tmp_path}"]
     run = start(*options)
     wait_for_checkpoint(tmp_path, run)
-    before = read(tmp_path)["global_step"]
+    before = read_checkpoint(tmp_path)["global_step"]
     time.sleep(0.5)
     os.killpg(run.pid, signal.SIGINT)  # as a terminal does: the run and its readers
     assert run.wait(timeout=60) == 130
-    assert read(tmp_path)["global_step"] >= before
+    assert read_checkpoint(tmp_path)["global_step"] >= before
 
 
 def test_nothing_may_change_on_resume(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -141,7 +147,7 @@ def test_a_checkpoint_is_written_beside_and_renamed(
     monkeypatch.setattr(torch, "save", crash)
     with pytest.raises(TactileForgeError, match=r"disk full.*the one before it stays"):
         AtomicCheckpointIO().save_checkpoint({"state_dict": torch.zeros(2)}, path)
-    assert read(path)["state_dict"].tolist() == [1, 1]
+    assert read_checkpoint(path)["state_dict"].tolist() == [1, 1]
     assert not list(path.parent.glob("*.part"))
 
 
@@ -158,13 +164,13 @@ def test_nothing_in_a_checkpoint_is_executed(
         torch.save({"state_dict": Evil()}, file)
         seal(file)
     with pytest.raises(ConfigError, match=r"evil\.ckpt is not a checkpoint"):
-        read(tmp_path / "evil.ckpt")
+        read_checkpoint(tmp_path / "evil.ckpt")
     assert not (tmp_path / "executed").exists()
 
 
 def test_a_missing_checkpoint_is_named(tmp_path: Path) -> None:
     with pytest.raises(DataNotFoundError, match="give the folder of a run"):
-        find(tmp_path)
+        find_checkpoint(tmp_path)
 
 
 def test_init_takes_what_fits_and_refuses_another_encoder() -> None:

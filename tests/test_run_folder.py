@@ -10,7 +10,13 @@ import torch
 
 from tactileforge import cli, run_folder
 from tactileforge.callbacks import checkpoints
-from tactileforge.callbacks.checkpoints import LAST, AtomicCheckpointIO, read, read_own, seal
+from tactileforge.callbacks.checkpoints import (
+    LAST,
+    AtomicCheckpointIO,
+    read_checkpoint,
+    read_own,
+    seal,
+)
 from tactileforge.errors import ConfigError, DataError, TactileForgeError
 from tactileforge.module import TouchModule
 
@@ -62,11 +68,13 @@ def test_the_folder_of_a_run_is_its_own(tmp_path: Path, capsys: pytest.CaptureFi
     assert f"{one} holds a run: go on with it (resume={one})" in capsys.readouterr().err
     assert before == ((one / LAST).read_bytes(), (one / "config.yaml").read_bytes())
 
-    assert read(one)["run"] == run_folder.read_config(one)["run"]
+    assert read_checkpoint(one)["run"] == run_folder.read_config(one)["run"]
     (one / LAST).write_bytes((other / LAST).read_bytes())
     assert cli.run(["train", f"resume={one}"]) == 1
     said = capsys.readouterr().err
-    assert f"is a checkpoint of run {read(other)['run']}, but config.yaml beside it" in said
+    assert (
+        f"is a checkpoint of run {read_checkpoint(other)['run']}, but config.yaml beside it" in said
+    )
 
 
 def test_a_checkpoint_is_of_one_run(tmp_path: Path) -> None:
@@ -79,12 +87,12 @@ def test_a_checkpoint_is_of_one_run(tmp_path: Path) -> None:
 def test_every_flipped_bit_of_a_checkpoint_is_found(tmp_path: Path) -> None:
     path = tmp_path / LAST
     AtomicCheckpointIO("a").save_checkpoint({"state_dict": {"w": torch.arange(64.0)}}, path)
-    assert read(path)["state_dict"]["w"].tolist() == list(range(64))
+    assert read_checkpoint(path)["state_dict"]["w"].tolist() == list(range(64))
     raw = path.read_bytes()
     for place in range(0, len(raw), 7):
         path.write_bytes(raw[:place] + bytes([raw[place] ^ 1 << place % 8]) + raw[place + 1 :])
         with pytest.raises(ConfigError, match="checksum"):
-            read(path)
+            read_checkpoint(path)
 
 
 @pytest.mark.parametrize("left", [0, 10, 900, -1])
@@ -93,7 +101,7 @@ def test_half_a_checkpoint_is_named(tmp_path: Path, left: int) -> None:
     AtomicCheckpointIO("a").save_checkpoint({"state_dict": {"w": torch.zeros(64)}}, path)
     path.write_bytes(path.read_bytes()[:left])
     with pytest.raises(ConfigError, match="cut off, or of another program"):
-        read(path)
+        read_checkpoint(path)
 
 
 def test_what_is_sealed_is_not_sealed_again(tmp_path: Path) -> None:
@@ -185,7 +193,7 @@ def test_room_is_looked_for_before_the_step(
     words = ["trainer.max_steps=8", "trainer.save_every=2", f"hydra.run.dir={tmp_path}"]
     assert cli.run([*SMALL, *words]) == 1
     assert len(steps) == 3
-    assert read(tmp_path)["global_step"] == 2
+    assert read_checkpoint(tmp_path)["global_step"] == 2
     assert sizes[1] == pytest.approx((tmp_path / LAST).stat().st_size, rel=0.1)
 
 

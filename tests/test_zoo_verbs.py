@@ -2,22 +2,25 @@
 
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 import tactileforge
 from tactileforge.callbacks.checkpoints import LAST, AtomicCheckpointIO
+from tactileforge.cli import dispatch
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataNotFoundError
-from tactileforge.hub.files import describe, save
-from tactileforge.zoo_verbs import main
+from tactileforge.hub.files import make_header, save_checkpoint
+
+main = partial(dispatch, "zoo")
 
 
 @pytest.mark.parametrize("words", [["list"], ["show", "anytouch2"], ["list", "--markdown"]])
 def test_light_verbs_import_no_torch(words: list[str]) -> None:
     code = (
-        "import sys; from tactileforge.zoo_verbs import main; status = main(sys.argv[1:]); "
+        "import sys; from tactileforge.cli import dispatch; status = dispatch('zoo', sys.argv[1:]);"
         "heavy = {'torch', 'lightning', 'hydra', 'cv2', 'numpy', 'safetensors'} & set(sys.modules);"
         "sys.exit(f'imports {heavy}' if heavy else status)"
     )
@@ -101,7 +104,7 @@ def test_pack(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_packing_does_not_depend_on_the_clock(tmp_path: Path) -> None:
     vit = TactileViT("tiny", frames=2, image_size=32)
-    header = describe(vit, {"name": "tactile_vit"}, licence="MIT", spacing=0.1)
+    header = make_header(vit, {"name": "tactile_vit"}, licence="MIT", spacing=0.1)
     for name in ("a", "b"):
-        save(tmp_path / name, vit, header)
+        save_checkpoint(tmp_path / name, vit, header)
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()

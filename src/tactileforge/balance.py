@@ -13,11 +13,11 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor, nn
 
-from tactileforge.distributed import summed, world
+from tactileforge.distributed import sum_over_ranks, world
 from tactileforge.errors import ConfigError, unknown
 
 
-class Fixed(nn.Module):
+class FixedWeights(nn.Module):
     """Weights as the curriculum gives them.
 
     Args:
@@ -63,7 +63,7 @@ class Fixed(nn.Module):
             awake = torch.tensor([key in losses for key in self.keys], device=self.factor.device)
             asleep = torch.zeros_like(self.factor[0])
             joint = torch.stack([losses.get(key, asleep).detach().float() for key in self.keys])
-            self.update(summed(joint) / world()[1], awake, weights, step)
+            self.update(sum_over_ranks(joint) / world()[1], awake, weights, step)
         total = torch.zeros((), device=self.factor.device)
         for key, loss in losses.items():
             total = total + weights[key] * self.factor[self.keys.index(key)] * loss
@@ -83,12 +83,12 @@ class Fixed(nn.Module):
 
     def logs(self, weights: Mapping[str, float]) -> dict[str, Tensor | float]:
         """Effective weights, and norms of the gradients where they are measured."""
-        found: dict[str, Tensor | float] = {}
+        values: dict[str, Tensor | float] = {}
         for i, key in enumerate(self.keys):
-            found[f"weight/{key}"] = weights[key] * self.factor[i]
+            values[f"weight/{key}"] = weights[key] * self.factor[i]
             if self.every and weights[key]:
-                found[f"gradient/{key}"] = self.norm[i]
-        return found
+                values[f"gradient/{key}"] = self.norm[i]
+        return values
 
     def _followed(self, fresh: Tensor) -> Tensor:
         return fresh
@@ -96,14 +96,14 @@ class Fixed(nn.Module):
     def _measured(self, losses: Mapping[str, Tensor], shared: Any) -> Tensor:
         """Norms (K,) of the gradients of the joint batch; 0 where there is none."""
         parameters = [p for p in shared.parameters() if p.requires_grad]
-        found = torch.zeros_like(self.norm)
+        norms = torch.zeros_like(self.norm)
         for i, key in enumerate(self.keys):
             if parameters and key in losses and losses[key].requires_grad:
-                found[i] = joint_norm(losses[key], parameters)
-        return found
+                norms[i] = joint_norm(losses[key], parameters)
+        return norms
 
 
-class Clip(Fixed):
+class GradClip(FixedWeights):
     """Clips each objective's weighted gradient on the encoder by itself, in every step.
 
     Args:
@@ -122,12 +122,12 @@ class Clip(Fixed):
     def update(
         self, losses: Tensor, awake: Tensor, weights: Mapping[str, float], step: int
     ) -> None:
-        """See `Fixed.update`."""
-        given = self.norm.new_tensor([weights.get(key, 0.0) for key in self.keys]) * self.norm
-        self.factor.copy_((self.limit / given.clamp(min=self.limit)).clamp(max=1))
+        """See `FixedWeights.update`."""
+        weighted = self.norm.new_tensor([weights.get(key, 0.0) for key in self.keys]) * self.norm
+        self.factor.copy_((self.limit / weighted.clamp(min=self.limit)).clamp(max=1))
 
 
-class GradNorm(Fixed):
+class GradNorm(FixedWeights):
     """Factors that make the objectives' gradients on the encoder alike.
 
     An objective whose loss has fallen less than the others' is given more: with loss ratio
@@ -173,7 +173,7 @@ class GradNorm(Fixed):
     def update(
         self, losses: Tensor, awake: Tensor, weights: Mapping[str, float], step: int
     ) -> None:
-        """See `Fixed.update`."""
+        """See `FixedWeights.update`."""
         if step % self.every:
             return
         met = losses > 0
@@ -190,7 +190,7 @@ class GradNorm(Fixed):
         self.factor.copy_(torch.where(known, (wanted - middle).clamp(-limit, limit).exp(), 1.0))
 
 
-class Uncertainty(Fixed):
+class Uncertainty(FixedWeights):
     """Factors ``exp(-s)``, where ``s`` follows what is left of each loss.
 
     Minimises ``exp(-s) * L + s`` over ``s`` by gradient descent, beside the network: where it
@@ -201,7 +201,7 @@ class Uncertainty(Fixed):
         keys: The objectives.
         rate: Of the descent.
         bound: Largest factor; the smallest is its inverse.
-        every: See `Fixed`.
+        every: See `FixedWeights`.
     """
 
     moves: ClassVar[bool] = True
@@ -217,7 +217,7 @@ class Uncertainty(Fixed):
     def update(
         self, losses: Tensor, awake: Tensor, weights: Mapping[str, float], step: int
     ) -> None:
-        """See `Fixed.update`; a step without labels leaves its factor as it is."""
+        """See `FixedWeights.update`; a step without labels leaves its factor as it is."""
         log = self.factor.log()
         moved = log + self.rate * (1 - self.factor * losses)
         limit = math.log(self.bound)
@@ -232,27 +232,27 @@ def joint_norm(loss: Tensor, parameters: Sequence[Tensor]) -> Tensor:
         loss: A scalar of this rank, whose mean over ranks is that of the joint batch.
         parameters: What the gradient is of.
     """
-    found = torch.autograd.grad(loss, parameters, retain_graph=True, allow_unused=True)
+    grads = torch.autograd.grad(loss, parameters, retain_graph=True, allow_unused=True)
     flat = torch.cat(
         [
             (torch.zeros_like(p) if g is None else g).flatten().float()
-            for p, g in zip(parameters, found, strict=True)
+            for p, g in zip(parameters, grads, strict=True)
         ]
     )
-    norm: Tensor = torch.linalg.vector_norm(summed(flat) / world()[1])
+    norm: Tensor = torch.linalg.vector_norm(sum_over_ranks(flat) / world()[1])
     return norm
 
 
-#: By name; see `build`.
-BALANCES: dict[str, type[Fixed]] = {
-    "none": Fixed,
-    "clip": Clip,
+#: By name; see `build_balance`.
+BALANCES: dict[str, type[FixedWeights]] = {
+    "none": FixedWeights,
+    "clip": GradClip,
     "gradnorm": GradNorm,
     "uncertainty": Uncertainty,
 }
 
 
-def build(config: Mapping[str, Any] | None, keys: Sequence[str]) -> Fixed:
+def build_balance(config: Mapping[str, Any] | None, keys: Sequence[str]) -> FixedWeights:
     """The balance of a configuration: its ``name``, and the options of that class.
 
     Raises:

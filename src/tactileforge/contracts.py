@@ -1,4 +1,4 @@
-"""What a sensor, data set, encoder, head and objective is. Plugin authors read this page.
+"""Contracts of sensors, data sets, encoders, heads and objectives, for plugin authors.
 
 A plugin is a class. Its constructor parameters are explicit, their defaults are plain data (they
 become the plugin's configuration), constructing does no I/O, and the module imports no vendor SDK
@@ -301,8 +301,8 @@ class Dataset(Protocol):
     ``skipped`` grows as `recordings` meets files it cannot read: one line each, which names the
     file.
 
-    A large data set may also have ``sources(split)``, see `data.batches.sources.Parted`: it is then
-    opened part by part while it is read, and not as a whole.
+    A large data set may also have ``sources(split)``, see `data.batches.sources.Sharded`: it is
+    then opened part by part while it is read, and not as a whole.
     """
 
     skipped: list[str]
@@ -328,7 +328,7 @@ class Dataset(Protocol):
 
 @dataclass(frozen=True)
 class Features:
-    """What an encoder makes of a full view.
+    """Output of an encoder on a full view.
 
     Attributes:
         tokens: float (B, L, width), the last hidden state; prefix tokens first, patches after.
@@ -345,7 +345,7 @@ class Features:
 
 @dataclass(frozen=True)
 class MaskedFeatures:
-    """What an encoder makes of a view in which tubes are masked.
+    """Output of an encoder on a view with masked tubes.
 
     Attributes:
         tokens: float (B, prefix + slots * K, projected), projected visible tokens.
@@ -437,14 +437,14 @@ class Head(Protocol):
 
 
 @runtime_checkable
-class Follower(Protocol):
+class AfterStep(Protocol):
     """A head or objective that changes from step to step otherwise than by its gradient.
 
     Having the method is enough. What it changes (slow copies, temperatures) are buffers or frozen
     parameters, so that checkpoints keep them and a resumed run goes on with them.
     """
 
-    def follow(self, encoder: Encoder, step: int, total: int) -> None:
+    def after_step(self, encoder: Encoder, step: int, total: int) -> None:
         """Called before the first step (``step`` is 0), and after each optimiser step.
 
         Args:
@@ -478,7 +478,7 @@ class Scored(Protocol):
     """An objective with scores of a whole split that are no means over its batches, such as R2."""
 
     def sums(self, prediction: Any, batch: Batch) -> Tensor:
-        """What adds up over batches and ranks, of one batch; float64 of any shape."""
+        """Sums of one batch that add up over batches and ranks; float64 of any shape."""
         ...
 
     def scores(self, sums: Tensor) -> dict[str, float]:

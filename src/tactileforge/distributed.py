@@ -26,7 +26,7 @@ def rand_rows(rows: int, *columns: int, device: torch.device) -> Tensor:
     return torch.rand(size * rows, *columns, device=device)[rank * rows : (rank + 1) * rows]
 
 
-def summed(x: Tensor) -> Tensor:
+def sum_over_ranks(x: Tensor) -> Tensor:
     """The sum over ranks, without gradients; ``x`` itself in a single process."""
     if world()[1] > 1:
         x = x.clone()
@@ -50,7 +50,7 @@ class _Gather(torch.autograd.Function):
         return grad[start : start + ctx.rows]
 
 
-def gather(x: Tensor) -> Tensor:
+def gather_rows(x: Tensor) -> Tensor:
     """Rows of every rank, in rank order, with gradients; ``x`` itself in a single process.
 
     Every rank must give as many rows.

@@ -18,15 +18,15 @@ from tactileforge.untrusted import load_json
 _ABANDONED = 3600.0
 
 
-def cache_folder(given: str | None = None) -> Path:
+def cache_folder(path: str | None = None) -> Path:
     """The folder given, else ``$TACTILEFORGE_CACHE``, else ``tactileforge`` in the user's cache.
 
     Example:
         >>> cache_folder("kept").name
         'kept'
     """
-    if given := given or os.environ.get("TACTILEFORGE_CACHE"):
-        return Path(given).expanduser()
+    if path := path or os.environ.get("TACTILEFORGE_CACHE"):
+        return Path(path).expanduser()
     home = os.environ.get("XDG_CACHE_HOME")
     return (Path(home) if home else Path.home() / ".cache") / "tactileforge"
 

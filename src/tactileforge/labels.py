@@ -48,19 +48,19 @@ class Labels:
             log.warning(line)
 
     def missing(self, key: str) -> str:
-        """What is wrong with the labels of an objective; "" where nothing is, or it is early."""
+        """Problem with the labels of an objective; "" where there is none, or it is early."""
         count = self.counts.get(key)
         if count is None or count["batches"] < PATIENCE:
             return ""
-        given = f"its first {count['batches']} batches ({count['clips']} clips)"
+        extent = f"its first {count['batches']} batches ({count['clips']} clips)"
         if not count["labelled"]:
             return (
-                f"objective {key!r} has met no label in {given}: it learns nothing. Give sources "
+                f"objective {key!r} has met no label in {extent}: it learns nothing. Give sources "
                 "that have its labels a share (batch.shares), or leave it out of objective=[...]"
             )
         if blind := [axis for axis in AXES if not count.get(axis, 1)]:
             return (
-                f"objective {key!r} has met no force along {' and '.join(blind)} in {given}: it "
+                f"objective {key!r} has met no force along {' and '.join(blind)} in {extent}: it "
                 "learns the other axes alone"
             )
         return ""
@@ -86,5 +86,5 @@ def _has(batch: Batch, label: str) -> list[bool]:
     if label == "text":
         return [bool(text) for text in batch["text"]]
     value: Tensor = batch[f"{label}_valid"] if f"{label}_valid" in batch else batch[label] >= 0
-    found: list[bool] = value.reshape(len(value), -1).any(1).tolist()
-    return found
+    present: list[bool] = value.reshape(len(value), -1).any(1).tolist()
+    return present

@@ -13,11 +13,11 @@ import torch
 from torch import Tensor, nn
 
 from tactileforge import balance as balances
-from tactileforge.contracts import Batch, Follower, Prepared, Scored
+from tactileforge.contracts import AfterStep, Batch, Prepared, Scored
 from tactileforge.curriculum import Curriculum, from_config
 from tactileforge.data.batches.clips import Clips
 from tactileforge.data.labels.augment import Augment, fill_captions
-from tactileforge.distributed import summed
+from tactileforge.distributed import sum_over_ranks
 from tactileforge.errors import ConfigError, DataError, TactileForgeError
 from tactileforge.labels import Labels
 from tactileforge.optim import optimiser
@@ -43,7 +43,7 @@ class TouchModule(L.LightningModule):
         optim: See `optim.optimiser`.
         augment: Changes clips and their labels, or None.
         seed: Seed of the run.
-        balance: See `balance.build`; None leaves weights as they are.
+        balance: See `balance.build_balance`; None leaves weights as they are.
 
     Attributes:
         skipped: What could not be read so far: by its name, a line that says why, and how many
@@ -69,7 +69,7 @@ class TouchModule(L.LightningModule):
         self.heads = nn.ModuleDict(heads)
         self.objectives = nn.ModuleDict(objectives)
         self.weights = dict(weights)
-        self.balance = balances.build(balance, list(objectives))
+        self.balance = balances.build_balance(balance, list(objectives))
         self.curriculum_config = dict(curriculum)
         self.optim = dict(optim)
         self.augment = augment
@@ -126,7 +126,7 @@ class TouchModule(L.LightningModule):
     def terms(
         self, batch: Batch, weights: Mapping[str, float], universal: float = 0.0
     ) -> dict[str, Term]:
-        """What each objective makes of a batch.
+        """Computes the term of each objective on a batch.
 
         Args:
             batch: See `tactileforge.contracts`, on this module's device.
@@ -134,12 +134,12 @@ class TouchModule(L.LightningModule):
             universal: Chance of the universal sensor tokens.
         """
         views = self.encoder.views(batch, universal)
-        found = {}
+        terms = {}
         for key, objective in self.objectives.items():
             if weights.get(key):
                 prediction = self.heads[key](views, batch)
-                found[key] = Term(prediction, *objective(prediction, batch))
-        return found
+                terms[key] = Term(prediction, *objective(prediction, batch))
+        return terms
 
     def losses(
         self, batch: Batch, weights: Mapping[str, float], universal: float = 0.0
@@ -151,11 +151,11 @@ class TouchModule(L.LightningModule):
             weights: See `terms`.
             universal: See `terms`.
         """
-        found = self.terms(batch, weights, universal)
+        terms = self.terms(batch, weights, universal)
         total = torch.zeros((), device=self.device)
-        for key, term in found.items():
+        for key, term in terms.items():
             total = total + weights[key] * term.loss
-        return total, logs_of(found)
+        return total, logs_of(terms)
 
     def on_before_batch_transfer(self, batch: Batch, dataloader_idx: int) -> Batch:
         """Host side: flips are drawn, labels and captions follow."""
@@ -181,19 +181,19 @@ class TouchModule(L.LightningModule):
         assert self.plan is not None
         weights = self.current_weights()
         universal = self.plan.universal(self.global_step)
-        found = self.terms(batch, weights, universal)
-        losses = {key: term.loss for key, term in found.items()}
+        terms = self.terms(batch, weights, universal)
+        losses = {key: term.loss for key, term in terms.items()}
         total: Tensor = self.balance(losses, weights, self.global_step, self.encoder)
         if not total.requires_grad:  # every objective is still asleep
             raise ConfigError(
                 f"no objective has a weight above 0 at step {self.global_step}; let one start at 0"
             )
         if (self.global_step + 1) % log_interval(self.trainer) == 0:
-            self._log_step(total.detach(), logs_of(found), weights, universal)
+            self._log_step(total.detach(), logs_of(terms), weights, universal)
         return total
 
     def on_train_start(self) -> None:
-        """What follows the encoder starts equal to it."""
+        """Initialises the EMA copies with the encoder's weights."""
         if self.global_step == 0:
             self._follow(0)
 
@@ -204,8 +204,8 @@ class TouchModule(L.LightningModule):
 
     def _follow(self, step: int) -> None:
         for part in (*self.heads.values(), *self.objectives.values()):
-            if isinstance(part, Follower):
-                part.follow(self.encoder, step, self.total)
+            if isinstance(part, AfterStep):
+                part.after_step(self.encoder, step, self.total)
 
     def validation_step(self, batch: Batch, batch_idx: int) -> None:
         """Losses on held-out clips, with the same masks each time."""
@@ -214,12 +214,12 @@ class TouchModule(L.LightningModule):
         if not bool((batch["group"] >= 0).any()):
             paired = [k for k, v in self.objectives.items() if getattr(v, "pairs", False)]
             weights |= dict.fromkeys(paired, 0.0)
-        found = self.terms(batch, weights)
-        for key, term in found.items():
+        terms = self.terms(batch, weights)
+        for key, term in terms.items():
             if isinstance(objective := self.objectives[key], Scored):
                 sums = objective.sums(term.prediction, batch)
                 self._sums[key] = self._sums[key] + sums if key in self._sums else sums
-        logs = logs_of(found)
+        logs = logs_of(terms)
         size = len(batch["frames"])
         self.log_dict({f"val/{k}": v for k, v in logs.items()}, batch_size=size, on_epoch=True)
 
@@ -227,7 +227,7 @@ class TouchModule(L.LightningModule):
         """Scores of the whole split, over all ranks."""
         for key, sums in self._sums.items():
             objective: Any = self.objectives[key]
-            scores: dict[str, float] = objective.scores(summed(sums))
+            scores: dict[str, float] = objective.scores(sum_over_ranks(sums))
             self.log_dict({f"val/{key}/{name}": value for name, value in scores.items()})
         self._sums = {}
 
@@ -246,21 +246,21 @@ class TouchModule(L.LightningModule):
         self.skipped = dict(checkpoint["skipped"])
         self.labels.counts = {key: dict(count) for key, count in checkpoint["labels"].items()}
 
-    def skip(self, found: Mapping[str, tuple[str, int]]) -> None:
+    def skip(self, skipped: Mapping[str, tuple[str, int]]) -> None:
         """Notes what could not be read.
 
         Args:
-            found: Like `skipped`.
+            skipped: Like `skipped`.
 
         Raises:
             DataError: More is lost than `allowed`; lists it.
         """
-        for name, (line, count) in found.items():
+        for name, (line, count) in skipped.items():
             if name not in self.skipped:
                 self.skipped[name] = line, count
                 log.warning("skipped: %s", line)
         lost = sum(count for _, count in self.skipped.values())
-        if found and self.allowed is not None and lost > self.allowed:
+        if skipped and self.allowed is not None and lost > self.allowed:
             listed = "\n  ".join(line for line, _ in self.skipped.values())
             raise DataError(
                 f"{lost} recordings cannot be read, and data.max_bad allows {self.allowed}; mend "

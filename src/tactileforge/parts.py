@@ -15,7 +15,7 @@ from tactileforge.errors import ConfigError
 
 @dataclass(frozen=True)
 class Term:
-    """What one objective makes of a batch.
+    """Loss of one objective on a batch, with its logs.
 
     Attributes:
         prediction: Of its head.

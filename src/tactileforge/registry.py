@@ -19,6 +19,19 @@ KINDS = ("sensors", "datasets", "encoders", "heads", "objectives")
 #: Kinds that have no conformance suite.
 OTHERS = ("publishers",)
 
+#: Group of a configuration -> kind of plugin that its options are.
+GROUPS = {
+    "sensor": "sensors",
+    "force": "sensors",
+    "camera": "sensors",
+    "data": "datasets",
+    "encoder": "encoders",
+    "head": "heads",
+    "objective": "objectives",
+    "text_encoder": "encoders",
+    "image_encoder": "encoders",
+}
+
 
 @dataclass(frozen=True)
 class PluginInfo:
@@ -45,11 +58,11 @@ class PluginInfo:
 def _entries(kind: str) -> dict[str, list[EntryPoint]]:
     if kind not in (*KINDS, *OTHERS):
         raise PluginError(unknown("kind of plugin", kind, KINDS))
-    found: dict[str, dict[tuple[str, str], EntryPoint]] = {}
+    entries: dict[str, dict[tuple[str, str], EntryPoint]] = {}
     for entry in entry_points(group=f"tactileforge.{kind}"):
         owner = entry.dist.name if entry.dist else ""
-        found.setdefault(entry.name, {}).setdefault((owner, entry.value), entry)
-    return {name: list(found[name].values()) for name in sorted(found)}
+        entries.setdefault(entry.name, {}).setdefault((owner, entry.value), entry)
+    return {name: list(entries[name].values()) for name in sorted(entries)}
 
 
 def names(kind: str) -> list[str]:

@@ -21,7 +21,7 @@ from tactileforge import curriculum, registry, run_folder
 from tactileforge.assemble import build_data, with_sensors
 from tactileforge.callbacks import checkpoints
 from tactileforge.callbacks.progress import Progress
-from tactileforge.errors import ConfigError
+from tactileforge.errors import ConfigError, unknown
 from tactileforge.files import sealed, write_text
 from tactileforge.module import TouchModule
 from tactileforge.provenance import commit
@@ -61,7 +61,7 @@ def train(config: DictConfig | dict[str, Any], folder: Path) -> TouchModule:
     """
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
     plain: dict[str, Any] = config if isinstance(config, dict) else _plain(config)
-    resume = checkpoints.find(folder) if plain.get("resume") else None
+    resume = checkpoints.find_checkpoint(folder) if plain.get("resume") else None
     with run_folder.claimed(folder, resumes=resume is not None):
         if resume:
             checkpoints.read_own(resume, plain.get("run"))  # before data is made or read
@@ -77,7 +77,7 @@ def _train(plain: dict[str, Any], folder: Path, resume: Path | None) -> TouchMod
     curriculum.from_config(plain["curriculum"], weights, total=sys.maxsize, epoch=1)
     state = None
     if plain.get("init") and not resume:
-        state = checkpoints.read(plain["init"])["state_dict"]
+        state = checkpoints.read_checkpoint(plain["init"])["state_dict"]
     data = build_data(plain)
     plain["encoder"] = with_sensors(plain["encoder"], data)
     module = TouchModule.from_config(plain, data.summary("train").labels)
@@ -103,6 +103,25 @@ def _train(plain: dict[str, Any], folder: Path, resume: Path | None) -> TouchMod
 
         print(f"report: {write_report(folder, module, data)}")
     return module
+
+
+def metric(module: TouchModule, name: str | None = None) -> float:
+    """The number that a sweep makes small, as it was at the last validation.
+
+    Args:
+        module: After its training.
+        name: As in the metrics, for example ``val/force``; None for the sum of the losses of all
+            objectives that were validated.
+
+    Raises:
+        ConfigError: Nothing of that name was logged.
+    """
+    logged = module.trainer.callback_metrics
+    names = [name] if name else [f"val/{key}" for key in module.objectives]
+    found = [float(logged[key]) for key in names if key in logged]
+    if name and not found:
+        raise ConfigError(unknown("metric", name, [key for key in logged if "/" in key]))
+    return sum(found) if found else float("nan")
 
 
 def _plain(config: DictConfig) -> dict[str, Any]:

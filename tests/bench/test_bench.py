@@ -12,19 +12,19 @@ import torch
 
 from tactileforge import cli
 from tactileforge.bench import run as bench_run
-from tactileforge.bench.fit.features import Store
-from tactileforge.bench.fit.models import Entry, Subject, baseline
-from tactileforge.bench.fit.resolve import choose, row_of
+from tactileforge.bench.fit.features import FeatureStore
+from tactileforge.bench.fit.models import FrozenEncoder, ModelEntry, baseline_encoder
+from tactileforge.bench.fit.resolve import choose_probe, result_task
 from tactileforge.bench.results import load
 from tactileforge.bench.results.write import Writer
-from tactileforge.bench.run import Bench, Options
-from tactileforge.bench.tasks.source import Source
-from tactileforge.bench.tasks.suite import Clip, Task, parse
+from tactileforge.bench.run import Bench, BenchOptions
+from tactileforge.bench.tasks.source import TaskSource
+from tactileforge.bench.tasks.suite import ClipSpec, Task, parse_task
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataNotFoundError, TactileForgeError
-from tactileforge.hub.files import describe
+from tactileforge.hub.files import make_header
 
 NODE = {"name": "tactile_vit", "size": "tiny", "frames": 4, "image_size": 32}
 FORCE = {
@@ -67,11 +67,11 @@ def data(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
     """Says what the tasks read, in place of a data set."""
 
     def use(sensor: str = "digit", labels: Sequence[float] = (0, 1), error: Any = None) -> None:
-        def opened(node: Any, sides: Any, clip: Clip) -> Source:
+        def opened(node: Any, sides: Any, clip: ClipSpec) -> TaskSource:
             if error:
                 raise error
             made = [recording(i, sensor, labels[i % len(labels)]) for i in range(8)]
-            return Source(made, ["train"] * 6 + ["val"] * 2, clip)
+            return TaskSource(made, ["train"] * 6 + ["val"] * 2, clip)
 
         monkeypatch.setattr(bench_run, "open_source", opened)
 
@@ -79,15 +79,15 @@ def data(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
     return use
 
 
-def subject(seed: int = 0, name: str = "tiny") -> Subject:
+def subject(seed: int = 0, name: str = "tiny") -> FrozenEncoder:
     torch.manual_seed(seed)
     encoder = TactileViT("tiny", frames=4, image_size=32)
-    header = describe(encoder, NODE, licence="MIT", spacing=0.05, recipe={"encoder": NODE})
-    return Subject(name, encoder, header)
+    header = make_header(encoder, NODE, licence="MIT", spacing=0.05, recipe={"encoder": NODE})
+    return FrozenEncoder(name, encoder, header)
 
 
-def tiny(name: str = "tiny", count: int = 1) -> Entry:
-    return Entry(
+def tiny(name: str = "tiny", count: int = 1) -> ModelEntry:
+    return ModelEntry(
         name=name,
         title=name.title(),
         open=[lambda seed=seed: subject(seed, name) for seed in range(count)],  # type: ignore[misc]
@@ -95,31 +95,35 @@ def tiny(name: str = "tiny", count: int = 1) -> Entry:
 
 
 def bench(folder: Path, tasks: dict[str, Any], **options: Any) -> Bench:
-    chosen: list[Task] = [parse(name, node) for name, node in tasks.items()]
-    given = Options(**{"seeds": 2, "probe": {}} | options)
-    rows = [row_of(task, choose(task, given.probe), given.selection) for task in chosen]
-    writer = Writer(folder, "made", {"seeds": given.seeds}, rows)
-    return Bench(chosen, Store(folder / "features", workers=0), writer, given)
+    chosen: list[Task] = [parse_task(name, node) for name, node in tasks.items()]
+    settings = BenchOptions(**{"seeds": 2, "probe": {}} | options)
+    rows = [
+        result_task(task, choose_probe(task, settings.probe), settings.selection) for task in chosen
+    ]
+    writer = Writer(folder, "made", {"seeds": settings.seeds}, rows)
+    return Bench(chosen, FeatureStore(folder / "features", workers=0), writer, settings)
 
 
 def test_everything_is_in_the_file(data: Any, tmp_path: Path) -> None:
-    one = bench(tmp_path, {"force": FORCE, "hard": HARD})
-    one.run(tiny())
-    one.run(Entry(name="pixels", title="raw pixels", open=[lambda: baseline("pixels")]))
-    found = load.read(tmp_path)
-    assert [(c.task, c.model, c.seed) for c in found.cells] == [
+    runner = bench(tmp_path, {"force": FORCE, "hard": HARD})
+    runner.run(tiny())
+    runner.run(
+        ModelEntry(name="pixels", title="raw pixels", open=[lambda: baseline_encoder("pixels")])
+    )
+    loaded = load.read_results(tmp_path)
+    assert [(c.task, c.model, c.seed) for c in loaded.cells] == [
         (task, model, seed)
         for model in ("tiny", "pixels")
         for task in ("force", "hard")
         for seed in (0, 1)
     ]
-    assert found.not_run == []
-    cell = found.cells[0]
+    assert loaded.not_run == []
+    cell = loaded.cells[0]
     assert cell.metrics.keys() == {"rmse_sum_axes", "rmse_z"}
     assert 0 < cell.metrics["rmse_z"] <= cell.metrics["rmse_sum_axes"]
     assert len(cell.curve["train"]) == len(cell.curve["validation"]) == 2
     assert cell.setting["lr"] == 1e-3
-    assert found.models[0].facts["parameters"] == sum(
+    assert loaded.models[0].facts["parameters"] == sum(
         p.numel() for p in subject().encoder.parameters()
     )
     with np.load(tmp_path / cell.predictions) as kept:
@@ -127,13 +131,13 @@ def test_everything_is_in_the_file(data: Any, tmp_path: Path) -> None:
         assert kept["axes"].tolist() == ["x", "y", "z"]
     rmse = 1000 * np.sqrt((error**2).mean(0))
     assert cell.metrics["rmse_sum_axes"] == pytest.approx(rmse.sum(), rel=1e-3)
-    with np.load(tmp_path / found.cells[2].predictions) as kept:
+    with np.load(tmp_path / loaded.cells[2].predictions) as kept:
         assert kept["truth"].dtype == np.int64
         assert set(kept["names"]) == {"0", "1"}
         accuracy = 100 * (kept["truth"] == kept["predicted"]).mean()
-    assert found.cells[2].metrics["accuracy"] == pytest.approx(accuracy, rel=1e-5)
-    assert found.tasks[0].selection == "validation"
-    assert "unseen in test: object" in found.tasks[0].split
+    assert loaded.cells[2].metrics["accuracy"] == pytest.approx(accuracy, rel=1e-5)
+    assert loaded.tasks[0].selection == "validation"
+    assert "unseen in test: object" in loaded.tasks[0].split
 
 
 def test_cells_that_are_there_are_kept(
@@ -142,10 +146,13 @@ def test_cells_that_are_there_are_kept(
     bench(tmp_path, {"force": FORCE}).run(tiny())
     before = (tmp_path / "results.json").read_text()
     trained: list[str] = []
-    run = bench_run.cells.run
-    monkeypatch.setattr(
-        bench_run.cells, "run", lambda one, *rest: trained.append(one.task.name) or run(one, *rest)
-    )
+    run = bench_run.evaluate.evaluate_probe
+
+    def counted(prepared: Any, *rest: Any) -> Any:
+        trained.append(prepared.task.name)
+        return run(prepared, *rest)
+
+    monkeypatch.setattr(bench_run.evaluate, "evaluate_probe", counted)
     bench(tmp_path, {"force": FORCE}).run(tiny())
     assert trained == []
     assert (tmp_path / "results.json").read_text() == before
@@ -153,7 +160,7 @@ def test_cells_that_are_there_are_kept(
     assert trained == ["hard"]
     bench(tmp_path, {"force": FORCE, "hard": HARD}, seeds=1).run(tiny())
     assert trained == ["hard", "force", "hard"]
-    changed = Entry(name="tiny", title="Tiny", open=[lambda: subject(7)])
+    changed = ModelEntry(name="tiny", title="Tiny", open=[lambda: subject(7)])
     bench(tmp_path, {"force": FORCE, "hard": HARD}, seeds=1).run(changed)
     assert trained[3:] == ["force", "hard"], "other weights"
     data(labels=(1, 0))
@@ -167,44 +174,44 @@ def test_a_bench_of_other_models_forgets_no_cell(
     """Nor does one that was stopped before it came to them."""
     bench(tmp_path, {"force": FORCE}).run(tiny("a"))
     bench(tmp_path, {"force": FORCE}).run(tiny("b"))
-    assert {cell.model for cell in load.read(tmp_path).cells} == {"b"}
-    monkeypatch.setattr(bench_run.cells, "run", None)
+    assert {cell.model for cell in load.read_results(tmp_path).cells} == {"b"}
+    monkeypatch.setattr(bench_run.evaluate, "evaluate_probe", None)
     both = bench(tmp_path, {"force": FORCE})
     both.run(tiny("a"))
     both.run(tiny("b"))
-    assert [cell.model for cell in load.read(tmp_path).cells] == ["a", "a", "b", "b"]
+    assert [cell.model for cell in load.read_results(tmp_path).cells] == ["a", "a", "b", "b"]
 
 
 def test_trainings_take_turns(data: Any, tmp_path: Path) -> None:
-    one = bench(tmp_path, {"force": FORCE}, seeds=3)
-    one.run(tiny(count=2))
-    found = load.read(tmp_path)
-    assert [cell.seed for cell in found.cells] == [0, 1, 2]
-    assert len(found.models[0].sha256.split()) == 2
+    runner = bench(tmp_path, {"force": FORCE}, seeds=3)
+    runner.run(tiny(count=2))
+    loaded = load.read_results(tmp_path)
+    assert [cell.seed for cell in loaded.cells] == [0, 1, 2]
+    assert len(loaded.models[0].sha256.split()) == 2
 
 
 def test_learning_rates_are_settings_and_validation_orders_them(data: Any, tmp_path: Path) -> None:
     task = FORCE | {"probe": {"name": "force", "epochs": 6, "lr": [1e-9, 3e-3]}}
     bench(tmp_path, {"force": task}).run(tiny())
-    found = load.read(tmp_path).cells
-    assert [cell.setting["lr"] for cell in found] == [3e-3, 3e-3, 1e-9, 1e-9]
-    assert found[0].metrics["rmse_z"] < found[2].metrics["rmse_z"]
-    assert len({cell.predictions for cell in found}) == 4
+    loaded = load.read_results(tmp_path).cells
+    assert [cell.setting["lr"] for cell in loaded] == [3e-3, 3e-3, 1e-9, 1e-9]
+    assert loaded[0].metrics["rmse_z"] < loaded[2].metrics["rmse_z"]
+    assert len({cell.predictions for cell in loaded}) == 4
 
 
 def test_neighbours_fine_tuning_and_flips(data: Any, tmp_path: Path) -> None:
     knn = HARD | {"probe": {"name": "knn", "neighbours": 3}}
     tuned = FORCE | {"probe": {"name": "force", "epochs": 8, "finetune": 3e-4, "lr": 1e-3}}
     flips = HARD | {"flips": True}
-    one = bench(tmp_path, {"knn": knn, "tuned": tuned, "flips": flips}, seeds=1)
+    runner = bench(tmp_path, {"knn": knn, "tuned": tuned, "flips": flips}, seeds=1)
     entry = tiny()
     before = subject().weights
-    one.run(replace(entry, open=[lambda: subject()]))
-    found = {cell.task: cell for cell in load.read(tmp_path).cells}
-    assert found["knn"].epoch == -1
-    assert found["knn"].setting == {"neighbours": 3}
-    assert found["tuned"].curve["train"][-1] < 0.7 * found["tuned"].curve["train"][0]
-    assert found["tuned"].setting["encoder_lr"] == 3e-4
+    runner.run(replace(entry, open=[lambda: subject()]))
+    loaded = {cell.task: cell for cell in load.read_results(tmp_path).cells}
+    assert loaded["knn"].epoch == -1
+    assert loaded["knn"].setting == {"neighbours": 3}
+    assert loaded["tuned"].curve["train"][-1] < 0.7 * loaded["tuned"].curve["train"][0]
+    assert loaded["tuned"].setting["encoder_lr"] == 3e-4
     assert subject().weights == before
     assert len(list((tmp_path / "features").rglob("projected*.npy"))) == 4
 
@@ -213,7 +220,7 @@ def test_a_fine_tuned_encoder_is_a_copy(data: Any, tmp_path: Path) -> None:
     kept = subject()
     weights = {k: v.clone() for k, v in kept.encoder.state_dict().items()}
     tuned = HARD | {"probe": {"name": "linear", "epochs": 1, "finetune": 1e-2}}
-    bench(tmp_path, {"t": tuned}, seeds=1).run(Entry(name="a", title="A", open=[lambda: kept]))
+    bench(tmp_path, {"t": tuned}, seeds=1).run(ModelEntry(name="a", title="A", open=[lambda: kept]))
     for name, value in kept.encoder.state_dict().items():
         torch.testing.assert_close(value, weights[name], rtol=0, atol=0)
 
@@ -222,29 +229,29 @@ def test_selection_on_the_test_is_marked(data: Any, tmp_path: Path) -> None:
     task = FORCE | {"probe": {"name": "force", "epochs": 5, "lr": 3e-3}}
     for selection in ("validation", "test"):
         bench(tmp_path / selection, {"f": task}, seeds=1, selection=selection).run(tiny())
-    fair, best = (load.read(tmp_path / name) for name in ("validation", "test"))
+    fair, best = (load.read_results(tmp_path / name) for name in ("validation", "test"))
     assert (fair.tasks[0].selection, best.tasks[0].selection) == ("validation", "test")
     assert best.cells[0].metrics["rmse_sum_axes"] <= fair.cells[0].metrics["rmse_sum_axes"] + 1e-3
 
 
 def not_run(folder: Path) -> list[tuple[str, str, str]]:
-    return [(row.task, row.model, row.reason) for row in load.read(folder).not_run]
+    return [(row.task, row.model, row.reason) for row in load.read_results(folder).not_run]
 
 
 def test_a_sensor_the_model_does_not_know(data: Any, tmp_path: Path) -> None:
     data(sensor="duragel")
 
-    def opened() -> Subject:
-        found = subject()
-        found.encoder.sensors = {"digit": 0}
-        return found
+    def opened() -> FrozenEncoder:
+        loaded = subject()
+        loaded.encoder.sensors = {"digit": 0}
+        return loaded
 
-    entry = Entry(name="tiny", title="Tiny", open=[opened])
+    entry = ModelEntry(name="tiny", title="Tiny", open=[opened])
     bench(tmp_path, {"force": FORCE, "any": FORCE | {"unknown_sensor": "universal"}}).run(entry)
     ((task, model, reason),) = not_run(tmp_path)
     assert (task, model) == ("force", "tiny")
     assert "does not know the sensor duragel (it knows: digit)" in reason
-    assert {cell.task for cell in load.read(tmp_path).cells} == {"any"}
+    assert {cell.task for cell in load.read_results(tmp_path).cells} == {"any"}
 
 
 def test_one_class_and_absent_data_do_not_stop_the_rest(data: Any, tmp_path: Path) -> None:
@@ -253,18 +260,18 @@ def test_one_class_and_absent_data_do_not_stop_the_rest(data: Any, tmp_path: Pat
     ((task, model, reason),) = not_run(tmp_path)
     assert (task, model) == ("hard", "")
     assert "one class" in reason
-    assert {cell.task for cell in load.read(tmp_path).cells} == {"force"}
+    assert {cell.task for cell in load.read_results(tmp_path).cells} == {"force"}
     data(error=DataNotFoundError("cloth: no folder x. Download it from https://a.b, and give it"))
     bench(tmp_path / "gone", {"force": FORCE}).run(tiny())
-    found = load.read(tmp_path / "gone")
-    assert found.not_run[0].reason == "cloth: no folder x"
-    assert found.not_run[0].fix == "Download it from https://a.b."
-    assert found.cells == []
+    loaded = load.read_results(tmp_path / "gone")
+    assert loaded.not_run[0].reason == "cloth: no folder x"
+    assert loaded.not_run[0].fix == "Download it from https://a.b."
+    assert loaded.cells == []
 
 
 def test_an_overlap_stops_the_bench(data: Any, tmp_path: Path, monkeypatch: Any) -> None:
-    twice = Source(
-        [recording(i, "digit", i % 2) for i in (0, 1, 2, 0)], ["train"] * 3 + ["val"], Clip()
+    twice = TaskSource(
+        [recording(i, "digit", i % 2) for i in (0, 1, 2, 0)], ["train"] * 3 + ["val"], ClipSpec()
     )
     monkeypatch.setattr(bench_run, "open_source", lambda *_: twice)
     with pytest.raises(ConfigError, match="recording 'r0' is in"):
@@ -272,34 +279,32 @@ def test_an_overlap_stops_the_bench(data: Any, tmp_path: Path, monkeypatch: Any)
 
 
 def test_a_metric_that_is_no_number(data: Any, tmp_path: Path, monkeypatch: Any) -> None:
-    monkeypatch.setattr(
-        bench_run.metrics.RmseSumAxes, "compute", lambda _: torch.tensor(float("nan"))
-    )
+    monkeypatch.setattr(bench_run.metrics.PerAxis, "compute", lambda _: torch.tensor(float("nan")))
     bench(tmp_path, {"force": FORCE, "hard": HARD}).run(tiny())
     ((task, model, reason),) = not_run(tmp_path)
     assert (task, model) == ("force", "tiny")
     assert "rmse_sum_axes is nan" in reason
-    assert {cell.task for cell in load.read(tmp_path).cells} == {"hard"}
+    assert {cell.task for cell in load.read_results(tmp_path).cells} == {"hard"}
 
 
 def test_a_model_that_cannot_be_opened(data: Any, tmp_path: Path) -> None:
-    def broken() -> Subject:
+    def broken() -> FrozenEncoder:
         raise TactileForgeError("training x-0 failed: out of memory")
 
-    one = bench(tmp_path, {"force": FORCE})
-    one.run(Entry(name="x", title="X", open=[broken]))
-    one.run(tiny())
+    runner = bench(tmp_path, {"force": FORCE})
+    runner.run(ModelEntry(name="x", title="X", open=[broken]))
+    runner.run(tiny())
     assert not_run(tmp_path) == [("", "x", "training x-0 failed: out of memory")]
-    assert {cell.model for cell in load.read(tmp_path).cells} == {"tiny"}
+    assert {cell.model for cell in load.read_results(tmp_path).cells} == {"tiny"}
 
 
 def test_options_of_probes(data: Any, tmp_path: Path) -> None:
-    task = parse("t", FORCE)
-    choice = choose(task, {"epochs": 7, "lr": None})
+    task = parse_task("t", FORCE)
+    choice = choose_probe(task, {"epochs": 7, "lr": None})
     assert (choice.training.epochs, choice.training.lr) == (7, (1e-3,))
     assert choice.training.betas == (0.9, 0.99), "as published"
     with pytest.raises(ConfigError, match="did you mean 'epochs'"):
-        choose(replace(task, probe={"name": "force", "epoch": 1}), {})
+        choose_probe(replace(task, probe={"name": "force", "epoch": 1}), {})
 
 
 @pytest.mark.parametrize(
@@ -310,7 +315,7 @@ def test_options_of_probes(data: Any, tmp_path: Path) -> None:
         (["model=[anytouch3.base]", "task=[sim_force]"], "anytouch2"),
         (["task=[sim_force]"], "no model: give model="),
         (["model=[pixels]", "selection=best"], "validation or test"),
-        (["model=[pixels]", "hydra/launcher=ray"], "only with -m"),
+        (["model=[pixels]", "jobz=[hydra/launcher=ray]"], "did you mean 'jobs'"),
         (["model=[pixels]", "ablation=no_dif"], "did you mean 'no_diff'"),
     ],
 )
@@ -356,8 +361,8 @@ def test_on_simulated_touch(
     assert cli.run(["bench", *words]) == 0
     out = capsys.readouterr().out
     assert "Force, rmse_sum_axes (mN)" in out
-    found = load.read(tmp_path / "here")
-    assert [(c.model, c.seed) for c in found.cells if c.setting["lr"] == 5e-4] == [
+    loaded = load.read_results(tmp_path / "here")
+    assert [(c.model, c.seed) for c in loaded.cells if c.setting["lr"] == 5e-4] == [
         (model, seed) for model in ("untrained:anytouch2", "pixels") for seed in range(3)
     ]
     assert json.loads((tmp_path / "here" / "results.json").read_text())["suite"] == "sim"

@@ -26,18 +26,18 @@ import torch
 from tactileforge import run_folder
 from tactileforge.callbacks import checkpoints
 from tactileforge.contracts import Frame, SensorSpec
+from tactileforge.data.frames.image_codecs import encode_image
 from tactileforge.data.frames.lazy import ImageFrames
 from tactileforge.data.shards import index, shards
-from tactileforge.data.shards.fetch import Folder
-from tactileforge.datasets.reading.pickles import load as load_pickle
+from tactileforge.data.shards.fetch import ShardFolder
+from tactileforge.datasets.reading.pickles import load_pickle
 from tactileforge.datasets.shards import Shards
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import SensorError, TactileForgeError
-from tactileforge.hub.files import describe, save
+from tactileforge.hub.files import make_header, save_checkpoint
 from tactileforge.hub.header import read_header
-from tactileforge.packing import Options as PackOptions
-from tactileforge.packing import pack
-from tactileforge.record.options import Options
+from tactileforge.packing import PackOptions, pack
+from tactileforge.record.options import RecordOptions
 from tactileforge.record.raw import read_raw
 from tactileforge.record.record import record
 from tactileforge.sensors import capture as capture_module
@@ -92,10 +92,10 @@ def content(folder: Path) -> dict[str, bytes]:
 def everything(path: Path) -> list[Any]:
     """All that a shard holds, pictures included."""
     found = []
-    for one in shards.read(path):
+    for one in shards.read_shard(path):
         groups = (one.frames, one.no_contact, one.image)
         shown = [None if f is None else f.read(range(len(f))).tobytes() for f in groups]
-        found.append((shards.head(one), shown))
+        found.append((shards.describe_recording(one), shown))
     return found
 
 
@@ -109,22 +109,24 @@ def written(folder: Path, packed: Path) -> dict[str, tuple[Path, Callable[[Path]
         (folder / path.name).write_bytes(path.read_bytes())
     entry = next(
         e
-        for rows in index.parse((packed / index.NAME).read_bytes(), "x").splits.values()
+        for rows in index.parse_index((packed / index.NAME).read_bytes(), "x").splits.values()
         for e in rows
         if e.file == first.name
     )
 
     def told(path: Path) -> Any:
-        found = checkpoints.read(path)
+        found = checkpoints.read_checkpoint(path)
         return {**found, "state_dict": found["state_dict"]["w"].tolist()}
 
     return {
         "checkpoint": (folder / checkpoints.LAST, told),
         "config.yaml": (folder / "config.yaml", lambda path: run_folder.read_config(path.parent)),
-        "index.json": (folder / index.NAME, lambda path: index.parse(path.read_bytes(), "x")),
+        "index.json": (folder / index.NAME, lambda path: index.parse_index(path.read_bytes(), "x")),
         "shard, with its index": (
             folder / first.name,
-            lambda path: Folder(str(path.parent), path).get(path.name, entry.bytes, entry.sha256),
+            lambda path: ShardFolder(str(path.parent), path).get(
+                path.name, entry.bytes, entry.sha256
+            ),
         ),
         "shard, without an index": (folder / first.name, everything),
     }
@@ -176,7 +178,7 @@ def test_kills_while_a_checkpoint_is_written(tmp_path: Path) -> None:
     )
     for _ in range(10):
         killed(save_all, float(rng.uniform(0.02, 0.2)))
-        assert checkpoints.read(path)["state_dict"]["w"].unique().numel() == 1
+        assert checkpoints.read_checkpoint(path)["state_dict"]["w"].unique().numel() == 1
     note("kill -9 while checkpoints are written", 10, "10 left a whole one")
 
 
@@ -197,7 +199,9 @@ def test_kills_while_touch_is_recorded(tmp_path: Path) -> None:
     kept = 0
     for number in range(4):
         out = tmp_path / str(number)
-        given = Options(out=str(out), codec="png", segment=0.15, background=Background(seconds=0.0))
+        given = RecordOptions(
+            out=str(out), codec="png", segment=0.15, background=Background(seconds=0.0)
+        )
         sensors = {"left": RECORDABLE.Numbered(1)}
         killed(partial(record, given, sensors, say=lambda _: None), float(rng.uniform(0.8, 1.6)))
         data = Shards(str(out))
@@ -252,21 +256,24 @@ def parsers(folder: Path, packed: Path) -> dict[str, tuple[bytes, Callable[[Path
     model = folder / "m.safetensors"
     vit = TactileViT("tiny", depth=1, frames=2, image_size=32)
     node = {"name": "tactile_vit", "size": "tiny", "depth": 1, "frames": 2, "image_size": 32}
-    save(model, vit, describe(vit, node, licence="MIT", spacing=0.1))
+    save_checkpoint(model, vit, make_header(vit, node, licence="MIT", spacing=0.1))
     whole = io.BytesIO()
     torch.save({"state_dict": {"w": torch.zeros(9)}}, whole)
     checkpoints.seal(whole)
-    png = shards.encode(np.zeros((9, 9, 3), np.uint8), "png")
+    png = encode_image(np.zeros((9, 9, 3), np.uint8), "png")
     tar = min(packed.glob("*.tar")).read_bytes()
 
     def text(load: Callable[[str], Any]) -> Callable[[Path], Any]:
         return lambda path: load(path.read_text("utf-8"))
 
     return {
-        "shard": (tar, lambda path: list(shards.read(path))),
+        "shard": (tar, lambda path: list(shards.read_shard(path))),
         "raw values": (tar, read_raw),
-        "index": ((packed / index.NAME).read_bytes(), lambda p: index.parse(p.read_bytes(), "x")),
-        "checkpoint": (whole.getvalue(), checkpoints.read),
+        "index": (
+            (packed / index.NAME).read_bytes(),
+            lambda p: index.parse_index(p.read_bytes(), "x"),
+        ),
+        "checkpoint": (whole.getvalue(), checkpoints.read_checkpoint),
         "model": (model.read_bytes()[:20_000], read_header),
         "pickle": (pickle.dumps({"a": [1, (2.5, "x")], "b": np.zeros(9)}), load_pickle),
         "picture": (png, lambda path: ImageFrames([path]).read([0])),
@@ -388,12 +395,12 @@ def test_two_at_once(tmp_path: Path) -> None:
             time.sleep(60)
 
     from tactileforge.packing import _alone
-    from tactileforge.record.store import Store
+    from tactileforge.record.store import TakeStore
 
     claims: dict[str, Callable[[], Any]] = {
         "train": lambda: run_folder.claimed(tmp_path / "run", resumes=False),
         "data pack": lambda: _alone(tmp_path / "packed"),
-        "record": lambda: Store(tmp_path / "touches", "train"),
+        "record": lambda: TakeStore(tmp_path / "touches", "train"),
     }
     for what, claim in claims.items():
         started.clear()

@@ -13,7 +13,7 @@ from tactileforge.errors import ConfigError
 from tactileforge.pages.curves import read_metrics
 from tactileforge.sensors.taxels import REST
 from tactileforge.sim.array_scenes import Array, taxel_forces
-from tactileforge.sim.mechanics.touch import Contact
+from tactileforge.sim.mechanics.touch import ContactState
 from tactileforge.sim.scene import POINTS, SPACING
 from tactileforge.testing import check
 from tactileforge.train import train
@@ -23,14 +23,14 @@ QUICK = {"indenters": "small_sphere", "seconds": 0.2, "processes": 1}
 
 def contact(
     place: tuple[float, float, float], at: tuple[int, int], traction: tuple[float, float, float]
-) -> Contact:
+) -> ContactState:
     """One point of the object's grid (row, column) carries traction (x, y, z), MPa."""
     pressure, shear = torch.zeros(1, POINTS, POINTS), torch.zeros(1, 2, POINTS, POINTS)
     pressure[0, at[0], at[1]] = traction[2]
     shear[0, :, at[0], at[1]] = torch.tensor(traction[:2])
     pose = torch.tensor([[*place, 0.5, 0.0, 0.0]])
     none = torch.zeros(1)
-    return Contact(pose, pressure, shear, *[none] * 6)
+    return ContactState(pose, pressure, shear, *[none] * 6)
 
 
 def test_a_load_lands_on_the_taxels_around_it() -> None:

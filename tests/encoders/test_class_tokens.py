@@ -40,7 +40,7 @@ def test_it_is_that_of_the_whole_view(kind: str) -> None:
     for parameter in encoder.parameters():  # no scale, bias or position stays at 0 or 1
         torch.nn.init.normal_(parameter, std=0.1)
     frames = torch.randint(0, 256, (3, 4, 3, 40, 50), dtype=torch.uint8)
-    inputs = frames, frames[:, 0], encoder.rows(["digit", "gelsight", "digit"])
+    inputs = frames, frames[:, 0], encoder.sensor_ids(["digit", "gelsight", "digit"])
     with torch.no_grad():
         tokens, projected = encoder(*inputs)
         first, alone = encoder.class_tokens(*inputs)

@@ -14,7 +14,7 @@ from torch.nn import functional as F
 
 from tactileforge.contracts import Batch
 from tactileforge.encoders.backbone import Backbone
-from tactileforge.encoders.published import convert, read, recognise
+from tactileforge.encoders.published import convert, read_tensors, recognise
 from tactileforge.errors import ConfigError
 from tactileforge.testing import batch
 
@@ -134,7 +134,7 @@ def made(encoder: Backbone, size: int = 2) -> Batch:
 def test_from_file_to_encoder_and_back(published: ModuleType, case: str, tmp_path: Path) -> None:
     name, frames, length, _ = FILES[case]
     torch.save({"model": state_of(published, case), "epoch": 3}, tmp_path / "file.pth")
-    state = read(tmp_path / "file.pth")
+    state = read_tensors(tmp_path / "file.pth")
     assert recognise(state).name == name
     converted = convert(state)
     assert converted.name == name
@@ -324,7 +324,7 @@ def test_unitouch_is_torchs_attention_on_two_equal_frames(published: ModuleType)
         scale = p["modality_postprocessors.touch.1.log_logit_scale"].exp()
         want = scale * F.normalize(F.linear(y, p[f"{head}.2.weight"]), dim=-1)
         tokens = encoder.encode(encoder.patchify(image[:, None]), torch.zeros(2, dtype=torch.long))
-        got = encoder.summary(tokens)
+        got = encoder.pool_tokens(tokens)
     torch.testing.assert_close(tokens, x, atol=1e-4, rtol=1e-4)
     torch.testing.assert_close(got, want, atol=1e-4, rtol=1e-3)
 
@@ -368,7 +368,7 @@ def test_tvl_is_timms_transformer(published: ModuleType) -> None:
     with torch.no_grad():
         tokens = encoder.encode(encoder.patchify(image[:, None]), torch.zeros(2, dtype=torch.long))
         torch.testing.assert_close(tokens, x, atol=1e-4, rtol=1e-4)
-        torch.testing.assert_close(encoder.summary(tokens), want, atol=1e-5, rtol=1e-4)
+        torch.testing.assert_close(encoder.pool_tokens(tokens), want, atol=1e-5, rtol=1e-4)
 
 
 def test_t3_is_a_stem_of_timm_and_a_trunk(published: ModuleType) -> None:
@@ -384,7 +384,7 @@ def test_t3_is_a_stem_of_timm_and_a_trunk(published: ModuleType) -> None:
             x = F.layer_norm(x, (768,), p["trunk.norm.weight"], p["trunk.norm.bias"], 1e-5)
             tokens = encoder.encode(encoder.patchify(image[:, None]), torch.tensor([row]))
             torch.testing.assert_close(tokens, x, atol=1e-4, rtol=1e-4)
-            torch.testing.assert_close(encoder.summary(tokens), x[:, 0], atol=1e-4, rtol=1e-4)
+            torch.testing.assert_close(encoder.pool_tokens(tokens), x[:, 0], atol=1e-4, rtol=1e-4)
 
 
 def test_a_stem_whose_mean_is_not_published_is_refused(published: ModuleType) -> None:

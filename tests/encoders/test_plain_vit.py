@@ -6,7 +6,7 @@ import torch
 
 from tactileforge.contracts import Batch
 from tactileforge.encoders.plain_vit import PlainViT
-from tactileforge.encoders.positions import sincos
+from tactileforge.encoders.positions import sincos_position_embedding
 from tactileforge.encoders.preprocess import SPARSH
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError
@@ -66,12 +66,14 @@ def test_the_variants_of_the_other_class_keep_it_too(options: dict[str, Any]) ->
 
 
 def test_fixed_positions_are_sines_and_cosines_of_the_grid() -> None:
-    table = sincos((1, 5, 4), 16).numpy().reshape(5, 4, 16)
+    table = sincos_position_embedding((1, 5, 4), 16).numpy().reshape(5, 4, 16)
     frequency = 10000 ** -(np.arange(4) / 4)
     for row, column in ((0, 0), (3, 2)):
         want = [f(place * frequency) for place in (row, column) for f in (np.sin, np.cos)]
         np.testing.assert_allclose(table[row, column], np.concatenate(want), atol=1e-6)
-    video = sincos((2, 5, 4), 20).numpy().reshape(2, 5, 4, 20)  # 4 frequencies, 24 numbers, cut
+    video = (
+        sincos_position_embedding((2, 5, 4), 20).numpy().reshape(2, 5, 4, 20)
+    )  # 4 frequencies, 24 numbers, cut
     newest = [np.sin(0 * frequency), np.cos(0 * frequency)]
     np.testing.assert_allclose(video[1, 3, 2, :8], np.concatenate(newest), atol=1e-6)
     np.testing.assert_allclose(video[0, 3, 2, :4], np.sin(frequency), atol=1e-6)
@@ -103,8 +105,8 @@ def test_each_sample_goes_through_the_stem_of_its_sensor() -> None:
 
 def test_a_sensor_without_a_stem_is_an_error_and_one_stem_takes_all() -> None:
     with pytest.raises(ConfigError, match=r"'digitt'; did you mean 'digit'.*no stem"):
-        PlainViT(**T3).rows(["digitt"])
-    assert PlainViT(**SMALL).rows(["anything", "digit"]).tolist() == [0, 0]
+        PlainViT(**T3).sensor_ids(["digitt"])
+    assert PlainViT(**SMALL).sensor_ids(["anything", "digit"]).tolist() == [0, 0]
 
 
 @pytest.mark.parametrize("name", ["sparsh", "registers", "t3"])

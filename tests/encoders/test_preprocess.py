@@ -7,7 +7,7 @@ import pytest
 import torch
 from PIL import Image
 
-from tactileforge.encoders.preprocess import ANYTOUCH2, SPARSH, Pixels
+from tactileforge.encoders.preprocess import ANYTOUCH2, SPARSH, Preprocess
 from tactileforge.encoders.published.clip import PIXELS as CLIP
 from tactileforge.errors import ConfigError
 
@@ -23,7 +23,7 @@ def smooth(height: int, width: int) -> np.ndarray:
 
 def ours(image: np.ndarray, size: tuple[int, int], options: dict[str, Any]) -> np.ndarray:
     frames = torch.from_numpy(image).permute(2, 0, 1)[None, None]
-    out = Pixels.of(size, options)(frames, torch.zeros_like(frames[:, 0]))
+    out = Preprocess.of(size, options)(frames, torch.zeros_like(frames[:, 0]))
     return out[0, 0].permute(1, 2, 0).numpy()
 
 
@@ -74,7 +74,7 @@ def test_sparsh_subtracts_in_whole_grey_levels() -> None:
         frames = torch.from_numpy(levels.astype(np.uint8)).view(1, 1, 1, 16, 16)
         frames = frames.expand(-1, -1, 3, -1, -1)
         background = torch.full((1, 3, 16, 16), still, dtype=torch.uint8)
-        out = Pixels.of((16, 16), SPARSH | {"fit": "squash"})(frames, background)
+        out = Preprocess.of((16, 16), SPARSH | {"fit": "squash"})(frames, background)
         np.testing.assert_allclose(out[0, 0, 0].flatten().numpy(), want, atol=1e-6)
 
 
@@ -83,7 +83,7 @@ def test_a_neutral_background_changes_nothing(options: dict[str, Any]) -> None:
     frames = torch.randint(0, 256, (2, 1, 3, 16, 16), dtype=torch.uint8)
     neutral = torch.full((2, 3, 16, 16), 130, dtype=torch.uint8)
     neutral[1, 0, 0, 0] = 131  # only the first is
-    out = Pixels.of((16, 16), options | PLAIN | {"fit": "squash", "offset": options["offset"]})
+    out = Preprocess.of((16, 16), options | PLAIN | {"fit": "squash", "offset": options["offset"]})
     made = out(frames, neutral)
     torch.testing.assert_close(made[0], frames[0] / 255)
     shift = (frames[1].float() - 130 + options["offset"]).clamp(0, 255) / 255
@@ -97,7 +97,7 @@ def test_each_sensor_has_its_own_mean() -> None:
         "std": [[1, 1, 1], [2, 2, 2]],
     }
     frames = torch.full((2, 1, 3, 4, 4), 255, dtype=torch.uint8)
-    out = Pixels.of((4, 4), options)(frames, frames[:, 0], torch.tensor([1, 0]))
+    out = Preprocess.of((4, 4), options)(frames, frames[:, 0], torch.tensor([1, 0]))
     assert out[0, 0, :, 0, 0].tolist() == [0, -0.5, -1]
     assert out[1, 0, :, 0, 0].tolist() == [1, 1, 1]
 
@@ -114,6 +114,6 @@ def test_each_sensor_has_its_own_mean() -> None:
 )
 def test_mistakes_are_named(change: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
-        Pixels.of((16, 16), ANYTOUCH2 | change)
+        Preprocess.of((16, 16), ANYTOUCH2 | change)
     with pytest.raises(ConfigError, match=r"encoder\.pixels lacks std"):
-        Pixels.of((16, 16), {key: value for key, value in ANYTOUCH2.items() if key != "std"})
+        Preprocess.of((16, 16), {key: value for key, value in ANYTOUCH2.items() if key != "std"})

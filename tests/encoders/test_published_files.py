@@ -11,7 +11,7 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from tactileforge.encoders.published import read
+from tactileforge.encoders.published import read_tensors
 from tactileforge.errors import DataError, DataNotFoundError
 
 STATE = {"a.weight": torch.arange(6.0).view(2, 3), "a.bias": torch.ones(2)}
@@ -44,14 +44,14 @@ def same(found: dict[str, torch.Tensor]) -> bool:
 )
 def test_containers(tmp_path: Path, content: object) -> None:
     torch.save(content, tmp_path / "file.pth")
-    assert same(read(tmp_path / "file.pth"))
+    assert same(read_tensors(tmp_path / "file.pth"))
 
 
 def test_safetensors_and_the_old_format_of_torch(tmp_path: Path) -> None:
     save_file(STATE, tmp_path / "file.safetensors")
     torch.save(STATE, tmp_path / "old.pth", _use_new_zipfile_serialization=False)
-    assert same(read(tmp_path / "file.safetensors"))
-    assert same(read(tmp_path / "old.pth"))
+    assert same(read_tensors(tmp_path / "file.safetensors"))
+    assert same(read_tensors(tmp_path / "old.pth"))
 
 
 def test_objects_of_a_training_program_are_left_alone(
@@ -71,7 +71,7 @@ def test_objects_of_a_training_program_are_left_alone(
         monkeypatch.delitem(sys.modules, part)
     with pytest.raises(ModuleNotFoundError):
         torch.load(tmp_path / "file.ckpt", weights_only=False)
-    assert same(read(tmp_path / "file.ckpt"))
+    assert same(read_tensors(tmp_path / "file.ckpt"))
     assert name not in sys.modules
 
 
@@ -84,7 +84,7 @@ def test_a_pickle_that_would_run_code_is_refused(tmp_path: Path, beside_weights:
     else:
         file.write_bytes(pickle.dumps(bomb))
     with pytest.raises(DataError, match=r"file\.pth cannot be read as tensors .*was run"):
-        read(file)
+        read_tensors(file)
     assert not mark.exists()
     if beside_weights:
         torch.load(file, weights_only=False)
@@ -100,7 +100,7 @@ def test_a_truncated_file_is_refused(tmp_path: Path, name: str) -> None:
     save_file(whole, path) if path.suffix == ".safetensors" else torch.save(whole, path)
     path.write_bytes(path.read_bytes()[:-500])
     with pytest.raises(DataError, match=name):
-        read(path)
+        read_tensors(path)
 
 
 @pytest.mark.parametrize(
@@ -115,25 +115,25 @@ def test_a_truncated_file_is_refused(tmp_path: Path, name: str) -> None:
 def test_what_holds_no_weights_is_refused(tmp_path: Path, content: object, found: str) -> None:
     torch.save(content, tmp_path / "file.pth")
     with pytest.raises(DataError, match=f"holds {found}: expected a dict of tensors"):
-        read(tmp_path / "file.pth")
+        read_tensors(tmp_path / "file.pth")
 
 
 def test_what_is_no_checkpoint_is_refused(tmp_path: Path) -> None:
     (tmp_path / "page.pth").write_text("<html>Sign in to download</html>")
     with pytest.raises(DataError, match=r"page\.pth cannot be read as tensors"):
-        read(tmp_path / "page.pth")
+        read_tensors(tmp_path / "page.pth")
     with pytest.raises(DataNotFoundError, match=r"no checkpoint at .*none\.pth"):
-        read(tmp_path / "none.pth")
+        read_tensors(tmp_path / "none.pth")
 
 
 def test_the_folder_of_t3(tmp_path: Path) -> None:
     with pytest.raises(DataNotFoundError, match=r"without trunk\.pth"):
-        read(tmp_path)
+        read_tensors(tmp_path)
     (tmp_path / "encoders").mkdir()
     torch.save({"norm.weight": torch.ones(2)}, tmp_path / "trunk.pth")
     for stem in ("mini", "digit"):
         torch.save({"cls_token": torch.ones(3)}, tmp_path / "encoders" / f"{stem}.pth")
-    assert set(read(tmp_path)) == {
+    assert set(read_tensors(tmp_path)) == {
         "trunk.norm.weight",
         "encoders.mini.cls_token",
         "encoders.digit.cls_token",

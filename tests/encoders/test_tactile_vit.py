@@ -82,9 +82,9 @@ def test_universal_tokens_are_drawn_with_the_given_chance(encoder: TactileViT) -
 
 def test_unknown_sensor_is_an_error_or_universal_as_asked() -> None:
     with pytest.raises(ConfigError, match="did you mean 'digit'"):
-        TactileViT("tiny", image_size=32).rows(["digitt"])
+        TactileViT("tiny", image_size=32).sensor_ids(["digitt"])
     lenient = TactileViT("tiny", image_size=32, unknown_sensor="universal")
-    assert lenient.rows(["digitt", "digit"]).tolist() == [19, 1]
+    assert lenient.sensor_ids(["digitt", "digit"]).tolist() == [19, 1]
 
 
 @pytest.mark.parametrize(
@@ -101,6 +101,6 @@ def test_any_size_that_the_tubes_divide(frames: int, size: int | list[int]) -> N
     encoder = TactileViT("tiny", frames=frames, image_size=size)
     slots, rows, columns = encoder.grid
     clip = torch.zeros(1, frames, 3, 60, 80, dtype=torch.uint8)
-    tokens, cls = encoder(clip, clip[:, 0], encoder.rows(["digit"]))
+    tokens, cls = encoder(clip, clip[:, 0], encoder.sensor_ids(["digit"]))
     assert tokens.shape == (1, 6 + slots * rows * columns, 192)
     assert cls.shape == (1, 512)

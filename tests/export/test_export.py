@@ -15,8 +15,8 @@ from tactileforge.encoders.plain_vit import PlainViT
 from tactileforge.encoders.preprocess import ANYTOUCH2
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, TactileForgeError
-from tactileforge.export import Exported, export, facts, program, read
-from tactileforge.hub.files import describe, save
+from tactileforge.export import Exported, export, facts, program, read_facts
+from tactileforge.hub.files import make_header, save_checkpoint
 
 onnxruntime = pytest.importorskip("onnxruntime")
 onnx = pytest.importorskip("onnx")
@@ -36,7 +36,9 @@ def vit() -> TactileViT:
 @pytest.fixture(scope="module")
 def checkpoint(vit: TactileViT, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("checkpoint") / "thing.safetensors"
-    save(path, vit, describe(vit, NODE, licence="MIT", spacing=0.05, name="thing.tiny"))
+    save_checkpoint(
+        path, vit, make_header(vit, NODE, licence="MIT", spacing=0.05, name="thing.tiny")
+    )
     return path
 
 
@@ -66,11 +68,11 @@ def test_onnx_of_any_size(
     vit: TactileViT, any_size: Exported, batch: int, size: tuple[int, int]
 ) -> None:
     frames, background = noise(batch, *size)
-    rows = torch.tensor(any_size.rows(SENSORS[:batch]))
-    found = run_onnx(any_size.path, frames, background, rows)
+    rows = torch.tensor(any_size.sensor_ids(SENSORS[:batch]))
+    outputs = run_onnx(any_size.path, frames, background, rows)
     with torch.no_grad():
         expected = vit(frames, background, rows)
-    for mine, theirs in zip(expected, found, strict=True):
+    for mine, theirs in zip(expected, outputs, strict=True):
         assert (mine - theirs).abs().max() < 5e-5
         assert mine.std() > 0.1
 
@@ -95,11 +97,11 @@ def test_onnx_file_is_named_and_says_nothing_of_this_machine(any_size: Exported)
 
 
 def test_metadata(any_size: Exported, vit: TactileViT) -> None:
-    assert read(any_size.path) == any_size
+    assert read_facts(any_size.path) == any_size
     assert any_size.error < 2e-5
     session = onnxruntime.InferenceSession(any_size.path)
-    found = json.loads(session.get_modelmeta().custom_metadata_map["tactileforge"])
-    assert found == {
+    outputs = json.loads(session.get_modelmeta().custom_metadata_map["tactileforge"])
+    assert outputs == {
         "error": any_size.error,
         "format": "onnx",
         "frames": 4,
@@ -110,16 +112,16 @@ def test_metadata(any_size: Exported, vit: TactileViT) -> None:
         "size": [],
         "spacing": 0.05,
     }
-    assert any_size.rows(["universal", "digit"]) == [19, 1]
+    assert any_size.sensor_ids(["universal", "digit"]) == [19, 1]
     with pytest.raises(ConfigError, match=r"unknown sensor of .*'digitt'; did you mean 'digit'"):
-        any_size.rows(["digitt"])
+        any_size.sensor_ids(["digitt"])
 
 
 def test_torch_export(vit: TactileViT, tmp_path: Path) -> None:
     done = export(vit, tmp_path / "thing.pt2", format="torch_export", size=(48, 64))
     assert done.error == 0
     assert (done.model, done.licence, done.size) == ("", "", [48, 64])
-    assert read(done.path) == done
+    assert read_facts(done.path) == done
     extra = {facts.KEY: ""}
     data = Path(done.path).read_bytes()
     loaded = torch.export.load(done.path, extra_files=extra).module()
@@ -128,7 +130,7 @@ def test_torch_export(vit: TactileViT, tmp_path: Path) -> None:
     for batch in (1, 2, 5):
         frames, background = noise(batch, 48, 64)
         frames = frames.movedim(2, -1).contiguous().movedim(-1, 2)  # as cameras lay them out
-        rows = torch.tensor(done.rows(SENSORS[:batch]))
+        rows = torch.tensor(done.sensor_ids(SENSORS[:batch]))
         for mine, theirs in zip(
             vit(frames, background, rows), loaded(frames, background, rows), strict=True
         ):
@@ -183,8 +185,8 @@ def test_resizing_is_torchs(tmp_path: Path) -> None:
     session = onnxruntime.InferenceSession(tmp_path / "resize.onnx")
     for size in ((64, 64), (120, 160), (240, 320), (288, 384), (320, 427), (480, 640), (224, 224)):
         x = torch.rand(1, 1, *size)
-        found = session.run(None, {"x": x.numpy()})[0]
-        assert np.abs(found - Resize()(x).numpy()).max() < 6e-6, size
+        outputs = session.run(None, {"x": x.numpy()})[0]
+        assert np.abs(outputs - Resize()(x).numpy()).max() < 6e-6, size
 
 
 def test_int8(vit: TactileViT, checkpoint: Path, tmp_path: Path) -> None:
@@ -195,12 +197,12 @@ def test_int8(vit: TactileViT, checkpoint: Path, tmp_path: Path) -> None:
     assert Path(done.path).stat().st_size < 0.35 * Path(float_file.path).stat().st_size
     assert 0.002 < done.int8["relative"] < 0.05
     assert 0.998 < done.int8["cosine"] < 1
-    assert read(done.path) == done
+    assert read_facts(done.path) == done
     frames, background = noise(5, *size)
-    rows = torch.tensor(done.rows(SENSORS))
-    found = run_onnx(done.path, frames, background, rows)[1]
+    rows = torch.tensor(done.sensor_ids(SENSORS))
+    outputs = run_onnx(done.path, frames, background, rows)[1]
     expected = vit(frames, background, rows)[1]
-    assert F.cosine_similarity(found, expected).min() > 0.998
+    assert F.cosine_similarity(outputs, expected).min() > 0.998
     nodes = onnx.load(done.path).graph.node
     assert sum("Integer" in node.op_type for node in nodes) == 4 * 2 + 2  # embed and project
     # two products in attention a block, two of resizing: none of them has weights
@@ -232,11 +234,11 @@ def test_numbers_that_are_not_finite_are_a_difference(vit: TactileViT) -> None:
         tokens, cls = vit(*inputs)
         return tokens, cls * float("nan")
 
-    assert program.compare(run, vit, [(40, 40)]).largest == float("inf")
+    assert program.compare_outputs(run, vit, [(40, 40)]).largest == float("inf")
 
 
 def test_clips_are_the_same_each_time_and_use_every_row(vit: TactileViT) -> None:
-    first, again = (program.clips(vit, 6, (40, 50)) for _ in range(2))
+    first, again = (program.synthetic_clips(vit, 6, (40, 50)) for _ in range(2))
     assert all(torch.equal(a, b) for a, b in zip(first, again, strict=True))
     frames, background, sensor = first
     assert frames.shape == (6, 4, 3, 40, 50)
@@ -273,16 +275,16 @@ def test_bad_input(vit: TactileViT, tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 def test_read_says_what_is_wrong(tmp_path: Path, any_size: Exported) -> None:
     with pytest.raises(DataNotFoundError, match="no such file"):
-        read(tmp_path / "nothing.onnx")
+        read_facts(tmp_path / "nothing.onnx")
     other = tmp_path / "other.onnx"
     other.write_bytes(b"no protobuf")
     with pytest.raises(DataError, match="not written by tactileforge export"):
-        read(other)
+        read_facts(other)
     model = onnx.load(any_size.path)
     del model.metadata_props[:]
     onnx.save(model, other)
     with pytest.raises(DataError, match=r"not written by tactileforge export: .* is missing"):
-        read(other)
+        read_facts(other)
 
 
 def test_verb(
@@ -292,9 +294,9 @@ def test_verb(
     words = [f"model=file:{checkpoint}", "format=torch_export", "size=[48,64]"]
     assert cli.run(["export", *words]) == 0
     assert capsys.readouterr().out.endswith("differs from the module by 0 at most\n")
-    assert read("thing.pt2").model == "thing.tiny"
+    assert read_facts("thing.pt2").model == "thing.tiny"
     assert cli.run(["export", words[0], "size=[48,64]", "int8=true", "out=a.onnx"]) == 0
-    assert f"cosine at least {read('a.onnx').int8['cosine']:.5f}" in capsys.readouterr().out
+    assert f"cosine at least {read_facts('a.onnx').int8['cosine']:.5f}" in capsys.readouterr().out
     assert cli.run(["export", "--help"]) == 0
     assert "tolerance: 0.0001" in capsys.readouterr().out
     assert cli.run(["export", "modell=x"]) == 1

@@ -6,10 +6,10 @@ import pytest
 import torch
 from torch import nn
 
-from tactileforge.contracts import Batch, Follower
+from tactileforge.contracts import AfterStep, Batch
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.heads.dino import DinoHead
-from tactileforge.heads.ema import SlowCopy
+from tactileforge.heads.ema import EMA
 from tactileforge.heads.jepa import JepaHead
 from tactileforge.objectives.dino import Dino
 
@@ -17,13 +17,13 @@ from tactileforge.objectives.dino import Dino
 def test_the_slow_copy_is_the_closed_form_of_what_it_followed() -> None:
     """w_n = sum_i (1 - k_i) prod_{j > i} k_j w_i, and w_0 where nothing was kept before."""
     network = nn.BatchNorm1d(4)
-    slow = SlowCopy(network, momentum=0.9)
+    slow = EMA(network, momentum=0.9)
     total, weights = 8, [torch.randn(4, dtype=torch.float64) for _ in range(7)]
     keep = [0.0] + [1 - 0.1 * (1 - step / total) for step in range(1, 7)]
     for step, weight in enumerate(weights):
         network.weight.data = weight.float()
         network.running_mean.fill_(step)
-        slow.follow(network, step, total)
+        slow.after_step(network, step, total)
     expected = torch.zeros(4, dtype=torch.float64)
     for i, weight in enumerate(weights):
         share = 1 - keep[i]
@@ -36,15 +36,15 @@ def test_the_slow_copy_is_the_closed_form_of_what_it_followed() -> None:
 
 def test_the_last_step_moves_nothing() -> None:
     network = nn.Linear(2, 2)
-    slow = SlowCopy(network, momentum=0.5)
+    slow = EMA(network, momentum=0.5)
     before = slow.network.weight.clone()
     network.weight.data += 1
-    slow.follow(network, 10, 10)
+    slow.after_step(network, 10, 10)
     assert torch.equal(slow.network.weight, before)
 
 
 def test_the_slow_copy_stays_in_evaluation_mode() -> None:
-    parent = nn.ModuleList([SlowCopy(nn.Dropout(), 0.9)])
+    parent = nn.ModuleList([EMA(nn.Dropout(), 0.9)])
     parent.train()
     assert not parent[0].network.training
 
@@ -65,13 +65,13 @@ def test_no_gradient_reaches_the_targets(build: type, encoder: TactileViT, batch
 @pytest.mark.parametrize("build", [JepaHead, DinoHead])
 def test_heads_follow_the_encoder(build: type, encoder: TactileViT) -> None:
     head = build(encoder, momentum=0.75)
-    assert isinstance(head, Follower)
+    assert isinstance(head, AfterStep)
     moved = copy.deepcopy(encoder)
     moved.class_token.data += 1
-    head.follow(moved, 0, 2)
+    head.after_step(moved, 0, 2)
     torch.testing.assert_close(head.target.network.class_token, moved.class_token)
     moved.class_token.data += 1
-    head.follow(moved, 1, 2)  # 1 - 0.25 / 2 is kept
+    head.after_step(moved, 1, 2)  # 1 - 0.25 / 2 is kept
     torch.testing.assert_close(head.target.network.class_token, moved.class_token - 0.875)
 
 
@@ -91,7 +91,7 @@ def test_the_targets_are_those_of_the_whole_clip(encoder: TactileViT, batch: Bat
 def test_the_centre_follows_the_teacher(encoder: TactileViT, batch: Batch) -> None:
     head = DinoHead(encoder, prototypes=16, hidden=32, bottleneck=8, centring=0.75).train()
     first = head(encoder.views(batch), batch).teacher
-    head.follow(encoder, 0, 9)
+    head.after_step(encoder, 0, 9)
     torch.testing.assert_close(head.centre, 0.25 * first.mean(0))
     second = head(encoder.views(batch), batch).teacher
     torch.testing.assert_close(second, first - head.centre)
@@ -102,6 +102,6 @@ def test_the_temperature_of_the_teacher_rises(encoder: TactileViT) -> None:
     objective = Dino(teacher_temperature=(0.04, 0.07), warmup=0.5)
     found = []
     for step in (0, 5, 10, 20):
-        objective.follow(encoder, step, 20)
+        objective.after_step(encoder, step, 20)
         found.append(objective.teacher_temperature.item())
     assert found == pytest.approx([0.04, 0.055, 0.07, 0.07])

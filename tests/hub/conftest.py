@@ -11,7 +11,7 @@ import yaml
 
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.hub import cards
-from tactileforge.hub.files import describe, save
+from tactileforge.hub.files import make_header, save_checkpoint
 from tactileforge.hub.header import Header
 
 NODE = {"name": "tactile_vit", "size": "tiny", "frames": 4, "image_size": 32}
@@ -48,13 +48,13 @@ def vit() -> TactileViT:
 
 @pytest.fixture
 def header(vit: TactileViT) -> Header:
-    return describe(vit, NODE, licence="MIT", spacing=0.05, name="thing.tiny")
+    return make_header(vit, NODE, licence="MIT", spacing=0.05, name="thing.tiny")
 
 
 @pytest.fixture
 def checkpoint(vit: TactileViT, header: Header, tmp_path: Path) -> Path:
     path = tmp_path / "thing.safetensors"
-    save(path, vit, header)
+    save_checkpoint(path, vit, header)
     return path
 
 
@@ -72,12 +72,12 @@ def add_card(
     """Adds a card to an empty zoo; the cache is empty as well."""
     folder = tmp_path / "zoo"
     (folder / "recipe").mkdir(parents=True)
-    monkeypatch.setattr(cards, "zoo", lambda: folder)
+    monkeypatch.setattr(cards, "zoo_folder", lambda: folder)
     monkeypatch.setenv("TACTILEFORGE_CACHE", str(tmp_path / "cache"))
 
     def clear() -> None:
-        cards.names.cache_clear()
-        cards.read.cache_clear()
+        cards.card_names.cache_clear()
+        cards.read_card.cache_clear()
 
     def add(name: str, **changed: Any) -> None:
         (folder / "recipe" / f"{name}.md").write_text(card_text(**changed))

@@ -20,7 +20,7 @@ import tactileforge
 from tactileforge import registry
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, PluginError
-from tactileforge.hub.files import describe, open_encoder, save
+from tactileforge.hub.files import make_header, open_encoder, save_checkpoint
 from tactileforge.hub.header import Header, read_header
 
 
@@ -28,9 +28,9 @@ def rewrite(path: Path, change: Callable[[dict[str, Any]], None]) -> None:
     """Changes the header of a file as another program could."""
     length = int.from_bytes(path.read_bytes()[:8], "little")
     table = json.loads(path.read_bytes()[8 : 8 + length])
-    own = json.loads(table["__metadata__"]["tactileforge"])
-    change(own)
-    save_file(load_file(path), path, metadata={"tactileforge": json.dumps(own)})
+    header = json.loads(table["__metadata__"]["tactileforge"])
+    change(header)
+    save_file(load_file(path), path, metadata={"tactileforge": json.dumps(header)})
 
 
 def test_what_is_saved_is_loaded_bit_by_bit(checkpoint: Path, vit: TactileViT) -> None:
@@ -50,7 +50,7 @@ def test_what_is_saved_is_loaded_bit_by_bit(checkpoint: Path, vit: TactileViT) -
 def test_the_same_weights_give_the_same_file(
     checkpoint: Path, vit: TactileViT, header: Header, tmp_path: Path
 ) -> None:
-    save(tmp_path / "again.safetensors", vit, header)
+    save_checkpoint(tmp_path / "again.safetensors", vit, header)
     assert (tmp_path / "again.safetensors").read_bytes() == checkpoint.read_bytes()
     assert not list(tmp_path.rglob("*.part"))
 
@@ -67,10 +67,10 @@ def test_float16_halves_the_file_and_loads_as_float32(
     checkpoint: Path, vit: TactileViT, header: Header, tmp_path: Path
 ) -> None:
     path = tmp_path / "half.safetensors"
-    save(path, vit, header, "float16")
+    save_checkpoint(path, vit, header, "float16")
     assert path.stat().st_size < 0.51 * checkpoint.stat().st_size
-    encoder, found = open_encoder(path)
-    assert found.dtype == "float16"
+    encoder, stored = open_encoder(path)
+    assert stored.dtype == "float16"
     for key, value in vit.state_dict().items():
         kept = encoder.state_dict()[key]
         assert kept.dtype == torch.float32
@@ -82,15 +82,15 @@ def test_numbers_that_do_not_fit_are_refused(
 ) -> None:
     with torch.no_grad():
         vit.class_token[0] = 1e5
-    save(tmp_path / "a.safetensors", vit, header)
+    save_checkpoint(tmp_path / "a.safetensors", vit, header)
     with pytest.raises(ConfigError, match=r"class_token .* float16: pack it with dtype=float32"):
-        save(tmp_path / "b.safetensors", vit, header, "float16")
+        save_checkpoint(tmp_path / "b.safetensors", vit, header, "float16")
     with torch.no_grad():
         vit.class_token[0] = torch.nan
     with pytest.raises(ConfigError, match=r"class_token .* train again"):
-        save(tmp_path / "b.safetensors", vit, header)
+        save_checkpoint(tmp_path / "b.safetensors", vit, header)
     with pytest.raises(ConfigError, match="float32 or float16"):
-        save(tmp_path / "b.safetensors", vit, header, "int4")  # type: ignore[arg-type]
+        save_checkpoint(tmp_path / "b.safetensors", vit, header, "int4")  # type: ignore[arg-type]
     assert not (tmp_path / "b.safetensors").exists()
 
 
@@ -146,18 +146,18 @@ def test_other_files(tmp_path: Path, vit: TactileViT) -> None:
         ({"encoder": {"size": "tiny"}}, "encoder has no name"),
         ({"sensors": {"digit": "one"}}, "sensors is"),
         ({"spacing": "fast"}, "spacing is 'fast', which is not of type float"),
-        ({"extra": 1}, "unknown field of the header: 'extra'"),
+        ({"extra": 1}, "unknown key of the header 'extra'"),
     ],
 )
 def test_headers_at_fault_are_named(checkpoint: Path, change: dict[str, Any], message: str) -> None:
-    rewrite(checkpoint, lambda own: own.update(change))
+    rewrite(checkpoint, lambda header: header.update(change))
     with pytest.raises(DataError, match=message):
         read_header(checkpoint)
 
 
 def test_a_missing_key_of_the_header_is_named(checkpoint: Path) -> None:
-    rewrite(checkpoint, lambda own: own.pop("licence"))
-    with pytest.raises(DataError, match="field 'licence' is missing"):
+    rewrite(checkpoint, lambda header: header.pop("licence"))
+    with pytest.raises(DataError, match="'licence' is missing"):
         read_header(checkpoint)
 
 
@@ -182,11 +182,11 @@ def test_a_missing_plugin_says_what_to_install(checkpoint: Path) -> None:
 
 def test_weights_of_another_model(checkpoint: Path, header: Header) -> None:
     deeper = TactileViT("small", frames=2, image_size=32)
-    save(checkpoint, deeper, header)
+    save_checkpoint(checkpoint, deeper, header)
     with pytest.raises(DataError, match=r"unexpected: transformer.*of another shape: class_token"):
         tactileforge.load(checkpoint)
     state = {key: value for key, value in deeper.state_dict().items() if "qkv" not in key}
-    metadata = describe(
+    metadata = make_header(
         deeper,
         {"name": "tactile_vit", "size": "small", "frames": 2, "image_size": 32},
         licence="MIT",
@@ -218,11 +218,11 @@ def test_a_kill_while_packing_leaves_the_file_as_it_was(checkpoint: Path) -> Non
     assert part.stat().st_size > 0
     assert checkpoint.read_bytes() == before
     encoder, header = open_encoder(checkpoint)
-    save(checkpoint, encoder, replace(header, name="new"))
+    save_checkpoint(checkpoint, encoder, replace(header, name="new"))
     assert read_header(checkpoint).name == "new"
     assert part.exists()  # another process could still be writing it
     os.utime(part, (time.time() - 7200,) * 2)
-    save(checkpoint, encoder, header)
+    save_checkpoint(checkpoint, encoder, header)
     assert not part.exists()
 
 

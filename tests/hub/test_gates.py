@@ -11,7 +11,7 @@ import pytest
 from tactileforge.cli import run
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.hub import cards, gates, pack
-from tactileforge.hub.gates import Gate, passes, verdict, won
+from tactileforge.hub.gates import Gate, count_won, gate_passes, gate_verdict
 from tactileforge.hub.table import gate_rows
 
 SHA = "5a" * 32
@@ -71,16 +71,16 @@ def rows(wins: int, of: int = 5, tokens: tuple[str, ...] = ("pooled", "patches")
 
 @pytest.mark.parametrize(("wins", "good"), [(5, True), (3, True), (2, False), (0, False)])
 def test_the_majority_passes(wins: int, good: bool) -> None:
-    assert passes(rows(wins)) == good
-    assert won(rows(wins), "pooled") == (wins, 5)
+    assert gate_passes(rows(wins)) == good
+    assert count_won(rows(wins), "pooled") == (wins, 5)
 
 
 def test_half_of_the_tasks_or_one_kind_of_tokens_is_not_enough() -> None:
-    assert not passes(rows(2, of=4))
-    assert not passes(rows(5, tokens=("pooled",)))
-    assert not passes([])
-    assert verdict([]) == "not measured"
-    assert verdict(rows(2)) == "fails: 2 of 5 pooled, 2 of 5 patches"
+    assert not gate_passes(rows(2, of=4))
+    assert not gate_passes(rows(5, tokens=("pooled",)))
+    assert not gate_passes([])
+    assert gate_verdict([]) == "not measured"
+    assert gate_verdict(rows(2)) == "fails: 2 of 5 pooled, 2 of 5 patches"
 
 
 def test_pixels_have_to_be_beaten_too() -> None:
@@ -89,18 +89,24 @@ def test_pixels_have_to_be_beaten_too() -> None:
     assert not row(0, "pooled", -0.001, 0.1).beats
 
 
-@pytest.mark.parametrize("name", cards.names())
+@pytest.mark.parametrize("name", cards.card_names())
 def test_what_is_shipped_passes_or_says_that_it_is_a_demonstration(name: str) -> None:
-    one = cards.read(name)
-    for weight in one.weights:
+    shipped = cards.read_card(name)
+    for weight in shipped.weights:
         if weight.kind == "shipped":
-            assert one.gate(weight), f"measure it: tactileforge zoo gate {name}.{weight.tag} BENCH"
-            assert one.may_ship(weight), f"{name}.{weight.tag} {verdict(one.gate(weight))}"
+            assert shipped.gate(weight), (
+                f"measure it: tactileforge zoo gate {name}.{weight.tag} BENCH"
+            )
+            assert shipped.may_ship(weight), (
+                f"{name}.{weight.tag} {gate_verdict(shipped.gate(weight))}"
+            )
 
 
 def test_every_file_in_the_zoo_is_on_a_card() -> None:
-    folder = Path(str(cards.zoo() / "weights"))
-    listed = {w.file for name in cards.names() for w in cards.read(name).weights if w.file}
+    folder = Path(str(cards.zoo_folder() / "weights"))
+    listed = {
+        w.file for name in cards.card_names() for w in cards.read_card(name).weights if w.file
+    }
     assert {f"weights/{path.name}" for path in folder.glob("*.safetensors")} == listed
 
 
@@ -119,26 +125,26 @@ def test_a_made_up_bad_card_may_not_ship(
 ) -> None:
     path = tmp_path / "a.md"
     path.write_text(card(more, text))
-    gates.write(path, rows(wins))
-    found = cards.parse("a", path.read_text(), recipe=False)
-    assert found.gates == rows(wins)
-    assert found.may_ship(found.weights[0]) == good
-    table = gate_rows(found, found.weights[0])
+    gates.write_gates(path, rows(wins))
+    parsed = cards.parse_card("a", path.read_text(), recipe=False)
+    assert parsed.gates == rows(wins)
+    assert parsed.may_ship(parsed.weights[0]) == good
+    table = gate_rows(parsed, parsed.weights[0])
     assert [line[-1] for line in table[1:6]] == ["yes"] * wins + ["no"] * (5 - wins)
 
 
 def test_a_card_that_was_not_measured_may_not_ship() -> None:
-    found = cards.parse("a", card(), recipe=False)
-    assert not found.may_ship(found.weights[0])
+    parsed = cards.parse_card("a", card(), recipe=False)
+    assert not parsed.may_ship(parsed.weights[0])
 
 
 def test_writing_again_replaces_and_keeps_the_rest(tmp_path: Path) -> None:
     path = tmp_path / "a.md"
     path.write_text(card())
-    gates.write(path, rows(2))
+    gates.write_gates(path, rows(2))
     once = path.read_text()
-    gates.write(path, rows(3))
-    gates.write(path, rows(2))
+    gates.write_gates(path, rows(3))
+    gates.write_gates(path, rows(2))
     assert path.read_text() == once
     assert re.sub(r"gates:\n(?:  - .*\n)*", "", once) == card()
 
@@ -148,7 +154,7 @@ def bench(folder: Path, name: str = "a.small", sha: str = SHA, **above: Any) -> 
     score = {"value": 0.2, "low": 0.1, "high": 0.3}
     above = above or {"random": score, "pixels": score | {"low": -0.1}}
     folder.mkdir(exist_ok=True)
-    given = {
+    content = {
         "suite": "real",
         "tasks": {"t": {"title": "Task", "metric": "r2"}},
         "models": {name: {"passes": False, "sha256": sha}},
@@ -158,40 +164,40 @@ def bench(folder: Path, name: str = "a.small", sha: str = SHA, **above: Any) -> 
             | {"above": {}},
         ],
     }
-    (folder / "gate.json").write_text(json.dumps(given))
+    (folder / "gate.json").write_text(json.dumps(content))
     return folder
 
 
 def test_the_numbers_are_those_of_the_bench(tmp_path: Path) -> None:
-    (found,) = gates.read(bench(tmp_path), "small", ["a.small"], SHA)
-    assert (found.value, found.chance, found.metric, found.suite) == (0.2, -0.01, "r2", "real")
-    assert (found.random_low, found.pixels_low, found.beats) == (0.1, -0.1, False)
+    (parsed,) = gates.read_gates(bench(tmp_path), "small", ["a.small"], SHA)
+    assert (parsed.value, parsed.chance, parsed.metric, parsed.suite) == (0.2, -0.01, "r2", "real")
+    assert (parsed.random_low, parsed.pixels_low, parsed.beats) == (0.1, -0.1, False)
 
 
 def test_other_weights_are_refused(tmp_path: Path) -> None:
     with pytest.raises(DataNotFoundError, match=r"bench suite=real model=\[a\.small\]"):
-        gates.read(tmp_path, "small", ["a.small"])
-    with pytest.raises(DataError, match=r"it measured b, not a\.small"):
-        gates.read(bench(tmp_path, "b"), "small", ["a.small"])
+        gates.read_gates(tmp_path, "small", ["a.small"])
+    with pytest.raises(DataError, match=r"measured b, not a\.small"):
+        gates.read_gates(bench(tmp_path, "b"), "small", ["a.small"])
     with pytest.raises(DataError, match=r"other weights of a\.small"):
-        gates.read(bench(tmp_path, sha="6" * 64), "small", ["a.small"], SHA)
+        gates.read_gates(bench(tmp_path, sha="6" * 64), "small", ["a.small"], SHA)
     with pytest.raises(DataError, match="no baselines"):
-        gates.read(bench(tmp_path, random={}), "small", ["a.small"])
+        gates.read_gates(bench(tmp_path, random={}), "small", ["a.small"])
 
 
 def test_the_verb_writes_the_card(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "recipe").mkdir()
     (tmp_path / "recipe" / "a.md").write_text(card())
-    monkeypatch.setattr(cards, "zoo", lambda: tmp_path)
-    for cached in (cards.names, cards.read):
+    monkeypatch.setattr(cards, "zoo_folder", lambda: tmp_path)
+    for cached in (cards.card_names, cards.read_card):
         cached.cache_clear()
     try:
         assert run(["zoo", "gate", "a.small", str(bench(tmp_path / "gate"))]) == 0
-        cards.read.cache_clear()
-        assert len(cards.read("a").gates) == 1
+        cards.read_card.cache_clear()
+        assert len(cards.read_card("a").gates) == 1
         assert run(["zoo", "show", "a"]) == 0
     finally:
-        for cached in (cards.names, cards.read):
+        for cached in (cards.card_names, cards.read_card):
             cached.cache_clear()
 
 
@@ -199,36 +205,36 @@ def test_packing_writes_the_card(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     (tmp_path / "recipe").mkdir()
     (tmp_path / "recipe" / "a.md").write_text(card())
     out = tmp_path / "out.safetensors"
-    monkeypatch.setattr(cards, "zoo", lambda: tmp_path)
-    monkeypatch.setattr(pack, "pack", lambda run, name: out.write_bytes(b"123") and out)
-    for cached in (cards.names, cards.read):
+    monkeypatch.setattr(cards, "zoo_folder", lambda: tmp_path)
+    monkeypatch.setattr(pack, "pack_run", lambda run, name: out.write_bytes(b"123") and out)
+    for cached in (cards.card_names, cards.read_card):
         cached.cache_clear()
     try:
         folder = bench(tmp_path / "gate", name="run:runs/a")
         assert run(["zoo", "pack", "runs/a", "name=a.small", f"gate={folder}"]) == 0
-        cards.read.cache_clear()
-        found = cards.read("a")
-        assert (len(found.gates), found.weights[0].bytes) == (1, 3)
-        assert found.weights[0].sha256 == hashlib.sha256(b"123").hexdigest()
+        cards.read_card.cache_clear()
+        parsed = cards.read_card("a")
+        assert (len(parsed.gates), parsed.weights[0].bytes) == (1, 3)
+        assert parsed.weights[0].sha256 == hashlib.sha256(b"123").hexdigest()
     finally:
-        for cached in (cards.names, cards.read):
+        for cached in (cards.card_names, cards.read_card):
             cached.cache_clear()
 
 
 def test_a_new_file_is_stamped(tmp_path: Path) -> None:
     path = tmp_path / "a.md"
     path.write_text(card())
-    gates.stamp(path, "small", "ab" * 32, 77)
-    weight = cards.parse("a", path.read_text(), recipe=False).weights[0]
+    gates.stamp_card(path, "small", "ab" * 32, 77)
+    weight = cards.parse_card("a", path.read_text(), recipe=False).weights[0]
     assert (weight.sha256, weight.bytes) == ("ab" * 32, 77)
     with pytest.raises(ConfigError, match="'large' have no line sha256"):
-        gates.stamp(path, "large", "ab" * 32, 77)
+        gates.stamp_card(path, "large", "ab" * 32, 77)
 
 
 def test_gates_name_weights_of_the_card(tmp_path: Path) -> None:
     path = tmp_path / "a.md"
     path.write_text(card())
-    gates.write(path, rows(1))
+    gates.write_gates(path, rows(1))
     text = path.read_text().replace("model: small, suite", "model: other, suite")
     with pytest.raises(ConfigError, match="gates: other with pooled: no such weights"):
-        cards.parse("a", text, recipe=False)
+        cards.parse_card("a", text, recipe=False)

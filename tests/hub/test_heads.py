@@ -15,7 +15,7 @@ from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataError, PluginError
 from tactileforge.heads.force import ForceHead
 from tactileforge.hub import pack
-from tactileforge.hub.files import describe, open_model, save
+from tactileforge.hub.files import make_header, open_model, save_checkpoint
 from tactileforge.sensors.specs import spec
 
 NODE = {"name": "tactile_vit", "size": "tiny", "frames": 4, "image_size": 32}
@@ -30,8 +30,8 @@ def head(vit: TactileViT) -> ForceHead:
 
 @pytest.fixture
 def file(vit: TactileViT, head: ForceHead, tmp_path: Path) -> Path:
-    header = describe(vit, NODE, licence="MIT", spacing=0.05, heads=HEADS)
-    save(tmp_path / "a.safetensors", vit, header, heads={"force": head})
+    header = make_header(vit, NODE, licence="MIT", spacing=0.05, heads=HEADS)
+    save_checkpoint(tmp_path / "a.safetensors", vit, header, heads={"force": head})
     return tmp_path / "a.safetensors"
 
 
@@ -49,9 +49,9 @@ def test_forces_are_those_of_the_head_in_newton(
     with torch.no_grad():
         expected = head(views, {}).force * torch.tensor([1.0, 2.0, 4.0])
     with pytest.warns(UserWarning, match=r"^force: no unit of digit was calibrated"):
-        found = model.force(frames, "first", "digit")
-    assert found.shape == (2, 3, 3)
-    assert torch.allclose(found, expected, atol=1e-5)
+        force = model.force(frames, "first", "digit")
+    assert force.shape == (2, 3, 3)
+    assert torch.allclose(force, expected, atol=1e-5)
     model.header.heads["force"]["calibrated"] = ["digit"]  # and it warns no more
     assert torch.allclose(model.force(frames[1], "first", "digit"), expected[1], atol=1e-5)
     both = model.readings(frames, "first", ["digit", "digit"])
@@ -138,7 +138,7 @@ def run(vit: TactileViT, head: ForceHead, tmp_path: Path) -> Path:
 
 
 def test_the_force_head_of_a_run_is_packed(run: Path, head: ForceHead) -> None:
-    model = tactileforge.load(pack.pack(run))
+    model = tactileforge.load(pack.pack_run(run))
     assert model.heads.keys() == {"force"}
     for key, value in model.heads["force"].state_dict().items():
         assert torch.equal(value, head.state_dict()[key])
@@ -152,4 +152,4 @@ def test_a_run_without_forces_has_no_head(run: Path) -> None:
     config = OmegaConf.load(run / "config.yaml")
     config.head.pop("force")
     OmegaConf.save(config, run / "config.yaml")
-    assert tactileforge.load(pack.pack(run)).heads == {}
+    assert tactileforge.load(pack.pack_run(run)).heads == {}

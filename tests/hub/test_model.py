@@ -18,7 +18,7 @@ from tactileforge.contracts import NEUTRAL_BACKGROUND
 from tactileforge.encoders.plain_vit import PlainViT
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataError
-from tactileforge.hub.files import describe, open_encoder, save
+from tactileforge.hub.files import make_header, open_encoder, save_checkpoint
 from tactileforge.hub.model import Model
 
 
@@ -48,9 +48,9 @@ def test_vectors_are_those_of_the_encoder(
     names = ["digit", "gelsight"]
     expected = {"tokens": tokens, "cls": tokens[:, 0], "projected": cls}
     for tap, values in expected.items():
-        found = model.features(frames, still, names, tap=tap)
-        torch.testing.assert_close(found, values, atol=1e-5, rtol=0)
-    assert torch.equal(model.encode(frames, still, names), found)
+        vectors = model.features(frames, still, names, tap=tap)
+        torch.testing.assert_close(vectors, values, atol=1e-5, rtol=0)
+    assert torch.equal(model.encode(frames, still, names), vectors)
     assert cls.dtype == torch.float32
 
 
@@ -58,13 +58,13 @@ def test_weights_that_change_are_used(model: Model, frames: np.ndarray) -> None:
     """The faster copies of weights never outlive what they are copies of."""
 
     def check() -> Tensor:
-        found = model.encode(frames, "none", "digit")
+        vectors = model.encode(frames, "none", "digit")
         x = torch.from_numpy(frames).movedim(-1, 2)
         with torch.no_grad():
             neutral = torch.full_like(x[:, 0], NEUTRAL_BACKGROUND)
             cls = model.encoder(x, neutral, torch.ones(2).long())[1]
-        torch.testing.assert_close(found, cls, atol=1e-5, rtol=1e-4)
-        return found
+        torch.testing.assert_close(vectors, cls, atol=1e-5, rtol=1e-4)
+        return vectors
 
     before = check()
     model.encoder.requires_grad_(True)
@@ -93,8 +93,8 @@ def test_an_encoder_with_a_forward_of_its_own_is_asked_by_it(model: Model) -> No
     expected = model.encode(clip, "none", "digit")
     encoder = Doubled("tiny", frames=4, image_size=32)
     encoder.load_state_dict(model.encoder.state_dict())
-    found = Model(encoder, model.header).encode(clip, "none", "digit")
-    torch.testing.assert_close(found, 2 * expected, atol=1e-5, rtol=0)
+    vectors = Model(encoder, model.header).encode(clip, "none", "digit")
+    torch.testing.assert_close(vectors, 2 * expected, atol=1e-5, rtol=0)
     forward = model.encoder.forward
     model.encoder.forward = lambda *inputs: (forward(*inputs)[0], torch.zeros(1, 512))
     assert not model.encode(clip, "none", "digit").any()
@@ -178,7 +178,7 @@ def test_backgrounds_that_do_not_fit(model: Model, frames: np.ndarray, still: np
 
 def test_sensors(model: Model, frames: np.ndarray, vit: TactileViT) -> None:
     assert model.sensors == list(vit.sensors)
-    with pytest.raises(ConfigError, match=r"which sensor\?.*gelsight, digit"):
+    with pytest.raises(ConfigError, match=r"no sensor is named: .*gelsight, digit"):
         model.encode(frames, "none")
     with pytest.raises(ConfigError, match=r"did you mean 'digit'.*unknown_sensor='universal'"):
         model.encode(frames, "none", "digitt")
@@ -189,8 +189,8 @@ def test_sensors(model: Model, frames: np.ndarray, vit: TactileViT) -> None:
     universal = model.encode(frames, "none", "universal")
     assert not torch.equal(universal, model.encode(frames, "none", "digit"))
     with pytest.warns(UserWarning, match=r"never saw mine: .* not meant for predicting force"):
-        given = model.encode(frames, "none", "mine", unknown_sensor="universal")
-    assert torch.equal(given, universal)
+        by_policy = model.encode(frames, "none", "mine", unknown_sensor="universal")
+    assert torch.equal(by_policy, universal)
     with pytest.warns(UserWarning, match="never saw mine"):
         mixed = model.encode(frames, "none", ["mine", "digit"], unknown_sensor="universal")
     assert torch.allclose(mixed[0], universal[0], atol=1e-6)
@@ -207,7 +207,7 @@ def test_models_that_need_neither_sensor_nor_background(tmp_path: Path) -> None:
                    "std": [0.5] * 3},
     }  # fmt: skip
     encoder = PlainViT(**node)  # type: ignore[arg-type]
-    header = describe(encoder, {"name": "plain_vit", **node}, licence="MIT", spacing=0)
+    header = make_header(encoder, {"name": "plain_vit", **node}, licence="MIT", spacing=0)
     model = Model(encoder, header)
     assert model.sensors == []
     image = np.zeros((40, 48, 3), np.uint8)
@@ -221,7 +221,7 @@ def test_several_stems_have_no_universal_one() -> None:
     node: dict[str, Any] = {"size": "tiny", "image_size": 32, "stems": 2, "stem_depth": 1}
     node["sensors"] = {"digit": 0, "gelsight": 1}
     encoder = PlainViT(**node)
-    header = describe(encoder, {"name": "plain_vit", **node}, licence="MIT", spacing=0.1)
+    header = make_header(encoder, {"name": "plain_vit", **node}, licence="MIT", spacing=0.1)
     model = Model(encoder, header)
     frames = np.zeros((2, 32, 32, 3), np.uint8)
     assert model.encode(frames, "none", "gelsight").shape == (192,)
@@ -255,7 +255,7 @@ def test_fixed_positions_are_not_stretched(tmp_path: Path, installed: Callable[.
     installed("tactileforge-sines", entry, {})
     node: dict[str, Any] = {"name": "sines", "size": "tiny", "image_size": [32, 32]}
     encoder = PlainViT("tiny", image_size=[32, 32])
-    save(tmp_path / "a", encoder, describe(encoder, node, licence="MIT", spacing=0.1))
+    save_checkpoint(tmp_path / "a", encoder, make_header(encoder, node, licence="MIT", spacing=0.1))
     _, header = open_encoder(tmp_path / "a")
     assert (header.package, header.package_version) == ("tactileforge-sines", "1.0")
     with pytest.raises(ConfigError, match="no learned positions over time"):

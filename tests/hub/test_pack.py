@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,6 +15,7 @@ import torch
 
 import tactileforge
 from tactileforge.callbacks import checkpoints
+from tactileforge.cli import dispatch
 from tactileforge.compose import compose
 from tactileforge.encoders import published
 from tactileforge.encoders.tactile_vit import TactileViT
@@ -22,8 +24,8 @@ from tactileforge.files import sha256
 from tactileforge.hub import pack, store
 from tactileforge.hub.header import read_header
 from tactileforge.train import train
-from tactileforge.zoo_verbs import main
 
+main = partial(dispatch, "zoo")
 AddCard = Callable[..., None]
 
 
@@ -36,9 +38,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_run_is_packed_and_loaded(run: Path, tmp_path: Path) -> None:
-    path = pack.pack(run, tmp_path / "a.safetensors", name="mine.tiny", licence="CC0-1.0")
+    path = pack.pack_run(run, tmp_path / "a.safetensors", name="mine.tiny", licence="CC0-1.0")
     model = tactileforge.load(path)
-    state = checkpoints.read(run)["state_dict"]
+    state = checkpoints.read_checkpoint(run)["state_dict"]
     for key, value in model.encoder.state_dict().items():
         assert torch.equal(value, state[f"encoder.{key}"])
     header = model.header
@@ -58,10 +60,10 @@ def test_the_slow_copy_is_what_is_packed(objective: str, tmp_path: Path) -> None
     small = ["encoder.image_size=32", "batch.size=4", "data.scenes=3", "data.val=1"]
     recipe = {"jepa": "vjepa", "dino": "dino"}[objective]
     train(compose(recipe, ["scale=demo", "debug=steps", *small]), tmp_path)
-    state = checkpoints.read(tmp_path)["state_dict"]
+    state = checkpoints.read_checkpoint(tmp_path)["state_dict"]
     places = {"slow": f"heads.{objective}.target.network", "trained": "encoder"}
     for encoder, kind in ((None, "slow"), ("slow", "slow"), ("trained", "trained")):
-        model = tactileforge.load(pack.pack(tmp_path, encoder=encoder))
+        model = tactileforge.load(pack.pack_run(tmp_path, encoder=encoder))
         assert model.header.source == {"steps": 2, "encoder": kind}
         for key, value in model.encoder.state_dict().items():
             assert torch.equal(value, state[f"{places[kind]}.{key}"])
@@ -71,19 +73,19 @@ def test_the_slow_copy_is_what_is_packed(objective: str, tmp_path: Path) -> None
 
 def test_no_slow_copy_and_several(run: Path) -> None:
     with pytest.raises(ConfigError, match=r"found none; give encoder=trained"):
-        pack.pack(run, encoder="slow")
+        pack.pack_run(run, encoder="slow")
     with pytest.raises(ConfigError, match="unknown encoder 'slw'; did you mean 'slow'"):
-        pack.pack(run, encoder="slw")  # type: ignore[arg-type]
-    one = {"encoder.norm.w": torch.ones(1), "heads.a.target.network.norm.w": torch.zeros(1)}
+        pack.pack_run(run, encoder="slw")  # type: ignore[arg-type]
+    state = {"encoder.norm.w": torch.ones(1), "heads.a.target.network.norm.w": torch.zeros(1)}
     other = {"heads.b.target.network.norm.w": torch.zeros(1)}
     part = {"heads.c.target.network.head.norm.w": torch.zeros(1)}
-    assert pack._choose(one | part, None, run) == ("slow", {"norm.w": torch.zeros(1)})
+    assert pack._choose(state | part, None, run) == ("slow", {"norm.w": torch.zeros(1)})
     with pytest.raises(ConfigError, match=r"found heads.a.target, heads.b.target; give"):
-        pack._choose(one | other, None, run)
+        pack._choose(state | other, None, run)
 
 
 def test_the_default_place_is_the_run(run: Path) -> None:
-    half = pack.pack(run, dtype="float16")
+    half = pack.pack_run(run, dtype="float16")
     assert half == run / "model.safetensors"
     assert read_header(half).dtype == "float16"
 
@@ -94,37 +96,37 @@ def test_folders_of_the_machine_stay_there(run: Path, tmp_path: Path) -> None:
     config = copy / "config.yaml"
     changed = config.read_text().replace("init: null", "init: /home/ada/secret/runs/first")
     config.write_text(changed.partition("\n")[2])  # without its checksum
-    path = pack.pack(copy)
+    path = pack.pack_run(copy)
     assert read_header(path).recipe["init"] == "first"
-    assert read_header(path).recipe["data"] == read_header(pack.pack(run)).recipe["data"]
+    assert read_header(path).recipe["data"] == read_header(pack.pack_run(run)).recipe["data"]
     assert b"/home/ada" not in path.read_bytes()
 
 
 def test_only_absolute_paths_are_cut() -> None:
-    given = {"a": ["/x/y", "~ada/y", "C:\\x\\y"], "b": "x/y", "c": "s3://x/y", "d": 1}
+    config = {"a": ["/x/y", "~ada/y", "C:\\x\\y"], "b": "x/y", "c": "s3://x/y", "d": 1}
     kept = {"a": ["y", "y", "y"], "b": "x/y", "c": "s3://x/y", "d": 1}
-    assert pack._without_folders(given) == kept
+    assert pack._without_folders(config) == kept
 
 
 def test_what_is_no_run(run: Path, tmp_path: Path) -> None:
     with pytest.raises(DataNotFoundError, match="give the folder of a run"):
-        pack.pack(tmp_path)
+        pack.pack_run(tmp_path)
     (tmp_path / "config.yaml").write_text("model: x\n")
     with pytest.raises(DataError, match="not the configuration of a run"):
-        pack.pack(tmp_path)
+        pack.pack_run(tmp_path)
     copy = tmp_path / "run"
     shutil.copytree(run, copy)
     config = copy / "config.yaml"
     changed = config.read_text().replace("image_size: 32", "image_size: 48")
     config.write_text(changed)
     with pytest.raises(DataError, match="its checksum is another"):
-        pack.pack(copy)
+        pack.pack_run(copy)
     config.write_text(changed.partition("\n")[2])
     with pytest.raises(DataError, match=r"of another shape: position \("):
-        pack.pack(copy)
+        pack.pack_run(copy)
     (copy / "checkpoints" / "last.ckpt").unlink()
     with pytest.raises(DataNotFoundError, match="no checkpoint"):
-        pack.pack(copy)
+        pack.pack_run(copy)
 
 
 ROWS = [
@@ -144,7 +146,7 @@ def download(
     path = tmp_path / "press.pth"
     torch.save(vit.state_dict(), path)
     node = {"name": "tactile_vit", "size": "tiny", "frames": 4, "image_size": 32}
-    monkeypatch.setattr(published, "read", lambda path: torch.load(path), raising=False)
+    monkeypatch.setattr(published, "read_tensors", lambda path: torch.load(path), raising=False)
     monkeypatch.setattr(
         published,
         "convert",
@@ -166,9 +168,9 @@ def test_an_import_is_found_by_its_name(download: Path, vit: TactileViT) -> None
     assert model.header.source["file"] == "press.pth"
     assert model.header.recipe == {}
     assert tactileforge.list_models(weights=True) == ["press.tiny"]
-    record = json.loads((store.folder() / "press.tiny.json").read_text())
+    record = json.loads((store.weights_folder() / "press.tiny.json").read_text())
     assert record["sha256"] == sha256(path)
-    assert {p.name for p in store.folder().iterdir()} == {path.name, "press.tiny.json"}
+    assert {p.name for p in store.weights_folder().iterdir()} == {path.name, "press.tiny.json"}
 
 
 def test_an_import_is_verified_on_every_load(download: Path) -> None:
@@ -213,7 +215,7 @@ def test_a_failed_import_keeps_the_one_before(
 def test_the_file_of_another_model(download: Path, model: str, message: str) -> None:
     with pytest.raises(DataError, match=message):
         pack.import_published(model, download)
-    assert not list(store.folder().glob("*"))
+    assert not list(store.weights_folder().glob("*"))
 
 
 def test_what_cannot_be_imported(download: Path, add_card: AddCard, weight: dict[str, Any]) -> None:
@@ -268,7 +270,7 @@ def test_a_published_file_becomes_a_model_of_the_zoo(
     assert model.header.source["layout"] == "anytouch2"
     assert model.header.licence == "NOASSERTION"
     frames = np.random.default_rng(0).integers(0, 256, (4, 60, 80, 3), dtype=np.uint8)
-    built = published.convert(published.read(file)).build()
+    built = published.convert(published.read_tensors(file)).build()
     batch = torch.from_numpy(frames).movedim(-1, 1)[None]
     with torch.no_grad():
         expected = built(batch, batch[:, 0], torch.tensor([1]))[1]
@@ -282,7 +284,7 @@ def test_a_published_file_becomes_a_model_of_the_zoo(
 
     anytouch2_file(file, frames=4)  # other numbers: the file before is removed, and no other
     assert main(["get", "anytouch2", "--from", str(file)]) == 0
-    assert len(list(store.folder().iterdir())) == 4
+    assert len(list(store.weights_folder().iterdir())) == 4
     assert (
         tactileforge.load("anytouch2").frames + tactileforge.load("anytouch2.base-2f").frames == 6
     )

@@ -46,14 +46,14 @@ def test_the_numbers_stay(kind: type[nn.Module], batch: int, calls: Calls) -> No
     encoder = kind(size="tiny", frames=4, image_size=32).eval()
     linears = sum(isinstance(module, nn.Linear) for module in encoder.modules())
     frames = torch.randint(0, 256, (batch, 4, 3, 40, 50), dtype=torch.uint8)
-    inputs = frames, frames[:, 0], encoder.rows(["digit"] * batch)
+    inputs = frames, frames[:, 0], encoder.sensor_ids(["digit"] * batch)
     packed = PackedLinears()
     with torch.no_grad():
         expected = encoder(*inputs)
         for _ in range(2):
             with packed:
-                found = encoder(*inputs)
-            for mine, theirs in zip(expected, found, strict=True):
+                outputs = encoder(*inputs)
+            for mine, theirs in zip(expected, outputs, strict=True):
                 assert (mine - theirs).abs().max() < 1e-5
     assert (calls.packed, calls.used) == (linears, 2 * linears)
 

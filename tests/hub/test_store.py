@@ -57,7 +57,7 @@ def server(checkpoint: Path) -> Iterator[SimpleNamespace]:
 
 
 def files_in_cache() -> list[str]:
-    return sorted(path.name for path in store.folder().glob("*"))
+    return sorted(path.name for path in store.weights_folder().glob("*"))
 
 
 def test_downloads_once_and_works_without_network_afterwards(
@@ -70,7 +70,7 @@ def test_downloads_once_and_works_without_network_afterwards(
     server.status = 500
     tactileforge.load("thing.tiny")
     assert server.hits == 1
-    assert model.card is cards.read("thing")
+    assert model.card is cards.read_card("thing")
 
 
 def test_shipped_weights_are_verified_too(
@@ -99,7 +99,7 @@ def test_one_wrong_bit_is_an_error(
     add_card("thing", weights=[weight | {"url": server.url}])
     if where == "cached":
         tactileforge.load("thing")
-        [path] = store.folder().glob("*")
+        [path] = store.weights_folder().glob("*")
         data = bytearray(path.read_bytes())
     else:
         data = bytearray(server.data)
@@ -137,7 +137,7 @@ def test_offline_says_what_to_fetch_and_where_to_put_it(
 ) -> None:
     add_card("thing", weights=[weight | {"url": server.url, "gated": True}])
     server.status = 403
-    target = store.folder() / f"thing.tiny-{weight['sha256'][:12]}.safetensors"
+    target = store.weights_folder() / f"thing.tiny-{weight['sha256'][:12]}.safetensors"
     with pytest.raises(DataNotFoundError, match="terms to be accepted") as caught:
         tactileforge.load("thing")
     assert server.url in str(caught.value)
@@ -207,12 +207,15 @@ def test_a_kill_during_a_download_leaves_nothing_broken(
     )
     with subprocess.Popen([sys.executable, "-c", code, str(tmp_path / "zoo")]) as process:
         deadline = time.monotonic() + 60
-        while not (parts := list(store.folder().glob(".*.part"))) or not parts[0].stat().st_size:
+        while (
+            not (parts := list(store.weights_folder().glob(".*.part")))
+            or not parts[0].stat().st_size
+        ):
             assert time.monotonic() < deadline
             assert process.poll() is None
             time.sleep(0.02)
         process.send_signal(signal.SIGKILL)
-    assert [path for path in store.folder().iterdir() if path not in parts] == []
+    assert [path for path in store.weights_folder().iterdir() if path not in parts] == []
     assert 0 < parts[0].stat().st_size < len(server.data)
     server.pause_at = None
     assert tactileforge.load("thing").header.name == "thing.tiny"
@@ -236,7 +239,7 @@ def test_a_damaged_record_of_an_import(add_card: AddCard) -> None:
         DataNotFoundError, match=r"example.org, then: tactileforge zoo get thing.base"
     ):
         tactileforge.load("thing")
-    record = store.folder() / "thing.base.json"
+    record = store.weights_folder() / "thing.base.json"
     record.parent.mkdir(parents=True)
     good = {"file": "a", "sha256": "", "bytes": 1, "source": "", "source_sha256": ""}
     for text, message in (

@@ -11,26 +11,26 @@ from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.labels.align import Lag
 from tactileforge.inspection.checks import (
     REASONS,
-    Flag,
+    Suspicion,
+    check_labels,
+    check_lag,
+    check_pixels,
     is_sure,
     lag_of,
-    of_labels,
-    of_lag,
-    of_pixels,
 )
-from tactileforge.inspection.look import look
+from tactileforge.inspection.frame_stats import frame_stats
 
 Touch = Callable[..., Recording]
 
 
-def flags(recording: Recording) -> dict[str, Flag]:
+def flags(recording: Recording) -> dict[str, Suspicion]:
     """Everything that is found, by reason."""
-    found = [*of_labels(recording), *of_pixels(recording, look(recording))]
+    raised = [*check_labels(recording), *check_pixels(recording, frame_stats(recording))]
     lag = lag_of(recording)
-    found += of_lag(recording, lag) if lag else []
-    assert len({one.reason for one in found}) == len(found)
-    assert {one.reason for one in found} <= set(REASONS)
-    return {one.reason: one for one in found}
+    raised += check_lag(recording, lag) if lag else []
+    assert len({flag.reason for flag in raised}) == len(raised)
+    assert {flag.reason for flag in raised} <= set(REASONS)
+    return {flag.reason: flag for flag in raised}
 
 
 def without(array: Any, rows: slice) -> None:
@@ -79,10 +79,10 @@ FAULTS: dict[str, tuple[dict[str, Any], float, str]] = {
 @pytest.mark.parametrize("reason", FAULTS)
 def test_each_fault_is_found_alone_and_measured(touch: Touch, reason: str) -> None:
     fields, value, words = FAULTS[reason]
-    found = flags(touch(3, **fields))
-    assert set(found) == {reason}
-    assert found[reason].value == pytest.approx(value, rel=0.25)
-    assert words in found[reason].words
+    raised = flags(touch(3, **fields))
+    assert set(raised) == {reason}
+    assert raised[reason].value == pytest.approx(value, rel=0.25)
+    assert words in raised[reason].words
 
 
 def test_every_reason_has_a_fault() -> None:
@@ -119,7 +119,7 @@ def test_a_lag_needs_frames_and_forces_that_move(touch: Touch) -> None:
     still = lag_of(touch(force=np.ones((90, 3), np.float32)))
     assert still is not None
     assert not is_sure(still)
-    assert not list(of_lag(touch(), still))
+    assert not list(check_lag(touch(), still))
     assert not is_sure(Lag(0.3, 0.95, 0.01)), "a ramp"
 
 
@@ -146,28 +146,28 @@ def test_only_the_stretch_around_the_largest_force_is_read(touch: Touch) -> None
 
 @pytest.mark.parametrize("times", [[0.0, 0.1, 0.1, 0.2], [0.0, 0.1, np.nan, 0.2], [0.0, 0.1]])
 def test_times_that_stand_still_or_are_missing(touch: Touch, times: list[float]) -> None:
-    (flag,) = of_labels(touch(count=4, times=np.array(times), force=None))
+    (flag,) = check_labels(touch(count=4, times=np.array(times), force=None))
     assert flag.reason == "gaps_in_time"
     assert flag.value == np.inf
 
 
 def test_a_sensor_that_is_not_installed_has_no_range(touch: Touch) -> None:
-    assert list(of_labels(touch(sensor="new", **scaled(500)))) == []
+    assert list(check_labels(touch(sensor="new", **scaled(500)))) == []
 
 
 def test_missing_labels_are_no_fault(touch: Touch) -> None:
     force = np.full((90, 3), np.nan, np.float32)
-    assert list(of_labels(touch(force=force))) == []
+    assert list(check_labels(touch(force=force))) == []
     force[40] = [0, 0, 3]
-    assert list(of_labels(touch(force=force))) == []
+    assert list(check_labels(touch(force=force))) == []
 
 
 def test_a_force_along_one_axis_is_no_fault(touch: Touch) -> None:
-    one = touch(0)
-    one.force[:, :2] = np.nan
-    assert flags(one) == {}
-    one.force[:, 2] *= -1
-    assert set(flags(one)) == {"pulling_force"}
+    recording = touch(0)
+    recording.force[:, :2] = np.nan
+    assert flags(recording) == {}
+    recording.force[:, 2] *= -1
+    assert set(flags(recording)) == {"pulling_force"}
 
 
 def test_without_a_background_contact_cannot_be_told(touch: Touch) -> None:
@@ -177,6 +177,6 @@ def test_without_a_background_contact_cannot_be_told(touch: Touch) -> None:
 def test_other_sizes_are_errors_that_name_the_recording(touch: Touch) -> None:
     small = ArrayFrames(np.zeros((1, 24, 64, 3), np.uint8))
     with pytest.raises(Exception, match=r"made/0: the background has 64x24 pixels.*64x48"):
-        look(touch(no_contact=small))
+        frame_stats(touch(no_contact=small))
     with pytest.raises(Exception, match="made/0: 3 times for 90 frames"):
-        look(touch(times=np.arange(3.0)))
+        frame_stats(touch(times=np.arange(3.0)))

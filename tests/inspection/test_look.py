@@ -8,14 +8,14 @@ import pytest
 from tactileforge.contracts import FrameSubset, Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.inspection import duplicates
-from tactileforge.inspection.look import (
+from tactileforge.inspection.frame_stats import (
     FRAMES,
     STRIP,
     amplified,
     background_of,
     changes,
     evenly,
-    look,
+    frame_stats,
     shrunk,
 )
 
@@ -29,7 +29,7 @@ def test_evenly_has_both_ends_and_no_number_twice() -> None:
 
 
 def test_the_frame_of_contact_is_found(touch: Touch) -> None:
-    seen = look(touch(), strip=True)
+    seen = frame_stats(touch(), strip=True)
     assert len(seen.rows) == FRAMES
     assert seen.rows[seen.change.argmax()] / 30 == pytest.approx(0.8, abs=0.1)
     assert seen.contact == pytest.approx(50, rel=0.25), "near the top of the bump"
@@ -38,16 +38,16 @@ def test_the_frame_of_contact_is_found(touch: Touch) -> None:
     assert len(seen.strip) == len(seen.strip_difference) == len(seen.strip_rows) == STRIP
     assert seen.strip_rows[0] == 0
     assert seen.strip_rows[-1] == 89
-    assert not len(look(touch()).strip)
+    assert not len(frame_stats(touch()).strip)
 
 
 def test_a_difference_is_around_mid_grey(touch: Touch) -> None:
-    seen = look(touch())
+    seen = frame_stats(touch())
     assert seen.difference is not None
     assert np.median(seen.difference) == pytest.approx(128, abs=3)
     assert seen.difference.max() == 255
     assert amplified(np.zeros((4, 4, 3), np.float32)).tolist() == np.full((4, 4, 3), 128).tolist()
-    assert look(touch(no_contact=None)).difference is None
+    assert frame_stats(touch(no_contact=None)).difference is None
 
 
 def test_few_frames_are_decoded_at_a_time(touch: Touch) -> None:
@@ -63,7 +63,7 @@ def test_few_frames_are_decoded_at_a_time(touch: Touch) -> None:
             asked.append(len(indices))
             return base.frames.read(indices)
 
-    look(touch(frames=Spy(), no_contact=FrameSubset(Spy(), range(90))))
+    frame_stats(touch(frames=Spy(), no_contact=FrameSubset(Spy(), range(90))))
     assert max(asked) <= 8
     assert sum(asked) == FRAMES + 15
 
@@ -85,12 +85,12 @@ def test_the_background_is_the_median(touch: Touch) -> None:
 
 
 def test_changes_are_those_of_all_frames(touch: Touch) -> None:
-    one = touch()
-    assert one.no_contact is not None
-    pictures = one.frames.read(range(90)).astype(np.float64)
-    still = np.median(one.no_contact.read(range(3)), axis=0)
+    recording = touch()
+    assert recording.no_contact is not None
+    pictures = recording.frames.read(range(90)).astype(np.float64)
+    still = np.median(recording.no_contact.read(range(3)), axis=0)
     want = np.abs(pictures - still).mean((1, 2, 3))
-    np.testing.assert_allclose(changes(one, range(90)), want, rtol=1e-4)
+    np.testing.assert_allclose(changes(recording, range(90)), want, rtol=1e-4)
 
 
 def reencoded(array: Any) -> None:
@@ -102,18 +102,24 @@ def reencoded(array: Any) -> None:
 
 def test_copies_are_the_same_and_reencoded_ones_nearly(touch: Touch) -> None:
     looks = [
-        look(one)
-        for one in (touch(0), touch(1), touch(0, key="copy"), touch(1, edit=reencoded), touch(2))
+        frame_stats(recording)
+        for recording in (
+            touch(0),
+            touch(1),
+            touch(0, key="copy"),
+            touch(1, edit=reencoded),
+            touch(2),
+        )
     ]
-    assert duplicates.same(looks) == [[0, 2]]
-    ((i, j, level),) = duplicates.similar(looks)
+    assert duplicates.identical_groups(looks) == [[0, 2]]
+    ((i, j, level),) = duplicates.similar_pairs(looks)
     assert (i, j) == (1, 3)
     assert level < duplicates.SIMILAR
 
 
 def test_recordings_without_contact_are_not_nearly_the_same(touch: Touch) -> None:
-    looks = [look(touch(seed, height=0.0)) for seed in range(3)]
-    assert duplicates.similar(looks) == duplicates.same(looks) == []
-    stills = [look(touch(seed, count=1)) for seed in (0, 1, 0)]
-    assert duplicates.same(stills) == [[0, 2]]
-    assert duplicates.similar(stills) == []
+    looks = [frame_stats(touch(seed, height=0.0)) for seed in range(3)]
+    assert duplicates.similar_pairs(looks) == duplicates.identical_groups(looks) == []
+    stills = [frame_stats(touch(seed, count=1)) for seed in (0, 1, 0)]
+    assert duplicates.identical_groups(stills) == [[0, 2]]
+    assert duplicates.similar_pairs(stills) == []

@@ -6,15 +6,15 @@ import pytest
 
 from tactileforge.contracts import ACTIONS, Recording
 from tactileforge.data.shards.summary import counted
-from tactileforge.inspection.tally import (
+from tactileforge.inspection.counters import (
     DURATIONS,
+    Counters,
     Histogram,
-    Names,
-    Sample,
-    Sampled,
-    Tally,
+    NameCounts,
+    RecordingSample,
+    SampledRecording,
     duration_of,
-    sources,
+    source_rows,
 )
 
 Touch = Callable[..., Recording]
@@ -39,7 +39,7 @@ def test_a_histogram_that_grows_counts_as_one_that_was_wide_from_the_start() -> 
 def test_names_are_counted_exactly() -> None:
     rng = np.random.default_rng(0)
     drawn = [f"object {i}" for i in rng.zipf(1.5, 3000) % 500]
-    names = Names()
+    names = NameCounts()
     for name in drawn:
         names.add("object", name)
     names.add("action", "press", 7)
@@ -51,23 +51,27 @@ def test_names_are_counted_exactly() -> None:
     assert names.number("nothing") == (0, 0)
 
 
-def offered(touch: Touch, counts: dict[str, int], limit: int) -> list[Sampled]:
+def offered(touch: Touch, counts: dict[str, int], limit: int) -> list[SampledRecording]:
     still = touch(count=1)
     sensors = [sensor for sensor, count in counts.items() for _ in range(count)]
     np.random.default_rng(1).shuffle(sensors)
-    sample = Sample(limit)
+    sample = RecordingSample(limit)
     for order, sensor in enumerate(sensors):
         recording = Recording(
             key=str(order), sensor=sensor, frames=still.frames, times=still.times, no_contact=None
         )
-        sample.offer(Sampled(recording, "train", order))
+        sample.offer(SampledRecording(recording, "train", order))
     return sample.drawn()
 
 
 def test_each_sensor_has_its_share_and_gives_the_rest_to_the_others(touch: Touch) -> None:
     drawn = offered(touch, {"digit": 900, "gelsight": 300, "dm": 4}, 101)
-    assert Counter(one.recording.sensor for one in drawn) == {"dm": 4, "gelsight": 49, "digit": 48}
-    orders = [one.order for one in drawn]
+    assert Counter(sampled.recording.sensor for sampled in drawn) == {
+        "dm": 4,
+        "gelsight": 49,
+        "digit": 48,
+    }
+    orders = [sampled.order for sampled in drawn]
     assert orders == sorted(orders)
     assert orders == [
         o.order for o in offered(touch, {"digit": 900, "gelsight": 300, "dm": 4}, 101)
@@ -77,14 +81,14 @@ def test_each_sensor_has_its_share_and_gives_the_rest_to_the_others(touch: Touch
 
 
 def test_a_sample_is_spread_evenly(touch: Touch) -> None:
-    orders = np.array([one.order for one in offered(touch, {"digit": 4000}, 400)])
+    orders = np.array([sampled.order for sampled in offered(touch, {"digit": 4000}, 400)])
     counts = np.histogram(orders, bins=4, range=(0, 4000))[0]
     assert np.abs(counts - 100).max() < 35, "four standard deviations"
 
 
 def test_a_tally_adds_up(touch: Touch) -> None:
     action = np.repeat([0, -1, 3], 30)
-    tally = Tally()
+    tally = Counters()
     tally.add(touch(0, action=action, object="cup", text="a cup"), "train")
     tally.add(touch(1, object="cup", force=None), "train")
     axes = dict.fromkeys(("force.x", "force.y", "force.z"), 1)
@@ -99,20 +103,20 @@ def test_a_tally_adds_up(touch: Touch) -> None:
     assert gelsight.carrying == {"force": 1} | axes
     assert dict(tally.names.top("action", 9)) == {"press": 30, "unknown": 30, ACTIONS[3]: 30}
     assert tally.names.top("object", 9) == [("cup", 2)]
-    assert list(sources(tally.names, 9)) == [("made here", "CC0-1.0", "5", 3)]
+    assert list(source_rows(tally.names, 9)) == [("made here", "CC0-1.0", "5", 3)]
     assert tally.stills == 1
     (place,) = np.flatnonzero(tally.durations)
     assert DURATIONS[place] <= 3.0 < DURATIONS[place + 1]
     assert tally.durations[place] == 2
-    assert [one.counts.sum() for one in tally.forces["digit"]] == [90] * 3
+    assert [histogram.counts.sum() for histogram in tally.forces["digit"]] == [90] * 3
 
 
 def test_forces_are_counted_along_their_axes(touch: Touch) -> None:
-    one, whole, nothing = touch(0), touch(1), touch(2)
-    one.force[:, :2] = np.nan
+    normal_only, whole, nothing = touch(0), touch(1), touch(2)
+    normal_only.force[:, :2] = np.nan
     nothing.force[:] = np.nan
-    tally = Tally()
-    for recording in (one, whole, nothing):
+    tally = Counters()
+    for recording in (normal_only, whole, nothing):
         tally.add(recording, "train")
     carrying = tally.totals["train", "digit"].carrying
     assert carrying["force"] == 2  # NaN throughout is no label

@@ -17,9 +17,8 @@ import pytest
 
 from tactileforge.contracts import Frame
 from tactileforge.errors import ConfigError
-from tactileforge.live.server import Page, difference, jpeg
-from tactileforge.live.session import Show, ShowOptions, show
-from tactileforge.sensors.background import Background
+from tactileforge.live.server import LivePage, difference_image, page_jpeg
+from tactileforge.live.session import LiveOptions, LiveSession, ShowBackground, run_session
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "google-chrome", "chrome"))), None)
 
@@ -35,9 +34,9 @@ def page(scripted):
     """A page of a sensor that is pressed from its hundredth frame on."""
     sensor = scripted(fps=50.0, events=dict.fromkeys(range(50, 10_000), press))
     stop = threading.Event()
-    options = ShowOptions(background=Background(seconds=0.0))
-    with Show({"left": sensor}, None, options) as view, Page(view) as page:
-        thread = threading.Thread(target=show, args=(view, [], stop, lambda line: None))
+    options = LiveOptions(background=ShowBackground(seconds=0.0))
+    with LiveSession({"left": sensor}, None, options) as view, LivePage(view) as page:
+        thread = threading.Thread(target=run_session, args=(view, [], stop, lambda line: None))
         thread.start()
         yield page
         stop.set()
@@ -97,15 +96,15 @@ def test_pictures_are_those_of_the_sensor(page):
 
 def test_the_difference_is_doubled_around_grey():
     still = np.full((4, 4, 3), 100, np.uint8)
-    assert difference(still + np.uint8(10), still)[0, 0, 0] == 148
-    assert difference(still - np.uint8(90), still)[0, 0, 0] == 0
-    assert len(jpeg(np.zeros((1000, 2000, 3), np.uint8))) > 100
+    assert difference_image(still + np.uint8(10), still)[0, 0, 0] == 148
+    assert difference_image(still - np.uint8(90), still)[0, 0, 0] == 0
+    assert len(page_jpeg(np.zeros((1000, 2000, 3), np.uint8))) > 100
 
 
 def test_a_port_that_is_taken(page, scripted):
     port = int(page.url.split(":")[2].split("/")[0])
     with pytest.raises(ConfigError, match=f"port={port}: .*; give another, or 0"):
-        Page(Show({"left": scripted()}), port)
+        LivePage(LiveSession({"left": scripted()}), port)
 
 
 class Browser:

@@ -9,7 +9,7 @@ from torch.nn import functional as F
 
 from tactileforge.contracts import Batch
 from tactileforge.encoders.byte import ByteEncoder
-from tactileforge.encoders.positions import waves
+from tactileforge.encoders.positions import sincos_grid
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.encoders.vit import ImageViT
 from tactileforge.heads.align import Aligned, AlignHead
@@ -82,10 +82,10 @@ def test_reconstruction_losses_are_the_papers() -> None:
 
 
 def test_decoder_positions_tell_every_place_apart() -> None:
-    codes = waves((2, 3, 4), 64).flatten(0, 2)
+    codes = sincos_grid((2, 3, 4), 64).flatten(0, 2)
     assert codes.shape == (24, 64)
     assert torch.cdist(codes, codes).fill_diagonal_(9).min() > 0.1
-    assert waves((2, 3, 4), 70).shape == (2, 3, 4, 70)
+    assert sincos_grid((2, 3, 4), 70).shape == (2, 3, 4, 70)
 
 
 def test_align_is_the_papers_over_the_largest_subsets() -> None:

@@ -120,7 +120,7 @@ def test_one_batch_is_overfitted_without_collapse(name: str) -> None:
             spread.append(tokens.mean(1).std(0, correction=0).mean().item())
         for part in (head, objective):
             if hasattr(part, "follow"):
-                part.follow(encoder, step + 1, 60)
+                part.after_step(encoder, step + 1, 60)
     print(name, losses[::11], spread[::11])
     assert losses[-1] <= share * losses[0]
     assert spread[-1] >= 0.5 * spread[0]

@@ -1,6 +1,7 @@
 """Recordings for the tests of packing, which other processes can import and run.
 
-``python packable.py OUT JSON`` packs them; JSON has the arguments of `Touches` and of `Options`.
+``python packable.py OUT JSON`` packs them; JSON has the arguments of `Touches` and
+of `PackOptions`.
 """
 
 import json
@@ -14,7 +15,8 @@ import numpy as np
 
 from tactileforge.contracts import Recording
 from tactileforge.errors import DataError, TactileForgeError
-from tactileforge.packing import Options, pack
+from tactileforge.packing import PackOptions, pack
+from tactileforge.strict import build
 
 SHAPE = (24, 32)
 
@@ -122,7 +124,7 @@ def main(out, given):
         import resource
 
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-    options = Options.of(arguments.pop("options"))
+    options = build(PackOptions, "pack", arguments.pop("options"))
     try:
         pack(Touches(**arguments), "touches", Path(out), options)
     except TactileForgeError as error:

@@ -6,7 +6,8 @@ from types import ModuleType
 import pytest
 
 from tactileforge.errors import ConfigError
-from tactileforge.packing import Options, pack
+from tactileforge.packing import PackOptions, pack
+from tactileforge.strict import build
 
 GIVEN = {"codec": "png", "shard_frames": 24, "processes": 2, "executor": "ray"}
 
@@ -16,7 +17,9 @@ def test_ray_gives_the_same_shards_though_a_worker_dies(
     packable: ModuleType, command: Callable[..., "subprocess.Popen[str]"], tmp_path: Path
 ) -> None:
     pytest.importorskip("ray")
-    pack(packable.Touches(), "touches", tmp_path / "here", Options(codec="png", shard_frames=24))
+    pack(
+        packable.Touches(), "touches", tmp_path / "here", PackOptions(codec="png", shard_frames=24)
+    )
     deaths = tmp_path / "deaths"
     deaths.mkdir()
     process = command(tmp_path / "ray", GIVEN, deadly=str(deaths))
@@ -49,4 +52,4 @@ def test_without_ray_the_error_says_how_to_get_it(
 ) -> None:
     monkeypatch.setitem(__import__("sys").modules, "ray", None)
     with pytest.raises(ConfigError, match=r"pip install 'tactileforge\[ray\]'"):
-        pack(packable.Touches(), "touches", tmp_path, Options.of(GIVEN))
+        pack(packable.Touches(), "touches", tmp_path, build(PackOptions, "pack", GIVEN))

@@ -10,9 +10,9 @@ from tactileforge.data.frames.encoded import Blob, EncodedFrames
 from tactileforge.data.frames.lazy import ArrayFrames, ImageFrames, VideoFrames
 from tactileforge.data.shards import shards
 from tactileforge.errors import DataError
-from tactileforge.packing import Options
-from tactileforge.packing.plan import plan
-from tactileforge.packing.work import Note, packed_job, run
+from tactileforge.packing import PackOptions
+from tactileforge.packing.plan import plan_pack
+from tactileforge.packing.work import ShardNote, packed_job, run_job
 
 
 @pytest.fixture
@@ -22,12 +22,12 @@ def pixels() -> np.ndarray:
 
 def lazy_frames(folder: Path, pixels: np.ndarray) -> list[Frames]:
     """The same pictures in every kind of frames that readers give."""
-    encoded = [shards.encode(frame, "png") for frame in pixels]
+    encoded = [shards.encode_image(frame, "png") for frame in pixels]
     paths = [folder / f"{i}.png" for i in range(len(pixels))]
     for path, picture in zip(paths, encoded, strict=True):
         path.write_bytes(picture)
     blobs = [Blob(str(path), 0, path.stat().st_size) for path in paths]
-    head = shards.head(
+    head = shards.describe_recording(
         Recording(
             key="a",
             sensor="digit",
@@ -36,8 +36,8 @@ def lazy_frames(folder: Path, pixels: np.ndarray) -> list[Frames]:
             no_contact=None,
         )
     )
-    shards.write(folder / "a.tar", [shards.Packed(head, "png", encoded, [], [])])
-    (packed,) = shards.read(folder / "a.tar")
+    shards.write_shard(folder / "a.tar", [shards.Packed(head, "png", encoded, [], [])])
+    (packed,) = shards.read_shard(folder / "a.tar")
     return [
         ArrayFrames(pixels),
         ImageFrames(paths),
@@ -93,11 +93,11 @@ def test_every_kind_gives_the_same_shard(tmp_path: Path, pixels: np.ndarray) -> 
     made = set()
     for number, frames in enumerate(lazy_frames(tmp_path, pixels)):
         out = tmp_path / str(number)
-        (job,) = plan(OneTouch(frames), out, Options(codec="png")).jobs  # type: ignore[arg-type]
+        (job,) = plan_pack(OneTouch(frames), out, PackOptions(codec="png")).jobs  # type: ignore[arg-type]
         ticks: list[tuple[int, int]] = []
-        note = run(job, lambda number, done, ticks=ticks: ticks.append((number, done)))
+        note = run_job(job, lambda number, done, ticks=ticks: ticks.append((number, done)))
         assert ticks[-1] == (0, 6)
-        again = Note.of(job)
+        again = ShardNote.of(job)
         assert again is not None
         assert again.entry is not None
         assert note.entry is not None
@@ -110,7 +110,7 @@ def test_every_kind_gives_the_same_shard(tmp_path: Path, pixels: np.ndarray) -> 
 def test_frames_that_cannot_travel_are_an_error_that_says_what_to_do(tmp_path: Path) -> None:
     frames = ArrayFrames(np.zeros((2, 4, 4, 3), np.uint8))
     frames.hook = lambda: None  # type: ignore[attr-defined]
-    (job,) = plan(OneTouch(frames), tmp_path, Options()).jobs  # type: ignore[arg-type]
+    (job,) = plan_pack(OneTouch(frames), tmp_path, PackOptions()).jobs  # type: ignore[arg-type]
     with pytest.raises(DataError, match=r"train-000000\.tar cannot be handed .*processes=1"):
         packed_job(job)
 
@@ -120,8 +120,10 @@ def test_an_error_in_a_reader_names_the_recording(tmp_path: Path) -> None:
         def read(self, indices: object) -> np.ndarray:
             raise ZeroDivisionError
 
-    (job,) = plan(OneTouch(Broken(np.zeros((2, 4, 4, 3), np.uint8))), tmp_path, Options()).jobs  # type: ignore[arg-type]
+    (job,) = plan_pack(
+        OneTouch(Broken(np.zeros((2, 4, 4, 3), np.uint8))), tmp_path, PackOptions()
+    ).jobs  # type: ignore[arg-type]
     with pytest.raises(ZeroDivisionError) as caught:
-        run(job)
+        run_job(job)
     assert caught.value.__notes__ == [f"while packing a for {job.path}"]
     assert not list(tmp_path.iterdir())

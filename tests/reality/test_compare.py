@@ -11,9 +11,9 @@ from tactileforge import cli
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.errors import ConfigError, DataError
-from tactileforge.reality.compare import Options, by_source, compare
+from tactileforge.reality.compare import CompareOptions, by_source, compare_reality
 from tactileforge.reality.profiles import DISTANCES, distances, profile, ratio
-from tactileforge.reality.touches import touches
+from tactileforge.reality.touches import strongest_touches
 
 SIM = ["data=sim", "data.scenes=3", "data.val=0", "data.size=64", "data.sensors=[digit]"]
 FEW = ["scenes=2", "trials=0", "indenters=[small_sphere,ring_shaped]", "newton=[3,6]"]
@@ -58,30 +58,30 @@ class Listed:
 
 
 def test_a_recording_is_a_touch_for_each_part_of_it():
-    assert len(touches(recording(0))) == 1
-    assert len(touches(recording(0, frames=196))) == 3
-    assert len(touches(recording(0, frames=196), most=2)) == 2
-    (seen,) = touches(recording(0))
+    assert len(strongest_touches(recording(0))) == 1
+    assert len(strongest_touches(recording(0, frames=196))) == 3
+    assert len(strongest_touches(recording(0, frames=196), most=2)) == 2
+    (seen,) = strongest_touches(recording(0))
     assert seen.picture.shape == (120, 160, 3)
     assert seen.noise == pytest.approx((1.2**2 + 1 / 12) ** 0.5, rel=0.02)
     assert 0.02 < seen.touched.mean() < 0.1
-    assert touches(recording(0, no_contact=None)) == []
+    assert strongest_touches(recording(0, no_contact=None)) == []
     small = ArrayFrames(np.zeros((1, 60, 80, 3), np.uint8))
     with pytest.raises(
         DataError, match=r"a/0: the background has 80x60 pixels, the frames 160x120"
     ):
-        touches(recording(0, no_contact=small))
+        strongest_touches(recording(0, no_contact=small))
 
 
 def test_equal_sets_are_not_apart_and_others_by_what_differs():
-    one = profile("a", "digit", [recording(seed) for seed in range(12)])
-    assert (len(one.looks), one.faint, one.stored, len(one.shown)) == (12, 0, [], 3)
-    same = distances(one, profile("b", "digit", [recording(seed) for seed in range(12)]))
+    first = profile("a", "digit", [recording(seed) for seed in range(12)])
+    assert (len(first.looks), first.faint, first.stored, len(first.shown)) == (12, 0, [], 3)
+    same = distances(first, profile("b", "digit", [recording(seed) for seed in range(12)]))
     assert {name: value for name, value in same.items() if value != 0} == pytest.approx(
         {"spectrum": np.nan, "normal force": np.nan, "shear": np.nan}, nan_ok=True
     ), "120 rows do not reach all bands, and there is no force"
     other = profile("c", "digit", [recording(seed, gain=2.0) for seed in range(12)])
-    apart = distances(one, other)
+    apart = distances(first, other)
     assert set(apart) == set(DISTANCES)
     assert apart["contrast"] == pytest.approx(np.log10(2), abs=0.02)
     assert apart["noise"] < 0.01
@@ -105,9 +105,9 @@ def test_sources_are_folders_or_what_is_given_where_these_are_many():
 
 def test_sides_are_compared(tmp_path):
     held = [recording(seed, source="ab"[seed % 2]) for seed in range(4)]
-    how = Options(scenes=1, trials=0, indenters=("small_sphere",), newton=(4.0, 6.0))
-    (side,) = compare(Listed(*held), how, progress=False).values()
-    assert [one.name for one in side.real] == ["a", "b"]
+    how = CompareOptions(scenes=1, trials=0, indenters=("small_sphere",), newton=(4.0, 6.0))
+    (side,) = compare_reality(Listed(*held), how, progress=False).values()
+    assert [source.name for source in side.real] == ["a", "b"]
     assert set(side.apart) == {"a", "b"}
     assert set(side.among) == {("a", "b")}
     assert side.ratio("contrast") == pytest.approx(
@@ -124,21 +124,21 @@ def test_sides_are_compared(tmp_path):
         (
             [recording(0)],
             {"sensors": ("gelsight",)},
-            r"sensors=gelsight: the data has no recording of it, only of digit; leave it out",
+            r"sensors=gelsight: the data has no recording of this sensor, only of digit; leave it",
         ),
         ([recording(0, gain=0.0)], {}, r"digit: not one of 1 recordings shows a touch"),
     ],
 )
 def test_what_cannot_be_compared_is_told(held, how, said):
     with pytest.raises((ConfigError, DataError), match=said):
-        compare(Listed(*held), Options(**how), progress=False)
+        compare_reality(Listed(*held), CompareOptions(**how), progress=False)
 
 
 def test_options_that_are_none_are_told():
     with pytest.raises(ConfigError, match="did you mean 'digit'"):
-        Options(sensors=("digitt",))
+        CompareOptions(sensors=("digitt",))
     with pytest.raises(ConfigError, match="recordings=0, scenes=30, trials=3: give 1 or more"):
-        Options(recordings=0)
+        CompareOptions(recordings=0)
 
 
 def test_the_page_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,6 +1,6 @@
 import pytest
 
-from tactileforge.record.options import Options
+from tactileforge.record.options import RecordOptions
 from tactileforge.sensors.background import Background
 
 
@@ -17,6 +17,6 @@ def options(tmp_path):
             "background": Background(seconds=0.0),
             "codec": "png",
         }
-        return Options(**(defaults | given))
+        return RecordOptions(**(defaults | given))
 
     return make

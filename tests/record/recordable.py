@@ -8,7 +8,7 @@ import numpy as np
 
 from tactileforge.contracts import Frame, SensorSpec
 from tactileforge.errors import TactileForgeError
-from tactileforge.record.options import Options
+from tactileforge.record.options import RecordOptions
 from tactileforge.record.record import record
 from tactileforge.sensors.background import Background
 
@@ -56,7 +56,7 @@ def main(out, given):
         import resource
 
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-    options = Options(out=out, codec="png", background=Background(seconds=0.0), **arguments)
+    options = RecordOptions(out=out, codec="png", background=Background(seconds=0.0), **arguments)
     try:
         found = record(options, {"left": Numbered(1), "right": Numbered(2)}, say=_say)
     except TactileForgeError as error:

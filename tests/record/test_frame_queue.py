@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tactileforge.contracts import Frame
-from tactileforge.record.frame_queue import Reel, Samples
+from tactileforge.record.frame_queue import FrameQueue, WrenchBuffer
 
 
 def frame(time, value=7, raw=None):
@@ -22,7 +22,7 @@ def pool():
 
 
 def test_frames_are_kept_between_start_and_end_and_cut_in_order(pool):
-    reel = Reel(pool, ["png"], 95, queue=100, hold=100)
+    reel = FrameQueue(pool, ["png"], 95, queue=100, hold=100)
     reel.take(frame(0.5))
     reel.start(1.0, 2.0)
     for time in (0.9, 1.0, 1.2, 1.4, 1.6, 2.0):
@@ -42,7 +42,7 @@ def test_frames_are_kept_between_start_and_end_and_cut_in_order(pool):
 def test_a_queue_that_is_full_drops_and_counts(pool):
     gate = threading.Event()
     pool.submit(gate.wait)
-    reel = Reel(pool, ["jpg"], 95, queue=3, hold=100)
+    reel = FrameQueue(pool, ["jpg"], 95, queue=3, hold=100)
     reel.start(0.0, 10.0)
     for time in range(5):
         reel.take(frame(float(time)))
@@ -56,7 +56,7 @@ def test_a_queue_that_is_full_drops_and_counts(pool):
 
 
 def test_a_disk_that_does_not_follow_drops_and_counts(pool):
-    reel = Reel(pool, ["jpg"], 95, queue=100, hold=4)
+    reel = FrameQueue(pool, ["jpg"], 95, queue=100, hold=4)
     reel.start(0.0, 100.0)
     for time in range(6):
         reel.take(frame(float(time)))
@@ -67,7 +67,7 @@ def test_a_disk_that_does_not_follow_drops_and_counts(pool):
 
 
 def test_a_view_is_encoded_for_every_codec_in_use(pool):
-    reel = Reel(pool, ["jpg", "png"], 80, queue=9, hold=9)
+    reel = FrameQueue(pool, ["jpg", "png"], 80, queue=9, hold=9)
     reel.start(0.0, 1.0)
     reel.take(frame(0.5))
     (shot,) = reel.cut(1.0)
@@ -75,7 +75,7 @@ def test_a_view_is_encoded_for_every_codec_in_use(pool):
 
 
 def test_samples_are_cut_and_held_back():
-    samples = Samples(hold=5)
+    samples = WrenchBuffer(hold=5)
     samples.start(1.0, 2.0)
     for time in np.arange(0.5, 4.5, 0.5):
         samples.take(frame(time, raw=np.full(6, time, np.float32)))

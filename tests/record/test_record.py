@@ -23,7 +23,7 @@ from tactileforge.data.shards import shards
 from tactileforge.datasets.shards import Shards
 from tactileforge.errors import ConfigError, SensorError, TactileForgeError
 from tactileforge.record import rig
-from tactileforge.record.options import Options
+from tactileforge.record.options import RecordOptions
 from tactileforge.record.raw import read_raw
 from tactileforge.record.record import record
 from tactileforge.record.status import RecordStatus
@@ -33,6 +33,7 @@ from tactileforge.sensors.capture import Capture
 from tactileforge.sensors.drivers.sim import SimSensor
 from tactileforge.sensors.drivers.sim_wrench import SimWrench
 from tactileforge.sensors.status import of_drops
+from tactileforge.strict import build
 
 SCRIPT = Path(__file__).parent / "recordable.py"
 
@@ -138,8 +139,8 @@ def test_a_calibration_goes_along_with_its_sensor(scripted, options, tmp_path):
     given = options(seconds=0.3, calibration={"left": str(tmp_path / "left.yaml")})
     record(given, {"left": scripted(fps=30), "right": scripted(fps=30)}, say=quiet)
     taken = only(given)
-    assert calibration.of_recording(taken["left"]) == one
-    assert calibration.of_recording(taken["right"]) is None
+    assert calibration.calibration_of(taken["left"]) == one
+    assert calibration.calibration_of(taken["right"]) is None
     strange = options(seconds=0.3, calibration={"lft": str(tmp_path / "left.yaml")})
     with pytest.raises(ConfigError, match="did you mean 'left'"):
         record(strange, {"left": scripted(fps=30)}, say=quiet)
@@ -153,11 +154,11 @@ def test_a_sensor_that_is_touched_stops_the_recording_before_it_begins(scripted,
 
 
 def test_frames_are_dropped_and_counted_when_encoding_cannot_follow(scripted, options, monkeypatch):
-    from tactileforge.record.frame_queue import Reel
+    from tactileforge.record.frame_queue import FrameQueue
 
-    encode = Reel.encode
+    encode = FrameQueue.encode
     monkeypatch.setattr(
-        Reel, "encode", lambda self, picture: time.sleep(0.05) or encode(self, picture)
+        FrameQueue, "encode", lambda self, picture: time.sleep(0.05) or encode(self, picture)
     )
     given = options(queue=2, workers=1)
     sensor = scripted(fps=100)
@@ -295,7 +296,7 @@ def test_a_driver_that_cannot_open_is_named(scripted, options):
 )
 def test_options_that_cannot_be(given, message):
     with pytest.raises(ConfigError, match=message):
-        Options.of({"out": "x", "sensor": {}, **given})
+        build(RecordOptions, "", {"out": "x", **given})
 
 
 def test_no_room_ends_it_before_the_disk_is_full(scripted, options):
@@ -384,7 +385,7 @@ def test_what_was_acknowledged_before_sigkill_is_whole(command, tmp_path):
     ]
     for one in Shards(str(out)).recordings("train"):
         check_numbers(one, {"left": 1, "right": 2}[one.labels["device"]])
-    killed = next(shards.read(out / "train-000000.tar"))
+    killed = next(shards.read_shard(out / "train-000000.tar"))
     assert len(killed.frames) >= sum(len(o.frames) for o in before if o.labels["device"] == "left")
 
 
@@ -432,7 +433,7 @@ def test_a_disk_that_is_full_from_the_start(command, tmp_path):
 
 
 def test_a_disk_that_fills_up_in_the_middle(scripted, options, monkeypatch):
-    write, calls = shards.write, []
+    write, calls = shards.write_shard, []
 
     def full(*given):
         calls.append(given)
@@ -440,7 +441,7 @@ def test_a_disk_that_fills_up_in_the_middle(scripted, options, monkeypatch):
             raise OSError(28, "No space left on device")
         write(*given)
 
-    monkeypatch.setattr(shards, "write", full)
+    monkeypatch.setattr(shards, "write_shard", full)
     given = options(seconds=5.0)
     with pytest.raises(TactileForgeError, match=r"\(No space left on device\)\. 0\.4 s of touch"):
         record(given, {"a": scripted(fps=50)}, say=quiet)
@@ -477,7 +478,7 @@ def test_help_shows_every_key(capsys):
     text = capsys.readouterr().out
     from dataclasses import fields
 
-    assert all(f"\n{one.name}:" in text for one in fields(Options))
+    assert all(f"\n{one.name}:" in text for one in fields(RecordOptions))
 
 
 def test_what_the_command_refuses(capsys, tmp_path):

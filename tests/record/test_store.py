@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from tactileforge.contracts import Recording
-from tactileforge.data.frames.image_codecs import encode
+from tactileforge.data.frames.image_codecs import encode_image
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards import index, shards
 from tactileforge.datasets.shards import Shards
 from tactileforge.errors import ConfigError
 from tactileforge.record import store as module
-from tactileforge.record.merge_segments import joined
+from tactileforge.record.merge_segments import merge_segments
 from tactileforge.record.raw import read_raw
-from tactileforge.record.store import NOTES, Store
+from tactileforge.record.store import NOTES, TakeStore
 
 RATE = 10
 
@@ -38,10 +38,12 @@ def packed(number, device="left", frames=5, force=True, image=True, take=0):
         labels={"take": 0, "segment": number, "dropped": number},
         tracks={"wrench": np.outer(times, np.ones(6)).astype(np.float32)},
     )
-    pictures = [encode(np.full((6, 8, 3), place, np.uint8), "png") for place in places]
-    views = [encode(np.full((4, 4, 3), 200 - place, np.uint8), "png") for place in places]
-    background = [encode(np.full((6, 8, 3), 99, np.uint8), "png")]
-    return shards.Packed(shards.head(about), "png", pictures, background, views if image else [])
+    pictures = [encode_image(np.full((6, 8, 3), place, np.uint8), "png") for place in places]
+    views = [encode_image(np.full((4, 4, 3), 200 - place, np.uint8), "png") for place in places]
+    background = [encode_image(np.full((6, 8, 3), 99, np.uint8), "png")]
+    return shards.Packed(
+        shards.describe_recording(about), "png", pictures, background, views if image else []
+    )
 
 
 def raw(number):
@@ -60,12 +62,12 @@ def names(folder):
 
 
 def listed(folder):
-    held = index.parse((folder / index.NAME).read_bytes(), "index")
+    held = index.parse_index((folder / index.NAME).read_bytes(), "index")
     return sorted(entry.file for rows in held.splits.values() for entry in rows)
 
 
 def check_take(path):
-    left, right = shards.read(path)
+    left, right = shards.read_shard(path)
     assert (left.key, right.key) == ("here/000000/left", "here/000000/right")
     for one in (left, right):
         assert one.times == pytest.approx(np.arange(15) / RATE)
@@ -84,7 +86,7 @@ def check_take(path):
 
 
 def test_a_segment_that_is_written_is_read_by_everything(tmp_path):
-    with Store(tmp_path, "train") as store:
+    with TakeStore(tmp_path, "train") as store:
         write(store, segments=2)
         found = list(Shards(str(tmp_path)).recordings("train"))
         assert [one.key for one in found] == [
@@ -97,7 +99,7 @@ def test_a_segment_that_is_written_is_read_by_everything(tmp_path):
 
 
 def test_joining_makes_one_recording_a_sensor_and_keeps_everything(tmp_path):
-    with Store(tmp_path, "train") as store:
+    with TakeStore(tmp_path, "train") as store:
         write(store)
         entry = store.join(0)
         assert names(tmp_path) == listed(tmp_path) == ["train-000000.tar"]
@@ -108,12 +110,12 @@ def test_joining_makes_one_recording_a_sensor_and_keeps_everything(tmp_path):
 
 def test_takes_are_added_to_those_of_both_splits(tmp_path):
     for take, split in enumerate(("train", "val", "train")):
-        with Store(tmp_path, split) as store:
+        with TakeStore(tmp_path, split) as store:
             assert store.new_take() == take
             write(store, take, 1)
             store.join(take)
     assert names(tmp_path) == ["train-000000.tar", "train-000002.tar", "val-000001.tar"]
-    held = index.parse((tmp_path / index.NAME).read_bytes(), "index")
+    held = index.parse_index((tmp_path / index.NAME).read_bytes(), "index")
     assert [len(held.splits[split]) for split in ("train", "val")] == [2, 1]
 
 
@@ -122,20 +124,20 @@ def test_whenever_it_is_killed_the_take_is_whole_and_there_once(tmp_path, at):
     """Copies of the folder at each moment of a join, opened again."""
     moments = {}
 
-    class Watched(Store):
+    class Watched(TakeStore):
         def _save(self):
             moments["joined"] = shutil.copytree(tmp_path / "out", tmp_path / "joined")
             super()._save()
             moments["indexed"] = shutil.copytree(tmp_path / "out", tmp_path / "indexed")
             moments["removing"] = shutil.copytree(tmp_path / "out", tmp_path / "removing")
 
-    with Store(tmp_path / "out", "train") as store:
+    with TakeStore(tmp_path / "out", "train") as store:
         write(store)
-    with Store(tmp_path / "out", "train"):
+    with TakeStore(tmp_path / "out", "train"):
         pass
     assert names(tmp_path / "out") == ["train-000000.tar"]  # a killed take is joined when reopened
     shutil.rmtree(tmp_path / "out")
-    with Store(tmp_path / "out", "train") as store:
+    with TakeStore(tmp_path / "out", "train") as store:
         write(store)
         moments["segments"] = shutil.copytree(tmp_path / "out", tmp_path / "segments")
         store.__class__ = Watched
@@ -147,7 +149,7 @@ def test_whenever_it_is_killed_the_take_is_whole_and_there_once(tmp_path, at):
     readable = [one for one in listed(folder) if (folder / one).exists()]
     assert sum(len(r.frames) for r in Shards(str(folder)).recordings("train")) == 30
     assert readable == listed(folder)
-    with Store(folder, "train") as store:
+    with TakeStore(folder, "train") as store:
         assert names(folder) == listed(folder) == ["train-000000.tar"]
         assert store.new_take() == 1
     check_take(folder / "train-000000.tar")
@@ -155,19 +157,19 @@ def test_whenever_it_is_killed_the_take_is_whole_and_there_once(tmp_path, at):
 
 
 def test_without_its_index_everything_whole_is_found_again(tmp_path):
-    with Store(tmp_path, "train") as store:
+    with TakeStore(tmp_path, "train") as store:
         write(store)
         store.join(0)
         write(store, 1, 2)
     (tmp_path / index.NAME).unlink()
     (tmp_path / "train-000001.0002.tar").write_bytes(b"cut off")
-    with Store(tmp_path, "train") as store:
+    with TakeStore(tmp_path, "train") as store:
         assert any("train-000001.0002.tar is left out" in line for line in store.notes)
     assert listed(tmp_path) == ["train-000000.tar", "train-000001.tar"]
 
 
 def test_a_segment_that_cannot_be_written_leaves_the_others(tmp_path, monkeypatch):
-    with Store(tmp_path, "train") as store:
+    with TakeStore(tmp_path, "train") as store:
         write(store, segments=2)
         before = (tmp_path / index.NAME).read_bytes()
 
@@ -187,7 +189,7 @@ def test_a_segment_that_cannot_be_written_leaves_the_others(tmp_path, monkeypatc
 
 
 def test_without_room_for_the_join_the_segments_stay(tmp_path, monkeypatch):
-    with Store(tmp_path, "train") as store:
+    with TakeStore(tmp_path, "train") as store:
         write(store)
         usage = shutil.disk_usage(tmp_path)
         monkeypatch.setattr(module.shutil, "disk_usage", lambda path: usage._replace(free=100))
@@ -196,31 +198,31 @@ def test_without_room_for_the_join_the_segments_stay(tmp_path, monkeypatch):
 
 
 def test_one_program_at_a_time(tmp_path):
-    with Store(tmp_path, "train"), pytest.raises(ConfigError, match="another program records"):
-        Store(tmp_path, "train").__enter__()
-    with Store(tmp_path, "train"):
+    with TakeStore(tmp_path, "train"), pytest.raises(ConfigError, match="another program records"):
+        TakeStore(tmp_path, "train").__enter__()
+    with TakeStore(tmp_path, "train"):
         pass
 
 
 @pytest.mark.parametrize("has_index", [True, False])
 def test_shards_of_others_are_left_alone(tmp_path, has_index):
-    shards.write(tmp_path / "train-here-0.tar", [packed(0)])
+    shards.write_shard(tmp_path / "train-here-0.tar", [packed(0)])
     if has_index:
         index.Index("sim", {"train": []}).save(tmp_path)
     with pytest.raises(ConfigError, match="give another out="):
-        Store(tmp_path, "train").__enter__()
+        TakeStore(tmp_path, "train").__enter__()
     assert json.loads((tmp_path / index.NAME).read_text())["name"] == "sim" if has_index else True
 
 
 def test_a_damaged_index_is_made_anew_and_a_damaged_take_stays_in_segments(tmp_path):
-    with Store(tmp_path, "train") as store:
+    with TakeStore(tmp_path, "train") as store:
         write(store)
     path = tmp_path / "train-000000.0001.tar"
     content = bytearray(path.read_bytes())
     content[content.rfind(b"IHDR")] ^= 1  # in a picture, which is only read when it is joined
     path.write_bytes(content)
     (tmp_path / index.NAME).write_text('{"version":')
-    with Store(tmp_path, "train") as store:
+    with TakeStore(tmp_path, "train") as store:
         said = " ".join(store.notes)
     assert "the index is made anew" in said
     assert "train-000000.tar stays in segments" in said
@@ -229,9 +231,9 @@ def test_a_damaged_index_is_made_anew_and_a_damaged_take_stays_in_segments(tmp_p
 
 def test_segments_without_views_or_frames_of_one_sensor_are_joined(tmp_path):
     paths = [tmp_path / f"{i}.tar" for i in range(3)]
-    shards.write(paths[0], [packed(0, image=False)])
-    shards.write(paths[1], [packed(1), packed(1, "right")])
-    shards.write(paths[2], [packed(2)])
-    left, right = joined(paths)
+    shards.write_shard(paths[0], [packed(0, image=False)])
+    shards.write_shard(paths[1], [packed(1), packed(1, "right")])
+    shards.write_shard(paths[2], [packed(2)])
+    left, right = merge_segments(paths)
     assert (len(left.frames), len(left.image), len(right.frames)) == (15, 10, 5)
     assert list(left.frames) == [left.frames[i] for i in range(15)] == list(left.frames[0:15])

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tactileforge.errors import SensorError
-from tactileforge.sensors.background import check, chosen, variation
+from tactileforge.sensors.background import check_background, spread_frames, variation
 from tactileforge.sensors.drivers.sim import SimSensor
 
 
@@ -18,14 +18,14 @@ def test_noise_is_no_touch():
     """The mean of 8 x 8 pixels has an eighth of the noise; three of those are seldom passed."""
     assert 0.5 < variation(pictures()) < 4 / 8 * 4.5
     assert variation(pictures(1)) == 0
-    check("left", pictures(), 4.0)
+    check_background("left", pictures(), 4.0)
 
 
 def test_a_small_touch_in_one_of_many_frames_is_found():
     seen = pictures()
     seen[12][30:54, 40:64] += 12
     with pytest.raises(SensorError, match=r"left: something touches it.*Lift everything off"):
-        check("left", seen, 4.0)
+        check_background("left", seen, 4.0)
 
 
 def test_a_simulated_finger_is_told_from_one_that_rests():
@@ -34,9 +34,9 @@ def test_a_simulated_finger_is_told_from_one_that_rests():
         assert not sensor.force.any()
         touch = [sensor.read().array for _ in range(30)]
         assert sensor.force.any()
-    check("sim", rest, 4.0)
+    check_background("sim", rest, 4.0)
     with pytest.raises(SensorError, match="something touches"):
-        check("sim", touch, 4.0)
+        check_background("sim", touch, 4.0)
 
 
 @pytest.mark.parametrize(
@@ -49,12 +49,12 @@ def test_a_simulated_finger_is_told_from_one_that_rests():
 )
 def test_what_is_no_background(frames, message):
     with pytest.raises(SensorError, match=message):
-        check("left", frames, 4.0)
+        check_background("left", frames, 4.0)
 
 
 def test_the_frames_that_are_kept_are_spread_evenly():
     frames = [np.full((1, 1, 3), i, np.uint8) for i in range(31)]
-    assert [int(f[0, 0, 0]) for f in chosen(frames, 4)] == [0, 10, 20, 30]
-    assert len(chosen(frames[:2], 5)) == 2
-    assert chosen([], 5) == []
-    assert len(chosen(frames, 1)) == 1
+    assert [int(f[0, 0, 0]) for f in spread_frames(frames, 4)] == [0, 10, 20, 30]
+    assert len(spread_frames(frames[:2], 5)) == 2
+    assert spread_frames([], 5) == []
+    assert len(spread_frames(frames, 1)) == 1

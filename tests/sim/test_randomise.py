@@ -6,21 +6,21 @@ import torch
 
 from tactileforge.errors import ConfigError
 from tactileforge.sim.geometry.shapes import shape
-from tactileforge.sim.mechanics.sensor_gels import device
+from tactileforge.sim.mechanics.sensor_gels import sensor_gel
 from tactileforge.sim.optics import sensor_instances
-from tactileforge.sim.play import play
-from tactileforge.sim.randomise.draw import CHOICES, Draw, rows
+from tactileforge.sim.play import play_scenes
+from tactileforge.sim.randomise.draw import CHOICES, RandomDraw, randomised_rows
 from tactileforge.sim.randomise.table import TABLE
-from tactileforge.sim.scene import draw
+from tactileforge.sim.scene import draw_scene
 
 
 def test_choices() -> None:
-    assert rows("none") == frozenset()
-    assert rows("all") == frozenset(TABLE)
-    assert rows("unit") < rows("all")
-    assert rows(["contrast", "sway"]) == {"contrast", "sway"}
+    assert randomised_rows("none") == frozenset()
+    assert randomised_rows("all") == frozenset(TABLE)
+    assert randomised_rows("unit") < randomised_rows("all")
+    assert randomised_rows(["contrast", "sway"]) == {"contrast", "sway"}
     with pytest.raises(ConfigError, match="did you mean 'contrast'"):
-        rows("contrst")
+        randomised_rows("contrst")
 
 
 @pytest.mark.parametrize("name", TABLE)
@@ -32,8 +32,8 @@ def test_a_row_stays_in_its_range_and_is_neutral_unless_chosen(name: str) -> Non
     if row.high > row.low:
         assert np.ptp(differs) > 0.8 * (row.high - row.low)
         assert len(differs) / 200 == pytest.approx(row.share, abs=0.12)
-    assert Draw("none", 3)[name] == row.neutral
-    assert Draw(name, 3)[name] == Draw("all", 3)[name]  # other rows do not matter
+    assert RandomDraw("none", 3)[name] == row.neutral
+    assert RandomDraw(name, 3)[name] == RandomDraw("all", 3)[name]  # other rows do not matter
 
 
 def test_rows_are_independent() -> None:
@@ -44,28 +44,30 @@ def test_rows_are_independent() -> None:
 
 
 def test_no_randomisation_is_one_nominal_unit() -> None:
-    one, other = (
-        sensor_instances.draw("digit", seed, (64, 48), randomise="none") for seed in (1, 2)
+    first, other = (
+        sensor_instances.draw_instance("digit", seed, (64, 48), randomise="none") for seed in (1, 2)
     )
-    assert torch.equal(one.background, other.background)
-    assert torch.equal(one.calibration.fine, other.calibration.fine)
-    base = device("gelsight_mini").gel
-    assert sensor_instances.gel(base, "gelsight_mini", 5, "none") == base
-    assert sensor_instances.gel(base, "gelsight_mini", 5, "unit") != base
+    assert torch.equal(first.background, other.background)
+    assert torch.equal(first.calibration.fine, other.calibration.fine)
+    base = sensor_gel("gelsight_mini").gel
+    assert sensor_instances.instance_gel(base, "gelsight_mini", 5, "none") == base
+    assert sensor_instances.instance_gel(base, "gelsight_mini", 5, "unit") != base
 
 
 def test_contrast_scales_the_change() -> None:
-    how = sensor_instances.draw("gelsight_mini", 3, (48, 64), randomise="none").calibration
-    gain = Draw("contrast", 3, "gelsight_mini")["contrast"]
-    found = sensor_instances.draw("gelsight_mini", 3, (48, 64), randomise="contrast").calibration
-    torch.testing.assert_close(found.fine, gain * how.fine)
+    how = sensor_instances.draw_instance("gelsight_mini", 3, (48, 64), randomise="none").calibration
+    gain = RandomDraw("contrast", 3, "gelsight_mini")["contrast"]
+    calibration = sensor_instances.draw_instance(
+        "gelsight_mini", 3, (48, 64), randomise="contrast"
+    ).calibration
+    torch.testing.assert_close(calibration.fine, gain * how.fine)
 
 
 def test_real_digits_are_as_bright_as_each_other() -> None:
     """Channel means of eight real units deviate by 3.7 to 4.8 grey levels."""
     means = torch.stack(
         [
-            sensor_instances.draw("digit", seed, (64, 48)).background.mean((1, 2))
+            sensor_instances.draw_instance("digit", seed, (64, 48)).background.mean((1, 2))
             for seed in range(40)
         ]
     )
@@ -80,8 +82,8 @@ def test_every_row_changes_what_is_seen_or_felt(name: str) -> None:
     seed = next(s for s in range(50) if TABLE[name].draw(s, of) != TABLE[name].neutral)
     seen = []
     for choice in ("none", [name]):
-        touch = draw(seed, shape("hexagonal"), "slide_up", seconds=0.2, randomise=choice)
-        shots = list(play(touch, [sensor], 120, markers=sensor != "digit"))
+        touch = draw_scene(seed, shape("hexagonal"), "slide_up", seconds=0.2, randomise=choice)
+        shots = list(play_scenes(touch, [sensor], 120, markers=sensor != "digit"))
         pictures = np.concatenate([s.pictures for s in shots]).astype(int)
         force = np.concatenate([s.force for s in shots])
         seen.append((pictures, force))
@@ -91,8 +93,8 @@ def test_every_row_changes_what_is_seen_or_felt(name: str) -> None:
 
 
 def test_force_follows_shear_where_the_table_is_not_level() -> None:
-    level = draw(3, shape("cylindrical"), "slide_right", randomise="none")
-    sloped = draw(3, shape("cylindrical"), "slide_right", randomise="force_follows_shear")
+    level = draw_scene(3, shape("cylindrical"), "slide_right", randomise="none")
+    sloped = draw_scene(3, shape("cylindrical"), "slide_right", randomise="force_follows_shear")
     sway = sloped.path.sway
     assert level.path.sway is None
     assert sway is not None
@@ -106,17 +108,17 @@ def test_force_follows_shear_where_the_table_is_not_level() -> None:
 @pytest.mark.parametrize("motion", ["slide_left", "rotate_cw", "manipulation", "force_trial"])
 def test_scenes_start_and_end_clear_of_the_gel(motion: str) -> None:
     for seed in range(8):
-        touch = draw(seed, shape("square_prism"), motion, seconds=0.2, randomise="all")
-        force = np.concatenate([s.force for s in play(touch, ["digit"], 16)])
+        touch = draw_scene(seed, shape("square_prism"), motion, seconds=0.2, randomise="all")
+        force = np.concatenate([s.force for s in play_scenes(touch, ["digit"], 16)])
         assert not force[0].any()
         assert not force[-1].any()
 
 
 def test_a_force_that_a_shape_does_not_reach_is_refused() -> None:
     with pytest.raises(ConfigError, match="small_sphere presses with"):
-        draw(0, shape("small_sphere"), "press", force=(50, 50))
+        draw_scene(0, shape("small_sphere"), "press", force=(50, 50))
     hard, most = (
-        draw(0, shape("small_sphere"), "press", force=force, reach="clip")
+        draw_scene(0, shape("small_sphere"), "press", force=force, reach="clip")
         for force in ((50, 50), (0.5, 50))
     )
     assert hard.path.poses[:, 3].max() == pytest.approx(1.5)
@@ -125,19 +127,19 @@ def test_a_force_that_a_shape_does_not_reach_is_refused() -> None:
 
 def test_scenes_together_are_scenes_alone() -> None:
     touches = [
-        draw(seed, shape(name), "slide_up", seconds=0.2, randomise="all")
+        draw_scene(seed, shape(name), "slide_up", seconds=0.2, randomise="all")
         for seed, name in enumerate(("square_prism", "small_sphere", "ring_shaped"))
     ]
     sensors = ["digit", "gelsight_mini"]
-    together = list(play(touches, sensors, 32))
+    together = list(play_scenes(touches, sensors, 32))
     for number, touch in enumerate(touches):
-        alone = list(play(touch, sensors, 32))
+        alone = list(play_scenes(touch, sensors, 32))
         for place in (0, 1):
-            one = np.concatenate([s.pictures for s in alone if s.sensor == place])
+            alone_images = np.concatenate([s.pictures for s in alone if s.sensor == place])
             other = np.concatenate(
                 [s.pictures for s in together if (s.scene, s.sensor) == (number, place)]
             )
-            np.testing.assert_array_equal(one, other)
+            np.testing.assert_array_equal(alone_images, other)
 
 
 def test_the_page_has_every_row_with_its_range() -> None:

@@ -8,15 +8,15 @@ from tactileforge.errors import ConfigError
 from tactileforge.sim.geometry.indenter_geometry import Shape
 from tactileforge.sim.geometry.shapes import shape
 from tactileforge.sim.mechanics import contact
-from tactileforge.sim.play import play
-from tactileforge.sim.scene import Scene, draw
+from tactileforge.sim.play import play_scenes
+from tactileforge.sim.scene import Scene, draw_scene
 
 SIZE = 48
 
 
 def film(touch: Scene, *sensors: str, **options: object) -> list[tuple[np.ndarray, np.ndarray]]:
     """Pictures and forces on each sensor."""
-    shots = list(play(touch, sensors, SIZE, **options))  # type: ignore[arg-type]
+    shots = list(play_scenes(touch, sensors, SIZE, **options))  # type: ignore[arg-type]
     return [
         (
             np.concatenate([s.pictures for s in shots if s.sensor == i]),
@@ -28,23 +28,25 @@ def film(touch: Scene, *sensors: str, **options: object) -> list[tuple[np.ndarra
 
 @pytest.fixture(scope="module")
 def touch() -> Scene:
-    return draw(3, shape("pentagram"), "slide_right", force=(3, 3), seconds=0.3)
+    return draw_scene(3, shape("pentagram"), "slide_right", force=(3, 3), seconds=0.3)
 
 
 def test_a_seed_draws_one_touch(touch: Scene) -> None:
-    again = draw(3, shape("pentagram"), "slide_right", force=(3, 3), seconds=0.3)
+    again = draw_scene(3, shape("pentagram"), "slide_right", force=(3, 3), seconds=0.3)
     np.testing.assert_array_equal(again.path.poses, touch.path.poses)
     first, second = film(touch, "digit")[0], film(again, "digit")[0]
     np.testing.assert_array_equal(first[0], second[0])
     np.testing.assert_array_equal(first[1], second[1])
-    other = draw(4, shape("pentagram"), "slide_right", force=(3, 3), seconds=0.3)
+    other = draw_scene(4, shape("pentagram"), "slide_right", force=(3, 3), seconds=0.3)
     assert not np.array_equal(other.path.poses[:, :3], touch.path.poses[:, :3])
 
 
 @pytest.mark.parametrize("name", ["small_sphere", "cylindrical", "small_square_array"])
 def test_the_depth_gives_the_force_asked_for(name: str) -> None:
     wanted = 3.0
-    pressed = draw(1, shape(name), "press", force=(wanted, wanted), seconds=0.3, randomise="none")
+    pressed = draw_scene(
+        1, shape(name), "press", force=(wanted, wanted), seconds=0.3, randomise="none"
+    )
     ((_, force),) = film(pressed, "gelsight")
     assert float(force[:, 2].max()) == pytest.approx(wanted, rel=0.1)
 
@@ -93,9 +95,9 @@ def test_markers_are_a_choice(touch: Scene) -> None:
 
 def test_mistakes_are_named(touch: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(ConfigError, match="unknown motion 'slide'"):
-        draw(0, shape("pentagram"), "slide")
+        draw_scene(0, shape("pentagram"), "slide")
     with pytest.raises(ConfigError, match="must be greater than 0"):
-        draw(0, shape("pentagram"), "press", force=(2, 1))
+        draw_scene(0, shape("pentagram"), "press", force=(2, 1))
     with pytest.raises(
         ConfigError, match="unknown simulated sensor 'gelsigth'; did you mean 'gelsight'"
     ):
@@ -109,11 +111,11 @@ def test_mistakes_are_named(touch: Scene, monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_the_surface_is_the_dent_of_the_object() -> None:
     """A flat punch dents the gel as deep as it goes, and drags it along as it slides."""
-    slid = draw(
+    slid = draw_scene(
         5, shape("square_prism"), "slide_right", force=(4, 4), seconds=0.3, randomise="none"
     )
-    shots = list(play(slid, ["gelsight"], 64))
-    moved = displacement.decode(np.concatenate([s.surface for s in shots]))
+    shots = list(play_scenes(slid, ["gelsight"], 64))
+    moved = displacement.decode_displacement(np.concatenate([s.surface for s in shots]))
     force = np.concatenate([s.force for s in shots])
     assert moved.shape[1:] == (32, 42, 3)
     deep = moved[..., 2].max((1, 2))

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from tactileforge.testing import check
-from tactileforge.testing.results import Subject, run
+from tactileforge.testing.results import CheckSubject, run_check
 
 
 @pytest.fixture(autouse=True)
@@ -43,6 +43,6 @@ def result_of():
     def of(kind, plugin, name, **options):
         checks = import_module(f"tactileforge.testing.{kind}s").CHECKS
         check = next(check for check in checks if check.__name__ == name.replace(" ", "_"))
-        return run(check, Subject(f"{kind}s", plugin, "", {}, **options))
+        return run_check(check, CheckSubject(f"{kind}s", plugin, "", {}, **options))
 
     return of

@@ -1,4 +1,4 @@
-"""A bench: tasks by models, cell by cell; what cannot be run is said, and the rest goes on."""
+"""Runs a benchmark, tasks by models, cell by cell; reports what cannot be run and goes on."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ import numpy as np
 from tqdm import tqdm
 
 from tactileforge.bench.fit import evaluate
-from tactileforge.bench.fit.evaluate import Features
-from tactileforge.bench.fit.features import FLIPS, PLAIN, Store, features
-from tactileforge.bench.fit.models import Entry, Subject
-from tactileforge.bench.fit.resolve import Choice, Prepared, choose
-from tactileforge.bench.fit.training import Outcome
+from tactileforge.bench.fit.evaluate import SourceFeatures
+from tactileforge.bench.fit.features import FLIPS, PLAIN, FeatureStore, extract_features
+from tactileforge.bench.fit.models import FrozenEncoder, ModelEntry
+from tactileforge.bench.fit.resolve import PreparedTask, ProbeChoice, choose_probe
+from tactileforge.bench.fit.training import TrainedProbe
 from tactileforge.bench.results import results
 from tactileforge.bench.results.write import Writer
 from tactileforge.bench.tasks import metrics, splits, targets
-from tactileforge.bench.tasks.source import Source, open_source
+from tactileforge.bench.tasks.source import TaskSource, open_source
 from tactileforge.bench.tasks.suite import Task
 from tactileforge.errors import ConfigError, DataError, TactileForgeError
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
-    """How a bench is run.
+class BenchOptions:
+    """Options of a benchmark.
 
     Attributes:
         seeds: Probes of each cell; a model that was trained several times takes turns.
@@ -58,91 +58,97 @@ class Bench:
     """
 
     def __init__(
-        self, tasks: Sequence[Task], store: Store, writer: Writer, options: Options
+        self, tasks: Sequence[Task], store: FeatureStore, writer: Writer, options: BenchOptions
     ) -> None:
         self.store = store
         self.writer = writer
         self.options = options
-        self.choices = {task.name: choose(task, options.probe) for task in tasks}
-        self.prepared: list[Prepared] = []
-        sources: dict[str, Source | TactileForgeError] = {}
+        self.choices = {task.name: choose_probe(task, options.probe) for task in tasks}
+        self.prepared: list[PreparedTask] = []
+        sources: dict[str, TaskSource | TactileForgeError] = {}
         for task in tasks:
             for metric in task.metrics:
-                metrics.kind(metric)
+                metrics.metric_kind(metric)
             source = _source(task, sources)
             try:
                 if isinstance(source, TactileForgeError):
                     raise source
-                target = targets.build(task, source)
+                target = targets.build_target(task, source)
                 self.prepared.append(
-                    Prepared(task, source, target, splits.build(task, source, target))
+                    PreparedTask(task, source, target, splits.build_splits(task, source, target))
                 )
             except DataError as error:
                 reason, fix = _split(error)
                 writer.not_run(reason, task=task.name, fix=fix)
 
-    def run(self, entry: Entry) -> None:
+    def run(self, entry: ModelEntry) -> None:
         """Measures all tasks on a model."""
         try:
             subjects = [open_one() for open_one in entry.open[: self.options.seeds]]
         except TactileForgeError as error:
-            self.writer.model(results.Model(name=entry.name, title=entry.title, group=entry.group))
+            self.writer.model(
+                results.ResultModel(name=entry.name, title=entry.title, group=entry.group)
+            )
             reason, fix = _split(error)
             self.writer.not_run(reason, model=entry.name, fix=fix)
             return
         self.writer.model(_model(entry, subjects))
-        todo = [one for one in self.prepared if not self._is_done(one, entry, subjects)]
-        todo = [one for one in todo if self._knows(one, entry, subjects)]
-        groups: dict[int, list[Prepared]] = {}
-        for one in todo:
-            groups.setdefault(id(one.source), []).append(one)
+        todo = [
+            prepared for prepared in self.prepared if not self._is_done(prepared, entry, subjects)
+        ]
+        todo = [prepared for prepared in todo if self._knows(prepared, entry, subjects)]
+        groups: dict[int, list[PreparedTask]] = {}
+        for prepared in todo:
+            groups.setdefault(id(prepared.source), []).append(prepared)
         for group in groups.values():
             self._group(entry, subjects, group)
         self.writer.write()
 
-    def _group(self, entry: Entry, subjects: Sequence[Subject], group: Sequence[Prepared]) -> None:
-        """Tasks on one source, which share features."""
-        found: list[Features | None] = []
-        frozen = [one for one in group if not self.choices[one.task.name].finetune]
+    def _group(
+        self, entry: ModelEntry, subjects: Sequence[FrozenEncoder], group: Sequence[PreparedTask]
+    ) -> None:
+        """Runs the tasks of one source, which share features."""
+        extracted: list[SourceFeatures | None] = []
+        frozen = [prepared for prepared in group if not self.choices[prepared.task.name].finetune]
         for subject in subjects if frozen else ():
             try:
-                found.append(self._features(subject, frozen))
+                extracted.append(self._features(subject, frozen))
             except TactileForgeError as error:
-                for one in group:
-                    self._refuse(error, one, entry)
+                for prepared in group:
+                    self._refuse(error, prepared, entry)
                 return
-        for one in tqdm(group, desc=f"probes on {entry.name}", unit="task"):
+        for prepared in tqdm(group, desc=f"probes on {entry.name}", unit="task"):
             try:
-                self._task(entry, subjects, found, one)
+                self._task(entry, subjects, extracted, prepared)
             except TactileForgeError as error:
-                self._refuse(error, one, entry)
+                self._refuse(error, prepared, entry)
 
-    def _features(self, subject: Subject, group: Sequence[Prepared]) -> Features:
-        clips = np.unique(np.concatenate([one.target.clips for one in group]))
-        kinds = [self.choices[one.task.name].kind for one in group]
+    def _features(self, subject: FrozenEncoder, group: Sequence[PreparedTask]) -> SourceFeatures:
+        clips = np.unique(np.concatenate([prepared.target.clips for prepared in group]))
+        kinds = [self.choices[prepared.task.name].kind for prepared in group]
         taps = sorted({tap for kind in kinds for tap in subject.taps(kind)})
-        flips = FLIPS if any(one.task.flips for one in group) else (PLAIN,)
+        flips = FLIPS if any(prepared.task.flips for prepared in group) else (PLAIN,)
         policy = group[0].task.unknown_sensor
         source = group[0].source
-        arrays = features(self.store, subject, source, clips, taps, flips, policy)
-        return Features(clips, arrays)
+        arrays = extract_features(self.store, subject, source, clips, taps, flips, policy)
+        return SourceFeatures(clips, arrays)
 
     def _task(
         self,
-        entry: Entry,
-        subjects: Sequence[Subject],
-        found: Sequence[Features | None],
-        one: Prepared,
+        entry: ModelEntry,
+        subjects: Sequence[FrozenEncoder],
+        extracted: Sequence[SourceFeatures | None],
+        prepared: PreparedTask,
     ) -> None:
-        choice = self.choices[one.task.name]
-        measured: list[tuple[int, evaluate.Result]] = []
+        choice = self.choices[prepared.task.name]
+        measured: list[tuple[int, evaluate.ProbeResult]] = []
         for number, subject in enumerate(subjects):
             seeds = range(number, self.options.seeds, len(subjects))
-            done = evaluate.run(
-                one,
+            done = evaluate.evaluate_probe(
+                prepared,
                 choice,
                 subject,
-                None if choice.finetune else found[number],
+                None if choice.finetune else extracted[number],
                 self.store,
                 seeds if choice.kind.trained else [number],
                 self.options.selection == "test",
@@ -151,30 +157,30 @@ class Bench:
                 (result.outcomes[0].seed if choice.kind.trained else number, result)
                 for result in done
             ]
-        rows = self._cells(entry, one, choice, measured)
-        self.writer.cells(one.task.name, entry.name, self._key(one, subjects), rows)
+        rows = self._cells(entry, prepared, choice, measured)
+        self.writer.cells(prepared.task.name, entry.name, self._key(prepared, subjects), rows)
 
     def _cells(
         self,
-        entry: Entry,
-        one: Prepared,
-        choice: Choice,
-        measured: Sequence[tuple[int, evaluate.Result]],
+        entry: ModelEntry,
+        prepared: PreparedTask,
+        choice: ProbeChoice,
+        measured: Sequence[tuple[int, evaluate.ProbeResult]],
     ) -> list[results.Cell]:
-        """The rows of the file; first those of the rate that validation prefers."""
-        main = one.task.metrics[0]
-        name = metrics.part_of(main, one.target.parts)
-        sign = 1 if metrics.kind(main).better == "lower" else -1
+        """Result cells; those of the learning rate best on validation come first."""
+        main = prepared.task.metrics[0]
+        name = metrics.part_of(main, prepared.target.parts)
+        sign = 1 if metrics.metric_kind(main).better == "lower" else -1
         scores: dict[str, list[float]] = {}
         for _, result in measured:
             scores.setdefault(_name(result), []).append(sign * result.score)
         order = sorted(scores, key=lambda name: sum(scores[name]))
-        units = _units(one)
+        units = _units(prepared)
         rows = []
         for seed, result in sorted(measured, key=lambda row: (order.index(_name(row[1])), row[0])):
             first = result.outcomes[0]
             cell = results.Cell(
-                task=one.task.name,
+                task=prepared.task.name,
                 model=entry.name,
                 seed=seed,
                 setting=_setting(choice, first),
@@ -182,23 +188,25 @@ class Bench:
                 epoch=first.epoch,
                 curve=result.curve if first.train else {},
             )
-            part = one.target.parts[name]
+            part = prepared.target.parts[name]
             predicted, truth = result.predicted[name], result.truth[name]
             rows.append(self.writer.predictions(cell, name, part, predicted, truth, units))
         return rows
 
-    def _is_done(self, one: Prepared, entry: Entry, subjects: Sequence[Subject]) -> bool:
-        return self.writer.kept(one.task.name, entry.name, self._key(one, subjects))
+    def _is_done(
+        self, prepared: PreparedTask, entry: ModelEntry, subjects: Sequence[FrozenEncoder]
+    ) -> bool:
+        return self.writer.kept(prepared.task.name, entry.name, self._key(prepared, subjects))
 
-    def _key(self, one: Prepared, subjects: Sequence[Subject]) -> str:
-        """What the cells of a task and model depend on."""
-        choice = self.choices[one.task.name]
+    def _key(self, prepared: PreparedTask, subjects: Sequence[FrozenEncoder]) -> str:
+        """Hash of everything the cells of a task and model depend on."""
+        choice = self.choices[prepared.task.name]
         facts = {
-            "task": asdict(one.task),
-            "data": one.source.fingerprint,
+            "task": asdict(prepared.task),
+            "data": prepared.source.fingerprint,
             "truth": [
                 hashlib.sha256(p.truth.numpy().tobytes()).hexdigest()
-                for p in one.target.parts.values()
+                for p in prepared.target.parts.values()
             ],
             "probe": [
                 choice.kind.__name__,
@@ -206,56 +214,60 @@ class Bench:
                 asdict(choice.training),
                 choice.finetune,
             ],
-            "models": [[s.weights, s.preprocessing, s.spacing_of(one.task.clip)] for s in subjects],
+            "models": [
+                [s.weights, s.preprocessing, s.spacing_of(prepared.task.clip)] for s in subjects
+            ],
             "seeds": self.options.seeds,
             "selection": self.options.selection,
         }
         return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:24]
 
-    def _knows(self, one: Prepared, entry: Entry, subjects: Sequence[Subject]) -> bool:
-        strange = subjects[0].unknown(one.sensors)
-        if not strange or one.task.unknown_sensor == "universal":
+    def _knows(
+        self, prepared: PreparedTask, entry: ModelEntry, subjects: Sequence[FrozenEncoder]
+    ) -> bool:
+        strange = subjects[0].unknown(prepared.sensors)
+        if not strange or prepared.task.unknown_sensor == "universal":
             return True
         known = ", ".join(subjects[0].encoder.sensors)
         self.writer.not_run(
             f"the model does not know the sensor {', '.join(strange)} (it knows: {known})",
-            task=one.task.name,
+            task=prepared.task.name,
             model=entry.name,
-            fix=f"tasks.{one.task.name}.unknown_sensor=universal takes the universal tokens",
+            fix=f"tasks.{prepared.task.name}.unknown_sensor=universal takes the universal tokens",
         )
         return False
 
-    def _refuse(self, error: TactileForgeError, one: Prepared, entry: Entry) -> None:
+    def _refuse(self, error: TactileForgeError, prepared: PreparedTask, entry: ModelEntry) -> None:
         reason, fix = _split(error)
-        self.writer.not_run(reason, task=one.task.name, model=entry.name, fix=fix)
+        self.writer.not_run(reason, task=prepared.task.name, model=entry.name, fix=fix)
 
 
-def _name(result: evaluate.Result) -> str:
-    """What tells the settings of a probe apart."""
+def _name(result: evaluate.ProbeResult) -> str:
+    """Name of the setting of a probe."""
     first = result.outcomes[0]
     return first.reading or str(first.lr)
 
 
-def _units(one: Prepared) -> list[str]:
-    """What the test clips are drawn by where intervals draw them again, in their order."""
-    plan = one.task.split
-    test = np.concatenate([split.test for split in one.splits])
-    return splits.names(one.source, one.target, test, plan.unit or plan.group)
+def _units(prepared: PreparedTask) -> list[str]:
+    """Bootstrap unit of each test clip, in their order."""
+    plan = prepared.task.split
+    test = np.concatenate([split.test for split in prepared.splits])
+    return splits.group_names(prepared.source, prepared.target, test, plan.unit or plan.group)
 
 
-def _setting(choice: Choice, first: Outcome) -> dict[str, Any]:
+def _setting(choice: ProbeChoice, first: TrainedProbe) -> dict[str, Any]:
     training = choice.training
     if not choice.kind.trained:
         return dict(choice.options) | ({"reading": first.reading} if first.reading else {})
-    found = {"lr": first.lr, "epochs": training.epochs, "batch": training.batch, **choice.options}
-    return found | ({"encoder_lr": choice.finetune} if choice.finetune else {})
+    setting = {"lr": first.lr, "epochs": training.epochs, "batch": training.batch, **choice.options}
+    return setting | ({"encoder_lr": choice.finetune} if choice.finetune else {})
 
 
-def _model(entry: Entry, subjects: Sequence[Subject]) -> results.Model:
+def _model(entry: ModelEntry, subjects: Sequence[FrozenEncoder]) -> results.ResultModel:
     facts = subjects[0].facts
     if entry.folders:
         facts["trainings"] = len(subjects)
-    return results.Model(
+    return results.ResultModel(
         name=entry.name,
         title=entry.title,
         group=entry.group,
@@ -265,7 +277,9 @@ def _model(entry: Entry, subjects: Sequence[Subject]) -> results.Model:
     )
 
 
-def _source(task: Task, known: dict[str, Source | TactileForgeError]) -> Source | TactileForgeError:
+def _source(
+    task: Task, known: dict[str, TaskSource | TactileForgeError]
+) -> TaskSource | TactileForgeError:
     """The source of a task; tasks with the same data share one."""
     key = json.dumps([task.data, task.sides, asdict(task.clip)], sort_keys=True)
     if key not in known:
@@ -277,13 +291,13 @@ def _source(task: Task, known: dict[str, Source | TactileForgeError]) -> Source 
 
 
 def _split(error: TactileForgeError) -> tuple[str, str]:
-    """What is wrong, and what to download where that is said."""
+    """Splits the text of an error into reason and fix."""
     reason, _, fix = str(error).partition(". Download ")
     return reason, f"Download {fix.partition(', and ')[0]}." if fix else ""
 
 
-def finish(folder: Path) -> str:
-    """Writes the tables and the report; gives the tables as Markdown."""
+def write_outputs(folder: Path) -> str:
+    """Writes the tables and the report; returns the tables as Markdown."""
     from tactileforge.bench.output.write import write_all
 
     write_all(folder)

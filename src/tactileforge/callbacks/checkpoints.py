@@ -165,7 +165,7 @@ def _size(trainer: L.Trainer) -> int:
     return sum(x.nbytes for x in [*state, *kept] if isinstance(x, torch.Tensor))
 
 
-def find(path: str | Path) -> Path:
+def find_checkpoint(path: str | Path) -> Path:
     """The checkpoint of a run folder, or the file itself.
 
     Raises:
@@ -217,31 +217,31 @@ def read_own(path: str | Path, run: str | None) -> dict[str, Any]:
     """Reads a checkpoint, which must be of one run.
 
     Args:
-        path: See `find`.
+        path: See `find_checkpoint`.
         run: Identity of the run.
 
     Raises:
-        DataNotFoundError: See `find`.
-        ConfigError: See `read`; or it is another run's.
+        DataNotFoundError: See `find_checkpoint`.
+        ConfigError: See `read_checkpoint`; or it is another run's.
     """
-    found = read(path)
+    found = read_checkpoint(path)
     if found.get("run") != run:
         raise ConfigError(
-            f"{find(path)} is a checkpoint of run {found.get('run')}, but config.yaml beside it is "
-            f"of run {run}: one of the two was copied or overwritten. Start a new run from the "
-            "weights with init=, or put the right file back"
+            f"{find_checkpoint(path)} is a checkpoint of run {found.get('run')}, but config.yaml "
+            f"beside it is of run {run}: one of the two was copied or overwritten. Start a new "
+            "run from the weights with init=, or put the right file back"
         )
     return found
 
 
-def read(path: str | Path) -> dict[str, Any]:
+def read_checkpoint(path: str | Path) -> dict[str, Any]:
     """Reads a checkpoint on the CPU; tensors and plain data only, no code.
 
     Raises:
-        DataNotFoundError: See `find`.
+        DataNotFoundError: See `find_checkpoint`.
         ConfigError: The file is not a checkpoint, or its checksum is another.
     """
-    file = find(path)
+    file = find_checkpoint(path)
     try:
         _check_seal(file)
         checkpoint: dict[str, Any] = torch.load(
@@ -268,21 +268,21 @@ def initialise(module: nn.Module, state: Mapping[str, torch.Tensor]) -> str:
     Raises:
         ConfigError: Encoder tensors are missing, left over, or of another shape; names them.
     """
-    own, state = (
-        {key: value for key, value in one.items() if not key.startswith("balance.")}
-        for one in (module.state_dict(), state)
+    current, state = (
+        {key: value for key, value in states.items() if not key.startswith("balance.")}
+        for states in (module.state_dict(), state)
     )
-    fits = {k: v for k, v in state.items() if k in own and own[k].shape == v.shape}
+    fits = {k: v for k, v in state.items() if k in current and current[k].shape == v.shape}
     wrong = [
         f"{key} ({tuple(state[key].shape) if key in state else 'missing'} in the checkpoint, "
-        f"{tuple(own[key].shape) if key in own else 'absent'} here)"
-        for key in sorted(own.keys() | state.keys())
+        f"{tuple(current[key].shape) if key in current else 'absent'} here)"
+        for key in sorted(current.keys() | state.keys())
         if key.startswith("encoder.") and key not in fits
     ]
     if wrong:
         some = "; ".join(wrong[:5])
         raise ConfigError(f"init: the encoder does not fit: {some} ({len(wrong)} in all)")
     module.load_state_dict(fits, strict=False)
-    fresh = sorted({key.rsplit(".", 1)[0] for key in own.keys() - fits.keys()})
+    fresh = sorted({key.rsplit(".", 1)[0] for key in current.keys() - fits.keys()})
     left = sorted({key.rsplit(".", 1)[0] for key in state.keys() - fits.keys()})
     return f"init: {len(fits)} tensors taken; new: {fresh or 'none'}; not used: {left or 'none'}"

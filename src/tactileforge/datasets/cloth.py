@@ -9,7 +9,12 @@ from typing import Any
 
 from tactileforge.contracts import FrameSubset, Recording
 from tactileforge.datasets.reading.official import ALL, ANYTOUCH2_CLOTH, CLOTH_OFFICIAL
-from tactileforge.datasets.reading.published import Item, Numbered, Published, seconds
+from tactileforge.datasets.reading.published import (
+    NumberedImages,
+    PublishedDataset,
+    RecordingItem,
+    frame_times,
+)
 from tactileforge.errors import DataError
 from tactileforge.untrusted import load_json
 
@@ -19,7 +24,7 @@ _LISTS = {
 }
 
 
-class Cloth(Published):
+class Cloth(PublishedDataset):
     """Active Clothing: each grasp is a recording, whose first frame is without contact.
 
     `cloth_metadata.json` has eleven integers a cloth; the last is its class of textile, one of 20.
@@ -32,7 +37,7 @@ class Cloth(Published):
         fps: Frames per second; it is not published.
 
     Raises:
-        ConfigError: See `Published`.
+        ConfigError: See `PublishedDataset`.
     """
 
     name = "cloth"
@@ -53,7 +58,7 @@ class Cloth(Published):
         super().__init__(root, split, val)
         self.fps = fps
 
-    def _items(self) -> Iterator[Item]:
+    def _items(self) -> Iterator[RecordingItem]:
         data = self._folder("Data")
         sides = self._sides()
         classes = self._read("cloth_metadata.json")
@@ -65,10 +70,10 @@ class Cloth(Published):
             key = f"{cloth}/{trial}"
             opened = partial(self._open, key, folder, classes.get(_plain(cloth), []))
             side = sides.get((_plain(cloth), _plain(trial)), "")
-            yield Item(key, opened, {"list": side}, group=cloth)
+            yield RecordingItem(key, opened, {"list": side}, group=cloth)
 
     def _open(self, key: str, folder: Path, classes: list[Any]) -> Recording:
-        touch = Numbered(folder, r"\d+")
+        touch = NumberedImages(folder, r"\d+")
         frames = touch.frames()
         labels = {f"attribute_{i}": float(value) for i, value in enumerate(classes[:-1])}
         if classes:
@@ -77,7 +82,7 @@ class Cloth(Published):
             key,
             sensor="gelsight",
             frames=frames,
-            times=seconds(list(touch.files), self.fps),
+            times=frame_times(list(touch.files), self.fps),
             no_contact=FrameSubset(frames, [0]),
             object=f"cloth_{_plain(key.split('/')[0])}",
             labels=labels,
@@ -85,7 +90,7 @@ class Cloth(Published):
 
     def _sides(self) -> dict[tuple[str, str], str]:
         """Side by cloth and trial, as the lists of the split have it."""
-        found = {}
+        sides = {}
         for side, name in zip(("train", "test"), _LISTS.get(self.split, ()), strict=False):
             for entry in self._read(name).values():
                 try:
@@ -95,8 +100,8 @@ class Cloth(Published):
                         f"{self.root / name}: {entry!r} has no cloth_index and trial_index; "
                         "download it again"
                     ) from error
-                found[place] = side
-        return found
+                sides[place] = side
+        return sides
 
     def _read(self, name: str) -> Mapping[str, Any]:
         """A JSON object below the root whose keys are plain numbers."""
@@ -104,8 +109,8 @@ class Cloth(Published):
         if not path.is_file():
             raise self._missing(f"no file {path}")
         try:
-            found = load_json(path.read_text(encoding="utf-8"))
-            return {_plain(key): value for key, value in found.items()}
+            content = load_json(path.read_text(encoding="utf-8"))
+            return {_plain(key): value for key, value in content.items()}
         except (AttributeError, ValueError) as error:
             raise DataError(f"{path}: not a JSON object: {error}; download it again") from error
 

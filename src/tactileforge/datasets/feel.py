@@ -10,14 +10,14 @@ import numpy as np
 
 from tactileforge.contracts import FrameSubset, Recording
 from tactileforge.data.frames.lazy import ImageFrames
-from tactileforge.datasets.reading.published import Item, Published
+from tactileforge.datasets.reading.published import PublishedDataset, RecordingItem
 from tactileforge.errors import DataError
 
 _MOMENTS = ("before", "during", "after")
 _FINGERS = ("A", "B")
 
 
-class Feel(Published):
+class Feel(PublishedDataset):
     """The Feeling of Success, unpacked: a grasp and a finger are a recording of three frames.
 
     Frames are those before, during and after the grasp, one second apart (their times are not
@@ -30,7 +30,7 @@ class Feel(Published):
         val: Share of the objects that is held out.
 
     Raises:
-        ConfigError: See `Published`.
+        ConfigError: See `PublishedDataset`.
     """
 
     name = "feel"
@@ -44,7 +44,7 @@ class Feel(Published):
   OBJECT/vision_before/0.png ...              (vision_during, vision_after alike)"""
     provides = frozenset({"object", "image"})
 
-    def _items(self) -> Iterator[Item]:
+    def _items(self) -> Iterator[RecordingItem]:
         index = self.root / "feel.csv"
         if not index.is_file():
             raise self._missing(f"no index {index}")
@@ -59,7 +59,7 @@ class Feel(Published):
             name, grasp, success = map(str.strip, row)
             for finger in _FINGERS:
                 key = f"{name}/{grasp}_{finger}"
-                yield Item(key, partial(self._open, key, float(success)), group=name)
+                yield RecordingItem(key, partial(self._open, key, float(success)), group=name)
 
     def _open(self, key: str, success: float) -> Recording:
         name, place = key.split("/")

@@ -14,7 +14,7 @@ from tactileforge.errors import ConfigError, DataError, unknown
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from tactileforge.lerobot.read import Folder, Touch
+    from tactileforge.lerobot.read import LeRobotFolder, TouchFeature
 
 _BACKGROUNDS = ("first", "none")
 
@@ -71,11 +71,11 @@ class LeRobot:
         self.skipped: list[str] = []
 
     @cached_property
-    def folder(self) -> Folder:
+    def folder(self) -> LeRobotFolder:
         """The data set on disk."""
-        from tactileforge.lerobot.read import Folder
+        from tactileforge.lerobot.read import LeRobotFolder
 
-        return Folder(self.root)
+        return LeRobotFolder(self.root)
 
     @property
     def provides(self) -> frozenset[str]:
@@ -85,14 +85,14 @@ class LeRobot:
             written = [about for one in self.folder.touch for about in one.values()]
         except (DataError, ConfigError):
             return frozenset()
-        found = {
+        provided = {
             "force": any(one.force for one in touch),
             "action": any(name.startswith("observation.touch.") for name in names),
             "object": any(about.get("object") for about in written),
             "text": not written or any(about.get("text") for about in written),
             "image": bool(self.camera or self._written_camera()),
         }
-        return frozenset(name for name, given in found.items() if given)
+        return frozenset(name for name, is_given in provided.items() if is_given)
 
     def recordings(self, split: str) -> Iterator[Recording]:
         """Yields the recordings of a split, episode by episode.
@@ -109,25 +109,25 @@ class LeRobot:
         """
         if split not in ("train", "val"):
             raise ConfigError(unknown("split", split, ("train", "val")))
-        found = self.folder
+        folder = self.folder
         features = self._touch()
-        camera = found.known(self.camera, "data.camera") if self.camera else self._written_camera()
+        camera = folder.known(self.camera, "data.camera") if self.camera else self._written_camera()
         failed: DataError | None = None
         opened = 0
-        for number in range(len(found.episodes)):
+        for number in range(len(folder.episodes)):
             if (split == "val") != is_held_out(f"{self.root.name}/{number}", self.val):
                 continue
             for touch in features:
                 try:
-                    one = found.recording(number, touch, camera, self.background)
+                    recording = folder.recording(number, touch, camera, self.background)
                 except DataError as error:
                     failed = error
                     if str(error) not in self.skipped:
                         self.skipped.append(str(error))
                     continue
-                opened += one is not None
-                if one is not None:
-                    yield one
+                opened += recording is not None
+                if recording is not None:
+                    yield recording
         if failed is not None and not opened:
             raise failed
 
@@ -137,33 +137,35 @@ class LeRobot:
 
         return plot(recording)
 
-    def _touch(self) -> list[Touch]:
-        from tactileforge.lerobot.read import Touch
+    def _touch(self) -> list[TouchFeature]:
+        from tactileforge.lerobot.read import TouchFeature
 
-        found = self.folder
+        folder = self.folder
         if self.given is not None:
             forces = self.force or [""] * len(self.given)
             return [
-                Touch(
-                    found.known(images, "data.touch"),
+                TouchFeature(
+                    folder.known(images, "data.touch"),
                     sensor,
-                    found.known(force, "data.force") if force else "",
+                    folder.known(force, "data.force") if force else "",
                     self.force_columns,
                 )
                 for images, sensor, force in zip(self.given, self.sensors, forces, strict=True)
             ]
-        if not found.touch:
-            pictures = ", ".join(found.info.pictures()) or "none"
+        if not folder.touch:
+            pictures = ", ".join(folder.info.pictures()) or "none"
             raise ConfigError(
                 f"{self.root}: which features are touch? Give data.touch=[...] and "
                 f"data.sensors=[...]; its videos and images are: {pictures}"
             )
-        kinds = {name: about["sensor"] for one in found.touch for name, about in one.items()}
+        kinds = {
+            name: about["sensor"] for features in folder.touch for name, about in features.items()
+        }
         out = []
         for name, sensor in kinds.items():
             force = f"observation.force.{name}"
-            known = force if force in found.info.features else ""
-            out.append(Touch(f"observation.images.{name}", sensor, known))
+            known = force if force in folder.info.features else ""
+            out.append(TouchFeature(f"observation.images.{name}", sensor, known))
         return out
 
     def _written_camera(self) -> str | None:

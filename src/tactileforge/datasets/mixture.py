@@ -59,16 +59,16 @@ class Mixture:
 
     @property
     def provides(self) -> frozenset[str]:
-        """What any of the data sets provides."""
+        """Labels that any of the data sets provides."""
         return frozenset[str]().union(*(data.provides for data in self.datasets.values()))
 
     @property
     def skipped(self) -> list[str]:
-        """What could not be read, of all data sets."""
+        """Recordings that could not be read, of all data sets."""
         return [line for data in self.datasets.values() for line in data.skipped]
 
     def sources(self, split: str) -> list[Source]:
-        """The sources of all data sets; see `data.batches.sources.Parted`."""
+        """The sources of all data sets; see `data.batches.sources.Sharded`."""
         return [
             replace(
                 source,
@@ -102,12 +102,12 @@ class _Named:
 
     @property
     def recordings(self) -> int:
-        """How many there are."""
+        """Number of recordings."""
         return self.part.recordings
 
     @property
     def seconds(self) -> float:
-        """How long they last together."""
+        """Total duration, s."""
         return self.part.seconds
 
     def open(self, bad: Bad) -> Iterator[Recording]:
@@ -117,6 +117,6 @@ class _Named:
 
 
 def _named(name: str, recording: Recording) -> Recording:
-    given = recording.object
-    whole = None if given is None else f"{name}/{given}"
+    label = recording.object
+    whole = None if label is None else f"{name}/{label}"
     return replace(recording, key=f"{name}/{recording.key}", object=whole)

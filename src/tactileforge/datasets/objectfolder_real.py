@@ -10,10 +10,15 @@ from pathlib import Path
 
 from tactileforge.contracts import FrameSubset, Recording
 from tactileforge.data.frames.lazy import ImageFrames
-from tactileforge.datasets.reading.published import Item, Numbered, Published, seconds
+from tactileforge.datasets.reading.published import (
+    NumberedImages,
+    PublishedDataset,
+    RecordingItem,
+    frame_times,
+)
 
 
-class ObjectFolderReal(Published):
+class ObjectFolderReal(PublishedDataset):
     """ObjectFolder Real: a folder ``gelsight`` is a recording, its first frame the background.
 
     The names of the camera views are not those of the touches: `contact_text_obj.csv` of TacQuad
@@ -26,7 +31,7 @@ class ObjectFolderReal(Published):
         fps: Frames per second; the rate of the files is not published.
 
     Raises:
-        ConfigError: See `Published`.
+        ConfigError: See `PublishedDataset`.
     """
 
     name = "objectfolder_real"
@@ -45,7 +50,7 @@ class ObjectFolderReal(Published):
         super().__init__(root, split, val)
         self.fps = fps
 
-    def _items(self) -> Iterator[Item]:
+    def _items(self) -> Iterator[RecordingItem]:
         tactile = self._folder("tactile", "real/tactile", ".")
         views = _views(tactile)
         folders = sorted(path for path in tactile.rglob("gelsight") if path.is_dir())
@@ -54,16 +59,18 @@ class ObjectFolderReal(Published):
         for folder in folders:
             place = folder.parent.relative_to(tactile)
             key = place.as_posix()
-            yield Item(key, partial(self._open, key, place.parts[0], folder, views[folder]))
+            yield RecordingItem(
+                key, partial(self._open, key, place.parts[0], folder, views[folder])
+            )
 
     def _open(self, key: str, name: str, folder: Path, views: list[Path]) -> Recording:
-        touch = Numbered(folder, r"\d+")
+        touch = NumberedImages(folder, r"\d+")
         frames = touch.frames()
         return self._recording(
             key,
             sensor="gelslim",
             frames=frames,
-            times=seconds(list(touch.files), self.fps),
+            times=frame_times(list(touch.files), self.fps),
             no_contact=FrameSubset(frames, [0]),
             object=f"objectfolder_{name}",
             image=ImageFrames(views) if views else None,
@@ -80,7 +87,7 @@ def _views(tactile: Path) -> dict[Path, list[Path]]:
                 touch, view = tactile / row[0], tactile / row[1]
                 if touch.stem.isdigit() and view.is_file():
                     pairs[touch.parent][int(touch.stem)] = view
-    found: dict[Path, list[Path]] = defaultdict(list)
+    by_folder: dict[Path, list[Path]] = defaultdict(list)
     for folder, by_number in pairs.items():
-        found[folder] = list(dict.fromkeys(by_number[number] for number in sorted(by_number)))
-    return found
+        by_folder[folder] = list(dict.fromkeys(by_number[number] for number in sorted(by_number)))
+    return by_folder

@@ -12,7 +12,7 @@ from typing import Any
 from tactileforge.contracts import FrameSubset, Recording
 from tactileforge.data.frames.lazy import VideoFrames
 from tactileforge.datasets.reading.official import ALL, OCTOPI_OFFICIAL
-from tactileforge.datasets.reading.published import Item, Published
+from tactileforge.datasets.reading.published import PublishedDataset, RecordingItem
 from tactileforge.errors import DataError
 
 _PREFIX = "physiclear_"
@@ -20,7 +20,7 @@ _PROPERTIES = ("hardness", "roughness", "texture")
 _SIDES = {"TRAIN_OBJECTS": "train", "VAL_OBJECTS": "val", "TEST_OBJECTS": "test"}
 
 
-class Octopi(Published):
+class Octopi(PublishedDataset):
     """Octopi: each video is a recording; its first frames are without contact.
 
     Ranks and words of three properties, and the official split, come from `constants.py` of
@@ -33,7 +33,7 @@ class Octopi(Published):
         val: Share of the objects that is held out, where the split names none.
 
     Raises:
-        ConfigError: See `Published`.
+        ConfigError: See `PublishedDataset`.
     """
 
     name = "octopi"
@@ -48,7 +48,7 @@ class Octopi(Published):
     splits = (ALL, OCTOPI_OFFICIAL)
     provides = frozenset({"object", "text"})
 
-    def _items(self) -> Iterator[Item]:
+    def _items(self) -> Iterator[RecordingItem]:
         folder = self._folder("dataset", ".")
         videos = sorted(folder.glob("*.mov"), key=_place)
         if not videos:
@@ -60,7 +60,9 @@ class Octopi(Published):
         for path in videos:
             name = _place(path)[0]
             opened = partial(self._open, path, name, _ranks(_PREFIX + name, constants))
-            yield Item(path.stem, opened, {"list": sides.get(_PREFIX + name, "")}, group=name)
+            yield RecordingItem(
+                path.stem, opened, {"list": sides.get(_PREFIX + name, "")}, group=name
+            )
 
     def _open(self, path: Path, name: str, ranks: dict[str, tuple[float, str]]) -> Recording:
         frames = VideoFrames(path)
@@ -94,16 +96,16 @@ def _constants(root: Path) -> dict[str, Any]:
         body = ast.parse(path.read_text(encoding="utf-8")).body
     except (SyntaxError, ValueError) as error:
         raise DataError(f"{path}: not the constants of Octopi: {error}; download it") from error
-    found = {}
+    constants = {}
     for node in body:
         if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
             name = node.targets[0].id
             if re.fullmatch(r"\w+_(OBJECTS|RANK|MAP)", name):
                 try:
-                    found[name] = ast.literal_eval(node.value)
+                    constants[name] = ast.literal_eval(node.value)
                 except ValueError as error:
                     raise DataError(f"{path}: {name} is no literal; download it again") from error
-    return found
+    return constants
 
 
 def _ranks(name: str, constants: dict[str, Any]) -> dict[str, tuple[float, str]]:

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 from omegaconf import OmegaConf
 
 from tactileforge.contracts import Recording
-from tactileforge.datasets.reading.layout import EXAMPLE, SPLITS, Layout, parse
-from tactileforge.datasets.reading.reader import Reader, Touch
-from tactileforge.datasets.reading.splits import is_held_out, parts
+from tactileforge.datasets.reading.layout import EXAMPLE, SPLITS, DatasetLayout, parse_layout
+from tactileforge.datasets.reading.reader import LayoutReader, LayoutTouch
+from tactileforge.datasets.reading.splits import is_held_out, split_parts
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
 from tactileforge.node import Node
 from tactileforge.untrusted import load_yaml
@@ -53,7 +53,7 @@ class Recordings:
         self._given = _parse_all(layouts) if layouts else None
 
     @cached_property
-    def layouts(self) -> list[Layout]:
+    def layouts(self) -> list[DatasetLayout]:
         """The layouts that were given, or those of the root."""
         return self._given if self._given is not None else _shipped(self.root)
 
@@ -81,7 +81,7 @@ class Recordings:
         if split not in ("train", "val"):
             raise ConfigError(unknown("split", split, ("train", "val")))
         opened, failed = 0, []
-        for reader in [Reader(layout, self.root) for layout in self.layouts]:
+        for reader in [LayoutReader(layout, self.root) for layout in self.layouts]:
             touches = reader.touches()
             self.skipped += [line for line in reader.odd if line not in self.skipped]
             for touch in touches:
@@ -98,7 +98,7 @@ class Recordings:
                 opened += 1
                 for recording in reader.label(touch, frames):
                     if side == "time":
-                        yield from parts(recording, self.val, split)
+                        yield from split_parts(recording, self.val, split)
                     else:
                         yield recording
         if failed and not opened and split == "train":
@@ -111,7 +111,7 @@ class Recordings:
         return plot(recording)
 
 
-def _side(layout: Layout, touch: Touch, val: float) -> str:
+def _side(layout: DatasetLayout, touch: LayoutTouch, val: float) -> str:
     """``train``, ``val``, or ``time`` for a touch of which some frames belong to each."""
     row = touch.row
     side = row.fill(layout.split)
@@ -129,18 +129,18 @@ def _side(layout: Layout, touch: Touch, val: float) -> str:
     return side
 
 
-def _parse_all(layouts: Mapping[str, Any]) -> list[Layout]:
+def _parse_all(layouts: Mapping[str, Any]) -> list[DatasetLayout]:
     if OmegaConf.is_config(layouts):
         layouts = OmegaConf.to_container(layouts, resolve=True)  # type: ignore[assignment]
     plain = {str(name): config for name, config in layouts.items() if config is not None}
-    return [parse(name, _plain(config)) for name, config in plain.items()]
+    return [parse_layout(name, _plain(config)) for name, config in plain.items()]
 
 
 def _plain(config: Any) -> Any:
     return OmegaConf.to_container(config, resolve=True) if OmegaConf.is_config(config) else config
 
 
-def _shipped(root: Path) -> list[Layout]:
+def _shipped(root: Path) -> list[DatasetLayout]:
     """The layouts of the file that came with the data."""
     path = root / LAYOUT_FILE
     if not root.is_dir():

@@ -8,10 +8,10 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from tactileforge.contracts import Recording
-from tactileforge.data.batches.sources import Bad, Opened, Source
+from tactileforge.data.batches.sources import Bad, InMemory, Source
 from tactileforge.data.shards import index, shards
-from tactileforge.data.shards.fetch import Folder
-from tactileforge.data.shards.index import Entry, Index
+from tactileforge.data.shards.fetch import ShardFolder
+from tactileforge.data.shards.index import Index, IndexEntry
 from tactileforge.data.shards.summary import Summary
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
 from tactileforge.files import cache_folder
@@ -48,9 +48,9 @@ class Shards:
         self.skipped: list[str] = []
 
     @property
-    def folder(self) -> Folder:
-        """Where the shards are."""
-        return Folder(self.root, cache_folder(self.cache) / "shards", self.cache_gb)
+    def folder(self) -> ShardFolder:
+        """Folder of the shards."""
+        return ShardFolder(self.root, cache_folder(self.cache) / "shards", self.cache_gb)
 
     @cached_property
     def index(self) -> Index | None:
@@ -62,7 +62,7 @@ class Shards:
         """
         folder = self.folder
         if folder.remote or (folder.path / index.NAME).exists():
-            return index.parse(folder.text(index.NAME), f"{self.root}/{index.NAME}")
+            return index.parse_index(folder.text(index.NAME), f"{self.root}/{index.NAME}")
         if not any(folder.path.glob("train-*.tar")):
             raise DataNotFoundError(
                 f"{folder.path}: neither {index.NAME} nor train-*.tar here; set data.root to a "
@@ -71,7 +71,7 @@ class Shards:
         return None
 
     def sources(self, split: str) -> list[Source]:
-        """One source, of one part a shard; see `data.batches.sources.Parted`.
+        """One source, of one part a shard; see `data.batches.sources.Sharded`.
 
         Args:
             split: ``train`` or ``val``.
@@ -82,15 +82,15 @@ class Shards:
         """
         if split not in _SPLITS:
             raise ConfigError(unknown("split", split, _SPLITS))
-        found, folder = self.index, self.folder
-        if found is None:
+        index, folder = self.index, self.folder
+        if index is None:
             return self._unindexed(split)
-        entries = found.splits.get(split, [])
+        entries = index.splits.get(split, [])
         summary = Summary()
         for entry in entries:
             summary.merge(entry.summary)
         parts = [_Shard(folder, entry) for entry in entries]
-        return [Source(found.name, parts, summary)] if summary.recordings else []
+        return [Source(index.name, parts, summary)] if summary.recordings else []
 
     def recordings(self, split: str) -> Iterator[Recording]:
         """Yields the recordings of a split, shard after shard.
@@ -118,11 +118,11 @@ class Shards:
         content: list[Recording] = []
         for path in sorted(self.folder.path.glob(f"{split}-*.tar")):
             try:
-                content += shards.read(path, lambda error: self._note(str(error), 1))
+                content += shards.read_shard(path, lambda error: self._note(str(error), 1))
             except DataError as error:
                 self._note(str(error), 1)
         summary = Summary.of(content)
-        return [Source("", [Opened(content, summary.seconds)], summary)] if content else []
+        return [Source("", [InMemory(content, summary.seconds)], summary)] if content else []
 
     def _note(self, line: str, count: int) -> None:
         if line not in self.skipped:
@@ -133,17 +133,17 @@ class Shards:
 class _Shard:
     """A shard as a part of its source."""
 
-    folder: Folder
-    entry: Entry
+    folder: ShardFolder
+    entry: IndexEntry
 
     @property
     def recordings(self) -> int:
-        """How many there are."""
+        """Number of recordings."""
         return self.entry.summary.recordings
 
     @property
     def seconds(self) -> float:
-        """How long they last together."""
+        """Total duration, s."""
         return self.entry.summary.seconds
 
     def open(self, bad: Bad) -> Iterator[Recording]:
@@ -151,9 +151,9 @@ class _Shard:
         left, lines = self.recordings, []
         try:
             path = self.folder.get(self.entry.file, self.entry.bytes, self.entry.sha256)
-            for one in shards.read(path, lambda error: lines.append(str(error))):
+            for recording in shards.read_shard(path, lambda error: lines.append(str(error))):
                 left -= 1
-                yield one
+                yield recording
         except DataError as error:
             lines.append(str(error))
         for line in lines[1:]:

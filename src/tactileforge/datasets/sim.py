@@ -14,7 +14,7 @@ from tactileforge.files import cache_folder
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from tactileforge.sim.generate import Config
+    from tactileforge.sim.generate import SimConfig
 
 
 class Sim:
@@ -86,19 +86,19 @@ class Sim:
         }
 
     @property
-    def config(self) -> Config:
-        """What is simulated.
+    def config(self) -> SimConfig:
+        """Configuration of the simulation.
 
         Raises:
             ConfigError: An unknown sensor, indenter or motion.
         """
-        from tactileforge.sim.generate import Config
+        from tactileforge.sim.generate import SimConfig
 
-        return Config(**self._given)  # type: ignore[arg-type]
+        return SimConfig(**self._given)  # type: ignore[arg-type]
 
     @property
     def folder(self) -> Path:
-        """Where the touches of this configuration are kept."""
+        """Folder in which the touches of this configuration are kept."""
         return cache_folder(self.cache) / "sim" / self.config.digest()
 
     def recordings(self, split: str) -> Iterator[Recording]:
@@ -112,15 +112,15 @@ class Sim:
         Raises:
             ConfigError: An unknown split, sensor, indenter or motion.
         """
-        from tactileforge.sim.generate import FIRST_VAL, path_of, write
+        from tactileforge.sim.generate import FIRST_VAL, path_of, write_scenes
 
         numbers = {"train": range(self.scenes), "val": range(FIRST_VAL, FIRST_VAL + self.val)}
         if split not in numbers:
             raise ConfigError(unknown("split", split, numbers))
         folder = self.folder
-        write(self.config, folder, numbers[split], self.processes)
+        write_scenes(self.config, folder, numbers[split], self.processes)
         for number in numbers[split]:
-            yield from shards.read(path_of(folder, number))
+            yield from shards.read_shard(path_of(folder, number))
 
     def plot(self, recording: Recording) -> Figure:
         """A figure of a recording."""

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from tactileforge.sim.array_scenes import Array
-    from tactileforge.sim.generate import Config
+    from tactileforge.sim.generate import SimConfig
 
 
 class SimArray:
@@ -85,7 +85,7 @@ class SimArray:
 
     @property
     def array(self) -> Array:
-        """What feels it.
+        """The taxel array.
 
         Raises:
             ConfigError: A number makes no sense.
@@ -106,18 +106,18 @@ class SimArray:
         )
 
     @property
-    def config(self) -> Config:
-        """What is simulated.
+    def config(self) -> SimConfig:
+        """Configuration of the simulation.
 
         Raises:
             ConfigError: An unknown indenter or motion.
         """
-        from tactileforge.sim.generate import Config
+        from tactileforge.sim.generate import SimConfig
 
         def plain(names: str | Sequence[str]) -> str | tuple[str, ...]:
             return names if isinstance(names, str) else tuple(names)
 
-        return Config(
+        return SimConfig(
             sensors=("gelsight",),  # of no use here: the array has a skin of its own
             indenters=plain(self.indenters),
             motions=plain(self.motions),
@@ -133,7 +133,7 @@ class SimArray:
 
     @property
     def folder(self) -> Path:
-        """Where the touches of this configuration are kept."""
+        """Folder in which the touches of this configuration are kept."""
         from tactileforge.sim.array_scenes import folder_name
 
         return cache_folder(self.cache) / "sim_array" / folder_name(self.config, self.array)
@@ -147,16 +147,16 @@ class SimArray:
         Raises:
             ConfigError: An unknown split, indenter or motion, or an array that makes no sense.
         """
-        from tactileforge.sim.array_scenes import write
+        from tactileforge.sim.array_scenes import write_array_scenes
         from tactileforge.sim.generate import FIRST_VAL, path_of
 
         numbers = {"train": range(self.scenes), "val": range(FIRST_VAL, FIRST_VAL + self.val)}
         if split not in numbers:
             raise ConfigError(unknown("split", split, numbers))
         folder = self.folder
-        write(self.config, self.array, folder, numbers[split], self.processes)
+        write_array_scenes(self.config, self.array, folder, numbers[split], self.processes)
         for number in numbers[split]:
-            yield from shards.read(path_of(folder, number))
+            yield from shards.read_shard(path_of(folder, number))
 
     def plot(self, recording: Recording) -> Figure:
         """A figure of a recording."""

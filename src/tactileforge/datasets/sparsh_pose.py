@@ -11,14 +11,18 @@ import numpy as np
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.encoded import EncodedFrames
 from tactileforge.datasets.reading.official import ALL, POSE_OFFICIAL
-from tactileforge.datasets.reading.pickles import load
-from tactileforge.datasets.reading.published import Item, Published, still
+from tactileforge.datasets.reading.pickles import load_pickle
+from tactileforge.datasets.reading.published import (
+    PublishedDataset,
+    RecordingItem,
+    still_background,
+)
 from tactileforge.errors import ConfigError, DataError, unknown
 
 _FINGERS = ("index", "middle", "ring")
 
 
-class SparshPose(Published):
+class SparshPose(PublishedDataset):
     """T3 of Sparsh, pose estimation: the images of one finger in a bag are a recording.
 
     ``tracks["relative_pose"]`` is float32 (T, 4, 4), how the object has
@@ -63,17 +67,20 @@ class SparshPose(Published):
         self.finger = finger
         self.fps = fps
 
-    def _items(self) -> Iterator[Item]:
+    def _items(self) -> Iterator[RecordingItem]:
         files = sorted(self._folder(".").glob("t*/*/bag_*.pkl"))
         if not files:
             raise self._missing(f"no file train/sugar/bag_00.pkl in {self.root}")
         for path in files:
             folder, name = path.parts[-3:-1]
             key = f"{folder}/{name}/{path.stem}"
-            yield Item(key, partial(self._open, key, path), {"folder": folder})
+            yield RecordingItem(key, partial(self._open, key, path), {"folder": folder})
 
     def _open(self, key: str, path: Path) -> Recording:
-        bag, names = load(path), (f"digit_{self.finger}", f"object_{self.finger}_rel_pose_n5")
+        bag, names = (
+            load_pickle(path),
+            (f"digit_{self.finger}", f"object_{self.finger}_rel_pose_n5"),
+        )
         try:
             images, poses = (list(bag[name]) for name in names)
             count = min(len(images), len(poses))
@@ -89,7 +96,7 @@ class SparshPose(Published):
             sensor="digit",
             frames=frames,
             times=np.arange(count) / self.fps,
-            no_contact=still(self.root / "bgs" / f"digit_{self.finger}.png", frames),
+            no_contact=still_background(self.root / "bgs" / f"digit_{self.finger}.png", frames),
             object=path.parent.name,
             tracks={"relative_pose": relative},
         )

@@ -13,10 +13,10 @@ import numpy as np
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ImageFrames
 from tactileforge.datasets.reading.official import ALL, TVL_OFFICIAL
-from tactileforge.datasets.reading.published import Item, Numbered, Published
+from tactileforge.datasets.reading.published import NumberedImages, PublishedDataset, RecordingItem
 
 
-class Ssvtp(Published):
+class Ssvtp(PublishedDataset):
     """SSVTP, as TVL ships it with captions: each press is one frame, without a background.
 
     Args:
@@ -25,7 +25,7 @@ class Ssvtp(Published):
         val: Share of the presses that is held out.
 
     Raises:
-        ConfigError: See `Published`.
+        ConfigError: See `PublishedDataset`.
     """
 
     name = "ssvtp"
@@ -45,14 +45,14 @@ class Ssvtp(Published):
     def __init__(self, root: str = ".", split: str = "tvl-official", val: float = 0.1) -> None:
         super().__init__(root, split, val)
 
-    def _items(self) -> Iterator[Item]:
+    def _items(self) -> Iterator[RecordingItem]:
         touch = self._folder("images_tac", "ssvtp/images_tac", "tvl_dataset/ssvtp/images_tac")
         tests = _numbers(touch.parent / "test.csv")
-        views = Numbered(touch.parent / "images_rgb", r"image_\d+_rgb")
-        for number, path in Numbered(touch, r"image_\d+_tac").files.items():
+        views = NumberedImages(touch.parent / "images_rgb", r"image_\d+_rgb")
+        for number, path in NumberedImages(touch, r"image_\d+_tac").files.items():
             opened = partial(self._open, str(number), path, views.files.get(number))
             side = "test" if number in tests else "train"
-            yield Item(str(number), opened, {"list": side})
+            yield RecordingItem(str(number), opened, {"list": side})
 
     def _open(self, key: str, path: Path, view: Path | None) -> Recording:
         caption = path.parents[1] / "text" / f"labels_{key}.txt"
@@ -79,4 +79,4 @@ def _numbers(path: Path) -> set[int]:
         return set()
     with path.open(newline="", encoding="utf-8") as file:
         names = [re.search(r"image_(\d+)_rgb", row[0]) for row in csv.reader(file) if row]
-    return {int(found[1]) for found in names if found}
+    return {int(match[1]) for match in names if match}

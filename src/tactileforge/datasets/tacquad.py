@@ -9,7 +9,13 @@ from pathlib import Path
 
 from tactileforge.contracts import Frames, FrameSubset, Recording
 from tactileforge.data.frames.lazy import ImageFrames
-from tactileforge.datasets.reading.published import Item, Numbered, Published, rate, seconds
+from tactileforge.datasets.reading.published import (
+    NumberedImages,
+    PublishedDataset,
+    RecordingItem,
+    frame_rate,
+    frame_times,
+)
 from tactileforge.errors import DataError
 
 #: Sensor by folder, in the order of the columns of the index.
@@ -18,7 +24,7 @@ _SENSORS = {"gelsight": "gelsight_mini", "digit": "digit", "duragel": "duragel"}
 _ALIASES = {"yumaoqiu": "shuttlecock"}
 
 
-class TacQuad(Published):
+class TacQuad(PublishedDataset):
     """TacQuad: a contact of one item and one optical sensor is a recording.
 
     The contacts are those of the index, both ends included. Camera and touch have different numbers
@@ -32,7 +38,7 @@ class TacQuad(Published):
         fps: Frames per second; None takes those of the sensor. It is not published.
 
     Raises:
-        ConfigError: See `Published`.
+        ConfigError: See `PublishedDataset`.
     """
 
     name = "tacquad"
@@ -54,26 +60,28 @@ class TacQuad(Published):
         super().__init__(root, split, val)
         self.fps = fps
 
-    def _items(self) -> Iterator[Item]:
+    def _items(self) -> Iterator[RecordingItem]:
         root = self.root / "tacquad" if (self.root / "tacquad").is_dir() else self.root
-        found = False
+        any_found = False
         for area in ("indoor", "outdoor"):
             index = root / f"contact_{area}.csv"
             if not index.is_file():
                 continue
-            found = True
+            any_found = True
             for i, (name, ranges) in enumerate(_read(index)):
                 item = f"{area}/{i}_{name}"
                 for folder, contact in zip(_SENSORS, ranges, strict=True):
                     key = f"{item}/{folder}"
                     place = root / f"data_{area}"
-                    yield Item(key, partial(self._open, key, place, name, contact), group=item)
-        if not found:
+                    yield RecordingItem(
+                        key, partial(self._open, key, place, name, contact), group=item
+                    )
+        if not any_found:
             raise self._missing(f"no index {root / 'contact_indoor.csv'}")
 
     def _open(self, key: str, place: Path, name: str, contact: tuple[int, int]) -> Recording:
         item, folder = _named(place, name), key.rpartition("/")[2]
-        touch, sensor = Numbered(item / folder, r"\d+"), _SENSORS[folder]
+        touch, sensor = NumberedImages(item / folder, r"\d+"), _SENSORS[folder]
         first, last = contact
         numbers = [number for number in touch.files if first <= number <= last]
         if not numbers:
@@ -86,7 +94,7 @@ class TacQuad(Published):
             key,
             sensor=sensor,
             frames=ImageFrames([touch.files[number] for number in numbers]),
-            times=seconds(numbers, rate(sensor, self.fps)),
+            times=frame_times(numbers, frame_rate(sensor, self.fps)),
             no_contact=ImageFrames(before) if before else None,
             object=key.rpartition("/")[0],
             text=f"{{action}} {name}".replace("_", " "),
@@ -116,7 +124,7 @@ def _named(place: Path, name: str) -> Path:
 
 
 def _views(folder: Path, numbers: list[int], touches: int) -> Frames | None:
-    views = Numbered(folder, r"\d+").files
+    views = NumberedImages(folder, r"\d+").files
     if not views:
         return None
     rows = [min(int(number / touches * len(views)), len(views) - 1) for number in numbers]

@@ -16,7 +16,14 @@ from tactileforge.datasets.reading.official import (
     TAG_MATERIAL,
     TAG_ROUGH,
 )
-from tactileforge.datasets.reading.published import Item, Numbered, Published, runs, seconds, still
+from tactileforge.datasets.reading.published import (
+    NumberedImages,
+    PublishedDataset,
+    RecordingItem,
+    frame_times,
+    label_runs,
+    still_background,
+)
 from tactileforge.errors import DataError
 
 #: Materials by label, as `category_reference.txt` of the data set has them.
@@ -48,7 +55,7 @@ class _Row(NamedTuple):
     background: str
 
 
-class TouchAndGo(Published):
+class TouchAndGo(PublishedDataset):
     """Touch and Go, after its ``extract_frame.py``: runs of labelled frames are recordings.
 
     A run ends where the numbers or the labels of a list do. Frames labelled -1 are left out. The
@@ -63,7 +70,7 @@ class TouchAndGo(Published):
         fps: Frames per second of the films.
 
     Raises:
-        ConfigError: See `Published`.
+        ConfigError: See `PublishedDataset`.
     """
 
     name = "touch_and_go"
@@ -87,22 +94,22 @@ class TouchAndGo(Published):
         if "rough" in split:
             self.provides = frozenset({"image"})
 
-    def _items(self) -> Iterator[Item]:
+    def _items(self) -> Iterator[RecordingItem]:
         folder = self._folder("dataset", "Dataset")
         for side, name in _LISTS[self.split].items():
             path = self.root / name
             if not path.is_file():
                 raise self._missing(f"no list {path}")
             for film, rows in _read(path).items():
-                views = Numbered(folder / film / "video_frame")
-                for part in runs([row.number for row in rows], [row.label for row in rows]):
+                views = NumberedImages(folder / film / "video_frame")
+                for part in label_runs([row.number for row in rows], [row.label for row in rows]):
                     key = f"{film}/{rows[part][0].number:010d}"
                     if len(_LISTS[self.split]) > 1:
                         key = f"{side}/{key}"
                     opened = partial(self._open, key, folder / film, rows[part], views)
-                    yield Item(key, opened, {"list": side}, group=film)
+                    yield RecordingItem(key, opened, {"list": side}, group=film)
 
-    def _open(self, key: str, film: Path, rows: list[_Row], views: Numbered) -> Recording:
+    def _open(self, key: str, film: Path, rows: list[_Row], views: NumberedImages) -> Recording:
         touch, numbers = film / "gelsight_frame", [row.number for row in rows]
         frames = ImageFrames([touch / row.image for row in rows])
         label, background = rows[0].label, rows[0].background
@@ -117,8 +124,8 @@ class TouchAndGo(Published):
             key,
             sensor="gelsight",
             frames=frames,
-            times=seconds(numbers, self.fps),
-            no_contact=still(touch / background, frames) if background else None,
+            times=frame_times(numbers, self.fps),
+            no_contact=still_background(touch / background, frames) if background else None,
             text=text,
             image=views.nearest(numbers),
             labels=labels,
@@ -127,7 +134,7 @@ class TouchAndGo(Published):
 
 def _read(path: Path) -> dict[str, list[_Row]]:
     """Labelled frames of a list ``FILM/FRAME.jpg,LABEL[,BACKGROUND.jpg]`` by film, in order."""
-    found: dict[str, dict[int, _Row]] = {}
+    films: dict[str, dict[int, _Row]] = {}
     for i, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
         if not line.strip():
             continue
@@ -140,5 +147,5 @@ def _read(path: Path) -> dict[str, list[_Row]]:
                 f"{path}, line {i}: {line!r} is not FILM/NUMBER.jpg,LABEL; download it again"
             ) from None
         if row.label >= 0:
-            found.setdefault(film, {})[row.number] = row
-    return {film: [rows[i] for i in sorted(rows)] for film, rows in sorted(found.items())}
+            films.setdefault(film, {})[row.number] = row
+    return {film: [rows[i] for i in sorted(rows)] for film, rows in sorted(films.items())}

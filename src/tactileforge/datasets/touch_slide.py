@@ -10,8 +10,13 @@ import numpy as np
 
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.encoded import EncodedFrames
-from tactileforge.datasets.reading.pickles import load
-from tactileforge.datasets.reading.published import Item, Published, median, still
+from tactileforge.datasets.reading.pickles import load_pickle
+from tactileforge.datasets.reading.published import (
+    PublishedDataset,
+    RecordingItem,
+    median_frames,
+    still_background,
+)
 from tactileforge.datasets.ycb_slide import BACKGROUNDS
 from tactileforge.errors import DataError
 
@@ -29,7 +34,7 @@ _TOYS = {
 }
 
 
-class TouchSlide(Published):
+class TouchSlide(PublishedDataset):
     """Touch-Slide: pickled lists of encoded images, read without executing anything.
 
     The layout is that of Sparsh's pre-training data, which also packs YCB-Slide so: objects of both
@@ -42,7 +47,7 @@ class TouchSlide(Published):
         fps: Frames per second.
 
     Raises:
-        ConfigError: See `Published`.
+        ConfigError: See `PublishedDataset`.
     """
 
     name = "touch_slide"
@@ -62,16 +67,16 @@ class TouchSlide(Published):
         super().__init__(root, split, val)
         self.fps = fps
 
-    def _items(self) -> Iterator[Item]:
+    def _items(self) -> Iterator[RecordingItem]:
         files = sorted(self._folder(".").glob("*/dataset_*.pkl"))
         if not files:
             raise self._missing(f"no file OBJECT/dataset_0.pkl in {self.root}")
         for path in files:
             key = f"{path.parent.name}/{path.stem}"
-            yield Item(key, partial(self._open, key, path))
+            yield RecordingItem(key, partial(self._open, key, path))
 
     def _open(self, key: str, path: Path) -> Recording:
-        images, name = load(path), path.parent.name
+        images, name = load_pickle(path), path.parent.name
         if not isinstance(images, list):
             raise DataError(f"{path}: a {type(images).__name__}, where a list of images belongs")
         frames = EncodedFrames(str(path), images)
@@ -81,6 +86,7 @@ class TouchSlide(Published):
             sensor="digit",
             frames=frames,
             times=np.arange(len(frames)) / self.fps,
-            no_contact=still(self.root / "bgs" / f"bg_{chosen}.jpg", frames) or median(frames),
+            no_contact=still_background(self.root / "bgs" / f"bg_{chosen}.jpg", frames)
+            or median_frames(frames),
             object=name,
         )

@@ -13,7 +13,13 @@ from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ImageFrames
 from tactileforge.data.labels.actions import label_actions
 from tactileforge.datasets.reading.official import ALL, TOUCHD_BENCH, TOUCHD_PRETRAIN
-from tactileforge.datasets.reading.published import Item, Published, rate, seconds, still
+from tactileforge.datasets.reading.published import (
+    PublishedDataset,
+    RecordingItem,
+    frame_rate,
+    frame_times,
+    still_background,
+)
 from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.untrusted import load_json
 
@@ -31,7 +37,7 @@ _AXES = {
 _SOURCE_AXES = ((0, 1, 2), (1, 1, -1))
 
 
-class TouchdForce(Published):
+class TouchdForce(PublishedDataset):
     """ToucHD (Force): the labelled frames of a session and sensor are a recording.
 
     Args:
@@ -44,7 +50,7 @@ class TouchdForce(Published):
         fps: Frames per second; None takes those of the sensor.
 
     Raises:
-        ConfigError: Unknown axes; see also `Published`.
+        ConfigError: Unknown axes; see also `PublishedDataset`.
     """
 
     name = "touchd_force"
@@ -77,7 +83,7 @@ class TouchdForce(Published):
         if axes == "source":  # actions are directions in the image
             self.provides = frozenset({"force", "object"})
 
-    def _items(self) -> Iterator[Item]:
+    def _items(self) -> Iterator[RecordingItem]:
         index = self.root / "all_data_direction.json"
         if not index.is_file():
             raise self._missing(f"no index {index}")
@@ -94,7 +100,7 @@ class TouchdForce(Published):
                 if folder in tables:
                     key = f"{session}/{folder}"
                     opened = partial(self._open, key, int(named[1]), tables[folder])
-                    yield Item(key, opened, {"indenter": named[1]}, group=named[1])
+                    yield RecordingItem(key, opened, {"indenter": named[1]}, group=named[1])
 
     def _open(self, key: str, indenter: int, table: Any) -> Recording:
         session, folder = key.split("/")
@@ -102,13 +108,13 @@ class TouchdForce(Published):
         nested = self.root / session / session / folder
         place = nested if nested.is_dir() else self.root / session / folder
         frames = ImageFrames([place / f"image_{number}.png" for number in numbers])
-        times = seconds(numbers, rate(_SENSORS[folder], self.fps))
+        times = frame_times(numbers, frame_rate(_SENSORS[folder], self.fps))
         return self._recording(
             key,
             sensor=_SENSORS[folder],
             frames=frames,
             times=times,
-            no_contact=still(place / "image_1.png", frames),
+            no_contact=still_background(place / "image_1.png", frames),
             force=force,
             action=label_actions(times, force) if self.axes == "image" else None,
             object=f"touchd_indenter_{indenter}",

@@ -9,12 +9,19 @@ from typing import Any
 
 from tactileforge.contracts import Recording
 from tactileforge.datasets.reading.layout import check_sensor
-from tactileforge.datasets.reading.published import Item, Numbered, Published, rate, seconds, still
+from tactileforge.datasets.reading.published import (
+    NumberedImages,
+    PublishedDataset,
+    RecordingItem,
+    frame_rate,
+    frame_times,
+    still_background,
+)
 from tactileforge.errors import DataError
 from tactileforge.untrusted import load_json
 
 
-class TouchdMani(Published):
+class TouchdMani(PublishedDataset):
     """ToucHD (Mani), in a neutral layout: that of the release is not public.
 
     Bring your copy into this form. Each folder with `episode.json` is an episode, each finger that
@@ -33,7 +40,7 @@ class TouchdMani(Published):
         val: Share of the episodes that is held out.
 
     Raises:
-        ConfigError: See `Published`.
+        ConfigError: See `PublishedDataset`.
     """
 
     name = "touchd_mani"
@@ -49,7 +56,7 @@ class TouchdMani(Published):
   camera/0.png ..."""
     provides = frozenset({"object", "text", "image"})
 
-    def _items(self) -> Iterator[Item]:
+    def _items(self) -> Iterator[RecordingItem]:
         files = sorted(self._folder(".").rglob("episode.json"))
         if not files:
             raise self._missing(f"no folder with episode.json in {self.root}")
@@ -63,19 +70,19 @@ class TouchdMani(Published):
             for finger, sensor in episode["fingers"].items():
                 key = f"{place}/{finger}"
                 opened = partial(self._open, key, path.parent, finger, sensor, episode)
-                yield Item(key, opened, group=place)
+                yield RecordingItem(key, opened, group=place)
 
     def _open(
         self, key: str, place: Path, finger: str, sensor: str, episode: dict[str, Any]
     ) -> Recording:
-        touch, views = Numbered(place / finger), Numbered(place / "camera")
+        touch, views = NumberedImages(place / finger), NumberedImages(place / "camera")
         frames = touch.frames()
         return self._recording(
             key,
             sensor=sensor,
             frames=frames,
-            times=seconds(list(touch.files), rate(sensor, episode.get("fps"))),
-            no_contact=still(place / f"{finger}_background.png", frames),
+            times=frame_times(list(touch.files), frame_rate(sensor, episode.get("fps"))),
+            no_contact=still_background(place / f"{finger}_background.png", frames),
             object=episode.get("object"),
             text=episode.get("task"),
             image=views.frames() if views.files else None,

@@ -10,13 +10,19 @@ from pathlib import Path
 import numpy as np
 
 from tactileforge.contracts import ACTIONS, Recording
-from tactileforge.datasets.reading.published import Item, Numbered, Published, seconds, still
+from tactileforge.datasets.reading.published import (
+    NumberedImages,
+    PublishedDataset,
+    RecordingItem,
+    frame_times,
+    still_background,
+)
 from tactileforge.errors import DataError, unknown
 
 _FPS = 30.0
 
 
-class TouchdSim(Published):
+class TouchdSim(PublishedDataset):
     """ToucHD (Sim), in a neutral layout: that of the release is not public.
 
     Bring your copy into this form: ``OBJECT/ACTION/SENSOR/NUMBER.png``. An action is one of
@@ -31,7 +37,7 @@ class TouchdSim(Published):
         val: Share of the objects that is held out.
 
     Raises:
-        ConfigError: See `Published`.
+        ConfigError: See `PublishedDataset`.
     """
 
     name = "touchd_sim"
@@ -45,13 +51,13 @@ class TouchdSim(Published):
   background.png"""
     provides = frozenset({"action", "object", "text"})
 
-    def _items(self) -> Iterator[Item]:
+    def _items(self) -> Iterator[RecordingItem]:
         folders = sorted(path for path in self._folder(".").glob("*/*/*") if path.is_dir())
         if not folders:
             raise self._missing(f"no folder OBJECT/ACTION/SENSOR in {self.root}")
         for folder in folders:
             key = folder.relative_to(self.root).as_posix()
-            yield Item(key, partial(self._open, key, folder), group=key.split("/")[0])
+            yield RecordingItem(key, partial(self._open, key, folder), group=key.split("/")[0])
 
     def _open(self, key: str, folder: Path) -> Recording:
         name, action, unit = key.split("/")
@@ -60,14 +66,14 @@ class TouchdSim(Published):
         for what, value, known in (("action", action, ACTIONS), ("sensor", sensor, self.sensors)):
             if value not in known:
                 raise DataError(f"{folder}: {unknown(what, value, known, 'Rename the folder')}")
-        touch = Numbered(folder, r"\d+")
+        touch = NumberedImages(folder, r"\d+")
         frames = touch.frames()
         return self._recording(
             key,
             sensor=sensor,
             frames=frames,
-            times=seconds(list(touch.files), _FPS),
-            no_contact=still(folder / "background.png", frames),
+            times=frame_times(list(touch.files), _FPS),
+            no_contact=still_background(folder / "background.png", frames),
             action=np.full(len(frames), ACTIONS.index(action), np.int64),
             object=name,
             text=f"{{action}} {name}".replace("_", " "),

@@ -13,7 +13,13 @@ from typing import NamedTuple
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ImageFrames
 from tactileforge.datasets.reading.official import ALL, TVL_OFFICIAL
-from tactileforge.datasets.reading.published import Item, Published, runs, seconds, still
+from tactileforge.datasets.reading.published import (
+    PublishedDataset,
+    RecordingItem,
+    frame_times,
+    label_runs,
+    still_background,
+)
 from tactileforge.errors import DataError
 from tactileforge.untrusted import load_json
 
@@ -30,13 +36,13 @@ class _Row(NamedTuple):
     @property
     def number(self) -> int:
         """The number of the frame: files are ``NUMBER-SECONDS.jpg``."""
-        found = re.match(r"\d+", Path(self.touch).name)
-        if not found:
+        match = re.match(r"\d+", Path(self.touch).name)
+        if not match:
             raise DataError(f"{self.touch}: its name begins with no number; download it again")
-        return int(found[0])
+        return int(match[0])
 
 
-class Tvl(Published):
+class Tvl(PublishedDataset):
     """TVL without SSVTP (that is ``ssvtp``): runs of frames in contact with one caption.
 
     The captions of a run stay the same, so do those of `train.csv` and `test.csv`; where they are
@@ -51,7 +57,7 @@ class Tvl(Published):
         fps: Frames per second; it is not published.
 
     Raises:
-        ConfigError: See `Published`.
+        ConfigError: See `PublishedDataset`.
     """
 
     name = "tvl"
@@ -75,21 +81,23 @@ class Tvl(Published):
         super().__init__(root, split, val)
         self.fps = fps
 
-    def _items(self) -> Iterator[Item]:
+    def _items(self) -> Iterator[RecordingItem]:
         parts = sorted(self._folder("hct", "tvl_dataset/hct", ".").glob("data[0-9]*"))
         if not parts:
             raise self._missing(f"no folder data1 in {self.root}")
         for part in parts:
             rows = {(row.side, _folder(row), row.number): row for row in self._rows(part)}
             for (side, folder), group in groupby(sorted(rows), lambda place: place[:2]):
-                found = [rows[place] for place in group]
-                for run in runs([row.number for row in found], [row.caption for row in found]):
-                    key = f"{part.name}/{folder}/{side}_{found[run][0].number}"
-                    opened = partial(self._open, key, part, found[run])
-                    yield Item(key, opened, {"list": side}, group=f"{part.name}/{folder}")
+                group_rows = [rows[place] for place in group]
+                for run in label_runs(
+                    [row.number for row in group_rows], [row.caption for row in group_rows]
+                ):
+                    key = f"{part.name}/{folder}/{side}_{group_rows[run][0].number}"
+                    opened = partial(self._open, key, part, group_rows[run])
+                    yield RecordingItem(key, opened, {"list": side}, group=f"{part.name}/{folder}")
 
     def _rows(self, part: Path) -> list[_Row]:
-        found = []
+        rows = []
         for side in ("train", "test"):
             path = part / f"{side}.csv"
             if path.is_file():
@@ -101,8 +109,8 @@ class Tvl(Published):
                                 "background and caption belong; download it again"
                             )
                         vision, touch, background, caption = map(str.strip, cells)
-                        found.append(_Row(touch, vision, background, caption, side))
-        return found or self._in_contact(part / "contact.json")
+                        rows.append(_Row(touch, vision, background, caption, side))
+        return rows or self._in_contact(part / "contact.json")
 
     def _in_contact(self, path: Path) -> list[_Row]:
         if not path.is_file():
@@ -127,14 +135,14 @@ class Tvl(Published):
         image = ImageFrames(views) if all(path.is_file() for path in views) else None
         if image and image.shape[0] * image.shape[1] < frames.shape[0] * frames.shape[1]:
             frames, image = image, frames
-        own = part / rows[0].background
-        background = own if own.is_file() else part / "digit_background.png"
+        still = part / rows[0].background
+        background = still if still.is_file() else part / "digit_background.png"
         return self._recording(
             key,
             sensor="digit",
             frames=frames,
-            times=seconds(numbers, self.fps),
-            no_contact=still(background, frames),
+            times=frame_times(numbers, self.fps),
+            no_contact=still_background(background, frames),
             text=rows[0].caption or None,
             image=image,
         )

@@ -6,10 +6,15 @@ from collections.abc import Iterator
 from functools import partial
 
 from tactileforge.contracts import FrameSubset, Recording
-from tactileforge.datasets.reading.published import Item, Numbered, Published, seconds
+from tactileforge.datasets.reading.published import (
+    NumberedImages,
+    PublishedDataset,
+    RecordingItem,
+    frame_times,
+)
 
 
-class VisGel(Published):
+class VisGel(PublishedDataset):
     """VisGel: each sequence is a recording, whose first frame is without contact.
 
     Args:
@@ -19,7 +24,7 @@ class VisGel(Published):
         fps: Frames per second; it is not published.
 
     Raises:
-        ConfigError: See `Published`.
+        ConfigError: See `PublishedDataset`.
     """
 
     name = "visgel"
@@ -38,22 +43,22 @@ class VisGel(Published):
         super().__init__(root, split, val)
         self.fps = fps
 
-    def _items(self) -> Iterator[Item]:
+    def _items(self) -> Iterator[RecordingItem]:
         touch = self._folder("images/touch", "touch")
         for folder in sorted(path for path in touch.rglob("*") if path.is_dir()):
-            files = Numbered(folder, r"frame\d+")
+            files = NumberedImages(folder, r"frame\d+")
             if files.files:
                 key = folder.relative_to(touch).as_posix()
-                vision = Numbered(touch.parent / "vision" / key, r"frame\d+")
-                yield Item(key, partial(self._open, key, files, vision))
+                vision = NumberedImages(touch.parent / "vision" / key, r"frame\d+")
+                yield RecordingItem(key, partial(self._open, key, files, vision))
 
-    def _open(self, key: str, touch: Numbered, vision: Numbered) -> Recording:
+    def _open(self, key: str, touch: NumberedImages, vision: NumberedImages) -> Recording:
         frames, numbers = touch.frames(), list(touch.files)
         return self._recording(
             key,
             sensor="gelsight",
             frames=frames,
-            times=seconds(numbers, self.fps),
+            times=frame_times(numbers, self.fps),
             no_contact=FrameSubset(frames, [0]),
             image=vision.nearest(numbers),
         )

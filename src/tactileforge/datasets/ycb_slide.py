@@ -8,12 +8,12 @@ from pathlib import Path
 
 from tactileforge.contracts import Recording
 from tactileforge.datasets.reading.published import (
-    Item,
-    Numbered,
-    Published,
-    median,
-    seconds,
-    still,
+    NumberedImages,
+    PublishedDataset,
+    RecordingItem,
+    frame_times,
+    median_frames,
+    still_background,
 )
 
 #: Which background Sparsh chose for which object (``bgs/bg_N.jpg`` in its data).
@@ -31,7 +31,7 @@ BACKGROUNDS = {
 }
 
 
-class YcbSlide(Published):
+class YcbSlide(PublishedDataset):
     """YCB-Slide, the real part: a minute of sliding is a recording.
 
     There is no frame that is known to be without contact. Sparsh's backgrounds are used where they
@@ -43,7 +43,7 @@ class YcbSlide(Published):
         val: Share of the recordings that is held out.
 
     Raises:
-        ConfigError: See `Published`.
+        ConfigError: See `PublishedDataset`.
     """
 
     name = "ycb_slide"
@@ -58,27 +58,27 @@ class YcbSlide(Published):
     webcam_frames/frame_0000000.jpg ..."""
     provides = frozenset({"object", "image"})
 
-    def _items(self) -> Iterator[Item]:
+    def _items(self) -> Iterator[RecordingItem]:
         real = self._folder("real", "dataset/real", ".")
         folders = sorted(path for path in real.glob("*/dataset_*") if path.is_dir())
         if not folders:
             raise self._missing(f"no folder OBJECT/dataset_0 in {real}")
         for folder in folders:
             key = f"{folder.parent.name}/{folder.name}"
-            yield Item(key, partial(self._open, key, folder))
+            yield RecordingItem(key, partial(self._open, key, folder))
 
     def _open(self, key: str, folder: Path) -> Recording:
-        numbered, name = Numbered(folder / "frames"), folder.parent.name
+        numbered, name = NumberedImages(folder / "frames"), folder.parent.name
         frames = numbered.frames()
         chosen = BACKGROUNDS.get(name, "")
-        background = still(folder.parents[1] / "bgs" / f"bg_{chosen}.jpg", frames)
-        views = Numbered(folder / "webcam_frames")
+        background = still_background(folder.parents[1] / "bgs" / f"bg_{chosen}.jpg", frames)
+        views = NumberedImages(folder / "webcam_frames")
         return self._recording(
             key,
             sensor="digit",
             frames=frames,
-            times=seconds(list(numbered.files), 30.0),
-            no_contact=background or median(frames),
+            times=frame_times(list(numbered.files), 30.0),
+            no_contact=background or median_frames(frames),
             object=name,
             image=views.frames() if views.files else None,
         )

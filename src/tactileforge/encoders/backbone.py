@@ -1,4 +1,4 @@
-"""What touch encoders share: their input, their sensor rows, and the views of a batch."""
+"""Base of touch encoders: input, sensor ids, tube masking and the views of a batch."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from torch.nn import functional as F
 
 from tactileforge.contracts import Batch, Features, MaskedFeatures
 from tactileforge.distributed import rand_rows
-from tactileforge.encoders.preprocess import Pixels
-from tactileforge.encoders.transformer import size_of
+from tactileforge.encoders.preprocess import Preprocess
+from tactileforge.encoders.transformer import size_preset
 from tactileforge.errors import ConfigError
 
 
 class Backbone(nn.Module):
     """A touch encoder less its network: preprocessing, patches, views.
 
-    A subclass sets ``prefix``, ``projected``, ``project`` and ``universal``, and says what `rows`,
-    `encode` and `summary` are.
+    A subclass sets ``prefix``, ``projected``, ``project`` and ``universal``, and says what
+    `sensor_ids`, `encode` and `pool_tokens` are.
 
     Args:
         size: A key of `transformer.SIZES`.
@@ -33,15 +33,15 @@ class Backbone(nn.Module):
         patch: Rows and columns of a patch.
         tube: Frames of a patch.
         mask_ratio: Share of spatial positions that the masked view hides, the same in every slot.
-        pixels: Preprocessing, see `Pixels`.
+        pixels: Preprocessing, see `Preprocess`.
 
     Attributes:
         width: Size of a token.
         prefix: Tokens before the patches.
         grid: Temporal slots, rows, columns.
         universal: Row of the universal sensor; None where there is none.
-        sums_class: Whether the class token is all that `summary` reads, and `encode` knows
-            ``class_only``.
+        pools_class_token: Whether the class token is all that `pool_tokens` reads, and `encode`
+            knows ``class_only``.
 
     Raises:
         ConfigError: Sizes that the tubes do not divide, or a mask that hides everything.
@@ -53,7 +53,7 @@ class Backbone(nn.Module):
     project: nn.Module
     sensors: dict[str, int]
     universal: int | None = None
-    sums_class = False
+    pools_class_token = False
 
     def __init__(
         self,
@@ -76,7 +76,7 @@ class Backbone(nn.Module):
             )
         if not 0 <= mask_ratio < 1:
             raise ConfigError(f"encoder: mask_ratio is {mask_ratio}; it must be in [0, 1)")
-        self.width, blocks, self.heads = size_of(size)
+        self.width, blocks, self.heads = size_preset(size)
         self.depth = blocks if depth is None else depth
         self.frames = frames
         self.spacing = spacing
@@ -85,10 +85,10 @@ class Backbone(nn.Module):
         self.tube = tube
         self.mask_ratio = mask_ratio
         self.grid = (frames // tube, height // patch, width // patch)
-        self.pixels = Pixels.of(self.image_size, pixels)
+        self.pixels = Preprocess.of(self.image_size, pixels)
 
     @abstractmethod
-    def rows(self, sensor: Sequence[str]) -> Tensor:
+    def sensor_ids(self, sensor: Sequence[str]) -> Tensor:
         """Rows of the sensor table, int64 (B,)."""
 
     @abstractmethod
@@ -112,13 +112,13 @@ class Backbone(nn.Module):
         """
 
     @abstractmethod
-    def summary(self, tokens: Tensor) -> Tensor:
+    def pool_tokens(self, tokens: Tensor) -> Tensor:
         """The projected class token, or what stands for it: (B, L, width) to (B, projected)."""
 
     def preprocess(
         self, frames: Tensor, background: Tensor, sensor: Tensor | None = None
     ) -> Tensor:
-        """Float32 (B, T, 3, height, width); see `Pixels`."""
+        """Float32 (B, T, 3, height, width); see `Preprocess`."""
         out: Tensor = self.pixels(frames, background, sensor)
         return out
 
@@ -135,10 +135,10 @@ class Backbone(nn.Module):
         Args:
             frames: uint8 (B, T, 3, H, W), RGB, oldest first.
             background: uint8 (B, 3, H, W).
-            sensor: int64 (B,), see `rows`.
+            sensor: int64 (B,), see `sensor_ids`.
         """
         tokens = self.encode(self.patchify(self.preprocess(frames, background, sensor)), sensor)
-        return tokens, self.summary(tokens)
+        return tokens, self.pool_tokens(tokens)
 
     def class_tokens(
         self, frames: Tensor, background: Tensor, sensor: Tensor
@@ -154,11 +154,11 @@ class Backbone(nn.Module):
             sensor: See `forward`.
         """
         patches = self.patchify(self.preprocess(frames, background, sensor))
-        if self.sums_class:
+        if self.pools_class_token:
             tokens = self.encode(patches, sensor, class_only=True)
         else:
             tokens = self.encode(patches, sensor)
-        return tokens[:, 0], self.summary(tokens)
+        return tokens[:, 0], self.pool_tokens(tokens)
 
     def views(self, batch: Batch, universal: float = 0.0) -> TactileViews:
         """Starts the views of a batch; see `contracts.Encoder.views`."""
@@ -185,7 +185,7 @@ class TactileViews:
         count = rows * columns
         noise = rand_rows(len(frames), count + 1, device=frames.device)
         self.order = noise[:, :count].argsort(dim=1)
-        self.sensor = encoder.rows(batch["sensor"])
+        self.sensor = encoder.sensor_ids(batch["sensor"])
         if encoder.universal is not None:
             self.sensor = torch.where(noise[:, count] < universal, encoder.universal, self.sensor)
 
@@ -198,25 +198,27 @@ class TactileViews:
 
     @cached_property
     def full(self) -> Features:
-        """Every patch is seen."""
+        """Features with every patch visible."""
         encoder = self.encoder
         tokens = encoder.encode(self.patches, self.sensor)
-        return Features(tokens, encoder.summary(tokens), encoder.prefix, encoder.grid)
+        return Features(tokens, encoder.pool_tokens(tokens), encoder.prefix, encoder.grid)
 
     @cached_property
     def masked(self) -> MaskedFeatures:
-        """``mask_ratio`` of the spatial positions are hidden, the same in every slot."""
+        """Tube masking: ``mask_ratio`` of the positions are hidden, the same in every slot."""
         encoder = self.encoder
         count = self.order.shape[1]
         keep = max(1, round(count * (1 - encoder.mask_ratio)))
         kept = self.order[:, :keep].sort(dim=1).values
         masked = self.order[:, keep:].sort(dim=1).values
         hidden = encoder.encode(self.patches, self.sensor, kept)
-        tokens, cls = encoder.project(hidden), encoder.summary(hidden)
+        tokens, cls = encoder.project(hidden), encoder.pool_tokens(hidden)
         return MaskedFeatures(tokens, cls, kept, masked, encoder.prefix, encoder.grid)
 
 
-def visible(patches: Tensor, position: Tensor, kept: Tensor | None) -> tuple[Tensor, Tensor]:
+def visible_patches(
+    patches: Tensor, position: Tensor, kept: Tensor | None
+) -> tuple[Tensor, Tensor]:
     """The patches that are kept, and their positions.
 
     Args:
@@ -238,6 +240,6 @@ def visible(patches: Tensor, position: Tensor, kept: Tensor | None) -> tuple[Ten
     return patches, position
 
 
-def of_length(x: Tensor, length: float | None) -> Tensor:
+def rescale_norm(x: Tensor, length: float | None) -> Tensor:
     """Vectors (B, D) scaled to a length; None leaves them as they are."""
     return x if length is None else length * F.normalize(x, dim=-1)

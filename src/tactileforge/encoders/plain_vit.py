@@ -8,8 +8,8 @@ from typing import Any, Literal
 import torch
 from torch import Tensor, nn
 
-from tactileforge.encoders.backbone import Backbone, of_length, visible
-from tactileforge.encoders.positions import sincos
+from tactileforge.encoders.backbone import Backbone, rescale_norm, visible_patches
+from tactileforge.encoders.positions import sincos_position_embedding
 from tactileforge.encoders.preprocess import SPARSH
 from tactileforge.encoders.tactile_vit import PUBLISHED_SENSORS
 from tactileforge.encoders.transformer import Transformer, init_weights
@@ -50,7 +50,9 @@ class Stem(nn.Module):
         self.embed = nn.Linear(patch, width)
         self.class_token = nn.Parameter(torch.empty(width)) if class_token else None
         if positions == "sincos":
-            fixed = torch.cat([torch.zeros(int(class_token), width), sincos(grid, width)])
+            fixed = torch.cat(
+                [torch.zeros(int(class_token), width), sincos_position_embedding(grid, width)]
+            )
             self.register_buffer("position", fixed, persistent=False)
         else:
             count = int(class_token) + slots * rows * columns
@@ -60,7 +62,7 @@ class Stem(nn.Module):
     def forward(self, patches: Tensor, kept: Tensor | None) -> Tensor:
         """(B, slots, N, P) to (B, class token + slots * (K or N), width)."""
         head = int(self.class_token is not None)
-        patches, position = visible(patches, self.position[head:], kept)
+        patches, position = visible_patches(patches, self.position[head:], kept)
         x = (self.embed(patches) + position).flatten(1, 2)
         if self.class_token is not None:
             first = (self.class_token + self.position[0]).expand(len(x), 1, -1)
@@ -101,7 +103,7 @@ class PlainViT(Backbone):
         length: Projected class tokens are scaled to this length; None leaves them as they are.
         mask_ratio: Share of spatial positions that the masked view hides, the same in every slot.
         spacing: Seconds between the frames of a clip that it is trained with; 0 for one frame.
-        pixels: Preprocessing, see `preprocess.Pixels`.
+        pixels: Preprocessing, see `preprocess.Preprocess`.
 
     Attributes:
         width: Size of a token.
@@ -115,7 +117,7 @@ class PlainViT(Backbone):
         >>> import torch
         >>> encoder = PlainViT("tiny", image_size=(64, 48)).eval()
         >>> frames = torch.zeros(1, 2, 3, 320, 240, dtype=torch.uint8)
-        >>> tokens, cls = encoder(frames, frames[:, 0], encoder.rows(["digit"]))
+        >>> tokens, cls = encoder(frames, frames[:, 0], encoder.sensor_ids(["digit"]))
         >>> tokens.shape, cls.shape
         (torch.Size([1, 12, 192]), torch.Size([1, 192]))
     """
@@ -155,7 +157,7 @@ class PlainViT(Backbone):
                 f"sensor; it is {self.sensors}"
             )
         self.pool = pool
-        self.sums_class = pool == "class"
+        self.pools_class_token = pool == "class"
         self.norm_tokens = norm == "tokens"
         self.length = length
         self.prefix = int(class_token)
@@ -176,7 +178,7 @@ class PlainViT(Backbone):
             if name.rpartition(".")[2] in ("class_token", "position", "registers"):
                 nn.init.normal_(parameter, std=0.02)
 
-    def rows(self, sensor: Sequence[str]) -> Tensor:
+    def sensor_ids(self, sensor: Sequence[str]) -> Tensor:
         """Stem of each sensor, int64 (B,).
 
         Raises:
@@ -223,8 +225,8 @@ class PlainViT(Backbone):
             order.append(index)
         return torch.cat(parts)[torch.cat(order).argsort()]
 
-    def summary(self, tokens: Tensor) -> Tensor:
+    def pool_tokens(self, tokens: Tensor) -> Tensor:
         """The class token, or the mean of the patches, projected: (B, projected)."""
         x = tokens[:, 0] if self.pool == "class" else tokens[:, self.prefix :].mean(dim=1)
         x = x if self.norm_tokens else self.norm_out(x)
-        return of_length(self.project(x), self.length)
+        return rescale_norm(self.project(x), self.length)

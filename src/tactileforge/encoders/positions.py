@@ -1,4 +1,4 @@
-"""Where a patch lies, as numbers."""
+"""Fixed sine-cosine position embeddings."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 
-def waves(grid: tuple[int, int, int], width: int) -> Tensor:
+def sincos_grid(grid: tuple[int, int, int], width: int) -> Tensor:
     """Sines and cosines of slot, row and column: (slots, rows, columns, width).
 
     A quarter of the width codes the slot, row and column share the rest. The shortest wave is four
@@ -30,7 +30,7 @@ def waves(grid: tuple[int, int, int], width: int) -> Tensor:
     return torch.cat(parts, dim=-1)
 
 
-def sincos(grid: tuple[int, int, int], width: int) -> Tensor:
+def sincos_position_embedding(grid: tuple[int, int, int], width: int) -> Tensor:
     """Sparsh's fixed positions: sines, then cosines, of each axis of the grid.
 
     With ``n`` axes, ``b = ceil(width / 2n)`` frequencies ``10000 ** (-k / b)`` per axis; time is

@@ -36,7 +36,7 @@ FITS = ("squash", "cover", "portrait", "pad")
 FILTERS = ("bilinear", "bicubic")
 
 
-class Pixels(nn.Module):
+class Preprocess(nn.Module):
     """The preprocessing of an encoder: uint8 frames of any size to normalised frames of its own.
 
     Ways to fit a frame to a size, all anti-aliased:
@@ -93,7 +93,7 @@ class Pixels(nn.Module):
         self.std: Tensor
 
     @classmethod
-    def of(cls, size: tuple[int, int], options: Mapping[str, Any]) -> Pixels:
+    def of(cls, size: tuple[int, int], options: Mapping[str, Any]) -> Preprocess:
         """From a configuration node.
 
         Raises:

@@ -66,7 +66,7 @@ class RelativeBias(nn.Module):
         return None if relative == "none" else cls(heads, grid, prefix, relative)
 
     def forward(self, kept: Tensor | None = None) -> Tensor:
-        """What is added to scores: (1 or B, heads, L, L), asking token before asked one.
+        """Biases of the scores, (1 or B, heads, L, L): query before key.
 
         Args:
             kept: int64 (B, K), spatial positions that are there; None for all.

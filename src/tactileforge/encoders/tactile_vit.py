@@ -8,8 +8,8 @@ from typing import Any, Literal
 import torch
 from torch import Tensor, nn
 
-from tactileforge.encoders.backbone import Backbone, of_length, visible
-from tactileforge.encoders.positions import waves
+from tactileforge.encoders.backbone import Backbone, rescale_norm, visible_patches
+from tactileforge.encoders.positions import sincos_grid
 from tactileforge.encoders.preprocess import ANYTOUCH2, CLIP_MEAN, CLIP_STD
 from tactileforge.encoders.transformer import Transformer, init_weights
 from tactileforge.errors import ConfigError, unknown
@@ -57,7 +57,7 @@ class TactileViT(Backbone):
         eps: Of the norms.
         bias_kv: Whether attention has a learned key and value besides the tokens (ImageBind).
         length: Projected class tokens are scaled to this length; None leaves them as they are.
-        pixels: Preprocessing, see `preprocess.Pixels`.
+        pixels: Preprocessing, see `preprocess.Preprocess`.
 
     Attributes:
         width: Size of a token.
@@ -71,12 +71,12 @@ class TactileViT(Backbone):
         >>> import torch
         >>> encoder = TactileViT("tiny", frames=4, image_size=32).eval()
         >>> frames = torch.zeros(2, 4, 3, 240, 320, dtype=torch.uint8)
-        >>> tokens, cls = encoder(frames, frames[:, 0], encoder.rows(["digit", "gelsight"]))
+        >>> tokens, cls = encoder(frames, frames[:, 0], encoder.sensor_ids(["digit", "gelsight"]))
         >>> tokens.shape, cls.shape
         (torch.Size([2, 14, 192]), torch.Size([2, 512]))
     """
 
-    sums_class = True
+    pools_class_token = True
 
     def __init__(
         self,
@@ -130,9 +130,9 @@ class TactileViT(Backbone):
             if parameter is not None:
                 nn.init.normal_(parameter, std=0.02)
         with torch.no_grad():  # patches that differ little are told apart by their places at once
-            self.position[1:] = 0.5 * waves(self.grid, self.width).flatten(0, 2)
+            self.position[1:] = 0.5 * sincos_grid(self.grid, self.width).flatten(0, 2)
 
-    def rows(self, sensor: Sequence[str]) -> Tensor:
+    def sensor_ids(self, sensor: Sequence[str]) -> Tensor:
         """Rows of the sensor table, int64 (B,).
 
         Raises:
@@ -154,7 +154,7 @@ class TactileViT(Backbone):
         class_only: bool = False,
     ) -> Tensor:
         """Last hidden state, before the last norm; see `Backbone.encode`."""
-        patches, position = visible(patches, self.position[1:], kept)
+        patches, position = visible_patches(patches, self.position[1:], kept)
         x = (self.embed(patches) + position).flatten(1, 2)
         head = [(self.class_token + self.position[0]).expand(len(x), 1, -1)]
         if self.sensor_table is not None:
@@ -163,6 +163,6 @@ class TactileViT(Backbone):
         hidden: Tensor = self.transformer(x, only=0 if class_only else None)
         return hidden
 
-    def summary(self, tokens: Tensor) -> Tensor:
+    def pool_tokens(self, tokens: Tensor) -> Tensor:
         """The class token, normed and projected: (B, L, width) to (B, projected)."""
-        return of_length(self.project(self.norm_out(tokens[:, 0])), self.length)
+        return rescale_norm(self.project(self.norm_out(tokens[:, 0])), self.length)

@@ -191,7 +191,7 @@ def init_weights(module: nn.Module) -> None:
             nn.init.zeros_(module.bias)
 
 
-def size_of(size: str) -> tuple[int, int, int]:
+def size_preset(size: str) -> tuple[int, int, int]:
     """Width, depth and heads of a named size.
 
     Raises:

@@ -8,9 +8,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from tactileforge.encoders.positions import waves
+from tactileforge.encoders.positions import sincos_grid
 from tactileforge.encoders.tactile_vit import CLIP_MEAN, CLIP_STD
-from tactileforge.encoders.transformer import Transformer, init_weights, size_of
+from tactileforge.encoders.transformer import Transformer, init_weights, size_preset
 
 
 class ImageViT(nn.Module):
@@ -40,7 +40,7 @@ class ImageViT(nn.Module):
         frozen: bool = False,
     ) -> None:
         super().__init__()
-        self.width, blocks, heads = size_of(size)
+        self.width, blocks, heads = size_preset(size)
         self.image_size = image_size
         rows = image_size // patch
         self.embed = nn.Conv2d(3, self.width, patch, patch)
@@ -55,7 +55,7 @@ class ImageViT(nn.Module):
         self.apply(init_weights)
         nn.init.normal_(self.class_token, std=0.02)
         with torch.no_grad():
-            self.position.copy_(0.5 * waves((1, rows, rows), self.width).flatten(0, 2))
+            self.position.copy_(0.5 * sincos_grid((1, rows, rows), self.width).flatten(0, 2))
         self.requires_grad_(not frozen)
 
     def forward(self, images: Tensor) -> Tensor:

@@ -1,4 +1,4 @@
-"""Models as files that run elsewhere: ``export``, and ``read`` for what such a file says of itself.
+"""Exports models as files that run elsewhere: ``export``, and ``read`` for their metadata.
 
 - `export.facts`: what a file says of itself; needs no torch
 - `export.program`: the graph, by ``torch.export``; clips to compare it with the module
@@ -11,12 +11,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from tactileforge.export.facts import Exported, read
+from tactileforge.export.facts import Exported, read_facts
 
 if TYPE_CHECKING:
     from tactileforge.export.write import export
 
-__all__ = ["Exported", "export", "read"]
+__all__ = ["Exported", "export", "read_facts"]
 
 
 def __getattr__(name: str) -> Any:

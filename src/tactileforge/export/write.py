@@ -1,4 +1,4 @@
-"""From a model to a file that was run and compared."""
+"""Exports a model to a file, then runs it and compares its outputs."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from torch import nn
 
 from tactileforge.errors import ConfigError, TactileForgeError, unknown
 from tactileforge.export.facts import Exported, need_onnx
-from tactileforge.export.program import ProgramFile, compare, sizes_of, trace
+from tactileforge.export.program import ProgramFile, compare_outputs, sizes_of, trace
 from tactileforge.files import new_part
 from tactileforge.hub.loading import load
 from tactileforge.hub.model import Model
@@ -63,7 +63,7 @@ def export(
         file = _file(format, program)
         file.save(part)
         sizes = sizes_of(encoder, taken, small=format == "onnx")
-        error = compare(file.load(part), encoder, sizes).largest
+        error = compare_outputs(file.load(part), encoder, sizes).largest
         if not error <= tolerance:
             raise TactileForgeError(
                 f"{path}: the file's outputs differ from the module's by {error:.2g}, more than "
@@ -73,7 +73,7 @@ def export(
         loss = {}
         if int8:
             file.quantise(part)
-            gap = compare(file.load(part), encoder, sizes)
+            gap = compare_outputs(file.load(part), encoder, sizes)
             loss = {"relative": gap.relative, "cosine": gap.cosine}
         done = Exported(
             path=str(path),
@@ -108,7 +108,7 @@ def _check(path: Path, format: str, size: Any, int8: Any, tolerance: Any) -> Non
 
 
 def _open(model: str | Path | Model | nn.Module) -> tuple[Any, dict[str, Any]]:
-    """The encoder, on the CPU in eval mode, and what is known of it."""
+    """The encoder, on the CPU in eval mode, and its facts."""
     opened = load(model) if isinstance(model, str | Path) else model
     if isinstance(opened, Model):
         encoder: Any = opened.encoder
@@ -136,7 +136,7 @@ def _file(format: str, program: Any) -> Any:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Without the notes that exporters print: what matters is compared, and raised."""
+    """Silences exporters: outputs are compared, and deviations raised."""
     before = logging.root.manager.disable
     logging.disable(logging.ERROR)
     try:

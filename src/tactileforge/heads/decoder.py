@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from tactileforge.contracts import Encoder, MaskedFeatures
-from tactileforge.encoders.positions import waves
+from tactileforge.encoders.positions import sincos_grid
 from tactileforge.encoders.relative import Relative, RelativeBias
 from tactileforge.encoders.transformer import Transformer, init_weights
 
@@ -73,7 +73,7 @@ class MaskedDecoder(nn.Module):
         self.transformer = Transformer(width, depth, heads)
         self.norm = nn.LayerNorm(width) if norm else nn.Identity()
         self.predict = nn.Linear(width, out or 3 * encoder.tube * encoder.patch**2)
-        self.register_buffer("position", waves(encoder.grid, width), persistent=False)
+        self.register_buffer("position", sincos_grid(encoder.grid, width), persistent=False)
         self.position: Tensor
         self.apply(init_weights)
         nn.init.normal_(self.mask_token, std=0.02)

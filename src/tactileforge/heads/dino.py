@@ -9,9 +9,9 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from tactileforge.contracts import Batch, Encoder, Views
-from tactileforge.distributed import gather
+from tactileforge.distributed import gather_rows
 from tactileforge.encoders.transformer import init_weights
-from tactileforge.heads.ema import SlowCopy
+from tactileforge.heads.ema import EMA
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Prototypes(nn.Module):
 
 
 class DinoHead(nn.Module):
-    """Prototypes on the summary of the masked view, and slow copies of encoder and prototypes.
+    """Prototypes on the pooled masked view, and EMA copies of encoder and prototypes.
 
     Source: DINO (Caron et al. 2021), with masks for views as Sparsh has them: the student sees the
     visible patches, the teacher the whole clip. Sparsh compares ten masks of each clip with two,
@@ -76,26 +76,26 @@ class DinoHead(nn.Module):
     ) -> None:
         super().__init__()
         self.student = Prototypes(encoder.projected, hidden, bottleneck, prototypes)
-        self.teacher = SlowCopy(self.student, momentum)
-        self.target = SlowCopy(encoder, momentum)
+        self.teacher = EMA(self.student, momentum)
+        self.target = EMA(encoder, momentum)
         self.centring = centring
         self.register_buffer("centre", torch.zeros(prototypes))
         self.register_buffer("seen", torch.zeros(prototypes), persistent=False)
         self.centre: Tensor
         self.seen: Tensor
 
-    def follow(self, encoder: Encoder, step: int, total: int) -> None:
-        """The centre moves towards the last batch; see `contracts.Follower`."""
+    def after_step(self, encoder: Encoder, step: int, total: int) -> None:
+        """The centre moves towards the last batch; see `contracts.AfterStep`."""
         self.centre.lerp_(self.seen, 1 - self.centring)
-        self.teacher.follow(self.student, step, total)
-        self.target.follow(encoder, step, total)
+        self.teacher.after_step(self.student, step, total)
+        self.target.after_step(encoder, step, total)
 
     def forward(self, views: Views, batch: Batch) -> Distilled:
-        """What student and teacher make of the batch."""
+        """Outputs of student and teacher on a batch."""
         student = self.student(views.masked.cls)
         with torch.no_grad():
             teacher = self.teacher.network(self.target.network.views(batch).full.cls)
             centred = teacher - self.centre
             if self.training:
-                self.seen.copy_(gather(teacher.mean(0, keepdim=True)).mean(0))
+                self.seen.copy_(gather_rows(teacher.mean(0, keepdim=True)).mean(0))
         return Distilled(student, centred)

@@ -1,4 +1,4 @@
-"""A slow copy of a network, which objectives take their targets from."""
+"""Exponential moving average of a network's weights: the target network of objectives."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import torch
 from torch import nn
 
 
-class SlowCopy(nn.Module):
-    """The moving average of a network's weights; no gradient reaches it.
+class EMA(nn.Module):
+    """Exponential moving average (EMA) of a network's weights; no gradient reaches it.
 
     After each step ``slow = keep * slow + (1 - keep) * fast``, where ``keep`` rises linearly from
     ``momentum`` at the start of the run to 1 at its end. It is always in evaluation mode. Where a
-    head has one of the encoder, it is what `hub.pack.pack` makes a file of.
+    head has one of the encoder, it is what `hub.pack.pack_run` makes a file of.
 
     Args:
         network: What is followed.
@@ -29,12 +29,12 @@ class SlowCopy(nn.Module):
         self.network: Any = deepcopy(network).requires_grad_(False).eval()
         self.momentum = momentum
 
-    def train(self, mode: bool = True) -> SlowCopy:
+    def train(self, mode: bool = True) -> EMA:
         """Stays in evaluation mode."""
         return super().train(False)
 
     @torch.no_grad()
-    def follow(self, network: Any, step: int, total: int) -> None:
+    def after_step(self, network: Any, step: int, total: int) -> None:
         """Moves towards a network; at step 0 it becomes equal to it.
 
         Args:

@@ -37,7 +37,7 @@ class ForceDecoder(nn.Module):
         nn.init.normal_(last.weight, std=0.02)
 
     def hidden(self, tokens: Tensor) -> Tensor:
-        """What the last layer reads, (B, frames, width / 4)."""
+        """Input of the last layer, (B, frames, width / 4)."""
         out: Tensor = self.probe[:-1](self.pooler(tokens))
         return out
 
@@ -61,7 +61,7 @@ class MeanReadout(nn.Module):
         nn.init.zeros_(self.linear.bias)
 
     def hidden(self, tokens: Tensor) -> Tensor:
-        """What the layer reads, (B, frames, width): the same for every frame."""
+        """Input of the layer, (B, frames, width): the same for every frame."""
         return tokens[:, self.prefix :].mean(1, keepdim=True).expand(-1, self.frames, -1)
 
     def forward(self, tokens: Tensor) -> Tensor:
@@ -122,7 +122,7 @@ class ForceHead(nn.Module):
         return Forces(self.force(tokens), self.delta(tokens))
 
     def hidden(self, views: Views) -> Tensor:
-        """What the last layer of the forces reads, float (B, T - 1, width or width / 4)."""
+        """Input of the last layer of the forces, float (B, T - 1, width or width / 4)."""
         out: Tensor = self.force.hidden(self._tokens(views.full))
         return out
 

@@ -11,12 +11,12 @@ from torch.nn import functional as F
 from tactileforge.contracts import Batch, Encoder, Views
 from tactileforge.encoders.relative import Relative
 from tactileforge.heads.decoder import MaskedDecoder, masked_patches
-from tactileforge.heads.ema import SlowCopy
+from tactileforge.heads.ema import EMA
 
 
 @dataclass(frozen=True)
 class Latents:
-    """Features of masked tubes as predicted, and as the slow copy of the encoder has them.
+    """Features of masked tubes: predicted, and of the encoder's EMA.
 
     Attributes:
         predicted: float (B, slots, M, width).
@@ -28,7 +28,7 @@ class Latents:
 
 
 class JepaHead(nn.Module):
-    """A predictor on the visible tokens, and a slow copy of the encoder that sees everything.
+    """A predictor on the visible tokens, and an EMA of the encoder that sees everything.
 
     Source: V-JEPA (Bardes et al. 2024, section 3). The slow copy never takes the universal sensor
     tokens.
@@ -53,11 +53,11 @@ class JepaHead(nn.Module):
     ) -> None:
         super().__init__()
         self.predictor = MaskedDecoder(encoder, width, depth, heads, encoder.width, relative)
-        self.target = SlowCopy(encoder, momentum)
+        self.target = EMA(encoder, momentum)
 
-    def follow(self, encoder: Encoder, step: int, total: int) -> None:
-        """See `contracts.Follower`."""
-        self.target.follow(encoder, step, total)
+    def after_step(self, encoder: Encoder, step: int, total: int) -> None:
+        """See `contracts.AfterStep`."""
+        self.target.after_step(encoder, step, total)
 
     def forward(self, views: Views, batch: Batch) -> Latents:
         """Predicted and true features of the masked tubes."""

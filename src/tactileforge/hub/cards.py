@@ -1,4 +1,4 @@
-"""Cards: what the zoo says of each model. Reading them needs no torch.
+"""Model cards of the zoo, readable without torch.
 
 A card is ``zoo/recipe/NAME.md``: YAML front matter, then text. A model is named ``NAME.TAG``, one
 of the weights on the card; ``NAME`` alone means the first of them.
@@ -19,7 +19,7 @@ import yaml
 
 from tactileforge import strict
 from tactileforge.errors import ConfigError, unknown
-from tactileforge.hub.gates import TOKENS, Gate, passes
+from tactileforge.hub.gates import TOKENS, Gate, gate_passes
 
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
@@ -70,7 +70,7 @@ class Weight:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Result:
+class CardResult:
     """One published or measured number.
 
     Attributes:
@@ -91,7 +91,7 @@ class Result:
 
     @property
     def is_ours(self) -> bool:
-        """Whether we measured it."""
+        """Whether it was measured by this project."""
         return self.source.startswith("docs/")
 
 
@@ -126,7 +126,7 @@ class Card:
     frames: int
     spacing: float
     weights: list[Weight]
-    results: list[Result]
+    results: list[CardResult]
     text: str
     recipe: bool
     gates: list[Gate] = field(default_factory=list)
@@ -136,11 +136,11 @@ class Card:
         return [row for row in self.gates if row.model == weight.tag]
 
     def may_ship(self, weight: Weight) -> bool:
-        """Whether weights may come with the package: what is only a demonstration has to say so.
+        """Whether weights may ship with the package: demonstrations must be marked as such.
 
         The text of the card then has the word *demonstration* below the heading of the weights.
         """
-        if passes(self.gate(weight)):
+        if gate_passes(self.gate(weight)):
             return True
         below = self.text.partition(f"## `{weight.tag}`")[2].partition("\n## ")[0]
         return weight.demonstration and "demonstration" in below
@@ -163,62 +163,64 @@ class Card:
 
     def clip(self, weight: Weight | None) -> tuple[int, float]:
         """Frames of a clip, and seconds between them, of some weights."""
-        own = weight if weight and weight.frames else self
-        return own.frames, own.spacing
+        source = weight if weight and weight.frames else self
+        return source.frames, source.spacing
 
 
-def zoo() -> Traversable:
+def zoo_folder() -> Traversable:
     """The zoo's folder."""
     return files("tactileforge.zoo")
 
 
 @cache
-def names() -> tuple[str, ...]:
+def card_names() -> tuple[str, ...]:
     """Names of all cards, sorted."""
-    folder = zoo() / "recipe"
+    folder = zoo_folder() / "recipe"
     return tuple(sorted(p.name[:-3] for p in folder.iterdir() if p.name.endswith(".md")))
 
 
 @cache
-def read(name: str) -> Card:
+def read_card(name: str) -> Card:
     """The card of that name.
 
     Raises:
         ConfigError: There is none, or it is not complete.
     """
-    if name not in names():
-        raise ConfigError(unknown("model", name, names(), "See them: tactileforge zoo list"))
-    folder = zoo() / "recipe"
+    if name not in card_names():
+        raise ConfigError(unknown("model", name, card_names(), "See them: tactileforge zoo list"))
+    folder = zoo_folder() / "recipe"
     text = (folder / f"{name}.md").read_text("utf-8")
-    return parse(name, text, (folder / f"{name}.yaml").is_file())
+    return parse_card(name, text, (folder / f"{name}.yaml").is_file())
 
 
-def find(model: str) -> tuple[Card, Weight]:
-    """The card and the weights that a name means: ``NAME.TAG``, or ``NAME`` for the default.
+def find_card(model: str) -> tuple[Card, Weight]:
+    """Card and weights of a name: ``NAME.TAG``, or ``NAME`` for the default weights.
 
     Raises:
         ConfigError: Unknown name or tag, or a card without weights.
     """
     name, _, tag = model.partition(".")
-    if name not in names() and ("/" in model or model.endswith((".safetensors", ".ckpt", ".pth"))):
+    if name not in card_names() and (
+        "/" in model or model.endswith((".safetensors", ".ckpt", ".pth"))
+    ):
         raise ConfigError(f"{model!r} looks like a file; say so: file:{model}")
-    card = read(name)
+    card = read_card(name)
     return card, card.weight(tag)
 
 
-def models(pattern: str = "*") -> list[tuple[str, Card, Weight | None]]:
+def list_cards(pattern: str = "*") -> list[tuple[str, Card, Weight | None]]:
     """The models whose names match: full name, card and weights.
 
     A card without weights is listed under its own name.
     """
-    found: list[tuple[str, Card, Weight | None]] = []
-    for card in map(read, names()):
-        found += [(f"{card.name}.{weight.tag}", card, weight) for weight in card.weights]
-        found += [] if card.weights else [(card.name, card, None)]
-    return [row for row in found if fnmatchcase(row[0], pattern)]
+    rows: list[tuple[str, Card, Weight | None]] = []
+    for card in map(read_card, card_names()):
+        rows += [(f"{card.name}.{weight.tag}", card, weight) for weight in card.weights]
+        rows += [] if card.weights else [(card.name, card, None)]
+    return [row for row in rows if fnmatchcase(row[0], pattern)]
 
 
-def parse(name: str, text: str, recipe: bool) -> Card:
+def parse_card(name: str, text: str, recipe: bool) -> Card:
     """Reads a card from its text.
 
     Args:
@@ -232,27 +234,27 @@ def parse(name: str, text: str, recipe: bool) -> Card:
     where = f"card {name}"
     match = re.match(r"---\n(.*?)\n---\n(.*)", text, re.S)
     if not match:
-        raise ConfigError(f"{where}: starts with no front matter between two lines of ---")
+        raise ConfigError(f"{where}: does not start with front matter between two lines of ---")
     try:
-        given = yaml.load(match[1], _Loader)
+        front = yaml.load(match[1], _Loader)
     except yaml.YAMLError as error:
         raise ConfigError(f"{where}: {error}") from error
-    given = strict.mapping(where, given)
-    given.setdefault("gates", [])
-    for key, kind in (("weights", Weight), ("results", Result), ("gates", Gate)):
-        rows = given.get(key)
+    front = strict.mapping(where, front)
+    front.setdefault("gates", [])
+    for key, kind in (("weights", Weight), ("results", CardResult), ("gates", Gate)):
+        rows = front.get(key)
         if not isinstance(rows, list):
             raise ConfigError(f"{where}: {key} must be a list")
-        given[key] = [strict.build(kind, f"{where}, {key}[{i}]", row) for i, row in enumerate(rows)]
+        front[key] = [strict.build(kind, f"{where}, {key}[{i}]", row) for i, row in enumerate(rows)]
     card = strict.build(
-        Card, where, given | {"name": name, "text": match[2].strip(), "recipe": recipe}
+        Card, where, front | {"name": name, "text": match[2].strip(), "recipe": recipe}
     )
     _check(card)
     return card
 
 
 def _check(card: Card) -> None:
-    """What types do not say."""
+    """Validates what the types cannot express."""
     where = f"card {card.name}"
     tags = [weight.tag for weight in card.weights]
     for weight in card.weights:
@@ -262,7 +264,7 @@ def _check(card: Card) -> None:
         if bool(weight.file) + bool(weight.url) + bool(weight.layout) != 1:
             raise ConfigError(f"{place}: give one of file, url and layout")
         if weight.layout and not weight.source:
-            raise ConfigError(f"{place}: say in source where the published file is to be had")
+            raise ConfigError(f"{place}: state in source where the published file is available")
         verified = re.fullmatch(r"[0-9a-f]{64}", weight.sha256) and weight.bytes > 0
         if not weight.layout and not verified:
             raise ConfigError(f"{place}: sha256 (64 hexadecimal digits) and bytes are needed")

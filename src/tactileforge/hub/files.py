@@ -1,4 +1,4 @@
-"""One-file checkpoints: written beside and renamed, loaded strictly, no code in them."""
+"""One-file checkpoints: written atomically, loaded strictly, free of code."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ _LARGEST = 8192
 DTYPES = {"float32": torch.float32, "float16": torch.float16}
 
 
-def describe(
+def make_header(
     encoder: Any, node: Mapping[str, Any], *, licence: str, spacing: float, **known: Any
 ) -> Header:
-    """The header of an encoder: what it says of itself, and what is known besides.
+    """Builds the header of an encoder from its attributes and the given facts.
 
     Args:
         encoder: A touch encoder.
@@ -66,7 +66,7 @@ def _is(plugin: registry.PluginInfo, name: str) -> bool:
     return plugin.kind == "encoders" and plugin.name == name
 
 
-def save(
+def save_checkpoint(
     path: str | Path,
     encoder: nn.Module,
     header: Header,
@@ -78,7 +78,7 @@ def save(
     Args:
         path: The file.
         encoder: Its state is kept.
-        header: See `describe`.
+        header: See `make_header`.
         dtype: Type in which fractions are kept; they are float32 again after loading.
         heads: Those that the header names; their state is kept under ``head.NAME.``.
 
@@ -114,7 +114,7 @@ def save(
 
 
 def _of_head(name: str) -> str:
-    """How the tensors of a head begin."""
+    """Prefix of the tensor names of a head."""
     return f"head.{name}."
 
 
@@ -127,7 +127,7 @@ def open_encoder(path: str | Path, frames: int | None = None) -> tuple[Any, Head
 def open_model(
     path: str | Path, frames: int | None = None
 ) -> tuple[Any, dict[str, nn.Module], Header]:
-    """Builds the encoder and the heads of a one-file checkpoint and fills them, all of them.
+    """Builds the encoder and the heads of a one-file checkpoint and loads all weights.
 
     Args:
         path: The file.
@@ -160,9 +160,9 @@ def open_model(
     heads = {} if other else _open_heads(path, header, encoder, state)
     state = {key: x for key, x in state.items() if not _is_of_head(key, header)}
     if other:
-        fill(before, state, str(path))
+        fill_weights(before, state, str(path))
         state = _over_time(before, encoder)
-    fill(encoder, state, str(path))
+    fill_weights(encoder, state, str(path))
     encoder.requires_grad_(False)
     return encoder.eval(), heads, header
 
@@ -181,13 +181,13 @@ def _open_heads(
         with torch.random.fork_rng(devices=[]):
             head: nn.Module = registry.build("heads", entry["node"], encoder=encoder)
         own = {key.removeprefix(prefix): x for key, x in state.items() if key.startswith(prefix)}
-        fill(head, own, f"{path}, head {name}")
+        fill_weights(head, own, f"{path}, head {name}")
         heads[name] = head.requires_grad_(False).eval()
     return heads
 
 
-def fill(encoder: nn.Module, state: Mapping[str, Tensor], where: str) -> None:
-    """Loads a state strictly; the types of the module's own numbers stay.
+def fill_weights(encoder: nn.Module, state: Mapping[str, Tensor], where: str) -> None:
+    """Loads a state strictly; the module keeps its dtypes.
 
     Raises:
         DataError: Tensors are missing, left over or of another shape; lists them.
@@ -213,7 +213,7 @@ def fill(encoder: nn.Module, state: Mapping[str, Tensor], where: str) -> None:
 
 
 def check_plugin(path: Path, header: Header) -> None:
-    """Raises a PluginError, with the line that installs it, where the encoder is not installed."""
+    """Raises a PluginError with the install command where the encoder is not installed."""
     name = header.encoder["name"]
     if name in registry.names("encoders"):
         return

@@ -1,4 +1,4 @@
-"""Frames and background as users have them, words included, as an encoder takes them."""
+"""Converts users' frames and backgrounds to the encoder's input."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _CLIP = "(T, H, W, 3) or (T, 3, H, W), or a batch of these"
 _STILL = "(H, W, 3) or (3, H, W), or one for each clip"
 
 
-class Clips(NamedTuple):
+class ClipInputs(NamedTuple):
     """A batch of clips.
 
     Attributes:
@@ -32,7 +32,9 @@ class Clips(NamedTuple):
     single: bool
 
 
-def prepare(frames: Images, background: Images | str | None, count: int, needed: bool) -> Clips:
+def prepare_clips(
+    frames: Images, background: Images | str | None, count: int, needed: bool
+) -> ClipInputs:
     """Checks frames and background, and puts them into a batch.
 
     Args:
@@ -50,15 +52,15 @@ def prepare(frames: Images, background: Images | str | None, count: int, needed:
         frames = frames[None]
     single = getattr(frames, "ndim", 0) == 4
     if not isinstance(background, str) and background is not None:
-        return Clips(*check_clip(frames, background, count), single)
+        return ClipInputs(*check_clip(frames, background, count), single)
     clips, neutral = check_clip(frames, None, count)
     if background == "first":
-        return Clips(clips, clips[:, 0], single)
+        return ClipInputs(clips, clips[:, 0], single)
     if background == "none" or (background is None and not needed):
-        return Clips(clips, neutral, single)
-    given = "no background" if background is None else f"background={background!r}"
+        return ClipInputs(clips, neutral, single)
+    what = "no background" if background is None else f"background={background!r}"
     raise ConfigError(
-        f"{given}: give a frame without contact of the same recording; background='first' takes "
+        f"{what}: give a frame without contact of the same recording; background='first' takes "
         "the first frame of each clip, background='none' subtracts nothing"
     )
 
@@ -66,7 +68,7 @@ def prepare(frames: Images, background: Images | str | None, count: int, needed:
 def check_clip(
     frames: Images, background: Images | None = None, count: int | None = None
 ) -> tuple[Tensor, Tensor]:
-    """Frames and background as encoders take them; nothing is guessed and nothing is resized.
+    """Checks frames and background strictly: nothing is guessed and nothing is resized.
 
     Time is always the axis before the image. Three frames are no exception: (3, 3, H, W) is three
     frames of three colours.
@@ -128,21 +130,21 @@ def _pixels(what: str, images: Images) -> Tensor:
 
 
 def _fix(images: Images) -> str:
-    """How to make integers of these numbers."""
+    """Suggests the conversion to uint8, as part of an error."""
     if 0 in images.shape:
         return ""
     low, high = float(images.min()), float(images.max())
-    found = f" from {low:.3g} to {high:.3g}"
+    span = f" from {low:.3g} to {high:.3g}"
     if low < 0:
-        return f"{found}: give the frames as they were before normalisation"
+        return f"{span}: give the frames as they were before normalisation"
     scaled = "x" if high > 1 else "255 * x"
     if isinstance(images, Tensor):
-        return f"{found}: convert with ({scaled}).round().byte()"
-    return f"{found}: convert with np.rint({scaled}).astype(np.uint8)"
+        return f"{span}: convert with ({scaled}).round().byte()"
+    return f"{span}: convert with np.rint({scaled}).astype(np.uint8)"
 
 
 def _channels_first(what: str, images: Tensor, single: int, expected: str) -> Tensor:
-    """A batch, with colours before rows; ``single`` is the number of axes without a batch."""
+    """Adds a batch axis and moves channels first; ``single`` is the number of axes without one."""
     shape = tuple(images.shape)
     if images.ndim not in (single, single + 1) or 0 in shape:
         raise DataError(f"{what}: expected {expected}; found {shape}")

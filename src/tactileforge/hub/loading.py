@@ -1,4 +1,4 @@
-"""``tactileforge.load``: from a name or a file to a model."""
+"""``tactileforge.load``: loads a model by name or file."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ def load(
     elif name_or_file.startswith("file:"):
         path = Path(name_or_file.removeprefix("file:")).expanduser()
     else:
-        card, weight = cards.find(name_or_file)
-        path = store.fetch(card, weight)
+        card, weight = cards.find_card(name_or_file)
+        path = store.fetch_weights(card, weight)
 
     from tactileforge.hub.files import open_model
     from tactileforge.hub.model import Model
@@ -76,6 +76,6 @@ def list_models(pattern: str = "*", *, weights: bool = False) -> list[str]:
     """
     return [
         name
-        for name, card, weight in cards.models(pattern)
-        if not weights or (weight and (weight.kind == "remote" or store.available(card, weight)))
+        for name, card, weight in cards.list_cards(pattern)
+        if not weights or (weight and (weight.kind == "remote" or store.is_available(card, weight)))
     ]

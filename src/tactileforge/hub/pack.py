@@ -1,4 +1,4 @@
-"""Runs and published files to one-file checkpoints."""
+"""Packs runs and published files into one-file checkpoints."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tactileforge.sensors.specs import spec
 KEPT_HEADS = ("force",)
 
 
-def pack(
+def pack_run(
     run: str | Path,
     out: str | Path | None = None,
     *,
@@ -34,7 +34,7 @@ def pack(
     """Makes a one-file checkpoint of a run's encoder, with its force head if it has one.
 
     V-JEPA and DINO are published and evaluated by the slow copy of the encoder, which the
-    objective's head keeps (`heads.ema.SlowCopy`), so that is what is packed where there is one.
+    objective's head keeps (`heads.ema.EMA`), so that is what is packed where there is one.
     A head is kept beside the encoder that it was trained on, and not beside a slow copy. The
     sensors are those that the run was trained on.
 
@@ -65,9 +65,9 @@ def pack(
     checkpoint = checkpoints.read_own(run, config.pop("run", None))
     kind, state = _choose(checkpoint["state_dict"], encoder, run)
     built = registry.build("encoders", config["encoder"])
-    files.fill(built, state, str(run))
+    files.fill_weights(built, state, str(run))
     heads = _heads(config, built, checkpoint["state_dict"], run) if kind == "trained" else {}
-    header = files.describe(
+    header = files.make_header(
         built,
         config["encoder"],
         licence=licence,
@@ -82,25 +82,25 @@ def pack(
             name: {"node": config["head"][name], "scale": _scales(built.sensors)} for name in heads
         },
     )
-    files.save(path, built, header, dtype, heads)
+    files.save_checkpoint(path, built, header, dtype, heads)
     return path
 
 
 def _heads(
     config: Mapping[str, Any], encoder: Any, state: Mapping[str, Tensor], run: Path
 ) -> dict[str, nn.Module]:
-    """The trained heads of a run that are kept, by name."""
+    """The trained heads of a run to keep, by name."""
     heads: dict[str, nn.Module] = {}
     for name in KEPT_HEADS:
         node = config.get("head", {}).get(name)
         if node and node["name"] == name:
             heads[name] = registry.build("heads", node, encoder=encoder)
-            files.fill(heads[name], _below(f"heads.{name}.", state), f"{run}, head {name}")
+            files.fill_weights(heads[name], _below(f"heads.{name}.", state), f"{run}, head {name}")
     return heads
 
 
 def _scales(sensors: Mapping[str, int]) -> dict[str, list[float]]:
-    """Newton that count as 1, by sensor; sensors whose plugin is not installed are left out."""
+    """Force scale of each sensor, the newtons per unit; skips sensors without installed plugin."""
     scales = {}
     for name in sensors:
         with suppress(ConfigError):
@@ -111,7 +111,7 @@ def _scales(sensors: Mapping[str, int]) -> dict[str, list[float]]:
 def _choose(
     state: Mapping[str, Tensor], wanted: str | None, run: Path
 ) -> tuple[str, dict[str, Tensor]]:
-    """Which encoder of a run is packed, ``trained`` or ``slow``, and its state."""
+    """Chooses the encoder of a run to pack, ``trained`` or ``slow``, and its state."""
     if wanted not in ("trained", "slow", None):
         raise ConfigError(unknown("encoder", wanted, ("trained", "slow")))
     trained = _below("encoder.", state)
@@ -122,14 +122,14 @@ def _choose(
         return "trained", trained
     if len(slow) == 1:
         return "slow", _below(slow[0], state)
-    found = ", ".join(place.removesuffix(".network.") for place in slow) or "none"
+    copies = ", ".join(place.removesuffix(".network.") for place in slow) or "none"
     raise ConfigError(
-        f"{run}: one slow copy of the encoder is wanted, found {found}; give encoder=trained"
+        f"{run}: expected one slow copy of the encoder, found {copies}; give encoder=trained"
     )
 
 
 def _below(prefix: str, state: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """The part of a state whose names start with a prefix, without it."""
+    """Subset of a state under a prefix, with the prefix removed."""
     return {key.removeprefix(prefix): x for key, x in state.items() if key.startswith(prefix)}
 
 
@@ -148,7 +148,7 @@ def import_published(model: str, source: str | Path) -> Path:
         DataError: The file is not what the model's authors publish; says what it is.
         DataNotFoundError: There is no such file.
     """
-    card, weight = cards.find(model)
+    card, weight = cards.find_card(model)
     full = f"{card.name}.{weight.tag}"
     if not weight.layout:
         raise ConfigError(f"{full} is {weight.kind}, not imported: tactileforge.load({full!r})")
@@ -158,15 +158,15 @@ def import_published(model: str, source: str | Path) -> Path:
     from tactileforge.encoders import published
 
     try:
-        converted = published.convert(published.read(source))
+        converted = published.convert(published.read_tensors(source))
     except ConfigError as error:
         raise DataError(f"{source}: {error}") from error
     node = dict(converted.encoder_config)
     _check_variant(card, weight, converted.name, node, source)
     encoder = registry.build("encoders", node)
-    files.fill(encoder, converted.state, str(source))
+    files.fill_weights(encoder, converted.state, str(source))
     digest = sha256(source) if source.is_file() else ""
-    header = files.describe(
+    header = files.make_header(
         encoder,
         node,
         licence=weight.licence,
@@ -177,36 +177,36 @@ def import_published(model: str, source: str | Path) -> Path:
         data={"name": ", ".join(card.data), "licences": []},
         source={"file": source.name, "sha256": digest, "layout": converted.name},
     )
-    with new_part(store.folder() / f"{full}.safetensors") as part:
-        files.save(part, encoder, header)
+    with new_part(store.weights_folder() / f"{full}.safetensors") as part:
+        files.save_checkpoint(part, encoder, header)
         return store.keep_import(card, weight, part, source.name, digest)
 
 
 def _check_variant(
     card: cards.Card, weight: cards.Weight, layout: str, node: Mapping[str, Any], source: Path
 ) -> None:
-    """Raises a DataError where the file is that of another model, or of another variant."""
+    """Raises a DataError where the file belongs to another model or variant."""
     wanted = _variant(card, weight)
-    found = {"layout": layout, **{key: node.get(key) for key in wanted if key != "layout"}}
-    if found == wanted:
+    variant = {"layout": layout, **{key: node.get(key) for key in wanted if key != "layout"}}
+    if variant == wanted:
         return
     other = {**node, "layout": layout}
     fits = [
         name
-        for name, of, row in cards.models()
+        for name, of, row in cards.list_cards()
         if row and all(other.get(key) == value for key, value in _variant(of, row).items())
     ]
     hint = f"; it fits {' or '.join(fits)}" if fits else ""
-    raise DataError(f"{source} is {found}, but {card.name}.{weight.tag} is {wanted}{hint}")
+    raise DataError(f"{source} is {variant}, but {card.name}.{weight.tag} is {wanted}{hint}")
 
 
 def _variant(card: cards.Card, weight: cards.Weight) -> dict[str, Any]:
-    """What an importer must find for these weights."""
+    """Configuration that an importer must detect for these weights."""
     return {"layout": weight.layout, "frames": card.clip(weight)[0], **weight.encoder}
 
 
 def _without_folders(value: Any) -> Any:
-    """Absolute paths lose their folders: they mean nothing elsewhere, and name people."""
+    """Strips folders from absolute paths: they are private and meaningless elsewhere."""
     if isinstance(value, Mapping):
         return {str(key): _without_folders(item) for key, item in value.items()}
     if isinstance(value, list):

@@ -1,4 +1,4 @@
-"""Files of weights: where they lie, how they get there, and that they are what they should be.
+"""Files of weights: location, download, import and verification.
 
 A file gets its name by a rename, once its hash is known to be right: nothing that is cut short ever
 lies where a model is looked for. It is hashed again on every load.
@@ -29,7 +29,7 @@ _CHUNK = 1 << 20
 
 @dataclass(frozen=True, kw_only=True)
 class Import:
-    """What is kept of an import, beside its file.
+    """Record of an import, kept beside its file.
 
     Attributes:
         file: Name of the one-file checkpoint.
@@ -46,20 +46,20 @@ class Import:
     source_sha256: str
 
 
-def folder() -> Path:
-    """Where downloaded and imported weights are kept: ``models`` in the cache."""
+def weights_folder() -> Path:
+    """Folder of downloaded and imported weights: ``models`` in the cache."""
     return cache_folder() / "models"
 
 
-def available(card: Card, weight: Weight) -> bool:
-    """Whether a model can be loaded now, without a network."""
+def is_available(card: Card, weight: Weight) -> bool:
+    """Whether a model can be loaded offline."""
     if weight.layout:
         return _record(card, weight).is_file()
     return _target(card, weight).is_file()
 
 
-def fetch(card: Card, weight: Weight) -> Path:
-    """The verified file of a model; downloads it where it is missing.
+def fetch_weights(card: Card, weight: Weight) -> Path:
+    """Path of the verified file of a model; downloads it if it is missing.
 
     Raises:
         DataError: Its hash or size is not the one that is recorded.
@@ -68,7 +68,7 @@ def fetch(card: Card, weight: Weight) -> Path:
     """
     if weight.layout:
         imported = read_import(card, weight)
-        path = folder() / imported.file
+        path = weights_folder() / imported.file
         fix = f"import it again: {_get(card, weight)}"
         if not path.is_file():
             raise DataNotFoundError(f"{path} is missing; {fix}")
@@ -85,7 +85,7 @@ def fetch(card: Card, weight: Weight) -> Path:
 
 
 def read_import(card: Card, weight: Weight) -> Import:
-    """What is kept of an import.
+    """Reads the record of an import.
 
     Raises:
         DataNotFoundError: Nothing was imported under that name; says how to do it.
@@ -109,12 +109,12 @@ def read_import(card: Card, weight: Weight) -> Import:
 
 
 def keep_import(card: Card, weight: Weight, part: Path, source: str, source_sha256: str) -> Path:
-    """Gives an imported file its place and records it; an import before it is removed at last.
+    """Moves an imported file into place and records it; removes the previous import last.
 
     Args:
         card: Of the model.
         weight: Of the model.
-        part: The one-file checkpoint, in `folder`.
+        part: The one-file checkpoint, in `weights_folder`.
         source: Name of the published file.
         source_sha256: Its hash.
 
@@ -122,7 +122,7 @@ def keep_import(card: Card, weight: Weight, part: Path, source: str, source_sha2
         Where the file lies now.
     """
     digest = sha256(part)
-    target = folder() / f"{card.name}.{weight.tag}-{digest[:12]}.safetensors"
+    target = weights_folder() / f"{card.name}.{weight.tag}-{digest[:12]}.safetensors"
     kept = Import(
         file=target.name,
         sha256=digest,
@@ -134,7 +134,7 @@ def keep_import(card: Card, weight: Weight, part: Path, source: str, source_sha2
     with new_part(_record(card, weight)) as record:
         record.write_text(json.dumps(asdict(kept), indent=2) + "\n", "utf-8")
         record.replace(_record(card, weight))
-    for old in folder().glob(f"{card.name}.{weight.tag}-{'[0-9a-f]' * 12}.safetensors"):
+    for old in weights_folder().glob(f"{card.name}.{weight.tag}-{'[0-9a-f]' * 12}.safetensors"):
         if old != target:
             old.unlink(missing_ok=True)
     return target
@@ -145,13 +145,13 @@ def _get(card: Card, weight: Weight) -> str:
 
 
 def _record(card: Card, weight: Weight) -> Path:
-    return folder() / f"{card.name}.{weight.tag}.json"
+    return weights_folder() / f"{card.name}.{weight.tag}.json"
 
 
 def _target(card: Card, weight: Weight) -> Path:
     if weight.file:
-        return Path(str(cards.zoo() / weight.file))
-    return folder() / f"{card.name}.{weight.tag}-{weight.sha256[:12]}.safetensors"
+        return Path(str(cards.zoo_folder() / weight.file))
+    return weights_folder() / f"{card.name}.{weight.tag}-{weight.sha256[:12]}.safetensors"
 
 
 def _verify(path: Path, digest: str, size: int, fix: str) -> None:
@@ -163,7 +163,7 @@ def _verify(path: Path, digest: str, size: int, fix: str) -> None:
 
 
 def _download(card: Card, weight: Weight, target: Path) -> None:
-    """Fetches into a part; it gets the target's name only if its hash is right."""
+    """Downloads to a temporary file, renamed to the target only if its hash matches."""
     with new_part(target) as part:
         try:
             if weight.url.startswith("hf://"):

@@ -26,26 +26,26 @@ architecture and above 16 x 16 pixels, with the lower end of the 95 % interval. 
 both. A model passes that wins most tasks, from pooled tokens and from all patches."""
 
 
-def columns(rows: Sequence[Sequence[str]]) -> str:
+def align_columns(rows: Sequence[Sequence[str]]) -> str:
     """Rows of words as aligned columns."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
 
 
-def markdown(rows: Sequence[Sequence[str]]) -> str:
+def markdown_rows(rows: Sequence[Sequence[str]]) -> str:
     """Rows of words as a Markdown table; the first is its head."""
     head, *body = (f"| {' | '.join(row)} |" for row in rows)
     return "\n".join([head, "|---" * len(rows[0]) + "|", *body])
 
 
-def clip(card: cards.Card, weight: cards.Weight | None) -> str:
-    """What a clip is, in words."""
+def describe_clip(card: cards.Card, weight: cards.Weight | None) -> str:
+    """Describes the clip of a model in words."""
     frames, spacing = card.clip(weight)
     return f"{frames} frames, {spacing:.3g} s apart" if spacing else "1 frame"
 
 
 def gate_rows(card: cards.Card, weight: cards.Weight) -> list[tuple[str, ...]]:
-    """The release gate of some weights, with its head; none where it was not measured."""
+    """Rows of the release gate of some weights, with a header row; empty if not measured."""
     rows = [
         (
             f"{row.task} ({row.suite})",
@@ -66,38 +66,38 @@ def gate_rows(card: cards.Card, weight: cards.Weight) -> list[tuple[str, ...]]:
 def _gates() -> list[str]:
     """The section of the release gate, of all weights of ours."""
     parts = ["\n## Release gate\n", _GATE]
-    for name, card, weight in cards.models():
+    for name, card, weight in cards.list_cards():
         if weight and (rows := gate_rows(card, weight)):
             kept = " Kept as a demonstration." if weight.demonstration else ""
-            verdict = gates.verdict(card.gate(weight))
-            parts += [f"\n`{name}` {verdict}.{kept}\n", markdown(rows)]
+            verdict = gates.gate_verdict(card.gate(weight))
+            parts += [f"\n`{name}` {verdict}.{kept}\n", markdown_rows(rows)]
     return parts
 
 
-def page() -> str:
+def zoo_page() -> str:
     """The page ``docs/zoo.md``."""
     models = [("name", "model", "sensors", "clip", "licence", "weights")]
-    for name, card, weight in cards.models():
+    for name, card, weight in cards.list_cards():
         models.append(
             (
                 f"`{name}`",
                 f"[{card.title}]({card.code})" if card.code else card.title,
                 ", ".join(card.sensors) or "none",
-                clip(card, weight),
+                describe_clip(card, weight),
                 weight.licence if weight else card.licence,
                 (weight.kind + ", demonstration" * weight.demonstration) if weight else "none",
             )
         )
-    parts = [_INTRO, "## Models\n", markdown(models), "\n## Recipes\n"]
-    for card in map(cards.read, cards.names()):
+    parts = [_INTRO, "## Models\n", markdown_rows(models), "\n## Recipes\n"]
+    for card in map(cards.read_card, cards.card_names()):
         how = f"`tactileforge train recipe={card.name}`" if card.recipe else "importer only"
         parts.append(f"- **{card.title}**: {how}. {card.paper}.")
     parts += _gates()
     parts.append("\n## Results\n")
     parts.append("Numbers of the source that is named, not ours.\n")
     results = [("model", "task", "metric", "value", "source")]
-    for card in map(cards.read, cards.names()):
+    for card in map(cards.read_card, cards.card_names()):
         for r in card.results:
             name = f"`{card.name}.{r.model}`"
             results.append((name, r.task, r.metric, f"{r.value:g} {r.unit}".strip(), r.source))
-    return "\n".join([*parts, markdown(results), ""])
+    return "\n".join([*parts, markdown_rows(results), ""])

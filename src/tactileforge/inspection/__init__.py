@@ -7,18 +7,18 @@ from pathlib import Path
 from tactileforge.contracts import Dataset
 from tactileforge.errors import ConfigError
 from tactileforge.files import write_text
-from tactileforge.inspection import sections, trouble
-from tactileforge.inspection.findings import Findings, Reason, Suspect, Total
-from tactileforge.inspection.survey import survey
+from tactileforge.inspection import issues, sections
+from tactileforge.inspection.findings import InspectionFindings, Reason, Suspect, Total
+from tactileforge.inspection.scan import scan_dataset
 from tactileforge.pages.page import page
 
-__all__ = ["Findings", "Reason", "Suspect", "Total", "inspect"]
+__all__ = ["InspectionFindings", "Reason", "Suspect", "Total", "inspect"]
 
 
 def inspect(
     dataset: Dataset, name: str, path: Path, limit: int = 400, progress: bool = True
-) -> Findings:
-    """Writes a page on a data set: what it holds, how it looks, and what is wrong with it.
+) -> InspectionFindings:
+    """Writes a page on a data set: its content, its images and its problems.
 
     All recordings are counted, and ``limit`` of them, spread over the sensors, are looked at:
     at most 24 frames each, and all frames of ten recordings with force. Memory does not grow with
@@ -40,15 +40,15 @@ def inspect(
         DataError: Not one recording can be opened.
     """
     if limit < 1:
-        raise ConfigError(f"limit={limit}: look at 1 recording or more")
-    found = survey(dataset, limit, progress)
+        raise ConfigError(f"limit={limit}: give 1 or more")
+    contents = scan_dataset(dataset, limit, progress)
     parts = [
-        sections.totals(found),
-        sections.sheets(found),
-        sections.strips(found),
-        sections.labels(found),
-        trouble.duplicates(found),
-        trouble.suspicious(found),
+        sections.totals(contents),
+        sections.sheets(contents),
+        sections.strips(contents),
+        sections.label_histograms(contents),
+        issues.duplicates_section(contents),
+        issues.suspicious_section(contents),
     ]
-    write_text(path, page(f"Data set {name}", trouble.top(name, found), parts))
-    return found.findings
+    write_text(path, page(f"Data set {name}", issues.top_section(name, contents), parts))
+    return contents.findings

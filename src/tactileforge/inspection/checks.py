@@ -1,4 +1,4 @@
-"""What makes a recording suspicious. Each check gives a number, and says it in words."""
+"""Checks for suspicious recordings; each gives a number, and the same in words."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tactileforge.contracts import Recording
 from tactileforge.data.labels.align import Lag, estimate_lag
 from tactileforge.errors import ConfigError
 from tactileforge.inspection.findings import Reason
-from tactileforge.inspection.look import Look, changes
+from tactileforge.inspection.frame_stats import FrameStats, changes
 from tactileforge.pages.page import number, percent
 from tactileforge.sensors.specs import spec
 
@@ -23,7 +23,7 @@ GAP = 2.5
 NO_CONTACT = 2.0
 #: Grey levels. Touch is local: real videos whose background fits stay below 2, and 0.5 in the air.
 NEW_GROUND = 6.0
-#: Share of the picture. Real sensors that are not overexposed stay below 0.04.
+#: Share of the image. Real sensors that are not overexposed stay below 0.04.
 SATURATED = 0.05
 #: Seconds; the noise of a live sensor makes any two of its frames differ.
 FROZEN = 1.0
@@ -98,8 +98,8 @@ REASONS = {
 
 
 @dataclass(frozen=True)
-class Flag:
-    """That a recording is suspicious.
+class Suspicion:
+    """A reason a recording looks suspicious.
 
     Attributes:
         reason: One of `REASONS`.
@@ -112,42 +112,42 @@ class Flag:
     words: str
 
 
-def of_labels(recording: Recording) -> Iterator[Flag]:
-    """What can be told without a pixel."""
+def check_labels(recording: Recording) -> Iterator[Suspicion]:
+    """Checks of labels and times; decodes nothing."""
     if recording.no_contact is None:
-        yield Flag("no_background", 0.0, "no frame without contact")
+        yield Suspicion("no_background", 0.0, "no frame without contact")
     yield from _times(recording)
     yield from _force(recording)
 
 
-def of_pixels(recording: Recording, seen: Look) -> Iterator[Flag]:
-    """What some frames tell."""
+def check_pixels(recording: Recording, seen: FrameStats) -> Iterator[Suspicion]:
+    """Checks of the pixels of some frames."""
     if recording.no_contact is not None:
         if seen.contact < NO_CONTACT:
-            yield Flag(
+            yield Suspicion(
                 "never_in_contact", seen.contact, f"differs by {seen.contact:.2g} grey levels"
             )
         if seen.ground > NEW_GROUND:
             words = f"half of the picture differs by {seen.ground:.2g} grey levels"
-            yield Flag("background_changed", seen.ground, words)
+            yield Suspicion("background_changed", seen.ground, words)
     if seen.saturated > SATURATED:
-        yield Flag("saturated", seen.saturated, f"{percent(seen.saturated)} of the pixels")
+        yield Suspicion("saturated", seen.saturated, f"{percent(seen.saturated)} of the pixels")
     if seen.frozen > FROZEN:
-        yield Flag("frozen", seen.frozen, f"the same picture for {seen.frozen:.3g} s")
+        yield Suspicion("frozen", seen.frozen, f"the same picture for {seen.frozen:.3g} s")
 
 
-def of_lag(recording: Recording, lag: Lag) -> Iterator[Flag]:
-    """What the lag tells that was estimated on a recording."""
+def check_lag(recording: Recording, lag: Lag) -> Iterator[Suspicion]:
+    """Checks of the estimated lag of images behind forces."""
     late = abs(lag.seconds)
     step = float(np.median(np.diff(recording.times)))
     if is_sure(lag) and late > max(LAG, LAG_FRAMES * step):
         side = "after" if lag.seconds > 0 else "before"
         words = f"pictures come {late:.2g} s {side} forces (correlation {lag.correlation:.2g})"
-        yield Flag("lag", late, words)
+        yield Suspicion("lag", late, words)
 
 
 def is_sure(lag: Lag) -> bool:
-    """Whether the recording tells its lag: force and picture must change, and fit at one lag."""
+    """Whether the lag is reliable: force and image must change, and fit at one lag."""
     return lag.correlation >= LAG_CORRELATION and lag.prominence >= LAG_PROMINENCE
 
 
@@ -170,22 +170,22 @@ def lag_of(recording: Recording) -> Lag | None:
     return estimate_lag(recording.times[stretch], force[stretch], change)
 
 
-def _times(recording: Recording) -> Iterator[Flag]:
+def _times(recording: Recording) -> Iterator[Suspicion]:
     times, count = recording.times, len(recording.frames)
     if len(times) != count:
-        yield Flag("gaps_in_time", float("inf"), f"{len(times)} times for {count} frames")
+        yield Suspicion("gaps_in_time", float("inf"), f"{len(times)} times for {count} frames")
         return
     steps = np.diff(times)
     usual = float(np.median(steps)) if len(steps) else 1.0
     if len(steps) and (not np.isfinite(times).all() or steps.min() <= 0):
-        yield Flag("gaps_in_time", float("inf"), "times do not increase")
+        yield Suspicion("gaps_in_time", float("inf"), "times do not increase")
     elif len(steps) and steps.max() > GAP * usual:
         gaps = int((steps > GAP * usual).sum())
         words = f"{gaps} gap{'s' * (gaps > 1)}, up to {steps.max():.3g} s (usual {usual:.3g} s)"
-        yield Flag("gaps_in_time", float(steps.max() / usual), words)
+        yield Suspicion("gaps_in_time", float(steps.max() / usual), words)
 
 
-def _force(recording: Recording) -> Iterator[Flag]:
+def _force(recording: Recording) -> Iterator[Suspicion]:
     force = recording.force
     if force is None or not np.isfinite(force).any():
         return
@@ -198,8 +198,8 @@ def _force(recording: Recording) -> Iterator[Flag]:
         times = float(largest[axis] / scale[axis])
         if times > RANGE:
             words = f"{largest[axis]:.3g} N along {'xyz'[axis]}, {times:.2g} times the scale"
-            yield Flag("force_out_of_range", times, words)
+            yield Suspicion("force_out_of_range", times, words)
     normal = force[:, 2]
     pull = -float(np.nanmin(normal))
     if pull > PULL * max(scale[2], float(np.nanmax(np.abs(normal)))):
-        yield Flag("pulling_force", pull, f"down to {number(-pull)} N along z")
+        yield Suspicion("pulling_force", pull, f"down to {number(-pull)} N along z")

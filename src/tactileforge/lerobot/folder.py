@@ -1,4 +1,4 @@
-"""Where things lie in a LeRobot data set of version 3."""
+"""Folder layout of a LeRobot data set of version 3."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ COMMON: dict[str, dict[str, Any]] = {
 }
 
 
-def arrow() -> ModuleType:
+def import_arrow() -> ModuleType:
     """The package pyarrow, with ``parquet``.
 
     Raises:
@@ -44,11 +44,11 @@ def arrow() -> ModuleType:
         raise ConfigError(
             "LeRobot data sets are parquet files: pip install 'tactileforge[lerobot]'"
         ) from error
-    found: ModuleType = pyarrow
-    return found
+    module: ModuleType = pyarrow
+    return module
 
 
-def place(number: int) -> dict[str, int]:
+def chunk_and_file(number: int) -> dict[str, int]:
     """Chunk and file of the n-th file."""
     return {"chunk_index": number // CHUNK, "file_index": number % CHUNK}
 
@@ -83,42 +83,45 @@ class Info:
                 f"{path}: not there; set data.root to the folder of a LeRobot data set"
             )
         try:
-            held = load_json(path.read_text(encoding="utf-8"))
-            version = str(held["codebase_version"])
-            found = cls(
-                float(held["fps"]),
-                {str(key): dict(value) for key, value in held["features"].items()},
-                str(held.get("data_path") or DATA),
-                str(held.get("video_path") or VIDEO),
+            info_json = load_json(path.read_text(encoding="utf-8"))
+            version = str(info_json["codebase_version"])
+            info = cls(
+                float(info_json["fps"]),
+                {str(key): dict(value) for key, value in info_json["features"].items()},
+                str(info_json.get("data_path") or DATA),
+                str(info_json.get("video_path") or VIDEO),
             )
-            dtypes = [(one["dtype"], one["shape"]) for one in found.features.values()]
+            dtypes = [(feature["dtype"], feature["shape"]) for feature in info.features.values()]
         except (ValueError, KeyError, TypeError, AttributeError, OSError) as error:
-            raise DataError(f"{path}: not what LeRobot writes ({error!r})") from error
+            raise DataError(f"{path}: not a LeRobot info file ({error!r})") from error
         if not version.startswith("v3."):
             raise DataError(
-                f"{path}: format {version}, but v3 is read; convert it with LeRobot's own script"
+                f"{path}: format {version}, but only v3 can be read; convert it with LeRobot's "
+                "own script"
             )
-        if not found.fps > 0 or not dtypes:
-            raise DataError(f"{path}: fps={found.fps} and {len(dtypes)} features")
-        return found
+        if not info.fps > 0 or not dtypes:
+            raise DataError(f"{path}: fps={info.fps} and {len(dtypes)} features")
+        return info
 
     def pictures(self) -> list[str]:
         """Names of the features that are videos or images."""
-        return [key for key, one in self.features.items() if one["dtype"] in ("video", "image")]
+        return [
+            key for key, feature in self.features.items() if feature["dtype"] in ("video", "image")
+        ]
 
 
 @cache
-def table(path: Path, columns: tuple[str, ...] | None = None) -> Any:
+def read_parquet(path: Path, columns: tuple[str, ...] | None = None) -> Any:
     """Some columns of a parquet file, kept in memory.
 
     Raises:
         DataNotFoundError: There is no such file.
         DataError: It cannot be read, or lacks a column.
     """
-    parquet = arrow().parquet
+    parquet = import_arrow().parquet
     if not path.is_file():
         raise DataNotFoundError(f"{path}: not there; download the data set again")
     try:
         return parquet.read_table(path, columns=None if columns is None else list(columns))
-    except (OSError, ValueError, KeyError, arrow().lib.ArrowException) as error:
+    except (OSError, ValueError, KeyError, import_arrow().lib.ArrowException) as error:
         raise DataError(f"{path}: cannot be read ({error}); download it again") from error

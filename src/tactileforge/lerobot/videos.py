@@ -36,10 +36,12 @@ class Videos:
 
     @property
     def _path(self) -> Path:
-        return self.root / folder.VIDEO.format(video_key=self.name, **folder.place(self.file))
+        return self.root / folder.VIDEO.format(
+            video_key=self.name, **folder.chunk_and_file(self.file)
+        )
 
     def add(self, frames: NDArray[np.uint8]) -> dict[str, Any]:
-        """Appends an episode, and says where it lies.
+        """Appends an episode, and returns its location.
 
         Raises:
             DataError: This OpenCV writes no such video.
@@ -54,12 +56,12 @@ class Videos:
                 str(self._path), cv2.CAP_FFMPEG, code, float(self.fps), self.size
             )
             if not self._open.isOpened():
-                raise DataError(f"{self._path}: this OpenCV writes no MPEG-4; give images=png")
+                raise DataError(f"{self._path}: this OpenCV cannot write MPEG-4; give images=png")
         start = self.frames
         for frame in frames:
             self._open.write(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
         self.frames += len(frames)
-        about = {**folder.place(self.file), "from_timestamp": start / self.fps}
+        about = {**folder.chunk_and_file(self.file), "from_timestamp": start / self.fps}
         about["to_timestamp"] = self.frames / self.fps
         return {f"videos/{self.name}/{key}": value for key, value in about.items()}
 
@@ -70,7 +72,7 @@ class Videos:
             self._open = None
 
     def info(self) -> dict[str, Any]:
-        """What LeRobot says of a video."""
+        """Description of a video in LeRobot's format."""
         return {
             "video.height": self.size[1],
             "video.width": self.size[0],
@@ -83,7 +85,7 @@ class Videos:
         }
 
 
-def even(frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def pad_to_even(frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Frames of even height and width, as videos have: the last row or column comes twice."""
     _, height, width, _ = frames.shape
     return np.pad(frames, ((0, 0), (0, height % 2), (0, width % 2), (0, 0)), mode="edge")

@@ -14,30 +14,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Recording
-from tactileforge.data.frames.image_codecs import encode
-from tactileforge.data.shards.shards import head
+from tactileforge.data.frames.image_codecs import encode_image
+from tactileforge.data.shards.shards import describe_recording
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.files import write_text
 from tactileforge.lerobot import folder
 from tactileforge.lerobot.episode import (
     Episode,
-    device,
+    device_word,
     episode,
-    features,
-    numbers,
-    pictures,
-    rate,
-    together,
+    episode_features,
+    episode_rate,
+    group_takes,
+    image_rows,
+    number_rows,
 )
-from tactileforge.lerobot.statistics import of_numbers, of_pictures, sample
+from tactileforge.lerobot.statistics import image_statistics, number_statistics, sample_frames
 from tactileforge.lerobot.tables import column, common, tasks
-from tactileforge.lerobot.videos import Videos, even
+from tactileforge.lerobot.videos import Videos, pad_to_even
 
 _IMAGES = ("auto", "video", "png")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
+class LeRobotOptions:
     """The keys of conf/lerobot.yaml, but those that name data and folder.
 
     Attributes:
@@ -65,8 +65,8 @@ class Options:
 
 
 @dataclass
-class Summary:
-    """What was written.
+class LeRobotSummary:
+    """Summary of the written data set.
 
     Attributes:
         episodes: How many.
@@ -83,7 +83,9 @@ class Summary:
     features: list[str] = field(default_factory=list)
 
 
-def write(recordings: Iterable[Recording], out: Path, options: Options) -> Summary:
+def write_dataset(
+    recordings: Iterable[Recording], out: Path, options: LeRobotOptions
+) -> LeRobotSummary:
     """Writes a data set, beside its place, and renames it.
 
     Args:
@@ -95,32 +97,33 @@ def write(recordings: Iterable[Recording], out: Path, options: Options) -> Summa
         ConfigError: The folder exists, or pyarrow is not installed.
         DataError: There are no recordings, or episodes differ in their features.
     """
-    folder.arrow()
+    folder.import_arrow()
     if out.exists():
         raise ConfigError(f"{out} exists: give another out=, or remove it")
     part = out.with_name(f"{out.name}.{os.getpid()}.part")
     try:
         with _Writer(part, options) as writer:
             chosen = (
-                one
-                for one in recordings
-                if options.devices is None or {device(one), one.sensor} & set(options.devices)
+                recording
+                for recording in recordings
+                if options.devices is None
+                or {device_word(recording), recording.sensor} & set(options.devices)
             )
-            for group in together(chosen):
+            for group in group_takes(chosen):
                 writer.add(group)
-            found = writer.finish()
+            result = writer.finish()
         part.replace(out)
     finally:
         shutil.rmtree(part, ignore_errors=True)
-    return found
+    return result
 
 
 class _Writer:
     """A data set that grows by episodes."""
 
-    def __init__(self, root: Path, options: Options) -> None:
+    def __init__(self, root: Path, options: LeRobotOptions) -> None:
         self.root, self.options = root, options
-        self.found = Summary()
+        self.found = LeRobotSummary()
         self.features: dict[str, dict[str, Any]] = {}
         self.tasks: dict[str, int] = {}
         self.episodes: list[dict[str, Any]] = []
@@ -137,44 +140,48 @@ class _Writer:
     def __exit__(self, *error: object) -> None:
         if self.data is not None:
             self.data.close()
-        for one in self.videos.values():
-            one.close()
+        for video in self.videos.values():
+            video.close()
 
     def add(self, group: list[Recording]) -> None:
         """One more episode."""
-        fps = self.found.fps = self.found.fps or self.options.fps or rate(group)
-        one = episode(group, fps)
-        self._check(one)
+        fps = self.found.fps = self.found.fps or self.options.fps or episode_rate(group)
+        added = episode(group, fps)
+        self._check(added)
         number, start = len(self.episodes), self.found.rows
         columns: dict[str, Any] = {}
         about: dict[str, Any] = {}
         for name, feature in self.features.items():
             if feature["dtype"] in ("video", "image"):
-                seen = pictures(one, name)
-                values = sample(seen)
-                statistics = of_pictures(values)
+                seen = image_rows(added, name)
+                values = sample_frames(seen)
+                statistics = image_statistics(values)
                 if feature["dtype"] == "video":
-                    about |= self._video(name, feature).add(even(seen))
+                    about |= self._video(name, feature).add(pad_to_even(seen))
                 else:
-                    columns[name] = [{"bytes": encode(p, "png"), "path": None} for p in seen]
+                    columns[name] = [{"bytes": encode_image(p, "png"), "path": None} for p in seen]
             else:
-                columns[name] = values = numbers(one, name)
-                statistics = of_numbers(values)
+                columns[name] = values = number_rows(added, name)
+                statistics = number_statistics(values)
             self.seen.setdefault(name, []).append(values)
             about |= {f"stats/{name}/{key}": value for key, value in statistics.items()}
-        task = self.tasks.setdefault(one.task, len(self.tasks))
-        shared = common(len(one), fps, number, start, task)
-        self.found.rows += len(one)
+        task = self.tasks.setdefault(added.task, len(self.tasks))
+        shared = common(len(added), fps, number, start, task)
+        self.found.rows += len(added)
         for name, values in shared.items():
             self.seen.setdefault(name, []).append(values)
-            about |= {f"stats/{name}/{key}": value for key, value in of_numbers(values).items()}
+            about |= {
+                f"stats/{name}/{key}": value for key, value in number_statistics(values).items()
+            }
         self._rows({**columns, **shared})
         self.episodes.append(
             {
                 "episode_index": number,
-                "tasks": [one.task],
-                "length": len(one),
-                **{f"data/{key}": value for key, value in folder.place(self.files).items()},
+                "tasks": [added.task],
+                "length": len(added),
+                **{
+                    f"data/{key}": value for key, value in folder.chunk_and_file(self.files).items()
+                },
                 "dataset_from_index": start,
                 "dataset_to_index": self.found.rows,
                 **about,
@@ -183,22 +190,24 @@ class _Writer:
             }
         )
         self.touch.append(
-            {name: self._about(number, name, part) for name, part in one.parts.items()}
+            {name: self._about(number, name, part) for name, part in added.parts.items()}
         )
-        for name, count in one.dropped.items():
+        for name, count in added.dropped.items():
             self.found.dropped[name] = self.found.dropped.get(name, 0) + count
 
-    def _check(self, one: Episode) -> None:
-        found = features(one, self.options.images)
-        self.features = self.features or found
-        if found != self.features:
+    def _check(self, added: Episode) -> None:
+        declared = episode_features(added, self.options.images)
+        self.features = self.features or declared
+        if declared != self.features:
             differ = sorted(
-                key for key in {*found, *self.features} if found.get(key) != self.features.get(key)
+                key
+                for key in {*declared, *self.features}
+                if declared.get(key) != self.features.get(key)
             )
-            keys = ", ".join(part.key for part in one.parts.values())
+            keys = ", ".join(part.key for part in added.parts.values())
             raise DataError(
-                f"{keys}: other features than the first episode ({', '.join(differ)}); LeRobot has "
-                "the same in all: choose sensors with devices=[...]"
+                f"{keys}: other features than the first episode ({', '.join(differ)}); LeRobot "
+                "needs the same in all: choose sensors with devices=[...]"
             )
 
     def _video(self, name: str, feature: dict[str, Any]) -> Videos:
@@ -210,59 +219,59 @@ class _Writer:
         return self.videos[name]
 
     def _rows(self, columns: dict[str, Any]) -> None:
-        arrow = folder.arrow()
+        arrow = folder.import_arrow()
         table = arrow.Table.from_pydict(
             {
                 name: column(arrow, values, self.features.get(name) or folder.COMMON[name])
                 for name, values in columns.items()
             }
         )
-        path = self.root / folder.DATA.format(**folder.place(self.files))
+        path = self.root / folder.DATA.format(**folder.chunk_and_file(self.files))
         if self.data is not None and path.stat().st_size > self.options.data_mb * 1e6:
             self.data.close()
             self.data = None
             self.files += 1
-            path = self.root / folder.DATA.format(**folder.place(self.files))
+            path = self.root / folder.DATA.format(**folder.chunk_and_file(self.files))
         if self.data is None:
             path.parent.mkdir(parents=True, exist_ok=True)
             self.data = arrow.parquet.ParquetWriter(path, table.schema)
         self.data.write_table(table)  # one row group an episode
 
     def _about(self, number: int, name: str, part: Recording) -> dict[str, Any]:
-        """What LeRobot has no place for."""
+        """Touch metadata that LeRobot's format has no place for."""
         left = ("version", "times", "force", "action", "tracks", "image_times")
-        about = {key: value for key, value in head(part).items() if key not in left}
+        about = {key: value for key, value in describe_recording(part).items() if key not in left}
         rest = [] if part.no_contact is None else range(min(len(part.no_contact), 9))
         files = []
         for i in rest:
             path = f"meta/tactileforge/{number:06d}.{name}.{i}.png"
             (self.root / path).parent.mkdir(exist_ok=True)
             assert part.no_contact is not None
-            (self.root / path).write_bytes(encode(part.no_contact.read([i])[0], "png"))
+            (self.root / path).write_bytes(encode_image(part.no_contact.read([i])[0], "png"))
             files.append(path)
         shapes = {track: list(values.shape[1:]) for track, values in part.tracks.items()}
         return about | {"background": files, "shape": list(part.frames.shape), "tracks": shapes}
 
-    def finish(self) -> Summary:
+    def finish(self) -> LeRobotSummary:
         """Writes ``meta/``."""
         if not self.episodes:
             raise DataError("there are no recordings to write; look at data= and devices=")
         self.__exit__()
-        arrow = folder.arrow()
+        arrow = folder.import_arrow()
         self.found.episodes = len(self.episodes)
         self.found.features = [*self.features, *folder.COMMON]
-        for name, one in self.videos.items():
-            self.features[name]["info"] = one.info()
+        for name, video in self.videos.items():
+            self.features[name]["info"] = video.info()
         rows = {key: [row[key] for row in self.episodes] for key in self.episodes[0]}
-        path = self.root / folder.EPISODES.format(**folder.place(0))
+        path = self.root / folder.EPISODES.format(**folder.chunk_and_file(0))
         path.parent.mkdir(parents=True)
         arrow.parquet.write_table(arrow.Table.from_pydict(rows), path)
         arrow.parquet.write_table(tasks(arrow, list(self.tasks)), self.root / folder.TASKS)
         write_text(self.root / folder.INFO, json.dumps(self._info(), indent=4))
         statistics = {
-            name: of_pictures(np.concatenate(values))
+            name: image_statistics(np.concatenate(values))
             if (self.features.get(name) or {}).get("dtype") in ("video", "image")
-            else of_numbers(np.concatenate(values))
+            else number_statistics(np.concatenate(values))
             for name, values in self.seen.items()
         }
         write_text(self.root / folder.STATS, json.dumps(statistics, indent=4))

@@ -1,4 +1,4 @@
-"""The page itself: one file of HTML, light and dark, from 400 pixels on."""
+"""The live page: one HTML file, light and dark, from 400 pixels on."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 _FILE = Path(__file__).with_name("page.html")
 
 
-def html(nonce: str) -> str:
+def page_html(nonce: str) -> str:
     """The page.
 
     Args:

@@ -1,4 +1,4 @@
-"""The page of ``tactileforge live``: served to this machine alone, to whoever has the token."""
+"""Server of the live page: on this machine only, protected by a token."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.errors import ConfigError
-from tactileforge.live.page import html
-from tactileforge.live.sensor_stream import Finger
-from tactileforge.live.session import Show
+from tactileforge.live.page import page_html
+from tactileforge.live.sensor_stream import SensorStream
+from tactileforge.live.session import LiveSession
 
-#: Pixels of the longer side of a picture on the page, and of the shorter side of a small one.
+#: Pixels of the longer side of an image on the page, and of the shorter side of a small one.
 _LARGE = 480
 #: By how much differences are strengthened, to be seen.
 _GAIN = 2.0
@@ -29,8 +29,8 @@ _SILENCE = 10.0
 _HOST = "127.0.0.1"
 
 
-class Page:
-    """Serves a `Show` while it is open.
+class LivePage:
+    """Serves a `LiveSession` while it is open.
 
     The address has a random token; a request without it, or one that names another host (a web site
     that was made to point here), is refused. Nothing is computed while nobody looks.
@@ -46,7 +46,7 @@ class Page:
         ConfigError: The port is taken.
     """
 
-    def __init__(self, view: Show, port: int = 0) -> None:
+    def __init__(self, view: LiveSession, port: int = 0) -> None:
         self.token = secrets.token_urlsafe(18)
         handler = type("Handler", (_Handler,), {"view": view, "token": self.token})
         try:
@@ -74,11 +74,11 @@ class _Server(ThreadingHTTPServer):
     daemon_threads = True
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A browser that goes away is no error."""
+        """Ignores browsers that disconnect."""
 
 
 class _Handler(BaseHTTPRequestHandler):
-    view: Show
+    view: LiveSession
     token: str
     protocol_version = "HTTP/1.1"
     timeout = _SILENCE
@@ -96,25 +96,27 @@ class _Handler(BaseHTTPRequestHandler):
         what, _, name = rest.partition("/")
         if rest == "":
             nonce = secrets.token_urlsafe(12)
-            self._answer(200, "text/html; charset=utf-8", html(nonce).encode(), nonce)
+            self._answer(200, "text/html; charset=utf-8", page_html(nonce).encode(), nonce)
         elif rest == "state":
             after = parse_qs(url.query).get("after", ["0"])[0]
-            found = state(self.view, float(after) if after.replace(".", "", 1).isdigit() else 0.0)
-            self._answer(200, "application/json", json.dumps(found).encode())
+            content = page_state(
+                self.view, float(after) if after.replace(".", "", 1).isdigit() else 0.0
+            )
+            self._answer(200, "application/json", json.dumps(content).encode())
         elif what in ("frame", "difference") and unquote(name) in self.view.fingers:
             self._picture(self.view.fingers[unquote(name)], what)
         else:
             self._answer(404, "text/plain", b"no such thing\n")
 
-    def _picture(self, finger: Finger, what: str) -> None:
+    def _picture(self, finger: SensorStream, what: str) -> None:
         shown = finger.shown
         if shown is None:
             self._answer(404, "text/plain", b"no frame yet\n")
             return
         array = shown.array
         if what == "difference":
-            array = difference(array, finger.background)
-        self._answer(200, "image/jpeg", jpeg(array))
+            array = difference_image(array, finger.background)
+        self._answer(200, "image/jpeg", page_jpeg(array))
 
     def _answer(self, status: int, kind: str, body: bytes, nonce: str = "") -> None:
         self.send_response(status)
@@ -134,11 +136,11 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Says nothing: the terminal has its line."""
+        """Logs nothing: the terminal has its status line."""
 
 
-def state(view: Show, after: float) -> dict[str, Any]:
-    """What the page shows, as plain data.
+def page_state(view: LiveSession, after: float) -> dict[str, Any]:
+    """State of the page, as plain data.
 
     Args:
         view: Open.
@@ -156,7 +158,7 @@ def state(view: Show, after: float) -> dict[str, Any]:
     }
 
 
-def _of(finger: Finger, after: float, now: float) -> dict[str, Any]:
+def _of(finger: SensorStream, after: float, now: float) -> dict[str, Any]:
     shown = finger.shown
     return {
         "type": finger.sensor.spec.name,
@@ -176,22 +178,22 @@ def _of(finger: Finger, after: float, now: float) -> dict[str, Any]:
     }
 
 
-def difference(picture: NDArray[np.uint8], background: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """A picture less its background, twice as strong, around the middle grey."""
-    if picture.shape != background.shape:
-        return picture
-    change = picture.astype(np.float32) - background
+def difference_image(image: NDArray[np.uint8], background: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Difference image: image less background, gain 2, around mid-grey."""
+    if image.shape != background.shape:
+        return image
+    change = image.astype(np.float32) - background
     return np.asarray((128 + _GAIN * change).clip(0, 255), np.uint8)
 
 
-def jpeg(picture: NDArray[np.uint8]) -> bytes:
-    """A picture, RGB, of a size that fits the page: large ones smaller, arrays larger."""
-    longest = max(picture.shape[:2])
+def page_jpeg(image: NDArray[np.uint8]) -> bytes:
+    """Encodes an RGB image as JPEG, resized to fit the page."""
+    longest = max(image.shape[:2])
     if longest > _LARGE:
         factor, how = _LARGE / longest, cv2.INTER_AREA
     else:
         factor, how = max(1, _LARGE // (2 * longest)), cv2.INTER_NEAREST
-    sized = cv2.resize(picture, None, fx=factor, fy=factor, interpolation=how)
+    sized = cv2.resize(image, None, fx=factor, fy=factor, interpolation=how)
     good, data = cv2.imencode(".jpg", cv2.cvtColor(sized, cv2.COLOR_RGB2BGR))
-    assert good  # a picture in memory can be written
+    assert good  # an image in memory can be written
     return bytes(data.tobytes())

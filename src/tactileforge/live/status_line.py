@@ -1,33 +1,33 @@
-"""One line that says what the sensors feel."""
+"""Status line with the readings of the sensors."""
 
 from __future__ import annotations
 
 import math
 import time
 
-from tactileforge.live.sensor_stream import Finger
-from tactileforge.live.session import Show
+from tactileforge.live.sensor_stream import SensorStream
+from tactileforge.live.session import LiveSession
 from tactileforge.sensors.status import Status, of_drops
 
 #: Seconds between two lines: on a terminal, where each takes the place of the last, and elsewhere.
 _TERMINAL, _ELSEWHERE = 0.1, 5.0
 
 
-class ShowStatus(Status):
+class LiveStatus(Status):
     """Writes the line to standard error."""
 
-    def tell(self, view: Show) -> None:
-        """Writes the line, if it is time to."""
+    def tell(self, view: LiveSession) -> None:
+        """Writes the line when it is due."""
         now = time.monotonic()
         if now < self._next:
             return
         self._next = now + (_TERMINAL if self._is_terminal else _ELSEWHERE)
         p50, p99 = view.latency.percentiles()
         parts = [f"p50 {1000 * p50:.1f} p99 {1000 * p99:.1f} ms"]
-        self._write(" | ".join([*map(of_finger, view.fingers.values()), *parts]))
+        self._write(" | ".join([*map(stream_status, view.fingers.values()), *parts]))
 
-    def summary(self, view: Show) -> str:
-        """How it went, for the end."""
+    def summary(self, view: LiveSession) -> str:
+        """Summary for the end of a session."""
         fingers = view.fingers.values()
         counts = ", ".join(f"{f.name} {f.done} (skipped {f.skipped})" for f in fingers)
         lost = ", ".join(f"{f.name} {n}" for f in fingers if (n := f.capture.counts.reopened))
@@ -38,8 +38,8 @@ class ShowStatus(Status):
         return f"readings: {counts}{waited}{back}; dropped: {dropped}"
 
 
-def of_finger(finger: Finger) -> str:
-    """What one sensor feels: rate, force, contact, slip, frames skipped."""
+def stream_status(finger: SensorStream) -> str:
+    """Status of one sensor: rate, force, contact, slip, frames skipped."""
     state = finger.state
     words = [finger.name]
     if state in ("lost", "frozen") or not finger.readings:

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from tactileforge.contracts import Batch
-from tactileforge.distributed import gather
+from tactileforge.distributed import gather_rows
 from tactileforge.heads.align import Aligned
 
 
@@ -34,7 +34,7 @@ class Align(nn.Module):
 
     def forward(self, prediction: Aligned, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
         """The loss; logs both parts, unweighted."""
-        touch = gather(F.normalize(prediction.touch, dim=-1))
+        touch = gather_rows(F.normalize(prediction.touch, dim=-1))
         loss = touch.sum() * 0 + prediction.scale * 0
         logs = {}
         for name, alpha, other, valid in (
@@ -43,8 +43,8 @@ class Align(nn.Module):
         ):
             if other is None:
                 continue
-            pair = gather(F.normalize(other, dim=-1))
-            part = info_nce(touch, pair, gather(valid), prediction.scale)
+            pair = gather_rows(F.normalize(other, dim=-1))
+            part = info_nce(touch, pair, gather_rows(valid), prediction.scale)
             loss = loss + alpha * part
             logs[name] = part.detach()
         return loss, logs

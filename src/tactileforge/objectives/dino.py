@@ -46,8 +46,8 @@ class Dino(nn.Module):
         self.register_buffer("teacher_temperature", torch.tensor(self.low))
         self.teacher_temperature: Tensor
 
-    def follow(self, encoder: Encoder, step: int, total: int) -> None:
-        """The teacher's temperature rises; see `contracts.Follower`."""
+    def after_step(self, encoder: Encoder, step: int, total: int) -> None:
+        """The teacher's temperature rises; see `contracts.AfterStep`."""
         share = min(1.0, step / max(1.0, self.warmup * total))
         self.teacher_temperature.fill_(self.low + share * (self.high - self.low))
 

@@ -83,8 +83,8 @@ class Force(nn.Module):
         valid = batch["force_valid"][:, None].expand(prediction.force.shape)
         true = torch.where(valid, batch["force"][:, 1:], 0).double()
         scaled = prediction.force.detach() * batch["force_scale"][:, None]
-        found = torch.where(valid, scaled, 0).double()
-        parts = (valid.double(), true, true**2, found, found**2, (found - true) ** 2)
+        predicted = torch.where(valid, scaled, 0).double()
+        parts = (valid.double(), true, true**2, predicted, predicted**2, (predicted - true) ** 2)
         return torch.stack([part.sum((0, 1)) for part in parts])
 
     def scores(self, sums: Tensor) -> dict[str, float]:
@@ -92,14 +92,14 @@ class Force(nn.Module):
 
         An axis whose predictions hardly deviate has collapsed: the same is said of every clip.
         """
-        found: dict[str, float] = {}
+        scores: dict[str, float] = {}
         for i, axis in enumerate(AXES):
-            count, true, square, said, said_square, error = sums[:, i].tolist()
+            count, true, square, predicted, predicted_square, error = sums[:, i].tolist()
             if not count or (i < 2 and not self.shear):
                 continue
             variance = square / count - (true / count) ** 2
             if variance > 1e-12:
-                found[f"r2_{axis}"] = 1 - error / count / variance
-            spread = max(said_square / count - (said / count) ** 2, 0.0)
-            found[f"deviation_{axis}_mN"] = 1000 * spread**0.5
-        return found
+                scores[f"r2_{axis}"] = 1 - error / count / variance
+            spread = max(predicted_square / count - (predicted / count) ** 2, 0.0)
+            scores[f"deviation_{axis}_mN"] = 1000 * spread**0.5
+        return scores

@@ -19,18 +19,18 @@ from tactileforge.data.shards.index import NAME, Index
 from tactileforge.errors import ConfigError, DataError, TactileForgeError
 from tactileforge.files import sealed, unsealed, write_text
 from tactileforge.packing.executors import execute
-from tactileforge.packing.options import Filter, Options
-from tactileforge.packing.plan import SPLITS, Plan, plan
-from tactileforge.packing.statistics import Statistics
-from tactileforge.packing.work import NOTES, Note
+from tactileforge.packing.options import Filter, PackOptions
+from tactileforge.packing.plan import SPLITS, PackPlan, plan_pack
+from tactileforge.packing.statistics import PackStatistics
+from tactileforge.packing.work import NOTES, ShardNote
 
-__all__ = ["Filter", "Options", "pack", "summary"]
+__all__ = ["Filter", "PackOptions", "pack", "summary"]
 
 #: Damaged recordings that an error names.
 _NAMED = 20
 
 
-def pack(dataset: Dataset, name: str, out: Path, options: Options | None = None) -> Index:
+def pack(dataset: Dataset, name: str, out: Path, options: PackOptions | None = None) -> Index:
     """Packs the recordings of a data set into shards, and sums them up in ``index.json``.
 
     The same data and options give the same bytes, whoever does the work. A run that was stopped
@@ -47,9 +47,9 @@ def pack(dataset: Dataset, name: str, out: Path, options: Options | None = None)
         DataError: Too many recordings are damaged, none is left, or two have one key.
         TactileForgeError: A shard cannot be written, or a process died twice over one.
     """
-    options = options or Options()
+    options = options or PackOptions()
     out = Path(out).absolute()
-    planned = plan(dataset, out, options)
+    planned = plan_pack(dataset, out, options)
     made = _made(name, planned, options)
     try:
         _claim(out, made)
@@ -62,7 +62,7 @@ def pack(dataset: Dataset, name: str, out: Path, options: Options | None = None)
             finally:
                 _sweep(out)
     except OSError as error:
-        whole = sum(Note.of(job) is not None for job in planned.jobs)
+        whole = sum(ShardNote.of(job) is not None for job in planned.jobs)
         raise TactileForgeError(
             f"{out}: cannot be written ({error.strerror or error}). {whole} of {len(planned.jobs)} "
             "shards are whole and stay: make room, and run the same command again"
@@ -82,14 +82,14 @@ def _alone(out: Path) -> Iterator[None]:
         yield
 
 
-def _notes(planned: Plan, options: Options, out: Path) -> dict[int, Note]:
-    """Makes the shards that are not whole yet; what is known of all, by the number of the job."""
-    found = {job.number: note for job in planned.jobs if (note := Note.of(job))}
-    missing = [job for job in planned.jobs if job.number not in found]
+def _notes(planned: PackPlan, options: PackOptions, out: Path) -> dict[int, ShardNote]:
+    """Makes the missing shards, and returns the notes of all, by job number."""
+    notes = {job.number: note for job in planned.jobs if (note := ShardNote.of(job))}
+    missing = [job for job in planned.jobs if job.number not in notes]
     guard = _Guard(planned, options)
-    for note in found.values():
+    for note in notes.values():
         guard.see(note)
-    done = {job.number: job.frames for job in planned.jobs if job.number in found}
+    done = {job.number: job.frames for job in planned.jobs if job.number in notes}
     with tqdm(total=planned.frames, initial=sum(done.values()), unit="frame", desc="pack") as bar:
 
         def tick(number: int, frames: int) -> None:
@@ -98,18 +98,18 @@ def _notes(planned: Plan, options: Options, out: Path) -> dict[int, Note]:
 
         with closing(execute(missing, options.executor, options.processes, tick)) as work:
             for job, note in work:
-                found[job.number] = note
+                notes[job.number] = note
                 tick(job.number, job.frames)
                 for line in note.statistics.skipped:
                     bar.write(f"skipped: {line}", file=sys.stderr)
                 guard.see(note)
-    return found
+    return notes
 
 
 class _Guard:
     """Counts damaged recordings, and stops where there are too many."""
 
-    def __init__(self, planned: Plan, options: Options) -> None:
+    def __init__(self, planned: PackPlan, options: PackOptions) -> None:
         self.lines = [line for lines in planned.skipped.values() for line in lines]
         self.damaged = len(self.lines)
         self.total = planned.recordings + self.damaged
@@ -117,7 +117,7 @@ class _Guard:
         self.share = options.max_bad
         self._check()
 
-    def see(self, note: Note) -> None:
+    def see(self, note: ShardNote) -> None:
         """Counts those of a shard."""
         self.damaged += note.statistics.damaged
         self.lines += note.statistics.skipped
@@ -130,33 +130,33 @@ class _Guard:
         rest = len(self.lines) - _NAMED
         raise DataError(
             f"{self.damaged} of {self.total} recordings are damaged, pack.max_bad={self.share} "
-            f"allows {self.most}; mend them, or allow more:{shown}"
+            f"allows {self.most}; repair them, or allow more:{shown}"
             + (f"\n  and {rest} more" if rest > 0 else "")
         )
 
 
-def _merged(planned: Plan, notes: Mapping[int, Note]) -> dict[str, Any]:
+def _merged(planned: PackPlan, notes: Mapping[int, ShardNote]) -> dict[str, Any]:
     """Shards and statistics of each split."""
     splits: dict[str, Any] = {split: [] for split in SPLITS}
-    found = {split: Statistics() for split in SPLITS}
+    by_split = {split: PackStatistics() for split in SPLITS}
     for split, lines in planned.skipped.items():
-        found[split].skipped += lines
-        found[split].damaged += len(lines)
+        by_split[split].skipped += lines
+        by_split[split].damaged += len(lines)
     for job in planned.jobs:
         note = notes[job.number]
-        found[job.split].merge(note.statistics)
+        by_split[job.split].merge(note.statistics)
         if note.entry is not None:
             splits[job.split].append(note.entry)
     if not splits["train"]:
         raise DataError(
-            "the filter leaves nothing to train on: lower pack.filter.laplacian; tactileforge data "
-            "filter shows what each value keeps"
+            "the filter leaves no frame to train on: lower pack.filter.laplacian; tactileforge "
+            "data filter shows what each value keeps"
         )
-    return {"splits": splits, "statistics": {k: each.report() for k, each in found.items()}}
+    return {"splits": splits, "statistics": {k: each.report() for k, each in by_split.items()}}
 
 
-def _made(name: str, planned: Plan, options: Options) -> dict[str, Any]:
-    """How the shards are made; all but ``by`` must not change within a folder."""
+def _made(name: str, planned: PackPlan, options: PackOptions) -> dict[str, Any]:
+    """Provenance of the shards; all but ``by`` must not change within a folder."""
     return {
         "by": f"tactileforge {version('tactileforge')}",
         "data": name,
@@ -168,7 +168,7 @@ def _made(name: str, planned: Plan, options: Options) -> dict[str, Any]:
 
 
 def _claim(out: Path, made: Mapping[str, Any]) -> None:
-    """Says in the folder how its shards are made, or checks that they are made so."""
+    """Records the options in the folder, or checks that they match."""
     claim = out / NOTES / "made.json"
     if not any(out.glob("*.tar")):
         write_text(claim, sealed(made))
@@ -178,30 +178,30 @@ def _claim(out: Path, made: Mapping[str, Any]) -> None:
         raise ConfigError(f"{out} holds shards that were not packed here; give another out=")
     try:
         there = unsealed(path.read_bytes())
-        held, wanted = _flat(there["made"] if path.name == NAME else there), _flat(made)
+        recorded, wanted = _flat(there["made"] if path.name == NAME else there), _flat(made)
     except (ValueError, KeyError, AttributeError) as error:
         raise ConfigError(f"{path}: damaged ({error!r}); give another out=") from error
     changed = [
-        f"{key} was {held.get(key)!r}, is {wanted.get(key)!r}"
-        for key in {**wanted, **held}
-        if key not in ("by", "digest") and held.get(key) != wanted.get(key)
+        f"{key} was {recorded.get(key)!r}, is {wanted.get(key)!r}"
+        for key in {**wanted, **recorded}
+        if key not in ("by", "digest") and recorded.get(key) != wanted.get(key)
     ]
-    if not changed and held.get("digest") != wanted["digest"]:
+    if not changed and recorded.get("digest") != wanted["digest"]:
         changed = ["its recordings have changed"]
     if changed:
         raise ConfigError(
-            f"{out} holds shards that were made otherwise: {'; '.join(changed)}. Give another "
-            "out=, or remove the folder"
+            f"{out} holds shards that were made with other options: {'; '.join(changed)}. Give "
+            "another out=, or remove the folder"
         )
 
 
 def _flat(plain: Mapping[str, Any], above: str = "") -> dict[str, Any]:
     """Nested keys with dots between them."""
-    found: dict[str, Any] = {}
+    flat: dict[str, Any] = {}
     for key, value in plain.items():
         name = f"{above}{key}"
-        found.update(_flat(value, f"{name}.") if isinstance(value, Mapping) else {name: value})
-    return found
+        flat.update(_flat(value, f"{name}.") if isinstance(value, Mapping) else {name: value})
+    return flat
 
 
 def _sweep(out: Path) -> None:
@@ -212,18 +212,18 @@ def _sweep(out: Path) -> None:
 
 
 def summary(index: Index) -> str:
-    """What was packed, in a few lines of plain text."""
+    """Summarises what was packed, in a few lines of plain text."""
     lines = []
-    for split, found in index.statistics.items():
-        sensors = ", ".join(f"{name} {count:,}" for name, count in found["sensors"].items())
+    for split, counts in index.statistics.items():
+        sensors = ", ".join(f"{name} {count:,}" for name, count in counts["sensors"].items())
         lines.append(
-            f"{split}: {found['recordings']:,} recordings, {found['frames']:,} frames "
-            f"({sensors or 'none'}), {found['objects']:,} objects, "
-            f"{len(index.splits[split]):,} shards, {found['bytes'] / 2**20:,.1f} MB"
+            f"{split}: {counts['recordings']:,} recordings, {counts['frames']:,} frames "
+            f"({sensors or 'none'}), {counts['objects']:,} objects, "
+            f"{len(index.splits[split]):,} shards, {counts['bytes'] / 2**20:,.1f} MB"
         )
     total = Counter[str]()
-    for found in index.statistics.values():
-        total.update({key: found[key] for key in ("read", "frames", "emptied", "damaged")})
+    for counts in index.statistics.values():
+        total.update({key: counts[key] for key in ("read", "frames", "emptied", "damaged")})
     if total["read"] > total["frames"] or total["emptied"]:
         lines.append(
             f"the filter kept {total['frames']:,} of {total['read']:,} frames that were read; "

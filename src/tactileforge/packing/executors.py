@@ -1,4 +1,4 @@
-"""Who makes the shards: this process, several on this machine, or a Ray cluster.
+"""Executors: this process, several on this machine, or a Ray cluster.
 
 Each gives the same bytes. A process that dies takes one shard with it, which is tried once more.
 """
@@ -19,17 +19,17 @@ from typing import Any, TypeAlias
 import cv2
 
 from tactileforge.errors import ConfigError, TactileForgeError
-from tactileforge.packing.work import Job, Note, packed_job, run, run_packed
+from tactileforge.packing.work import ShardJob, ShardNote, packed_job, run_job, run_packed
 
 #: Is told the number of a job, and how many frames of it are done.
 Tick: TypeAlias = Callable[[int, int], None]
 #: Jobs, and what is known of their shards.
-Made: TypeAlias = Generator[tuple[Job, Note], None, None]
+Made: TypeAlias = Generator[tuple[ShardJob, ShardNote], None, None]
 #: Seconds between two looks at the progress.
 _LOOK = 0.2
 
 
-def execute(jobs: Sequence[Job], executor: str, processes: int | None, tick: Tick) -> Made:
+def execute(jobs: Sequence[ShardJob], executor: str, processes: int | None, tick: Tick) -> Made:
     """Makes shards; yields each as it is whole.
 
     Closing the iterator stops the work.
@@ -51,12 +51,12 @@ def execute(jobs: Sequence[Job], executor: str, processes: int | None, tick: Tic
     return _local(jobs, count, tick) if count > 1 else _here(jobs, tick)
 
 
-def _here(jobs: Sequence[Job], tick: Tick) -> Made:
+def _here(jobs: Sequence[ShardJob], tick: Tick) -> Made:
     for job in jobs:
-        yield job, run(job, tick)
+        yield job, run_job(job, tick)
 
 
-def _local(jobs: Sequence[Job], count: int, tick: Tick) -> Made:
+def _local(jobs: Sequence[ShardJob], count: int, tick: Tick) -> Made:
     """Every pool has one process, so that it is known which shard a process died over."""
     context = multiprocessing.get_context("spawn")  # a fork would copy the threads' locks
     done = context.RawArray("q", 1 + max(job.number for job in jobs))
@@ -67,7 +67,7 @@ def _local(jobs: Sequence[Job], count: int, tick: Tick) -> Made:
     others = set(multiprocessing.active_children())
     waiting, died = deque(jobs), set()
     idle = [pool() for _ in range(count)]
-    busy: dict[Future[Note], tuple[ProcessPoolExecutor, Job]] = {}
+    busy: dict[Future[ShardNote], tuple[ProcessPoolExecutor, ShardJob]] = {}
     try:
         while waiting or busy:
             while waiting and idle:
@@ -98,7 +98,7 @@ def _local(jobs: Sequence[Job], count: int, tick: Tick) -> Made:
             worker.shutdown()
 
 
-def _dead(job: Job) -> TactileForgeError:
+def _dead(job: ShardJob) -> TactileForgeError:
     return TactileForgeError(
         f"{job.path}: the process that made it was killed, twice (out of memory? what it said is "
         f"above). It holds {job.recordings[0].key} and {len(job.recordings) - 1} more. The other "
@@ -125,11 +125,11 @@ def _follow() -> None:
     os._exit(1)
 
 
-def _work(job: bytes) -> Note:
+def _work(job: bytes) -> ShardNote:
     return run_packed(job, _done.__setitem__)
 
 
-def _on_ray(jobs: Sequence[Job], processes: int | None, tick: Tick) -> Made:
+def _on_ray(jobs: Sequence[ShardJob], processes: int | None, tick: Tick) -> Made:
     try:
         ray: Any = import_module("ray")
     except ImportError as error:
@@ -142,7 +142,7 @@ def _on_ray(jobs: Sequence[Job], processes: int | None, tick: Tick) -> Made:
     task = ray.remote(max_retries=1)(_task)
     ahead = 2 * int(ray.cluster_resources().get("CPU", 1))
     waiting = deque(jobs)
-    busy: dict[Any, Job] = {}
+    busy: dict[Any, ShardJob] = {}
     try:
         while waiting or busy:
             while waiting and len(busy) < ahead:
@@ -164,6 +164,6 @@ def _on_ray(jobs: Sequence[Job], processes: int | None, tick: Tick) -> Made:
             ray.shutdown()
 
 
-def _task(job: Job) -> Note:
+def _task(job: ShardJob) -> ShardNote:
     cv2.setNumThreads(1)
-    return run(job)
+    return run_job(job)

@@ -1,4 +1,4 @@
-"""Which frames of a recording are kept: sampling in time, and frames that show something new.
+"""Frame filters: sampling in time, and selection of frames that show something new.
 
 AnyTouch 2 (appendix, statistics of the training data) computes "the variance of the Laplacian for
 each frame relative to its preceding frame" and keeps what lies above a threshold. Clips are made of
@@ -27,11 +27,11 @@ _STEPS = 3
 Numbered = tuple[int, NDArray[np.uint8]]
 
 
-def sampled(times: NDArray[np.float64], every: float | None) -> NDArray[np.int64]:
+def sample_in_time(times: NDArray[np.float64], every: float | None) -> NDArray[np.int64]:
     """The frames nearest to each multiple of ``every`` seconds after the first; all if it is None.
 
     Example:
-        >>> sampled(np.arange(7) / 30, 1 / 15).tolist()
+        >>> sample_in_time(np.arange(7) / 30, 1 / 15).tolist()
         [0, 2, 4, 6]
     """
     if every is None or len(times) < 2:
@@ -46,7 +46,7 @@ def laplacian(frame: NDArray[np.uint8]) -> NDArray[np.int16]:
     return out
 
 
-def score(before: NDArray[np.int16], after: NDArray[np.int16]) -> float:
+def laplacian_score(before: NDArray[np.int16], after: NDArray[np.int16]) -> float:
     """Variance of the Laplacian of the difference of two frames; 0 if nothing changes.
 
     Noise has a score as well, so what is lively depends on the sensor and on the codec of the
@@ -61,15 +61,15 @@ def score(before: NDArray[np.int16], after: NDArray[np.int16]) -> float:
     return max(0.0, float(cv2.norm(change, cv2.NORM_L2) ** 2 / change.size - mean**2))
 
 
-def scores(frames: Iterable[Numbered]) -> list[float]:
+def laplacian_scores(frames: Iterable[Numbered]) -> list[float]:
     """Score of each frame against the one before; the first has none (NaN)."""
-    found: list[float] = []
+    values: list[float] = []
     before = None
     for _, frame in frames:
         now = laplacian(frame)
-        found.append(float("nan") if before is None else score(before, now))
+        values.append(float("nan") if before is None else laplacian_score(before, now))
         before = now
-    return found
+    return values
 
 
 def reach(times: NDArray[np.float64], span: float) -> float:
@@ -126,7 +126,7 @@ def only_lively(
         now, time = laplacian(frame), float(times[number])
         while waiting and time - times[waiting[0][0]] > span + _ROUNDING:
             waiting.popleft()
-        if before is not None and score(before, now) >= threshold:
+        if before is not None and laplacian_score(before, now) >= threshold:
             last = time
             yield from waiting
             waiting.clear()

@@ -1,4 +1,4 @@
-"""What was packed, in numbers that add up over shards."""
+"""Statistics of packed recordings, which add up over shards."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS, Recording
-from tactileforge.data.shards.summary import seconds
+from tactileforge.data.shards.summary import duration_seconds
 
 #: Edges of the bins of forces, N; the outermost bins also hold what is beyond.
 FORCE_EDGES = np.linspace(-20.0, 20.0, 81)
@@ -23,7 +23,7 @@ def _no_forces() -> NDArray[np.int64]:
 
 
 @dataclass(eq=False)
-class Statistics:
+class PackStatistics:
     """Counts of a split, or of a part of one.
 
     Attributes:
@@ -59,7 +59,7 @@ class Statistics:
         count = len(recording.times)
         self.recordings += 1
         self.frames += count
-        self.seconds += seconds(recording)
+        self.seconds += duration_seconds(recording)
         self.sensors[recording.sensor] += count
         if recording.object is not None:
             self.objects.add(recording.object)
@@ -71,7 +71,7 @@ class Statistics:
                 inside = along[np.isfinite(along)].clip(FORCE_EDGES[0], FORCE_EDGES[-1])
                 self.force[i] += np.histogram(inside, FORCE_EDGES)[0]
 
-    def merge(self, other: Statistics) -> None:
+    def merge(self, other: PackStatistics) -> None:
         """Adds the counts of another part."""
         for name in ("recordings", "frames", "seconds", "bytes", "read", "emptied", "damaged"):
             setattr(self, name, getattr(self, name) + getattr(other, name))
@@ -107,7 +107,7 @@ class Statistics:
         return plain
 
     @classmethod
-    def from_json(cls, plain: Mapping[str, Any]) -> Statistics:
+    def from_json(cls, plain: Mapping[str, Any]) -> PackStatistics:
         """The counts that `to_json` wrote.
 
         Raises:

@@ -1,4 +1,4 @@
-"""One shard: recordings are decoded, filtered and encoded, and written with what they are.
+"""Makes one shard: recordings are decoded, filtered, encoded and written.
 
 Processes that do this import no torch.
 """
@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Frames, FrameSubset, Recording
 from tactileforge.data.shards import shards
-from tactileforge.data.shards.index import Entry
+from tactileforge.data.shards.index import IndexEntry
 from tactileforge.errors import DataError
 from tactileforge.files import sealed, sha256, unsealed, write_text
 from tactileforge.packing import filters
-from tactileforge.packing.options import Options
-from tactileforge.packing.statistics import Statistics
+from tactileforge.packing.options import PackOptions
+from tactileforge.packing.statistics import PackStatistics
 
 #: Folder, beside the shards, of what is known of each: a run that was stopped goes on from there.
 NOTES = ".pack"
@@ -32,13 +32,13 @@ _CHUNK = 16
 #: Frames of a recording that may be unreadable; with more, all of it is.
 _MAX_FRAMES = 8
 
-#: Reads frames by number: arrays (n, H, W, 3), or encoded pictures.
+#: Reads frames by number: arrays (n, H, W, 3), or encoded images.
 Fetch: TypeAlias = Callable[[Sequence[int]], Sequence[Any] | NDArray[np.uint8]]
 
 
 @dataclass(frozen=True)
-class Job:
-    """What one shard is made of.
+class ShardJob:
+    """The recordings and options of one shard.
 
     Attributes:
         number: Which of the run.
@@ -56,12 +56,12 @@ class Job:
     recordings: Sequence[Recording]
     frames: int
     digest: str
-    options: Options
+    options: PackOptions
 
 
 @dataclass(frozen=True)
-class Note:
-    """What is known of a shard that is whole.
+class ShardNote:
+    """Entry and statistics of a finished shard.
 
     Attributes:
         digest: Of the job that made it.
@@ -70,21 +70,21 @@ class Note:
     """
 
     digest: str
-    entry: Entry | None
-    statistics: Statistics
+    entry: IndexEntry | None
+    statistics: PackStatistics
 
     @classmethod
-    def of(cls, job: Job) -> Note | None:
-        """What an earlier run noted of a shard; None where it must be made (again)."""
+    def of(cls, job: ShardJob) -> ShardNote | None:
+        """Reads the note of an earlier run; None where the shard must be made (again)."""
         try:
             plain = unsealed(_note_path(job.path).read_bytes())
             row = plain["entry"]
-            entry = None if row is None else Entry.from_json(row)
-            found = cls(plain["digest"], entry, Statistics.from_json(plain["statistics"]))
+            entry = None if row is None else IndexEntry.from_json(row)
+            note = cls(plain["digest"], entry, PackStatistics.from_json(plain["statistics"]))
             is_there = entry is None or sha256(job.path) == entry.sha256
         except (OSError, ValueError, KeyError, TypeError):
             return None
-        return found if is_there and found.digest == job.digest else None
+        return note if is_there and note.digest == job.digest else None
 
     def save(self, path: Path) -> None:
         """Writes it down for a shard."""
@@ -100,7 +100,7 @@ def _note_path(shard: Path) -> Path:
     return shard.parent / NOTES / f"{shard.stem}.json"
 
 
-def packed_job(job: Job) -> bytes:
+def packed_job(job: ShardJob) -> bytes:
     """A job as bytes, for another process.
 
     Raises:
@@ -112,13 +112,13 @@ def packed_job(job: Job) -> bytes:
         raise DataError(_NO_PICKLE.format(job.path.name, error)) from error
 
 
-def run_packed(job: bytes, tick: Callable[[int, int], None]) -> Note:
-    """`run`, of a job that comes from another process."""
+def run_packed(job: bytes, tick: Callable[[int, int], None]) -> ShardNote:
+    """`run_job`, of a job that comes from another process."""
     try:
-        found: Job = pickle.loads(job)
+        unpickled: ShardJob = pickle.loads(job)
     except (pickle.UnpicklingError, AttributeError, ImportError, TypeError) as error:
         raise DataError(_NO_PICKLE.format("a shard", error)) from error
-    return run(found, tick)
+    return run_job(unpickled, tick)
 
 
 _NO_PICKLE = (
@@ -127,8 +127,10 @@ _NO_PICKLE = (
 )
 
 
-def run(job: Job, tick: Callable[[int, int], None] = lambda number, frames: None) -> Note:
-    """Makes a shard, and notes what it is.
+def run_job(
+    job: ShardJob, tick: Callable[[int, int], None] = lambda number, frames: None
+) -> ShardNote:
+    """Makes a shard, and writes its note.
 
     Args:
         job: What to make.
@@ -137,63 +139,63 @@ def run(job: Job, tick: Callable[[int, int], None] = lambda number, frames: None
     Raises:
         OSError: The shard cannot be written.
     """
-    statistics = Statistics()
-    shards.write(job.path, _packed(job, statistics, partial(tick, job.number)))
+    statistics = PackStatistics()
+    shards.write_shard(job.path, _packed(job, statistics, partial(tick, job.number)))
     if statistics.recordings:
-        entry = Entry.of(job.path)
+        entry = IndexEntry.of(job.path)
         statistics.bytes = entry.bytes
     else:
         entry = None
         job.path.unlink()
-    note = Note(job.digest, entry, statistics)
+    note = ShardNote(job.digest, entry, statistics)
     note.save(job.path)
     return note
 
 
 def _packed(
-    job: Job, statistics: Statistics, tick: Callable[[int], None]
+    job: ShardJob, statistics: PackStatistics, tick: Callable[[int], None]
 ) -> Iterator[shards.Packed]:
     done = 0
     for recording in job.recordings:
-        one = _Packer(recording, job.options)
+        packer = _Packer(recording, job.options)
         try:
-            made = one.pack(lambda frames, done=done: tick(done + frames))  # type: ignore[misc]
+            made = packer.pack(lambda frames, done=done: tick(done + frames))  # type: ignore[misc]
         except (DataError, OSError) as error:
             made = None
-            one.bad.append(f"{recording.key}: {error}")
+            packer.bad.append(f"{recording.key}: {error}")
         except Exception as error:
             error.add_note(f"while packing {recording.key} for {job.path}")
             raise
         done += len(recording.frames)
         tick(done)
-        statistics.read += one.read
-        statistics.damaged += bool(one.bad)
-        statistics.skipped += one.bad
+        statistics.read += packer.read
+        statistics.damaged += bool(packer.bad)
+        statistics.skipped += packer.bad
         if made is not None:
             statistics.add(made[0])
             yield made[1]
-        elif not one.bad:
+        elif not packer.bad:
             statistics.emptied += 1
 
 
 class _Packer:
     """Packs one recording."""
 
-    def __init__(self, recording: Recording, options: Options) -> None:
+    def __init__(self, recording: Recording, options: PackOptions) -> None:
         self.recording = recording
         self.options = options
         self.read = 0
         self.bad: list[str] = []
 
     def pack(self, tick: Callable[[int], None]) -> tuple[Recording, shards.Packed] | None:
-        """The recording as it is kept, and its pictures; None where the filter leaves nothing."""
+        """The recording as it is kept, and its images; None where the filter leaves nothing."""
         whole = self.recording
         rows, frames = self._frames(tick)
         if not rows:
             return None
         recording = _with_rows(whole, rows)
         packed = shards.Packed(
-            shards.head(recording),
+            shards.describe_recording(recording),
             self.options.codec,
             frames,
             self._all(whole.no_contact),
@@ -205,7 +207,7 @@ class _Packer:
     def _frames(self, tick: Callable[[int], None]) -> tuple[list[int], list[bytes]]:
         """Numbers of the frames that are kept, and the frames."""
         options, whole = self.options, self.recording
-        wanted = filters.sampled(whole.times, options.filter.every).tolist()
+        wanted = filters.sample_in_time(whole.times, options.filter.every).tolist()
         threshold = options.filter.threshold(whole.sensor)
         if threshold is None or len(wanted) == 1:
             shown = self._read(self._fetch(whole.frames), wanted, tick)
@@ -226,28 +228,28 @@ class _Packer:
         for start in range(0, len(rows), _CHUNK):
             chunk = rows[start : start + _CHUNK]
             try:
-                found = fetch(chunk)
+                frames = fetch(chunk)
             except DataError:
                 for row in chunk:
                     yield from self._one(fetch, row)
             else:
                 self.read += len(chunk)
-                yield from zip(chunk, found, strict=True)
+                yield from zip(chunk, frames, strict=True)
             tick(chunk[-1])
 
     def _one(self, fetch: Fetch, row: int) -> Iterator[tuple[int, Any]]:
         try:
-            found = fetch([row])
+            frames = fetch([row])
         except DataError as error:
             if len(self.bad) == _MAX_FRAMES:
                 raise
             self.bad.append(f"{self.recording.key}, frame {row}: {error}")
             return
         self.read += 1
-        yield row, found[0]
+        yield row, frames[0]
 
     def _all(self, frames: Frames | None) -> list[bytes]:
-        """All pictures of a group, as they are kept."""
+        """All images of a group, as they are kept."""
         if frames is None:
             return []
         fetch = self._fetch(frames)
@@ -270,16 +272,16 @@ class _Packer:
         shown: NDArray[np.uint8] = frame
         if size:
             shown = cv2.resize(frame, size[::-1], interpolation=cv2.INTER_AREA)
-        return shards.encode(shown, self.options.codec, self.options.quality)
+        return shards.encode_image(shown, self.options.codec, self.options.quality)
 
 
 def _lossless(frames: Frames) -> list[bytes]:
     """All images of a group that is never shrunk."""
-    return [shards.encode(image, "png") for image in frames.read(range(len(frames)))]
+    return [shards.encode_image(image, "png") for image in frames.read(range(len(frames)))]
 
 
 def _smaller(shape: Sequence[int], size: int | None) -> tuple[int, int] | None:
-    """Height and width after shrinking; None where a picture stays as it is."""
+    """Height and width after shrinking; None where an image stays as it is."""
     shorter = min(shape)
     if size is None or shorter <= size:
         return None

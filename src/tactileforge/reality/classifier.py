@@ -1,4 +1,4 @@
-"""A classifier of real against simulated patches: what gives a simulated picture away.
+"""A classifier of real against simulated patches, to measure the gap between them.
 
 Trained on one real source and tested on another, so that it cannot know the unit, and on other
 simulated scenes. 0.5 is chance: the two cannot be told apart by what the classifier sees.
@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from tactileforge.errors import ConfigError
 from tactileforge.reality.measures import Array
-from tactileforge.reality.patches import colours, spectra
+from tactileforge.reality.patches import patch_colours, patch_spectra
 
 #: Fewest patches of a class.
 _LEAST = 16
@@ -26,8 +26,8 @@ _BATCH, _RATE, _DECAY = 64, 2e-3, 1e-2
 
 
 @dataclass(frozen=True)
-class Score:
-    """How well patches that were not trained on are told apart.
+class ClassifierScore:
+    """Accuracy and AUC of the classifier on held-out patches.
 
     Attributes:
         accuracy: Share that is right, of as many real as simulated ones.
@@ -43,8 +43,8 @@ class Score:
 
 
 @dataclass(frozen=True)
-class Split:
-    """Patches (N, 48, 48, 3) of change pictures, see `patches.patches`.
+class PatchSplit:
+    """Patches (N, 48, 48, 3) of change images, see `patches.patches`.
 
     Attributes:
         real: Of a real source.
@@ -54,8 +54,8 @@ class Split:
     real: Array
     simulated: Array
 
-    def balanced(self) -> Split:
-        """As many of one as of the other, evenly spread.
+    def balanced(self) -> PatchSplit:
+        """Subsamples to as many real as simulated patches, evenly spread.
 
         Raises:
             ConfigError: Fewer than 16 of one.
@@ -67,15 +67,15 @@ class Split:
                 f"classifier needs {_LEAST} of each: give more touches or more scenes"
             )
         rows = (
-            np.linspace(0, len(one) - 1, count).round().astype(int)
-            for one in (self.real, self.simulated)
+            np.linspace(0, len(patches) - 1, count).round().astype(int)
+            for patches in (self.real, self.simulated)
         )
         first, second = rows
-        return Split(self.real[first], self.simulated[second])
+        return PatchSplit(self.real[first], self.simulated[second])
 
 
 def _pixels(cut: Array) -> Array:
-    """Change pictures for a network, (N, 3, 48, 48): each of mean 0 and deviation 1.
+    """Change images for a network, (N, 3, 48, 48): each of mean 0 and deviation 1.
 
     How strong a contrast is differs between sources, and would hide what does not.
     """
@@ -98,13 +98,15 @@ def _convolutions(inputs: int) -> nn.Module:
 
 #: What a classifier is shown, and what it is.
 VIEWS: dict[str, tuple[Callable[[Array], Array], Callable[[int], nn.Module]]] = {
-    "colour": (colours, _perceptron),
-    "spectrum": (spectra, _perceptron),
+    "colour": (patch_colours, _perceptron),
+    "spectrum": (patch_spectra, _perceptron),
     "pixels": (_pixels, _convolutions),
 }
 
 
-def told_apart(train: Split, test: Split, view: str, seed: int = 0, steps: int = 300) -> Score:
+def told_apart(
+    train: PatchSplit, test: PatchSplit, view: str, seed: int = 0, steps: int = 300
+) -> ClassifierScore:
     """Trains a classifier and tests it on patches of another source.
 
     Args:
@@ -118,7 +120,7 @@ def told_apart(train: Split, test: Split, view: str, seed: int = 0, steps: int =
         ConfigError: Too few patches.
     """
     shown, network = VIEWS[view]
-    (x, y), (other, truth) = (_labelled(one.balanced(), shown) for one in (train, test))
+    (x, y), (other, truth) = (_labelled(split.balanced(), shown) for split in (train, test))
     if x.ndim == 2:
         mean, spread = x.mean(0), x.std(0) + 1e-6
         x, other = (x - mean) / spread, (other - mean) / spread
@@ -130,13 +132,13 @@ def told_apart(train: Split, test: Split, view: str, seed: int = 0, steps: int =
         seen, scores = net(x)[:, 0], net(other)[:, 0]
     right = float(((scores > 0) == (truth > 0)).float().mean())
     fitted = float(((seen > 0) == (y > 0)).float().mean())
-    return Score(right, auc(scores, truth > 0), fitted, (len(y) // 2, len(truth) // 2))
+    return ClassifierScore(right, auc(scores, truth > 0), fitted, (len(y) // 2, len(truth) // 2))
 
 
-def _labelled(one: Split, shown: Callable[[Array], Array]) -> tuple[Tensor, Tensor]:
+def _labelled(split: PatchSplit, shown: Callable[[Array], Array]) -> tuple[Tensor, Tensor]:
     """Inputs, and 1 for real and 0 for simulated."""
-    inputs = np.concatenate([shown(one.real), shown(one.simulated)])
-    labels = torch.cat([torch.ones(len(one.real)), torch.zeros(len(one.simulated))])
+    inputs = np.concatenate([shown(split.real), shown(split.simulated)])
+    labels = torch.cat([torch.ones(len(split.real)), torch.zeros(len(split.simulated))])
     return torch.from_numpy(inputs), labels
 
 

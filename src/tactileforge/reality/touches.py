@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Recording
-from tactileforge.data.frames.crop import as_text
+from tactileforge.data.frames.crop import size_text
 from tactileforge.errors import DataError
-from tactileforge.inspection.look import evenly
+from tactileforge.inspection.frame_stats import evenly
 from tactileforge.reality import measures
 from tactileforge.reality.measures import Array
 
@@ -23,8 +23,8 @@ _LONG, _MOST = 64, 8
 
 
 @dataclass(frozen=True)
-class Touch:
-    """What a recording shows where it is touched most.
+class StrongestTouch:
+    """A recording at its strongest contact.
 
     Attributes:
         key: Of the recording.
@@ -44,11 +44,11 @@ class Touch:
 
     @property
     def change(self) -> NDArray[np.float32]:
-        """The picture minus the background."""
+        """The image minus the background."""
         return self.picture - self.background
 
 
-def touches(recording: Recording, most: int = _MOST) -> list[Touch]:
+def strongest_touches(recording: Recording, most: int = _MOST) -> list[StrongestTouch]:
     """Reads the strongest frame of each part of a recording.
 
     Args:
@@ -56,7 +56,7 @@ def touches(recording: Recording, most: int = _MOST) -> list[Touch]:
         most: Parts, at most.
 
     Returns:
-        Touches; none where the recording has no picture without contact.
+        Touches; none where the recording has no image without contact.
 
     Raises:
         DataError: A frame cannot be decoded, or the background has another size than the frames.
@@ -66,17 +66,17 @@ def touches(recording: Recording, most: int = _MOST) -> list[Touch]:
         return []
     if still.shape != recording.frames.shape:
         raise DataError(
-            f"{recording.key}: the background has {as_text(still.shape)} pixels, the frames "
-            f"{as_text(recording.frames.shape)}; give a background of the same size"
+            f"{recording.key}: the background has {size_text(still.shape)} pixels, the frames "
+            f"{size_text(recording.frames.shape)}; give a background of the same size"
         )
     first = still.read(range(min(len(still), _STILL)))
     background = np.median(first, axis=0).astype(np.float32)
-    level = measures.noise([measures.sized(one) for one in first])
+    level = measures.noise([measures.sized(image) for image in first])
     count = len(recording.frames)
     parts = np.array_split(np.arange(count), max(1, min(most, count // _LONG)))
     pictures = (_strongest(recording, part, background) for part in parts)
     return [
-        Touch(
+        StrongestTouch(
             key=recording.key,
             sensor=recording.sensor,
             background=measures.sized(background),
@@ -97,14 +97,14 @@ def _strongest(recording: Recording, part: Array, background: Array) -> NDArray[
 
 
 @dataclass(frozen=True)
-class Look:
+class TouchMeasures:
     """The numbers of one touch, see `measures`.
 
     Attributes:
         bands: float64 (4,), decades.
         spectrum: float64 (40,), power density in rings, squared grey levels.
         noise: Grey levels.
-        area: Share of the picture that is touched.
+        area: Share of the image that is touched.
         contrast: Grey levels.
         inside: Fine detail in the contact, grey levels.
         outside: Fine detail far from it.
@@ -123,20 +123,20 @@ class Look:
     covariance: Array
 
 
-def look(one: Touch) -> Look | None:
+def measure_touch(touch: StrongestTouch) -> TouchMeasures | None:
     """Measures a touch; None where it is too faint."""
-    if np.count_nonzero(one.touched) < 9:
+    if np.count_nonzero(touch.touched) < 9:
         return None
-    change = one.change
-    inside, outside = measures.detail(change, one.touched)
-    return Look(
+    change = touch.change
+    inside, outside = measures.detail(change, touch.touched)
+    return TouchMeasures(
         bands=measures.bands(change),
         spectrum=measures.radial(change),
-        noise=one.noise,
-        area=float(one.touched.mean()),
-        contrast=measures.contrast(change, one.touched),
+        noise=touch.noise,
+        area=float(touch.touched.mean()),
+        contrast=measures.contrast(change, touch.touched),
         inside=inside,
         outside=outside,
-        ground=one.background.mean(axis=(0, 1), dtype=np.float64),
-        covariance=measures.covariance(change, one.touched),
+        ground=touch.background.mean(axis=(0, 1), dtype=np.float64),
+        covariance=measures.covariance(change, touch.touched),
     )

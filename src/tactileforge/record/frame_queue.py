@@ -1,4 +1,4 @@
-"""What comes from a sensor while a take runs: frames encoded at once, and samples of a wrench."""
+"""Queues of a running take: frames, encoded on arrival, and wrench samples."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Frame
-from tactileforge.data.frames.image_codecs import encode
+from tactileforge.data.frames.image_codecs import encode_image
 
 
 @dataclass(frozen=True)
-class Shot:
-    """A frame that is being encoded.
+class PendingFrame:
+    """A frame whose encoding is pending.
 
     Attributes:
         time: Monotonic seconds.
@@ -31,8 +31,8 @@ class Shot:
     raw: NDArray[np.float32] | None
 
 
-class Reel:
-    """Frames of one sensor, encoded in a pool, kept until they are cut off and written.
+class FrameQueue:
+    """Queue of frames of one sensor, encoded in a pool, kept until they are cut and written.
 
     Nothing waits: a frame that finds too many before it is dropped and counted.
 
@@ -54,7 +54,7 @@ class Reel:
         self.pool, self.codecs, self.quality = pool, tuple(codecs), quality
         self.queue, self.hold = queue, hold
         self.waiting = self.dropped = 0
-        self._shots: deque[Shot] = deque()
+        self._shots: deque[PendingFrame] = deque()
         self._lock = threading.Lock()
         self._from = self._end = math.inf
 
@@ -69,7 +69,7 @@ class Reel:
         self._from = math.inf
 
     def take(self, frame: Frame) -> None:
-        """Takes a frame; called by the thread of its sensor."""
+        """Queues a frame; called in the sensor's thread."""
         if not self._from <= frame.time < self._end:
             return
         if self.waiting >= self.queue or len(self._shots) >= self.hold:
@@ -79,12 +79,12 @@ class Reel:
             self.waiting += 1
         future = self.pool.submit(self.encode, frame.array)
         future.add_done_callback(self._encoded)
-        self._shots.append(Shot(frame.time, future, frame.raw))
+        self._shots.append(PendingFrame(frame.time, future, frame.raw))
 
     def encode(self, picture: NDArray[np.uint8]) -> dict[str, bytes]:
-        """A picture in every codec."""
+        """Encodes an image with every codec."""
         return {
-            codec: encode(picture, codec, self.quality if codec == "jpg" else None)
+            codec: encode_image(picture, codec, self.quality if codec == "jpg" else None)
             for codec in self.codecs
         }
 
@@ -92,16 +92,16 @@ class Reel:
         with self._lock:
             self.waiting -= 1
 
-    def cut(self, until: float) -> list[Shot]:
-        """Takes out the frames before a time; their encoding may still go on."""
+    def cut(self, until: float) -> list[PendingFrame]:
+        """Removes and returns the frames before a time; their encoding may still be pending."""
         found = []
         while self._shots and self._shots[0].time < until:
             found.append(self._shots.popleft())
         return found
 
 
-class Samples:
-    """Wrenches of one sensor, kept until they are cut off and written.
+class WrenchBuffer:
+    """Buffer of wrenches of one sensor, kept until they are cut and written.
 
     Args:
         hold: Samples that may wait; more are dropped and counted.
@@ -131,7 +131,7 @@ class Samples:
         self._from = math.inf
 
     def take(self, frame: Frame) -> None:
-        """Takes a sample; called by the thread of its sensor."""
+        """Adds a sample; called in the sensor's thread."""
         if frame.time < self._from or frame.raw is None:
             return
         with self._lock:
@@ -148,7 +148,7 @@ class Samples:
             return self._times[: self._count].copy(), self._values[: self._count].copy()
 
     def cut(self, until: float) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-        """Takes out those before a time."""
+        """Removes and returns the samples before a time."""
         with self._lock:
             end = self._count
             count = int(np.searchsorted(self._times[:end], until))

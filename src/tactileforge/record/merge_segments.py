@@ -1,4 +1,4 @@
-"""Segments of a take as one recording a sensor; pictures are copied, not decoded."""
+"""Merges segments of a take into one recording per sensor, copying encoded images."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from tactileforge.data.frames.image_codecs import PackedFrames
 from tactileforge.data.shards import shards
 
 
-def joined(paths: Sequence[Path]) -> list[shards.Packed]:
-    """The recordings of several segments as one a sensor.
+def merge_segments(paths: Sequence[Path]) -> list[shards.Packed]:
+    """Merges the recordings of several segments into one per sensor.
 
     Args:
         paths: Segments of one take, in order.
@@ -26,7 +26,7 @@ def joined(paths: Sequence[Path]) -> list[shards.Packed]:
     """
     by_sensor: dict[str, list[Recording]] = {}
     for path in paths:
-        for one in shards.read(path):
+        for one in shards.read_shard(path):
             by_sensor.setdefault(one.key.rpartition("/")[0], []).append(one)
     return [_one(key, parts) for key, parts in by_sensor.items()]
 
@@ -53,7 +53,7 @@ def _one(key: str, parts: Sequence[Recording]) -> shards.Packed:
         tracks=tracks,
     )
     return shards.Packed(
-        shards.head(whole),
+        shards.describe_recording(whole),
         frames[0].codec,
         _Encoded(frames),
         _Encoded([_packed(first.no_contact)] if first.no_contact is not None else []),
@@ -73,7 +73,7 @@ def _packed(frames: Any) -> PackedFrames:
 
 @dataclass(frozen=True)
 class _Encoded(Sequence[bytes]):
-    """Encoded pictures of several recordings, read one by one."""
+    """Encoded images of several recordings, read one by one."""
 
     parts: Sequence[PackedFrames]
 

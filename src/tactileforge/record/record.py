@@ -1,4 +1,4 @@
-"""Recording: several sensors, a wrench sensor and a camera on one clock, straight to shards."""
+"""Records several sensors, a wrench sensor and a camera on one clock, straight to shards."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from tactileforge.contracts import ACTIONS, Recording, Sensor
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards import shards
 from tactileforge.errors import ConfigError, DataError, TactileForgeError, unknown
-from tactileforge.record.frame_queue import Reel, Samples, Shot
-from tactileforge.record.options import Options
+from tactileforge.record.frame_queue import FrameQueue, PendingFrame, WrenchBuffer
+from tactileforge.record.options import RecordOptions
 from tactileforge.record.raw import Raw
-from tactileforge.record.rig import Device, Rig
-from tactileforge.record.status import RecordStatus, Summary
-from tactileforge.record.store import Store
-from tactileforge.record.wrench import at_times, axes_matrix, turned
+from tactileforge.record.rig import Rig, RigSensor
+from tactileforge.record.status import RecordStatus, RecordSummary
+from tactileforge.record.store import TakeStore
+from tactileforge.record.wrench import axes_matrix, interpolate_wrenches, rotate_wrenches
 from tactileforge.sensors.capture import check
-from tactileforge.sensors.low_latency_threads import quick_switches
+from tactileforge.sensors.low_latency_threads import low_latency_threads
 
 #: Seconds that frames may be late before a segment is written without them (the next has them).
 _LATE = 2.0
@@ -37,15 +37,15 @@ _NO_FRAMES = ArrayFrames(np.zeros((1, 1, 1, 3), np.uint8))
 
 
 def record(
-    options: Options,
+    options: RecordOptions,
     sensors: Mapping[str, Sensor],
     force: Sensor | None = None,
     camera: Sensor | None = None,
     stop: threading.Event | None = None,
     say: Callable[[str], None] = print,
     status: RecordStatus | None = None,
-) -> Summary:
-    """Records takes until there are enough, the sources are over, or it is stopped.
+) -> RecordSummary:
+    """Records takes until there are enough, the sources end, or it is stopped.
 
     Args:
         options: What and how.
@@ -63,12 +63,12 @@ def record(
         TactileForgeError: The disk is full; says what is safe.
     """
     stop = stop or threading.Event()
-    found = Summary(0, 0.0, dict.fromkeys(sensors, 0), {}, 0)
+    found = RecordSummary(0, 0.0, dict.fromkeys(sensors, 0), {}, 0)
     matrices = {name: axes_matrix(_axes(options, name)) for name in sensors}
     try:
         with (
-            quick_switches(),
-            Store(Path(options.out), options.split) as store,
+            low_latency_threads(),
+            TakeStore(Path(options.out), options.split) as store,
             Rig(sensors, force, camera, options) as rig,
         ):
             for line in store.notes:
@@ -88,13 +88,13 @@ def record(
     return found
 
 
-def _axes(options: Options, name: str) -> Any:
+def _axes(options: RecordOptions, name: str) -> Any:
     given = options.axes
     return given.get(name, ("x", "y", "z")) if isinstance(given, Mapping) else given
 
 
 def _calibrations(rig: Rig) -> dict[str, dict[str, str]]:
-    """Labels of the sensors that have a calibration.
+    """Calibration labels of the sensors that have one.
 
     Raises:
         DataNotFoundError: There is no such file.
@@ -105,7 +105,7 @@ def _calibrations(rig: Rig) -> dict[str, dict[str, str]]:
     if strange := sorted(set(given) - set(devices)):
         raise ConfigError(unknown("sensor of calibration", strange[0], devices))
     return {
-        name: calibration.labels(path, devices[name].spec.name, _unit(devices[name]))
+        name: calibration.calibration_labels(path, devices[name].spec.name, _unit(devices[name]))
         for name, path in given.items()
     }
 
@@ -120,10 +120,10 @@ class _Take:
     def __init__(
         self,
         rig: Rig,
-        store: Store,
+        store: TakeStore,
         matrices: Mapping[str, NDArray[np.float64]],
         known: Mapping[str, Mapping[str, str]],
-        found: Summary,
+        found: RecordSummary,
         say: Callable[[str], None],
         status: RecordStatus | None,
     ) -> None:
@@ -139,7 +139,7 @@ class _Take:
         self.begun = datetime.now(UTC).isoformat(timespec="seconds")
 
     def run(self, stop: threading.Event) -> None:
-        """Records it.
+        """Records the take.
 
         Raises:
             SensorError: A sensor is lost; what came before is written.
@@ -182,7 +182,7 @@ class _Take:
             )
 
     def _finish(self) -> None:
-        """Writes what is left, and joins the segments."""
+        """Writes the remaining frames, and joins the segments."""
         end = min(time.monotonic(), self.end)
         patience = time.monotonic() + _LATE
         while not self.rig.has_passed(end) and time.monotonic() < patience:
@@ -209,7 +209,7 @@ class _Take:
         """Writes everything before a time as one segment."""
         rig, shots = self.rig, {}
         for device in rig.devices:
-            assert isinstance(device.keeps, Reel)
+            assert isinstance(device.keeps, FrameQueue)
             shots[device.name] = device.keeps.cut(until)
         begun, self.saved = self.saved, until
         if not any(shots.values()):  # all are lost: forces and views wait for the next segment
@@ -230,11 +230,11 @@ class _Take:
             self.found.frames[name] += len(held)
 
     def _wrenches(self, until: float, raw: dict[str, Raw]) -> Raw | None:
-        """Takes out the samples of a segment, and gives them with their neighbours."""
+        """Removes the samples of a segment and returns them with their neighbours."""
         if self.rig.force is None:
             return None
         keeps = self.rig.force.keeps
-        assert isinstance(keeps, Samples)
+        assert isinstance(keeps, WrenchBuffer)
         later, values = keeps.all()
         times, wrenches = keeps.cut(until)
         raw[self.rig.force.name] = (times - self.start, wrenches)
@@ -243,15 +243,15 @@ class _Take:
         return np.concatenate([before, later]), np.concatenate([rest, values])
 
     def _packed(
-        self, device: Device, shots: list[Shot], views: Any, known: Raw | None
+        self, device: RigSensor, shots: list[PendingFrame], views: Any, known: Raw | None
     ) -> shards.Packed:
         """One sensor's part of a segment."""
         options, codec = self.options, self.rig.codec(device)
         times = np.array([shot.time for shot in shots], np.float64)
         force, tracks = None, {}
         if known is not None and self.rig.force is not None:
-            wrench = at_times(times, *known) - self.rig.force.rest.astype(np.float32)
-            tracks["wrench"] = turned(wrench, self.matrices[device.name])
+            wrench = interpolate_wrenches(times, *known) - self.rig.force.rest.astype(np.float32)
+            tracks["wrench"] = rotate_wrenches(wrench, self.matrices[device.name])
             force = tracks["wrench"][:, :3]
         action = None
         if options.action is not None:
@@ -275,9 +275,11 @@ class _Take:
         )
         pictures = [shot.encoded.result()[codec] for shot in shots]
         seen = [view.encoded.result()[codec] for view in views]
-        return shards.Packed(shards.head(about), codec, pictures, device.background, seen)
+        return shards.Packed(
+            shards.describe_recording(about), codec, pictures, device.background, seen
+        )
 
-    def _labels(self, device: Device) -> dict[str, str | float]:
+    def _labels(self, device: RigSensor) -> dict[str, str | float]:
         counts = device.capture.counts
         return {
             **self.options.labels,
@@ -295,10 +297,10 @@ class _Take:
         }
 
 
-def _has_raw(shots: list[Shot]) -> bool:
+def _has_raw(shots: list[PendingFrame]) -> bool:
     return bool(shots) and shots[0].raw is not None
 
 
-def _raw(shots: list[Shot], start: float) -> Raw:
+def _raw(shots: list[PendingFrame], start: float) -> Raw:
     times = np.array([shot.time - start for shot in shots], np.float64)
     return times, np.array([shot.raw for shot in shots], np.float32)

@@ -1,4 +1,4 @@
-"""The sensors of a recording: opened together, each read in its thread, frames encoded at once."""
+"""The sensors of a recording: opened together, each read in a thread, encoded on arrival."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Frame, Sensor
 from tactileforge.errors import ConfigError, SensorError
-from tactileforge.record.frame_queue import Reel, Samples
-from tactileforge.record.options import Options
+from tactileforge.record.frame_queue import FrameQueue, WrenchBuffer
+from tactileforge.record.options import RecordOptions
 from tactileforge.sensors import background
 from tactileforge.sensors.capture import Capture, check
 from tactileforge.sensors.opening import open_all
@@ -30,14 +30,15 @@ _LOOKED_AT = 60
 
 
 @dataclass
-class Device:
+class RigSensor:
     """One sensor of a recording.
 
     Attributes:
         name: The key of its recordings.
         sensor: The sensor.
         capture: The thread that reads it.
-        keeps: What it gives during a take: `Reel` of a camera or array, `Samples` of a wrench.
+        keeps: What it gives during a take: `FrameQueue` of a camera or array, `WrenchBuffer` of a
+            wrench.
         background: Encoded frames without contact.
         rest: float64 (6,), the wrench without contact.
         seen: Frames for the next background; None while none is taken.
@@ -46,13 +47,13 @@ class Device:
     name: str
     sensor: Sensor
     capture: Capture = field(init=False)
-    keeps: Reel | Samples = field(init=False)
+    keeps: FrameQueue | WrenchBuffer = field(init=False)
     background: list[bytes] = field(default_factory=list)
     rest: NDArray[np.float64] = field(default_factory=lambda: np.zeros(6))
     seen: list[Frame] | None = None
 
     def sink(self, frame: Frame) -> None:
-        """Takes a frame from the thread of the sensor."""
+        """Receives a frame in the sensor's thread."""
         seen = self.seen
         if seen is not None:
             seen.append(frame)
@@ -82,7 +83,7 @@ class Rig:
         sensors: Mapping[str, Sensor],
         force: Sensor | None,
         camera: Sensor | None,
-        options: Options,
+        options: RecordOptions,
     ) -> None:
         self.options = options
         if not sensors:
@@ -95,20 +96,20 @@ class Rig:
             raise ConfigError(f"force={force.spec.name} is no wrench sensor: choose it as sensor=")
         if camera is not None and camera.spec.kind != "image":
             raise ConfigError(f"camera={camera.spec.name} is no camera")
-        self.devices = [Device(name, sensor) for name, sensor in sensors.items()]
-        self.force = None if force is None else Device("force", force)
-        self.camera = None if camera is None else Device("view", camera)
+        self.devices = [RigSensor(name, sensor) for name, sensor in sensors.items()]
+        self.force = None if force is None else RigSensor("force", force)
+        self.camera = None if camera is None else RigSensor("view", camera)
         if taken := sensors.keys() & {"force", "view"}:
             raise ConfigError(f"no sensor can be called {taken.pop()}: choose another name for it")
         self._stack = ExitStack()
 
     @property
-    def all(self) -> list[Device]:
+    def all(self) -> list[RigSensor]:
         """Every device."""
         return [*self.devices, *(one for one in (self.force, self.camera) if one is not None)]
 
-    def codec(self, device: Device) -> str:
-        """How the frames of a device are stored."""
+    def codec(self, device: RigSensor) -> str:
+        """Codec of the frames of a device."""
         return "png" if device.sensor.spec.kind == "array" else self.options.codec
 
     def __enter__(self) -> Self:
@@ -130,14 +131,14 @@ class Rig:
             self._stack = stack.pop_all()
         return self
 
-    def _keeper(self, device: Device, pool: ThreadPoolExecutor) -> Reel | Samples:
+    def _keeper(self, device: RigSensor, pool: ThreadPoolExecutor) -> FrameQueue | WrenchBuffer:
         hold = int(device.sensor.spec.fps * (2 * self.options.segment + _SLACK)) + 1
         if device is self.force:
-            return Samples(hold)
+            return WrenchBuffer(hold)
         codecs = {self.codec(device)}
         if device is self.camera:
             codecs = {self.codec(one) for one in self.devices}
-        return Reel(pool, sorted(codecs), self.options.quality, self.options.queue, hold)
+        return FrameQueue(pool, sorted(codecs), self.options.quality, self.options.queue, hold)
 
     def __exit__(self, *error: object) -> None:
         self._stack.close()
@@ -148,7 +149,7 @@ class Rig:
 
     @property
     def is_over(self) -> bool:
-        """Whether no sensor will give another frame."""
+        """Whether no sensor will deliver another frame."""
         return all(device.capture.is_done for device in self.devices)
 
     def take_background(self) -> None:
@@ -171,10 +172,10 @@ class Rig:
             if given.seconds:
                 step = -(-len(seen) // _LOOKED_AT) or 1
                 frames = [frame.array for frame in seen[::step]]
-                background.check(device.name, frames, given.threshold)
+                background.check_background(device.name, frames, given.threshold)
                 codec, keeps = self.codec(device), device.keeps
-                assert isinstance(keeps, Reel)
-                chosen = background.chosen(frames, given.frames)
+                assert isinstance(keeps, FrameQueue)
+                chosen = background.spread_frames(frames, given.frames)
                 device.background = [keeps.encode(frame)[codec] for frame in chosen]
         if self.camera is not None:
             self.camera.seen = None
@@ -182,7 +183,7 @@ class Rig:
             self._tare(self.force)
 
     def _wait_for_all(self) -> None:
-        """Waits until every device gives something."""
+        """Waits until every device has delivered a frame or sample."""
         end = time.monotonic() + _PATIENCE
         while silent := [d for d in self.all if not (d.capture.is_done or d.capture.has_begun)]:
             self.check()
@@ -192,7 +193,7 @@ class Rig:
                 )
             time.sleep(0.02)
 
-    def _tare(self, force: Device) -> None:
+    def _tare(self, force: RigSensor) -> None:
         seen, force.seen = force.seen or [], None
         wrenches = [frame.raw for frame in seen if frame.raw is not None]
         if self.options.background.seconds and not wrenches:
@@ -201,16 +202,16 @@ class Rig:
             force.rest = np.mean(wrenches, axis=0, dtype=np.float64)
 
     def start(self, time: float, end: float) -> None:
-        """Keeps what comes from a time on, and before another."""
+        """Starts keeping frames and samples from a time on, and before another."""
         for device in self.all:
             device.keeps.start(time, end)
 
     def stop(self) -> None:
-        """Keeps nothing more."""
+        """Stops keeping frames and samples."""
         for device in self.all:
             device.keeps.stop()
 
     def has_passed(self, time: float) -> bool:
-        """Whether everything before a time has come, as far as one can know."""
+        """Whether all frames and samples before a time have arrived, as far as can be known."""
         waits = [d for d in self.all if not (d.capture.is_done or d.capture.is_lost)]
         return all(device.capture.latest >= time for device in waits)

@@ -1,4 +1,4 @@
-"""One line that says how a recording goes."""
+"""Status line of a running recording."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TextIO
 
-from tactileforge.record.frame_queue import Reel
+from tactileforge.record.frame_queue import FrameQueue
 from tactileforge.sensors.health import TROUBLES
 from tactileforge.sensors.status import Status
 
 if TYPE_CHECKING:
-    from tactileforge.record.rig import Device, Rig
+    from tactileforge.record.rig import Rig, RigSensor
 
 #: Seconds between two lines: on a terminal, where each takes the place of the last, and elsewhere.
 _TERMINAL, _ELSEWHERE = 0.25, 5.0
 
 
 @dataclass
-class Summary:
-    """What was recorded.
+class RecordSummary:
+    """Totals of a recording.
 
     Attributes:
         takes: Takes with at least one segment.
@@ -41,7 +41,7 @@ class Summary:
 
 
 class RecordStatus(Status):
-    """Writes the line, and a warning when the pictures of a sensor begin to be bad.
+    """Writes the line, and a warning when the images of a sensor become invalid.
 
     Args:
         to: Where to; None for standard error.
@@ -51,8 +51,8 @@ class RecordStatus(Status):
         super().__init__(to)
         self._warned: set[tuple[str, str]] = set()
 
-    def show(self, rig: Rig, take: int, seconds: float, found: Summary) -> None:
-        """Writes the line, if it is time to."""
+    def show(self, rig: Rig, take: int, seconds: float, found: RecordSummary) -> None:
+        """Writes the line when it is due."""
         now = time.monotonic()
         if now < self._next:
             return
@@ -62,13 +62,13 @@ class RecordStatus(Status):
         free = shutil.disk_usage(rig.options.out).free
         parts = [
             f"take {take} {seconds:6.1f} s",
-            *map(of_device, rig.all),
+            *map(device_status, rig.all),
             f"saved {found.seconds:.0f} s, {found.bytes / 1e6:.1f} MB",
             f"disk {free / 1e9:.0f} GB",
         ]
         self._write(" | ".join(parts))
 
-    def _warn(self, device: Device) -> None:
+    def _warn(self, device: RigSensor) -> None:
         for trouble in set(device.capture.health.counts):
             if (device.name, trouble) not in self._warned:
                 self._warned.add((device.name, trouble))
@@ -76,13 +76,13 @@ class RecordStatus(Status):
                 self.to.write(f"warning: {device.name}: {TROUBLES[trouble]}\n")
 
 
-def of_device(device: Device) -> str:
-    """How one device does: rate, frames waiting, frames lost."""
+def device_status(device: RigSensor) -> str:
+    """Status of one device: rate, frames waiting, frames lost."""
     capture, keeps = device.capture, device.keeps
     if capture.is_lost:
         return f"{device.name} LOST"
     words = [f"{device.name} {capture.fps:.1f} fps"]
-    if isinstance(keeps, Reel):
+    if isinstance(keeps, FrameQueue):
         words.append(f"queue {keeps.waiting}")
     words.append(f"dropped {keeps.dropped}")
     counts = capture.counts

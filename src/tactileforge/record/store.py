@@ -1,4 +1,4 @@
-"""The folder of a recording: segments that are safe once written, joined into one shard a take.
+"""The folder of a recording: segments, durable once written, joined into one shard per take.
 
 A segment is written beside its place, forced to the disk and renamed; then the index is, in the
 same way. So what was acknowledged is in the index, and the index names only what is whole. What a
@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import IO, Self
 
 from tactileforge.data.shards import index, shards
-from tactileforge.data.shards.index import Entry, Index
+from tactileforge.data.shards.index import Index, IndexEntry
 from tactileforge.errors import ConfigError, DataError
-from tactileforge.record.merge_segments import joined
-from tactileforge.record.raw import Raw, append_raw, joined_raw
+from tactileforge.record.merge_segments import merge_segments
+from tactileforge.record.raw import Raw, append_raw, merge_raw
 
 #: Folder, beside the shards, for what is not yet whole.
 NOTES = ".record"
@@ -29,8 +29,8 @@ _SEGMENT = re.compile(r"(?P<split>train|val)-(?P<take>\d{6})\.(?P<number>\d{4,})
 _TAKE = re.compile(r"(?P<split>train|val)-(?P<take>\d{6})\.tar")
 
 
-class Store:
-    """Takes in a folder, of one writer at a time.
+class TakeStore:
+    """Takes in a folder, with one writer at a time.
 
     Args:
         out: The folder.
@@ -43,7 +43,7 @@ class Store:
     def __init__(self, out: Path, split: str) -> None:
         self.out, self.split = out, split
         self.notes: list[str] = []
-        self._entries: dict[str, Entry] = {}
+        self._entries: dict[str, IndexEntry] = {}
         self._lock: IO[str] | None = None
 
     def __enter__(self) -> Self:
@@ -79,7 +79,7 @@ class Store:
         path = self.out / index.NAME
         if path.exists():
             try:
-                held = index.parse(path.read_bytes(), str(path))
+                held = index.parse_index(path.read_bytes(), str(path))
             except DataError as error:
                 self.notes.append(f"the index is made anew: {error}")
             else:
@@ -89,7 +89,7 @@ class Store:
             raise ConfigError(f"{self.out} holds shards of something else; give another out=")
 
     def _recover(self) -> None:
-        """Drops what is half-written, takes up what is whole, joins what was interrupted."""
+        """Drops partial files, keeps complete ones, and joins interrupted takes."""
         for path in [*self.out.glob("*.part"), *(self.out / NOTES).glob("*.tar*")]:
             path.unlink()
         for name in list(self._entries):
@@ -116,7 +116,7 @@ class Store:
 
     def _take_up(self, path: Path) -> None:
         try:
-            self._entries[path.name] = Entry.of(path)
+            self._entries[path.name] = IndexEntry.of(path)
             self.notes.append(f"{path.name} was whole, and is now in the index")
         except DataError as error:
             self.notes.append(f"{path.name} is left out of the index: {error}")
@@ -132,8 +132,8 @@ class Store:
         number: int,
         recordings: Sequence[shards.Packed],
         raw: Mapping[str, Raw],
-    ) -> Entry:
-        """Writes one segment; when this returns, it is safe.
+    ) -> IndexEntry:
+        """Writes one segment; it is on disk when this returns.
 
         Args:
             take: Which take.
@@ -146,8 +146,8 @@ class Store:
         """
         return self._commit(f"{self.split}-{take:06d}.{number:04d}.tar", recordings, raw)
 
-    def join(self, take: int) -> Entry | None:
-        """Makes one shard of the segments of a take.
+    def join(self, take: int) -> IndexEntry | None:
+        """Joins the segments of a take into one shard.
 
         Returns:
             Its row of the index; None where there are no segments, or no room for it.
@@ -157,13 +157,13 @@ class Store:
         """
         return self._join(f"{self.split}-{take:06d}.tar")
 
-    def _join(self, name: str) -> Entry | None:
+    def _join(self, name: str) -> IndexEntry | None:
         segments = sorted(one for one in self._entries if _whole(one) == name and one != name)
         size = sum(self._entries[one].bytes for one in segments)
         if not segments or shutil.disk_usage(self.out).free < 1.1 * size:
             return None
         paths = [self.out / one for one in segments]
-        entry = self._commit(name, joined(paths), joined_raw(paths), instead_of=segments)
+        entry = self._commit(name, merge_segments(paths), merge_raw(paths), instead_of=segments)
         for path in paths:
             path.unlink()
         return entry
@@ -174,13 +174,13 @@ class Store:
         recordings: Sequence[shards.Packed],
         raw: Mapping[str, Raw],
         instead_of: Sequence[str] = (),
-    ) -> Entry:
+    ) -> IndexEntry:
         part = self.out / NOTES / name
         try:
-            shards.write(part, recordings)
+            shards.write_shard(part, recordings)
             append_raw(part, raw)
             _sync(part)
-            entry = Entry.of(part)
+            entry = IndexEntry.of(part)
             part.replace(self.out / name)
         finally:
             part.unlink(missing_ok=True)
@@ -213,13 +213,13 @@ def _parts(name: str) -> dict[str, str] | None:
 
 
 def _whole(name: str) -> str:
-    """What the shard of the whole take is called; "" for what is none of ours."""
+    """Name of the shard of the whole take; "" for a file that is not a recording."""
     parts = _parts(name)
     return f"{parts['split']}-{parts['take']}.tar" if parts else ""
 
 
 def _sync(path: Path) -> None:
-    """Forces a file, or the names in a folder, to the disk."""
+    """Flushes a file, or the entries of a folder, to disk."""
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)

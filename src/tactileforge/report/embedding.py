@@ -1,4 +1,4 @@
-"""The embedding map, and what nearest neighbours read from the embedding."""
+"""The embedding map, and nearest-neighbour scores of the embedding."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS
@@ -14,7 +15,7 @@ from tactileforge.data.batches.clips import Clips
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.pages.figures import scatter_figure
 from tactileforge.pages.page import Section, legend, panel, panels, paragraph, percent, table
-from tactileforge.report.samples import Look, whole_key
+from tactileforge.report.samples import ClipSample, whole_key
 
 _NEIGHBOURS = 5
 _TEMPERATURE = 0.07
@@ -39,8 +40,8 @@ class Embedding:
 
 
 @dataclass(frozen=True)
-class Score:
-    """How well nearest neighbours in other recordings tell a class.
+class NeighbourScore:
+    """Accuracy of classification by nearest neighbours in other recordings.
 
     Attributes:
         accuracy: Mean over classes.
@@ -55,7 +56,7 @@ class Score:
     classes: int
 
 
-def embedding_of(data: TouchData, looks: dict[str, Look]) -> Embedding:
+def embedding_of(data: TouchData, looks: dict[str, ClipSample]) -> Embedding:
     """Puts the clips of the splits together.
 
     Args:
@@ -79,7 +80,7 @@ def embedding_of(data: TouchData, looks: dict[str, Look]) -> Embedding:
     return Embedding(vectors, recordings, held_out, labels)
 
 
-def neighbours(embedding: Embedding, kind: str) -> Score | None:
+def neighbours(embedding: Embedding, kind: str) -> NeighbourScore | None:
     """Leave-one-recording-out k-NN accuracy, by the five nearest clips of other recordings.
 
     Validation clips are asked for (training clips where there are none), among the clips of both
@@ -109,7 +110,7 @@ def neighbours(embedding: Embedding, kind: str) -> Score | None:
     if not right:
         return None
     accuracy = float(np.mean([np.mean(hits) for hits in right.values()]))
-    return Score(accuracy, 1 / len(classes), sum(map(len, right.values())), len(right))
+    return NeighbourScore(accuracy, 1 / len(classes), sum(map(len, right.values())), len(right))
 
 
 def principal(vectors: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -121,7 +122,7 @@ def principal(vectors: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArra
     return centred @ axes[:2].T, shares
 
 
-def section(embedding: Embedding, scores: dict[str, Score | None]) -> Section:
+def embedding_section(embedding: Embedding, scores: dict[str, NeighbourScore | None]) -> Section:
     """The map, coloured by what is known of the clips, and the scores."""
     name, title = "embedding", "Embedding map"
     if len(embedding.vectors) < 3:
@@ -144,7 +145,7 @@ def section(embedding: Embedding, scores: dict[str, Score | None]) -> Section:
     return Section(name, title, body)
 
 
-def _introduction(embedding: Embedding, shares: NDArray[np.float64]) -> str:
+def _introduction(embedding: Embedding, shares: NDArray[np.float64]) -> Markup:
     count, size = embedding.vectors.shape
     faint = " Training clips are drawn faintly." if embedding.held_out.any() else ""
     used = 1 / float((shares**2).sum())
@@ -161,8 +162,8 @@ def _map(
     embedding: Embedding,
     places: NDArray[np.float64],
     shares: NDArray[np.float64],
-    score: Score | None,
-) -> str:
+    score: NeighbourScore | None,
+) -> Markup:
     counts = Counter(name for name in embedding.labels[kind] if name)
     names = [name for name, _ in sorted(counts.items(), key=lambda item: (-item[1], item[0]))]
     shown = sorted(names[:_SHOWN])
@@ -189,7 +190,7 @@ def _map(
     return panel(f"By {kind}", scatter_figure(groups, axes) + legend(keys), words)
 
 
-def _cells(score: Score | None) -> Sequence[str]:
+def _cells(score: NeighbourScore | None) -> Sequence[str]:
     if score is None:
         return "text|no answer: one class, or no class in two recordings", "", "", ""
     shares = percent(score.accuracy), percent(score.chance)

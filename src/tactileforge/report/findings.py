@@ -1,4 +1,4 @@
-"""What a trained module makes of its data: everything that the report shows beside the metrics."""
+"""Outputs of a trained module on its data, which the report shows beside the metrics."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import DataError
 from tactileforge.heads.decoder import Reconstruction
 from tactileforge.module import TouchModule
-from tactileforge.report.embedding import Embedding, Score, embedding_of, neighbours
+from tactileforge.report.embedding import Embedding, NeighbourScore, embedding_of, neighbours
 from tactileforge.report.forces import ForceResult, force_results
 from tactileforge.report.pictures import Strips, strips_of
-from tactileforge.report.samples import explained, liveliest, look, predictions, spread
+from tactileforge.report.samples import embed_clips, explained, liveliest, predictions, spread
 
 #: Clips of a split that are embedded, clips that are reconstructed, and clips that are shown.
 _CLIPS = 200
@@ -21,14 +21,14 @@ _SHOWN = 6
 
 
 @dataclass(frozen=True)
-class Findings:
-    """What the report shows of a module.
+class RunFindings:
+    """Outputs of a module that the report shows.
 
     Attributes:
         split: Where the clips that are shown come from: ``val``, or ``train`` without validation.
         clips: The clips of that split.
         shown: Which of them are shown.
-        strips: Their pictures.
+        strips: Their images.
         explained: Share of the variance of hidden pixels that is explained, by kind.
         forces: One for each head that predicts force.
         embedding: Of both splits.
@@ -43,11 +43,11 @@ class Findings:
     explained: dict[str, float]
     forces: list[ForceResult]
     embedding: Embedding
-    scores: dict[str, Score | None]
+    scores: dict[str, NeighbourScore | None]
     skipped: list[str]
 
 
-def find(module: TouchModule, data: TouchData) -> Findings:
+def run_findings(module: TouchModule, data: TouchData) -> RunFindings:
     """Runs a module on some clips of its data.
 
     Raises:
@@ -59,15 +59,15 @@ def find(module: TouchModule, data: TouchData) -> Findings:
         raise DataError("setup() has not been called")
     skipped = data.skipped | module.skipped
     looks = {
-        split: look(module, clips, spread(clips, _CLIPS), skipped)
+        split: embed_clips(module, clips, spread(clips, _CLIPS), skipped)
         for split, clips in present.items()
     }
     split, clips = next(iter(present.items()))
     shown = liveliest(clips, looks[split], _SHOWN)
-    patches, given = predictions(module, clips, shown)
-    rebuilt = {key: value for key, value in given.items() if isinstance(value, Reconstruction)}
+    patches, predicted = predictions(module, clips, shown)
+    rebuilt = {key: value for key, value in predicted.items() if isinstance(value, Reconstruction)}
     embedding = embedding_of(data, looks)
-    return Findings(
+    return RunFindings(
         split=split,
         clips=clips,
         shown=shown,
@@ -76,7 +76,7 @@ def find(module: TouchModule, data: TouchData) -> Findings:
             for row in range(len(shown))
         ],
         explained=explained(module, clips, spread(clips, _REBUILT), list(rebuilt)),
-        forces=force_results(module, data, given),
+        forces=force_results(module, data, predicted),
         embedding=embedding,
         scores={kind: neighbours(embedding, kind) for kind in embedding.labels},
         skipped=[line for line, _ in skipped.values()],

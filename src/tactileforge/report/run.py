@@ -1,4 +1,4 @@
-"""Writes the report of a run: one HTML file that tells in a minute whether it went well."""
+"""Writes the report of a run: one HTML file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tactileforge.module import TouchModule
 from tactileforge.pages.curves import Curve, read_metrics
 from tactileforge.pages.page import page
 from tactileforge.report import embedding, forces, sections, summary
-from tactileforge.report.findings import find
+from tactileforge.report.findings import run_findings
 
 
 def report_of_run(folder: Path) -> Path:
@@ -63,18 +63,18 @@ def write_report(folder: Path, module: TouchModule, data: TouchData) -> Path:
     config = _config(folder)
     curves = read_metrics(folder)
     steps, seconds = _progress(folder, curves)
-    found = find(module, data)
+    findings = run_findings(module, data)
     weights = {key: float(node["weight"]) for key, node in config["objective"].items()}
     versions = sections.kept_versions(folder).get("versions", {})
     top = summary.facts(config, module, data, steps, seconds, versions)
-    top += summary.verdict(curves, weights, found, module.labels)
+    top += summary.run_verdict(curves, weights, findings, module.labels)
     parts = [
         sections.losses(curves, list(weights), steps),
         *sections.balance(curves, list(weights), steps),
-        sections.frames(found),
-        forces.section(found.forces, data, curves, steps),
-        embedding.section(found.embedding, found.scores),
-        sections.data_section(data, found.skipped),
+        sections.frames(findings),
+        forces.forces_section(findings.forces, data, curves, steps),
+        embedding.embedding_section(findings.embedding, findings.scores),
+        sections.data_section(data, findings.skipped),
         sections.recipe(folder),
     ]
     report = folder / "report.html"
@@ -91,7 +91,7 @@ def _progress(folder: Path, curves: Mapping[str, Curve]) -> tuple[int, float | N
     """Steps done, and seconds of training over all of a run's processes where they were kept."""
     if not (folder / checkpoints.LAST).is_file():
         return max((int(curve.steps[-1]) + 1 for curve in curves.values()), default=0), None
-    state = checkpoints.read(folder)
+    state = checkpoints.read_checkpoint(folder)
     timer = state.get("callbacks", {}).get("Timer", {})
     seconds = timer.get("time_elapsed", {}).get("train")
     return int(state["global_step"]), seconds

@@ -1,4 +1,4 @@
-"""What a trained module makes of some clips: embeddings, forces, reconstructions."""
+"""Outputs of a trained module on some clips: embeddings, forces, reconstructions."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class ForceReading:
 
 
 @dataclass(frozen=True)
-class Look:
+class ClipSample:
     """Clips as the encoder sees them.
 
     Attributes:
@@ -79,9 +79,9 @@ def spread(
         numbers = [numbers[i] for i in np.linspace(0, len(numbers) - 1, count).round().astype(int)]
     chosen: list[int] = []
     for place, number in enumerate(numbers):
-        own = np.flatnonzero(which == number)
+        members = np.flatnonzero(which == number)
         quota = (count - len(chosen)) // (len(numbers) - place)
-        chosen += own[even(len(own), quota)].tolist()
+        chosen += members[spread_places(len(members), quota)].tolist()
     return chosen
 
 
@@ -90,7 +90,7 @@ def whole_key(recording: Recording) -> str:
     return re.sub(r"(\[\d+:\d+\])+$", "", recording.key)
 
 
-def even(length: int, count: int) -> NDArray[np.int64]:
+def spread_places(length: int, count: int) -> NDArray[np.int64]:
     """``count`` places spread over ``0..length - 1``: the middles of equal parts."""
     count = min(length, count)
     return ((np.arange(count) + 0.5) * length / max(1, count)).astype(np.int64)
@@ -104,7 +104,9 @@ def batches(module: TouchModule, clips: Clips, which: Sequence[int]) -> Iterator
         yield {k: v.to(module.device) if isinstance(v, Tensor) else v for k, v in batch.items()}
 
 
-def look(module: TouchModule, clips: Clips, which: Sequence[int], skipped: Skipped) -> Look:
+def embed_clips(
+    module: TouchModule, clips: Clips, which: Sequence[int], skipped: Skipped
+) -> ClipSample:
     """Embeds clips; one that cannot be read is left out, and ``skipped`` grows by a line.
 
     Args:
@@ -121,11 +123,11 @@ def look(module: TouchModule, clips: Clips, which: Sequence[int], skipped: Skipp
             change = batch["frames"].float() - batch["frames"][:, :1].float()
             moved.append(change.abs().mean((1, 2, 3, 4)).cpu().numpy())
             numbers.append(batch["clip"].cpu().numpy())
-    found, first = np.unique(np.concatenate(numbers), return_index=True)
-    return Look(found, np.concatenate(rows)[first], np.concatenate(moved)[first])
+    places, first = np.unique(np.concatenate(numbers), return_index=True)
+    return ClipSample(places, np.concatenate(rows)[first], np.concatenate(moved)[first])
 
 
-def liveliest(clips: Clips, seen: Look, count: int) -> list[int]:
+def liveliest(clips: Clips, seen: ClipSample, count: int) -> list[int]:
     """Clips that change much, of different recordings: sensors in turn, and new objects first.
 
     A clip of a new object is taken before one that changes up to four times as much.
@@ -159,7 +161,7 @@ def liveliest(clips: Clips, seen: Look, count: int) -> list[int]:
 def predictions(
     module: TouchModule, clips: Clips, which: Sequence[int]
 ) -> tuple[Tensor, dict[str, Any]]:
-    """The patches of one batch of clips, and what every head makes of them, by objective."""
+    """The patches of one batch of clips, and the predictions of every head, by objective."""
     with quiet(module):
         batch = next(batches(module, clips, which))
         views = module.encoder.views(batch)
@@ -182,9 +184,11 @@ def explained(
         for batch in batches(module, clips, which if keys else []):
             views = module.encoder.views(batch)
             for key in keys:
-                found: Reconstruction = module.heads[key](views, batch)
-                if kind := kind_of(found, module.encoder.frames):
-                    sums[kind] = sums.get(kind, torch.zeros(2)) + residuals(found, kind).sum(0)
+                reconstruction: Reconstruction = module.heads[key](views, batch)
+                if kind := kind_of(reconstruction, module.encoder.frames):
+                    sums[kind] = sums.get(kind, torch.zeros(2)) + residuals(
+                        reconstruction, kind
+                    ).sum(0)
     return {kind: share(residual) for kind, residual in sums.items()}
 
 

@@ -1,4 +1,4 @@
-"""Frames without contact, and the check that nothing touches while they are taken."""
+"""Background frames, and the check that nothing touches while they are taken."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _SQUARE = 8
 
 @dataclass(frozen=True, kw_only=True)
 class Background:
-    """How frames without contact are taken before each take.
+    """Options of the background taken before each take.
 
     Attributes:
         seconds: For how long; 0 takes none.
@@ -32,7 +32,7 @@ class Background:
 
 
 def variation(frames: Sequence[NDArray[np.uint8]]) -> float:
-    """How much pictures change, grey levels.
+    """Variation of images over time, grey levels.
 
     Of each picture, the mean of every square of eight pixels is compared with the median of all
     pictures; a hundredth of the squares may change more than the result.
@@ -52,8 +52,8 @@ def variation(frames: Sequence[NDArray[np.uint8]]) -> float:
     return max(float(np.percentile(one, 99)) for one in change)
 
 
-def check(name: str, frames: Sequence[NDArray[np.uint8]], threshold: float) -> None:
-    """Refuses a background that cannot be one.
+def check_background(name: str, frames: Sequence[NDArray[np.uint8]], threshold: float) -> None:
+    """Raises an error where the frames cannot be a background.
 
     Args:
         name: Of the sensor.
@@ -76,8 +76,8 @@ def check(name: str, frames: Sequence[NDArray[np.uint8]], threshold: float) -> N
         )
 
 
-def chosen(frames: Sequence[NDArray[np.uint8]], count: int) -> list[NDArray[np.uint8]]:
-    """So many of the frames, spread evenly."""
+def spread_frames(frames: Sequence[NDArray[np.uint8]], count: int) -> list[NDArray[np.uint8]]:
+    """Selects frames, spread evenly."""
     count = min(count, len(frames))
     step = (len(frames) - 1) / max(1, count - 1)
     return [frames[round(place * step)] for place in range(count)]

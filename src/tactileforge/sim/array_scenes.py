@@ -20,11 +20,11 @@ from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards import shards
 from tactileforge.errors import ConfigError
-from tactileforge.sensors.taxels import Layout
-from tactileforge.sim.generate import Config, path_of
+from tactileforge.sensors.taxels import TaxelLayout
+from tactileforge.sim.generate import SimConfig, path_of
 from tactileforge.sim.mechanics.gel import Gel
-from tactileforge.sim.mechanics.touch import Contact, contacts
-from tactileforge.sim.optics.scene_camera import view
+from tactileforge.sim.mechanics.touch import ContactState, contacts
+from tactileforge.sim.optics.scene_camera import render_scene_image
 from tactileforge.sim.scene import POINTS, SPACING, Scene
 
 #: Frames per second that are simulated.
@@ -50,7 +50,7 @@ class Array:
         span: Force on a taxel that is full colour, and the most that it can tell, N.
         noise: Standard deviation of a taxel, N.
         bits: Of the converter, over -span to span.
-        size: Rows of the picture; None for one pixel a taxel.
+        size: Rows of the image; None for one pixel a taxel.
     """
 
     sensor: str
@@ -79,16 +79,16 @@ class Array:
         if self.size is not None and self.size < rows:
             raise ConfigError(f"sim_array: size={self.size} pixels for {rows} rows of taxels")
 
-    def layout(self) -> Layout:
-        """How its taxels are drawn."""
+    def layout(self) -> TaxelLayout:
+        """Layout by which its taxels are drawn as an image."""
         rows, columns = self.shape
         channels = (0, 1, 2) if self.axes == 3 else (0,)
         if self.size is None or self.size == rows:
-            return Layout(self.shape, channels=channels, span=self.span)
+            return TaxelLayout(self.shape, channels=channels, span=self.span)
         picture = (self.size, round(self.size * columns / rows))
         places = np.indices(self.shape).reshape(2, -1).T + 0.5
         places = places / self.shape * picture - 0.5
-        return Layout(picture, places.tolist(), channels, self.span)
+        return TaxelLayout(picture, places.tolist(), channels, self.span)
 
     def measured(
         self, forces: NDArray[np.float64], chance: np.random.Generator
@@ -97,14 +97,16 @@ class Array:
         step = 2 * self.span / (2**self.bits - 1)
         noisy = forces + chance.normal(0, self.noise, forces.shape)
         steps = np.rint(noisy.clip(-self.span, self.span) / step)
-        found: NDArray[np.float32] = (steps * step).astype(np.float32)
-        return found
+        quantised: NDArray[np.float32] = (steps * step).astype(np.float32)
+        return quantised
 
 
-def taxel_forces(contact: Contact, shape: tuple[int, int], pitch: float) -> NDArray[np.float64]:
+def taxel_forces(
+    contact: ContactState, shape: tuple[int, int], pitch: float
+) -> NDArray[np.float64]:
     """Pressure and shear, summed over the cells of taxels.
 
-    The array lies around the middle of the picture. What presses beside it is lost. The force of a
+    The array lies around the middle of the image. What presses beside it is lost. The force of a
     point is shared among the four taxels around it, so that it moves on smoothly.
 
     Args:
@@ -128,8 +130,8 @@ def taxel_forces(contact: Contact, shape: tuple[int, int], pitch: float) -> NDAr
     out = np.zeros((*shape, 3))
     for place, share in _shares(row[felt], column[felt]):
         inside = ((place >= 0) & (place < shape)).all(1)
-        given = (share * force[:, felt]).T
-        np.add.at(out, tuple(place[inside].T), given[inside])
+        contributions = (share * force[:, felt]).T
+        np.add.at(out, tuple(place[inside].T), contributions[inside])
     return out.reshape(-1, 3)
 
 
@@ -145,8 +147,8 @@ def _shares(
             yield first + np.array([i, j]), share
 
 
-def play(scene: Scene, array: Array) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-    """What every taxel feels of a scene.
+def play_on_array(scene: Scene, array: Array) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+    """Simulates the force on every taxel of an array over a scene.
 
     Returns:
         Forces on taxels, float64 (T, taxels, 3), and those on all of the skin, float32 (T, 3), N.
@@ -163,16 +165,16 @@ def play(scene: Scene, array: Array) -> tuple[NDArray[np.float64], NDArray[np.fl
     return np.stack(taxels), np.stack(force).astype(np.float32)
 
 
-def recording(config: Config, array: Array, number: int) -> shards.Packed:
+def recording(config: SimConfig, array: Array, number: int) -> shards.Packed:
     """One scene on the array, encoded without loss; the forces on taxels are a track."""
     scene = config.scene(number)
-    forces, force = play(scene, array)
+    forces, force = play_on_array(scene, array)
     chance = np.random.default_rng([config.seed, number, 0xA2])
     forces = forces if array.axes == 3 else forces[..., 2:]
     still = np.zeros((_REST, *forces.shape[1:]))
     values = array.measured(np.concatenate([still, forces]), chance)
     layout, rest = array.layout(), np.zeros(forces.shape[1:], np.float32)
-    pictures = [shards.encode(layout.draw(one, rest), "png") for one in values]
+    pictures = [shards.encode_image(layout.draw(frame, rest), "png") for frame in values]
     times = scene.times(FPS)
     kind = "surface" if scene.shape.index is None else "indenter"
     about = Recording(
@@ -191,18 +193,22 @@ def recording(config: Config, array: Array, number: int) -> shards.Packed:
         tier=3,
         licence="CC0-1.0",
     )
-    photo = shards.encode(view(scene.shape, max(config.size, 16), scene.seed), "png")
-    return shards.Packed(shards.head(about), "png", pictures[_REST:], pictures[:_REST], [photo])
+    photo = shards.encode_image(
+        render_scene_image(scene.shape, max(config.size, 16), scene.seed), "png"
+    )
+    return shards.Packed(
+        shards.describe_recording(about), "png", pictures[_REST:], pictures[:_REST], [photo]
+    )
 
 
-def folder_name(config: Config, array: Array) -> str:
+def folder_name(config: SimConfig, array: Array) -> str:
     """Names what is simulated, and the code that does it."""
     text = json.dumps([config.digest(), asdict(array)], sort_keys=True)
     return hashlib.sha256(text.encode() + Path(__file__).read_bytes()).hexdigest()[:16]
 
 
-def write(
-    config: Config, array: Array, folder: Path, numbers: Sequence[int], processes: int | None
+def write_array_scenes(
+    config: SimConfig, array: Array, folder: Path, numbers: Sequence[int], processes: int | None
 ) -> None:
     """Writes the scenes that are not there yet, one shard each.
 
@@ -235,10 +241,10 @@ def write(
                 raise
 
 
-def _write(config: Config, array: Array, folder: Path, number: int) -> None:
+def _write(config: SimConfig, array: Array, folder: Path, number: int) -> None:
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        shards.write(path_of(folder, number), [recording(config, array, number)])
+        shards.write_shard(path_of(folder, number), [recording(config, array, number)])
     finally:
         torch.set_num_threads(before)

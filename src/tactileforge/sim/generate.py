@@ -24,17 +24,17 @@ from tqdm import tqdm
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards import shards
-from tactileforge.data.shards.index import Entry, Index
+from tactileforge.data.shards.index import Index, IndexEntry
 from tactileforge.errors import ConfigError, TactileForgeError, unknown
 from tactileforge.files import sealed, unsealed, write_text
 from tactileforge.sim.geometry.shapes import INDENTERS, Shape, shape
 from tactileforge.sim.geometry.textures import TEXTURES
 from tactileforge.sim.mechanics.motions import MOTIONS
-from tactileforge.sim.mechanics.sensor_gels import DEVICES, device
-from tactileforge.sim.optics.scene_camera import view
-from tactileforge.sim.play import play
-from tactileforge.sim.randomise.draw import rows
-from tactileforge.sim.scene import Scene, draw, frame_rate
+from tactileforge.sim.mechanics.sensor_gels import DEVICES, sensor_gel
+from tactileforge.sim.optics.scene_camera import render_scene_image
+from tactileforge.sim.play import play_scenes
+from tactileforge.sim.randomise.draw import randomised_rows
+from tactileforge.sim.scene import Scene, draw_scene, simulated_rate
 
 #: Indenters that a small data set shows several times each.
 FEW = (
@@ -67,8 +67,8 @@ _MANY = 4
 
 
 @dataclass(frozen=True, kw_only=True)
-class Config:
-    """What is simulated; the same configuration gives the same bytes.
+class SimConfig:
+    """Configuration of a simulated data set; equal configurations give equal bytes.
 
     Attributes:
         sensors: Types of sensors; each scene is felt by all of them.
@@ -76,16 +76,16 @@ class Config:
             indenters of their own, as in the paper), ``textures``, ``all``, or names of shapes.
         motions: ``atomic`` (slides and turns), ``force_trial``, ``manipulation``, ``all``, or
             names of motions.
-        size: Rows or columns of a picture, whichever are fewer.
+        size: Rows or columns of an image, whichever are fewer.
         seconds: Mean duration of one action.
         force: Range of the largest normal force on a nominal gel, N; a shape that does not reach it
             within 1.5 mm presses as hard as it can.
         markers: Whether the gels have markers; None as their types have.
         viscosity: Relaxation time of the gels, s.
-        lag: Seconds by which pictures come later than forces, as from a real camera.
+        lag: Seconds by which images come later than forces, as from a real camera.
         seed: Another seed, other touches.
-        codec: How pictures are stored, see `data.shards.shards.CODECS`.
-        randomise: How units and scenes differ, see `randomise.draw.rows`.
+        codec: How images are stored, see `data.shards.shards.CODECS`.
+        randomise: How units and scenes differ, see `randomise.draw.randomised_rows`.
     """
 
     sensors: tuple[str, ...]
@@ -105,10 +105,10 @@ class Config:
         if not self.sensors:
             raise ConfigError(f"sim: sensors=[] is empty; give some of {', '.join(DEVICES)}")
         for sensor in self.sensors:
-            device(sensor)
+            sensor_gel(sensor)
         self.shapes("train")
         self.moves(False)
-        rows(self.randomise)
+        randomised_rows(self.randomise)
         if not 0 <= self.lag < 1:
             raise ConfigError(f"sim: lag is {self.lag} s; give 0 or more, below 1")
         if self.codec not in shards.CODECS:
@@ -132,7 +132,7 @@ class Config:
         return [shape(chosen)]
 
     def moves(self, is_round: bool) -> list[str]:
-        """The motions; what is round shows no rotation."""
+        """Names of the motions; round shapes get no rotation, which nobody could see."""
         chosen = self.motions
         if isinstance(chosen, str):
             chosen = _MOTION_GROUPS.get(chosen, (chosen,))
@@ -143,7 +143,7 @@ class Config:
         return seen or list(chosen)
 
     def digest(self) -> str:
-        """Names what is simulated, and the code that does it."""
+        """Digest of the configuration and of the simulator's code."""
         text = json.dumps([asdict(self), shards.VERSION], sort_keys=True) + _code()
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -157,7 +157,7 @@ class Config:
         rng = np.random.default_rng([self.seed, number])
         motion = moves[int(rng.integers(len(moves)))]
         seed = int(rng.integers(1 << 31))
-        return draw(
+        return draw_scene(
             seed,
             chosen,
             motion,
@@ -177,15 +177,15 @@ def _shuffled(count: int, seed: int, place: int) -> int:
 @lru_cache
 def _code() -> str:
     """A hash of this package's files."""
-    found = hashlib.sha256()
+    digest_of_code = hashlib.sha256()
     folder = Path(str(files("tactileforge.sim")))
     for path in sorted(folder.rglob("*")):
         if path.suffix in (".py", ".json"):
-            found.update(path.read_bytes())
-    return found.hexdigest()
+            digest_of_code.update(path.read_bytes())
+    return digest_of_code.hexdigest()
 
 
-def recordings(config: Config, number: int) -> list[shards.Packed]:
+def recordings(config: SimConfig, number: int) -> list[shards.Packed]:
     """One scene on every sensor, encoded."""
     scene = config.scene(number)
     count = len(config.sensors)
@@ -193,30 +193,32 @@ def recordings(config: Config, number: int) -> list[shards.Packed]:
     surface: list[list[bytes]] = [[] for _ in range(count)]
     force: list[list[np.ndarray]] = [[] for _ in range(count)]
     torque: list[float] = [0.0] * count
-    for shots in play(
+    for shots in play_scenes(
         scene,
         config.sensors,
         config.size,
         markers=config.markers,
         viscosity=config.viscosity,
     ):
-        pictures[shots.sensor] += [shards.encode(p, config.codec) for p in shots.pictures]
-        surface[shots.sensor] += [shards.encode(p, "png") for p in shots.surface]
+        pictures[shots.sensor] += [shards.encode_image(p, config.codec) for p in shots.pictures]
+        surface[shots.sensor] += [shards.encode_image(p, "png") for p in shots.surface]
         force[shots.sensor].append(shots.force)
         torque[shots.sensor] = max(torque[shots.sensor], float(np.abs(shots.torque).max()))
-    photo = shards.encode(view(scene.shape, config.size, scene.seed), config.codec)
+    photo = shards.encode_image(
+        render_scene_image(scene.shape, config.size, scene.seed), config.codec
+    )
     kind = "surface" if scene.shape.index is None else "indenter"
     out = []
     felt = zip(config.sensors, pictures, surface, force, torque, strict=True)
     for sensor, encoded, moved, forces, twist in felt:
-        times = scene.times(frame_rate(sensor))
+        times = scene.times(simulated_rate(sensor))
         about = Recording(
             key=f"sim/{number:06d}_{sensor}_{scene.shape.name}_{scene.motion}",
             sensor=sensor,
             frames=_NONE,
             times=times,
             no_contact=None,
-            force=_ahead(np.concatenate(forces), round(config.lag * frame_rate(sensor))),
+            force=_ahead(np.concatenate(forces), round(config.lag * simulated_rate(sensor))),
             action=scene.path.action(times),
             object=scene.shape.name,
             text=f"{{action}} a {scene.shape.words} {kind}",
@@ -232,7 +234,9 @@ def recordings(config: Config, number: int) -> list[shards.Packed]:
         )
         # The path starts clear of the gel.
         out.append(
-            shards.Packed(shards.head(about), config.codec, encoded, encoded[:1], [photo], moved)
+            shards.Packed(
+                shards.describe_recording(about), config.codec, encoded, encoded[:1], [photo], moved
+            )
         )
     return out
 
@@ -252,8 +256,8 @@ def path_of(folder: Path, number: int) -> Path:
     return folder / f"val-{number - FIRST_VAL:06d}.tar"
 
 
-def write(
-    config: Config, folder: Path, numbers: Sequence[int], processes: int | None = None
+def write_scenes(
+    config: SimConfig, folder: Path, numbers: Sequence[int], processes: int | None = None
 ) -> None:
     """Writes the scenes that are not there yet; a killed run goes on where it was.
 
@@ -288,7 +292,7 @@ def _unwritten(folder: Path, error: OSError) -> TactileForgeError:
 
 
 def _spread(
-    config: Config, folder: Path, numbers: Sequence[int], count: int, bar: tqdm[Any]
+    config: SimConfig, folder: Path, numbers: Sequence[int], count: int, bar: tqdm[Any]
 ) -> None:
     """Simulates in processes of their own; they stop when one fails, or this one is stopped."""
     command = [sys.executable, "-m", __name__, json.dumps(asdict(config)), str(folder)]
@@ -305,14 +309,14 @@ def _spread(
                 bar.update(new)
             for process in running:
                 if process.poll():
-                    said = process.stderr.read() if process.stderr else ""
-                    raise TactileForgeError(said.strip().rpartition("\n")[2])
+                    stderr = process.stderr.read() if process.stderr else ""
+                    raise TactileForgeError(stderr.strip().rpartition("\n")[2])
         bar.update(len(numbers) - int(bar.n))
 
 
-def _write(config: Config, folder: Path, number: int) -> None:
+def _write(config: SimConfig, folder: Path, number: int) -> None:
     with _one_thread():
-        shards.write(path_of(folder, number), recordings(config, number))
+        shards.write_shard(path_of(folder, number), recordings(config, number))
 
 
 @contextmanager
@@ -327,7 +331,7 @@ def _one_thread() -> Iterator[None]:
 
 
 def write_seconds(
-    config: Config, folder: Path, seconds: float, val: float, processes: int | None = None
+    config: SimConfig, folder: Path, seconds: float, val: float, processes: int | None = None
 ) -> tuple[int, int]:
     """Writes so many scenes that each sensor has so many seconds of touch.
 
@@ -356,9 +360,11 @@ def write_seconds(
         to_val = held_out < val * (len(numbers) + 1) - 0.5
         numbers.append(FIRST_VAL + held_out if to_val else train)
         total += config.scene(numbers[-1]).path.seconds
-    write(config, folder, numbers, processes)
+    write_scenes(config, folder, numbers, processes)
     splits = {
-        split: [Entry.of(path_of(folder, n)) for n in sorted(numbers) if (n < FIRST_VAL) == train]
+        split: [
+            IndexEntry.of(path_of(folder, n)) for n in sorted(numbers) if (n < FIRST_VAL) == train
+        ]
         for split, train in (("train", True), ("val", False))
     }
     Index("sim", splits, made=json.loads(json.dumps(asdict(config)))).save(folder)
@@ -366,13 +372,13 @@ def write_seconds(
     return len(numbers) - held_out, held_out
 
 
-def _claim(config: Config, folder: Path) -> None:
-    """Says in the folder what its touches are, or checks that they are these."""
+def _claim(config: SimConfig, folder: Path) -> None:
+    """Records the configuration in the folder, or checks that it matches."""
     path = folder / "sim.json"
     wanted = json.loads(json.dumps(asdict(config)))
     if path.exists():
-        held = _held(path)
-        changed = [key for key in wanted if held.get(key) != wanted[key]]
+        recorded = _held(path)
+        changed = [key for key in wanted if recorded.get(key) != wanted[key]]
         if changed:
             raise ConfigError(
                 f"{folder} holds touches of another configuration (other "
@@ -391,14 +397,14 @@ def _held(path: Path) -> dict[str, Any]:
 
 def _main(config: str, folder: str, *numbers: str) -> None:
     """A process that simulates a share of the scenes."""
-    given: dict[str, Any] = {
+    keys: dict[str, Any] = {
         k: tuple(v) if isinstance(v, list) else v for k, v in json.loads(config).items()
     }
     parent = os.getppid()
     for number in numbers:
         if os.getppid() != parent:  # it was killed: nobody waits for these touches
             return
-        _write(Config(**given), Path(folder), int(number))
+        _write(SimConfig(**keys), Path(folder), int(number))
 
 
 if __name__ == "__main__":

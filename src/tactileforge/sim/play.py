@@ -1,4 +1,4 @@
-"""Pictures and forces of touches on any number of sensors."""
+"""Images and forces of touches on any number of sensors."""
 
 from __future__ import annotations
 
@@ -17,31 +17,32 @@ from tactileforge.data.labels import displacement
 from tactileforge.errors import ConfigError
 from tactileforge.sensors.specs import spec
 from tactileforge.sim.mechanics.gel import Gel
-from tactileforge.sim.mechanics.sensor_gels import device
-from tactileforge.sim.mechanics.surface import DETAIL, Fields, Surface
-from tactileforge.sim.mechanics.touch import Contact, contacts
+from tactileforge.sim.mechanics.sensor_gels import sensor_gel
+from tactileforge.sim.mechanics.surface import DETAIL, Fields, GelSurface
+from tactileforge.sim.mechanics.touch import ContactState, contacts
 from tactileforge.sim.optics import sensor_instances
 from tactileforge.sim.optics.camera import FULL, Codec
 from tactileforge.sim.optics.render import Optics
-from tactileforge.sim.scene import POINTS, SPACING, Scene, frame_rate
+from tactileforge.sim.scene import POINTS, SPACING, Scene, simulated_rate
 
 #: Frames that are rendered at a time.
 _CHUNK = 8
-#: Pictures are drawn with no larger pixels (mm), and then shrunk: edges are sharper than pixels.
+#: Images are drawn with no larger pixels (mm), and then shrunk: edges are sharper than pixels.
 _FINEST = 0.13
 
 
 @dataclass(frozen=True)
-class Shots:
+class SimFrames:
     """Some frames of one sensor in one scene, in order.
 
     Attributes:
-        scene: Place of the scene in the list that `play` was given.
-        sensor: Place of the sensor in the list that `play` was given.
+        scene: Place of the scene in the list that `play_scenes` was given.
+        sensor: Place of the sensor in the list that `play_scenes` was given.
         pictures: uint8 (K, H, W, 3), RGB.
         force: float32 (K, 3), N.
         torque: float32 (K,), N mm.
-        surface: uint8 (K, h, w, 3), how the gel's surface is displaced, see `displacement.encode`.
+        surface: uint8 (K, h, w, 3), how the gel's surface is displaced, see
+            `displacement.encode_displacement`.
     """
 
     scene: int
@@ -52,7 +53,7 @@ class Shots:
     surface: NDArray[np.uint8]
 
 
-def play(
+def play_scenes(
     scenes: Scene | Sequence[Scene],
     sensors: Sequence[str],
     size: int = 240,
@@ -60,8 +61,8 @@ def play(
     markers: bool | None = None,
     viscosity: float = 0.0,
     device_name: str = "cpu",
-) -> Iterator[Shots]:
-    """Pictures and forces of touches on several sensors at once, a few frames at a time.
+) -> Iterator[SimFrames]:
+    """Simulates touches on several sensors at once, a few frames at a time.
 
     All sensors feel the same object on the same path. Contacts of all scenes and sensors that one
     solver serves are solved in one batch; each is the same, to the bit, alone or beside others.
@@ -69,9 +70,9 @@ def play(
     Args:
         scenes: The touches.
         sensors: Types of sensors, see `sensor_gels.DEVICES`.
-        size: Rows or columns of the pictures, whichever are fewer.
+        size: Rows or columns of the images, whichever are fewer.
         markers: Whether the gels have markers; None as their types have.
-        viscosity: Relaxation time of the gels, s; their forces then lead their pictures. Scenes
+        viscosity: Relaxation time of the gels, s; their forces then lead their images. Scenes
             that draw their own have at least this.
         device_name: Torch device that computes.
 
@@ -106,17 +107,17 @@ def _feels(number: int, scene: Scene, sensors: Sequence[str], viscosity: float) 
     felt: dict[tuple[Gel, float], dict[int, str]] = {}
     slow = max(viscosity, scene.row["viscosity"])
     for place, name in enumerate(sensors):
-        base = replace(device(name).touched(scene.grip), viscosity=slow)
+        base = replace(sensor_gel(name).touched(scene.grip), viscosity=slow)
         seed = scene.seed if scene.unit is None else scene.unit
-        gel = sensor_instances.gel(base, name, seed, scene.randomise)
-        felt.setdefault((gel, frame_rate(name)), {})[place] = name
+        gel = sensor_instances.instance_gel(base, name, seed, scene.randomise)
+        felt.setdefault((gel, simulated_rate(name)), {})[place] = name
     for (gel, fps), seen in felt.items():
         yield _Feel(number, scene, gel, fps, seen)
 
 
 def _play(
     group: Sequence[_Feel], window: int, size: int, markers: bool | None, where: str
-) -> Iterator[Shots]:
+) -> Iterator[SimFrames]:
     """Plays touches on gels that one solver serves."""
     poses, frames = _aligned([feel.scene.poses(feel.fps) for feel in group])
     heights = torch.from_numpy(np.stack([feel.scene.heights for feel in group]))
@@ -146,20 +147,20 @@ class _Film:
     def __init__(self, feel: _Feel, size: int, markers: bool | None, where: str) -> None:
         fine = feel.scene.shape.map(POINTS * DETAIL, SPACING / DETAIL)
         self.number = feel.number
-        self.surface = Surface(torch.from_numpy(fine)[None].to(where), SPACING, feel.gel)
+        self.surface = GelSurface(torch.from_numpy(fine)[None].to(where), SPACING, feel.gel)
         drift = torch.from_numpy(feel.scene.drift(feel.fps)).to(where)
         self.views = [
             _View(feel.scene, place, name, size, markers, drift, where)
             for place, name in feel.seen.items()
         ]
 
-    def shots(self, first: int, part: Contact) -> Iterator[Shots]:
+    def shots(self, first: int, part: ContactState) -> Iterator[SimFrames]:
         """Renders a batch of moments, the first of which has a number."""
         fields = self.surface.fields(part)
         for view in self.views:
             pictures, displaced = view.pictures(first, self.surface, fields, part)
             force, torque = part.force.cpu().numpy(), part.torque.cpu().numpy()
-            yield Shots(self.number, view.place, pictures, force, torque, displaced)
+            yield SimFrames(self.number, view.place, pictures, force, torque, displaced)
 
 
 class _View:
@@ -179,22 +180,24 @@ class _View:
         full = min(known.height, known.width)
         shown = [round(side * size / full) for side in (known.height, known.width)]
         seed = scene.seed if scene.unit is None else scene.unit
-        coarse = sensor_instances.spacing(sensor, shown[0])
+        coarse = sensor_instances.pixel_spacing(sensor, shown[0])
         shrink = math.ceil(coarse / _FINEST)
         height, width = (side * shrink for side in shown)
-        unit = sensor_instances.draw(sensor, seed, (height, width), markers, scene.randomise)
-        # A pixel of a picture that is smaller than the sensor's is a mean of many.
+        unit = sensor_instances.draw_instance(
+            sensor, seed, (height, width), markers, scene.randomise
+        )
+        # A pixel of an image that is smaller than the sensor's is a mean of many.
         unit = replace(unit, noise=unit.noise * min(1.0, size / FULL))
         self.place = place
         self.optics = Optics(unit, where, shrink)
         self.codec = Codec(unit.camera, FULL / size)
         self.drift = drift if "drift" in scene.row.chosen else None
         self.places = unit.camera.places(height, width, unit.spacing, where)
-        self.cells = displacement.cells(height, width)
+        self.cells = displacement.grid_shape(height, width)
         self.centres = F.adaptive_avg_pool2d(self.places.permute(2, 0, 1), self.cells).flatten(1).T
 
     def pictures(
-        self, first: int, surface: Surface, fields: Fields, part: Contact
+        self, first: int, surface: GelSurface, fields: Fields, part: ContactState
     ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """Renders a batch of moments.
 
@@ -209,12 +212,15 @@ class _View:
         motion, lateral = self._motion(surface, part)
         pictures = self.optics.render(dent, motion, first, drift)
         deep = F.adaptive_avg_pool2d(dent[:, None], self.cells)
-        across = torch.where(touched[:, None, None], lateral, 0.0).mT.unflatten(2, self.cells)
-        moved = displacement.encode(torch.cat([across, deep], 1).permute(0, 2, 3, 1).cpu().numpy())
+        across = torch.where(touched[:, None, None], lateral, 0.0).mT
+        across = across.reshape(count, 2, *self.cells)
+        moved = displacement.encode_displacement(
+            torch.cat([across, deep], 1).permute(0, 2, 3, 1).cpu().numpy()
+        )
         return self.codec(pictures.permute(0, 2, 3, 1).contiguous().cpu().numpy()), moved
 
-    def _motion(self, surface: Surface, part: Contact) -> tuple[Tensor | None, Tensor]:
-        """Displacement of markers in the picture, and of the surface at the cells; mm (K, M, 2)."""
+    def _motion(self, surface: GelSurface, part: ContactState) -> tuple[Tensor | None, Tensor]:
+        """Displacement of markers in the image, and of the surface at the cells; mm (K, M, 2)."""
         markers, unit = self.optics.markers, self.optics.unit
         seen = self.centres if markers is None else torch.cat([markers.places, self.centres])
         rest = seen.expand(len(part.pose), -1, -1)
@@ -239,8 +245,11 @@ def _aligned(poses: Sequence[NDArray[np.float64]]) -> tuple[Tensor, list[int]]:
     return torch.from_numpy(np.stack(full)).float(), frames
 
 
-def _part(moments: Sequence[Contact], row: int) -> Contact:
+def _part(moments: Sequence[ContactState], row: int) -> ContactState:
     """One touch of a batch at several moments, as a batch of moments."""
-    return Contact(
-        *(torch.stack([getattr(m, field.name)[row] for m in moments]) for field in fields(Contact))
+    return ContactState(
+        *(
+            torch.stack([getattr(m, field.name)[row] for m in moments])
+            for field in fields(ContactState)
+        )
     )

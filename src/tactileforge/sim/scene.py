@@ -1,4 +1,4 @@
-"""A touch from a seed: what touches, how it moves, and what a sensor and a hand make of it."""
+"""A touch from a seed: shape, motion, and the disturbances of sensor and hand."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tactileforge.sim.mechanics.gel import Gel
 from tactileforge.sim.mechanics.motions import CLEAR, MOTIONS, Path, Speeds, Sway
 from tactileforge.sim.mechanics.sensor_gels import DEVICES, FPS
 from tactileforge.sim.mechanics.touch import contacts, window
-from tactileforge.sim.randomise.draw import Choice, Draw
+from tactileforge.sim.randomise.draw import Choice, RandomDraw
 from tactileforge.sim.randomise.table import TABLE
 
 #: The solver's grid: points a side, mm between them. It is 14.4 mm wide.
@@ -56,7 +56,7 @@ class Scene:
         motion: Name of the motion.
         grip: From slippery (0) to sticky (1).
         unit: Draws the units of the sensors instead of the seed, if given.
-        randomise: How units and scenes differ, see `randomise.draw.rows`.
+        randomise: How units and scenes differ, see `randomise.draw.randomised_rows`.
     """
 
     seed: int
@@ -68,7 +68,7 @@ class Scene:
     randomise: Choice = "unit"
 
     def times(self, fps: float) -> NDArray[np.float64]:
-        """When frames are due, s."""
+        """Nominal times of the frames, s."""
         return np.arange(int(self.path.seconds * fps) + 1) / fps
 
     def poses(self, fps: float) -> NDArray[np.float64]:
@@ -86,9 +86,9 @@ class Scene:
         return np.asarray(self.row["drift"] * waves, np.float32)
 
     @property
-    def row(self) -> Draw:
+    def row(self) -> RandomDraw:
         """Values of the rows that differ from scene to scene."""
-        return Draw(self.randomise, self.seed)
+        return RandomDraw(self.randomise, self.seed)
 
     @cached_property
     def heights(self) -> NDArray[np.float32]:
@@ -104,12 +104,12 @@ class Scene:
         )
 
 
-def frame_rate(sensor: str) -> float:
-    """Frames per second that are simulated."""
+def simulated_rate(sensor: str) -> float:
+    """Simulated frames per second."""
     return min(spec(sensor).fps, FPS)
 
 
-def draw(
+def draw_scene(
     seed: int,
     shape: Shape,
     motion: str,
@@ -119,7 +119,7 @@ def draw(
     randomise: Choice = "unit",
     reach: Literal["error", "clip"] = "error",
 ) -> Scene:
-    """Draws a touch: where, how deep, how tilted, how far, how fast, and how sticky.
+    """Draws a touch: place, depth, tilt, distance, speed and friction.
 
     Args:
         seed: Same seed, same touch.
@@ -128,7 +128,7 @@ def draw(
         force: Range of the largest normal force, N; the depth that gives it on a flat gel like the
             Mini's is looked up. What a shape reaches between 0.05 and 1.5 mm bounds the range.
         seconds: Mean duration of one action.
-        randomise: How units and scenes differ, see `randomise.draw.rows`.
+        randomise: How units and scenes differ, see `randomise.draw.randomised_rows`.
         reach: Whether a shape that does not reach the range is an error, or presses as near to it
             as it can.
 
@@ -140,7 +140,7 @@ def draw(
     if not 0 < force[0] <= force[1] or seconds <= 0:
         raise ConfigError(f"scene: force={force} N and seconds={seconds} must be greater than 0")
     rng = np.random.default_rng([seed, 0x51])
-    row = Draw(randomise, seed)
+    row = RandomDraw(randomise, seed)
     tilt = rng.normal(0, row["tilt"], 2)
     shape = _finished(shape, row)
     heights = shape.map(POINTS, SPACING)
@@ -159,7 +159,7 @@ def draw(
     return Scene(seed=seed, shape=shape, path=path, motion=motion, grip=grip, randomise=randomise)
 
 
-def _finished(shape: Shape, row: Draw) -> Shape:
+def _finished(shape: Shape, row: RandomDraw) -> Shape:
     """A shape with the lines of a printer and the grain of a rough surface, where a scene has."""
     if distance := row["print_lines"]:
         angle = row.rng("print_lines").uniform(0, 180)
@@ -221,7 +221,7 @@ def _cleared(path: Path, height: NDArray[np.float32]) -> Path:
     return replace(path, poses=poses)
 
 
-def _sway(row: Draw, depth: float) -> Sway | None:
+def _sway(row: RandomDraw, depth: float) -> Sway | None:
     """Deviation of a hand from the path, for a depth (mm)."""
     share, steep = row["sway"], row["force_follows_shear"]
     if not share and not steep:

@@ -26,12 +26,14 @@ from tactileforge import registry
 from tactileforge.errors import PluginError, unknown
 from tactileforge.testing import general
 from tactileforge.testing.batches import batch
-from tactileforge.testing.results import Check, Result, Subject, run
+from tactileforge.testing.results import Check, CheckResult, CheckSubject, run_check
 
-__all__ = ["Result", "batch", "check"]
+__all__ = ["CheckResult", "batch", "check"]
 
 
-def check(kind: str, plugin: Any, *, head: type[Any] | None = None, **options: Any) -> list[Result]:
+def check(
+    kind: str, plugin: Any, *, head: type[Any] | None = None, **options: Any
+) -> list[CheckResult]:
     """Checks one plugin against the contract of its kind.
 
     Args:
@@ -59,11 +61,11 @@ def check(kind: str, plugin: Any, *, head: type[Any] | None = None, **options: A
         try:
             registry.get(kind, plugin)
         except PluginError as error:
-            return [Result("it can be imported", "failed", str(error))]
+            return [CheckResult("it can be imported", "failed", str(error))]
     subject = _subject(kind, plugin, head, options)
     checks: list[Check] = import_module(f"tactileforge.testing.{kind}").CHECKS
     with torch.random.fork_rng(devices=[]), _one_thread():
-        return [run(test, subject) for test in (*general.CHECKS, *checks)]
+        return [run_check(test, subject) for test in (*general.CHECKS, *checks)]
 
 
 @contextmanager
@@ -77,16 +79,18 @@ def _one_thread() -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-def _subject(kind: str, plugin: Any, head: type[Any] | None, options: dict[str, Any]) -> Subject:
+def _subject(
+    kind: str, plugin: Any, head: type[Any] | None, options: dict[str, Any]
+) -> CheckSubject:
     if isinstance(plugin, str):
-        return Subject(kind, registry.get(kind, plugin), plugin, options, head=head)
+        return CheckSubject(kind, registry.get(kind, plugin), plugin, options, head=head)
     instance = None if isclass(plugin) else plugin
     if instance is not None and (kind not in ("sensors", "datasets") or options):
         raise PluginError(
             f"checks build {kind} anew: give check() the class {type(plugin).__name__} and its "
             "options, not an instance"
         )
-    found = type(plugin) if instance is not None else plugin
-    target = f"{found.__module__}:{found.__qualname__}"
+    cls = type(plugin) if instance is not None else plugin
+    target = f"{cls.__module__}:{cls.__qualname__}"
     installed = (p.name for p in registry.list_plugins() if (p.kind, p.target) == (kind, target))
-    return Subject(kind, found, next(installed, ""), options, instance, head)
+    return CheckSubject(kind, cls, next(installed, ""), options, instance, head)

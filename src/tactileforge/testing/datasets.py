@@ -14,7 +14,7 @@ from tactileforge import registry
 from tactileforge.contracts import ACTIONS, LABELS, Recording
 from tactileforge.errors import DataNotFoundError
 from tactileforge.sensors.specs import spec
-from tactileforge.testing.results import Check, Skip, Subject, Violation, require
+from tactileforge.testing.results import Check, CheckSubject, Skip, Violation, require
 
 _SPLITS = ("train", "val")
 _MOST = 1000
@@ -27,33 +27,33 @@ def _first(dataset: Any, split: str, most: int = 8) -> list[Recording]:
         raise Skip(f"its data is not here: {error}") from error
 
 
-def keys_are_what_it_provides(subject: Subject) -> None:
+def keys_are_what_it_provides(subject: CheckSubject) -> None:
     """Nothing promised that no recording has, nothing carried that is not promised."""
     dataset = subject.build()
     provides = dataset.provides
     require(isinstance(provides, frozenset), f"provides is {provides!r}, not a frozenset")
     require(isinstance(dataset.skipped, list), f"skipped is {dataset.skipped!r}, not a list")
     require(provides <= set(LABELS), f"provides {sorted(provides)}; labels are {LABELS}")
-    found: set[str] = set()
+    keys: set[str] = set()
     for split in _SPLITS:
-        for one in _first(dataset, split):
-            found |= _labels(one)
-    if not provides <= found:  # a label may be a rare one
-        found = found.union(*map(_labels, _first(dataset, "train", _MOST)))
-    require(found <= provides, f"recordings carry {sorted(found - provides)}, not in provides")
-    require(provides <= found, f"no recording seen has {sorted(provides - found)}, in provides")
+        for recording in _first(dataset, split):
+            keys |= _labels(recording)
+    if not provides <= keys:  # a label may be a rare one
+        keys = keys.union(*map(_labels, _first(dataset, "train", _MOST)))
+    require(keys <= provides, f"recordings carry {sorted(keys - provides)}, not in provides")
+    require(provides <= keys, f"no recording seen has {sorted(provides - keys)}, in provides")
 
 
 def _labels(recording: Recording) -> set[str]:
     return {label for label in LABELS if getattr(recording, label) is not None}
 
 
-def recordings_are_whole(subject: Subject) -> None:
+def recordings_are_whole(subject: CheckSubject) -> None:
     """Times, labels and frames agree in number, type and order; the sensor is a known one."""
     for split in _SPLITS:
-        found = _first(subject.build(), split)
-        require(split != "train" or bool(found), "the split 'train' has no recording")
-        for recording in found:
+        recordings = _first(subject.build(), split)
+        require(split != "train" or bool(recordings), "the split 'train' has no recording")
+        for recording in recordings:
             try:
                 _require_whole(recording)
             except Violation as wrong:
@@ -81,44 +81,48 @@ def _require_whole(recording: Recording) -> None:
         require(bool(inside.all()), f"an action is outside -1..{len(ACTIONS) - 1}")
 
 
-def same_index_same_sample(subject: Subject) -> None:
+def same_index_same_sample(subject: CheckSubject) -> None:
     """Read twice, and from a second reader: the same recordings in the same order."""
     dataset = subject.build()
     for split in _SPLITS:
         first = _first(dataset, split)
         for again in (_first(dataset, split), _first(subject.build(), split)):
-            keys = [[one.key for one in found] for found in (first, again)]
+            keys = [[recording.key for recording in recordings] for recordings in (first, again)]
             require(keys[0] == keys[1], f"{split}: {keys[0]}, then {keys[1]}")
-            for one, two in zip(first, again, strict=True):
-                last = [len(one.frames) - 1]
-                same = np.array_equal(one.frames.read(last), two.frames.read(last))
-                require(same, f"{split}: recording {one.key!r} has other frames the second time")
+            for recording, other in zip(first, again, strict=True):
+                last = [len(recording.frames) - 1]
+                same = np.array_equal(recording.frames.read(last), other.frames.read(last))
+                require(
+                    same, f"{split}: recording {recording.key!r} has other frames the second time"
+                )
 
 
-def splits_are_disjoint(subject: Subject) -> None:
+def splits_are_disjoint(subject: CheckSubject) -> None:
     """No frame of a source is in both splits; keys are unique.
 
     Parts of one recording (`Recording.part`) may be shared out if their times do not overlap.
     """
     dataset = subject.build()
     train, val = (_first(dataset, split, _MOST) for split in _SPLITS)
-    keys = [one.key for one in (*train, *val)]
+    keys = [recording.key for recording in (*train, *val)]
     twice = {key for key in keys if keys.count(key) > 1}
     require(not twice, f"several recordings have the key {sorted(twice)[:3]}")
     spans: dict[str, list[Recording]] = {}
-    for one in train:
-        spans.setdefault(_source(one), []).append(one)
+    for recording in train:
+        spans.setdefault(_source(recording), []).append(recording)
     for two in val:
-        for one in spans.get(_source(two), []):
-            apart = one.times[-1] < two.times[0] or two.times[-1] < one.times[0]
-            require(bool(apart), f"{one.key!r} and {two.key!r} share frames across the splits")
+        for recording in spans.get(_source(two), []):
+            apart = recording.times[-1] < two.times[0] or two.times[-1] < recording.times[0]
+            require(
+                bool(apart), f"{recording.key!r} and {two.key!r} share frames across the splits"
+            )
 
 
 def _source(recording: Recording) -> str:
     return re.sub(r"(\[\d+:\d+\])+$", "", recording.key)
 
 
-def missing_data_names_the_folder_and_the_fix(subject: Subject) -> None:
+def missing_data_names_the_folder_and_the_fix(subject: CheckSubject) -> None:
     """A `DataNotFoundError`, of a data set that reads from a folder ``root``."""
     if "root" not in registry.parameters(subject.plugin):
         raise Skip("it has no option 'root'")
@@ -127,26 +131,26 @@ def missing_data_names_the_folder_and_the_fix(subject: Subject) -> None:
     with TemporaryDirectory() as empty:
         dataset = replace(subject, options={**subject.options, "root": empty}).build()
         try:
-            found = list(islice(dataset.recordings("train"), 1))
+            recordings = list(islice(dataset.recordings("train"), 1))
         except DataNotFoundError as error:
             text = str(error)
         else:
-            raise Violation(f"an empty folder gives {len(found)} recordings, and no error")
+            raise Violation(f"an empty folder gives {len(recordings)} recordings, and no error")
     require(empty in text, f"the error does not name the folder: {text}")
     fix = re.search(r"root|set |give |download|https?://", text.replace(empty, ""))
     require(fix is not None, f"the error does not say what to do: {text}")
 
 
-def plot_gives_a_figure(subject: Subject) -> None:
+def plot_gives_a_figure(subject: CheckSubject) -> None:
     """With something drawn on it."""
     from matplotlib import pyplot
     from matplotlib.figure import Figure
 
     dataset = subject.build()
-    found = _first(dataset, "train", 1)
-    if not found:
+    recordings = _first(dataset, "train", 1)
+    if not recordings:
         raise Skip("there is no recording to plot")
-    figure = dataset.plot(found[0])
+    figure = dataset.plot(recordings[0])
     require(isinstance(figure, Figure), f"plot gives a {type(figure).__name__}, not a Figure")
     try:
         require(any(axes.has_data() for axes in figure.axes), "the figure is empty")

@@ -24,7 +24,7 @@ from typing import Any, Self
 
 @dataclass(frozen=True, kw_only=True)
 class Faults:
-    """What goes wrong on a line; the same seed, the same faults.
+    """Faults of a line; the same seed, the same faults.
 
     Attributes:
         split: Bytes that are written at once; 0 writes whole packets.
@@ -42,7 +42,7 @@ class Faults:
 
 
 def chunks(packets: Iterable[bytes], faults: Faults) -> Iterator[list[bytes]]:
-    """What is written for every ``faults.merge`` packets: a list of writes."""
+    """Writes for every ``faults.merge`` packets, as a list."""
     rng = random.Random(faults.seed)
     pending = bytearray()
     for count, packet in enumerate(packets, 1):
@@ -89,9 +89,9 @@ class _Device:
             fps: Packets a second; 0 sends them as fast as they are taken.
             faults: What goes wrong; None for nothing.
         """
-        given = faults or Faults()
-        step = given.merge / fps if fps else 0.0
-        thread = threading.Thread(target=self._play, args=(packets, given, step), daemon=True)
+        line_faults = faults or Faults()
+        step = line_faults.merge / fps if fps else 0.0
+        thread = threading.Thread(target=self._play, args=(packets, line_faults, step), daemon=True)
         self._threads.append(thread)
         thread.start()
 
@@ -246,7 +246,7 @@ class TcpDevice(_Device):
         self._peer.sendall(data)
 
     def read(self, size: int, timeout: float = 5.0) -> bytes:
-        """What the driver sends next, at most so many bytes."""
+        """Bytes that the driver sends next, at most so many."""
         if self._peer is None:
             self.write(b"")
         assert self._peer is not None

@@ -20,10 +20,10 @@ from tactileforge.testing.modules import (
     require_export,
     require_row,
 )
-from tactileforge.testing.results import Check, Skip, Subject, require
+from tactileforge.testing.results import Check, CheckSubject, Skip, require
 
 
-def _build(subject: Subject, seed: int = 0) -> Any:
+def _build(subject: CheckSubject, seed: int = 0) -> Any:
     torch.manual_seed(seed)
     return subject.build().eval()
 
@@ -52,8 +52,8 @@ def _call(encoder: Any, size: int) -> list[Tensor]:
         return leaves(encoder(*_inputs(encoder, size)))
 
 
-def declared_sizes_are_true(subject: Subject) -> None:
-    """What an encoder says of its shapes is what comes out."""
+def declared_sizes_are_true(subject: CheckSubject) -> None:
+    """Shapes that an encoder declares are those that come out."""
     encoder = _build(subject)
     out = _call(encoder, 4)
     require(finite(out), "not every output is finite")
@@ -69,7 +69,7 @@ def declared_sizes_are_true(subject: Subject) -> None:
     require(got == want, f"outputs have shapes {got}; it declares {want}")
 
 
-def views_are_what_they_declare(subject: Subject) -> None:
+def views_are_what_they_declare(subject: CheckSubject) -> None:
     """Full and masked views have the contract's shapes, and the full one is the forward pass."""
     encoder = _build(subject)
     if _modality(encoder) != "touch":
@@ -94,22 +94,22 @@ def views_are_what_they_declare(subject: Subject) -> None:
     require(got == shape, f"tokens of the masked view are {got}, not {shape}")
 
 
-def eval_is_deterministic(subject: Subject) -> None:
+def eval_is_deterministic(subject: CheckSubject) -> None:
     """Twice the same input, twice the same output."""
     encoder = _build(subject)
     require_equal(_call(encoder, 4), _call(encoder, 4), "two calls in eval mode differ")
 
 
-def batch_of_one_equals_a_row(subject: Subject) -> None:
+def batch_of_one_equals_a_row(subject: CheckSubject) -> None:
     """A sample does not depend on its neighbours."""
     encoder = _build(subject)
     inputs = _inputs(encoder, 4)
-    one = tuple(rows_of({"x": value}, slice(1))["x"] for value in inputs)
+    first_row = tuple(rows_of({"x": value}, slice(1))["x"] for value in inputs)
     with torch.no_grad():
-        require_row(leaves(encoder(*inputs)), leaves(encoder(*one)))
+        require_row(leaves(encoder(*inputs)), leaves(encoder(*first_row)))
 
 
-def torch_export_matches(subject: Subject) -> None:
+def torch_export_matches(subject: CheckSubject) -> None:
     """The exported program gives the same numbers."""
     encoder = _build(subject)
     if _modality(encoder) == "text":
@@ -117,7 +117,7 @@ def torch_export_matches(subject: Subject) -> None:
     require_export(encoder, _inputs(encoder, 2))
 
 
-def save_and_load_are_bit_equal(subject: Subject) -> None:
+def save_and_load_are_bit_equal(subject: CheckSubject) -> None:
     """Saved weights, loaded into a new encoder of the same options, give the same bits."""
     encoder, other = _build(subject), _build(subject, seed=1)
     reloaded(encoder, other)

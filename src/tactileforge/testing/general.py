@@ -20,11 +20,11 @@ from typing import Any
 from torch import nn
 
 from tactileforge import registry
-from tactileforge.testing.modules import context
-from tactileforge.testing.results import Check, Skip, Subject, require
+from tactileforge.testing.modules import small_context
+from tactileforge.testing.results import Check, CheckSubject, Skip, require
 
 
-def name_is_snake_case(subject: Subject) -> None:
+def name_is_snake_case(subject: CheckSubject) -> None:
     """The word users type: lower case, digits, single underscores."""
     if not subject.name:
         raise Skip("the class is not installed as a plugin, so it has no name")
@@ -32,7 +32,7 @@ def name_is_snake_case(subject: Subject) -> None:
     require(good is not None, f"{subject.name!r} is not snake_case")
 
 
-def parameters_are_explicit(subject: Subject) -> None:
+def parameters_are_explicit(subject: CheckSubject) -> None:
     """Every parameter has a name of its own: they become the configuration."""
     if subject.plugin.__init__ is nn.Module.__init__:
         return
@@ -41,7 +41,7 @@ def parameters_are_explicit(subject: Subject) -> None:
         require(explicit, f"constructor has {parameter}: name each parameter")
 
 
-def defaults_are_plain_data(subject: Subject) -> None:
+def defaults_are_plain_data(subject: CheckSubject) -> None:
     """Defaults can be written in YAML."""
     for key, value in registry.parameters(subject.plugin).items():
         plain = value is Parameter.empty or _plain(value)
@@ -56,14 +56,14 @@ def _plain(value: Any) -> bool:
     return value is None or type(value) in (bool, int, float, str)
 
 
-def constructing_does_no_io(subject: Subject) -> None:
+def constructing_does_no_io(subject: CheckSubject) -> None:
     """Files, devices, processes and threads wait until they are asked for."""
-    given = context() if subject.kind in ("heads", "objectives") else {}
+    context = small_context() if subject.kind in ("heads", "objectives") else {}
     if subject.instance is not None:
         raise Skip("an instance was given; give the class and its options to check this")
     handles, threads = _handles(), threading.active_count()
     with _watched() as events:
-        built = subject.build(**given)
+        built = subject.build(**context)
     require(not events, f"the constructor does I/O: {'; '.join(events[:3])}")
     require(_handles() <= handles, "the constructor leaves a file or device open")
     require(threading.active_count() <= threads, "the constructor leaves a thread running")
@@ -114,7 +114,7 @@ def _watched() -> Iterator[list[str]]:
         _local.events = None
 
 
-def module_imports_no_vendor_sdk(subject: Subject) -> None:
+def module_imports_no_vendor_sdk(subject: CheckSubject) -> None:
     """Options can be listed and read where the vendor's software is not installed.
 
     At top level a sensor's package may import what ``pip install tactileforge`` brings; other kinds
@@ -131,11 +131,11 @@ def module_imports_no_vendor_sdk(subject: Subject) -> None:
                 allowed = allowed | _closure(plugin.distribution)
     parts = module.split(".")
     seen: set[str] = set()
-    found = [_imports(".".join(parts[:i]), seen) for i in range(1, len(parts) + 1)]
+    imports = [_imports(".".join(parts[:i]), seen) for i in range(1, len(parts) + 1)]
     if not seen:
         raise Skip(f"no source of module {module!r} to read")
     owners = packages_distributions()
-    for name in sorted(set().union(*found) - sys.stdlib_module_names - {root, "tactileforge"}):
+    for name in sorted(set().union(*imports) - sys.stdlib_module_names - {root, "tactileforge"}):
         fine = any(_canonical(owner) in allowed for owner in owners.get(name, ()))
         require(fine, f"{module} imports {name!r} at top level: import it where it is used")
 
@@ -150,12 +150,12 @@ def _imports(module: str, seen: set[str]) -> set[str]:
         return set()
     seen.add(module)
     root = module.partition(".")[0]
-    found = set()
+    names = set()
     tree = ast.parse(Path(spec.origin).read_text("utf-8"))
     for name in _top_level(tree.body, spec.parent or ""):
         top = name.partition(".")[0]
-        found |= _imports(name, seen) if top == root else {top}
-    return found
+        names |= _imports(name, seen) if top == root else {top}
+    return names
 
 
 def _top_level(nodes: Iterable[ast.AST], package: str) -> Iterator[str]:

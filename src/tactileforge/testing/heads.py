@@ -11,16 +11,16 @@ from tactileforge.contracts import Batch
 from tactileforge.testing.batches import batch, rows_of
 from tactileforge.testing.modules import (
     FrozenViews,
-    context,
     finite,
     leaves,
     reloaded,
     require_equal,
     require_export,
     require_row,
+    small_context,
     views_of,
 )
-from tactileforge.testing.results import Check, Subject, require
+from tactileforge.testing.results import Check, CheckSubject, require
 
 
 def _predict(head: Any, views: FrozenViews, made: Batch) -> list[Tensor]:
@@ -29,25 +29,25 @@ def _predict(head: Any, views: FrozenViews, made: Batch) -> list[Tensor]:
         return leaves(head(views, made))
 
 
-def _parts(subject: Subject, seed: int = 0) -> tuple[Any, FrozenViews, Batch]:
+def _parts(subject: CheckSubject, seed: int = 0) -> tuple[Any, FrozenViews, Batch]:
     """A head in eval mode, and four samples for it."""
-    given = context()
+    context = small_context()
     made = batch(4)
-    views = views_of(given["encoder"], made)
-    return subject.build(**context(seed)).eval(), views, made
+    views = views_of(context["encoder"], made)
+    return subject.build(**small_context(seed)).eval(), views, made
 
 
-def sizes_follow_the_encoder(subject: Subject) -> None:
+def sizes_follow_the_encoder(subject: CheckSubject) -> None:
     """A head takes its sizes from the encoder: it works with more frames and a finer grid."""
     for frames, image in ((4, 32), (6, 48)):
-        given = context(frames=frames, image=image)
+        context = small_context(frames=frames, image=image)
         made = batch(4, frames, image)
-        out = _predict(subject.build(**given).eval(), views_of(given["encoder"], made), made)
+        out = _predict(subject.build(**context).eval(), views_of(context["encoder"], made), made)
         require(bool(out), "the prediction has no tensor")
         require(finite(out), f"the prediction of {frames} frames of {image} pixels is not finite")
 
 
-def eval_is_deterministic(subject: Subject) -> None:
+def eval_is_deterministic(subject: CheckSubject) -> None:
     """Twice the same input, twice the same prediction."""
     head, views, made = _parts(subject)
     first = _predict(head, views, made)
@@ -55,11 +55,11 @@ def eval_is_deterministic(subject: Subject) -> None:
         require_equal(first, leaves(head(views, made)), "two calls in eval mode differ")
 
 
-def batch_of_one_equals_a_row(subject: Subject) -> None:
+def batch_of_one_equals_a_row(subject: CheckSubject) -> None:
     """A sample's prediction does not depend on its neighbours."""
     head, views, made = _parts(subject)
-    one = _predict(head, views.rows(slice(1)), rows_of(made, slice(1)))
-    require_row(_predict(head, views, made), one)
+    first_row = _predict(head, views.rows(slice(1)), rows_of(made, slice(1)))
+    require_row(_predict(head, views, made), first_row)
 
 
 class _OfTensors(nn.Module):
@@ -75,14 +75,14 @@ class _OfTensors(nn.Module):
         return leaves(self.head(self.views.with_tensors(views), {**made, **self.words}))
 
 
-def torch_export_matches(subject: Subject) -> None:
+def torch_export_matches(subject: CheckSubject) -> None:
     """The exported program gives the same numbers."""
     head, views, made = _parts(subject)
     tensors = {key: value for key, value in made.items() if isinstance(value, Tensor)}
     require_export(_OfTensors(head, views, made), (views.tensors(), tensors))
 
 
-def save_and_load_are_bit_equal(subject: Subject) -> None:
+def save_and_load_are_bit_equal(subject: CheckSubject) -> None:
     """Saved weights, loaded into a new head of the same options, give the same bits."""
     head, views, made = _parts(subject)
     other = _parts(subject, seed=1)[0]

@@ -1,4 +1,4 @@
-"""What the checks of encoders, heads and objectives share."""
+"""Helpers of the checks of encoders, heads and objectives."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tactileforge.contracts import Batch, Features, MaskedFeatures, Views
 from tactileforge.testing.results import require
 
 
-def context(seed: int = 0, frames: int = 4, image: int = 32) -> dict[str, Any]:
+def small_context(seed: int = 0, frames: int = 4, image: int = 32) -> dict[str, Any]:
     """A small touch encoder and the small towers, as the framework would give them."""
     torch.manual_seed(seed)
     touch = {"name": "tactile_vit", "size": "tiny", "frames": frames, "image_size": image}
@@ -101,26 +101,26 @@ def require_equal(first: list[Tensor], second: list[Tensor], message: str) -> No
 def require_close(first: list[Tensor], second: list[Tensor], message: str) -> None:
     """Fails unless shapes are the same and numbers agree within 1e-4, relative to the largest."""
     require(bool(first) and len(first) == len(second), f"{message}: other outputs")
-    for one, two in zip(first, second, strict=True):
-        require(one.shape == two.shape, f"{message}: {tuple(one.shape)}, not {tuple(two.shape)}")
-        gap = float((one.double() - two.double()).abs().max()) if one.numel() else 0.0
-        size = float(two.double().abs().max()) if two.numel() else 0.0
+    for a, b in zip(first, second, strict=True):
+        require(a.shape == b.shape, f"{message}: {tuple(a.shape)}, not {tuple(b.shape)}")
+        gap = float((a.double() - b.double()).abs().max()) if a.numel() else 0.0
+        size = float(b.double().abs().max()) if b.numel() else 0.0
         require(gap <= 1e-4 * max(1.0, size), f"{message}: they differ by {gap:.2g}")
 
 
-def require_row(four: list[Tensor], one: list[Tensor]) -> None:
+def require_row(batched: list[Tensor], single: list[Tensor]) -> None:
     """Fails unless a batch of one gives what the first row of a larger batch gives.
 
     Axes along which a prediction grows with the batch (pairs have two) are cut to their first
     entry.
     """
     message = "a batch of 1 and the same row in a batch of 4"
-    require(bool(one) and len(four) == len(one), f"{message}: other outputs")
+    require(bool(single) and len(batched) == len(single), f"{message}: other outputs")
     cut = [
         large[tuple(map(slice, small.shape))] if large.ndim == small.ndim else large
-        for large, small in zip(four, one, strict=True)
+        for large, small in zip(batched, single, strict=True)
     ]
-    require_close(one, cut, message)
+    require_close(single, cut, message)
 
 
 def reloaded(source: nn.Module, target: nn.Module) -> None:

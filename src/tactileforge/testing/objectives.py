@@ -11,8 +11,8 @@ from torch import Tensor, nn
 from tactileforge import registry
 from tactileforge.contracts import LABELS, Batch, Views
 from tactileforge.testing.batches import batch, half_labelled, rows_of, without
-from tactileforge.testing.modules import context, views_of
-from tactileforge.testing.results import Check, Skip, Subject, Violation, construct, require
+from tactileforge.testing.modules import small_context, views_of
+from tactileforge.testing.results import Check, CheckSubject, Skip, Violation, construct, require
 
 
 @dataclass(frozen=True)
@@ -34,16 +34,16 @@ class _Parts:
         return loss, logs
 
 
-def _parts(subject: Subject) -> _Parts:
-    given = context()
+def _parts(subject: CheckSubject) -> _Parts:
+    context = small_context()
     if subject.head is None:
-        head = registry.build("heads", {"name": subject.plugin.head}, **given)
+        head = registry.build("heads", {"name": subject.plugin.head}, **context)
     else:
-        head = construct(subject.head, {}, given)
-    return _Parts(given["encoder"], head, subject.build(**given))
+        head = construct(subject.head, {}, context)
+    return _Parts(context["encoder"], head, subject.build(**context))
 
 
-def head_and_needs_are_declared(subject: Subject) -> None:
+def head_and_needs_are_declared(subject: CheckSubject) -> None:
     """``head`` names an installed head, ``needs`` lists labels."""
     head = getattr(subject.plugin, "head", None)
     require(isinstance(head, str), "the class attribute 'head' does not name a head")
@@ -56,7 +56,7 @@ def head_and_needs_are_declared(subject: Subject) -> None:
         require(not odd, f"needs lists {sorted(odd)}; labels are {sorted(LABELS)}")
 
 
-def loss_is_a_finite_scalar(subject: Subject) -> None:
+def loss_is_a_finite_scalar(subject: CheckSubject) -> None:
     """So are the logs."""
     loss, logs = _parts(subject)(batch())
     for name, value in {"loss": loss, **logs}.items():
@@ -64,11 +64,11 @@ def loss_is_a_finite_scalar(subject: Subject) -> None:
         require(bool(torch.isfinite(value)), f"{name} is {value.item()}")
 
 
-def every_own_parameter_gets_gradient(subject: Subject) -> None:
+def every_own_parameter_gets_gradient(subject: CheckSubject) -> None:
     """Of head and objective; three steps, as a layer may start at zero and hide those before it."""
     parts = _parts(subject)
     shared = {id(parameter) for parameter in parts.encoder.parameters()}
-    own = {
+    parameters = {
         name: parameter
         for part in (parts.head, parts.objective)
         for name, parameter in part.named_parameters(type(part).__name__)
@@ -79,13 +79,13 @@ def every_own_parameter_gets_gradient(subject: Subject) -> None:
     for _ in range(3):
         optimizer.zero_grad()
         torch.autograd.backward(parts(batch())[0])
-        reached |= {n for n, p in own.items() if p.grad is not None and bool(p.grad.any())}
+        reached |= {n for n, p in parameters.items() if p.grad is not None and bool(p.grad.any())}
         optimizer.step()
-    idle = sorted(set(own) - reached)
+    idle = sorted(set(parameters) - reached)
     require(not idle, f"no gradient reaches {', '.join(idle)}")
 
 
-def twenty_steps_lower_the_loss(subject: Subject) -> None:
+def twenty_steps_lower_the_loss(subject: CheckSubject) -> None:
     """On one batch, with encoder and head, at the first of three learning rates that does."""
     ends = []
     for rate in (1e-4, 1e-5, 1e-6):
@@ -96,7 +96,7 @@ def twenty_steps_lower_the_loss(subject: Subject) -> None:
     require(False, f"it was {first:.4g} and is {', '.join(ends)}")
 
 
-def _twenty_steps(subject: Subject, rate: float) -> tuple[float, float]:
+def _twenty_steps(subject: CheckSubject, rate: float) -> tuple[float, float]:
     """The loss before the first step and after the last."""
     parts = _parts(subject)
     optimizer = torch.optim.AdamW(parts.modules.parameters(), lr=rate)
@@ -110,13 +110,13 @@ def _twenty_steps(subject: Subject, rate: float) -> tuple[float, float]:
     return losses[0], losses[-1]
 
 
-def same_seed_same_loss(subject: Subject) -> None:
+def same_seed_same_loss(subject: CheckSubject) -> None:
     """Built twice, computed twice."""
     first, second = (float(_parts(subject)(batch())[0].detach()) for _ in range(2))
     require(first == second, f"{first!r}, then {second!r}")
 
 
-def bf16_autocast_works(subject: Subject) -> None:
+def bf16_autocast_works(subject: CheckSubject) -> None:
     """The loss is within 10 % of that in fp32, gradients are finite."""
     parts = _parts(subject)
     full = float(parts(batch())[0].detach())
@@ -129,7 +129,7 @@ def bf16_autocast_works(subject: Subject) -> None:
     require(all(bool(torch.isfinite(g).all()) for g in gradients), "a gradient is not finite")
 
 
-def unlabelled_samples_change_nothing(subject: Subject) -> None:
+def unlabelled_samples_change_nothing(subject: CheckSubject) -> None:
     """The loss of a half labelled batch is that of its labelled half; none labelled is fine too."""
     needs = sorted(subject.plugin.needs)
     if not needs:
@@ -153,7 +153,7 @@ def unlabelled_samples_change_nothing(subject: Subject) -> None:
         require(none == none and abs(none) != float("inf"), f"with no {need!r} at all it is {none}")
 
 
-def missing_key_is_named(subject: Subject) -> None:
+def missing_key_is_named(subject: CheckSubject) -> None:
     """A batch without what the objective needs is an error that says what is missing."""
     needs = sorted(subject.plugin.needs)
     if not needs:

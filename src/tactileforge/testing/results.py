@@ -1,4 +1,4 @@
-"""What a check is, what it is made on, and what it says."""
+"""Checks, their subjects and their results."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from tactileforge import registry
 
 
 @dataclass(frozen=True)
-class Result:
-    """What one check says.
+class CheckResult:
+    """Result of one check.
 
     Attributes:
         name: The check, in words.
@@ -42,7 +42,7 @@ def require(condition: bool, message: str) -> None:
 
 
 @dataclass(frozen=True)
-class Subject:
+class CheckSubject:
     """A plugin under test.
 
     Attributes:
@@ -86,22 +86,22 @@ def construct(plugin: type[Any], options: Mapping[str, Any], context: Mapping[st
     return plugin(**options, **{key: context[key] for key in wanted if key in context})
 
 
-Check: TypeAlias = Callable[[Subject], None]
+Check: TypeAlias = Callable[[CheckSubject], None]
 
 
-def run(check: Check, subject: Subject) -> Result:
+def run_check(check: Check, subject: CheckSubject) -> CheckResult:
     """Makes one check. Whatever it raises becomes its result."""
     name = check.__name__.replace("_", " ")
     reason = getattr(subject.plugin, "expected_failures", {}).get(name)
     try:
         check(subject)
     except Skip as why:
-        return Result(name, "skipped", str(why))
+        return CheckResult(name, "skipped", str(why))
     except Exception as error:
         text = str(error) if isinstance(error, Violation) else f"{type(error).__name__}: {error}"
         if reason is None:
-            return Result(name, "failed", text)
-        return Result(name, "expected", f"{reason} ({text})")
+            return CheckResult(name, "failed", text)
+        return CheckResult(name, "expected", f"{reason} ({text})")
     if reason is not None:
-        return Result(name, "failed", "it holds: remove it from expected_failures")
-    return Result(name, "ran")
+        return CheckResult(name, "failed", "it holds: remove it from expected_failures")
+    return CheckResult(name, "ran")

@@ -9,13 +9,13 @@ import numpy as np
 
 from tactileforge.contracts import Frame, Sensor, SensorSpec
 from tactileforge.errors import TactileForgeError
-from tactileforge.testing.results import Check, Skip, Subject, Violation, require
+from tactileforge.testing.results import Check, CheckSubject, Skip, Violation, require
 
 _TIMEOUT = 5.0
 
 
 @contextmanager
-def _opened(subject: Subject) -> Iterator[Sensor]:
+def _opened(subject: CheckSubject) -> Iterator[Sensor]:
     sensor: Sensor = subject.build()
     try:
         sensor.open()
@@ -40,35 +40,35 @@ def _require_closed(sensor: Sensor, when: str) -> None:
     raise Violation(f"read {when} gives a frame")
 
 
-def spec_is_a_sensor_spec(subject: Subject) -> None:
+def spec_is_a_sensor_spec(subject: CheckSubject) -> None:
     """A live sensor says what its frames are before it is opened."""
     sensor = subject.build()
     require(isinstance(sensor, Sensor), "it lacks a method or the attribute 'spec' of a Sensor")
     require(isinstance(sensor.spec, SensorSpec), f"spec is {sensor.spec!r}, not a SensorSpec")
 
 
-def discover_with_nothing_attached_gives_nothing(subject: Subject) -> None:
+def discover_with_nothing_attached_gives_nothing(subject: CheckSubject) -> None:
     """An empty list, not an error."""
-    found = subject.build().discover()
-    good = isinstance(found, list) and all(isinstance(address, str) for address in found)
-    require(good, f"discover() gives {found!r}, not a list of addresses")
-    if found:
-        raise Skip(f"attached: {', '.join(found)}")
+    addresses = subject.build().discover()
+    good = isinstance(addresses, list) and all(isinstance(address, str) for address in addresses)
+    require(good, f"discover() gives {addresses!r}, not a list of addresses")
+    if addresses:
+        raise Skip(f"attached: {', '.join(addresses)}")
 
 
-def read_before_open_raises(subject: Subject) -> None:
+def read_before_open_raises(subject: CheckSubject) -> None:
     """A `TactileForgeError`."""
     _require_closed(subject.build(), "before open")
 
 
-def close_twice_does_nothing(subject: Subject) -> None:
+def close_twice_does_nothing(subject: CheckSubject) -> None:
     """Also where it was never open."""
     sensor = subject.build()
     sensor.close()
     sensor.close()
 
 
-def frames_are_as_specified(subject: Subject) -> None:
+def frames_are_as_specified(subject: CheckSubject) -> None:
     """uint8 RGB of the spec's height and width, and the values that the spec's kind has."""
     with _opened(subject) as sensor:
         frame = sensor.read(_TIMEOUT)
@@ -95,7 +95,7 @@ def _require_raw(frame: Frame, spec: SensorSpec) -> None:
         require(raw.ndim == 2, f"raw values are {raw.shape}: give (taxels, values of each)")
 
 
-def time_strictly_increases(subject: Subject) -> None:
+def time_strictly_increases(subject: CheckSubject) -> None:
     """Over five frames, or as many as a finite source has."""
     with _opened(subject) as sensor:
         times: list[float] = []
@@ -108,7 +108,7 @@ def time_strictly_increases(subject: Subject) -> None:
         require(all(np.diff(times) > 0), f"times are {times}")
 
 
-def closes_for_good(subject: Subject) -> None:
+def closes_for_good(subject: CheckSubject) -> None:
     """After close, read raises; a second close does nothing."""
     with _opened(subject) as sensor:
         sensor.close()
@@ -116,7 +116,7 @@ def closes_for_good(subject: Subject) -> None:
         _require_closed(sensor, "after close")
 
 
-def closes_on_exception(subject: Subject) -> None:
+def closes_on_exception(subject: CheckSubject) -> None:
     """As a context manager, which opens it; the exception goes on."""
     with _opened(subject) as sensor:
         sensor.close()

@@ -7,17 +7,17 @@ import pytest
 import torch
 
 from tactileforge.bench.fit import decoded
-from tactileforge.bench.fit.features import PLAIN, Store, features, loader
-from tactileforge.bench.fit.models import baseline
-from tactileforge.bench.tasks.source import Source
-from tactileforge.bench.tasks.suite import Clip
+from tactileforge.bench.fit.features import PLAIN, FeatureStore, extract_features, loader
+from tactileforge.bench.fit.models import baseline_encoder
+from tactileforge.bench.tasks.source import TaskSource
+from tactileforge.bench.tasks.suite import ClipSpec
 from tactileforge.contracts import Recording
 from tactileforge.data.batches.clips import Clips
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.errors import DataError
 
 
-def source() -> Source:
+def source() -> TaskSource:
     rng = np.random.default_rng(0)
     made = [
         Recording(
@@ -29,27 +29,27 @@ def source() -> Source:
         )
         for i in range(3)
     ]
-    return Source(made, ["train"] * 3, Clip(span=0.1, hop=0.05))
+    return TaskSource(made, ["train"] * 3, ClipSpec(span=0.1, hop=0.05))
 
 
-def clips(of: Source) -> Clips:
+def clips(of: TaskSource) -> Clips:
     return Clips(of.recordings, 2, 0.1, 0.05, (16, 16))
 
 
 def test_what_is_stored_is_what_was_read(tmp_path: Path) -> None:
     of = source()
     some = clips(of)
-    store = Store(tmp_path / "features", workers=0)
-    folder = decoded.place(tmp_path / "clips", of, some, 0.1)
+    store = FeatureStore(tmp_path / "features", workers=0)
+    folder = decoded.clip_folder(tmp_path / "clips", of, some, 0.1)
     assert folder is not None
-    assert decoded.stored(folder, 4) is None
-    first = list(decoded.keep(folder, len(some), loader(some, range(len(some)), store, 4)))
-    again = decoded.stored(folder, 4)
+    assert decoded.stored_batches(folder, 4) is None
+    first = list(decoded.store_batches(folder, len(some), loader(some, range(len(some)), store, 4)))
+    again = decoded.stored_batches(folder, 4)
     assert again is not None
-    for one, other in zip(first, again, strict=True):
-        assert torch.equal(one["frames"], other["frames"])
-        assert torch.equal(one["background"], other["background"])
-        assert list(one["sensor"]) == list(other["sensor"])
+    for batch, other in zip(first, again, strict=True):
+        assert torch.equal(batch["frames"], other["frames"])
+        assert torch.equal(batch["background"], other["background"])
+        assert list(batch["sensor"]) == list(other["sensor"])
     assert sorted(path.name for path in folder.iterdir()) == [
         "background.npy",
         "frames.npy",
@@ -61,25 +61,29 @@ def test_a_pass_that_was_stopped_keeps_nothing(tmp_path: Path) -> None:
     of = source()
     some = clips(of)
     folder = tmp_path / "clips"
-    passing = decoded.keep(folder, len(some), loader(some, range(len(some)), Store(tmp_path, 0), 4))
+    passing = decoded.store_batches(
+        folder, len(some), loader(some, range(len(some)), FeatureStore(tmp_path, 0), 4)
+    )
     next(passing)
     passing.close()
-    assert decoded.stored(folder, 4) is None
+    assert decoded.stored_batches(folder, 4) is None
 
 
 def test_the_next_encoder_decodes_nothing(tmp_path: Path) -> None:
-    of, store = source(), Store(tmp_path / "features", workers=0, batch=4)
+    of, store = source(), FeatureStore(tmp_path / "features", workers=0, batch=4)
     places = np.arange(len(of))
-    hog = features(store, baseline("hog"), of, places, ["pooled"])["pooled", PLAIN]
+    hog = extract_features(store, baseline_encoder("hog"), of, places, ["pooled"])["pooled", PLAIN]
     of.fingerprint  # noqa: B018  # reads a picture of each recording, once
-    broken = Source(of.recordings, of.sides, of.clip)
+    broken = TaskSource(of.recordings, of.sides, of.clip)
     broken.__dict__["fingerprint"] = of.fingerprint
-    for one in broken.recordings:
-        object.__setattr__(one, "frames", Broken())
-    statistics = features(store, baseline("statistics"), broken, places, ["pooled"])
+    for batch in broken.recordings:
+        object.__setattr__(batch, "frames", Broken())
+    statistics = extract_features(store, baseline_encoder("statistics"), broken, places, ["pooled"])
     assert len(statistics["pooled", PLAIN]) == len(hog)
     with pytest.raises(DataError, match="gone"):
-        features(store, baseline("pixels"), broken, places, ["pooled"])  # of another size
+        extract_features(
+            store, baseline_encoder("pixels"), broken, places, ["pooled"]
+        )  # of another size
 
 
 class Broken:
@@ -96,10 +100,10 @@ def test_other_clips_are_in_another_place_and_many_are_not_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     of = source()
-    places = {decoded.place(tmp_path, of, clips(of), spacing) for spacing in (0.1, 0.05)}
+    places = {decoded.clip_folder(tmp_path, of, clips(of), spacing) for spacing in (0.1, 0.05)}
     fewer = clips(of)
     fewer.index = fewer.index[1:]
-    places.add(decoded.place(tmp_path, of, fewer, 0.1))
+    places.add(decoded.clip_folder(tmp_path, of, fewer, 0.1))
     assert len(places) == 3
     monkeypatch.setattr(decoded, "LIMIT", 1000)
-    assert decoded.place(tmp_path, of, clips(of), 0.1) is None
+    assert decoded.clip_folder(tmp_path, of, clips(of), 0.1) is None

@@ -10,24 +10,24 @@ from omegaconf import OmegaConf
 
 from tactileforge import registry
 from tactileforge.bench.fit import pretrain
-from tactileforge.bench.fit.pretrain import Job, Model
-from tactileforge.compose import compose, settings
+from tactileforge.bench.fit.pretrain import PretrainJob, PretrainModel
+from tactileforge.cli.bench import COMMANDS
+from tactileforge.compose import compose
 from tactileforge.errors import ConfigError, TactileForgeError
 
 ABLATIONS = ["no_align", "no_diff", "none"]
 
 
 def miniature() -> dict[str, Any]:
-    config = settings("bench", ["suite=[sim,public_samples]", "pretrain=miniature"])
-    return OmegaConf.to_container(config, resolve=True)  # type: ignore[return-value]
+    return COMMANDS[""].compose("bench", ["suite=[sim,public_samples]", "pretrain=miniature"])
 
 
 def test_the_miniature_is_what_the_issue_of_the_paper_is() -> None:
     """Objectives and frames of every model; the same data, steps and input for all."""
     config = miniature()
-    models = pretrain.read(config["pretrain"])
+    models = pretrain.read_models(config["pretrain"])
     runs = pretrain.jobs(Path("x"), config["pretrain"]["words"], models)
-    assert {name for name, found in runs.items() if len(found) == 3} == {
+    assert {name for name, jobs in runs.items() if len(jobs) == 3} == {
         "anytouch2",
         "mae",
         "no_force",
@@ -48,8 +48,8 @@ def test_the_miniature_is_what_the_issue_of_the_paper_is() -> None:
     }
     assert runs.keys() == objectives.keys()
     shared = set()
-    for name, found in runs.items():
-        recipe, *words = found[0].words
+    for name, jobs in runs.items():
+        recipe, *words = jobs[0].words
         plain: Any = OmegaConf.to_container(
             compose(recipe.removeprefix("recipe="), words), resolve=True
         )
@@ -76,16 +76,16 @@ def test_the_miniature_is_what_the_issue_of_the_paper_is() -> None:
 
 
 def test_ablations_of_the_first_model() -> None:
-    base = {"mine": Model(title="Mine", recipe="anytouch2", words=["a=1"], seeds=[3])}
-    found = pretrain.ablations("all", ABLATIONS, base)
-    assert list(found) == ["mine", "no_align", "no_diff"]
-    assert found["no_diff"].words == ["a=1", "ablation=no_diff"]
-    assert (found["no_diff"].group, found["no_diff"].seeds) == ("ablation", [3])
+    base = {"mine": PretrainModel(title="Mine", recipe="anytouch2", words=["a=1"], seeds=[3])}
+    jobs = pretrain.ablations("all", ABLATIONS, base)
+    assert list(jobs) == ["mine", "no_align", "no_diff"]
+    assert jobs["no_diff"].words == ["a=1", "ablation=no_diff"]
+    assert (jobs["no_diff"].group, jobs["no_diff"].seeds) == ("ablation", [3])
     assert list(pretrain.ablations("no_diff", ABLATIONS, {})) == ["anytouch2", "no_diff"]
     with pytest.raises(ConfigError, match="did you mean 'no_diff'"):
         pretrain.ablations("no_dif", ABLATIONS, {})
     with pytest.raises(ConfigError, match="did you mean 'recipe'"):
-        pretrain.read({"models": {"a": {"title": "A", "recipes": "x"}}})
+        pretrain.read_models({"models": {"a": {"title": "A", "recipes": "x"}}})
 
 
 @pytest.fixture
@@ -120,37 +120,39 @@ if words.get("stop"):
 
 
 def test_a_finished_run_stays(train: list[list[str]], tmp_path: Path) -> None:
-    job = Job("a-0", tmp_path / "a-0", ["recipe=mae", "seed=0"])
+    job = PretrainJob("a-0", tmp_path / "a-0", ["recipe=mae", "seed=0"])
     pretrain.train_all([job], None)
     assert train == [["recipe=mae", "seed=0", f"hydra.run.dir={job.folder}"]]
     assert job.finished
-    pretrain.train(job)
+    pretrain.pretrain(job)
     assert len(train) == 1
     with pytest.raises(ConfigError, match="holds a run of other settings"):
-        pretrain.train(Job("a-0", job.folder, ["recipe=mae", "seed=1"]))
+        pretrain.pretrain(PretrainJob("a-0", job.folder, ["recipe=mae", "seed=1"]))
 
 
 def test_a_stopped_run_is_resumed(train: list[list[str]], tmp_path: Path) -> None:
-    job = Job("a-0", tmp_path / "a-0", ["stop=1"])
+    job = PretrainJob("a-0", tmp_path / "a-0", ["stop=1"])
     with pytest.raises(KeyboardInterrupt):
-        pretrain.train(job)
+        pretrain.pretrain(job)
     assert not job.finished
-    pretrain.train(job)
+    pretrain.pretrain(job)
     assert train[1] == [f"resume={job.folder}"]
     assert job.finished
 
 
 def test_a_failed_run_says_why_when_it_is_opened(train: list[list[str]], tmp_path: Path) -> None:
-    model = Model(title="A", words=["fail=1"])
+    model = PretrainModel(title="A", words=["fail=1"])
     runs = pretrain.jobs(tmp_path, [], {"a": model})["a"]
     pretrain.train_all(runs, None)
-    entry = pretrain.entry("a", model, runs, "cpu")
+    entry = pretrain.pretrained_entry("a", model, runs, "cpu")
     with pytest.raises(TactileForgeError, match=r"a-0 failed: no such folder; download it$"):
         entry.open[0]()
 
 
 def test_jobs_of_hydra_train_the_same(train: list[list[str]], tmp_path: Path) -> None:
-    runs = [Job(f"a-{i}", tmp_path / f"a-{i}", ["recipe=mae", f"seed={i}"]) for i in range(2)]
+    runs = [
+        PretrainJob(f"a-{i}", tmp_path / f"a-{i}", ["recipe=mae", f"seed={i}"]) for i in range(2)
+    ]
     before = list(sys.argv)
     pretrain.train_all(runs, ["hydra/launcher=basic"])
     assert sys.argv == before
@@ -164,7 +166,7 @@ def test_jobs_of_ray_train_in_its_processes(tmp_path: Path) -> None:
     pytest.importorskip("hydra_plugins.hydra_ray_launcher")
     words = ["recipe=mae", "scale=demo", "debug=steps", "data.scenes=2", "data.val=1"]
     words += ["data.size=32", "encoder.image_size=32", "batch.size=4"]
-    runs = [Job(f"a-{i}", tmp_path / f"a-{i}", [*words, f"seed={i}"]) for i in range(2)]
+    runs = [PretrainJob(f"a-{i}", tmp_path / f"a-{i}", [*words, f"seed={i}"]) for i in range(2)]
     pretrain.train_all(runs, ["hydra/launcher=ray"])
     assert all(job.finished for job in runs)
 
@@ -174,6 +176,6 @@ def test_curves_of_a_run(tmp_path: Path) -> None:
     folder.mkdir(parents=True)
     rows = ["step,train/pixel,val/pixel,train/pixel/part,lr", "0,3.0,,1,1", "5,2.0,2.5,1,1"]
     (folder / "metrics.csv").write_text("\n".join(rows) + "\n")
-    (one,) = pretrain.curves("a", tmp_path)
-    assert (one.objective, one.step, one.train) == ("pixel", [0.0, 5.0], [3.0, 2.0])
-    assert str(one.validation) == "[nan, 2.5]"
+    (curve,) = pretrain.curves("a", tmp_path)
+    assert (curve.objective, curve.step, curve.train) == ("pixel", [0.0, 5.0], [3.0, 2.0])
+    assert str(curve.validation) == "[nan, 2.5]"

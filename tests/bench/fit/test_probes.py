@@ -8,29 +8,29 @@ import torch
 from torch import nn
 
 from tactileforge.bench.fit.features import FLIPS, PLAIN
-from tactileforge.bench.fit.probes import PROBES, probe
+from tactileforge.bench.fit.probes import PROBES, probe_class
 from tactileforge.bench.fit.probes.attentive import Attentive, Pooler
-from tactileforge.bench.fit.probes.base import Probe, Training
+from tactileforge.bench.fit.probes.base import Probe, ProbeTraining
 from tactileforge.bench.fit.probes.force import Force, SparshForce
 from tactileforge.bench.fit.probes.knn import Knn
 from tactileforge.bench.fit.probes.linear import Linear
 from tactileforge.bench.fit.probes.pose import Pose
 from tactileforge.bench.fit.probes.slip import Slip
-from tactileforge.bench.fit.training import Examples, Members, seeded, train
-from tactileforge.bench.tasks.targets import Part
+from tactileforge.bench.fit.training import Examples, ProbeEnsemble, seeded_probe, train_probes
+from tactileforge.bench.tasks.targets import TargetPart
 from tactileforge.encoders.transformer import AttentivePooler
 from tactileforge.errors import ConfigError
 
 
-def classes(count: int, rows: int = 8, columns: int = 1) -> Part:
+def classes(count: int, rows: int = 8, columns: int = 1) -> TargetPart:
     generator = torch.Generator().manual_seed(count)
     truth = torch.randint(count, (rows, columns), generator=generator).float()
-    return Part("classes", truth, torch.ones_like(truth), tuple(map(str, range(count))))
+    return TargetPart("classes", truth, torch.ones_like(truth), tuple(map(str, range(count))))
 
 
-def force(rows: int = 8) -> Part:
+def force(rows: int = 8) -> TargetPart:
     truth = torch.randn(rows, 3, generator=torch.Generator().manual_seed(1)) / 2
-    return Part("force", truth, torch.ones_like(truth), ("x", "y", "z"))
+    return TargetPart("force", truth, torch.ones_like(truth), ("x", "y", "z"))
 
 
 def size(module: nn.Module) -> int:
@@ -38,9 +38,9 @@ def size(module: nn.Module) -> int:
 
 
 def test_every_name_gives_a_probe() -> None:
-    assert all(issubclass(probe(name), Probe) for name in PROBES)
+    assert all(issubclass(probe_class(name), Probe) for name in PROBES)
     with pytest.raises(ConfigError, match="did you mean 'linear'"):
-        probe("linaer")
+        probe_class("linaer")
 
 
 def test_published_sizes() -> None:
@@ -64,7 +64,7 @@ def test_published_sizes() -> None:
 
 def test_published_training() -> None:
     for kind, schedule in ((Force, "constant"), (Attentive, "cosine"), (Linear, "cosine")):
-        assert kind.published == Training(
+        assert kind.published == ProbeTraining(
             epochs=50,
             batch=64,
             lr=(2e-4,),
@@ -143,7 +143,7 @@ def test_losses() -> None:
 
 def test_pose_weights_rare_classes() -> None:
     truth = torch.tensor([[0.0], [0.0], [0.0], [1.0]])
-    part = Part("classes", truth, torch.ones_like(truth), ("a", "b"))
+    part = TargetPart("classes", truth, torch.ones_like(truth), ("a", "b"))
     weights = Pose(48, {"pose": part}).weights["pose"]
     torch.testing.assert_close(weights, torch.tensor([[4 / 6, 2.0]]))
 
@@ -151,17 +151,17 @@ def test_pose_weights_rare_classes() -> None:
 def test_neighbours_vote() -> None:
     known = torch.tensor([[1.0, 0.0], [0.9, 0.1], [0.0, 1.0], [0.1, 0.9]])
     truth = torch.tensor([[0.0], [0.0], [1.0], [1.0]])
-    part = Part("classes", truth, torch.ones_like(truth), ("a", "b"))
+    part = TargetPart("classes", truth, torch.ones_like(truth), ("a", "b"))
     model = Knn(2, {"class": part}, neighbours=3)
     asked = torch.tensor([[2.0, 0.1], [0.1, 3.0]])
     assert model.vote(known, {"class": truth}, asked)["class"].tolist() == [[0.0], [1.0]]
     vector = torch.tensor([[1.0, 0, 0], [1.0, 0, 0], [0, 0, 4.0], [0, 0, 4.0]])
-    of = Part("force", vector, torch.ones_like(vector), ("x", "y", "z"))
-    found = Knn(2, {"force": of}, neighbours=2).vote(known, {"force": vector}, asked)["force"]
-    torch.testing.assert_close(found, torch.tensor([[1.0, 0, 0], [0, 0, 4.0]]))
+    of = TargetPart("force", vector, torch.ones_like(vector), ("x", "y", "z"))
+    outcome = Knn(2, {"force": of}, neighbours=2).vote(known, {"force": vector}, asked)["force"]
+    torch.testing.assert_close(outcome, torch.tensor([[1.0, 0, 0], [0, 0, 4.0]]))
 
 
-def examples(part: Part, features: torch.Tensor) -> Examples:
+def examples(part: TargetPart, features: torch.Tensor) -> Examples:
     rows = np.arange(len(features))
     arrays = {PLAIN: features.numpy().astype(np.float16)}
     truth = {PLAIN: {"out": part.normalised}}
@@ -182,7 +182,7 @@ KINDS = [
 @pytest.mark.parametrize(("kind", "part", "shape"), KINDS)
 def test_together_is_as_alone(kind: type[Probe], part: object, shape: tuple[int, ...]) -> None:
     """Three seeds at two rates in one pass end as each does on its own."""
-    what: Part = part()  # type: ignore[operator]
+    what: TargetPart = part()  # type: ignore[operator]
     features = torch.randn(*shape, generator=torch.Generator().manual_seed(3))
     data = examples(what, features)
     uses = (np.arange(16), np.arange(16, 20), np.arange(20, 24))
@@ -191,23 +191,23 @@ def test_together_is_as_alone(kind: type[Probe], part: object, shape: tuple[int,
         return float((decoded["out"] - what.normalised[16:20]).abs().mean())
 
     def run(seeds: list[int], rates: tuple[float, ...]) -> list[object]:
-        training = Training(epochs=3, batch=8, lr=rates, schedule="cosine")
+        training = ProbeTraining(epochs=3, batch=8, lr=rates, schedule="cosine")
         build = lambda: kind(shape[-1], {"out": what})  # noqa: E731
-        return train(build, training, data, uses, seeds, score, higher=False)  # type: ignore[return-value]
+        return train_probes(build, training, data, uses, seeds, score, higher=False)  # type: ignore[return-value]
 
     together = {(o.seed, o.lr): o for o in run([0, 1, 2], (1e-3, 3e-3))}  # type: ignore[attr-defined]
     assert len(together) == 6
-    for (seed, rate), one in together.items():
+    for (seed, rate), outcome in together.items():
         (alone,) = run([seed], (rate,))
-        assert one.train == pytest.approx(alone.train, rel=1e-3)  # type: ignore[attr-defined]
-        assert one.epoch == alone.epoch  # type: ignore[attr-defined]
+        assert outcome.train == pytest.approx(alone.train, rel=1e-3)  # type: ignore[attr-defined]
+        assert outcome.epoch == alone.epoch  # type: ignore[attr-defined]
         torch.testing.assert_close(
-            one.predicted["out"],
+            outcome.predicted["out"],
             alone.predicted["out"],
             rtol=2e-3,
             atol=2e-3,  # type: ignore[attr-defined]
         )
-    losses = {round(one.train[0], 6) for one in together.values()}
+    losses = {round(outcome.train[0], 6) for outcome in together.values()}
     assert len(losses) > 1, "seeds draw other weights"
 
 
@@ -215,10 +215,10 @@ def test_one_step_is_that_of_torch() -> None:
     """A member's step is that of AdamW on an ordinary module."""
     part = force(8)
     x = torch.randn(8, 5, 48)
-    twin, other = (seeded(lambda: Force(48, {"out": part}), 5) for _ in range(2))
-    training = Training(epochs=1)
-    members = Members(
-        [twin, seeded(lambda: Force(48, {"out": part}), 6)], [1e-2, 3e-2], training, 1
+    twin, other = (seeded_probe(lambda: Force(48, {"out": part}), 5) for _ in range(2))
+    training = ProbeTraining(epochs=1)
+    members = ProbeEnsemble(
+        [twin, seeded_probe(lambda: Force(48, {"out": part}), 6)], [1e-2, 3e-2], training, 1
     )
     members.step(x, {"out": part.normalised})
     optimiser = torch.optim.AdamW(other.parameters(), 1e-2, betas=(0.9, 0.99), weight_decay=0.05)
@@ -233,20 +233,20 @@ def test_the_best_epoch_is_kept() -> None:
     data = examples(part, torch.randn(12, 16))
     uses = (np.arange(8), np.arange(8, 10), np.arange(10, 12))
     scores = iter([3.0, 1.0, 2.0, 5.0])
-    training = Training(epochs=4, batch=4, lr=(1e-2,))
+    training = ProbeTraining(epochs=4, batch=4, lr=(1e-2,))
 
     def go(epochs: int) -> torch.Tensor:
-        again = Training(epochs=epochs, batch=4, lr=(1e-2,))
+        again = ProbeTraining(epochs=epochs, batch=4, lr=(1e-2,))
         falling = iter(range(100, 0, -1))
         build = lambda: Linear(16, {"out": part})  # noqa: E731
-        (out,) = train(build, again, data, uses, [0], lambda _: float(next(falling)), False)
+        (out,) = train_probes(build, again, data, uses, [0], lambda _: float(next(falling)), False)
         assert out.epoch == epochs
         return out.predicted["out"]
 
     build = lambda: Linear(16, {"out": part})  # noqa: E731
-    (found,) = train(build, training, data, uses, [0], lambda _: next(scores), False)
-    assert (found.epoch, found.score) == (2, 1.0)
-    torch.testing.assert_close(found.predicted["out"], go(2))
+    (outcome,) = train_probes(build, training, data, uses, [0], lambda _: next(scores), False)
+    assert (outcome.epoch, outcome.score) == (2, 1.0)
+    torch.testing.assert_close(outcome.predicted["out"], go(2))
 
 
 def test_mirrored_examples_keep_their_truth() -> None:

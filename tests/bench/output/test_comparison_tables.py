@@ -10,13 +10,31 @@ from typing import Any
 import pytest
 
 from tactileforge.bench.output import comparison_tables, published
-from tactileforge.bench.output.grid import Entry, Grid, Head, Notes, decimals, fixed, ranks
-from tactileforge.bench.output.published import Published
-from tactileforge.bench.output.render import latex, latex_text, markdown, markdown_text
+from tactileforge.bench.output.grid import (
+    ColumnHead,
+    Notes,
+    Table,
+    TableEntry,
+    decimals,
+    fixed,
+    ranks,
+)
+from tactileforge.bench.output.published import PublishedScore
+from tactileforge.bench.output.render import (
+    latex_text,
+    markdown_text,
+    render_latex,
+    render_markdown,
+)
 from tactileforge.bench.output.write import write_all
-from tactileforge.bench.results.intervals import Interval, difference, mean_interval, student_t
-from tactileforge.bench.results.load import read
-from tactileforge.bench.results.scores import scores
+from tactileforge.bench.results.intervals import (
+    Interval,
+    difference_interval,
+    mean_interval,
+    student_t,
+)
+from tactileforge.bench.results.load import read_results
+from tactileforge.bench.results.scores import collect_scores
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 
 RMSE = {"name": "rmse_sum_axes", "unit": "mN", "better": "lower"}
@@ -24,14 +42,14 @@ ACCURACY = {"name": "accuracy", "unit": "%", "better": "higher"}
 
 
 def task(name: str, metrics: list[dict[str, str]], **fields: Any) -> dict[str, Any]:
-    given = {"name": name, "title": name.capitalize(), "probe": "attentive", "data": "sim"}
-    given |= {"split": "by indenter", "metrics": metrics, "main": metrics[0]["name"]}
-    return given | {"selection": "validation"} | fields
+    content = {"name": name, "title": name.capitalize(), "probe": "attentive", "data": "sim"}
+    content |= {"split": "by indenter", "metrics": metrics, "main": metrics[0]["name"]}
+    return content | {"selection": "validation"} | fields
 
 
 def model(name: str, **fields: Any) -> dict[str, Any]:
-    given = {"name": name, "title": name.upper(), "group": "model", "recipe": name}
-    return given | {"sha256": "", "facts": {}} | fields
+    content = {"name": name, "title": name.upper(), "group": "model", "recipe": name}
+    return content | {"sha256": "", "facts": {}} | fields
 
 
 def cells(task: str, model: str, metric: str, *values: Any, **fields: Any) -> list[dict[str, Any]]:
@@ -65,17 +83,17 @@ def results() -> dict[str, Any]:
     }
 
 
-def write(folder: Path, given: dict[str, Any]) -> Path:
-    (folder / "results.json").write_text(json.dumps(given))
+def write(folder: Path, content: dict[str, Any]) -> Path:
+    (folder / "results.json").write_text(json.dumps(content))
     return folder
 
 
-def main(folder: Path, given: dict[str, Any]) -> dict[str, list[Entry]]:
-    found = read(write(folder, given))
-    grid = comparison_tables.main_table(found, scores(found))
+def main(folder: Path, content: dict[str, Any]) -> dict[str, list[TableEntry]]:
+    loaded = read_results(write(folder, content))
+    grid = comparison_tables.main_table(loaded, collect_scores(loaded))
     assert grid
     return {row[0].text: list(row[1:]) for row in grid.rows} | {
-        f"note {mark}": [Entry(text)] for mark, text in grid.notes
+        f"note {mark}": [TableEntry(text)] for mark, text in grid.notes
     }
 
 
@@ -97,12 +115,14 @@ def test_interval_of_three_values_and_of_one() -> None:
 def test_difference_is_the_two_sample_t_interval() -> None:
     a, b = mean_interval([1.0, 2.0, 3.0]), mean_interval([6.0, 8.0])
     pooled = (2 * 1 + 1 * 2) / 3
-    found = difference(a, b)
-    assert found.mean == -5
-    assert found.half == pytest.approx(3.182446 * math.sqrt(pooled * (1 / 3 + 1 / 2)), rel=1e-5)
-    one = mean_interval([4.0])  # one value: the variance is that of the others
-    assert difference(one, a).half == pytest.approx(4.302653 * math.sqrt(1 + 1 / 3), rel=1e-5)
-    assert math.isnan(difference(one, one).half)
+    loaded = difference_interval(a, b)
+    assert loaded.mean == -5
+    assert loaded.half == pytest.approx(3.182446 * math.sqrt(pooled * (1 / 3 + 1 / 2)), rel=1e-5)
+    single = mean_interval([4.0])  # one value: the variance is that of the others
+    assert difference_interval(single, a).half == pytest.approx(
+        4.302653 * math.sqrt(1 + 1 / 3), rel=1e-5
+    )
+    assert math.isnan(difference_interval(single, single).half)
 
 
 def test_best_and_second_best_by_direction_with_ties() -> None:
@@ -132,17 +152,21 @@ def test_main_table_has_means_intervals_marks_and_seeds(tmp_path: Path) -> None:
     rows = main(tmp_path, results())
     assert list(rows) == ["A", "B"]  # no ablation
     assert rows["A"] == [
-        Entry("110.0 ± 24.8", "best"),
-        Entry("82.00 ± 4.97", "second"),
-        Entry("3"),
+        TableEntry("110.0 ± 24.8", "best"),
+        TableEntry("82.00 ± 4.97", "second"),
+        TableEntry("3"),
     ]
-    assert rows["B"] == [Entry("150.0", "second"), Entry("90.00", "best"), Entry("1")]
+    assert rows["B"] == [
+        TableEntry("150.0", "second"),
+        TableEntry("90.00", "best"),
+        TableEntry("1"),
+    ]
 
 
 def test_a_task_selected_on_test_has_its_mark_and_note(tmp_path: Path) -> None:
-    given = results()
-    given["tasks"][0]["selection"] = "test"
-    rows = main(tmp_path, given)
+    content = results()
+    content["tasks"][0]["selection"] = "test"
+    rows = main(tmp_path, content)
     assert [entry.marks for entry in rows["A"]] == [("†",), (), ()]
     assert "test set" in rows["note †"][0].text
     write_all(tmp_path)
@@ -151,15 +175,15 @@ def test_a_task_selected_on_test_has_its_mark_and_note(tmp_path: Path) -> None:
 
 
 def test_every_cell_that_was_not_run_has_its_words(tmp_path: Path) -> None:
-    given = results()
-    given["cells"] = [c for c in given["cells"] if (c["task"], c["model"]) != ("force", "b")]
-    given["cells"] = [c for c in given["cells"] if (c["task"], c["model"]) != ("action", "a")]
-    given["not_run"] = [
+    content = results()
+    content["cells"] = [c for c in content["cells"] if (c["task"], c["model"]) != ("force", "b")]
+    content["cells"] = [c for c in content["cells"] if (c["task"], c["model"]) != ("action", "a")]
+    content["not_run"] = [
         {"task": "force", "model": "b", "reason": "sensor is unknown", "fix": "use another"},
         {"task": None, "model": "c", "reason": "no such file", "fix": "train it"},
     ]
-    rows = main(tmp_path, given)
-    assert rows["B"][0] == Entry("not run", marks=("a",), tone="soft")
+    rows = main(tmp_path, content)
+    assert rows["B"][0] == TableEntry("not run", marks=("a",), tone="soft")
     assert rows["note a"][0].text == "Sensor is unknown. Use another."
     assert rows["A"][1].text == "not run"
     assert "has not come to it" in rows[f"note {rows['A'][1].marks[0]}"][0].text
@@ -173,21 +197,21 @@ def test_every_cell_that_was_not_run_has_its_words(tmp_path: Path) -> None:
 
 
 def test_what_is_no_number_is_never_printed_as_one(tmp_path: Path) -> None:
-    given = results()
-    given["cells"] += cells("action", "b", "accuracy", 0, math.nan)[1:]
-    given["cells"][3]["metrics"] = {"rmse_sum_axes": None}  # the only one of b in force
-    rows = main(tmp_path, given)
+    content = results()
+    content["cells"] += cells("action", "b", "accuracy", 0, math.nan)[1:]
+    content["cells"][3]["metrics"] = {"rmse_sum_axes": None}  # the only one of b in force
+    rows = main(tmp_path, content)
     assert rows["B"][0].text == "no number"
     assert rows["B"][1].text == "90.00"
-    told = [rows[f"note {entry.marks[0]}"][0].text for entry in rows["B"][:2]]
-    assert told == ["1 of 1 seeds gave no finite number.", "1 of 2 seeds gave no finite number."]
+    notes = [rows[f"note {entry.marks[0]}"][0].text for entry in rows["B"][:2]]
+    assert notes == ["1 of 1 seeds gave no finite number.", "1 of 2 seeds gave no finite number."]
     for path in write_all(tmp_path):
         assert "nan" not in path.read_text().lower()
 
 
 def test_ablations_are_marked_where_they_are_beyond_the_interval(tmp_path: Path) -> None:
-    found = read(write(tmp_path, results()))
-    grid = comparison_tables.ablation_table(found, scores(found))
+    loaded = read_results(write(tmp_path, results()))
+    grid = comparison_tables.ablation_table(loaded, collect_scores(loaded))
     assert grid
     assert [row[0].text for row in grid.rows] == ["A", "A2"]
     force, action, _ = grid.rows[1][1:]
@@ -210,14 +234,14 @@ def test_ablations_are_marked_where_they_are_beyond_the_interval(tmp_path: Path)
     ],
 )  # fmt: skip
 def test_signs_of_a_change(change: float, half: float, better: str, sign: str) -> None:
-    assert comparison_tables.verdict(Interval(change, half, ()), better)[0] == sign
+    assert comparison_tables.comparison_mark(Interval(change, half, ()), better)[0] == sign
 
 
 def test_an_ablation_without_its_full_model_says_so(tmp_path: Path) -> None:
-    given = results()
-    given["models"][2]["recipe"] = "other"
-    found = read(write(tmp_path, given))
-    grid = comparison_tables.ablation_table(found, scores(found))
+    content = results()
+    content["models"][2]["recipe"] = "other"
+    loaded = read_results(write(tmp_path, content))
+    grid = comparison_tables.ablation_table(loaded, collect_scores(loaded))
     assert grid
     assert len(grid.rows) == 1
     assert grid.rows[0][1].marks == ("a",)
@@ -225,30 +249,30 @@ def test_an_ablation_without_its_full_model_says_so(tmp_path: Path) -> None:
 
 
 def test_settings_are_ranked_model_by_model(tmp_path: Path) -> None:
-    given = results()
+    content = results()
     tried = {"lr": 0.1, "heads": 4}
-    for cell in given["cells"][:3]:
+    for cell in content["cells"][:3]:
         cell["setting"] = {"lr": 0.01, "heads": 4}
-    given["cells"] += cells("force", "a", "rmse_sum_axes", 90.0, 91.0, setting=tried)
-    found = read(write(tmp_path, given))
-    grid = comparison_tables.settings_table(found, scores(found))
+    content["cells"] += cells("force", "a", "rmse_sum_axes", 90.0, 91.0, setting=tried)
+    loaded = read_results(write(tmp_path, content))
+    grid = comparison_tables.settings_table(loaded, collect_scores(loaded))
     assert grid
     rows = [[entry.text for entry in row] for row in grid.rows]
     assert rows == [["A", "lr=0.01", "110.0 ± 24.8"], ["A", "lr=0.1", "90.5 ± 6.4"]]
     assert [row[2].rank for row in grid.rows] == ["second", "best"]
     assert grid.rows[0][2].marks == ("a",)
     assert dict(grid.notes)["a"] == "The setting of the main table."
-    assert main(tmp_path, given)["A"][0].text == "110.0 ± 24.8"
+    assert main(tmp_path, content)["A"][0].text == "110.0 ± 24.8"
 
 
 def test_details_hold_every_metric(tmp_path: Path) -> None:
-    given = results()
-    given["tasks"][1]["metrics"] = [ACCURACY, {"name": "f1", "unit": "", "better": "higher"}]
-    for cell in given["cells"]:
+    content = results()
+    content["tasks"][1]["metrics"] = [ACCURACY, {"name": "f1", "unit": "", "better": "higher"}]
+    for cell in content["cells"]:
         if cell["task"] == "action" and cell["model"] == "a":
             cell["metrics"]["f1"] = 0.5
-    found = read(write(tmp_path, given))
-    grid = comparison_tables.details_table(found, scores(found), found.tasks[1])
+    loaded = read_results(write(tmp_path, content))
+    grid = comparison_tables.details_table(loaded, collect_scores(loaded), loaded.tasks[1])
     assert grid
     assert [entry.text for entry in grid.rows[0]] == [
         "A", "82.00 ± 4.97", "0.500 ± 0.000", "3", "0, 1, 2",
@@ -257,31 +281,31 @@ def test_details_hold_every_metric(tmp_path: Path) -> None:
 
 
 def test_published_numbers_stay_apart_and_stand_beside_ours(tmp_path: Path) -> None:
-    given = results()
-    given["tasks"][0]["title"] = "Sparsh Bench force, DIGIT"
+    content = results()
+    content["tasks"][0]["title"] = "Sparsh Bench force, DIGIT"
     rows = [
-        Published("a", "Sparsh Bench force, DIGIT", "RMSE, sum of axes", 1.5, "mN", "paper"),
-        Published("z", "Sparsh Bench force, DIGIT", "RMSE, sum of axes", 9.5, "mN", "paper"),
-        Published("z", "Cloth", "accuracy", 42.0, "%", "paper"),
-        Published("z", "Action", "accuracy", 42.0, "", "in another unit"),
+        PublishedScore("a", "Sparsh Bench force, DIGIT", "RMSE, sum of axes", 1.5, "mN", "paper"),
+        PublishedScore("z", "Sparsh Bench force, DIGIT", "RMSE, sum of axes", 9.5, "mN", "paper"),
+        PublishedScore("z", "Cloth", "accuracy", 42.0, "%", "paper"),
+        PublishedScore("z", "Action", "accuracy", 42.0, "", "in another unit"),
     ]
-    found = read(write(tmp_path, given))
-    (beside,) = published.beside_tables(found, scores(found), rows)
+    loaded = read_results(write(tmp_path, content))
+    (beside,) = published.beside_tables(loaded, collect_scores(loaded), rows)
     assert [[entry.text for entry in row] for row in beside.rows] == [
         ["A", "110.0 ± 24.8", "1.5", "paper"],
         ["B", "150.0", "not published", "no source"],
         ["z", "not in this bench", "9.5", "paper"],
     ]
-    assert main(tmp_path, given)["A"][0].rank == "best"  # 1.5 takes no part
+    assert main(tmp_path, content)["A"][0].rank == "best"  # 1.5 takes no part
     apart = published.published_table(rows)
     assert apart
     assert [entry.text for entry in apart.rows[1]] == ["Cloth: accuracy (%)", "not published", "42"]
 
 
 def test_published_numbers_of_the_zoo_are_those_of_the_paper() -> None:
-    found = {(row.model, row.task): row.value for row in published.of_zoo()}
-    assert found["anytouch2.base", "Sparsh Bench force, DIGIT"] == 624.26
-    assert found["anytouch1.large", "Touch and Go material, GelSight"] == 80.82
+    loaded = {(row.model, row.task): row.value for row in published.published_scores()}
+    assert loaded["anytouch2.base", "Sparsh Bench force, DIGIT"] == 624.26
+    assert loaded["anytouch1.large", "Touch and Go material, GelSight"] == 80.82
 
 
 def test_csv_has_one_number_a_row(tmp_path: Path) -> None:
@@ -298,7 +322,7 @@ def test_csv_has_one_number_a_row(tmp_path: Path) -> None:
     assert ours[1]["low"] == ours[1]["high"] == ""
     assert ours[1]["note"] == "one seed: no interval"
     theirs = [row for row in rows if row["origin"] == "published"]
-    assert len(theirs) == len(published.of_zoo())
+    assert len(theirs) == len(published.published_scores())
     assert all(row["source"] for row in theirs)
 
 
@@ -309,11 +333,18 @@ def test_markup_in_names_is_escaped() -> None:
     assert latex_text("[a] *") == "{[}a] {*}"
     assert markdown_text("a|b\n*c* _d_ e_f <g>") == r"a\|b \*c\* \_d\_ e_f \<g>"
     rows = [
-        [Entry("a_b|c"), Entry("1 ± 2", "best", ("†", "a"))],
-        [Entry("d"), Entry("3", "second")],
+        [TableEntry("a_b|c"), TableEntry("1 ± 2", "best", ("†", "a"))],
+        [TableEntry("d"), TableEntry("3", "second")],
     ]
-    grid = Grid("x", "Title", "Caption", [Head("Model"), Head("T|1", "mN ↓")], rows, [("a", "x|y")])
-    tex, lines = latex(grid), markdown(grid).splitlines()
+    grid = Table(
+        "x",
+        "Title",
+        "Caption",
+        [ColumnHead("Model"), ColumnHead("T|1", "mN ↓")],
+        rows,
+        [("a", "x|y")],
+    )
+    tex, lines = render_latex(grid), render_markdown(grid).splitlines()
     assert r"a\_b\textbar{}c & \textbf{1 $\pm$ 2}\textsuperscript{\dag{},a} \\" in tex
     assert r"\shortstack{T\textbar{}1 \\ mN $\downarrow$}" in tex
     assert tex.index(r"\toprule") < tex.index(r"\midrule") < tex.index(r"\bottomrule")
@@ -344,19 +375,19 @@ GONE = object()
         (["suite"], GONE, "'suite' is missing"),
         (["format"], 2, "'format' is not 1"),
         (["extra"], 1, "'extra'"),
-        (["tasks", 1, "title"], GONE, r"tasks\[1\]: field 'title' is missing"),
+        (["tasks", 1, "title"], GONE, r"tasks\[1\]: 'title' is missing"),
         (["tasks", 0, "selection"], "best", r"tasks\[0\]: selection is 'best'"),
         (["tasks", 0, "main"], "rmse", "main metric 'rmse'.*Known: rmse_sum_axes"),
         (["tasks", 0, "metrics"], [RMSE | {"better": "up"}], r"metrics\[0\]: better is 'up'"),
         (["models", 0, "group"], "x", r"models\[0\]: group is 'x'"),
-        (["models", 1, "name"], "a", "model 'a' is there 2 times"),
+        (["models", 1, "name"], "a", "model 'a' appears 2 times"),
         (["cells", 2, "task"], "forse", r"cells\[2\]: task 'forse'; did you mean 'force'"),
         (["cells", 2, "model"], "q", r"cells\[2\]: model 'q'"),
         (["cells", 2, "metrics"], {"mse": 1.0}, r"cells\[2\]: metric 'mse'"),
         (["cells", 2, "metrics"], {"rmse_sum_axes": "x"}, "metrics.rmse_sum_axes is 'x'"),
         (["cells", 2, "seed"], "x", r"cells\[2\]: seed is 'x'"),
-        (["cells", 2, "seed"], 1, "cell 'force, a, seed 1, {}' is there 2 times"),
-        (["not_run"], [{"task": "force"}], r"not_run\[0\]: field 'reason'"),
+        (["cells", 2, "seed"], 1, "cell 'force, a, seed 1, {}' appears 2 times"),
+        (["not_run"], [{"task": "force"}], r"not_run\[0\]: 'reason'"),
         (
             ["training"],
             [{"model": "a", "objective": "o", "step": [1], "train": []}],
@@ -367,9 +398,9 @@ GONE = object()
 def test_broken_results_name_the_key(
     tmp_path: Path, place: list[Any], value: Any, words: str
 ) -> None:
-    given = results()
+    content = results()
     *way, last = place
-    inner: Any = given
+    inner: Any = content
     for step in way:
         inner = inner[step]
     if value is GONE:
@@ -377,12 +408,12 @@ def test_broken_results_name_the_key(
     else:
         inner[last] = value
     with pytest.raises((ConfigError, DataError), match=words):
-        read(write(tmp_path, given))
+        read_results(write(tmp_path, content))
 
 
 def test_no_results_or_no_json(tmp_path: Path) -> None:
     with pytest.raises(DataNotFoundError, match=r"no results\.json there"):
-        read(tmp_path)
+        read_results(tmp_path)
     (tmp_path / "results.json").write_text("{")
     with pytest.raises(DataError, match="not JSON"):
-        read(tmp_path)
+        read_results(tmp_path)

@@ -10,8 +10,8 @@ import pytest
 
 from tactileforge.bench.output import gate_table
 from tactileforge.bench.results import gate
-from tactileforge.bench.results.gate import Tally, compared, passes, tally
-from tactileforge.bench.results.results import Cell, Metric, Model, Results, Task
+from tactileforge.bench.results.gate import GroupedScore, compared, gate_outcome, grouped_score
+from tactileforge.bench.results.results import Cell, ResultMetric, ResultModel, Results, ResultTask
 from tactileforge.errors import DataError
 
 
@@ -37,28 +37,30 @@ def classes(folder: Path, name: str, right: float, seed: int, groups: int = 60) 
 def test_scores_are_those_of_the_metrics(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     truth = rng.normal(size=(50, 2)).astype(np.float32)
-    found = truth + rng.normal(0, 0.5, size=(50, 2)).astype(np.float32)
+    score = truth + rng.normal(0, 0.5, size=(50, 2)).astype(np.float32)
     units = np.array([f"b{i % 7}" for i in range(50)])
-    path = predictions(tmp_path, "r2", truth=truth, predicted=found, axes=["x", "y"], units=units)
-    wanted = 1 - ((found - truth) ** 2).sum(0) / ((truth - truth.mean(0)) ** 2).sum(0)
-    assert compared([tally(path, "r2")]).value == pytest.approx(wanted.mean(), abs=1e-6)
+    path = predictions(tmp_path, "r2", truth=truth, predicted=score, axes=["x", "y"], units=units)
+    wanted = 1 - ((score - truth) ** 2).sum(0) / ((truth - truth.mean(0)) ** 2).sum(0)
+    assert compared([grouped_score(path, "r2")]).value == pytest.approx(wanted.mean(), abs=1e-6)
 
-    truth, found = rng.integers(3, size=90), rng.integers(3, size=90)
+    truth, score = rng.integers(3, size=90), rng.integers(3, size=90)
     path = predictions(
-        tmp_path, "c", truth=truth, predicted=found, names=["a", "b", "c"], units=np.arange(90) // 3
+        tmp_path, "c", truth=truth, predicted=score, names=["a", "b", "c"], units=np.arange(90) // 3
     )
-    recall = [(found[truth == k] == k).mean() for k in range(3)]
-    one = tally(path, "balanced_accuracy")
+    recall = [(score[truth == k] == k).mean() for k in range(3)]
+    one = grouped_score(path, "balanced_accuracy")
     assert compared([one]).value == pytest.approx(np.mean(recall), abs=1e-12)
-    assert compared([tally(path, "accuracy")]).value == pytest.approx((truth == found).mean())
+    assert compared([grouped_score(path, "accuracy")]).value == pytest.approx(
+        (truth == score).mean()
+    )
 
 
 def test_the_interval_is_that_of_the_binomial_over_groups(tmp_path: Path) -> None:
     """Three clips of a group are all right or all wrong: there are 60 samples, not 180."""
-    one = compared([tally(classes(tmp_path, "a", 0.7, 1), "accuracy")])
-    expected = 1.96 * np.sqrt(one.value * (1 - one.value) / 60)
-    assert one.high - one.value == pytest.approx(expected, rel=0.15)
-    assert one.value - one.low == pytest.approx(expected, rel=0.15)
+    score = compared([grouped_score(classes(tmp_path, "a", 0.7, 1), "accuracy")])
+    expected = 1.96 * np.sqrt(score.value * (1 - score.value) / 60)
+    assert score.high - score.value == pytest.approx(expected, rel=0.15)
+    assert score.value - score.low == pytest.approx(expected, rel=0.15)
 
 
 def test_pairs_narrow_the_difference(tmp_path: Path) -> None:
@@ -68,35 +70,35 @@ def test_pairs_narrow_the_difference(tmp_path: Path) -> None:
         arrays = dict(file)
     arrays["predicted"][:18] = arrays["truth"][:18]
     better = predictions(tmp_path, "b", **arrays)
-    own, other = tally(better, "accuracy"), tally(paths[0], "accuracy")
-    apart = compared([own], [other])
-    single = compared([own])
-    assert apart.value == pytest.approx(compared([own]).value - compared([other]).value)
+    tallied, other = grouped_score(better, "accuracy"), grouped_score(paths[0], "accuracy")
+    apart = compared([tallied], [other])
+    single = compared([tallied])
+    assert apart.value == pytest.approx(compared([tallied]).value - compared([other]).value)
     assert apart.high - apart.low < 0.6 * (single.high - single.low)
-    assert compared([own], [own]) == gate.Score(0.0, 0.0, 0.0)
+    assert compared([tallied], [tallied]) == gate.GateScore(0.0, 0.0, 0.0)
 
 
 def test_the_spread_of_random_networks_counts(tmp_path: Path) -> None:
-    def flat(level: float) -> Tally:
+    def flat(level: float) -> GroupedScore:
         sums = np.full((40, 1), level)
-        return Tally(tuple(map(str, range(40))), sums, np.ones((40, 1)), 0.0, 1.0)
+        return GroupedScore(tuple(map(str, range(40))), sums, np.ones((40, 1)), 0.0, 1.0)
 
-    found = compared([flat(0.5)], [flat(0.3), flat(0.4), flat(0.5)])
-    assert found.value == pytest.approx(0.1)
-    assert (found.low, found.high) == pytest.approx((0.0, 0.2))
+    score = compared([flat(0.5)], [flat(0.3), flat(0.4), flat(0.5)])
+    assert score.value == pytest.approx(0.1)
+    assert (score.low, score.high) == pytest.approx((0.0, 0.2))
 
 
 def test_other_recordings_are_not_compared(tmp_path: Path) -> None:
-    few, many = (tally(classes(tmp_path, str(n), 0.5, 1, n), "accuracy") for n in (10, 12))
+    few, many = (grouped_score(classes(tmp_path, str(n), 0.5, 1, n), "accuracy") for n in (10, 12))
     with pytest.raises(DataError, match="tested on other recordings"):
         compared([few], [many])
     with pytest.raises(DataError, match="not distance"):
-        tally(tmp_path / "predictions" / "10.npz", "distance")
+        grouped_score(tmp_path / "predictions" / "10.npz", "distance")
 
 
-def task(name: str) -> Task:
-    metric = Metric(name="accuracy", unit="%", better="higher")
-    return Task(
+def task(name: str) -> ResultTask:
+    metric = ResultMetric(name="accuracy", unit="%", better="higher")
+    return ResultTask(
         name=name,
         title=name.upper(),
         probe="ridge",
@@ -108,17 +110,17 @@ def task(name: str) -> Task:
     )
 
 
-def cells(folder: Path, task: Task, model: str, share: float, seed: int) -> list[Cell]:
+def cells(folder: Path, task: ResultTask, model: str, share: float, seed: int) -> list[Cell]:
     """Of three networks where they are random; baselines have one reading."""
-    found = []
+    score = []
     for reading in ("pooled",) if model in ("pixels", "chance") else ("pooled", "patches"):
         for number in range(3 if model.startswith("untrained") else 1):
             file = f"{task.name}-{model.replace(':', '_')}-{reading}-{number}"
             path = classes(folder, file, share, seed + number, 300)
             cell = Cell(task=task.name, model=model, seed=number, metrics={"accuracy": 100 * share})
             place = path.relative_to(folder).as_posix()
-            found.append(replace(cell, setting={"reading": reading}, predictions=place))
-    return found
+            score.append(replace(cell, setting={"reading": reading}, predictions=place))
+    return score
 
 
 def bench(folder: Path, right: float, count: int = 3) -> Results:
@@ -127,11 +129,11 @@ def bench(folder: Path, right: float, count: int = 3) -> Results:
     shares = {"m": right, "untrained:m": 0.5, "pixels": 0.6, "chance": 0.5}
     made = [
         cell
-        for i, one in enumerate(tasks)
+        for i, score in enumerate(tasks)
         for j, (model, share) in enumerate(shares.items())
-        for cell in cells(folder, one, model, share, 1000 * j + 10 * i)
+        for cell in cells(folder, score, model, share, 1000 * j + 10 * i)
     ]
-    models = [Model(name=name, title=name) for name in shares]
+    models = [ResultModel(name=name, title=name) for name in shares]
     return Results(
         suite="real",
         versions={},
@@ -147,24 +149,24 @@ def bench(folder: Path, right: float, count: int = 3) -> Results:
 @pytest.mark.parametrize(("right", "wins"), [(0.9, 3), (0.6, 0), (0.3, 0)])
 def test_who_is_better_passes(right: float, wins: int, tmp_path: Path) -> None:
     results = bench(tmp_path, right)
-    rows = gate_table.write(tmp_path, results)
-    found = passes(rows, "m")
-    assert found["passes"] == (wins > 1)
-    assert [len(found[reading]["won"]) for reading in ("pooled", "patches")] == [wins, wins]
+    rows = gate_table.write_gate(tmp_path, results)
+    score = gate_outcome(rows, "m")
+    assert score["passes"] == (wins > 1)
+    assert [len(score[reading]["won"]) for reading in ("pooled", "patches")] == [wins, wins]
     plain = json.loads((tmp_path / "gate.json").read_text())
     assert list(plain["models"]) == ["m"]
     row = next(row for row in plain["rows"] if row["model"] == "m")
     assert row["above"]["random"]["value"] == pytest.approx(right - 0.5, abs=0.1)
     assert row["above"]["pixels"]["value"] == pytest.approx(right - 0.6, abs=0.1)
-    grid = gate_table.grid(rows, results)
+    grid = gate_table.gate_table(rows, results)
     assert grid is not None
     marks = {("▲" in entry.text, "▼" in entry.text) for entry in grid.rows[0][2:-1]}
     assert marks == {(right == 0.9, right == 0.3)}
 
 
 def test_one_task_of_three_is_no_majority(tmp_path: Path) -> None:
-    rows = gate.rows(tmp_path, bench(tmp_path, 0.9))
-    worse = gate.rows(tmp_path, bench(tmp_path, 0.6))
+    rows = gate.compute_gate(tmp_path, bench(tmp_path, 0.9))
+    worse = gate.compute_gate(tmp_path, bench(tmp_path, 0.6))
     mixed = [row for row in rows if row.task == "t0"] + [row for row in worse if row.task != "t0"]
-    assert not passes(mixed, "m")["passes"]
-    assert not passes([], "m")["passes"]
+    assert not gate_outcome(mixed, "m")["passes"]
+    assert not gate_outcome([], "m")["passes"]

@@ -6,20 +6,20 @@ import pytest
 import torch
 
 from tactileforge.bench.tasks import metrics
-from tactileforge.bench.tasks.targets import Part
+from tactileforge.bench.tasks.targets import TargetPart
 from tactileforge.errors import ConfigError, DataError
 
 ERROR = torch.tensor([[1.0, 0.0, 2.0], [-1.0, 2.0, 0.0]])
 TRUTH = torch.tensor([[0.5, 1.0, 2.0], [1.5, -1.0, 4.0]])
 
 
-def force(truth: torch.Tensor = TRUTH) -> Part:
-    return Part("force", truth, torch.ones_like(truth), ("x", "y", "z"))
+def force(truth: torch.Tensor = TRUTH) -> TargetPart:
+    return TargetPart("force", truth, torch.ones_like(truth), ("x", "y", "z"))
 
 
-def classes(truth: list[int], count: int) -> Part:
+def classes(truth: list[int], count: int) -> TargetPart:
     column = torch.tensor(truth, dtype=torch.float32)[:, None]
-    return Part("classes", column, torch.ones_like(column), tuple(map(str, range(count))))
+    return TargetPart("classes", column, torch.ones_like(column), tuple(map(str, range(count))))
 
 
 @pytest.mark.parametrize(
@@ -33,8 +33,8 @@ def classes(truth: list[int], count: int) -> Part:
     ],
 )
 def test_errors_of_force(name: str, value: float) -> None:
-    found = metrics.measure(name, force(), TRUTH + ERROR, TRUTH)
-    assert found == pytest.approx(value, rel=1e-6)
+    measured = metrics.measure(name, force(), TRUTH + ERROR, TRUTH)
+    assert measured == pytest.approx(value, rel=1e-6)
 
 
 def test_correlation_is_pearsons_and_means_the_axes() -> None:
@@ -48,12 +48,37 @@ def test_correlation_is_pearsons_and_means_the_axes() -> None:
     assert value == pytest.approx(float(torch.stack(stacked).mean()), abs=1e-5)
 
 
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 50.0])
+def test_metrics_of_force_are_the_formulas_in_float64(scale: float) -> None:
+    generator = torch.Generator().manual_seed(1)
+    truth = torch.randn(400, 3, generator=generator) * scale + torch.tensor([0.0, 1.0, 9.0])
+    predicted = truth + 0.3 * scale * torch.randn(400, 3, generator=generator)
+    x, y = predicted.double(), truth.double()
+    rmse = (x - y).square().mean(0).sqrt() * 1000
+    r2 = 1 - (x - y).square().sum(0) / (y - y.mean(0)).square().sum(0)
+    dx, dy = x - x.mean(0), y - y.mean(0)
+    pearson = (dx * dy).sum(0) / (dx.square().sum(0) * dy.square().sum(0)).sqrt()
+    expected = {
+        "rmse_sum_axes": rmse.sum(),
+        "mae_mean_axes": (x - y).abs().mean() * 1000,
+        "rmse_x": rmse[0],
+        "rmse_y": rmse[1],
+        "rmse_z": rmse[2],
+        "r2": r2.mean(),
+        "r2_z": r2[2],
+        "correlation": pearson.mean(),
+    }
+    for name, value in expected.items():
+        measured = metrics.measure(name, force(truth), predicted, truth)
+        assert measured == pytest.approx(float(value), rel=1e-6), name
+
+
 def test_batches_do_not_matter() -> None:
     predicted, truth = torch.randn(2, 9, 3)
-    for name in ("rmse_sum_axes", "mae_mean_axes", "correlation"):
-        whole = metrics.kind(name).build(force())
+    for name in ("rmse_sum_axes", "mae_mean_axes", "correlation", "r2"):
+        whole = metrics.metric_kind(name).build(force())
         whole.update(predicted, truth)
-        parts = metrics.kind(name).build(force())
+        parts = metrics.metric_kind(name).build(force())
         parts.update(predicted[:4], truth[:4])
         parts.update(predicted[4:], truth[4:])
         assert float(parts.compute()) == pytest.approx(float(whole.compute()))
@@ -61,7 +86,7 @@ def test_batches_do_not_matter() -> None:
 
 def test_distance_is_percent_of_the_width() -> None:
     truth = torch.tensor([[0.5, 0.5], [0.2, 0.1]])
-    part = Part("place", truth, torch.ones_like(truth), ("x", "y"))
+    part = TargetPart("place", truth, torch.ones_like(truth), ("x", "y"))
     predicted = truth + torch.tensor([[0.03, 0.04], [0.0, 0.0]])
     assert metrics.measure("distance", part, predicted, truth) == pytest.approx(2.5, rel=1e-5)
 
@@ -80,7 +105,7 @@ def test_accuracy_and_f1() -> None:
 
 def test_columns_of_classes_are_samples() -> None:
     truth = torch.tensor([[0.0, 1.0, 2.0], [1.0, 1.0, 0.0]])
-    part = Part("classes", truth, torch.ones_like(truth), ("a", "b", "c"))
+    part = TargetPart("classes", truth, torch.ones_like(truth), ("a", "b", "c"))
     predicted = torch.tensor([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
     assert metrics.measure("accuracy", part, predicted, truth) == pytest.approx(400 / 6)
 
@@ -96,7 +121,7 @@ def test_a_value_that_is_no_number_is_an_error() -> None:
 
 def test_names() -> None:
     with pytest.raises(ConfigError, match="did you mean 'rmse_sum_axes'"):
-        metrics.kind("rmse_sum_axis")
+        metrics.metric_kind("rmse_sum_axis")
     assert metrics.part_of("rmse_x", {"slip": classes([0], 2), "delta": force()}) == "delta"
     with pytest.raises(ConfigError, match="distance measures place"):
         metrics.part_of("distance", {"force": force()})

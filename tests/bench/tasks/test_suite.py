@@ -1,19 +1,17 @@
 """Every suite is read, names what exists, and agrees with what is published."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from omegaconf import OmegaConf
 
 from tactileforge import registry
-from tactileforge.bench.fit.resolve import choose, row_of
-from tactileforge.bench.output.published import of_zoo
+from tactileforge.bench.fit.resolve import choose_probe, result_task
+from tactileforge.bench.output.published import published_scores
 from tactileforge.bench.tasks import metrics, splits, targets
 from tactileforge.bench.tasks.source import open_source
-from tactileforge.bench.tasks.suite import Task, parse
-from tactileforge.compose import settings
+from tactileforge.bench.tasks.suite import Task, parse_task
+from tactileforge.cli.bench import COMMANDS
 from tactileforge.datasets.reading.splits import is_held_out
 
 ROOT = Path(__file__).parents[3]
@@ -21,16 +19,16 @@ SUITES = sorted(path.stem for path in (ROOT / "conf" / "suite").glob("*.yaml"))
 
 
 def suite(name: str, *words: str) -> dict[str, Task]:
-    config: Any = OmegaConf.to_container(settings("bench", [f"suite={name}", *words]), resolve=True)
-    return {key: parse(key, node) for key, node in config["tasks"].items()}
+    config = COMMANDS[""].compose("bench", [f"suite={name}", *words])
+    return {key: parse_task(key, node) for key, node in config["tasks"].items()}
 
 
 @pytest.mark.parametrize("name", SUITES)
 def test_a_suite_can_be_run(name: str) -> None:
     for task in suite(name).values():
-        row = row_of(task, choose(task, {}), "validation")
+        row = result_task(task, choose_probe(task, {}), "validation")
         assert row.main == task.metrics[0]
-        assert all(metrics.kind(metric) for metric in task.metrics)
+        assert all(metrics.metric_kind(metric) for metric in task.metrics)
         assert task.target in targets.TARGETS or task.target.startswith(("label:", "numbers:"))
         if "preset" not in task.data:
             registry.build("datasets", task.data)
@@ -38,14 +36,14 @@ def test_a_suite_can_be_run(name: str) -> None:
 
 def test_what_is_published_has_a_task_of_its_title() -> None:
     titles = {task.title for name in SUITES for task in suite(name).values()}
-    published = {row.task for row in of_zoo()}
+    published = {row.task for row in published_scores()}
     assert len(published) > 8
     assert published <= titles
 
 
 def test_published_settings() -> None:
     touchd, sparsh, objects = (suite(name) for name in ("touchd", "sparsh", "object"))
-    force = choose(touchd["touchd_force_digit"], {}).training
+    force = choose_probe(touchd["touchd_force_digit"], {}).training
     assert (force.epochs, force.batch, force.lr, force.schedule) == (50, 64, (2e-4,), "constant")
     assert touchd["touchd_force_digit"].split.unseen == ["object"]
     assert sparsh["sparsh_force_digit"].scale == [4, 4, 5]
@@ -56,7 +54,7 @@ def test_published_settings() -> None:
 
 
 def test_suites_add_up() -> None:
-    config = settings("bench", ["suite=[sim,touchd]"])
+    config = COMMANDS[""].compose("bench", ["suite=[sim,touchd]"])
     assert list(config.suites) == ["sim", "touchd"]
     assert {"sim_force", "touchd_force_digit"} <= set(config.tasks)
 
@@ -81,10 +79,10 @@ def test_transfer_never_shows_the_third_sensor() -> None:
 def test_public_samples(name: str, recordings: int, tested: int | None, realdata: Path) -> None:
     task = suite("public_samples", f"public_samples.root={realdata}")[name]
     source = open_source(task.data, task.sides, task.clip)
-    target = targets.build(task, source)
+    target = targets.build_target(task, source)
     assert len({int(n) for n in source.index[target.clips, 0]}) == recordings
-    found = splits.build(task, source, target)
-    count = sum(len(split.test) for split in found)
+    folds = splits.build_splits(task, source, target)
+    count = sum(len(split.test) for split in folds)
     assert count == len(target.clips), "every clip is tested once"
     if tested is not None:
         assert count == pytest.approx(tested, rel=0.03)
@@ -98,27 +96,33 @@ def test_the_gate_never_shares_a_recording_or_an_object(
     monkeypatch.setenv("TACTILEFORGE_REALDATA", str(realdata))
     for task in suite(name).values():
         source = open_source(task.data, task.sides, task.clip)
-        target = targets.build(task, source)
-        folds = splits.build(task, source, target)  # raises where a recording is on two sides
+        target = targets.build_target(task, source)
+        folds = splits.build_splits(
+            task, source, target
+        )  # raises where a recording is on two sides
         tested = np.concatenate([fold.test for fold in folds])
         assert len(set(tested.tolist())) == len(tested)
-        groups = [splits.names(source, target, fold.test, task.split.group) for fold in folds]
-        assert sum(len(set(one)) for one in groups) == len({n for one in groups for n in one})
+        groups = [splits.group_names(source, target, fold.test, task.split.group) for fold in folds]
+        assert sum(len(set(group)) for group in groups) == len(
+            {n for group in groups for n in group}
+        )
         for fold in folds:
-            known = splits.names(source, target, fold.train, task.split.group)
-            assert not set(known) & set(splits.names(source, target, fold.test, task.split.group))
+            known = splits.group_names(source, target, fold.train, task.split.group)
+            assert not set(known) & set(
+                splits.group_names(source, target, fold.test, task.split.group)
+            )
         if "octopi" in task.name or "losing" in task.name:
-            objects = splits.names(source, target, tested, "object")
-            assert {is_held_out(one, 0.5) for one in objects} == {half == "val"}
+            objects = splits.group_names(source, target, tested, "object")
+            assert {is_held_out(group, 0.5) for group in objects} == {half == "val"}
 
 
 def test_the_two_parts_of_the_gate_share_nothing() -> None:
     """Other halves of the objects, other layouts of the same folders."""
     for ours, theirs in (("octopi_object", "octopi_object"), ("losing_grip", "losing_grip")):
-        one, other = suite("real")[f"real_{ours}"], suite("real_held_out")[f"held_{theirs}"]
-        assert one.split.only["side"] == "train"
+        group, other = suite("real")[f"real_{ours}"], suite("real_held_out")[f"held_{theirs}"]
+        assert group.split.only["side"] == "train"
         assert other.split.only["side"] == "val"
-        assert one.data == other.data
+        assert group.data == other.data
     layouts = [
         {layout for task in suite(name).values() for layout in task.data["layouts"]}
         for name in ("real", "real_held_out")

@@ -12,11 +12,18 @@ import torch
 from tactileforge.contracts import Recording
 from tactileforge.data.batches.clips import Clips
 from tactileforge.data.batches.datamodule import TouchData
-from tactileforge.data.batches.sources import Bad, Opened, Source
-from tactileforge.data.batches.stream import Numbers, Reader, Stream, Whole, Windows, portions
+from tactileforge.data.batches.sources import Bad, InMemory, Source
+from tactileforge.data.batches.stream import (
+    BatchIndexSampler,
+    FullSource,
+    Stream,
+    WindowedSource,
+    WorkerId,
+    allocate,
+)
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards import index, shards
-from tactileforge.data.shards.index import Entry, Index, arranged
+from tactileforge.data.shards.index import Index, IndexEntry, sort_recordings
 from tactileforge.data.shards.summary import Summary
 from tactileforge.datasets.mixture import Mixture
 from tactileforge.datasets.shards import Shards
@@ -58,15 +65,15 @@ class Memory:
 
 
 def pack(dataset: Memory, folder: Path, size: int, codec: str = "png") -> Path:
-    """Shards of ``size`` recordings, in the order of `index.order`."""
-    splits: dict[str, list[Entry]] = {}
+    """Shards of ``size`` recordings, in the order of `index.sort_key`."""
+    splits: dict[str, list[IndexEntry]] = {}
     for split, content in dataset.content.items():
-        ordered = arranged(content)
+        ordered = sort_recordings(content)
         splits[split] = []
         for number, start in enumerate(range(0, len(ordered), size)):
             path = folder / f"{split}-{number:06d}.tar"
-            shards.write(path, [packed(one, codec) for one in ordered[start : start + size]])
-            splits[split].append(Entry.of(path))
+            shards.write_shard(path, [packed(one, codec) for one in ordered[start : start + size]])
+            splits[split].append(IndexEntry.of(path))
     Index("memory", splits, sorted=True).save(folder)
     return folder
 
@@ -74,10 +81,10 @@ def pack(dataset: Memory, folder: Path, size: int, codec: str = "png") -> Path:
 def packed(one: Recording, codec: str) -> shards.Packed:
     def encoded(frames: Any) -> list[bytes]:
         every = frames.read(range(len(frames))) if frames is not None else []
-        return [shards.encode(picture, codec) for picture in every]
+        return [shards.encode_image(picture, codec) for picture in every]
 
     pictures = (encoded(frames) for frames in (one.frames, one.no_contact, one.image))
-    return shards.Packed(shards.head(one), codec, *pictures)
+    return shards.Packed(shards.describe_recording(one), codec, *pictures)
 
 
 def touch(dataset: Any, **options: Any) -> TouchData:
@@ -102,35 +109,35 @@ def clips_of(count: int) -> Clips:
     return Clips(recordings, frames=4, spacing=1 / 15, hop=0.5, size=(8, 8))
 
 
-def rows(track: Whole, number: int, reader: Reader | None = None) -> list[int]:
-    return track.draw(number, reader or Reader(), lambda line, count: None).rows.tolist()
+def rows(track: FullSource, number: int, reader: WorkerId | None = None) -> list[int]:
+    return track.draw(number, reader or WorkerId(), lambda line, count: None).rows.tolist()
 
 
 def test_an_epoch_shows_every_clip_once() -> None:
-    track = Whole(clips_of(40), 8, [3])
+    track = FullSource(clips_of(40), 8, [3])
     assert len(track.clips) == 40
     assert sorted(row for n in range(5) for row in rows(track, n)) == list(range(40))
 
 
 def test_a_batch_may_lie_across_two_passes() -> None:
-    track = Whole(clips_of(10), 4, [3])
+    track = FullSource(clips_of(10), 4, [3])
     drawn = [row for n in range(5) for row in rows(track, n)]
     assert sorted(drawn[:10]) == sorted(drawn[10:]) == list(range(10))
     assert drawn[:10] != drawn[10:]
 
 
 def test_batches_are_a_function_of_their_number_and_the_seed() -> None:
-    track = Whole(clips_of(40), 8, [3])
-    again = Whole(clips_of(40), 8, [3])
+    track = FullSource(clips_of(40), 8, [3])
+    again = FullSource(clips_of(40), 8, [3])
     assert rows(track, 7) == rows(again, 7)
     assert rows(track, 7) != rows(track, 2)
-    assert rows(track, 7) != rows(Whole(clips_of(40), 8, [4]), 7)
+    assert rows(track, 7) != rows(FullSource(clips_of(40), 8, [4]), 7)
 
 
 def test_ranks_share_an_epoch_and_workers_change_nothing() -> None:
-    whole, half = Whole(clips_of(40), 8, [3]), Whole(clips_of(40), 4, [3])
+    whole, half = FullSource(clips_of(40), 8, [3]), FullSource(clips_of(40), 4, [3])
     for number in range(5):
-        ranks = [rows(half, number, Reader(rank, 2, workers=3)) for rank in range(2)]
+        ranks = [rows(half, number, WorkerId(rank, 2, workers=3)) for rank in range(2)]
         assert ranks[0] + ranks[1] == rows(whole, number)
 
 
@@ -148,8 +155,8 @@ def test_a_fixed_share_of_each_batch_is_drawn_in_pairs() -> None:
 
 
 def test_an_iteration_goes_on_where_the_run_stands() -> None:
-    assert list(Numbers(5, lambda: 7)) == [7, 8, 9]
-    assert list(Numbers(5, lambda: 10)) == [10, 11, 12, 13, 14]
+    assert list(BatchIndexSampler(5, lambda: 7)) == [7, 8, 9]
+    assert list(BatchIndexSampler(5, lambda: 10)) == [10, 11, 12, 13, 14]
 
 
 def test_the_length_of_an_epoch_is_a_multiple_of_the_accumulated_batches() -> None:
@@ -180,17 +187,17 @@ class Part:
         return self.content
 
 
-def windows(parts: int, each: int, count: int, window: int) -> tuple[Windows, list[Part]]:
+def windows(parts: int, each: int, count: int, window: int) -> tuple[WindowedSource, list[Part]]:
     made = [Part([recording(each * p + i) for i in range(each)]) for p in range(parts)]
     summary = Summary.of(one for part in made for one in part.content)
 
     def cut(recordings: Sequence[Recording]) -> Clips:
         return Clips(recordings, frames=4, spacing=1 / 15, hop=2.0, size=(8, 8))
 
-    return Windows(Source("w", made, summary), cut, count, [5], window, hop=2.0), made
+    return WindowedSource(Source("w", made, summary), cut, count, [5], window, hop=2.0), made
 
 
-def drawn(track: Windows, number: int, reader: Reader) -> list[str]:
+def drawn(track: WindowedSource, number: int, reader: WorkerId) -> list[str]:
     draw = track.draw(number, reader, lambda line, count: None)
     return [draw.clips.recordings[row].key for row in draw.rows]
 
@@ -200,14 +207,14 @@ def test_a_pass_shows_every_recording_once_over_all_readers(world: int, workers:
     seen = []
     batches = 8 // world  # 8 parts of 4 recordings in batches of 4
     for rank in range(world):
-        reader = Reader(rank, world, workers)
+        reader = WorkerId(rank, world, workers)
         track, _ = windows(8, 4, 4, window=8)
         seen += [key for n in range(batches) for key in drawn(track, n, reader)]
     assert sorted(seen) == sorted(f"r{i}" for i in range(32))
 
 
 def test_batches_of_windows_are_a_function_of_their_number() -> None:
-    reader = Reader(rank=1, world=2, workers=3)
+    reader = WorkerId(rank=1, world=2, workers=3)
     track, _ = windows(24, 4, 3, window=8)
     whole = [drawn(track, number, reader) for number in range(60)]
     assert len({tuple(batch) for batch in whole}) > 50
@@ -219,19 +226,19 @@ def test_batches_of_windows_are_a_function_of_their_number() -> None:
 def test_a_window_is_opened_once_and_only_when_it_is_needed() -> None:
     track, parts = windows(8, 4, 4, window=8)
     for number in range(8):
-        drawn(track, number, Reader())
+        drawn(track, number, WorkerId())
         assert sum(part.opened for part in parts) == 2 * (number // 2 + 1)
     assert [part.opened for part in parts] == [1] * 8
 
 
 def test_a_window_mixes_its_parts() -> None:
     track, _ = windows(8, 8, 8, window=16)
-    first = drawn(track, 0, Reader())
+    first = drawn(track, 0, WorkerId())
     assert len({int(key[1:]) // 8 for key in first}) == 2
 
 
 def test_fewer_parts_than_readers_are_shared() -> None:
-    readers = [Reader(rank, 4, 1) for rank in range(4)]
+    readers = [WorkerId(rank, 4, 1) for rank in range(4)]
     seen = [drawn(windows(2, 8, 4, window=4)[0], 0, reader) for reader in readers]
     assert all(seen)
     assert len({tuple(keys) for keys in seen}) == 4
@@ -243,9 +250,9 @@ def test_fewer_parts_than_readers_are_shared() -> None:
 def test_portions_are_the_same_in_every_batch() -> None:
     labels = frozenset({"force"})
     sources = [("a", 6.0, frozenset()), ("b", 3.0, labels), ("c", 1.0, frozenset())]
-    assert portions(20, sources, {}) == [12, 6, 2]
-    assert portions(20, sources, {"force": 0.5}) == [6, 13, 1]
-    assert portions(4, [("a", 1e6, labels), ("b", 1.0, labels)], {}) == [3, 1]
+    assert allocate(20, sources, {}) == [12, 6, 2]
+    assert allocate(20, sources, {"force": 0.5}) == [6, 13, 1]
+    assert allocate(4, [("a", 1e6, labels), ("b", 1.0, labels)], {}) == [3, 1]
 
 
 @pytest.mark.parametrize(
@@ -259,7 +266,7 @@ def test_portions_are_the_same_in_every_batch() -> None:
 )
 def test_impossible_portions_are_named(size, sources, shares, message) -> None:
     with pytest.raises(ConfigError, match=message):
-        portions(size, sources, shares)
+        allocate(size, sources, shares)
 
 
 def test_every_batch_holds_the_portions_and_the_force_it_was_asked_for() -> None:
@@ -301,7 +308,7 @@ def test_objects_of_two_data_sets_are_told_apart_and_actions_are_not() -> None:
 def keys(stream: Stream, number: int) -> list[str]:
     found = []
     for track, items in zip(stream.tracks, stream.items(number), strict=True):
-        assert isinstance(track, Whole)
+        assert isinstance(track, FullSource)
         found += [track.clips.recordings[track.clips.index[clip, 0]].key for clip, _ in items]
     return found
 
@@ -331,8 +338,8 @@ def test_large_shards_are_read_by_workers_as_by_none(tmp_path: Path) -> None:
     data = touch(Shards(str(folder)), window=8, workers=2, match=0.5)
     stream = data.stream()
     assert stream.tracks[0].windowed
-    loader = data._loader(stream, Numbers(len(stream), lambda: 3))
-    numbers = list(Numbers(len(stream), lambda: 3))
+    loader = data._loader(stream, BatchIndexSampler(len(stream), lambda: 3))
+    numbers = list(BatchIndexSampler(len(stream), lambda: 3))
     for number, batch in zip(numbers, loader, strict=True):
         assert same(batch, data.stream()[number])
 
@@ -348,9 +355,9 @@ def test_a_resumed_run_may_not_change_its_workers(tmp_path: Path) -> None:
     folder = pack(Memory(48), tmp_path, size=4)
     before = touch(Shards(str(folder)), window=8, workers=2)
     after = touch(Shards(str(folder)), window=8, workers=1)
-    state = before._loader(before.stream(), Numbers(1)).state_dict()
+    state = before._loader(before.stream(), BatchIndexSampler(1)).state_dict()
     with pytest.raises(ConfigError, match="resume: workers was 2 and is 1"):
-        after._loader(after.stream(), Numbers(1)).load_state_dict(state)
+        after._loader(after.stream(), BatchIndexSampler(1)).load_state_dict(state)
 
 
 def flip(path: Path, place: int) -> None:
@@ -362,7 +369,7 @@ def flip(path: Path, place: int) -> None:
 def test_a_damaged_picture_is_named_and_replaced(tmp_path: Path) -> None:
     folder = pack(Memory(24), tmp_path, size=6)
     stream = touch(Shards(str(folder))).stream()
-    first = next(iter(shards.read(folder / "train-000000.tar")))
+    first = next(iter(shards.read_shard(folder / "train-000000.tar")))
     assert isinstance(first.frames, shards.PackedFrames)
     for start in first.frames.starts:  # after it was opened
         flip(folder / "train-000000.tar", int(start) + 520)
@@ -411,7 +418,7 @@ def test_shards_that_were_swapped_are_refused(tmp_path: Path, split: str) -> Non
     swapped = first.read_bytes(), last.read_bytes()
     last.write_bytes(swapped[0])
     first.write_bytes(swapped[1])
-    keys = {one.key for one in shards.read(last if split == "train" else first)}
+    keys = {one.key for one in shards.read_shard(last if split == "train" else first)}
     data = Shards(str(folder))
     assert not keys & {one.key for one in data.recordings("val" if split == "train" else "train")}
     assert "damaged, or another shard" in data.skipped[0]
@@ -421,12 +428,12 @@ def test_every_flipped_bit_of_an_index_is_found(tmp_path: Path) -> None:
     """Or changes nothing: a blank that became another blank."""
     folder = pack(Memory(8), tmp_path, size=4)
     raw = (folder / "index.json").read_bytes()
-    whole, found = index.parse(raw, "x"), 0
+    whole, found = index.parse_index(raw, "x"), 0
     for bit in range(0, 8 * len(raw), 5):
         flipped = bytearray(raw)
         flipped[bit // 8] ^= 1 << bit % 8
         try:
-            assert index.parse(bytes(flipped), "x") == whole
+            assert index.parse_index(bytes(flipped), "x") == whole
         except DataError:
             found += 1
     assert found > 0.8 * 8 * len(raw) / 5
@@ -435,8 +442,8 @@ def test_every_flipped_bit_of_an_index_is_found(tmp_path: Path) -> None:
 def test_shards_of_one_key_are_refused(tmp_path: Path) -> None:
     folder = pack(Memory(8), tmp_path, size=4)
     about = unsealed((folder / "index.json").read_text())
-    shards.write(folder / "train-000002.tar", [packed(recording(3), "png")])
-    about["splits"]["train"].append(Entry.of(folder / "train-000002.tar").to_json())
+    shards.write_shard(folder / "train-000002.tar", [packed(recording(3), "png")])
+    about["splits"]["train"].append(IndexEntry.of(folder / "train-000002.tar").to_json())
     (folder / "index.json").write_text(sealed(about))
     with pytest.raises(DataError, match=r"train-00000. ?.*hold recordings of one key"):
         touch(Shards(str(folder)))
@@ -479,7 +486,7 @@ def test_an_older_index_is_refused(tmp_path: Path) -> None:
 
 def test_what_is_opened_is_all_there_is() -> None:
     content = [recording(0)]
-    part = Opened(content, 1.0)
+    part = InMemory(content, 1.0)
     assert part.recordings == 1
     assert part.open(lambda line, count: None) is content
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tactileforge.data.frames.encoded import EncodedFrames
-from tactileforge.datasets.reading.pickles import load
+from tactileforge.datasets.reading.pickles import load_pickle
 from tactileforge.errors import DataError
 
 Make = Callable[..., Any]
@@ -16,7 +16,7 @@ Make = Callable[..., Any]
 def test_frames_of_a_pickle(tmp_path: Path, encoded: Make, levels: Make) -> None:
     path = tmp_path / "a.pkl"
     path.write_bytes(pickle.dumps([encoded(i) for i in range(5)], 4))
-    frames = EncodedFrames("a", load(path))
+    frames = EncodedFrames("a", load_pickle(path))
     assert (len(frames), frames.shape) == (5, (24, 32))
     assert levels(frames) == [0, 1, 2, 3, 4]
     assert levels(pickle.loads(pickle.dumps(frames))) == [0, 1, 2, 3, 4]

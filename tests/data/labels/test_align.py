@@ -9,7 +9,7 @@ from tactileforge.contracts import Recording
 from tactileforge.data.labels.align import Lag, estimate_lag, nearest
 from tactileforge.datasets.recordings import Recordings
 from tactileforge.errors import DataError
-from tactileforge.inspection.look import changes
+from tactileforge.inspection.frame_stats import changes
 
 CONFIG = Path(__file__).parents[3] / "conf/data/public_samples.yaml"
 

@@ -121,7 +121,8 @@ def test_the_surface_is_mirrored_with_the_pixels(axis: int) -> None:
     mirrored = np.flip(moved, 3 - axis).copy()
     mirrored[..., axis] *= -1
     given, want = (
-        torch.from_numpy(displacement.encode(field)).movedim(-1, 2) for field in (moved, mirrored)
+        torch.from_numpy(displacement.encode_displacement(field)).movedim(-1, 2)
+        for field in (moved, mirrored)
     )
     frames = torch.zeros(1, 4, 3, 8, 8, dtype=torch.uint8)
     chances = [0.0, 0.0]

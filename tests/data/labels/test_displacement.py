@@ -16,7 +16,7 @@ MOVED = arrays(np.float32, (5, 6, 3), elements=st.floats(-0.5, 0.5, width=32))
 
 @given(MOVED)
 def test_decode_is_within_half_a_level_of_what_was_encoded(moved: np.ndarray) -> None:
-    found = displacement.decode(displacement.encode(moved))
+    found = displacement.decode_displacement(displacement.encode_displacement(moved))
     # half a level of the root r is 1/254 of it: 2 r / 254 of the range, and (1/254)**2 at 0
     share = np.sqrt(np.abs(moved) / displacement.RANGE_MM)
     bound = np.asarray(displacement.RANGE_MM) * (2 * share + 1 / 254) / 254
@@ -24,7 +24,7 @@ def test_decode_is_within_half_a_level_of_what_was_encoded(moved: np.ndarray) ->
 
 
 def test_encode_clips_at_the_range() -> None:
-    image = displacement.encode(np.array([[9.0, -9.0, 0.0]], np.float32))
+    image = displacement.encode_displacement(np.array([[9.0, -9.0, 0.0]], np.float32))
     assert image.tolist() == [[255, 1, 128]]
 
 
@@ -34,11 +34,12 @@ def test_mirrored_is_the_image_of_the_mirrored_displacement(axis: int) -> None:
     turned = np.flip(moved, 1 - axis).copy()
     turned[..., axis] *= -1
     given, want = (
-        torch.from_numpy(displacement.encode(field)).movedim(-1, 0) for field in (moved, turned)
+        torch.from_numpy(displacement.encode_displacement(field)).movedim(-1, 0)
+        for field in (moved, turned)
     )
-    assert torch.equal(displacement.mirrored(given, axis), want)
+    assert torch.equal(displacement.mirror_displacement(given, axis), want)
 
 
 def test_cells_keep_the_aspect() -> None:
-    assert displacement.cells(240, 320) == (32, 43)
-    assert displacement.cells(320, 240) == (43, 32)
+    assert displacement.grid_shape(240, 320) == (32, 43)
+    assert displacement.grid_shape(320, 240) == (43, 32)

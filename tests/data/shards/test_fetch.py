@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from tactileforge.data.shards import shards
-from tactileforge.data.shards.fetch import Folder
-from tactileforge.data.shards.index import Entry, Index
+from tactileforge.data.shards.fetch import ShardFolder
+from tactileforge.data.shards.index import Index, IndexEntry
 from tactileforge.datasets.shards import Shards
 from tactileforge.errors import DataError
 
@@ -37,7 +37,7 @@ def packed(tmp_path: Path) -> Path:
     folder = tmp_path / "packed"
     entries = []
     for number in range(3):
-        picture = shards.encode(np.full((8, 8, 3), number, np.uint8), "png")
+        picture = shards.encode_image(np.full((8, 8, 3), number, np.uint8), "png")
         about = {
             "version": shards.VERSION,
             "key": f"r{number}",
@@ -55,8 +55,8 @@ def packed(tmp_path: Path) -> Path:
             "licence": "CC0-1.0",
         }
         path = folder / f"train-{number:06d}.tar"
-        shards.write(path, [shards.Packed(about, "png", [picture] * 2, [], [])])
-        entries.append(Entry.of(path))
+        shards.write_shard(path, [shards.Packed(about, "png", [picture] * 2, [], [])])
+        entries.append(IndexEntry.of(path))
     Index("three", {"train": entries, "val": []}).save(folder)
     return folder
 
@@ -131,7 +131,7 @@ def test_what_cannot_be_reached_is_named(tmp_path: Path) -> None:
 
 def test_a_command_is_never_run(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="a command is never run to get data"):
-        Folder(f"pipe:touch {tmp_path}/ran", tmp_path)
+        ShardFolder(f"pipe:touch {tmp_path}/ran", tmp_path)
     assert not list(tmp_path.iterdir())
 
 

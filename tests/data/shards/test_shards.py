@@ -50,21 +50,21 @@ def touch() -> Recording:
 def packed(recording: Recording, codec: str = "png") -> shards.Packed:
     def encoded(frames: object) -> list[bytes]:
         assert isinstance(frames, ArrayFrames)
-        return [shards.encode(picture, codec) for picture in frames.array]
+        return [shards.encode_image(picture, codec) for picture in frames.array]
 
     return shards.Packed(
-        shards.head(recording),
+        shards.describe_recording(recording),
         codec,
         encoded(recording.frames),
         encoded(recording.no_contact),
         encoded(recording.image),
-        [shards.encode(image, "png") for image in recording.surface.array],
+        [shards.encode_image(image, "png") for image in recording.surface.array],
     )
 
 
 def test_a_recording_comes_back_as_it_went(touch: Recording, tmp_path: Path) -> None:
-    shards.write(tmp_path / "a.tar", [packed(touch), packed(touch, "webp")])
-    first, second = shards.read(tmp_path / "a.tar")
+    shards.write_shard(tmp_path / "a.tar", [packed(touch), packed(touch, "webp")])
+    first, second = shards.read_shard(tmp_path / "a.tar")
     for back in (first, second):
         for name in ("key", "sensor", "object", "text", "labels", "source", "tier", "licence"):
             assert getattr(back, name) == getattr(touch, name)
@@ -85,15 +85,17 @@ def test_what_a_recording_lacks_stays_lacking(touch: Recording, tmp_path: Path) 
         key="bare", sensor="digit", frames=touch.frames, times=touch.times, no_contact=None
     )
     assert isinstance(touch.frames, ArrayFrames)
-    frames = [shards.encode(picture) for picture in touch.frames.array]
-    shards.write(tmp_path / "a.tar", [shards.Packed(shards.head(bare), "jpg", frames, [], [])])
-    (back,) = shards.read(tmp_path / "a.tar")
+    frames = [shards.encode_image(picture) for picture in touch.frames.array]
+    shards.write_shard(
+        tmp_path / "a.tar", [shards.Packed(shards.describe_recording(bare), "jpg", frames, [], [])]
+    )
+    (back,) = shards.read_shard(tmp_path / "a.tar")
     missing = (back.no_contact, back.force, back.action, back.object, back.text, back.image)
     assert (*missing, back.surface) == (None,) * 7
 
 
 def test_any_tool_reads_it(touch: Recording, tmp_path: Path) -> None:
-    shards.write(tmp_path / "a.tar", [packed(touch)])
+    shards.write_shard(tmp_path / "a.tar", [packed(touch)])
     with tarfile.open(tmp_path / "a.tar") as tar:
         names = tar.getnames()
     assert names == [
@@ -126,13 +128,13 @@ def test_what_is_not_known_is_null(touch: Recording, tmp_path: Path, dtype: str)
     some = replace(
         touch, tracks={"pose": values, "whole": values[:1].repeat(5, 0)}, labels={"mass": math.nan}
     )
-    shards.write(tmp_path / "a.tar", [packed(some)])
+    shards.write_shard(tmp_path / "a.tar", [packed(some)])
     about = _strict(tmp_path / "a.tar")
     rows = about["tracks"]["pose"]["values"]
     assert rows[1] == [[float(values[1, 0, 0]), None], values[1, 1].tolist()]
     assert rows[3] == [[None, None], [None, None]]
     assert (about["force"][2], about["labels"]) == (None, {"mass": None})
-    (back,) = shards.read(tmp_path / "a.tar")
+    (back,) = shards.read_shard(tmp_path / "a.tar")
     np.testing.assert_array_equal(back.tracks["pose"], values)
     assert back.tracks["pose"].dtype == dtype
     assert math.isnan(float(back.labels["mass"]))
@@ -141,7 +143,7 @@ def test_what_is_not_known_is_null(touch: Recording, tmp_path: Path, dtype: str)
 
 def test_a_shard_written_with_nan_is_still_read(touch: Recording, tmp_path: Path) -> None:
     values = np.array([0.0, np.nan, 2.0, 3.0, 4.0])
-    shards.write(tmp_path / "a.tar", [packed(replace(touch, tracks={"slip": values}))])
+    shards.write_shard(tmp_path / "a.tar", [packed(replace(touch, tracks={"slip": values}))])
     about = _strict(tmp_path / "a.tar")
     about["tracks"]["slip"]["values"] = values.tolist()
     stated = {key: value for key, value in about.items() if key != "crc32"}
@@ -160,20 +162,20 @@ def test_infinity_is_an_error(touch: Recording, tmp_path: Path, what: str) -> No
         "track": {"tracks": {"slip": endless}},
     }
     with pytest.raises(DataError, match=r"cups/7.press.*: .* a number that no JSON has"):
-        shards.write(tmp_path / "a.tar", [packed(replace(touch, **changed[what]))])
+        shards.write_shard(tmp_path / "a.tar", [packed(replace(touch, **changed[what]))])
     assert list(tmp_path.iterdir()) == []
 
 
 def test_the_same_content_gives_the_same_bytes(touch: Recording, tmp_path: Path) -> None:
     for name in ("a.tar", "b.tar"):
-        shards.write(tmp_path / name, [packed(touch)])
+        shards.write_shard(tmp_path / name, [packed(touch)])
     assert (tmp_path / "a.tar").read_bytes() == (tmp_path / "b.tar").read_bytes()
 
 
 def test_webdataset_reads_it(touch: Recording, tmp_path: Path) -> None:
     from webdataset.tariterators import group_by_keys, tar_file_iterator
 
-    shards.write(tmp_path / "a.tar", [packed(touch)])
+    shards.write_shard(tmp_path / "a.tar", [packed(touch)])
     with (tmp_path / "a.tar").open("rb") as stream:
         members = [{**m, "__url__": "a"} for m in tar_file_iterator(stream)]
     (sample,) = group_by_keys(members)
@@ -184,13 +186,13 @@ def test_webdataset_reads_it(touch: Recording, tmp_path: Path) -> None:
 def test_jpeg_of_quality_95_is_close() -> None:
     y, x = np.mgrid[:64, :64]
     picture = np.stack([x * 4, y * 4, 255 - x * 2 - y * 2], -1).clip(0, 255).astype(np.uint8)
-    raw = shards.encode(picture, "jpg")
+    raw = shards.encode_image(picture, "jpg")
     assert raw[:2] == b"\xff\xd8"
     from tactileforge.data.frames.encoded import EncodedFrames
 
     back = EncodedFrames("x", [raw]).read([0])[0]
     assert np.abs(back.astype(int) - picture).mean() < 2
-    assert len(shards.encode(picture, "jpg", 50)) < len(raw)
+    assert len(shards.encode_image(picture, "jpg", 50)) < len(raw)
 
 
 def test_a_stopped_write_leaves_no_shard(touch: Recording, tmp_path: Path) -> None:
@@ -199,20 +201,20 @@ def test_a_stopped_write_leaves_no_shard(touch: Recording, tmp_path: Path) -> No
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        shards.write(tmp_path / "a.tar", broken())
+        shards.write_shard(tmp_path / "a.tar", broken())
     assert list(tmp_path.iterdir()) == []
 
 
 def _three(touch: Recording, path: Path) -> list[Recording]:
     """A shard of three recordings, called 0, 1, 2."""
     touches = [replace(touch, key=str(number)) for number in range(3)]
-    shards.write(path, [packed(one) for one in touches])
+    shards.write_shard(path, [packed(one) for one in touches])
     return touches
 
 
 def _kept(path: Path) -> tuple[list[str], list[str]]:
     said: list[str] = []
-    kept = [one.key for one in shards.read(path, lambda error: said.append(str(error)))]
+    kept = [one.key for one in shards.read_shard(path, lambda error: said.append(str(error)))]
     return kept, said
 
 
@@ -222,7 +224,7 @@ def test_of_a_shard_that_is_cut_off_the_whole_recordings_are_kept(
     path = tmp_path / "a.tar"
     _three(touch, path)
     whole = path.read_bytes()
-    *_, last = shards.read(path)
+    *_, last = shards.read_shard(path)
     assert isinstance(last.frames, shards.PackedFrames)
     for size in (int(last.frames.starts[-1]) + 512, int(last.frames.starts[0])):
         path.write_bytes(whole[:size])
@@ -230,18 +232,18 @@ def test_of_a_shard_that_is_cut_off_the_whole_recordings_are_kept(
         assert kept == ["0", "1"]
         assert said == [f"{path}: cut off at byte {size}; download or pack it again"]
     with pytest.raises(DataError, match="cut off"):
-        list(shards.read(path))
+        list(shards.read_shard(path))
 
 
 def test_a_flipped_byte_is_found_where_it_lies(touch: Recording, tmp_path: Path) -> None:
     path = tmp_path / "a.tar"
     _three(touch, path)
-    _, second, _ = shards.read(path)
+    _, second, _ = shards.read_shard(path)
     assert isinstance(second.frames, shards.PackedFrames)
     raw = bytearray(path.read_bytes())
     raw[int(second.frames.starts[3]) + 512 + 100] ^= 1
     path.write_bytes(raw)
-    first, second, third = shards.read(path)
+    first, second, third = shards.read_shard(path)
     with pytest.raises(DataError, match=r"000001\.0003\.png of .*a\.tar:1 is damaged"):
         second.frames.read([3])
     for good in (first.frames.read([3]), third.frames.read([3]), second.frames.read([2])):
@@ -270,7 +272,7 @@ def test_a_picture_that_is_not_there_is_named(touch: Recording, tmp_path: Path) 
         for member in tar:
             if member.name != "000001.background.0001.png":
                 out.addfile(member, tar.extractfile(member))
-    found = {one.key: one for one in shards.read(other, lambda error: None)}
+    found = {one.key: one for one in shards.read_shard(other, lambda error: None)}
     background = found["1"].no_contact
     assert background is not None
     with pytest.raises(DataError, match=r"000001\.background\.0001\.png of .* is not there"):
@@ -281,13 +283,13 @@ def test_what_is_no_shard_is_named(touch: Recording, tmp_path: Path) -> None:
     path = tmp_path / "a.tar"
     path.write_bytes(b"no tar at all" * 100)
     with pytest.raises(DataError, match=r"a\.tar: no tar at byte 0"):
-        list(shards.read(path))
+        list(shards.read_shard(path))
     with pytest.raises(DataError, match=r"gone\.tar: cannot be read"):
-        list(shards.read(tmp_path / "gone.tar"))
+        list(shards.read_shard(tmp_path / "gone.tar"))
     with tarfile.open(path, "w") as tar:
         tar.addfile(tarfile.TarInfo("../../outside.json"))
     with pytest.raises(DataError, match=r"called '\.\./\.\./outside\.json'"):
-        list(shards.read(path))
+        list(shards.read_shard(path))
 
 
 @pytest.mark.parametrize(
@@ -311,9 +313,9 @@ def test_wrong_descriptions_are_named(
     path = tmp_path / "a.tar"
     wrong = packed(touch)
     wrong.head.update(change)
-    shards.write(path, [wrong])
+    shards.write_shard(path, [wrong])
     with pytest.raises(DataError, match=message):
-        list(shards.read(path))
+        list(shards.read_shard(path))
 
 
 def test_a_picture_of_a_thousand_million_pixels_is_refused(
@@ -326,14 +328,14 @@ def test_a_picture_of_a_thousand_million_pixels_is_refused(
     bomb = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + b"IHDR" + head
     bomb += struct.pack(">I", zlib.crc32(b"IHDR" + head))
     frames = replace(packed(touch), frames=[bomb] * 5)
-    monkeypatch.setattr(shards, "size_of", lambda picture: (side, side))
-    shards.write(path, [frames])
+    monkeypatch.setattr(shards, "image_size", lambda picture: (side, side))
+    shards.write_shard(path, [frames])
     with pytest.raises(DataError, match="31623 x 31623 pixels"):
-        list(shards.read(path))
-    monkeypatch.setattr(shards, "size_of", lambda picture: (24, 32))
-    shards.write(path, [frames])
+        list(shards.read_shard(path))
+    monkeypatch.setattr(shards, "image_size", lambda picture: (24, 32))
+    shards.write_shard(path, [frames])
     monkeypatch.undo()
-    (back,) = shards.read(path)
+    (back,) = shards.read_shard(path)
     with pytest.raises(DataError, match="frames 0"):
         back.frames.read([0])
 
@@ -341,9 +343,9 @@ def test_a_picture_of_a_thousand_million_pixels_is_refused(
 def test_impossible_codecs_are_named() -> None:
     picture = np.zeros((8, 8, 3), np.uint8)
     with pytest.raises(ConfigError, match="unknown codec 'jpeg'; did you mean 'jpg'"):
-        shards.encode(picture, "jpeg")
+        shards.encode_image(picture, "jpeg")
     with pytest.raises(ConfigError, match="quality=95: only jpg has one"):
-        shards.encode(picture, "png", 95)
+        shards.encode_image(picture, "png", 95)
 
 
 def tar_of(*members: tuple[bytes, bytes, bytes]) -> bytes:
@@ -359,7 +361,7 @@ def tar_of(*members: tuple[bytes, bytes, bytes]) -> bytes:
 
 def described(touch: Recording, **change: Any) -> bytes:
     """A description, its checksum right, of which something is changed."""
-    about = shards.head(touch) | {"codec": "png"}
+    about = shards.describe_recording(touch) | {"codec": "png"}
     about["pictures"] = {"frames": {"shape": [24, 32], "bytes": [9] * 5, "crc32": [0] * 5}}
     for key, value in change.items():
         place, _, last = key.rpartition("__")
@@ -385,7 +387,7 @@ def test_a_size_that_is_none_ends_in_an_error(tmp_path: Path, size: bytes) -> No
             path = tmp_path / "a.tar"
             path.write_bytes(tar_of(*before, (name, size, b"{}")))
             with pytest.raises(DataError, match=r"a\.tar"):
-                list(shards.read(path))
+                list(shards.read_shard(path))
             with pytest.raises(DataError, match=r"a\.tar"):
                 list(shards.members(path))
 
@@ -420,7 +422,7 @@ def test_a_description_that_lies_is_an_error(
     path = tmp_path / "a.tar"
     path.write_bytes(tar_of((b"000000.json", b"%011o" % len(text), text)))
     with pytest.raises(DataError, match=r"a\.tar"):
-        list(shards.read(path))
+        list(shards.read_shard(path))
 
 
 def test_brackets_without_end_are_an_error(tmp_path: Path) -> None:
@@ -431,4 +433,4 @@ def test_brackets_without_end_are_an_error(tmp_path: Path) -> None:
     ):
         path.write_bytes(tar_of((b"000000.json", b"%011o" % len(text), text)))
         with pytest.raises(DataError, match=r"no description of a recording|damaged"):
-            list(shards.read(path))
+            list(shards.read_shard(path))

@@ -2,27 +2,27 @@ from typing import Any
 
 import pytest
 
-from tactileforge.datasets.reading.layout import Background, FrameTable, Tile, parse
+from tactileforge.datasets.reading.layout import BackgroundRule, FrameTable, Tile, parse_layout
 from tactileforge.errors import ConfigError
 
 VIDEO = {"videos": "*.mp4", "sensor": "digit", "background": {"first": 3}}
 
 
 def test_the_smallest_layout() -> None:
-    layout = parse("cups", VIDEO)
+    layout = parse_layout("cups", VIDEO)
     assert (layout.name, layout.path, layout.globs, layout.each) == (
         "cups",
         ".",
         ("*.mp4",),
         "video",
     )
-    assert layout.background == Background(None, 3, 0, False)
+    assert layout.background == BackgroundRule(None, 3, 0, False)
     assert layout.force is layout.action is layout.object is layout.image is None
     assert (layout.split, layout.tier, layout.provides) == ("recording", 5, frozenset())
 
 
 def test_everything_that_it_provides() -> None:
-    layout = parse(
+    layout = parse_layout(
         "all",
         VIDEO
         | {
@@ -40,7 +40,7 @@ def test_everything_that_it_provides() -> None:
 
 def test_crops_have_sensors_of_their_own() -> None:
     crops = {"l": {"box": [0, 0, 8, 9], "sensor": "gelsight"}, "r": {"box": [8, 0, 8, 9]}}
-    layout = parse("grid", VIDEO | {"crops": crops})
+    layout = parse_layout("grid", VIDEO | {"crops": crops})
     assert layout.crops == {
         "l": Tile((0, 0, 8, 9), "gelsight"),
         "r": Tile((8, 0, 8, 9), "digit"),
@@ -51,15 +51,15 @@ def test_crops_have_sensors_of_their_own() -> None:
     ("value", "want"),
     [
         ("none", None),
-        ({"first": 2}, Background(None, 2, 0, False)),
-        ({"last": 2}, Background(None, 0, 2, False)),
-        ({"median": True}, Background(None, 0, 0, True)),
-        ({"file": "b.png"}, Background("b.png", 0, 0, False)),
-        ({"file": "b.mp4", "last": 4}, Background("b.mp4", 0, 4, False)),
+        ({"first": 2}, BackgroundRule(None, 2, 0, False)),
+        ({"last": 2}, BackgroundRule(None, 0, 2, False)),
+        ({"median": True}, BackgroundRule(None, 0, 0, True)),
+        ({"file": "b.png"}, BackgroundRule("b.png", 0, 0, False)),
+        ({"file": "b.mp4", "last": 4}, BackgroundRule("b.mp4", 0, 4, False)),
     ],
 )
-def test_backgrounds(value: Any, want: Background | None) -> None:
-    assert parse("x", VIDEO | {"background": value}).background == want
+def test_backgrounds(value: Any, want: BackgroundRule | None) -> None:
+    assert parse_layout("x", VIDEO | {"background": value}).background == want
 
 
 FORCE = {"file": "f.csv", "columns": ["x", "y", "z"]}
@@ -113,7 +113,7 @@ FORCE = {"file": "f.csv", "columns": ["x", "y", "z"]}
 )
 def test_what_is_wrong_is_named(change: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
-        parse("x", VIDEO | change)
+        parse_layout("x", VIDEO | change)
 
 
 @pytest.mark.parametrize(
@@ -126,9 +126,9 @@ def test_what_is_wrong_is_named(change: dict[str, Any], message: str) -> None:
 )
 def test_images_say_what_each_is(change: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
-        parse("x", {"images": "*.png", "sensor": "digit", "background": "none"} | change)
+        parse_layout("x", {"images": "*.png", "sensor": "digit", "background": "none"} | change)
 
 
 def test_a_layout_is_a_mapping() -> None:
     with pytest.raises(ConfigError, match="layout 'x': a mapping belongs here, not 'videos'"):
-        parse("x", "videos")
+        parse_layout("x", "videos")

@@ -4,19 +4,21 @@ from tactileforge.datasets.reading.official import (
     SLIP_SPLITS,
     TOUCHD_BENCH,
     TOUCHD_PRETRAIN,
-    Split,
+    OfficialSplit,
 )
 
 
 def test_sides() -> None:
-    rest = Split("a", "", "object", train=None, test=frozenset({"cup"}), val=frozenset({"pen"}))
+    rest = OfficialSplit(
+        "a", "", "object", train=None, test=frozenset({"cup"}), val=frozenset({"pen"})
+    )
     assert [rest.side({"object": name}) for name in ("cup", "pen", "mug")] == [
         "test",
         "val",
         "train",
     ]
     assert rest.side({}) == "train"
-    some = Split("b", "", "object", train=frozenset({"mug"}))
+    some = OfficialSplit("b", "", "object", train=frozenset({"mug"}))
     assert [some.side({"object": name}) for name in ("mug", "cup")] == ["train", None]
     assert ALL.side({"object": "cup"}) == "train"
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tactileforge.data.frames.encoded import Blob
-from tactileforge.datasets.reading.pickles import load
+from tactileforge.datasets.reading.pickles import load_pickle
 from tactileforge.errors import DataError, DataNotFoundError
 
 PROTOCOLS = range(2, pickle.HIGHEST_PROTOCOL + 1)
@@ -38,14 +38,14 @@ def dump(path: Path, value: Any, protocol: int = 4) -> Path:
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 def test_plain_data(tmp_path: Path, protocol: int) -> None:
-    assert load(dump(tmp_path / "a.pkl", PLAIN, protocol)) == PLAIN
-    same = load(tmp_path / "a.pkl")["same"]
+    assert load_pickle(dump(tmp_path / "a.pkl", PLAIN, protocol)) == PLAIN
+    same = load_pickle(tmp_path / "a.pkl")["same"]
     assert same[0] is same[1]
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 def test_arrays(tmp_path: Path, protocol: int) -> None:
-    found = load(dump(tmp_path / "a.pkl", [*ARRAYS, ARRAYS[0], np.float64(2.5)], protocol))
+    found = load_pickle(dump(tmp_path / "a.pkl", [*ARRAYS, ARRAYS[0], np.float64(2.5)], protocol))
     for got, want in zip(found, [*ARRAYS, ARRAYS[0], np.float64(2.5)], strict=True):
         assert got.dtype == want.dtype
         np.testing.assert_array_equal(got, want)
@@ -55,7 +55,9 @@ def test_arrays(tmp_path: Path, protocol: int) -> None:
 @pytest.mark.parametrize("protocol", range(3, pickle.HIGHEST_PROTOCOL + 1))
 def test_long_bytes_stay_in_the_file(tmp_path: Path, protocol: int) -> None:
     texts = [bytes([i]) * size for i, size in enumerate((10, 255, 256, 70_000, 300))]
-    found = load(dump(tmp_path / "a.pkl", {"images": [*texts, texts[3]]}, protocol))["images"]
+    found = load_pickle(dump(tmp_path / "a.pkl", {"images": [*texts, texts[3]]}, protocol))[
+        "images"
+    ]
     assert [type(one) for one in found] == [bytes, bytes, Blob, Blob, Blob, Blob]
     assert [one.read() if isinstance(one, Blob) else one for one in found] == [*texts, texts[3]]
 
@@ -81,7 +83,7 @@ def test_nothing_is_executed(tmp_path: Path, protocol: int) -> None:
     ):
         path = dump(tmp_path / "bad.pkl", [b"image", Malicious(call, *arguments)], protocol)
         with pytest.raises(DataError, match=r"bad\.pkl: not read: it asks for .*nothing in the"):
-            load(path)
+            load_pickle(path)
         assert not proof.exists()
     dump(tmp_path / "bad.pkl", Malicious(os.mkdir, str(proof)), protocol)
     pickle.loads((tmp_path / "bad.pkl").read_bytes())
@@ -105,7 +107,7 @@ def test_nothing_is_executed(tmp_path: Path, protocol: int) -> None:
 def test_instructions_outside_the_list(tmp_path: Path, code: bytes, what: str) -> None:
     (tmp_path / "bad.pkl").write_bytes(code)
     with pytest.raises(DataError, match=rf"bad\.pkl: not read: {what}"):
-        load(tmp_path / "bad.pkl")
+        load_pickle(tmp_path / "bad.pkl")
 
 
 def test_damage_is_named(tmp_path: Path) -> None:
@@ -113,18 +115,18 @@ def test_damage_is_named(tmp_path: Path) -> None:
     for length in range(0, len(whole) - 1, 7):
         (tmp_path / "cut.pkl").write_bytes(whole[:length])
         with pytest.raises(DataError, match=r"cut\.pkl"):
-            load(tmp_path / "cut.pkl")
+            load_pickle(tmp_path / "cut.pkl")
     for junk in (b"no pickle", b"\x80\x04K\x01K\x02.", b"\x80\x04h\x09.", b"\x80\x04]\x85K\x01s."):
         (tmp_path / "cut.pkl").write_bytes(junk)
         with pytest.raises(DataError, match=r"cut\.pkl: not a pickle, or damaged"):
-            load(tmp_path / "cut.pkl")
+            load_pickle(tmp_path / "cut.pkl")
     with pytest.raises(DataNotFoundError, match=r"gone\.pkl"):
-        load(tmp_path / "gone.pkl")
+        load_pickle(tmp_path / "gone.pkl")
 
 
 def test_a_file_that_shrinks_afterwards(tmp_path: Path) -> None:
     path = dump(tmp_path / "a.pkl", [b"x" * 400])
-    (blob,) = load(path)
+    (blob,) = load_pickle(path)
     path.write_bytes(b"short")
     with pytest.raises(DataError, match="has become shorter"):
         blob.read()
@@ -143,7 +145,7 @@ def test_tuples_nested_without_end_are_an_error(tmp_path: Path, make: bytes, use
     path = tmp_path / "a.pkl"
     path.write_bytes(b"\x80\x04" + start + nested + (b"N" + use if use else b"") + b".")
     with pytest.raises(DataError, match="values nested too deep"):
-        load(path)
+        load_pickle(path)
 
 
 def test_a_type_of_something_nested_is_an_error(tmp_path: Path) -> None:
@@ -152,4 +154,4 @@ def test_a_type_of_something_nested_is_an_error(tmp_path: Path) -> None:
             return np.dtype, ([("a", [("b", "f8")])],)
 
     with pytest.raises(DataError, match="an array of no type"):
-        load(dump(tmp_path / "a.pkl", Typed()))
+        load_pickle(dump(tmp_path / "a.pkl", Typed()))

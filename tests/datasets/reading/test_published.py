@@ -12,12 +12,12 @@ import pytest
 
 from tactileforge.contracts import Dataset
 from tactileforge.datasets.reading.published import (
-    Numbered,
-    Published,
-    median,
-    runs,
-    seconds,
-    still,
+    NumberedImages,
+    PublishedDataset,
+    frame_times,
+    label_runs,
+    median_frames,
+    still_background,
 )
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.sensors.specs import SPECS
@@ -27,12 +27,12 @@ ROOT = Path(__file__).parents[3]
 ENTRIES = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"]
 
 
-def _readers() -> dict[str, type[Published]]:
+def _readers() -> dict[str, type[PublishedDataset]]:
     found = {}
     for name, target in ENTRIES["tactileforge.datasets"].items():
         module, _, attribute = target.partition(":")
         reader = getattr(import_module(module), attribute)
-        if inspect.isclass(reader) and issubclass(reader, Published):
+        if inspect.isclass(reader) and issubclass(reader, PublishedDataset):
             found[name] = reader
     return found
 
@@ -48,7 +48,7 @@ def test_all_of_them_are_registered() -> None:
 
 
 @each_reader
-def test_facts(name: str, reader: type[Published]) -> None:
+def test_facts(name: str, reader: type[PublishedDataset]) -> None:
     assert reader.name == name
     assert set(reader.sensors) <= set(SPECS)
     assert 1 <= reader.tier <= 5
@@ -59,7 +59,7 @@ def test_facts(name: str, reader: type[Published]) -> None:
 
 
 @each_reader
-def test_missing_data(name: str, reader: type[Published], tmp_path: Path) -> None:
+def test_missing_data(name: str, reader: type[PublishedDataset], tmp_path: Path) -> None:
     with pytest.raises(DataNotFoundError) as caught:
         list(reader(str(tmp_path)).recordings("train"))
     for part in (name, str(tmp_path), reader.url, "data.root", reader.tree):
@@ -69,7 +69,7 @@ def test_missing_data(name: str, reader: type[Published], tmp_path: Path) -> Non
 
 
 @each_reader
-def test_bad_arguments(name: str, reader: type[Published]) -> None:
+def test_bad_arguments(name: str, reader: type[PublishedDataset]) -> None:
     with pytest.raises(ConfigError, match=f"{name}: unknown split 'al'.*Known: .*all"):
         reader(split="al")
     with pytest.raises(ConfigError, match=f"{name}: val is 1"):
@@ -79,7 +79,7 @@ def test_bad_arguments(name: str, reader: type[Published]) -> None:
 
 
 @each_reader
-def test_the_page_lists_it(name: str, reader: type[Published]) -> None:
+def test_the_page_lists_it(name: str, reader: type[PublishedDataset]) -> None:
     page = (ROOT / "docs/datasets.md").read_text()
     assert page.count(f"{reader.row()}\n") == 1, f"docs/datasets.md needs the line\n{reader.row()}"
 
@@ -89,26 +89,26 @@ def test_numbered(make_images: Make, tmp_path: Path, write: Make, levels: Make) 
     make_images("a/mask{}.jpg", (30,))
     write("a/._frame0003.jpg", "")
     write("a/frame0004.txt", "")
-    files = Numbered(tmp_path / "a", r"frame\d+")
+    files = NumberedImages(tmp_path / "a", r"frame\d+")
     assert list(files.files) == [2, 9, 10]
     assert levels(files.frames()) == [2, 9, 10]
     assert levels(files.nearest([0, 5, 6, 10, 99])) == [2, 2, 9, 10, 10]
-    assert list(Numbered(tmp_path / "a").files) == [2, 9, 10, 30]
-    assert levels(Numbered(tmp_path / "a", r"mask\d+").nearest([1, 40])) == [30, 30]
-    none = Numbered(tmp_path / "gone")
+    assert list(NumberedImages(tmp_path / "a").files) == [2, 9, 10, 30]
+    assert levels(NumberedImages(tmp_path / "a", r"mask\d+").nearest([1, 40])) == [30, 30]
+    none = NumberedImages(tmp_path / "gone")
     assert none.nearest([1]) is None
     with pytest.raises(DataError, match="gone: no image"):
         none.frames()
 
 
 def test_helpers(make_images: Make, tmp_path: Path, levels: Make) -> None:
-    assert list(runs([3, 4, 6, 7, 8], "aaaab")) == [slice(0, 2), slice(2, 4), slice(4, 5)]
-    assert list(runs([], [])) == []
-    np.testing.assert_allclose(seconds([4, 5, 8], 2), [0, 0.5, 2])
+    assert list(label_runs([3, 4, 6, 7, 8], "aaaab")) == [slice(0, 2), slice(2, 4), slice(4, 5)]
+    assert list(label_runs([], [])) == []
+    np.testing.assert_allclose(frame_times([4, 5, 8], 2), [0, 0.5, 2])
     make_images("{}.png", range(33))
-    frames = Numbered(tmp_path).frames()
-    assert levels(median(frames))[::7] == [0, 16, 32]
-    assert still(tmp_path / "gone.png", frames) is None
+    frames = NumberedImages(tmp_path).frames()
+    assert levels(median_frames(frames))[::7] == [0, 16, 32]
+    assert still_background(tmp_path / "gone.png", frames) is None
     (tmp_path / "bad.png").write_bytes(b"")
     with pytest.raises(DataError, match=r"bad\.png: not a readable image"):
-        still(tmp_path / "bad.png", frames)
+        still_background(tmp_path / "bad.png", frames)

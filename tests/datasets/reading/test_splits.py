@@ -7,7 +7,7 @@ import pytest
 
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
-from tactileforge.datasets.reading.splits import is_held_out, parts
+from tactileforge.datasets.reading.splits import is_held_out, split_parts
 from tactileforge.datasets.recordings import Recordings
 from tactileforge.errors import DataError
 
@@ -92,8 +92,8 @@ def frames_of(found: list[Recording]) -> list[int]:
 @pytest.mark.parametrize("count", [1, 4, 60, 250])
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.3])
 def test_by_time_no_frame_is_shared_or_lost(count: int, share: float) -> None:
-    train = list(parts(whole(count), share, "train"))
-    val = list(parts(whole(count), share, "val"))
+    train = list(split_parts(whole(count), share, "train"))
+    val = list(split_parts(whole(count), share, "val"))
     assert sorted(frames_of(train) + frames_of(val)) == list(range(count))
     np.testing.assert_allclose(len(frames_of(val)), share * count, atol=1 + 0.02 * count)
     assert len({one.key for one in train + val}) == len(train + val)
@@ -104,7 +104,7 @@ def test_by_time_no_frame_is_shared_or_lost(count: int, share: float) -> None:
 
 
 def test_by_time_blocks_are_spread_evenly() -> None:
-    val = list(parts(whole(250), 0.3, "val"))
+    val = list(split_parts(whole(250), 0.3, "val"))
     starts = [float(one.times[0]) for one in val]
     assert len(val) == 5
     assert np.ptp(np.diff(starts)) < 0.04

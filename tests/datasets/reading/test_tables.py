@@ -5,8 +5,14 @@ import numpy as np
 import pytest
 
 from tactileforge.contracts import ACTIONS
-from tactileforge.datasets.reading.layout import FrameTable, Layout, parse
-from tactileforge.datasets.reading.tables import Row, read_actions, read_force, read_labels, row_of
+from tactileforge.datasets.reading.layout import DatasetLayout, FrameTable, parse_layout
+from tactileforge.datasets.reading.tables import (
+    LabelRow,
+    label_row,
+    read_actions,
+    read_force,
+    read_labels,
+)
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 
 Write = Callable[[str, str], Path]
@@ -14,9 +20,9 @@ TIMES = np.arange(5) / 10
 FORCE = FrameTable("f.csv", "frame", ("fx", "fy", "fz"))
 
 
-def layout(**more: object) -> Layout:
+def layout(**more: object) -> DatasetLayout:
     given = {"videos": "*.mp4", "sensor": "digit", "background": "none"}
-    return parse("x", given | {"labels": {"file": "labels.csv"}} | more)
+    return parse_layout("x", given | {"labels": {"file": "labels.csv"}} | more)
 
 
 def test_labels_by_file_with_words(tmp_path: Path, write: Write) -> None:
@@ -27,7 +33,7 @@ def test_labels_by_file_with_words(tmp_path: Path, write: Write) -> None:
     assert rows["a.mp4"].fill("a {kind}, {action}", spaced=True) == "a red cup, {action}"
     assert rows["sub/b.mp4"].fill("a {hard} thing") is None, "an empty cell says nothing"
     assert rows["sub/b.mp4"].fill("{stem} {folder} {file}") == "b sub sub/b.mp4"
-    other = row_of("c.mp4", rows)
+    other = label_row("c.mp4", rows)
     assert (other.fill("{kind}"), other.fill("{stem}")) == (None, "c")
 
 
@@ -56,7 +62,7 @@ def test_errors_of_labels_name_the_row(tmp_path: Path, write: Write) -> None:
 
 def test_a_template_with_an_unknown_column() -> None:
     with pytest.raises(ConfigError, match=r"l\.csv, row 2: unknown column 'colour'.*'color'"):
-        Row("l.csv, row 2", {}, {"color": "red"}).fill("{colour}")
+        LabelRow("l.csv, row 2", {}, {"color": "red"}).fill("{colour}")
 
 
 def test_force_with_gaps(tmp_path: Path, write: Write) -> None:

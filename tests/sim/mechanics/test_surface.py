@@ -7,11 +7,11 @@ from torch.nn import functional as F
 
 from tactileforge.sim.geometry.shapes import shape
 from tactileforge.sim.mechanics.gel import Gel, compliance, kernel
-from tactileforge.sim.mechanics.sensor_gels import device
-from tactileforge.sim.mechanics.surface import DETAIL, Surface
-from tactileforge.sim.mechanics.touch import Contact, contacts
+from tactileforge.sim.mechanics.sensor_gels import sensor_gel
+from tactileforge.sim.mechanics.surface import DETAIL, GelSurface
+from tactileforge.sim.mechanics.touch import ContactState, contacts
 from tactileforge.sim.optics.render import Optics
-from tactileforge.sim.optics.sensor_instances import draw
+from tactileforge.sim.optics.sensor_instances import draw_instance
 from tactileforge.sim.scene import POINTS
 from tactileforge.sim.scene import SPACING as GRID
 
@@ -29,13 +29,13 @@ def tip(x: Tensor, y: Tensor) -> Tensor:
     return (x + 0.4 * y) ** 2 / 9 + (y - 0.3 * x) ** 2 / 5
 
 
-def scene(poses: Tensor, mirrored: bool = False) -> tuple[Surface, list[Contact]]:
+def scene(poses: Tensor, mirrored: bool = False) -> tuple[GelSurface, list[ContactState]]:
     flip = -1 if mirrored else 1
     coarse, fine = (
         tip(flip * x, y)[None] for x, y in (plane(N, SPACING), plane(N * DETAIL, SPACING / DETAIL))
     )
     moments = list(contacts(coarse, SPACING, [GEL], poses[None], [30.0]))
-    return Surface(fine, SPACING, GEL), moments
+    return GelSurface(fine, SPACING, GEL), moments
 
 
 def places(height: int = 120, width: int = 160, spacing: float = 0.12) -> Tensor:
@@ -74,7 +74,7 @@ def test_detail_finer_than_the_solver_shows_in_the_contact() -> None:
     fine = 6 * (torch.hypot(x, y) - 3).clamp(min=0) + ridges
     poses = torch.stack([CLEAR, pose(0, 0, 0, 0.5)])
     _, moment = contacts(flat[None], SPACING, [GEL], poses[None], [30.0])
-    surface = Surface(fine[None], SPACING, GEL)
+    surface = GelSurface(fine[None], SPACING, GEL)
     row = surface.picture(surface.fields(moment), moment, places(1, 100, 0.04))[0, 0]
     wanted = 0.5 - 0.03 * torch.cos(2 * math.pi * places(1, 100, 0.04)[0, :, 0] / 0.5)
     torch.testing.assert_close(row, wanted, rtol=0, atol=0.015)
@@ -143,20 +143,20 @@ EDGES = (
 )
 
 
-def pressed(name: str, detail: int) -> tuple[Surface | None, Contact]:
+def pressed(name: str, detail: int) -> tuple[GelSurface | None, ContactState]:
     """A press and a short slide, solved on the grid of scenes, or on one four times finer."""
     points, spacing = POINTS * detail, GRID / detail
     heights = torch.from_numpy(shape(name).map(points, spacing))[None]
     poses = torch.stack([pose(0.37, 0, 0.3, d) for d in (-0.05, 0.25, 0.5)])
-    gel = device("gelsight_mini").touched(0.5)
+    gel = sensor_gel("gelsight_mini").touched(0.5)
     *_, moment = contacts(heights, spacing, [gel], poses[None], [30.0])
     if detail > 1:
         return None, moment
     fine = torch.from_numpy(shape(name).map(points * DETAIL, spacing / DETAIL))[None]
-    return Surface(fine, spacing, gel), moment
+    return GelSurface(fine, spacing, gel), moment
 
 
-def reference(moment: Contact, there: Tensor) -> Tensor:
+def reference(moment: ContactState, there: Tensor) -> Tensor:
     """The displacement of a gel that was solved at 0.05 mm, with nothing added or smoothed."""
     n = moment.strain.shape[-1]
     layer = kernel(Gel(modulus=1.0), n, GRID / 4)
@@ -186,7 +186,7 @@ def test_pictures_of_edges_are_those_of_a_grid_four_times_finer(name: str) -> No
     _, fine = pressed(name, 4)
     assert float(coarse.force[0, 2]) == pytest.approx(float(fine.force[0, 2]), rel=0.05)
     for size in (64, 128, 240):
-        unit = draw("gelsight_mini", 0, (size, size * 4 // 3), False, randomise="none")
+        unit = draw_instance("gelsight_mini", 0, (size, size * 4 // 3), False, randomise="none")
         there = places(size, size * 4 // 3, unit.spacing)
         dents = (surface.picture(surface.fields(coarse), coarse, there), reference(fine, there))
         ours, wanted = (Optics(unit).render(dent)[0] for dent in dents)
@@ -257,7 +257,7 @@ def test_friction_holds_the_gel_under_a_press() -> None:
         *_, moment = contacts(flat[None], SPACING, [gel], poses[None], [30.0])
         fine = 6 * (torch.hypot(*plane(N * DETAIL, SPACING / DETAIL)) - 3).clamp(min=0)
         spot = torch.tensor([[[2.0, 0.0]]])
-        moved.append(float(Surface(fine[None], SPACING, gel).lateral(moment, spot)[0, 0, 0]))
+        moved.append(float(GelSurface(fine[None], SPACING, gel).lateral(moment, spot)[0, 0, 0]))
     free, held = moved
     assert free > 0.03
     assert abs(held) < 0.2 * free

@@ -10,7 +10,7 @@ from tactileforge.errors import ConfigError
 from tactileforge.sim.mechanics import contact
 from tactileforge.sim.mechanics.gel import Gel
 from tactileforge.sim.mechanics.motions import MOTIONS, Path, Speeds, atomic
-from tactileforge.sim.mechanics.touch import Contact, contacts
+from tactileforge.sim.mechanics.touch import ContactState, contacts
 
 N, SPACING = 40, 0.3
 GEL = Gel(friction=0.8)
@@ -35,14 +35,14 @@ def ball() -> Tensor:
     return 4 - torch.sqrt((16 - x**2 - y**2).clamp(min=0))
 
 
-def play(height: Tensor, gels: Sequence[Gel], *paths: Path, fps: float = 30) -> list[Contact]:
+def play(height: Tensor, gels: Sequence[Gel], *paths: Path, fps: float = 30) -> list[ContactState]:
     times = np.arange(int(paths[0].seconds * fps) + 1) / fps
     poses = torch.stack([torch.from_numpy(path.pose(times)).float() for path in paths])
     heights = height if height.ndim == 3 else height.expand(len(paths), -1, -1)
     return list(contacts(heights, SPACING, gels, poses, [fps] * len(paths)))
 
 
-def forces(moments: Sequence[Contact], row: int = 0) -> Tensor:
+def forces(moments: Sequence[ContactState], row: int = 0) -> Tensor:
     return torch.stack([moment.force[row] for moment in moments])
 
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from tactileforge.sim.optics.camera import Camera, Codec, Lens
+from tactileforge.sim.optics.camera import CameraModel, Codec, Lens
 
 
 def test_blur_of_a_wave_is_known() -> None:
@@ -25,9 +25,9 @@ def test_a_sharp_lens_changes_nothing_and_a_shrunk_picture_is_a_mean() -> None:
 
 
 def test_distortion_is_undone() -> None:
-    camera = Camera(distortion=0.06)
+    camera = CameraModel(distortion=0.06)
     places = camera.places(60, 80, 0.2)
-    still = Camera().places(60, 80, 0.2)
+    still = CameraModel().places(60, 80, 0.2)
     assert float((places - still).abs().max()) == pytest.approx(0.06 * 79 / 2 * 0.2, rel=0.05)
     back = camera.seen(places, 60, 80, 0.2)
     torch.testing.assert_close(back, still, rtol=0, atol=0.005)
@@ -35,14 +35,14 @@ def test_distortion_is_undone() -> None:
 
 def test_tone() -> None:
     light = torch.tensor([51.0, 127.5, 255.0])
-    torch.testing.assert_close(Camera().tone(light.clone()), light)
-    torch.testing.assert_close(Camera(exposure=2.0).tone(light.clone()), 2 * light)
+    torch.testing.assert_close(CameraModel().tone(light.clone()), light)
+    torch.testing.assert_close(CameraModel(exposure=2.0).tone(light.clone()), 2 * light)
     wanted = 255 * (light / 255) ** 1.2
-    torch.testing.assert_close(Camera(gamma=1.2).tone(light.clone()), wanted)
+    torch.testing.assert_close(CameraModel(gamma=1.2).tone(light.clone()), wanted)
 
 
-@pytest.mark.parametrize("camera", [Camera(jpeg=20), Camera(mpeg=40)])
-def test_codecs_lose_what_is_fine_and_little_else(camera: Camera) -> None:
+@pytest.mark.parametrize("camera", [CameraModel(jpeg=20), CameraModel(mpeg=40)])
+def test_codecs_lose_what_is_fine_and_little_else(camera: CameraModel) -> None:
     chance = np.random.default_rng(0)
     ramp = np.linspace(40, 200, 64)[:, None, None] + np.zeros((64, 80, 3))
     film = np.stack([ramp + i + chance.normal(0, 3, ramp.shape) for i in range(6)])
@@ -57,7 +57,7 @@ def test_codecs_lose_what_is_fine_and_little_else(camera: Camera) -> None:
 def test_a_codec_goes_on_where_it_was() -> None:
     chance = np.random.default_rng(1)
     pictures = chance.integers(0, 255, (6, 16, 24, 3)).astype(np.uint8)
-    whole = Codec(Camera(mpeg=30))(pictures)
-    parts = Codec(Camera(mpeg=30))
+    whole = Codec(CameraModel(mpeg=30))(pictures)
+    parts = Codec(CameraModel(mpeg=30))
     np.testing.assert_array_equal(np.concatenate([parts(pictures[:2]), parts(pictures[2:])]), whole)
-    assert np.array_equal(Codec(Camera())(pictures), pictures)
+    assert np.array_equal(Codec(CameraModel())(pictures), pictures)

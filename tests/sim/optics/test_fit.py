@@ -11,7 +11,7 @@ from tactileforge.errors import DataError, DataNotFoundError
 from tactileforge.sim.optics import fit, lighting
 from tactileforge.sim.optics.presses import Presses, ball_profile, find_circle, read_presses
 from tactileforge.sim.optics.render import Optics
-from tactileforge.sim.optics.sensor_instances import Unit
+from tactileforge.sim.optics.sensor_instances import SensorInstance
 
 SIZE = (120, 160)
 CIRCLES = [
@@ -27,18 +27,18 @@ CIRCLES = [
 
 def presses(name="gelsight", noise=0.0):
     """Presses that the optics of a shipped calibration made."""
-    how = lighting.load(name)
-    ground = lighting.background(how.backgrounds[0], *SIZE)
+    how = lighting.load_optics(name)
+    ground = lighting.polynomial_background(how.backgrounds[0], *SIZE)
     blank = torch.zeros(len(CIRCLES), 3, *SIZE, dtype=torch.uint8)
     made = Presses(ground, blank, torch.tensor(CIRCLES).float(), 0.118, steepest=how.steepest)
-    optics = Optics(Unit("", 1, ground, how, made.spacing, noise))
+    optics = Optics(SensorInstance("", 1, ground, how, made.spacing, noise))
     dents = torch.cat([made.dent(i) for i in range(len(CIRCLES))])
     return replace(made, pictures=optics.render(dents, first=0))
 
 
 def error(made, calibration, numbers):
     """Root mean square error in the crops, grey levels."""
-    optics = Optics(Unit("", 1, made.background, calibration, made.spacing, 0.0))
+    optics = Optics(SensorInstance("", 1, made.background, calibration, made.spacing, 0.0))
     wrong = [
         (optics.render(made.dent(i))[0].float() - made.pictures[i])[:, *made.crop(i)]
         for i in numbers
@@ -48,17 +48,17 @@ def error(made, calibration, numbers):
 
 def test_fit_finds_the_calibration_that_made_the_pictures():
     made = presses()
-    found = fit.fit(made.part(slice(0, 6)))
+    fitted = fit.fit_optics(made.part(slice(0, 6)))
     contrast = (made.pictures[7] - made.background)[:, *made.crop(7)].std()
     assert contrast > 15
-    assert error(made, found, [6, 7]) < 0.15 * float(contrast)
+    assert error(made, fitted, [6, 7]) < 0.15 * float(contrast)
     # Colours shine from where they shone.
-    turn = np.subtract(found.lights, lighting.load("gelsight").lights)
+    turn = np.subtract(fitted.lights, lighting.load_optics("gelsight").lights)
     assert np.cos(turn).min() > 0.9
 
 
 def test_noise_is_measured():
-    assert fit.noise(presses(noise=3.0)) == pytest.approx(3 / math.sqrt(2), rel=0.15)
+    assert fit.camera_noise(presses(noise=3.0)) == pytest.approx(3 / math.sqrt(2), rel=0.15)
 
 
 @pytest.mark.parametrize("radius", [0.7, 1.2, 1.7])
@@ -72,11 +72,11 @@ def test_gel_takes_the_balls_shape_in_the_contact_and_flattens_outside(radius):
 
 
 def test_background_is_a_polynomial_of_the_place():
-    how = lighting.load("digit")
-    picture = lighting.background(how.backgrounds[1], *SIZE)
-    found = fit.fit_background(picture)
-    again = lighting.background(found, 60, 80)
-    expected = lighting.background(how.backgrounds[1], 60, 80)
+    how = lighting.load_optics("digit")
+    picture = lighting.polynomial_background(how.backgrounds[1], *SIZE)
+    weights = fit.fit_background(picture)
+    again = lighting.polynomial_background(weights, 60, 80)
+    expected = lighting.polynomial_background(how.backgrounds[1], 60, 80)
     torch.testing.assert_close(again, expected, atol=0.1, rtol=0)
 
 
@@ -90,10 +90,10 @@ def test_circle_is_found():
 
 
 def test_saved_calibration_is_the_one_that_is_loaded(tmp_path):
-    how = lighting.load("digit")
-    fit.save(how, tmp_path / "digit.json", "a test")
+    how = lighting.load_optics("digit")
+    fit.save_optics(how, tmp_path / "digit.json", "a test")
     assert json.loads((tmp_path / "digit.json").read_text())["source"] == "a test"
-    again = lighting.read((tmp_path / "digit.json").read_text())
+    again = lighting.parse_optics((tmp_path / "digit.json").read_text())
     torch.testing.assert_close(again.fine, how.fine)
     torch.testing.assert_close(again.coarse, how.coarse)
     torch.testing.assert_close(again.backgrounds, how.backgrounds)
@@ -110,17 +110,17 @@ def test_presses_are_read_with_and_without_annotations(tmp_path):
     rows = "file,center_x_px,center_y_px,radius_px\npress2.png,50,25,9\n"
     (tmp_path / "known.csv").write_text(rows)
     known = read_presses(tmp_path, "still.png", 0.1, "known.csv")
-    found = read_presses(tmp_path, "still.png", 0.1, pictures="press*.png", share=0.5)
+    loaded = read_presses(tmp_path, "still.png", 0.1, pictures="press*.png", share=0.5)
     assert known.background[:, 0, 0].tolist() == [150, 120, 90]  # RGB
     assert len(known) == 1
-    assert len(found) == 2
-    assert found.share == 0.5
-    assert found.circles[1].tolist() == pytest.approx(known.circles[0].tolist(), abs=1.5)
+    assert len(loaded) == 2
+    assert loaded.share == 0.5
+    assert loaded.circles[1].tolist() == pytest.approx(known.circles[0].tolist(), abs=1.5)
 
 
 def test_missing_and_broken_pictures_are_named(tmp_path):
     with pytest.raises(DataNotFoundError, match=r"still\.png does not exist"):
         read_presses(tmp_path, "still.png", 0.1)
     (tmp_path / "still.png").write_text("nothing")
-    with pytest.raises(DataError, match=r"still\.png is no picture"):
+    with pytest.raises(DataError, match=r"still\.png is not an image"):
         read_presses(tmp_path, "still.png", 0.1)

@@ -4,14 +4,14 @@ import pytest
 import torch
 
 from tactileforge.errors import ConfigError
-from tactileforge.sim.optics.markers import GRIDS, Markers, coverage, grid
+from tactileforge.sim.optics.markers import GRIDS, Markers, coverage, marker_pattern
 
 SIZE = (60, 80)
 SPACING = 0.2
 
 
 def dark(markers, motion=None):
-    """How dark markers paint a white picture: (B, H, W)."""
+    """Darkness that markers paint on a white image: (B, H, W)."""
     batch = 1 if motion is None else len(motion)
     pictures = torch.full((batch, 3, *SIZE), 255.0)
     markers.paint(pictures, motion, SPACING)
@@ -66,17 +66,17 @@ def test_markers_that_leave_the_picture_are_gone():
 
 
 def test_grid_of_the_mini_has_its_published_pitch():
-    markers = grid("gelsight_mini").markers(torch.Generator().manual_seed(0))
+    markers = marker_pattern("gelsight_mini").markers(torch.Generator().manual_seed(0))
     rows = markers.places.view(7, 9, 2)
     assert float((rows[:, 1:, 0] - rows[:, :-1, 0]).mean()) == pytest.approx(2.4, abs=0.01)
     assert float((rows[1:, :, 1] - rows[:-1, :, 1]).mean()) == pytest.approx(2.4, abs=0.02)
     assert float(2 * markers.radii.mean()) == pytest.approx(1.0, abs=0.03)
-    assert grid("gelsight").columns * grid("gelsight").rows == 99
+    assert marker_pattern("gelsight").columns * marker_pattern("gelsight").rows == 99
 
 
 @pytest.mark.parametrize("sensor", GRIDS)
 def test_grids_leave_most_of_the_gel_clear(sensor):
-    markers = grid(sensor).markers(torch.Generator().manual_seed(1))
+    markers = marker_pattern(sensor).markers(torch.Generator().manual_seed(1))
     extent = markers.places.amax(0) - markers.places.amin(0)
     share = float((math.pi * markers.radii**2).sum() / extent.prod())
     assert 0.01 < share < 0.3
@@ -89,4 +89,4 @@ def test_wrong_motion_is_said():
 
 def test_sensor_without_markers():
     with pytest.raises(ConfigError, match="unknown marker gel 'digit'"):
-        grid("digit")
+        marker_pattern("digit")

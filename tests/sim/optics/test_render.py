@@ -8,9 +8,9 @@ import torch.nn.functional as F
 from tactileforge.errors import ConfigError
 from tactileforge.sim.optics import lighting
 from tactileforge.sim.optics.features import BLURS, POWERS, exponents, normals, places
-from tactileforge.sim.optics.lighting import Lamp, lit
+from tactileforge.sim.optics.lighting import Lamp, lamp_calibration
 from tactileforge.sim.optics.render import Optics
-from tactileforge.sim.optics.sensor_instances import STYLES, Unit, draw
+from tactileforge.sim.optics.sensor_instances import STYLES, SensorInstance, draw_instance
 
 SIZE = (60, 80)
 
@@ -23,20 +23,20 @@ def bump(x=0.0, y=0.0, size=SIZE, spacing=0.2, depth=0.8, width=1.2):
 
 
 def plain(calibration, size=SIZE, grey=120.0, spacing=0.2):
-    return Unit("", 1, torch.full((3, *size), grey), calibration, spacing, 0.0)
+    return SensorInstance("", 1, torch.full((3, *size), grey), calibration, spacing, 0.0)
 
 
 @pytest.mark.parametrize("sensor", STYLES)
 def test_no_contact_shows_the_background(sensor):
-    unit = draw(sensor, 5, SIZE, markers=False, randomise="none")
+    unit = draw_instance(sensor, 5, SIZE, markers=False, randomise="none")
     picture = Optics(unit).render(torch.zeros(1, *SIZE))[0]
     assert torch.equal(picture, (unit.background + 0.5).to(torch.uint8))
 
 
-@pytest.mark.parametrize("name", lighting.names())
+@pytest.mark.parametrize("name", lighting.optics_names())
 def test_light_that_is_turned_with_the_dent_shows_the_turned_picture(name):
     """A quarter turn: normals, places and slopes are turned exactly."""
-    how = lighting.load(name)
+    how = lighting.load_optics(name)
     everywhere = torch.zeros_like(how.fine[:, :, :1])
     everywhere[:, 0] = 1
     flat = replace(
@@ -54,9 +54,9 @@ def test_light_that_is_turned_with_the_dent_shows_the_turned_picture(name):
     assert (seen - 120).abs().max() > 20
 
 
-@pytest.mark.parametrize("name", lighting.names())
+@pytest.mark.parametrize("name", lighting.optics_names())
 def test_mirrored_dent_under_mirrored_lights_gives_the_mirrored_picture(name):
-    unit = plain(lighting.load(name))
+    unit = plain(lighting.load_optics(name))
     other = replace(unit, calibration=unit.calibration.mirrored())
     dent = bump(2.5, -1.5) + bump(-3, 2, depth=0.5)
     seen = Optics(unit).render(dent).int()
@@ -66,15 +66,15 @@ def test_mirrored_dent_under_mirrored_lights_gives_the_mirrored_picture(name):
 
 
 def test_backgrounds_are_mirrored_too():
-    how = lighting.load("digit")
-    seen = lighting.background(how.backgrounds[0], *SIZE)
-    mirrored = lighting.background(how.mirrored().backgrounds[0], *SIZE)
+    how = lighting.load_optics("digit")
+    seen = lighting.polynomial_background(how.backgrounds[0], *SIZE)
+    mirrored = lighting.polynomial_background(how.mirrored().backgrounds[0], *SIZE)
     torch.testing.assert_close(mirrored, seen.flip(-1), atol=0.01, rtol=0)
 
 
 @pytest.mark.parametrize("sensor", ["gelsight", "dm"])
 def test_a_batch_is_its_frames(sensor):
-    optics = Optics(draw(sensor, 2, SIZE))
+    optics = Optics(draw_instance(sensor, 2, SIZE))
     dents = torch.cat([bump(i - 5, depth=0.1 * i) for i in range(11)])
     together = optics.render(dents, first=100)
     alone = torch.cat([optics.render(dents[i : i + 1], first=100 + i) for i in range(11)])
@@ -84,13 +84,15 @@ def test_a_batch_is_its_frames(sensor):
 
 def test_same_seed_same_bytes():
     dent = bump()
-    frames = [Optics(draw("digit", seed, SIZE)).render(dent, first=4) for seed in (3, 3, 4)]
+    frames = [
+        Optics(draw_instance("digit", seed, SIZE)).render(dent, first=4) for seed in (3, 3, 4)
+    ]
     assert torch.equal(frames[0], frames[1])
     assert not torch.equal(frames[0], frames[2])
 
 
 def test_noise_is_as_strong_as_the_unit_says_and_new_in_each_frame():
-    unit = replace(plain(lighting.load("digit")), noise=3.0)
+    unit = replace(plain(lighting.load_optics("digit")), noise=3.0)
     frames = Optics(unit).render(torch.zeros(4, *SIZE), first=0).float()
     assert (frames - 120).std() == pytest.approx(math.sqrt(3**2 + 1 / 12), rel=0.03)
     both = torch.corrcoef(frames.flatten(1))
@@ -101,7 +103,7 @@ def test_noise_is_as_strong_as_the_unit_says_and_new_in_each_frame():
 def test_the_side_that_faces_the_lamp_is_bright(degrees):
     angle = math.radians(degrees)
     lamp = Lamp(angle, math.radians(30), (100, 100, 100), shadow=0.0)
-    change = Optics(plain(lit([lamp], (0, 0, 0)))).render(bump())[0, 0].float() - 120
+    change = Optics(plain(lamp_calibration([lamp], (0, 0, 0)))).render(bump())[0, 0].float() - 120
     x, y = torch.linspace(-1, 1, SIZE[1]) * SIZE[1], torch.linspace(-1, 1, SIZE[0]) * SIZE[0]
     weight = change.abs()
     bright = torch.atan2((change * y[:, None]).sum(), (change * x).sum())
@@ -111,7 +113,7 @@ def test_the_side_that_faces_the_lamp_is_bright(degrees):
 
 def test_shadow_falls_behind_what_blocks_the_light():
     lamps = [Lamp(0.0, math.radians(30), (100, 100, 100), shadow=s) for s in (0.0, 0.5)]
-    without, cast = (Optics(plain(lit([lamp], (0, 0, 0)))) for lamp in lamps)
+    without, cast = (Optics(plain(lamp_calibration([lamp], (0, 0, 0)))) for lamp in lamps)
     dent = bump(depth=1.5)
     darker = without.render(dent)[0, 0].float() - cast.render(dent)[0, 0].float()
     left, right = darker[:, : SIZE[1] // 2], darker[:, SIZE[1] // 2 :]
@@ -122,13 +124,13 @@ def test_shadow_falls_behind_what_blocks_the_light():
 def test_lamps_follow_lambert_where_the_normal_is_known():
     lamp = Lamp(0.0, math.radians(40), (100.0, 100.0, 100.0), fall=0.0, shadow=0.0)
     rise = 0.3 * 0.2 * torch.arange(SIZE[1]).expand(1, *SIZE)
-    picture = Optics(plain(lit([lamp], (0, 0, 0)))).render(rise)[0, 0, 30, 40]
+    picture = Optics(plain(lamp_calibration([lamp], (0, 0, 0)))).render(rise)[0, 0, 30, 40]
     facing = (math.sin(lamp.elevation) - 0.3 * math.cos(lamp.elevation)) / math.hypot(1, 0.3)
     assert float(picture) == pytest.approx(120 + 100 * (facing - math.sin(lamp.elevation)), abs=2)
 
 
 def test_a_picture_twice_as_large_shows_the_same():
-    how = lighting.load("gelsight")
+    how = lighting.load_optics("gelsight")
     small = Optics(plain(how)).render(bump())
     large = Optics(plain(how, (120, 160), spacing=0.1)).render(bump(size=(120, 160), spacing=0.1))
     shrunk = F.avg_pool2d(large.float(), 2)
@@ -138,7 +140,7 @@ def test_a_picture_twice_as_large_shows_the_same():
 
 @pytest.mark.parametrize("sensor", STYLES)
 def test_cliffs_and_depths_stay_tame(sensor):
-    optics = Optics(draw(sensor, 0, SIZE, markers=False))
+    optics = Optics(draw_instance(sensor, 0, SIZE, markers=False))
     dent = torch.zeros(1, *SIZE)
     dent[:, 20:40, 30:50] = 4.0
     out = optics._light(dent, None)
@@ -165,17 +167,17 @@ def test_places_are_the_polynomials_they_say():
 
 def test_wrong_size_is_said():
     with pytest.raises(ConfigError, match=r"dents are \(10, 10\) pixels.*\(60, 80\)"):
-        Optics(draw("digit", 0, SIZE)).render(torch.zeros(1, 10, 10))
+        Optics(draw_instance("digit", 0, SIZE)).render(torch.zeros(1, 10, 10))
 
 
 def test_unknown_calibration():
     with pytest.raises(ConfigError, match="did you mean 'digit'"):
-        lighting.load("digits")
+        lighting.load_optics("digits")
 
 
-@pytest.mark.parametrize("name", lighting.names())
+@pytest.mark.parametrize("name", lighting.optics_names())
 def test_shipped_calibrations_are_whole(name):
-    how = lighting.load(name)
+    how = lighting.load_optics(name)
     assert how.fine.shape == (len(POWERS), 6, 3)
     assert how.coarse.shape == (3 * len(BLURS) + len(how.lights), 6, 3)
     assert how.limits.shape == (len(how.coarse),)
@@ -186,7 +188,7 @@ def test_shipped_calibrations_are_whole(name):
 @pytest.mark.gpu
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")
 def test_gpu_agrees():
-    unit = draw("duragel", 1, SIZE)
+    unit = draw_instance("duragel", 1, SIZE)
     dent = bump()
     here = Optics(unit).render(dent, first=0)
     there = Optics(unit, "cuda").render(dent.cuda(), first=0).cpu()

@@ -3,29 +3,31 @@ import pytest
 
 from tactileforge.errors import ConfigError
 from tactileforge.sim.geometry.shapes import INDENTERS, shape
-from tactileforge.sim.optics.scene_camera import view
+from tactileforge.sim.optics.scene_camera import render_scene_image
 
 
 def test_a_view_is_a_picture_that_its_seed_decides():
-    picture = view(shape("pentagram"), 112, 5)
+    picture = render_scene_image(shape("pentagram"), 112, 5)
     assert picture.shape == (112, 112, 3)
     assert picture.dtype == np.uint8
-    np.testing.assert_array_equal(picture, view(shape("pentagram"), 112, 5))
-    assert np.abs(picture.astype(int) - view(shape("pentagram"), 112, 6)).mean() > 5
+    np.testing.assert_array_equal(picture, render_scene_image(shape("pentagram"), 112, 5))
+    assert np.abs(picture.astype(int) - render_scene_image(shape("pentagram"), 112, 6)).mean() > 5
 
 
 def test_the_colour_belongs_to_the_name():
     # The middle of a plain tip, over many tables and lights.
     for name, strongest in (("square_prism", 1), ("wavy_cylindrical", 0)):
-        tips = np.stack([view(shape(name), 64, seed)[28:36, 28:36] for seed in range(8)])
+        tips = np.stack(
+            [render_scene_image(shape(name), 64, seed)[28:36, 28:36] for seed in range(8)]
+        )
         assert tips.reshape(-1, 3).mean(0).argmax() == strongest
 
 
 def test_views_tell_shapes_apart():
     # By colours alone, the nearest of other views is that of the same shape far above chance.
     names = list(INDENTERS)[:24]
-    known = np.stack([[_hue(view(shape(n), 48, s)) for s in range(3)] for n in names])
-    asked = np.stack([_hue(view(shape(n), 48, 99)) for n in names])
+    known = np.stack([[_hue(render_scene_image(shape(n), 48, s)) for s in range(3)] for n in names])
+    asked = np.stack([_hue(render_scene_image(shape(n), 48, 99)) for n in names])
     away = np.abs(known[None] - asked[:, None, None]).sum((-1, -2)).min(-1)
     assert (away.argmin(1) == np.arange(24)).mean() > 0.4  # chance is 0.04
 
@@ -44,7 +46,9 @@ def _hue(picture):
 def test_a_hole_shows_the_table_through_it():
     # The middle of a plate is of one tone; that of the ring is the table's.
     def spread(name):
-        views = np.stack([view(shape(name), 64, seed)[29:35, 29:35] for seed in range(12)])
+        views = np.stack(
+            [render_scene_image(shape(name), 64, seed)[29:35, 29:35] for seed in range(12)]
+        )
         return views.reshape(12, -1, 3).mean(1).std(0).mean()
 
     assert spread("large_ring") > 2 * spread("square_prism")
@@ -52,11 +56,14 @@ def test_a_hole_shows_the_table_through_it():
 
 def test_the_shape_is_seen_and_not_its_frame():
     # Same seed, two shapes: only where one of them stands, or its shadow, do pictures differ.
-    small, other = (view(shape(name), 96, 3).astype(int) for name in ("small_ring", "small_sphere"))
+    small, other = (
+        render_scene_image(shape(name), 96, 3).astype(int)
+        for name in ("small_ring", "small_sphere")
+    )
     differ = (np.abs(small - other).max(-1) > 0).mean()
     assert 0.02 < differ < 0.35
 
 
 def test_a_view_that_is_too_small_is_refused():
     with pytest.raises(ConfigError, match="8 x 8 pixels; the limit is 16"):
-        view(shape("ring_shaped"), 8, 0)
+        render_scene_image(shape("ring_shaped"), 8, 0)

@@ -3,14 +3,14 @@ import torch
 
 from tactileforge.errors import ConfigError
 from tactileforge.sensors.specs import SPECS
-from tactileforge.sim.optics.sensor_instances import STYLES, draw
+from tactileforge.sim.optics.sensor_instances import STYLES, draw_instance
 
 SIZE = (60, 80)
 
 
 @pytest.mark.parametrize("sensor", STYLES)
 def test_seed_draws_the_unit(sensor):
-    first, again, other = (draw(sensor, seed, SIZE) for seed in (7, 7, 8))
+    first, again, other = (draw_instance(sensor, seed, SIZE) for seed in (7, 7, 8))
     assert torch.equal(first.background, again.background)
     assert torch.equal(first.calibration.fine, again.calibration.fine)
     assert first.noise == again.noise
@@ -20,11 +20,11 @@ def test_seed_draws_the_unit(sensor):
 
 @pytest.mark.parametrize("sensor", STYLES)
 def test_units_have_the_size_and_scale_of_their_sensor(sensor):
-    unit, spec = draw(sensor, 0, randomise="none"), SPECS[sensor]
+    unit, spec = draw_instance(sensor, 0, randomise="none"), SPECS[sensor]
     assert unit.background.shape == (3, spec.height, spec.width)
     if spec.area_mm:
         assert unit.spacing * spec.height == pytest.approx(spec.area_mm[0])
-    assert draw(sensor, 0, (60, 80), randomise="none").spacing * 60 == pytest.approx(
+    assert draw_instance(sensor, 0, (60, 80), randomise="none").spacing * 60 == pytest.approx(
         unit.spacing * spec.height
     )
 
@@ -32,7 +32,7 @@ def test_units_have_the_size_and_scale_of_their_sensor(sensor):
 @pytest.mark.parametrize("sensor", STYLES)
 def test_backgrounds_are_lit_and_smooth(sensor):
     for seed in range(6):
-        ground = draw(sensor, seed, (120, 160)).background
+        ground = draw_instance(sensor, seed, (120, 160)).background
         assert 20 < float(ground.mean()) < 235
         clipped = (ground <= 4) | (ground >= 251)
         assert float(clipped.float().mean()) < 0.2
@@ -41,24 +41,24 @@ def test_backgrounds_are_lit_and_smooth(sensor):
 
 
 def test_light_that_is_strong_in_the_background_is_strong_on_slopes():
-    units = [draw("digit", seed, SIZE) for seed in range(40)]
+    units = [draw_instance("digit", seed, SIZE) for seed in range(40)]
     slopes = torch.stack([unit.calibration.fine[:2].abs().sum((0, 1)) for unit in units])
     assert (slopes.std(0) / slopes.mean(0)).min() > 0.05
-    gelsights = [draw("gelsight", seed, SIZE).calibration.lights for seed in range(20)]
+    gelsights = [draw_instance("gelsight", seed, SIZE).calibration.lights for seed in range(20)]
     assert len(set(gelsights)) == 2  # units are of one of two calibrations
 
 
 def test_markers_on_request():
-    assert draw("gelsight_mini", 0, SIZE).markers is None
-    marked = draw("gelsight_mini", 0, SIZE, markers=True, randomise="none").markers
+    assert draw_instance("gelsight_mini", 0, SIZE).markers is None
+    marked = draw_instance("gelsight_mini", 0, SIZE, markers=True, randomise="none").markers
     assert marked is not None
     assert len(marked.places) == 63
-    assert draw("duragel", 0, SIZE).markers is not None
-    assert draw("duragel", 0, SIZE, markers=False).markers is None
+    assert draw_instance("duragel", 0, SIZE).markers is not None
+    assert draw_instance("duragel", 0, SIZE, markers=False).markers is None
     with pytest.raises(ConfigError, match="Draw the unit with markers=False"):
-        draw("digit", 0, SIZE, markers=True)
+        draw_instance("digit", 0, SIZE, markers=True)
 
 
 def test_unknown_sensor():
     with pytest.raises(ConfigError, match="unknown simulated sensor 'digt'; did you mean 'digit'"):
-        draw("digt", 0)
+        draw_instance("digt", 0)

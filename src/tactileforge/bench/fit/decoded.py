@@ -1,4 +1,4 @@
-"""Clips as encoders are shown them, decoded once: for the next encoder of the same input."""
+"""Cache of decoded clips, for the next encoder with the same input."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from tactileforge.bench.tasks.source import Source
+from tactileforge.bench.tasks.source import TaskSource
 from tactileforge.contracts import Batch
 from tactileforge.data.batches.clips import Clips
 from tactileforge.files import write_text
@@ -22,7 +22,7 @@ _FORMAT = 1
 _ARRAYS = ("frames", "background")
 
 
-def place(folder: Path, source: Source, clips: Clips, spacing: float) -> Path | None:
+def clip_folder(folder: Path, source: TaskSource, clips: Clips, spacing: float) -> Path | None:
     """The folder of some clips; None where they are too many to keep.
 
     Args:
@@ -39,11 +39,11 @@ def place(folder: Path, source: Source, clips: Clips, spacing: float) -> Path | 
     return folder / key
 
 
-def stored(folder: Path, size: int) -> Iterator[Batch] | None:
+def stored_batches(folder: Path, size: int) -> Iterator[Batch] | None:
     """Batches of clips that are kept, in order; None where they are not.
 
     Args:
-        folder: See `place`.
+        folder: See `clip_folder`.
         size: Clips of a batch.
     """
     note = folder / "sensors.json"
@@ -64,11 +64,11 @@ def stored(folder: Path, size: int) -> Iterator[Batch] | None:
     return batches()
 
 
-def keep(folder: Path, count: int, batches: Iterator[Batch]) -> Iterator[Batch]:
+def store_batches(folder: Path, count: int, batches: Iterator[Batch]) -> Iterator[Batch]:
     """Passes all batches on, and keeps their clips once the last has come.
 
     Args:
-        folder: See `place`.
+        folder: See `clip_folder`.
         count: Clips in all.
         batches: From the first clip on.
     """
@@ -97,5 +97,5 @@ def _finish(folder: Path, arrays: dict[str, np.memmap], sensors: Sequence[str]) 
 
 
 def _part(folder: Path, name: str) -> Path:
-    """What this process writes, and renames when it is whole."""
+    """The temporary file of this process, renamed once it is complete."""
     return folder / f"{name}.{os.getpid()}.part"

@@ -13,13 +13,13 @@ import torch
 from numpy.typing import NDArray
 
 from tactileforge.bench.fit import finetune
-from tactileforge.bench.fit.features import FLIPS, PLAIN, Array, Flip, Store
-from tactileforge.bench.fit.models import Subject
+from tactileforge.bench.fit.features import FLIPS, PLAIN, Array, FeatureStore, Flip
+from tactileforge.bench.fit.models import FrozenEncoder
 from tactileforge.bench.fit.probes.base import Probe, Values
 from tactileforge.bench.fit.probes.knn import Knn
 from tactileforge.bench.fit.probes.ridge import Ridge
-from tactileforge.bench.fit.resolve import Choice, Prepared
-from tactileforge.bench.fit.training import Examples, Outcome, train
+from tactileforge.bench.fit.resolve import PreparedTask, ProbeChoice
+from tactileforge.bench.fit.training import Examples, TrainedProbe, train_probes
 from tactileforge.bench.tasks import metrics, splits
 from tactileforge.bench.tasks.splits import Split
 
@@ -28,7 +28,7 @@ Uses: TypeAlias = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]
 
 
 @dataclass(frozen=True)
-class Features:
+class SourceFeatures:
     """Features of the clips of a source.
 
     Attributes:
@@ -41,8 +41,8 @@ class Features:
 
 
 @dataclass(frozen=True)
-class Result:
-    """A probe that was tested, on all folds.
+class ProbeResult:
+    """A tested probe, over all folds.
 
     Attributes:
         outcomes: Of each fold.
@@ -51,35 +51,35 @@ class Result:
         metrics: Values by name.
     """
 
-    outcomes: Sequence[Outcome]
+    outcomes: Sequence[TrainedProbe]
     predicted: Values
     truth: Values
     metrics: dict[str, float]
 
     @property
     def score(self) -> float:
-        """Mean over the folds of what was selected on."""
-        return sum(one.score for one in self.outcomes) / len(self.outcomes)
+        """Mean over the folds of the metric used for selection."""
+        return sum(outcome.score for outcome in self.outcomes) / len(self.outcomes)
 
     @property
     def curve(self) -> dict[str, list[float]]:
         """Losses by epoch, means over the folds."""
         losses = {
-            "train": [one.train for one in self.outcomes],
-            "validation": [one.validation for one in self.outcomes],
+            "train": [outcome.train for outcome in self.outcomes],
+            "validation": [outcome.validation for outcome in self.outcomes],
         }
         return {name: np.mean(rows, axis=0).tolist() for name, rows in losses.items()}
 
 
-def run(
-    prepared: Prepared,
-    choice: Choice,
-    subject: Subject,
-    features: Features | None,
-    store: Store,
+def evaluate_probe(
+    prepared: PreparedTask,
+    choice: ProbeChoice,
+    subject: FrozenEncoder,
+    features: SourceFeatures | None,
+    store: FeatureStore,
     seeds: Sequence[int],
     select_on_test: bool = False,
-) -> list[Result]:
+) -> list[ProbeResult]:
     """Trains and tests the probes of a task on an encoder.
 
     Args:
@@ -99,31 +99,35 @@ def run(
         ConfigError: The probe does not fit the encoder.
     """
     main, target = prepared.task.metrics[0], prepared.target
-    higher = metrics.kind(main).better == "higher"
+    higher = metrics.metric_kind(main).better == "higher"
     width = subject.width(choice.kind.tap)
     build = partial(choice.build, width, target)
-    folds: list[list[Outcome]] = []
+    folds: list[list[TrainedProbe]] = []
     for split in prepared.splits:
         select = split.test if select_on_test else split.validation
         score, uses = _scorer(prepared, select), (split.train, select, split.test)
         if features is None:
-            found = finetune.train(prepared, choice, subject, store, uses, seeds, score, higher)
-            folds.append(found)
+            fold = finetune.finetune_encoder(
+                prepared, choice, subject, store, uses, seeds, score, higher
+            )
+            folds.append(fold)
             continue
         taps = subject.taps(choice.kind)
         examples = [_examples(prepared, tap, features, subject) for tap in taps]
         if choice.kind.trained:
-            found = train(build, choice.training, examples[0], uses, seeds, score, higher)
+            fold = train_probes(build, choice.training, examples[0], uses, seeds, score, higher)
         elif issubclass(choice.kind, Ridge):
             pairs = zip(taps, examples, strict=True)
-            found = [_solve(prepared, build(), rows, split, tap) for tap, rows in pairs]
+            fold = [_solve(prepared, build(), rows, split, tap) for tap, rows in pairs]
         else:
-            found = [_vote(build(), examples[0], uses, score)]
-        folds.append(found)
+            fold = [_vote(build(), examples[0], uses, score)]
+        folds.append(fold)
     return [_result(prepared, outcomes) for outcomes in zip(*folds, strict=True)]
 
 
-def _examples(prepared: Prepared, tap: str, features: Features, subject: Subject) -> Examples:
+def _examples(
+    prepared: PreparedTask, tap: str, features: SourceFeatures, subject: FrozenEncoder
+) -> Examples:
     flips = FLIPS if prepared.task.flips else (PLAIN,)
     parts = prepared.target.parts.items()
     return Examples(
@@ -134,7 +138,7 @@ def _examples(prepared: Prepared, tap: str, features: Features, subject: Subject
     )
 
 
-def _scorer(prepared: Prepared, places: NDArray[np.int64]) -> Callable[[Values], float]:
+def _scorer(prepared: PreparedTask, places: NDArray[np.int64]) -> Callable[[Values], float]:
     """The main metric of normalised predictions on some clips."""
     main = prepared.task.metrics[0]
     name = metrics.part_of(main, prepared.target.parts)
@@ -145,34 +149,37 @@ def _scorer(prepared: Prepared, places: NDArray[np.int64]) -> Callable[[Values],
 
 def _vote(
     model: Probe, examples: Examples, uses: Uses, score: Callable[[Values], float]
-) -> Outcome:
+) -> TrainedProbe:
     assert isinstance(model, Knn)
     known, truth = examples.take(uses[0])
     decoded = [model.vote(known, truth, examples.take(places)[0]) for places in uses[1:]]
-    on_cpu = [{key: value.cpu() for key, value in one.items()} for one in decoded]
-    return Outcome(0, math.nan, on_cpu[1], score(on_cpu[0]))
+    on_cpu = [{key: value.cpu() for key, value in values.items()} for values in decoded]
+    return TrainedProbe(0, math.nan, on_cpu[1], score(on_cpu[0]))
 
 
-def _solve(prepared: Prepared, model: Probe, examples: Examples, split: Split, tap: str) -> Outcome:
-    """A closed form: training and validation clips are one, inner folds choose."""
+def _solve(
+    prepared: PreparedTask, model: Probe, examples: Examples, split: Split, tap: str
+) -> TrainedProbe:
+    """Fits in closed form on training and validation clips; inner folds choose the penalty."""
     assert isinstance(model, Ridge)
     known = np.sort(np.concatenate([split.train, split.validation]))
     plan = prepared.task.split
-    groups = splits.names(prepared.source, prepared.target, known, plan.group)
+    groups = splits.group_names(prepared.source, prepared.target, known, plan.group)
+    # inner folds need two groups at least: take the unit of the intervals
     if len(set(groups)) == 1 and plan.unit:
-        groups = splits.names(prepared.source, prepared.target, known, plan.unit)
+        groups = splits.group_names(prepared.source, prepared.target, known, plan.unit)
     rows, truth = examples.take(known)
     inner, outer = model.solve(rows, truth, groups, examples.take(split.test)[0])
     score = _scorer(prepared, known)({name: values.cpu() for name, values in inner.items()})
     predicted = {name: values.cpu() for name, values in outer.items()}
-    return Outcome(0, math.nan, predicted, score, reading=tap)
+    return TrainedProbe(0, math.nan, predicted, score, reading=tap)
 
 
-def _result(prepared: Prepared, outcomes: Sequence[Outcome]) -> Result:
+def _result(prepared: PreparedTask, outcomes: Sequence[TrainedProbe]) -> ProbeResult:
     parts = prepared.target.parts
     test = np.concatenate([split.test for split in prepared.splits])
     predicted = {
-        name: torch.cat([one.predicted[name] for one in outcomes]) * part.scale[test]
+        name: torch.cat([outcome.predicted[name] for outcome in outcomes]) * part.scale[test]
         for name, part in parts.items()
     }
     truth = {name: part.truth[test] for name, part in parts.items()}
@@ -180,4 +187,4 @@ def _result(prepared: Prepared, outcomes: Sequence[Outcome]) -> Result:
     for metric in prepared.task.metrics:
         name = metrics.part_of(metric, parts)
         values[metric] = metrics.measure(metric, parts[name], predicted[name], truth[name])
-    return Result(outcomes, predicted, truth, values)
+    return ProbeResult(outcomes, predicted, truth, values)

@@ -16,8 +16,8 @@ from torch.utils.data import DataLoader, Subset
 from tqdm import tqdm
 
 from tactileforge.bench.fit import decoded
-from tactileforge.bench.fit.models import Subject
-from tactileforge.bench.tasks.source import Source
+from tactileforge.bench.fit.models import FrozenEncoder
+from tactileforge.bench.tasks.source import TaskSource
 from tactileforge.contracts import Batch
 from tactileforge.data.batches.clips import Clips, collate
 from tactileforge.data.batches.datamodule import start_worker
@@ -35,8 +35,8 @@ Array: TypeAlias = NDArray[np.float16]
 
 
 @dataclass(frozen=True)
-class Store:
-    """Where features are kept, and how they are computed.
+class FeatureStore:
+    """Location of features on disk, and options of their extraction.
 
     Attributes:
         folder: Folder of the features of all models.
@@ -51,10 +51,10 @@ class Store:
     every: int = 16
 
 
-def features(
-    store: Store,
-    subject: Subject,
-    source: Source,
+def extract_features(
+    store: FeatureStore,
+    subject: FrozenEncoder,
+    source: TaskSource,
     clips: NDArray[np.int64],
     taps: Sequence[str],
     flips: Sequence[Flip] = (PLAIN,),
@@ -98,7 +98,7 @@ def _suffix(flip: Flip) -> str:
     return {(False, False): "", (True, False): "-h", (False, True): "-v", (True, True): "-hv"}[flip]
 
 
-def _key(subject: Subject, source: Source, clips: NDArray[np.int64], policy: str) -> str:
+def _key(subject: FrozenEncoder, source: TaskSource, clips: NDArray[np.int64], policy: str) -> str:
     facts = {
         "format": _FORMAT,
         "weights": subject.weights,
@@ -112,13 +112,13 @@ def _key(subject: Subject, source: Source, clips: NDArray[np.int64], policy: str
 
 
 class _Extraction:
-    """One pass over the clips, which fills several arrays."""
+    """One pass over the clips that fills several arrays."""
 
     def __init__(
         self,
-        store: Store,
-        subject: Subject,
-        source: Source,
+        store: FeatureStore,
+        subject: FrozenEncoder,
+        source: TaskSource,
         clips: NDArray[np.int64],
         paths: Mapping[tuple[str, Flip], Path],
         policy: str,
@@ -135,7 +135,7 @@ class _Extraction:
         self.note = next(iter(paths.values())).with_name(f"{stem}.json")
 
     def run(self) -> None:
-        """Fills the arrays, from where a pass before was stopped, and renames them."""
+        """Fills the arrays, resuming an interrupted pass, and renames them."""
         parts = {what: path.with_suffix(f".{self.note.stem}") for what, path in self.paths.items()}
         done = self._done(parts.values())
         arrays: dict[tuple[str, Flip], Array] = {}
@@ -147,9 +147,9 @@ class _Extraction:
         ) as bar:
             for number, (places, batch) in enumerate(self._batches(done), start=1):
                 for flip in flips:
-                    found = self.subject.features(batch, flip, self.policy)
+                    readings = self.subject.features(batch, flip, self.policy)
                     for what in [what for what in self.paths if what[1] == flip]:
-                        values = _half(found[what[0]], self.subject.name)
+                        values = _half(readings[what[0]], self.subject.name)
                         if what not in arrays:
                             shape = (self.total, *values.shape[1:])
                             arrays[what] = np.lib.format.open_memmap(
@@ -180,13 +180,17 @@ class _Extraction:
                 start += count
 
     def _read(self, clips: Clips, rows: range) -> Iterator[Batch]:
-        """Batches of some rows; decoded for the first encoder that wants them in this form."""
+        """Batches of some rows, decoded once for all encoders that read them in this form."""
         size, spacing = self.store.batch, self.subject.spacing_of(self.source.clip)
-        folder = decoded.place(self.store.folder.parent / "clips", self.source, clips, spacing)
+        folder = decoded.clip_folder(
+            self.store.folder.parent / "clips", self.source, clips, spacing
+        )
         if folder is None or rows.start:
             return loader(clips, rows, self.store, size)
-        batches = decoded.stored(folder, size)
-        return batches or decoded.keep(folder, len(rows), loader(clips, rows, self.store, size))
+        batches = decoded.stored_batches(folder, size)
+        return batches or decoded.store_batches(
+            folder, len(rows), loader(clips, rows, self.store, size)
+        )
 
     def _done(self, parts: Any) -> int:
         if not self.note.is_file() or not all(path.is_file() for path in parts):
@@ -199,7 +203,7 @@ class _Extraction:
         write_text(self.note, json.dumps({"done": done}))
 
 
-def loader(clips: Clips, rows: Sequence[int], store: Store, size: int) -> Iterator[Batch]:
+def loader(clips: Clips, rows: Sequence[int], store: FeatureStore, size: int) -> Iterator[Batch]:
     """Batches of some rows of an index, in order, read by other processes.
 
     Raises:
@@ -214,16 +218,16 @@ def loader(clips: Clips, rows: Sequence[int], store: Store, size: int) -> Iterat
         pin_memory=torch.cuda.is_available(),
     ):
         for line, _ in batch["skipped"].values():
-            raise DataError(f"a clip cannot be read, and a bench leaves none out: {line}")
+            raise DataError(f"a clip cannot be read, and the benchmark skips none: {line}")
         yield batch
 
 
 def readers(
-    subject: Subject, source: Source, clips: NDArray[np.int64]
+    subject: FrozenEncoder, source: TaskSource, clips: NDArray[np.int64]
 ) -> Iterator[tuple[Clips, NDArray[np.int64]]]:
-    """Clips as a model is shown them: of one size each, with their places among all."""
+    """Groups clips by the size a model reads them at, with their places among all."""
     index = source.index[clips]
-    shapes = [subject.size_for(one.frames.shape) for one in source.recordings]
+    shapes = [subject.size_for(recording.frames.shape) for recording in source.recordings]
     for size in dict.fromkeys(shapes[number] for number in index[:, 0]):
         places = np.flatnonzero([shapes[number] == size for number in index[:, 0]])
         frames, spacing = subject.frames, subject.spacing_of(source.clip)

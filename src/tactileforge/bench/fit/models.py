@@ -1,4 +1,4 @@
-"""Encoders that are compared: models of the zoo, files, runs, and baselines that know nothing."""
+"""Encoders to compare: models of the zoo, files, runs, and untrained baselines."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from tactileforge import registry
 from tactileforge.bench.fit import trained_on
 from tactileforge.bench.fit.baselines import BASELINES
 from tactileforge.bench.fit.probes.base import Probe
-from tactileforge.bench.tasks.suite import Clip
+from tactileforge.bench.tasks.suite import ClipSpec
 from tactileforge.contracts import Batch
 from tactileforge.errors import ConfigError
 from tactileforge.files import sha256
 from tactileforge.hub import cards, files, store
 from tactileforge.hub.header import Header
-from tactileforge.hub.pack import pack
+from tactileforge.hub.pack import pack_run
 
 #: Frames that a model of single frames is shown.
 STILL_FRAMES = 2
@@ -32,8 +32,8 @@ STILL_FRAMES = 2
 UNTRAINED = 3
 
 
-class Subject:
-    """One frozen encoder, and how it is shown clips.
+class FrozenEncoder:
+    """One frozen encoder, and the form of its input clips.
 
     Clips are read as its training read them: what was trained here is given frames of the size of
     its input, what was imported frames as they were recorded. A model of single frames is shown
@@ -71,34 +71,34 @@ class Subject:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """Parameters, frames, image size; what trained it, and how long, where that is known."""
+        """Parameters, frames, image size; training data and steps, where they are known."""
         height, width = self.encoder.image_size
-        found = {
+        known = {
             "parameters": sum(p.numel() for p in self.encoder.parameters()),
             "frames": self.encoder.frames,
             "image_size": f"{height} x {width}",
         }
         if not self.header.source:
-            return found
-        found |= {"trained_on": trained_on.trained_on(self.header)}
-        if told := trained_on.seen(self.header):
-            found |= {"seen_of_held_out": told}
+            return known
+        known |= {"trained_on": trained_on.trained_on(self.header)}
+        if overlap := trained_on.seen(self.header):
+            known |= {"seen_of_held_out": overlap}
         steps = self.header.source.get("steps")
-        return found if steps is None else found | {"steps": steps}
+        return known if steps is None else known | {"steps": steps}
 
     def width(self, tap: str) -> int:
-        """Size of a feature."""
-        found: int = self.encoder.projected if tap == "projected" else self.encoder.width
-        return found
+        """Width of a feature."""
+        width: int = self.encoder.projected if tap == "projected" else self.encoder.width
+        return width
 
     def taps(self, kind: type[Probe]) -> tuple[str, ...]:
-        """Features that a probe of a kind reads; of several readings, those that it has."""
+        """Names of the features that a kind of probe reads and this encoder has."""
         if not kind.readings:
             return (kind.tap,)
         return kind.readings[:1] if self.flat else kind.readings
 
-    def spacing_of(self, clip: Clip) -> float:
-        """Seconds between the frames that it is shown."""
+    def spacing_of(self, clip: ClipSpec) -> float:
+        """Seconds between the frames of its clips."""
         if self.single or clip.spread:
             return clip.span / (self.frames - 1)
         return self.header.spacing
@@ -109,17 +109,17 @@ class Subject:
         return shape if self.native else size
 
     def unknown(self, sensors: Sequence[str]) -> list[str]:
-        """Those sensors that it does not know."""
-        found = []
+        """Those of the sensors that the encoder does not know."""
+        unknown = []
         for name in sensors:
             try:
                 self._rows([name], "error")
             except ConfigError:
-                found.append(name)
-        return found
+                unknown.append(name)
+        return unknown
 
     def features(self, batch: Batch, flip: tuple[bool, bool], policy: str) -> dict[str, Tensor]:
-        """What probes read, without gradients.
+        """Features for probes, without gradients.
 
         Returns:
             ``tokens`` (B, L, width) and ``projected`` (B, projected). ``patches`` (B, n width), the
@@ -127,10 +127,10 @@ class Subject:
             a baseline without patches ``pooled`` is ``projected``.
         """
         with torch.inference_mode():
-            found = self.run(batch, flip, policy)
-            patches = found["tokens"][:, self.encoder.prefix :]
-            pooled = found["projected"] if self.flat else patches.float().mean(1)
-            return found | {"pooled": pooled, "patches": patches.flatten(1)}
+            taps = self.run(batch, flip, policy)
+            patches = taps["tokens"][:, self.encoder.prefix :]
+            pooled = taps["projected"] if self.flat else patches.float().mean(1)
+            return taps | {"pooled": pooled, "patches": patches.flatten(1)}
 
     def run(self, batch: Batch, flip: tuple[bool, bool], policy: str) -> dict[str, Tensor]:
         """The same, with gradients where the encoder has them.
@@ -155,14 +155,14 @@ class Subject:
             background.repeat_interleave(count, 0),
             rows.repeat_interleave(count),
         )
-        found = {"tokens": tokens, "projected": projected}
-        return {tap: value.unflatten(0, (-1, count)).mean(1) for tap, value in found.items()}
+        taps = {"tokens": tokens, "projected": projected}
+        return {tap: value.unflatten(0, (-1, count)).mean(1) for tap, value in taps.items()}
 
     def _rows(self, sensors: Sequence[str], policy: str) -> Tensor:
         if hasattr(self.encoder, "unknown_sensor"):
             self.encoder.unknown_sensor = policy
         if hasattr(self.encoder, "rows"):
-            rows: Tensor = self.encoder.rows(sensors)
+            rows: Tensor = self.encoder.sensor_ids(sensors)
             return rows
         known = self.encoder.sensors
         if strange := [name for name in sensors if known and name not in known]:
@@ -171,7 +171,7 @@ class Subject:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Entry:
+class ModelEntry:
     """A row of the tables, before anything is loaded.
 
     Attributes:
@@ -185,18 +185,18 @@ class Entry:
 
     name: str
     title: str
-    open: Sequence[Callable[[], Subject]]
+    open: Sequence[Callable[[], FrozenEncoder]]
     group: str = "model"
     recipe: str = ""
     folders: Sequence[Path] = field(default_factory=tuple)
 
 
-def entry(
+def model_entry(
     word: str,
     composed: Sequence[str] = (),
     device: str = "cpu",
     runs: Mapping[str, Path] | None = None,
-) -> Entry:
+) -> ModelEntry:
     """A model by the word that names it.
 
     Args:
@@ -212,70 +212,73 @@ def entry(
     """
     if word in BASELINES:
         title = BASELINES[word][1]
-        return Entry(name=word, title=title, open=[lambda: baseline(word, device)])
+        return ModelEntry(name=word, title=title, open=[lambda: baseline_encoder(word, device)])
     if word.startswith("untrained:"):
         of = word.removeprefix("untrained:")
         shape = f"run:{runs[of]}" if runs and of in runs else of
-        return Entry(
+        return ModelEntry(
             name=word,
             title=f"untrained {of.rpartition('/')[2]}",
             open=[
                 partial(
-                    lambda seed: untrained(word, header_of(shape, composed), device, seed), seed
+                    lambda seed: untrained_encoder(word, header_of(shape, composed), device, seed),
+                    seed,
                 )
                 for seed in range(UNTRAINED)
             ],
         )
     if word.startswith("run:"):
         folder = Path(word.removeprefix("run:")).expanduser()
-        return Entry(
+        return ModelEntry(
             name=word,
             title=folder.name,
-            open=[lambda: of_run(word, folder, device)],
+            open=[lambda: encoder_of_run(word, folder, device)],
             folders=[folder],
         )
     if word.startswith("file:"):
         path = Path(word.removeprefix("file:")).expanduser()
-        return Entry(name=word, title=path.stem, open=[lambda: _of_file(word, path, device)])
-    card, weight = cards.find(word)
-    return Entry(
+        return ModelEntry(name=word, title=path.stem, open=[lambda: _of_file(word, path, device)])
+    card, weight = cards.find_card(word)
+    return ModelEntry(
         name=word,
         title=f"{card.title} ({weight.tag})",
-        open=[lambda: _of_file(word, store.fetch(card, weight), device)],
+        open=[lambda: _of_file(word, store.fetch_weights(card, weight), device)],
         recipe=card.name,
     )
 
 
-def of_run(name: str, folder: Path, device: str = "cpu") -> Subject:
-    """The encoder of a run, by way of a one-file checkpoint that is not kept."""
+def encoder_of_run(name: str, folder: Path, device: str = "cpu") -> FrozenEncoder:
+    """The encoder of a run, packed into a temporary one-file checkpoint."""
     with tempfile.TemporaryDirectory() as place:
-        subject = _of_file(name, pack(folder, Path(place) / "model.safetensors"), device)
+        subject = _of_file(name, pack_run(folder, Path(place) / "model.safetensors"), device)
     subject.sha256 = subject.weights
     return subject
 
 
-def untrained(name: str, header: Header, device: str = "cpu", seed: int = 0) -> Subject:
+def untrained_encoder(
+    name: str, header: Header, device: str = "cpu", seed: int = 0
+) -> FrozenEncoder:
     """Random weights in the shape of a model."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         encoder = registry.build("encoders", header.encoder)
-    return Subject(name, encoder, replace(header, source={}), device=device)
+    return FrozenEncoder(name, encoder, replace(header, source={}), device=device)
 
 
-def baseline(word: str, device: str = "cpu") -> Subject:
+def baseline_encoder(word: str, device: str = "cpu") -> FrozenEncoder:
     """No encoder at all: see `baselines.BASELINES`."""
     encoder = BASELINES[word][0]()
-    header = files.describe(encoder, {"name": word}, licence="Apache-2.0", spacing=0.2)
-    return Subject(word, encoder, header, device=device)
+    header = files.make_header(encoder, {"name": word}, licence="Apache-2.0", spacing=0.2)
+    return FrozenEncoder(word, encoder, header, device=device)
 
 
 def header_of(word: str, composed: Sequence[str] = ()) -> Header:
-    """What is known of a model; of a recipe without weights, what it would train."""
+    """Header of a model; for a recipe without weights, of the encoder that it would train."""
     if word.startswith(("run:", "file:")):
-        return entry(word).open[0]().header
+        return model_entry(word).open[0]().header
     name, _, tag = word.partition(".")
-    if tag and store.available(*cards.find(word)):
-        return entry(word).open[0]().header
+    if tag and store.is_available(*cards.find_card(word)):
+        return model_entry(word).open[0]().header
     from omegaconf import OmegaConf
 
     from tactileforge.compose import compose
@@ -285,19 +288,19 @@ def header_of(word: str, composed: Sequence[str] = ()) -> Header:
     with torch.random.fork_rng(devices=[]):
         encoder = registry.build("encoders", plain["encoder"])
     spacing = plain["batch"]["spacing"] if encoder.frames > 1 else 0.0
-    return files.describe(
+    return files.make_header(
         encoder, plain["encoder"], licence="Apache-2.0", spacing=spacing, recipe=plain
     )
 
 
-def _of_file(name: str, path: Path, device: str) -> Subject:
+def _of_file(name: str, path: Path, device: str) -> FrozenEncoder:
     encoder, header = files.open_encoder(path)
-    return Subject(name, encoder, header, sha256(path), device)
+    return FrozenEncoder(name, encoder, header, sha256(path), device)
 
 
 def _hash(encoder: torch.nn.Module) -> str:
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for key, value in sorted(encoder.state_dict().items()):
-        found.update(key.encode())
-        found.update(value.detach().cpu().contiguous().numpy().tobytes())
-    return found.hexdigest()
+        digest.update(key.encode())
+        digest.update(value.detach().cpu().contiguous().numpy().tobytes())
+    return digest.hexdigest()

@@ -1,4 +1,4 @@
-"""The baseline ``pixels``: what a probe reads without an encoder."""
+"""The baseline ``pixels``: raw pixels as features."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from tactileforge.encoders.positions import sincos
-from tactileforge.encoders.preprocess import ANYTOUCH2, Pixels
+from tactileforge.encoders.positions import sincos_position_embedding
+from tactileforge.encoders.preprocess import ANYTOUCH2, Preprocess
 
 _SIZE, _PATCH, _SMALL = 64, 8, 16
 
 
 class PixelFeatures(nn.Module):
-    """Two frames less their background: patches with their places, and a small picture.
+    """Two frames less their background: patches with their positions, and a small image.
 
     It has no weights. Tokens are the patches of both frames, to which fixed positions are added;
     what stands for the class token are both frames at 16 x 16.
@@ -36,8 +36,10 @@ class PixelFeatures(nn.Module):
         self.width = 2 * 3 * _PATCH * _PATCH
         self.projected = 2 * 3 * _SMALL * _SMALL
         self.sensors: dict[str, int] = {}
-        self.pixels = Pixels.of(self.image_size, ANYTOUCH2)
-        self.register_buffer("position", sincos(self.grid, self.width), persistent=False)
+        self.pixels = Preprocess.of(self.image_size, ANYTOUCH2)
+        self.register_buffer(
+            "position", sincos_position_embedding(self.grid, self.width), persistent=False
+        )
         self.position: Tensor
 
     def forward(self, frames: Tensor, background: Tensor, sensor: Tensor) -> tuple[Tensor, Tensor]:

@@ -1,4 +1,4 @@
-"""Models that are trained for a bench: each run in a process of its own, skipped once finished."""
+"""Pretraining for a benchmark: each run in its own process, skipped once finished."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from typing import Any
 from omegaconf import DictConfig
 
 from tactileforge import strict
-from tactileforge.bench.fit.models import Entry, Subject, of_run
-from tactileforge.bench.results.results import Training
+from tactileforge.bench.fit.models import FrozenEncoder, ModelEntry, encoder_of_run
+from tactileforge.bench.results.results import LossCurve
 from tactileforge.callbacks import checkpoints
 from tactileforge.errors import ConfigError, TactileForgeError, unknown
 from tactileforge.files import write_text
@@ -30,7 +30,7 @@ _TAIL = 4000
 
 
 @dataclass(frozen=True, kw_only=True)
-class Model:
+class PretrainModel:
     """A model to train.
 
     Attributes:
@@ -49,7 +49,7 @@ class Model:
 
 
 @dataclass(frozen=True)
-class Job:
+class PretrainJob:
     """One run of ``tactileforge train``.
 
     Attributes:
@@ -64,7 +64,7 @@ class Job:
 
     @property
     def finished(self) -> bool:
-        """Whether it has been trained to the end: the report comes last."""
+        """Whether training is complete: the report is written last."""
         return (self.folder / "report.html").is_file() and self.has_checkpoint
 
     @property
@@ -74,25 +74,27 @@ class Job:
 
     @property
     def failed(self) -> str:
-        """Why it failed; "" if it did not."""
+        """The error of a failed run; "" if it did not fail."""
         path = self.folder / _FAILED
         return path.read_text("utf-8") if path.is_file() else ""
 
 
-def read(given: Mapping[str, Any]) -> dict[str, Model]:
+def read_models(config: Mapping[str, Any]) -> dict[str, PretrainModel]:
     """The models of a configuration.
 
     Raises:
         ConfigError: A key is unknown or of another type.
     """
     return {
-        name: strict.build(Model, f"pretrain.models.{name}", node)
-        for name, node in (given.get("models") or {}).items()
+        name: strict.build(PretrainModel, f"pretrain.models.{name}", node)
+        for name, node in (config.get("models") or {}).items()
         if node is not None
     }
 
 
-def ablations(wanted: str, known: Sequence[str], models: Mapping[str, Model]) -> dict[str, Model]:
+def ablations(
+    wanted: str, known: Sequence[str], models: Mapping[str, PretrainModel]
+) -> dict[str, PretrainModel]:
     """The first model, and one for each ablation of it.
 
     Args:
@@ -103,29 +105,35 @@ def ablations(wanted: str, known: Sequence[str], models: Mapping[str, Model]) ->
     Raises:
         ConfigError: An unknown ablation.
     """
-    name, base = next(iter(models.items()), ("anytouch2", Model(title="AnyTouch 2")))
-    chosen = [one for one in known if one != "none"] if wanted == "all" else wanted.split(",")
-    for one in chosen:
-        if one not in known:
-            raise ConfigError(unknown("ablation", one, known))
+    name, base = next(iter(models.items()), ("anytouch2", PretrainModel(title="AnyTouch 2")))
+    chosen = (
+        [ablation for ablation in known if ablation != "none"]
+        if wanted == "all"
+        else wanted.split(",")
+    )
+    for ablation in chosen:
+        if ablation not in known:
+            raise ConfigError(unknown("ablation", ablation, known))
     return {name: base, **models} | {
-        one: models.get(one)
-        or Model(
-            title=one.replace("_", " "),
+        ablation: models.get(ablation)
+        or PretrainModel(
+            title=ablation.replace("_", " "),
             recipe=base.recipe,
-            words=[*base.words, f"ablation={one}"],
+            words=[*base.words, f"ablation={ablation}"],
             seeds=base.seeds,
             group="ablation",
         )
-        for one in chosen
+        for ablation in chosen
     }
 
 
-def jobs(folder: Path, words: Sequence[str], models: Mapping[str, Model]) -> dict[str, list[Job]]:
+def jobs(
+    folder: Path, words: Sequence[str], models: Mapping[str, PretrainModel]
+) -> dict[str, list[PretrainJob]]:
     """The runs of each model."""
     return {
         name: [
-            Job(
+            PretrainJob(
                 f"{name}-{seed}",
                 folder / f"{name}-{seed}",
                 [f"recipe={model.recipe}", *words, *model.words, f"seed={seed}"],
@@ -136,10 +144,10 @@ def jobs(folder: Path, words: Sequence[str], models: Mapping[str, Model]) -> dic
     }
 
 
-def train(job: Job) -> None:
-    """Trains a run to its end; one that is finished stays, one that was stopped goes on.
+def pretrain(job: PretrainJob) -> None:
+    """Trains a run to its end; skips a finished run and resumes an interrupted one.
 
-    A run that fails leaves its last words in its folder, see `Job.failed`.
+    A run that fails leaves its last words in its folder, see `PretrainJob.failed`.
 
     Raises:
         ConfigError: The folder holds a run of other settings.
@@ -153,30 +161,30 @@ def train(job: Job) -> None:
     if not job.has_checkpoint:
         words = [*job.words, f"hydra.run.dir={job.folder}"]
     print(f"tactileforge train {' '.join(words)}", flush=True)
-    status, said = _run([sys.executable, "-m", "tactileforge", "train", *words])
+    status, output = _run([sys.executable, "-m", "tactileforge", "train", *words])
     if status == 130:
         raise KeyboardInterrupt(f"stopped in {job.folder}")
     if status:
-        reason = said.strip().rpartition("error: ")[2] or f"exit status {status}"
+        reason = output.strip().rpartition("error: ")[2] or f"exit status {status}"
         write_text(job.folder / _FAILED, " ".join(reason.split()))
 
 
 def _run(command: Sequence[str]) -> tuple[int, str]:
-    """Exit status and last words of a program, whose words are shown as they come."""
-    said = b""
+    """Runs a program and shows its output; returns its exit status and the end of the output."""
+    output = b""
     with subprocess.Popen(command, stderr=subprocess.PIPE) as process:
         assert process.stderr is not None
         try:
             for chunk in iter(partial(os.read, process.stderr.fileno(), 4096), b""):
                 sys.stderr.write(chunk.decode(errors="replace"))
-                said = (said + chunk)[-_TAIL:]
+                output = (output + chunk)[-_TAIL:]
         except KeyboardInterrupt:
             process.wait()  # the terminal has told it too, and it keeps a checkpoint
             raise
-    return process.returncode, said.decode(errors="replace")
+    return process.returncode, output.decode(errors="replace")
 
 
-def _claim(job: Job) -> None:
+def _claim(job: PretrainJob) -> None:
     path = job.folder / _WORDS
     if not path.is_file():
         write_text(path, json.dumps({"words": list(job.words)}, indent=2))
@@ -189,7 +197,7 @@ def _claim(job: Job) -> None:
         )
 
 
-def train_all(runs: Sequence[Job], hydra: Sequence[str] | None) -> None:
+def train_all(runs: Sequence[PretrainJob], hydra: Sequence[str] | None) -> None:
     """Trains runs one after another, or as jobs of Hydra.
 
     Args:
@@ -198,14 +206,16 @@ def train_all(runs: Sequence[Job], hydra: Sequence[str] | None) -> None:
             and has to see their folders; None without it.
     """
     for job in runs if hydra is None else ():
-        train(job)
+        pretrain(job)
     if hydra is not None and runs:
         _launch(runs[0].folder.parent, runs, hydra)
 
 
-def _launch(folder: Path, runs: Sequence[Job], words: Sequence[str]) -> None:
+def _launch(folder: Path, runs: Sequence[PretrainJob], words: Sequence[str]) -> None:
     import hydra
+    from hydra.core.global_hydra import GlobalHydra
 
+    GlobalHydra.instance().clear()  # the bench itself may be composed by it
     listed = folder / "jobs.json"
     rows = {job.name: [str(job.folder.resolve()), list(job.words)] for job in runs}
     write_text(listed, json.dumps(rows, indent=2))
@@ -222,15 +232,17 @@ def _launch(folder: Path, runs: Sequence[Job], words: Sequence[str]) -> None:
 
 
 def run_job(config: DictConfig) -> None:
-    """One job of Hydra: trains the run that its list has under its name."""
+    """Trains one run of the list, as a job of Hydra."""
     rows = json.loads(Path(config.jobs).read_text("utf-8"))
     folder, words = rows[config.job]
-    train(Job(config.job, Path(folder), words))
+    pretrain(PretrainJob(config.job, Path(folder), words))
 
 
-def entry(name: str, model: Model, runs: Sequence[Job], device: str) -> Entry:
-    """A trained model as one that can be compared; opening it says why a run has failed."""
-    return Entry(
+def pretrained_entry(
+    name: str, model: PretrainModel, runs: Sequence[PretrainJob], device: str
+) -> ModelEntry:
+    """A trained model as a row of the tables; opening it reports a failed run."""
+    return ModelEntry(
         name=name,
         title=model.title,
         open=[partial(_open, name, job, device) for job in runs],
@@ -240,30 +252,30 @@ def entry(name: str, model: Model, runs: Sequence[Job], device: str) -> Entry:
     )
 
 
-def _open(name: str, job: Job, device: str) -> Subject:
+def _open(name: str, job: PretrainJob, device: str) -> FrozenEncoder:
     if not job.finished:
         raise TactileForgeError(f"training {job.name} failed: {job.failed or f'see {job.folder}'}")
-    return of_run(name, job.folder, device)
+    return encoder_of_run(name, job.folder, device)
 
 
-def curves(name: str, folder: Path) -> Iterator[Training]:
+def curves(name: str, folder: Path) -> Iterator[LossCurve]:
     """Loss curves of a run, one for each objective."""
     from tactileforge.pages.curves import read_metrics
 
-    found = read_metrics(folder)
-    for key, curve in found.items():
+    metrics = read_metrics(folder)
+    for key, curve in metrics.items():
         kind, _, objective = key.partition("/")
         if kind != "train" or "/" in objective:
             continue
         thin = curve.thinned()
-        held_out = found.get(f"val/{objective}")
+        held_out = metrics.get(f"val/{objective}")
         points = dict(zip(thin.steps.tolist(), thin.values.tolist(), strict=True))
         others = {}
         if held_out is not None:
             others = dict(zip(held_out.steps.tolist(), held_out.values.tolist(), strict=True))
         steps = sorted({*points, *others})
         nan = float("nan")
-        yield Training(
+        yield LossCurve(
             model=name,
             objective=objective,
             step=[float(step) for step in steps],

@@ -1,4 +1,4 @@
-"""A task with its data, and the probe that is chosen for it."""
+"""Resolves a task to its data and its probe."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from tactileforge.bench.fit.probes import probe
-from tactileforge.bench.fit.probes.base import Probe, Training
+from tactileforge.bench.fit.probes import probe_class
+from tactileforge.bench.fit.probes.base import Probe, ProbeTraining
 from tactileforge.bench.results import results
 from tactileforge.bench.tasks import metrics
-from tactileforge.bench.tasks.source import Source
+from tactileforge.bench.tasks.source import TaskSource
 from tactileforge.bench.tasks.splits import Split
 from tactileforge.bench.tasks.suite import Task
 from tactileforge.bench.tasks.targets import Target
@@ -21,8 +21,8 @@ from tactileforge.errors import ConfigError, unknown
 
 
 @dataclass(frozen=True)
-class Prepared:
-    """A task whose data is at hand.
+class PreparedTask:
+    """A task with its opened data.
 
     Attributes:
         task: The task.
@@ -32,7 +32,7 @@ class Prepared:
     """
 
     task: Task
-    source: Source
+    source: TaskSource
     target: Target
     splits: Sequence[Split]
 
@@ -47,7 +47,7 @@ class Prepared:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Choice:
+class ProbeChoice:
     """The probe of a task: its class, its options and its training.
 
     Attributes:
@@ -61,7 +61,7 @@ class Choice:
     name: str
     kind: type[Probe]
     options: dict[str, Any]
-    training: Training
+    training: ProbeTraining
     finetune: float = 0.0
 
     def build(self, width: int, target: Target) -> Probe:
@@ -69,21 +69,21 @@ class Choice:
         return self.kind(width, target.parts, **self.options)
 
 
-def choose(task: Task, given: Mapping[str, Any]) -> Choice:
-    """The probe of a task, with what was given for all tasks.
+def choose_probe(task: Task, overrides: Mapping[str, Any]) -> ProbeChoice:
+    """The probe of a task, with the overrides of all tasks.
 
     Raises:
         ConfigError: An unknown probe or option.
     """
-    node = {**task.probe, **{key: value for key, value in given.items() if value is not None}}
+    node = {**task.probe, **{key: value for key, value in overrides.items() if value is not None}}
     name = str(node.pop("name"))
-    kind = probe(name)
+    kind = probe_class(name)
     rate = float(node.pop("finetune", 0.0))
-    known = {one.name for one in fields(Training)}
-    own = set(signature(kind).parameters) - {"width", "parts"}
+    known = {field.name for field in fields(ProbeTraining)}
+    parameters = set(signature(kind).parameters) - {"width", "parts"}
     for key in node:
-        if key not in known | own:
-            names = {*known, *own, "name", "finetune"}
+        if key not in known | parameters:
+            names = {*known, *parameters, "name", "finetune"}
             raise ConfigError(unknown(f"option of the probe of task {task.name}", key, names))
     values = {key: value for key, value in node.items() if key in known}
     if "lr" in values:
@@ -92,21 +92,21 @@ def choose(task: Task, given: Mapping[str, Any]) -> Choice:
     if "betas" in values:
         values["betas"] = tuple(values["betas"])
     training = replace(kind.published, **values)
-    options = {key: value for key, value in node.items() if key in own}
-    return Choice(name=name, kind=kind, options=options, training=training, finetune=rate)
+    options = {key: value for key, value in node.items() if key in parameters}
+    return ProbeChoice(name=name, kind=kind, options=options, training=training, finetune=rate)
 
 
-def row_of(task: Task, choice: Choice, selection: str) -> results.Task:
-    """A task as the results know it."""
-    kinds = {name: metrics.kind(name) for name in task.metrics}
-    return results.Task(
+def result_task(task: Task, choice: ProbeChoice, selection: str) -> results.ResultTask:
+    """A task as a row of the results."""
+    kinds = {name: metrics.metric_kind(name) for name in task.metrics}
+    return results.ResultTask(
         name=task.name,
         title=task.title,
         probe=choice.name + (", encoder trained too" if choice.finetune else ""),
         data=task.about or str(task.data.get("name") or task.data.get("preset")),
-        split=describe(task),
+        split=describe_split(task),
         metrics=[
-            results.Metric(name=name, unit=kind.unit, better=kind.better)
+            results.ResultMetric(name=name, unit=kind.unit, better=kind.better)
             for name, kind in kinds.items()
         ],
         main=task.metrics[0],
@@ -114,7 +114,7 @@ def row_of(task: Task, choice: Choice, selection: str) -> results.Task:
     )
 
 
-def describe(task: Task) -> str:
+def describe_split(task: Task) -> str:
     """The split of a task, in words."""
     plan = task.split
     validation = dict(plan.validation)

@@ -1,4 +1,4 @@
-"""The tables of our own numbers: models by tasks, ablations, settings, and every metric."""
+"""Tables of measured numbers: models by tasks, ablations, settings, and every metric."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from typing import Any
 from tactileforge.bench.output.grid import (
     ARROWS,
     DAGGER,
-    Entry,
-    Grid,
-    Head,
+    ColumnHead,
     Notes,
+    Table,
+    TableEntry,
     Tone,
     decimals,
     plus_minus,
     ranks,
 )
-from tactileforge.bench.results.intervals import Interval, difference
-from tactileforge.bench.results.results import Metric, Model, Results, Task
+from tactileforge.bench.results.intervals import Interval, difference_interval
+from tactileforge.bench.results.results import ResultMetric, ResultModel, Results, ResultTask
 from tactileforge.bench.results.scores import (
-    Score,
     Scores,
+    SeedScores,
     full_model,
     main_score,
     missing,
@@ -40,85 +40,89 @@ _MEAN = (
 class Columns:
     """Writes the columns of a table, and collects its footnotes."""
 
-    def __init__(self, results: Results, found: Scores) -> None:
+    def __init__(self, results: Results, all_scores: Scores) -> None:
         self.results = results
-        self.found = found
+        self.all_scores = all_scores
         self.notes = Notes()
 
-    def head(self, task: Task) -> Head:
+    def head(self, task: ResultTask) -> ColumnHead:
         """Title, main metric, and which way is better."""
         return metric_head(task.metric(), task.title)
 
-    def score(self, task: Task, model: Model) -> Score | None:
-        """What the setting of the main table gave."""
-        return main_score(self.found, task, model)
+    def score(self, task: ResultTask, model: ResultModel) -> SeedScores | None:
+        """The score of the main setting."""
+        return main_score(self.all_scores, task, model)
 
-    def column(self, task: Task, models: Sequence[Model]) -> list[Entry]:
+    def column(self, task: ResultTask, models: Sequence[ResultModel]) -> list[TableEntry]:
         """Scores of models, the best marked."""
         return self.column_of(task, [(model, self.score(task, model)) for model in models])
 
-    def column_of(self, task: Task, rows: Sequence[tuple[Model, Score | None]]) -> list[Entry]:
+    def column_of(
+        self, task: ResultTask, rows: Sequence[tuple[ResultModel, SeedScores | None]]
+    ) -> list[TableEntry]:
         """Scores in one task, the best marked; words where there are none."""
         known = [score.interval() if score else None for _, score in rows]
         digits = digits_of(known)
-        marks = ranks([one.mean if one else None for one in known], task.metric().better, digits)
+        marks = ranks([row.mean if row else None for row in known], task.metric().better, digits)
         return [
-            Entry(plus_minus(interval, digits), mark, self.marks(score))
+            TableEntry(plus_minus(interval, digits), mark, self.marks(score))
             if score and interval
             else self.without(task, model, score)
             for (model, score), interval, mark in zip(rows, known, marks, strict=True)
         ]
 
-    def marks(self, score: Score, metric: str = "") -> tuple[str, ...]:
+    def marks(self, score: SeedScores, metric: str = "") -> tuple[str, ...]:
         """Footnotes of a score."""
         task = score.task
-        told = words(self.results, task.name, score.model.name)
+        reasons = words(self.results, task.name, score.model.name)
         numbers = score.interval(metric)
         lost = len(score.cells) - (len(numbers.values) if numbers else 0)
         if lost:
-            told = [*told, f"{lost} of {len(score.cells)} seeds gave no finite number."]
-        own = (self.notes.own(DAGGER, _TEST),) if task.selection == "test" else ()
-        return (*own, *map(self.notes.letter, told))
+            reasons = [*reasons, f"{lost} of {len(score.cells)} seeds gave no finite number."]
+        selection_note = (self.notes.own(DAGGER, _TEST),) if task.selection == "test" else ()
+        return (*selection_note, *map(self.notes.letter, reasons))
 
-    def without(self, task: Task, model: Model, score: Score | None, metric: str = "") -> Entry:
-        """The entry where there is no number."""
+    def without(
+        self, task: ResultTask, model: ResultModel, score: SeedScores | None, metric: str = ""
+    ) -> TableEntry:
+        """An entry without a number, with its reason as a footnote."""
         if score:
-            return Entry("no number", marks=self.marks(score, metric), tone="soft")
-        told = missing(self.results, task.name, model.name)
-        return Entry("not run", marks=tuple(map(self.notes.letter, told)), tone="soft")
+            return TableEntry("no number", marks=self.marks(score, metric), tone="soft")
+        reasons = missing(self.results, task.name, model.name)
+        return TableEntry("not run", marks=tuple(map(self.notes.letter, reasons)), tone="soft")
 
 
-def metric_head(metric: Metric, title: str = "") -> Head:
+def metric_head(metric: ResultMetric, title: str = "") -> ColumnHead:
     """The head of a column of one metric."""
     unit = f" ({metric.unit})" if metric.unit else ""
     below = f"{metric.name}{unit} {ARROWS[metric.better]}"
-    return Head(title, below) if title else Head(below)
+    return ColumnHead(title, below) if title else ColumnHead(below)
 
 
 def digits_of(intervals: Sequence[Interval | None]) -> int:
     """Digits after the point for a column."""
-    return decimals(one.mean for one in intervals if one)
+    return decimals(interval.mean for interval in intervals if interval)
 
 
-def main_models(results: Results) -> list[Model]:
+def main_models(results: Results) -> list[ResultModel]:
     """The rows of the main table: all but ablations."""
     return [model for model in results.models if model.group == "model"]
 
 
-def main_table(results: Results, found: Scores) -> Grid | None:
+def main_table(results: Results, all_scores: Scores) -> Table | None:
     """Models by tasks, in the main metric of each; None where there is no model or no task."""
     models = main_models(results)
     if not models or not results.tasks:
         return None
-    table, names = Columns(results, found), titles(results)
+    table, names = Columns(results, all_scores), titles(results)
     columns = [table.column(task, models) for task in results.tasks]
-    return Grid(
+    return Table(
         name="main",
         title=f"Models compared: {results.suite}",
         caption=f"{_MEAN} Best in bold, second best underlined, by the mean.",
-        head=[Head("Model"), *map(table.head, results.tasks), Head("seeds")],
+        head=[ColumnHead("Model"), *map(table.head, results.tasks), ColumnHead("seeds")],
         rows=[
-            [Entry(names[model.name]), *entries, Entry(_seeds(table, model))]
+            [TableEntry(names[model.name]), *entries, TableEntry(_seeds(table, model))]
             for model, *entries in zip(models, *columns, strict=True)
         ],
         notes=[*table.notes.items(), *_other_tasks(results)],
@@ -128,41 +132,41 @@ def main_table(results: Results, found: Scores) -> Grid | None:
 def _other_tasks(results: Results) -> list[tuple[str, str]]:
     """Tasks that did not run and have no column."""
     listed = {"", *(task.name for task in results.tasks)}
-    rest = (one for one in results.not_run if one.task not in listed)
-    return [("‡", f"Task {one.task} was not run. {sentences(one)}") for one in rest]
+    rest = (skipped for skipped in results.not_run if skipped.task not in listed)
+    return [("‡", f"Task {skipped.task} was not run. {sentences(skipped)}") for skipped in rest]
 
 
-def _seeds(table: Columns, model: Model) -> str:
-    found = [table.score(task, model) for task in table.results.tasks]
-    counts = sorted({len(score.cells) for score in found if score})
+def _seeds(table: Columns, model: ResultModel) -> str:
+    row = [table.score(task, model) for task in table.results.tasks]
+    counts = sorted({len(score.cells) for score in row if score})
     return " to ".join(str(count) for count in dict.fromkeys((*counts[:1], *counts[-1:]))) or "none"
 
 
-def ablation_table(results: Results, found: Scores) -> Grid | None:
-    """Each ablation against its full model; None where there is none."""
+def ablation_table(results: Results, all_scores: Scores) -> Table | None:
+    """Each ablation against its full model; None without ablations."""
     ablations = [model for model in results.models if model.group == "ablation"]
     if not ablations or not results.tasks:
         return None
     pairs = [(model, full_model(results, model)) for model in ablations]
     fulls = list({full.name: full for _, full in pairs if full}.values())
-    ordered: list[tuple[Model, Model | None]] = []
+    ordered: list[tuple[ResultModel, ResultModel | None]] = []
     for full in fulls:
         ordered += [(full, None), *(pair for pair in pairs if pair[1] == full)]
     ordered += [pair for pair in pairs if pair[1] is None]
-    table, names = Columns(results, found), titles(results)
+    table, names = Columns(results, all_scores), titles(results)
     columns = [_ablation_column(table, task, ordered) for task in results.tasks]
     caption = (
         "After the mean the difference to the full model ± its 95 % interval (pooled variance, "
         "Student's t). ▼ worse and ▲ better, beyond that interval; ▽ worse and △ better, but "
         "within it, or with one seed each, which gives none."
     )
-    return Grid(
+    return Table(
         name="ablations",
         title="Ablations",
         caption=caption,
-        head=[Head("Model"), *map(table.head, results.tasks), Head("seeds")],
+        head=[ColumnHead("Model"), *map(table.head, results.tasks), ColumnHead("seeds")],
         rows=[
-            [Entry(names[model.name]), *entries, Entry(_seeds(table, model))]
+            [TableEntry(names[model.name]), *entries, TableEntry(_seeds(table, model))]
             for (model, _), *entries in zip(ordered, *columns, strict=True)
         ],
         notes=table.notes.items(),
@@ -170,8 +174,8 @@ def ablation_table(results: Results, found: Scores) -> Grid | None:
 
 
 def _ablation_column(
-    table: Columns, task: Task, rows: Sequence[tuple[Model, Model | None]]
-) -> list[Entry]:
+    table: Columns, task: ResultTask, rows: Sequence[tuple[ResultModel, ResultModel | None]]
+) -> list[TableEntry]:
     plain = [table.score(task, model) for model, _ in rows]
     digits = digits_of([score.interval() if score else None for score in plain])
     entries = []
@@ -180,7 +184,7 @@ def _ablation_column(
         if score is None or interval is None:
             entries.append(table.without(task, model, score))
             continue
-        own, marks = plus_minus(interval, digits), table.marks(score)
+        value_text, marks = plus_minus(interval, digits), table.marks(score)
         base = table.score(task, full) if full else None
         against = base.interval() if base else None
         if against is None:
@@ -189,18 +193,18 @@ def _ablation_column(
                     *marks,
                     table.notes.letter("The full model has no number to compare with."),
                 )
-            entries.append(Entry(own, marks=marks))
+            entries.append(TableEntry(value_text, marks=marks))
             continue
-        change = difference(interval, against)
-        sign, tone = verdict(change, task.metric().better)
-        own = plus_minus(Interval(interval.mean, math.nan, ()), digits)
+        change = difference_interval(interval, against)
+        sign, tone = comparison_mark(change, task.metric().better)
+        value_text = plus_minus(Interval(interval.mean, math.nan, ()), digits)
         below = f"{plus_minus(change, digits, signed=True)} {sign}".rstrip()
-        entries.append(Entry(own, marks=marks, tone=tone, below=below))
+        entries.append(TableEntry(value_text, marks=marks, tone=tone, below=below))
     return entries
 
 
-def verdict(change: Interval, better: str) -> tuple[str, Tone]:
-    """The sign of a difference, and its tone: filled where it is beyond its interval."""
+def comparison_mark(change: Interval, better: str) -> tuple[str, Tone]:
+    """The sign of a difference, and its tone: filled where it exceeds its interval."""
     if change.mean == 0:
         return "", ""
     worse = (change.mean > 0) == (better == "lower")
@@ -209,14 +213,14 @@ def verdict(change: Interval, better: str) -> tuple[str, Tone]:
     return ("▽" if worse else "△"), ""
 
 
-def settings_table(results: Results, found: Scores) -> Grid | None:
-    """Models by the settings that were tried; None where each has one."""
-    tried = {key: some for key, some in found.items() if len(some) > 1}
+def settings_table(results: Results, all_scores: Scores) -> Table | None:
+    """Models by settings; None where each has only one."""
+    tried = {key: some for key, some in all_scores.items() if len(some) > 1}
     if not tried:
         return None
-    table, names = Columns(results, found), titles(results)
+    table, names = Columns(results, all_scores), titles(results)
     tasks = [task for task in results.tasks if any(key[0] == task.name for key in tried)]
-    rows: list[tuple[Model, dict[str, Any]]] = []
+    rows: list[tuple[ResultModel, dict[str, Any]]] = []
     for model in results.models:
         for (_, name), some in tried.items():
             if name == model.name:
@@ -226,16 +230,20 @@ def settings_table(results: Results, found: Scores) -> Grid | None:
                     if (model, dict(score.setting)) not in rows
                 ]
     columns = [_settings_column(table, task, rows) for task in tasks]
-    return Grid(
+    return Table(
         name="settings",
         title="Settings of the probes",
         caption=(
             f"{_MEAN} Best in bold, second best underlined, of the settings of one model. "
             "Test numbers: choose no setting by them."
         ),
-        head=[Head("Model"), Head("setting"), *map(table.head, tasks)],
+        head=[ColumnHead("Model"), ColumnHead("setting"), *map(table.head, tasks)],
         rows=[
-            [Entry(names[model.name]), Entry(_words_of(setting, rows), tone="text"), *entries]
+            [
+                TableEntry(names[model.name]),
+                TableEntry(_words_of(setting, rows), tone="text"),
+                *entries,
+            ]
             for (model, setting), *entries in zip(rows, *columns, strict=True)
         ],
         notes=table.notes.items(),
@@ -243,39 +251,40 @@ def settings_table(results: Results, found: Scores) -> Grid | None:
 
 
 def _settings_column(
-    table: Columns, task: Task, rows: Sequence[tuple[Model, dict[str, Any]]]
-) -> list[Entry]:
+    table: Columns, task: ResultTask, rows: Sequence[tuple[ResultModel, dict[str, Any]]]
+) -> list[TableEntry]:
     """One task; the best are marked model by model."""
-    entries: list[Entry] = []
+    entries: list[TableEntry] = []
     for model in dict.fromkeys(model.name for model, _ in rows):
-        scores = table.found.get((task.name, model), [])
-        own = [(m, setting) for m, setting in rows if m.name == model]
-        found = [
-            (m, next((s for s in scores if dict(s.setting) == setting), None)) for m, setting in own
+        scores = table.all_scores.get((task.name, model), [])
+        settings = [(m, setting) for m, setting in rows if m.name == model]
+        scored = [
+            (m, next((s for s in scores if dict(s.setting) == setting), None))
+            for m, setting in settings
         ]
-        written = table.column_of(task, found)
-        for (_, score), entry in zip(found, written, strict=True):
+        written = table.column_of(task, scored)
+        for (_, score), entry in zip(scored, written, strict=True):
             if score is None and scores:
-                entry = Entry("not tried", tone="soft")
+                entry = TableEntry("not tried", tone="soft")
             elif score is not None and score is scores[0]:
                 note = table.notes.letter("The setting of the main table.")
-                entry = Entry(entry.text, entry.rank, (*entry.marks, note), entry.tone)
+                entry = TableEntry(entry.text, entry.rank, (*entry.marks, note), entry.tone)
             entries.append(entry)
     return entries
 
 
-def _words_of(setting: dict[str, Any], rows: Sequence[tuple[Model, dict[str, Any]]]) -> str:
-    """The options that are not the same in all rows."""
+def _words_of(setting: dict[str, Any], rows: Sequence[tuple[ResultModel, dict[str, Any]]]) -> str:
+    """The options that differ between rows."""
     every = [other for _, other in rows]
     differing = [key for key in setting if any(o.get(key) != setting[key] for o in every)]
     return ", ".join(f"{key}={setting[key]}" for key in differing) or "as published"
 
 
-def details_table(results: Results, found: Scores, task: Task) -> Grid | None:
+def details_table(results: Results, all_scores: Scores, task: ResultTask) -> Table | None:
     """Every metric of one task; None where there is no model."""
     if not results.models:
         return None
-    table, names = Columns(results, found), titles(results)
+    table, names = Columns(results, all_scores), titles(results)
     scores = [table.score(task, model) for model in results.models]
     columns = []
     for metric in task.metrics:
@@ -283,27 +292,32 @@ def details_table(results: Results, found: Scores, task: Task) -> Grid | None:
         digits = digits_of(known)
         columns.append(
             [
-                Entry(plus_minus(one, digits), marks=table.marks(score, metric.name))
-                if score and one
+                TableEntry(plus_minus(interval, digits), marks=table.marks(score, metric.name))
+                if score and interval
                 else table.without(task, model, score, metric.name)
-                for model, score, one in zip(results.models, scores, known, strict=True)
+                for model, score, interval in zip(results.models, scores, known, strict=True)
             ]
         )
-    return Grid(
+    return Table(
         name=f"details-{task.name}",
         title=task.title,
         caption=_MEAN,
-        head=[Head("Model"), *map(metric_head, task.metrics), Head("seeds"), Head("best epochs")],
+        head=[
+            ColumnHead("Model"),
+            *map(metric_head, task.metrics),
+            ColumnHead("seeds"),
+            ColumnHead("best epochs"),
+        ],
         rows=[
-            [Entry(names[model.name]), *entries, *_how(score)]
+            [TableEntry(names[model.name]), *entries, *_how(score)]
             for model, score, *entries in zip(results.models, scores, *columns, strict=True)
         ],
         notes=table.notes.items(),
     )
 
 
-def _how(score: Score | None) -> tuple[Entry, Entry]:
+def _how(score: SeedScores | None) -> tuple[TableEntry, TableEntry]:
     if score is None:
-        return Entry("none", tone="soft"), Entry("none", tone="soft")
+        return TableEntry("none", tone="soft"), TableEntry("none", tone="soft")
     epochs = [str(cell.epoch) if cell.epoch >= 0 else "none" for cell in score.cells]
-    return Entry(str(len(score.cells))), Entry(", ".join(epochs))
+    return TableEntry(str(len(score.cells))), TableEntry(", ".join(epochs))

@@ -1,4 +1,4 @@
-"""Every number of a bench in one CSV file, one a row."""
+"""Exports every number of a benchmark as CSV, one per row."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import json
 import math
 from collections.abc import Iterator, Sequence
 
-from tactileforge.bench.output.published import Published
+from tactileforge.bench.output.published import PublishedScore
 from tactileforge.bench.results.intervals import Interval
-from tactileforge.bench.results.results import Metric, Model, Results, Task
-from tactileforge.bench.results.scores import Score, Scores, missing, sentences, words
+from tactileforge.bench.results.results import ResultMetric, ResultModel, Results, ResultTask
+from tactileforge.bench.results.scores import Scores, SeedScores, missing, sentences, words
 
 COLUMNS = (
     "task", "model", "group", "metric", "unit", "better", "setting", "selection",
@@ -19,8 +19,8 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def long_form(results: Results, found: Scores, rows: Sequence[Published]) -> str:
-    """The text of the file.
+def long_form(results: Results, all_scores: Scores, rows: Sequence[PublishedScore]) -> str:
+    """The results as CSV text, one number per row.
 
     ``origin`` is ``ours`` or ``published``. Where ``mean`` is empty, ``note`` says why.
     """
@@ -29,12 +29,14 @@ def long_form(results: Results, found: Scores, rows: Sequence[Published]) -> str
     writer.writeheader()
     for task in results.tasks:
         for model in results.models:
-            writer.writerows(_ours(results, found, task, model))
+            writer.writerows(_ours(results, all_scores, task, model))
     listed = {task.name for task in results.tasks}
-    for one in results.not_run:
-        if one.task and one.task not in listed:
-            note = f"not run: {sentences(one)}"
-            writer.writerow({"task": one.task, "model": one.model, "origin": "ours", "note": note})
+    for skipped in results.not_run:
+        if skipped.task and skipped.task not in listed:
+            note = f"not run: {sentences(skipped)}"
+            writer.writerow(
+                {"task": skipped.task, "model": skipped.model, "origin": "ours", "note": note}
+            )
     for row in rows:
         writer.writerow(
             {
@@ -50,8 +52,10 @@ def long_form(results: Results, found: Scores, rows: Sequence[Published]) -> str
     return file.getvalue()
 
 
-def _ours(results: Results, found: Scores, task: Task, model: Model) -> Iterator[dict[str, object]]:
-    known = found.get((task.name, model.name), [])
+def _ours(
+    results: Results, all_scores: Scores, task: ResultTask, model: ResultModel
+) -> Iterator[dict[str, object]]:
+    known = all_scores.get((task.name, model.name), [])
     about = " ".join(words(results, task.name, model.name))
     for score in known:
         for metric in task.metrics:
@@ -61,7 +65,7 @@ def _ours(results: Results, found: Scores, task: Task, model: Model) -> Iterator
         yield _row(task, model, task.metric()) | {"seeds": 0, "note": f"not run: {why}"}
 
 
-def _row(task: Task, model: Model, metric: Metric) -> dict[str, object]:
+def _row(task: ResultTask, model: ResultModel, metric: ResultMetric) -> dict[str, object]:
     return {
         "task": task.name,
         "model": model.name,
@@ -75,7 +79,7 @@ def _row(task: Task, model: Model, metric: Metric) -> dict[str, object]:
     }
 
 
-def _numbers(score: Score, interval: Interval | None, about: str) -> dict[str, object]:
+def _numbers(score: SeedScores, interval: Interval | None, about: str) -> dict[str, object]:
     count = len(interval.values) if interval else 0
     row: dict[str, object] = {"setting": json.dumps(score.setting), "seeds": count}
     notes = [about] if about else []

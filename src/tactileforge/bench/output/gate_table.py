@@ -6,9 +6,9 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from tactileforge.bench.output.grid import Entry, Grid, Head, fixed
+from tactileforge.bench.output.grid import ColumnHead, Table, TableEntry, fixed
 from tactileforge.bench.results import gate
-from tactileforge.bench.results.gate import Row, Score
+from tactileforge.bench.results.gate import GateRow, GateScore
 from tactileforge.bench.results.results import Results
 from tactileforge.bench.results.scores import titles
 from tactileforge.files import write_text
@@ -21,50 +21,54 @@ _CAPTION = (
 )
 
 
-def write(folder: Path, results: Results) -> list[Row]:
-    """Writes ``gate.json``; nothing where no probe is in closed form."""
-    found = gate.rows(folder, results)
-    if found:
-        plain = gate.plain(found, results)
+def write_gate(folder: Path, results: Results) -> list[GateRow]:
+    """Writes ``gate.json``, unless no probe is in closed form."""
+    rows = gate.compute_gate(folder, results)
+    if rows:
+        plain = gate.gate_to_plain(rows, results)
         write_text(folder / gate.FILE, json.dumps(plain, indent=1, allow_nan=False) + "\n")
-    return found
+    return rows
 
 
-def grid(found: Sequence[Row], results: Results) -> Grid | None:
-    """The table; None where there is nothing in it."""
-    if not found:
+def gate_table(gate_rows: Sequence[GateRow], results: Results) -> Table | None:
+    """The table of the release gate; None if it is empty."""
+    if not gate_rows:
         return None
     names = titles(results)
-    keys = list(dict.fromkeys((row.model, row.reading) for row in found))
-    known = {(row.model, row.reading, row.task): row for row in found}
+    keys = list(dict.fromkeys((row.model, row.reading) for row in gate_rows))
+    known = {(row.model, row.reading, row.task): row for row in gate_rows}
     rows = []
     for model, reading in keys:
-        own = [known.get((model, reading, task.name)) for task in results.tasks]
-        entries = [_entry(row) if row else Entry("not run", tone="soft") for row in own]
-        rows.append([Entry(names[model]), Entry(reading), *entries, Entry(_won(own))])
-    heads = [Head(task.title, task.main) for task in results.tasks]
-    return Grid(
+        cells = [known.get((model, reading, task.name)) for task in results.tasks]
+        entries = [_entry(row) if row else TableEntry("not run", tone="soft") for row in cells]
+        rows.append(
+            [TableEntry(names[model]), TableEntry(reading), *entries, TableEntry(_won(cells))]
+        )
+    heads = [ColumnHead(task.title, task.main) for task in results.tasks]
+    return Table(
         name="gate",
         title=f"Release gate: {results.suite}",
         caption=_CAPTION,
-        head=[Head("Model"), Head("tokens"), *heads, Head("won")],
+        head=[ColumnHead("Model"), ColumnHead("tokens"), *heads, ColumnHead("won")],
         rows=rows,
     )
 
 
-def _entry(row: Row) -> Entry:
+def _entry(row: GateRow) -> TableEntry:
     below = [f"{name[0]} {_signed(row.above[name])}" for name in gate.AGAINST if name in row.above]
     lost = any(row.above[name].high < 0 for name in gate.AGAINST if name in row.above)
     sign = " ▲" if row.beats else " ▼" if lost else ""
-    one = row.score
-    text = f"{fixed(one.value, 3)} [{fixed(one.low, 2)}, {fixed(one.high, 2)}]{sign}"
-    return Entry(text, below=", ".join(below), tone="good" if row.beats else "bad" if lost else "")
+    score = row.score
+    text = f"{fixed(score.value, 3)} [{fixed(score.low, 2)}, {fixed(score.high, 2)}]{sign}"
+    return TableEntry(
+        text, below=", ".join(below), tone="good" if row.beats else "bad" if lost else ""
+    )
 
 
-def _signed(one: Score) -> str:
-    return f"{fixed(one.value, 3, signed=True)} (> {fixed(one.low, 2, signed=True)})"
+def _signed(score: GateScore) -> str:
+    return f"{fixed(score.value, 3, signed=True)} (> {fixed(score.low, 2, signed=True)})"
 
 
-def _won(rows: Sequence[Row | None]) -> str:
+def _won(rows: Sequence[GateRow | None]) -> str:
     measured = [row for row in rows if row and row.above]
     return f"{sum(row.beats for row in measured)} of {len(measured)}" if measured else "none"

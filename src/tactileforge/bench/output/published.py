@@ -1,4 +1,4 @@
-"""Numbers that others published, from the cards of the zoo; kept apart from our own."""
+"""Published numbers of the cards of the zoo, kept apart from measured ones."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from tactileforge.bench.output.comparison_tables import Columns, digits_of, main_models
-from tactileforge.bench.output.grid import Entry, Grid, Head, plus_minus
-from tactileforge.bench.results.results import Results, Task
+from tactileforge.bench.output.grid import ColumnHead, Table, TableEntry, plus_minus
+from tactileforge.bench.results.results import Results, ResultTask
 from tactileforge.bench.results.scores import Scores, titles
 from tactileforge.hub import cards
 
 
 @dataclass(frozen=True)
-class Published:
+class PublishedScore:
     """One number of a card.
 
     Attributes:
@@ -34,21 +34,21 @@ class Published:
     source: str
 
 
-def of_zoo() -> list[Published]:
-    """What others measured, of all cards, in the order of their names."""
+def published_scores() -> list[PublishedScore]:
+    """Published numbers of all cards, in the order of their names."""
     return [
-        Published(f"{card.name}.{r.model}", r.task, r.metric, r.value, r.unit, r.source)
-        for card in map(cards.read, cards.names())
+        PublishedScore(f"{card.name}.{r.model}", r.task, r.metric, r.value, r.unit, r.source)
+        for card in map(cards.read_card, cards.card_names())
         for r in card.results
         if not r.is_ours
     ]
 
 
-def same(ours: str, theirs: str) -> bool:
-    """Whether two names mean the same: letters and digits count, and neither case nor ``of``.
+def same_name(ours: str, theirs: str) -> bool:
+    """Whether two names are equal up to case, punctuation and the word ``of``.
 
     Example:
-        >>> same("rmse_sum_axes", "RMSE, sum of axes")
+        >>> same_name("rmse_sum_axes", "RMSE, sum of axes")
         True
     """
     first, second = (
@@ -58,7 +58,7 @@ def same(ours: str, theirs: str) -> bool:
     return first == second
 
 
-def published_table(rows: Sequence[Published]) -> Grid | None:
+def published_table(rows: Sequence[PublishedScore]) -> Table | None:
     """Tasks by models; None where there are no numbers."""
     if not rows:
         return None
@@ -68,51 +68,57 @@ def published_table(rows: Sequence[Published]) -> Grid | None:
     sources = "; ".join(dict.fromkeys(row.source for row in rows))
     entries = [
         [
-            Entry(f"{task}: {metric}{f' ({unit})' if unit else ''}"),
+            TableEntry(f"{task}: {metric}{f' ({unit})' if unit else ''}"),
             *(
-                Entry(value) if (value := values.get((task, metric, unit, model))) else _NONE
+                TableEntry(value) if (value := values.get((task, metric, unit, model))) else _NONE
                 for model in models
             ),
         ]
         for task, metric, unit in tasks
     ]
-    return Grid(
+    return Table(
         name="published",
         title="Published numbers, not ours",
         caption=f"As printed in: {sources}. Nothing here was measured by this bench.",
-        head=[Head("Task"), *map(Head, models)],
+        head=[ColumnHead("Task"), *map(ColumnHead, models)],
         rows=entries,
     )
 
 
-_NONE = Entry("not published", tone="soft")
+_NONE = TableEntry("not published", tone="soft")
 
 
-def of_task(task: Task, rows: Sequence[Published]) -> list[tuple[Published, str]]:
-    """What was published for the same task and one of its metrics, with our name of the metric."""
+def published_for_task(
+    task: ResultTask, rows: Sequence[PublishedScore]
+) -> list[tuple[PublishedScore, str]]:
+    """Published numbers for the same task and one of its metrics, with our name of the metric."""
     return [
         (row, metric.name)
         for row in rows
-        if same(task.title, row.task)
+        if same_name(task.title, row.task)
         for metric in task.metrics
-        if same(metric.name, row.metric) and metric.unit == row.unit
+        if same_name(metric.name, row.metric) and metric.unit == row.unit
     ]
 
 
-def beside_tables(results: Results, found: Scores, rows: Sequence[Published]) -> list[Grid]:
-    """Our numbers beside published ones: a table for each task and metric that both have."""
+def beside_tables(
+    results: Results, all_scores: Scores, rows: Sequence[PublishedScore]
+) -> list[Table]:
+    """Measured beside published numbers: a table for each task and metric that both have."""
     grids = []
     for task in results.tasks:
-        pairs = of_task(task, rows)
+        pairs = published_for_task(task, rows)
         for metric in dict.fromkeys(name for _, name in pairs):
             theirs = {row.model: row for row, name in pairs if name == metric}
-            grid = _beside(Columns(results, found), task, metric, theirs)
+            grid = _beside(Columns(results, all_scores), task, metric, theirs)
             grids += [grid] if grid else []
     return grids
 
 
-def _beside(table: Columns, task: Task, metric: str, theirs: dict[str, Published]) -> Grid | None:
-    """None where we have no number."""
+def _beside(
+    table: Columns, task: ResultTask, metric: str, theirs: dict[str, PublishedScore]
+) -> Table | None:
+    """A table of measured beside published numbers; None without a measured one."""
     models = {model.name: model for model in main_models(table.results)}
     scores = {name: table.score(task, model) for name, model in models.items()}
     ours = {name: score.interval(metric) if score else None for name, score in scores.items()}
@@ -121,24 +127,29 @@ def _beside(table: Columns, task: Task, metric: str, theirs: dict[str, Published
     digits, names = digits_of(list(ours.values())), titles(table.results)
     entries = []
     for name in dict.fromkeys((*models, *theirs)):
-        score, own, other = scores.get(name), ours.get(name), theirs.get(name)
-        left = Entry("not in this bench", tone="soft")
-        if score and own:
-            left = Entry(plus_minus(own, digits), marks=table.marks(score, metric))
+        score, interval, other = scores.get(name), ours.get(name), theirs.get(name)
+        left = TableEntry("not in this bench", tone="soft")
+        if score and interval:
+            left = TableEntry(plus_minus(interval, digits), marks=table.marks(score, metric))
         elif name in models:
             left = table.without(task, models[name], score, metric)
-        right = Entry(f"{other.value:g}") if other else _NONE
-        source = Entry(other.source if other else "no source", tone="text")
-        entries.append([Entry(names.get(name, name)), left, right, source])
+        right = TableEntry(f"{other.value:g}") if other else _NONE
+        source = TableEntry(other.source if other else "no source", tone="text")
+        entries.append([TableEntry(names.get(name, name)), left, right, source])
     unit = task.metric(metric).unit
-    return Grid(
+    return Table(
         name=f"beside-{task.name}-{metric}",
         title=f"Ours beside published: {task.title}",
         caption=(
             f"{metric}{f' ({unit})' if unit else ''}. Published numbers may come from another "
             "split or epoch, and take no part in the marks of our tables."
         ),
-        head=[Head("Model"), Head("ours"), Head("published"), Head("source")],
+        head=[
+            ColumnHead("Model"),
+            ColumnHead("ours"),
+            ColumnHead("published"),
+            ColumnHead("source"),
+        ],
         rows=entries,
         notes=table.notes.items(),
     )

@@ -4,27 +4,29 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from html import escape
 from pathlib import Path
 from typing import Any
 
+from markupsafe import Markup
+
 from tactileforge.bench.output import comparison_tables, published
-from tactileforge.bench.output.grid import Entry, Grid, Head
-from tactileforge.bench.output.pictures import drawn
-from tactileforge.bench.output.published import Published
-from tactileforge.bench.output.render import html
-from tactileforge.bench.results.intervals import difference
-from tactileforge.bench.results.results import Results, Task
+from tactileforge.bench.output.grid import ColumnHead, Table, TableEntry
+from tactileforge.bench.output.pictures import draw_figures
+from tactileforge.bench.output.published import PublishedScore
+from tactileforge.bench.output.render import render_html
+from tactileforge.bench.results.intervals import difference_interval
+from tactileforge.bench.results.results import Results, ResultTask
 from tactileforge.bench.results.scores import Scores, titles
-from tactileforge.pages.page import Section, page, paragraph
+from tactileforge.pages.page import Section, details, facts, page, paragraph, preformatted, verdict
+from tactileforge.pages.templating import joined
 
 
 def bench_page(
     folder: Path,
     results: Results,
     found: Scores,
-    rows: Sequence[Published],
-    gate: Grid | None = None,
+    rows: Sequence[PublishedScore],
+    gate: Table | None = None,
 ) -> str:
     """The whole page.
 
@@ -42,13 +44,13 @@ def bench_page(
         ("setting", "Settings", comparison_tables.settings_table(results, found)),
     ):
         if grid:
-            parts.append(Section(name, title, html(grid)))
-    parts += drawn(folder, results, found)
+            parts.append(Section(name, title, render_html(grid)))
+    parts += draw_figures(folder, results, found)
     parts += [_details(results, found), *_published(results, found, rows), _about(results)]
     return page(f"Touch encoders compared: {results.suite}", _top(results, found), parts)
 
 
-def _top(results: Results, found: Scores) -> str:
+def _top(results: Results, found: Scores) -> Markup:
     seeds = sorted({cell.seed for cell in results.cells})
     about = {
         "Suite": results.suite,
@@ -62,14 +64,8 @@ def _top(results: Results, found: Scores) -> str:
             if key in results.versions
         ),
     }
-    cells = "".join(
-        f"<div><dt>{key}</dt><dd>{escape(value)}</dd></div>"
-        for key, value in about.items()
-        if value
-    )
     lines = [*_leaders(results, found), _ran(results, found), *_warnings(results, found)]
-    items = "".join(f'<li class="{kind}">{escape(text)}</li>' for kind, text in lines)
-    return f'<dl>{cells}</dl><ul class="verdict">{items}</ul>'
+    return facts(about) + verdict(lines)
 
 
 def _leaders(results: Results, found: Scores) -> list[tuple[str, str]]:
@@ -88,7 +84,7 @@ def _leaders(results: Results, found: Scores) -> list[tuple[str, str]]:
         compared += 1
         known.sort(key=lambda row: row[0].mean, reverse=task.metric().better == "higher")
         first.setdefault(known[0][1], []).append(task.title)
-        gap = difference(known[0][0], known[1][0])
+        gap = difference_interval(known[0][0], known[1][0])
         clear += abs(gap.mean) > gap.half
     if not compared:
         return [("plain", "No task has numbers of two models: there is nothing to compare.")]
@@ -131,7 +127,7 @@ def _warnings(results: Results, found: Scores) -> list[tuple[str, str]]:
 
 def _compared(results: Results, found: Scores) -> Section:
     grid = comparison_tables.main_table(results, found)
-    body = html(grid) if grid else paragraph("There is no model, or no task.")
+    body = render_html(grid) if grid else paragraph("There is no model, or no task.")
     return Section("models", "Models", body)
 
 
@@ -139,57 +135,55 @@ def _details(results: Results, found: Scores) -> Section:
     body = paragraph("Every metric of each task, in the setting of the main table.")
     for task in results.tasks:
         grid = comparison_tables.details_table(results, found, task)
-        inner = html(grid) if grid else paragraph("There is no model.")
-        body += f"<details><summary>{escape(task.title)}</summary>{inner}</details>"
+        inner = render_html(grid) if grid else paragraph("There is no model.")
+        body += details(task.title, inner)
     return Section("details", "All metrics", body)
 
 
-def _published(results: Results, found: Scores, rows: Sequence[Published]) -> list[Section]:
-    body = ""
+def _published(results: Results, found: Scores, rows: Sequence[PublishedScore]) -> list[Section]:
+    body = Markup()
     for beside in published.beside_tables(results, found, rows):
-        body += html(beside, heading=True)
+        body += render_html(beside, heading=True)
     every = published.published_table(rows)
     if every:
-        body += (
-            f"<details><summary>{escape(every.title)}: all of the zoo</summary>"
-            f"{html(every)}</details>"
-        )
+        body += details(f"{every.title}: all of the zoo", render_html(every))
     return [Section("theirs", "Published", body)] if body else []
 
 
 def _about(results: Results) -> Section:
-    body = "".join(html(grid, heading=True) for grid in (_tasks(results), _models(results)) if grid)
+    body = joined(
+        render_html(grid, heading=True) for grid in (_tasks(results), _models(results)) if grid
+    )
     for title, values in (
         ("Settings of the bench", results.settings),
         ("Versions", results.versions),
     ):
         text = "\n".join(f"{key}: {_plain(value)}" for key, value in values.items())
         if text:
-            inner = f"<pre>{escape(text)}</pre>"
-            body += f"<details><summary>{title}</summary>{inner}</details>"
+            body += details(title, preformatted(text))
     return Section("about", "What was run", body)
 
 
-def _tasks(results: Results) -> Grid | None:
+def _tasks(results: Results) -> Table | None:
     if not results.tasks:
         return None
-    head = map(Head, ("Task", "probe", "data", "split", "epoch chosen on"))
-    rows = [[Entry(task.title), *map(_text, _row(task))] for task in results.tasks]
-    return Grid("tasks", "Tasks", "As the suite defines them.", list(head), rows)
+    head = map(ColumnHead, ("Task", "probe", "data", "split", "epoch chosen on"))
+    rows = [[TableEntry(task.title), *map(_text, _row(task))] for task in results.tasks]
+    return Table("tasks", "Tasks", "As the suite defines them.", list(head), rows)
 
 
-def _row(task: Task) -> list[str]:
+def _row(task: ResultTask) -> list[str]:
     return [task.probe, task.data, task.split, task.selection]
 
 
-def _models(results: Results) -> Grid | None:
+def _models(results: Results) -> Table | None:
     if not results.models:
         return None
     keys = list(dict.fromkeys(key for model in results.models for key in model.facts))
     names = titles(results)
     rows = [
         [
-            Entry(names[model.name]),
+            TableEntry(names[model.name]),
             _text(model.name),
             _text(model.recipe),
             *(_known(_plain(model.facts.get(key))) for key in keys),
@@ -197,16 +191,16 @@ def _models(results: Results) -> Grid | None:
         ]
         for model in results.models
     ]
-    head = [Head(word) for word in ("Model", "name", "recipe", *keys, "SHA-256")]
-    return Grid("encoders", "Models", "First digits of the hash of the weights.", head, rows)
+    head = [ColumnHead(word) for word in ("Model", "name", "recipe", *keys, "SHA-256")]
+    return Table("encoders", "Models", "First digits of the hash of the weights.", head, rows)
 
 
-def _text(text: str) -> Entry:
-    return Entry(text or "not known", tone="text")
+def _text(text: str) -> TableEntry:
+    return TableEntry(text or "not known", tone="text")
 
 
-def _known(text: str) -> Entry:
-    return Entry(text) if text else Entry("not known", tone="soft")
+def _known(text: str) -> TableEntry:
+    return TableEntry(text) if text else TableEntry("not known", tone="soft")
 
 
 def _plain(value: Any) -> str:

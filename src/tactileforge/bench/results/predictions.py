@@ -1,4 +1,4 @@
-"""What probes predicted on the test set, as the bench kept it."""
+"""Predictions of probes on the test set, as stored by the benchmark."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tactileforge.errors import DataError
 
 
 @dataclass(frozen=True)
-class Readings:
+class Predictions:
     """True and predicted values or classes.
 
     Attributes:
@@ -32,7 +32,7 @@ class Readings:
     unit: str
 
 
-def read_readings(path: Path) -> Readings:
+def read_predictions(path: Path) -> Predictions:
     """Reads a file of predictions: ``truth``, ``predicted``, ``axes`` or ``names``, ``unit``.
 
     Raises:
@@ -60,4 +60,4 @@ def read_readings(path: Path) -> Readings:
     if len(columns) != width:
         raise DataError(f"{path}: 'axes' names {len(columns)} columns of {width}")
     unit = str(arrays["unit"]) if "unit" in arrays else ""
-    return Readings(truth, predicted, columns, names, unit)
+    return Predictions(truth, predicted, columns, names, unit)

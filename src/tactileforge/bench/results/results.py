@@ -1,4 +1,4 @@
-"""What a bench leaves."""
+"""Data classes of the results of a benchmark."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ FORMAT = 1
 
 
 @dataclass(frozen=True, kw_only=True)
-class Metric:
-    """What is measured.
+class ResultMetric:
+    """A metric of a task.
 
     Attributes:
         name: Its name, e.g. ``rmse_sum_axes``.
@@ -25,7 +25,7 @@ class Metric:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Task:
+class ResultTask:
     """One task of the suite.
 
     Attributes:
@@ -44,18 +44,18 @@ class Task:
     probe: str
     data: str
     split: str
-    metrics: list[Metric]
+    metrics: list[ResultMetric]
     main: str
     selection: str
 
-    def metric(self, name: str = "") -> Metric:
+    def metric(self, name: str = "") -> ResultMetric:
         """A metric by name, the main one by default."""
         return next(metric for metric in self.metrics if metric.name == (name or self.main))
 
 
 @dataclass(frozen=True, kw_only=True)
-class Model:
-    """One encoder that is compared.
+class ResultModel:
+    """One compared encoder.
 
     Attributes:
         name: The word users type.
@@ -76,7 +76,7 @@ class Model:
 
 @dataclass(frozen=True, kw_only=True)
 class Cell:
-    """One probe that was trained and tested.
+    """One trained and tested probe.
 
     Attributes:
         task: Name of a task.
@@ -101,8 +101,8 @@ class Cell:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Training:
-    """The loss of one objective of a model that was trained for the bench.
+class LossCurve:
+    """Loss curve of one objective of a model pretrained for the benchmark.
 
     Attributes:
         model: Name of a model.
@@ -121,7 +121,7 @@ class Training:
 
 @dataclass(frozen=True, kw_only=True)
 class NotRun:
-    """Something that was not run.
+    """A task, model or cell that was not run, with the reason.
 
     Attributes:
         reason: Why.
@@ -136,13 +136,13 @@ class NotRun:
     model: str = ""
 
     def covers(self, task: str, model: str) -> bool:
-        """Whether it says so of that cell."""
+        """Whether it applies to the given task and model."""
         return self.task in ("", task) and self.model in ("", model)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Results:
-    """All of a bench.
+    """All results of a benchmark.
 
     Attributes:
         suite: Its name.
@@ -158,8 +158,8 @@ class Results:
     suite: str
     versions: dict[str, Any]
     settings: dict[str, Any]
-    tasks: list[Task]
-    models: list[Model]
+    tasks: list[ResultTask]
+    models: list[ResultModel]
     cells: list[Cell]
-    training: list[Training]
+    training: list[LossCurve]
     not_run: list[NotRun]

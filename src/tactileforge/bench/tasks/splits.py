@@ -1,4 +1,4 @@
-"""Who trains, who selects, who tests; and the proof that they are not the same."""
+"""Train, validation and test splits, and leakage checks."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.bench.tasks.facts import fact, fits
-from tactileforge.bench.tasks.source import Source
-from tactileforge.bench.tasks.suite import Plan, Task
+from tactileforge.bench.tasks.facts import matches_filter, recording_fact
+from tactileforge.bench.tasks.source import TaskSource
+from tactileforge.bench.tasks.suite import SplitPlan, Task
 from tactileforge.bench.tasks.targets import Target
 from tactileforge.errors import ConfigError, DataError
 
@@ -34,7 +34,7 @@ class Split:
     test: NDArray[np.int64]
 
 
-def build(task: Task, source: Source, target: Target) -> list[Split]:
+def build_splits(task: Task, source: TaskSource, target: Target) -> list[Split]:
     """The splits of a task: one, or one for each fold.
 
     Raises:
@@ -42,46 +42,53 @@ def build(task: Task, source: Source, target: Target) -> list[Split]:
         DataError: The labels of a part are all of one class.
     """
     plan, of = task.split, source.index[target.clips, 0]
-    numbers = [n for n in sorted(set(of.tolist())) if fits(source, n, plan.only)]
+    numbers = [n for n in sorted(set(of.tolist())) if matches_filter(source, n, plan.only)]
     if not numbers:
         raise ConfigError(f"task {task.name}: split.only leaves no recording; change it")
     stratum = _strata(numbers, of, target)
     if plan.folds:
-        names = {n: fact(source, n, plan.group) for n in numbers}
+        names = {n: recording_fact(source, n, plan.group) for n in numbers}
         fold = _folds(names, stratum, plan.folds)
         tests = [[n for n in numbers if fold[names[n]] == k] for k in range(plan.folds)]
     else:
-        tests = [[n for n in numbers if fits(source, n, plan.test)]]
+        tests = [[n for n in numbers if matches_filter(source, n, plan.test)]]
     splits = []
     for test in tests:
-        rest = [n for n in numbers if n not in set(test) and fits(source, n, plan.train)]
+        rest = [n for n in numbers if n not in set(test) and matches_filter(source, n, plan.train)]
         validation = _validation(plan, source, rest, stratum)
         train = [n for n in rest if n not in set(validation)]
         for name, chosen in (("train", train), ("validation", validation), ("test", test)):
             if not chosen:
                 raise ConfigError(f"task {task.name}: no recording for {name}; change its split")
-        check(task, source, train, validation, test)
+        check_leakage(task, source, train, validation, test)
         places = [np.flatnonzero(np.isin(of, chosen)) for chosen in (train, validation, test)]
         splits.append(Split(*places))
     _check_classes(task, target, splits)
     return splits
 
 
-def names(source: Source, target: Target, places: NDArray[np.int64], fact_name: str) -> list[str]:
-    """The fact of the recording of each clip, by places in the clips of a target."""
+def group_names(
+    source: TaskSource, target: Target, places: NDArray[np.int64], fact_name: str
+) -> list[str]:
+    """A fact of the recording of each clip, by places in the clips of a target."""
     numbers = source.index[target.clips[places], 0].tolist()
-    known = {number: fact(source, number, fact_name) for number in set(numbers)}
+    known = {number: recording_fact(source, number, fact_name) for number in set(numbers)}
     return [known[number] for number in numbers]
 
 
-def check(
-    task: Task, source: Source, train: Sequence[int], validation: Sequence[int], test: Sequence[int]
+def check_leakage(
+    task: Task,
+    source: TaskSource,
+    train: Sequence[int],
+    validation: Sequence[int],
+    test: Sequence[int],
 ) -> None:
-    """Raises a ConfigError where two uses share frames, or a fact that has to be unseen."""
+    """Leakage check: raises a ConfigError where two splits share frames or an unseen fact."""
     uses = {"train": train, "validation": validation, "test": test}
     spans = [
         (*_span(source.recordings[n].key), use) for use, chosen in uses.items() for n in chosen
     ]
+    # spans of a recording sorted by start: an overlap is with the one that reaches farthest so far
     spans.sort()
     reach: dict[str, tuple[float, str]] = {}
     for key, start, stop, use in spans:
@@ -94,8 +101,8 @@ def check(
         if stop > end:
             reach[key] = stop, use
     for name in task.split.unseen:
-        known = {fact(source, n, name) for n in [*train, *validation]}
-        if both := sorted(known & {fact(source, n, name) for n in test}):
+        known = {recording_fact(source, n, name) for n in [*train, *validation]}
+        if both := sorted(known & {recording_fact(source, n, name) for n in test}):
             raise ConfigError(
                 f"task {task.name}: {name} {both[0]!r} is to be unseen, but is in training and in "
                 "test; correct its split"
@@ -103,7 +110,7 @@ def check(
 
 
 def _span(key: str) -> tuple[str, float, float]:
-    """A recording without its parts, and the frames of it."""
+    """Key of the whole recording, and the range of frames of this part."""
     start, stop = 0, float("inf")
     for part in _PART.finditer(key):
         start, stop = start + int(part[1]), start + int(part[2])
@@ -111,52 +118,55 @@ def _span(key: str) -> tuple[str, float, float]:
 
 
 def _strata(numbers: Sequence[int], of: NDArray[np.int64], target: Target) -> dict[int, int]:
-    """The class of each recording all of whose clips have the same; else -1."""
+    """Stratum of each recording: its class if all clips agree, else -1."""
     names = target.names
     if names is None:
         return dict.fromkeys(numbers, -1)
-    found = {}
+    strata = {}
     for number in numbers:
         classes = set(names[of == number].tolist())
-        found[number] = classes.pop() if len(classes) == 1 else -1
-    return found
+        strata[number] = classes.pop() if len(classes) == 1 else -1
+    return strata
 
 
 def _ordered(names: Mapping[int, str], stratum: Mapping[int, int]) -> dict[int, list[str]]:
-    """Groups by stratum, in an order that only their names decide."""
+    """Groups by stratum, in an order that depends only on their names."""
     strata: dict[str, set[int]] = {}
     for number, name in names.items():
         strata.setdefault(name, set()).add(stratum[number])
-    found: dict[int, list[str]] = {}
+    by_stratum: dict[int, list[str]] = {}
+    # by hash: neighbours in name, often of one session, are spread; equal on every machine
     for name in sorted(strata, key=lambda name: hashlib.sha256(name.encode()).digest()):
         only = strata[name].pop() if len(strata[name]) == 1 else -1
-        found.setdefault(only, []).append(name)
-    return dict(sorted(found.items()))
+        by_stratum.setdefault(only, []).append(name)
+    return dict(sorted(by_stratum.items()))
 
 
 def _folds(names: Mapping[int, str], stratum: Mapping[int, int], folds: int) -> dict[str, int]:
-    """Deals groups to folds, stratum by stratum."""
+    """Assigns groups to stratified folds."""
     dealt = [name for group in _ordered(names, stratum).values() for name in group]
     if len(dealt) < folds:
         raise ConfigError(f"{folds} folds of {len(dealt)} groups; give split.folds fewer")
+    # in turn along the strata: folds differ by one group at most, in size and nearly so in classes
     return {name: i % folds for i, name in enumerate(dealt)}
 
 
 def _validation(
-    plan: Plan, source: Source, rest: Sequence[int], stratum: Mapping[int, int]
+    plan: SplitPlan, source: TaskSource, rest: Sequence[int], stratum: Mapping[int, int]
 ) -> list[int]:
     chosen = dict(plan.validation)
     share = chosen.pop("share", None)
     if share is None:
-        return [n for n in rest if fits(source, n, chosen)]
+        return [n for n in rest if matches_filter(source, n, chosen)]
     group = str(chosen.pop("group", "recording"))
     if chosen:
         raise ConfigError(f"split.validation: share goes with group alone, not {sorted(chosen)}")
-    names = {n: fact(source, n, group) for n in rest}
+    names = {n: recording_fact(source, n, group) for n in rest}
     taken: set[str] = set()
     groups = list(_ordered(names, stratum).values())
-    for found in groups:
-        taken.update(found[: int(share * len(found) + 0.5)])
+    for members in groups:
+        taken.update(members[: int(share * len(members) + 0.5)])
+    # a small share can round to no group in every stratum, but one is needed to select on
     if not taken and groups and len(names) > 1:
         taken.add(max(groups, key=len)[0])
     return [n for n in rest if names[n] in taken]

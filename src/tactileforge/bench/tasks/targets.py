@@ -1,4 +1,4 @@
-"""What clips are to predict: labels of recordings become numbers."""
+"""Prediction targets of clips, from labels of recordings."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from tactileforge.bench.tasks import contact
-from tactileforge.bench.tasks.facts import fits
-from tactileforge.bench.tasks.source import Source
+from tactileforge.bench.tasks.facts import matches_filter
+from tactileforge.bench.tasks.source import TaskSource
 from tactileforge.bench.tasks.suite import Task
 from tactileforge.contracts import ACTIONS, Recording
 from tactileforge.data.labels.augment import flip_labels
@@ -28,8 +28,8 @@ _NUMBERS = "numbers:"
 
 
 @dataclass(frozen=True)
-class Part:
-    """One thing that is predicted.
+class TargetPart:
+    """One predicted quantity.
 
     Attributes:
         kind: ``classes``, ``force`` (N), ``place`` (shares of the width of the image), or
@@ -46,17 +46,17 @@ class Part:
 
     @property
     def outputs(self) -> int:
-        """Numbers that a probe gives for it."""
+        """Number of outputs of a probe."""
         columns = self.truth.shape[1]
         return columns * len(self.names) if self.kind == "classes" else columns
 
     @property
     def normalised(self) -> Tensor:
-        """The truth as a probe learns it."""
+        """The truth in normalised units."""
         return self.truth / self.scale
 
-    def flipped(self, horizontal: bool, vertical: bool) -> Part:
-        """The truth of mirrored clips."""
+    def flipped(self, horizontal: bool, vertical: bool) -> TargetPart:
+        """The truth for mirrored clips."""
         if not (horizontal or vertical):
             return self
         if self.kind in ("place", "numbers"):
@@ -77,14 +77,14 @@ class Part:
 
 @dataclass(frozen=True)
 class Target:
-    """What the clips of a source are to predict.
+    """Prediction targets of the clips of a source.
 
     Attributes:
         parts: By name; all have the same length.
         clips: int64 (n,), the clips of the source that have a label.
     """
 
-    parts: dict[str, Part]
+    parts: dict[str, TargetPart]
     clips: NDArray[np.int64]
 
     @property
@@ -93,11 +93,11 @@ class Target:
         part = next(iter(self.parts.values()))
         if part.kind != "classes" or part.truth.shape[1] != 1:
             return None
-        found: NDArray[np.int64] = part.truth[:, 0].long().numpy()
-        return found
+        classes: NDArray[np.int64] = part.truth[:, 0].long().numpy()
+        return classes
 
 
-def build(task: Task, source: Source) -> Target:
+def build_target(task: Task, source: TaskSource) -> Target:
     """The target of a task on a source.
 
     Raises:
@@ -131,26 +131,26 @@ def build(task: Task, source: Source) -> Target:
     return Target({name: _clamped(part, task.clamp) for name, part in kept.items()}, clips.numpy())
 
 
-def _partial(parts: dict[str, Part]) -> str:
-    """Which axes of a force are known, where some are, and clips with all of them are none."""
+def _partial(parts: dict[str, TargetPart]) -> str:
+    """Part of an error: the known axes of a force, where no clip has all of them."""
     for part in parts.values():
         known = part.truth.isfinite().any(0).tolist()
         if part.kind == "force" and any(known):
-            told = [name for name, there in zip(part.names, known, strict=True) if there]
+            axes = [name for name, there in zip(part.names, known, strict=True) if there]
             return (
-                f" along all of {', '.join(part.names)} (it has {', '.join(told)}); a benchmark of "
+                f" along all of {', '.join(part.names)} (it has {', '.join(axes)}); a benchmark of "
                 "forces needs all axes in one clip"
             )
     return ""
 
 
-def _clamped(part: Part, limit: float) -> Part:
+def _clamped(part: TargetPart, limit: float) -> TargetPart:
     if not limit or part.kind != "force":
         return part
     return replace(part, truth=part.normalised.clamp(-limit, limit) * part.scale)
 
 
-def _each(source: Source, value: Callable[[Recording, int, int], object]) -> list[object]:
+def _each(source: TaskSource, value: Callable[[Recording, int, int], object]) -> list[object]:
     """A value for each clip, of its recording, first and last frame."""
     return [
         value(source.recordings[number], first, last)
@@ -159,15 +159,17 @@ def _each(source: Source, value: Callable[[Recording, int, int], object]) -> lis
 
 
 def _classes(
-    source: Source,
+    source: TaskSource,
     value: Callable[[Recording, int, int], str | None],
     names: tuple[str, ...] = (),
-) -> Part:
-    found = _each(source, value)
-    known = names or tuple(sorted({str(one) for one in found if one is not None}))
+) -> TargetPart:
+    values = _each(source, value)
+    known = names or tuple(sorted({str(label) for label in values if label is not None}))
     place = {name: i for i, name in enumerate(known)}
-    truth = torch.tensor([[place[str(one)] if one is not None else torch.nan] for one in found])
-    return Part("classes", truth.float(), torch.ones(len(found), 1), known)
+    truth = torch.tensor(
+        [[place[str(label)] if label is not None else torch.nan] for label in values]
+    )
+    return TargetPart("classes", truth.float(), torch.ones(len(values), 1), known)
 
 
 def _label(recording: Recording, name: str) -> str | None:
@@ -177,35 +179,36 @@ def _label(recording: Recording, name: str) -> str | None:
     return f"{value:g}"
 
 
-def _scale(task: Task, source: Source) -> Tensor:
+def _scale(task: Task, source: TaskSource) -> Tensor:
     rows = [task.scale or spec(source.recordings[n].sensor).force_scale for n in source.index[:, 0]]
     return torch.tensor(rows, dtype=torch.float32)
 
 
-def _newton(task: Task, source: Source, change: bool) -> Part:
+def _newton(task: Task, source: TaskSource, change: bool) -> TargetPart:
     def value(recording: Recording, first: int, last: int) -> NDArray[np.float32]:
         force = recording.force
         if force is None:
             return np.full(3, np.nan, np.float32)
-        found: NDArray[np.float32] = force[last] - force[first] if change else force[last]
-        return found
+        newton: NDArray[np.float32] = force[last] - force[first] if change else force[last]
+        return newton
 
     truth = np.array(_each(source, value), np.float32).reshape(-1, 3)
-    return Part("force", torch.from_numpy(truth), _scale(task, source), ("x", "y", "z"))
+    return TargetPart("force", torch.from_numpy(truth), _scale(task, source), ("x", "y", "z"))
 
 
 def _slips(recording: Recording, first: int, last: int) -> str | None:
-    """As labelled; in simulation whether shear has reached the friction cone."""
+    """Slip labels; in simulation whether shear has reached the friction cone."""
     slip = recording.tracks.get("slip")
     if slip is not None:
         return ("stick", "slip")[int(slip[last] > 0)]
     grip, force = recording.labels.get("grip"), recording.force
     if grip is None or force is None:
         return None
-    from tactileforge.sim.mechanics.sensor_gels import device
+    from tactileforge.sim.mechanics.sensor_gels import sensor_gel
 
+    # Coulomb: the contact slips where |(x, y)| reaches friction * z
     x, y, z = (float(value) for value in force[last])
-    bound = device(recording.sensor).touched(float(grip)).friction * z
+    bound = sensor_gel(recording.sensor).touched(float(grip)).friction * z
     return ("stick", "slip")[int(z > _TOUCH_N and np.hypot(x, y) >= _CONE * bound)]
 
 
@@ -216,7 +219,7 @@ def _action(recording: Recording, first: int, last: int) -> str | None:
     return ACTIONS[shown[last]]
 
 
-def _pose(task: Task, source: Source) -> dict[str, Part]:
+def _pose(task: Task, source: TaskSource) -> dict[str, TargetPart]:
     def value(recording: Recording, first: int, last: int) -> list[float]:
         pose = recording.tracks.get("relative_pose")
         if pose is None:
@@ -227,52 +230,52 @@ def _pose(task: Task, source: Source) -> dict[str, Part]:
 
     truth = torch.tensor(np.array(_each(source, value), np.float32).reshape(-1, 3))
     names = tuple(map(str, range(len(_SHIFTS) + 1)))
-    return {"pose": Part("classes", truth, torch.ones_like(truth), names)}
+    return {"pose": TargetPart("classes", truth, torch.ones_like(truth), names)}
 
 
-def _place(task: Task, source: Source) -> dict[str, Part]:
+def _place(task: Task, source: TaskSource) -> dict[str, TargetPart]:
     def value(recording: Recording, first: int, last: int) -> list[float]:
         place = [recording.labels.get(f"center_{axis}_px", np.nan) for axis in "xy"]
-        return [float(one) / recording.frames.shape[1] for one in place]
+        return [float(coordinate) / recording.frames.shape[1] for coordinate in place]
 
     truth = torch.tensor(np.array(_each(source, value), np.float32).reshape(-1, 2))
-    return {"place": Part("place", truth, torch.ones_like(truth), ("x", "y"))}
+    return {"place": TargetPart("place", truth, torch.ones_like(truth), ("x", "y"))}
 
 
-def _numbers(source: Source, columns: list[str]) -> Part:
-    """Labels as numbers; ``_px`` in a name stands for pixels, which are counted in widths."""
+def _numbers(source: TaskSource, columns: list[str]) -> TargetPart:
+    """Numeric labels; those in pixels (``_px``) become shares of the image width."""
 
     def value(recording: Recording, first: int, last: int) -> list[float]:
-        found = [float(recording.labels.get(name, np.nan)) for name in columns]
+        row = [float(recording.labels.get(name, np.nan)) for name in columns]
         width = recording.frames.shape[1]
-        return [x / width if "_px" in n else x for x, n in zip(found, columns, strict=True)]
+        return [x / width if "_px" in n else x for x, n in zip(row, columns, strict=True)]
 
     truth = torch.tensor(np.array(_each(source, value), np.float32).reshape(-1, len(columns)))
-    return Part("numbers", truth, torch.ones_like(truth), tuple(columns))
+    return TargetPart("numbers", truth, torch.ones_like(truth), tuple(columns))
 
 
-def _time(task: Task, source: Source) -> dict[str, Part]:
+def _time(task: Task, source: TaskSource) -> dict[str, TargetPart]:
     """Seconds since the first frame of the whole recording."""
     seconds = _each(source, lambda recording, first, last: recording.times[last])
     truth = torch.tensor(np.array(seconds, np.float32))[:, None]
-    return {"time": Part("numbers", truth, torch.ones_like(truth), ("time",))}
+    return {"time": TargetPart("numbers", truth, torch.ones_like(truth), ("time",))}
 
 
-def _losing(task: Task, source: Source) -> dict[str, Part]:
-    """Whether a grasped object is held, or about to be lost; recordings that are used alone."""
-    held = {
-        number: contact.held(contact.energy(one))
-        for number, one in enumerate(source.recordings)
-        if fits(source, number, task.split.only)
+def _losing(task: Task, source: TaskSource) -> dict[str, TargetPart]:
+    """Whether a grasped object is held, or about to be lost; of the recordings in use."""
+    grasps = {
+        number: contact.last_contact(contact.contact_energy(recording))
+        for number, recording in enumerate(source.recordings)
+        if matches_filter(source, number, task.split.only)
     }
     states = iter(
-        contact.state(held.get(number), last, source.recordings[number].times)
+        contact.contact_state(grasps.get(number), last, source.recordings[number].times)
         for number, last in source.index.tolist()
     )
     return {"losing": _classes(source, lambda *_: next(states), ("held", "losing"))}
 
 
-def _slip(task: Task, source: Source) -> dict[str, Part]:
+def _slip(task: Task, source: TaskSource) -> dict[str, TargetPart]:
     return {
         "slip": _classes(source, _slips, ("stick", "slip")),
         "delta_force": _newton(task, source, change=True),
@@ -281,7 +284,7 @@ def _slip(task: Task, source: Source) -> dict[str, Part]:
 
 #: Target by name, besides ``label:NAME``, the class that a label of the recording names, and
 #: ``numbers:NAME+NAME``, labels as numbers.
-TARGETS: dict[str, Callable[[Task, Source], dict[str, Part]]] = {
+TARGETS: dict[str, Callable[[Task, TaskSource], dict[str, TargetPart]]] = {
     "force": lambda task, source: {"force": _newton(task, source, change=False)},
     "delta_force": lambda task, source: {"delta_force": _newton(task, source, change=True)},
     "slip": _slip,

@@ -23,8 +23,6 @@ from tactileforge.sensors.specs import spec
 Skipped: TypeAlias = dict[str, tuple[str, int]]
 #: Recordings that may fail one after another before reading gives up.
 _MAX_FAILURES = 20
-#: Height and width of images of the surface's displacement.
-SURFACE = (32, 32)
 #: Frames that shrink at least this much are averaged; below, bilinear interpolation sees all pixels
 #: and is six times as fast.
 _AVERAGE = 1.5
@@ -151,9 +149,10 @@ class Clips(Dataset[dict[str, Any]]):
         if recording.image is not None:
             row = _view(recording, int(rows[-1]))
             image = self._frames(("image", number), recording.image, [row], (height, width))[0]
-        surface = np.full((self.frames, *SURFACE, 3), displacement.NONE, np.uint8)
+        surface = np.full((self.frames, *displacement.SHAPE, 3), displacement.NONE, np.uint8)
         if recording.surface is not None:
-            surface = self._frames(("surface", number), recording.surface, rows.tolist(), SURFACE)
+            size = displacement.SHAPE
+            surface = self._frames(("surface", number), recording.surface, rows.tolist(), size)
         return {
             "frames": _tensor(
                 self._frames(("touch", number), recording.frames, rows.tolist(), self.size)
@@ -176,10 +175,10 @@ class Clips(Dataset[dict[str, Any]]):
 
     def _background(self, number: int) -> NDArray[np.uint8]:
         recording = self.recordings[number]
-        found = self._cache.get(("background", number))
-        if found is None:
+        background = self._cache.get(("background", number))
+        if background is None:
             if recording.no_contact is None:
-                found = np.full((*self.size, 3), NEUTRAL_BACKGROUND, np.uint8)
+                background = np.full((*self.size, 3), NEUTRAL_BACKGROUND, np.uint8)
             else:
                 if recording.no_contact.shape != recording.frames.shape:
                     raise DataError(
@@ -187,10 +186,10 @@ class Clips(Dataset[dict[str, Any]]):
                         f"frames are {recording.frames.shape}; give a background of the same size"
                     )
                 still = recording.no_contact.read(range(len(recording.no_contact)))
-                one = still[0] if len(still) == 1 else np.median(still, axis=0).astype(np.uint8)
-                found = resized(one, self.size)
-            self._cache.put(("background", number), found)
-        return found
+                median = still[0] if len(still) == 1 else np.median(still, axis=0).astype(np.uint8)
+                background = resize_frame(median, self.size)
+            self._cache.put(("background", number), background)
+        return background
 
     def _frames(
         self, key: tuple[str, int], frames: Frames, rows: Sequence[int], size: tuple[int, int]
@@ -199,7 +198,7 @@ class Clips(Dataset[dict[str, Any]]):
         missing = [row for row, frame in found.items() if frame is None]
         if missing:
             for row, frame in zip(missing, frames.read(missing), strict=True):
-                found[row] = small = resized(frame, size)
+                found[row] = small = resize_frame(frame, size)
                 self._cache.put((*key, row), small)
         return np.stack([found[row] for row in rows])  # type: ignore[misc]
 
@@ -243,7 +242,7 @@ def _ends(
 
 
 def _view(recording: Recording, row: int) -> int:
-    """Which camera view belongs to a frame."""
+    """Index of the camera image that belongs to a frame."""
     assert recording.image is not None
     if recording.image_times is None:
         return row * len(recording.image) // len(recording.frames)
@@ -258,7 +257,7 @@ def object_id(name: str | None) -> int:
     return int.from_bytes(digest, "big") >> 1
 
 
-def resized(frame: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
+def resize_frame(frame: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
     """A picture (H, W, 3) of another size, the way a model is shown those it is trained on."""
     if frame.shape[:2] == size:
         return np.ascontiguousarray(frame)

@@ -18,13 +18,13 @@ from tactileforge.data.batches.clips import Clips, Skipped
 from tactileforge.data.batches.pairs import Pairs
 from tactileforge.data.batches.sources import Source, sources_of
 from tactileforge.data.batches.stream import (
-    Numbers,
-    Reader,
+    BatchIndexSampler,
+    FullSource,
     Stream,
-    Whole,
-    Windows,
-    estimate,
-    portions,
+    WindowedSource,
+    WorkerId,
+    allocate,
+    estimate_clips,
 )
 from tactileforge.data.shards.summary import Summary
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
@@ -40,17 +40,17 @@ _FEW = 20
 class Loader(DataLoader[Batch]):
     """A loader that a run can resume from at any step.
 
-    Its place is that of the run (see `stream.Numbers`); what it keeps is what may not change in
-    between.
+    Its place is that of the run (see `stream.BatchIndexSampler`); what it keeps is what may not
+    change in between.
     """
 
     def state_dict(self) -> dict[str, Any]:
-        """What the batches depend on."""
+        """Facts that the batches depend on; a resumed run must have the same."""
         stream = self.dataset
         assert isinstance(stream, Stream)
         state = {
             "clips": [round(track.size) for track in stream.tracks],
-            "clips of a batch": [2 * stream.couples, *(track.count for track in stream.tracks)],
+            "clips of a batch": [2 * stream.n_pairs, *(track.count for track in stream.tracks)],
             "seed": stream.seed,
             "processes": stream.reader.world,
         }
@@ -129,21 +129,21 @@ class TouchData(L.LightningDataModule):
 
     @property
     def skipped(self) -> Skipped:
-        """What could not be indexed."""
+        """Recordings that could not be indexed or read, with their counts."""
         return {line: (line, 1) for line in self.dataset.skipped} | self._bad
 
     @property
     def allowed(self) -> int:
-        """How many recordings may be unreadable before a run stops."""
+        """Number of recordings that may be unreadable before a run stops."""
         total = sum(self.summary(split).recordings for split in self.sources)
         return max(1, int(self.max_bad * total))
 
     def summary(self, split: str) -> Summary:
-        """What a split holds."""
-        found = Summary()
+        """Counts of a split."""
+        total = Summary()
         for source in self.sources.get(split, ()):
-            found.merge(source.summary)
-        return found
+            total.merge(source.summary)
+        return total
 
     def setup(self, stage: str = "fit") -> None:
         """Indexes the recordings; decodes nothing but the ends of a few for validation.
@@ -160,10 +160,10 @@ class TouchData(L.LightningDataModule):
         sample: list[Recording] = []
         for number, source in enumerate(self.sources["train"]):
             is_whole = len(source.parts) == 1 or source.summary.recordings <= self.window
-            found = source.open(_first(source, None if is_whole else _SAMPLE), self._note)
-            sample += found
+            recordings = source.open(_first(source, None if is_whole else _SAMPLE), self._note)
+            sample += recordings
             if is_whole:
-                self._whole[number] = self._clips(found)
+                self._whole[number] = self._clips(recordings)
         alone = len(self.sources["train"]) == 1 and self._whole
         self.train = self._whole[0] if alone else self._clips(sample)
         if self.match and not Pairs(*self.train.labels()):
@@ -214,32 +214,32 @@ class TouchData(L.LightningDataModule):
         sizes = [
             len(self._whole[i])
             if i in self._whole
-            else sum(estimate(part.recordings, part.seconds, hop) for part in source.parts)
+            else sum(estimate_clips(part.recordings, part.seconds, hop) for part in source.parts)
             for i, source in enumerate(sources)
         ]
-        couples = round(self.match * self.batch_size / 2)
+        n_pairs = round(self.match * self.batch_size / 2)
         weighed = [
             (source.name, size if source.weight is None else source.weight, source.summary.labels)
             for source, size in zip(sources, sizes, strict=True)
         ]
-        plain = self.batch_size - 2 * couples
-        counts = portions(plain, weighed, self.shares)
-        tracks: list[Whole | Windows] = []
+        plain = self.batch_size - 2 * n_pairs
+        counts = allocate(plain, weighed, self.shares)
+        tracks: list[FullSource | WindowedSource] = []
         for i, (source, count) in enumerate(zip(sources, counts, strict=True)):
             # the only source takes the seed of the run, others have their own
             seed = [self.seed] if len(sources) == 1 else [self.seed, 2, i]
             if i in self._whole:
-                tracks.append(Whole(self._whole[i], count, seed))
+                tracks.append(FullSource(self._whole[i], count, seed))
             else:
                 cut = partial(self._cut, cache_mb=self.cache_mb / len(sources))
-                tracks.append(Windows(source, cut, count, seed, self.window, hop))
+                tracks.append(WindowedSource(source, cut, count, seed, self.window, hop))
         workers = max(1, self.workers)
         multiple = accumulate
         if len(self._whole) < len(sources):  # a reader then keeps its worker from epoch to epoch
             multiple *= workers
         length = int(sum(sizes)) // (max(1, plain) * world) // multiple * multiple
-        reader = Reader(rank, world, workers)
-        return Stream(tracks, couples, self.seed, reader, max(multiple, length))
+        reader = WorkerId(rank, world, workers)
+        return Stream(tracks, n_pairs, self.seed, reader, max(multiple, length))
 
     def train_dataloader(self) -> Loader:
         """Batches from the run's present place to the end of the epoch."""
@@ -251,19 +251,19 @@ class TouchData(L.LightningDataModule):
             accumulate=accumulate,
         )
         position = lambda: trainer.global_step * accumulate if trainer else 0  # noqa: E731
-        return self._loader(stream, Numbers(len(stream), position))
+        return self._loader(stream, BatchIndexSampler(len(stream), position))
 
     def val_dataloader(self) -> Loader | list[Loader]:
         """The held-out clips, in the same batches each time; [] where the data holds none out."""
         if self.val is None:
             return []
         paired = bool(self.match) and bool(Pairs(*self.val.labels()))
-        couples = round(self.match * self.batch_size / 2) if paired else 0
-        plain = self.batch_size - 2 * couples
+        n_pairs = round(self.match * self.batch_size / 2) if paired else 0
+        plain = self.batch_size - 2 * n_pairs
         length = max(1, len(self.val) // max(1, plain))
-        track = Whole(self.val, plain, [self.seed])
-        stream = Stream([track], couples, self.seed, Reader(), length)
-        return self._loader(stream, Numbers(length))
+        track = FullSource(self.val, plain, [self.seed])
+        stream = Stream([track], n_pairs, self.seed, WorkerId(), length)
+        return self._loader(stream, BatchIndexSampler(length))
 
     def _clips(self, recordings: Sequence[Recording]) -> Clips:
         return self._cut(recordings, cache_mb=self.cache_mb)
@@ -284,7 +284,7 @@ class TouchData(L.LightningDataModule):
     def _note(self, line: str, count: int) -> None:
         self._bad[line] = line, count
 
-    def _loader(self, stream: Stream, numbers: Numbers) -> Loader:
+    def _loader(self, stream: Stream, numbers: BatchIndexSampler) -> Loader:
         return Loader(
             stream,
             batch_size=None,

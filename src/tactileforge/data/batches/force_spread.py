@@ -1,4 +1,4 @@
-"""How much forces vary in the data that a run is trained on."""
+"""Spread of forces in the data that a run is trained on."""
 
 from __future__ import annotations
 

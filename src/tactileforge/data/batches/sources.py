@@ -1,4 +1,4 @@
-"""Where a stream's recordings come from: sources, each in parts that are opened as a whole."""
+"""Sources of recordings, each in parts that are opened as a whole."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Protocol, TypeAlias, runtime_checkable
 
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.data.labels.plausible import impossible
-from tactileforge.data.shards.index import arranged
+from tactileforge.data.shards.index import sort_recordings
 from tactileforge.data.shards.summary import Summary
 
 #: Is told of what cannot be read: a line that names it, and how many recordings it costs.
@@ -20,12 +20,12 @@ class Part(Protocol):
 
     @property
     def recordings(self) -> int:
-        """How many there are."""
+        """Number of recordings."""
         ...
 
     @property
     def seconds(self) -> float:
-        """How long they last together."""
+        """Total duration, s."""
         ...
 
     def open(self, bad: Bad) -> Iterable[Recording]:
@@ -51,21 +51,25 @@ class Source:
     weight: float | None = None
 
     def open(self, which: Iterable[int], bad: Bad) -> list[Recording]:
-        """The recordings of some parts, in the order of `index.order`; one key comes once."""
-        found: dict[str, Recording] = {}
+        """The recordings of some parts, in the order of `index.sort_key`; one key comes once."""
+        by_key: dict[str, Recording] = {}
         for number in which:
-            for one in self.parts[number].open(bad):
-                if wrong := impossible(one):
+            for recording in self.parts[number].open(bad):
+                if wrong := impossible(recording):
                     bad(wrong, 1)
-                elif one.key in found:
-                    bad(f"{one.key}: two recordings of {self.name or 'the data'} have this key", 1)
+                elif recording.key in by_key:
+                    bad(
+                        f"{recording.key}: two recordings of {self.name or 'the data'} have this "
+                        "key",
+                        1,
+                    )
                 else:
-                    found[one.key] = one
-        return arranged(found.values())
+                    by_key[recording.key] = recording
+        return sort_recordings(by_key.values())
 
 
 @runtime_checkable
-class Parted(Protocol):
+class Sharded(Protocol):
     """A data set that need not be opened as a whole (see `contracts.Dataset`)."""
 
     def sources(self, split: str) -> list[Source]:
@@ -74,7 +78,7 @@ class Parted(Protocol):
 
 
 @dataclass(frozen=True)
-class Opened:
+class InMemory:
     """The part that a data set is whose recordings are all at hand."""
 
     content: Sequence[Recording]
@@ -82,7 +86,7 @@ class Opened:
 
     @property
     def recordings(self) -> int:
-        """How many there are."""
+        """Number of recordings."""
         return len(self.content)
 
     def open(self, bad: Bad) -> Sequence[Recording]:
@@ -96,8 +100,8 @@ def sources_of(dataset: Dataset, split: str) -> list[Source]:
     Raises:
         DataNotFoundError: Something is missing; see `contracts.Dataset.recordings`.
     """
-    if isinstance(dataset, Parted):
+    if isinstance(dataset, Sharded):
         return dataset.sources(split)
     content = list(dataset.recordings(split))
     summary = Summary.of(content)
-    return [Source("", [Opened(content, summary.seconds)], summary)] if content else []
+    return [Source("", [InMemory(content, summary.seconds)], summary)] if content else []

@@ -26,8 +26,8 @@ _MAX_EMPTY = 20
 
 
 @dataclass(frozen=True)
-class Reader:
-    """Who reads: one worker of one rank.
+class WorkerId:
+    """One worker of one rank.
 
     Attributes:
         rank: The process.
@@ -41,14 +41,14 @@ class Reader:
 
 
 @dataclass(frozen=True)
-class Draw:
-    """What a batch takes from one source: the clips at hand, and which of them, in order."""
+class SourceDraw:
+    """Clips of one source in a batch: those at hand, and the rows drawn, in order."""
 
     clips: Clips
     rows: NDArray[np.int64]
 
 
-class Whole:
+class FullSource:
     """A source that is sampled as a whole: an epoch is a permutation of its clips.
 
     Args:
@@ -70,14 +70,14 @@ class Whole:
         """Number of clips."""
         return len(self.clips)
 
-    def draw(self, number: int, reader: Reader, bad: Bad) -> Draw:
-        """What batch ``number`` of a reader's rank takes."""
+    def draw(self, number: int, reader: WorkerId, bad: Bad) -> SourceDraw:
+        """Draws the clips of batch ``number`` for a reader's rank."""
         first = (number * reader.world + reader.rank) * self.count
         passes, rows = divmod(np.arange(first, first + self.count), len(self.clips))
         for old in set(self._orders) - set(passes.tolist()):
             del self._orders[old]
         picked = [self._order(int(p))[row] for p, row in zip(passes, rows, strict=True)]
-        return Draw(self.clips, np.array(picked, np.int64))
+        return SourceDraw(self.clips, np.array(picked, np.int64))
 
     def _order(self, number: int) -> NDArray[np.int64]:
         if number not in self._orders:
@@ -86,7 +86,7 @@ class Whole:
         return self._orders[number]
 
 
-class Windows:
+class WindowedSource:
     """A source of which each reader holds a window.
 
     Args:
@@ -116,7 +116,7 @@ class Windows:
         self.window = window
         self.recordings = np.array([part.recordings for part in source.parts])
         self.clips = np.array(
-            [estimate(part.recordings, part.seconds, hop) for part in source.parts]
+            [estimate_clips(part.recordings, part.seconds, hop) for part in source.parts]
         )
         self._held: tuple[tuple[int, ...], Clips] | None = None
         self._schedules: dict[tuple[int, int, int], list[tuple[int, list[int]]]] = {}
@@ -127,15 +127,15 @@ class Windows:
         """About how many clips there are."""
         return float(self.clips.sum())
 
-    def draw(self, number: int, reader: Reader, bad: Bad) -> Draw:
-        """What batch ``number`` of a reader's rank takes."""
+    def draw(self, number: int, reader: WorkerId, bad: Bad) -> SourceDraw:
+        """Draws the clips of batch ``number`` for a reader's rank."""
         turn, worker = divmod(number, reader.workers)
         mine = (reader.rank * reader.workers + worker, reader.world * reader.workers)
         passed, place, done = self._place(turn, mine)
         clips = self._open(self._schedule(passed, *mine)[place][1], bad)
         order = np.random.default_rng([*self.seed, passed, mine[0], place]).permutation(len(clips))
         rows = np.arange(done * self.count, (done + 1) * self.count) % len(order)
-        return Draw(clips, order[rows])
+        return SourceDraw(clips, order[rows])
 
     def _place(self, turn: int, mine: tuple[int, int]) -> tuple[int, int, int]:
         """Pass and window of a reader's batch, and batches that came before it from there."""
@@ -161,9 +161,11 @@ class Windows:
                 self._schedules.pop(next(iter(self._schedules)))
             order = np.random.default_rng([*self.seed, passed]).permutation(len(self.recordings))
             # with fewer parts than readers, some readers share a part
-            own = order[reader::readers] if len(order) >= readers else order[[reader % len(order)]]
-            before = np.cumsum(self.recordings[own]) - self.recordings[own]
-            groups = np.split(own, np.flatnonzero(np.diff(before // self.window)) + 1)
+            parts = (
+                order[reader::readers] if len(order) >= readers else order[[reader % len(order)]]
+            )
+            before = np.cumsum(self.recordings[parts]) - self.recordings[parts]
+            groups = np.split(parts, np.flatnonzero(np.diff(before // self.window)) + 1)
             self._schedules[key] = [
                 (max(1, round(self.clips[g].sum() / self.count)), g.tolist()) for g in groups
             ]
@@ -176,9 +178,9 @@ class Windows:
             self._held = None  # the old one is let go before the new one is opened
             wanted = list(parts)
             for _ in range(_MAX_EMPTY):
-                found = self.source.open(wanted, bad)
-                if found:
-                    self._held = key, self.cut(found)
+                recordings = self.source.open(wanted, bad)
+                if recordings:
+                    self._held = key, self.cut(recordings)
                     break
                 wanted = [(wanted[-1] + 1) % len(self.source.parts)]
             else:
@@ -189,7 +191,7 @@ class Windows:
         return self._held[1]
 
 
-def estimate(recordings: int, seconds: float, hop: float) -> float:
+def estimate_clips(recordings: int, seconds: float, hop: float) -> float:
     """About how many clips so much touch gives."""
     return max(recordings, seconds / hop)
 
@@ -198,8 +200,8 @@ class Stream(Dataset[Batch]):
     """Batches by number.
 
     Args:
-        tracks: What each batch draws from; their counts and ``couples`` make up a batch.
-        couples: Pairs of a batch, drawn from all that is at hand.
+        tracks: What each batch draws from; their counts and ``n_pairs`` make up a batch.
+        n_pairs: Pairs of a batch, drawn from all that is at hand.
         seed: Seed of the run.
         reader: Who reads.
         length: Batches of an epoch.
@@ -207,18 +209,18 @@ class Stream(Dataset[Batch]):
 
     def __init__(
         self,
-        tracks: Sequence[Whole | Windows],
-        couples: int,
+        tracks: Sequence[FullSource | WindowedSource],
+        n_pairs: int,
         seed: int,
-        reader: Reader,
+        reader: WorkerId,
         length: int,
     ) -> None:
         self.tracks = tracks
-        self.couples = couples
+        self.n_pairs = n_pairs
         self.seed = seed
         self.reader = reader
         self.length = length
-        self.size = 2 * couples + sum(track.count for track in tracks)
+        self.size = 2 * n_pairs + sum(track.count for track in tracks)
         self._bad: Skipped = {}
         self._pairs: tuple[list[Clips], Pairs] | None = None
 
@@ -239,40 +241,40 @@ class Stream(Dataset[Batch]):
         return batch
 
     def items(self, number: int) -> list[list[Item]]:
-        """Which clips batch ``number`` takes from each source, with their groups."""
+        """Clips of batch ``number`` by source, with their groups."""
         draws = [track.draw(number, self.reader, self._note) for track in self.tracks]
         return self._items(number, draws)
 
-    def _items(self, number: int, draws: Sequence[Draw]) -> list[list[Item]]:
+    def _items(self, number: int, draws: Sequence[SourceDraw]) -> list[list[Item]]:
         items: list[list[Item]] = [[] for _ in draws]
-        if self.couples:
+        if self.n_pairs:
             bounds = np.cumsum([0, *(len(draw.clips) for draw in draws)])
             rng = np.random.default_rng([self.seed, number, self.reader.rank, 1])
             pairs = self._pairs_of([draw.clips for draw in draws])
             if pairs:
-                drawn = pairs.draw(self.couples, rng)
+                drawn = pairs.draw(self.n_pairs, rng)
             else:  # this window has none: the batch keeps its size
-                drawn = [(int(i), -1) for i in rng.integers(bounds[-1], size=2 * self.couples)]
+                drawn = [(int(i), -1) for i in rng.integers(bounds[-1], size=2 * self.n_pairs)]
             for clip, group in drawn:
                 track = int(np.searchsorted(bounds, clip, side="right")) - 1
                 items[track].append((clip - int(bounds[track]), group))
-        for own, draw in zip(items, draws, strict=True):
-            own += [(int(row), -1) for row in draw.rows]
+        for source_items, draw in zip(items, draws, strict=True):
+            source_items += [(int(row), -1) for row in draw.rows]
         return items
 
     def _pairs_of(self, clips: Sequence[Clips]) -> Pairs:
-        held = self._pairs
-        if held is None or any(a is not b for a, b in zip(held[0], clips, strict=True)):
+        cached = self._pairs
+        if cached is None or any(a is not b for a, b in zip(cached[0], clips, strict=True)):
             labels = zip(*(each.labels() for each in clips), strict=True)
             objects, sensors, actions = (np.concatenate(column) for column in labels)
-            self._pairs = held = list(clips), Pairs(objects, sensors, actions)
-        return held[1]
+            self._pairs = cached = list(clips), Pairs(objects, sensors, actions)
+        return cached[1]
 
     def _note(self, line: str, count: int) -> None:
         self._bad[line] = line, count
 
 
-class Numbers(Sampler[int]):
+class BatchIndexSampler(Sampler[int]):
     """Numbers of batches, from the run's present place to the end of the epoch.
 
     Args:
@@ -292,7 +294,7 @@ class Numbers(Sampler[int]):
         yield from range(start, (start // self.length + 1) * self.length)
 
 
-def portions(
+def allocate(
     size: int,
     sources: Sequence[tuple[str, float, frozenset[str]]],
     shares: Mapping[str, float],
@@ -311,7 +313,7 @@ def portions(
         ConfigError: More sources than clips, a share that is none, or that no source can serve.
 
     Example:
-        >>> portions(8, [("a", 3, frozenset()), ("b", 1, frozenset({"force"}))], {"force": 0.5})
+        >>> allocate(8, [("a", 3, frozenset()), ("b", 1, frozenset({"force"}))], {"force": 0.5})
         [3, 5]
     """
     if not size:

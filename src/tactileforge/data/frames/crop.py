@@ -1,4 +1,4 @@
-"""Frames of which a part may be shown; shared by videos and images."""
+"""Crops: frames of which a part may be shown; shared by videos and images."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def _checked(crop: Crop | None, size: tuple[int, int], name: str) -> Crop:
     if min(left, top) < 0 or min(wide, high) < 1 or left + wide > width or top + high > height:
         raise DataError(
             f"{name}: the crop {list(crop or ())} (left, top, width, height) lies outside its "
-            f"{as_text(size)} pixels; correct the crop"
+            f"{size_text(size)} pixels; correct the crop"
         )
     return left, top, wide, high
 
@@ -67,6 +67,6 @@ def check_range(indices: Sequence[int], count: int, name: str) -> None:
             raise IndexError(f"{name}: frame {i} of {count}")
 
 
-def as_text(shape: Sequence[int]) -> str:
+def size_text(shape: Sequence[int]) -> str:
     """Width x height of a (height, width), as people say it."""
     return f"{shape[1]}x{shape[0]}"

@@ -10,7 +10,7 @@ from io import BytesIO
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.data.frames.crop import as_text, check_range
+from tactileforge.data.frames.crop import check_range, size_text
 from tactileforge.errors import DataError
 from tactileforge.untrusted import open_picture
 
@@ -40,12 +40,12 @@ class Blob:
         try:
             with open(self.path, "rb") as file:
                 file.seek(self.offset)
-                found = file.read(self.size)
+                content = file.read(self.size)
         except OSError as error:
             raise DataError(f"{self.path}: cannot be read: {error}") from error
-        if len(found) != self.size:
+        if len(content) != self.size:
             raise DataError(f"{self.path}: has become shorter; download it again")
-        return found
+        return content
 
 
 class EncodedFrames:
@@ -92,8 +92,8 @@ class EncodedFrames:
             frame = self._frame(i)
             if frame.shape != out.shape[1:]:
                 raise DataError(
-                    f"{self.name}, frame {i}: {as_text(frame.shape[:2])} pixels, where the first "
-                    f"has {as_text(self.shape)}; download it again"
+                    f"{self.name}, frame {i}: {size_text(frame.shape[:2])} pixels, where the first "
+                    f"has {size_text(self.shape)}; download it again"
                 )
             out[place] = frame
         return out

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.data.frames.crop import as_text, check_range
+from tactileforge.data.frames.crop import check_range, size_text
 from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.untrusted import open_picture
 
@@ -31,7 +31,9 @@ _LOSSLESS = {"surface": "png"}
 BLOCK = 512
 
 
-def encode(picture: NDArray[np.uint8], codec: str = "jpg", quality: int | None = None) -> bytes:
+def encode_image(
+    picture: NDArray[np.uint8], codec: str = "jpg", quality: int | None = None
+) -> bytes:
     """Encodes a picture, uint8 (H, W, 3), RGB.
 
     Args:
@@ -65,7 +67,7 @@ def codec_of(group: str, codec: str) -> str:
     return _LOSSLESS.get(group, codec)
 
 
-def size_of(picture: bytes) -> tuple[int, int]:
+def image_size(picture: bytes) -> tuple[int, int]:
     """Height and width, from the header alone."""
     if picture[:2] == b"\xff\xd8":  # JPEG: go from segment to segment to the start of frame
         place = 2
@@ -156,15 +158,15 @@ class PackedFrames:
         return picture
 
     def _decoded(self, picture: bytes, i: int) -> NDArray[np.uint8]:
-        found = self.shape
+        shape = self.shape
         try:
-            found = size_of(picture)  # before anything of that size is allocated
+            shape = image_size(picture)  # before anything of that size is allocated
         except (OSError, ValueError, SyntaxError) as error:
             raise DataError(f"{self.name}, {self.group} {i}: no picture ({error})") from error
-        if found != self.shape:
+        if shape != self.shape:
             raise DataError(
-                f"{self.name}, {self.group} {i}: {as_text(found)} pixels, where "
-                f"{as_text(self.shape)} are stated; pack it again"
+                f"{self.name}, {self.group} {i}: {size_text(shape)} pixels, where "
+                f"{size_text(self.shape)} are stated; pack it again"
             )
         frame = cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR_RGB)
         if frame is None:

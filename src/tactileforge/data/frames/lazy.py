@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.data.frames.crop import Crop, Cropped, as_text, check_range
+from tactileforge.data.frames.crop import Crop, Cropped, check_range, size_text
 from tactileforge.data.frames.video import VIDEO_SUFFIXES, VideoFrames
 from tactileforge.errors import DataError, DataNotFoundError
 from tactileforge.untrusted import open_picture
@@ -38,7 +38,7 @@ class ImageFrames(Cropped):
         for path, size in zip(self.paths, sizes, strict=True):
             if size != sizes[0]:
                 raise DataError(
-                    f"{path} has {as_text(size)} pixels, {self.paths[0]} {as_text(sizes[0])}: "
+                    f"{path} has {size_text(size)} pixels, {self.paths[0]} {size_text(sizes[0])}: "
                     "frames of one recording have one size; move the file out, or resize it"
                 )
         super().__init__(self.paths[0], sizes[0], crop)
@@ -53,7 +53,9 @@ class ImageFrames(Cropped):
         for place, i in enumerate(indices):
             size, frame = _image(self.paths[i], decode=True)
             if size != self.full_shape:
-                raise DataError(f"{self.paths[i]}: its size has changed to {as_text(size)} pixels")
+                raise DataError(
+                    f"{self.paths[i]}: its size has changed to {size_text(size)} pixels"
+                )
             out[place] = self._show(frame)
         return out
 

@@ -82,7 +82,7 @@ class VideoFrames(Cropped):
 
 @dataclass(frozen=True)
 class _Index:
-    """What the packets of a video say.
+    """Facts of a video, read from its packets.
 
     Attributes:
         shape: Height and width.
@@ -109,8 +109,8 @@ class _Index:
         """The frame that has this time in the file."""
         seconds -= self.start
         i = int(np.searchsorted(self.times, seconds - 5e-4))
-        found = i < len(self.times) and abs(float(self.times[i]) - seconds) < 5e-4
-        return i if found else None
+        is_there = i < len(self.times) and abs(float(self.times[i]) - seconds) < 5e-4
+        return i if is_there else None
 
 
 class _Cursor:
@@ -238,11 +238,11 @@ def _index(path: str) -> _Index:
     return _Index(shape, rate, start, times - start, keys, (stat.st_size, stat.st_mtime_ns))
 
 
-def _check_complete(path: Path, announced: int, found: int) -> None:
+def _check_complete(path: Path, announced: int, counted: int) -> None:
     suffix = path.suffix.lower()
-    if suffix in _COUNTED and found < (1 - _MISSING) * announced:
+    if suffix in _COUNTED and counted < (1 - _MISSING) * announced:
         raise DataError(
-            f"{path}: truncated: it announces {announced} frames and holds {found}; {_HINT}"
+            f"{path}: truncated: it announces {announced} frames and holds {counted}; {_HINT}"
         )
     if suffix == ".gif":
         with path.open("rb") as file:

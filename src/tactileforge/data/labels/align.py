@@ -102,14 +102,14 @@ def estimate_lag(
     seen = _resampled(clock, times, np.asarray(change, np.float64))
     most = min(round(reach / period), len(clock) - _LEAST_SHARED)
     shifts = np.arange(-most, most + 1)
-    found = np.array([_correlation(pressed, seen, shift) for shift in shifts.tolist()])
-    if not np.isfinite(found).any():
+    correlations = np.array([_correlation(pressed, seen, shift) for shift in shifts.tolist()])
+    if not np.isfinite(correlations).any():
         return _NO_LAG
-    best = int(np.nanargmax(found))
-    sides = found[: best + 1], found[best:]
-    fall = found[best] - max(float(np.nanmin(side)) for side in sides)
-    seconds = (shifts[best] + _vertex(found, best)) * period
-    return Lag(float(seconds), float(found[best]), float(fall))
+    best = int(np.nanargmax(correlations))
+    sides = correlations[: best + 1], correlations[best:]
+    fall = correlations[best] - max(float(np.nanmin(side)) for side in sides)
+    seconds = (shifts[best] + _vertex(correlations, best)) * period
+    return Lag(float(seconds), float(correlations[best]), float(fall))
 
 
 _NO_LAG = Lag(np.nan, np.nan, np.nan)
@@ -140,7 +140,7 @@ def _correlation(pressed: NDArray[np.float64], seen: NDArray[np.float64], shift:
 
 
 def _vertex(values: NDArray[np.float64], at: int) -> float:
-    """Where a parabola through a peak and its neighbours is highest, -0.5 to 0.5 from the peak."""
+    """Sub-sample offset of a peak, -0.5 to 0.5, by a parabola through its neighbours."""
     if not 0 < at < len(values) - 1:
         return 0.0
     left, middle, right = values[at - 1 : at + 2]

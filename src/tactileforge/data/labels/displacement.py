@@ -1,4 +1,4 @@
-"""Displacement of a gel's surface as a small image: red, green and blue are x, y and z.
+"""Displacement field (3-D optical flow) of a gel's surface as a small image: RGB is x, y, z.
 
 As in drawn taxels, 128 stands for none. The other values follow the square root, so that the weak
 slope around a contact is told from noise, and the deepest dent still fits.
@@ -17,15 +17,17 @@ RANGE_MM = (0.6, 0.6, 2.0)
 NONE = 128
 #: Rows or columns of the image, whichever are fewer.
 SIZE = 32
+#: Height and width in a batch.
+SHAPE = (SIZE, SIZE)
 
 
-def cells(height: int, width: int) -> tuple[int, int]:
+def grid_shape(height: int, width: int) -> tuple[int, int]:
     """Rows and columns of the image that belongs to a frame of so many pixels."""
     short = min(height, width)
     return round(height * SIZE / short), round(width * SIZE / short)
 
 
-def encode(displacement: NDArray[np.float32]) -> NDArray[np.uint8]:
+def encode_displacement(displacement: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Codes displacements as an image.
 
     Args:
@@ -39,14 +41,14 @@ def encode(displacement: NDArray[np.float32]) -> NDArray[np.uint8]:
     return np.rint(NONE + 127 * root.clip(-1, 1)).astype(np.uint8)
 
 
-def decode(image: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Displacements of an image of `encode`, mm, float32 (..., 3)."""
+def decode_displacement(image: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Displacements of an image of `encode_displacement`, mm, float32 (..., 3)."""
     root = (image.astype(np.float32) - NONE) / 127
     out: NDArray[np.float32] = np.sign(root) * root**2 * np.asarray(RANGE_MM, np.float32)
     return out
 
 
-def mirrored(images: Tensor, axis: int) -> Tensor:
+def mirror_displacement(images: Tensor, axis: int) -> Tensor:
     """Images of mirrored touches: displacement along the axis changes its sign.
 
     Args:

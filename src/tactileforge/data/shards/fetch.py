@@ -19,7 +19,7 @@ _MAX_TEXT = 1 << 28
 _CHECKED: set[tuple[str, int, int, int, str]] = set()
 
 
-class Folder:
+class ShardFolder:
     """A folder of shards.
 
     Args:
@@ -84,8 +84,8 @@ class Folder:
     def _is(self, path: Path, sha256: str) -> bool:
         """Whether a file has a checksum; each state of a file is read once in a process."""
         try:
-            found = path.stat()
-            state = (str(path), found.st_ino, found.st_size, found.st_mtime_ns, sha256)
+            status = path.stat()
+            state = (str(path), status.st_ino, status.st_size, status.st_mtime_ns, sha256)
             if state not in _CHECKED:
                 with path.open("rb") as file:
                     if hashlib.file_digest(file, "sha256").hexdigest() != sha256:
@@ -99,18 +99,18 @@ class Folder:
         path.parent.mkdir(parents=True, exist_ok=True)
         self._make_room(size)
         part = path.with_name(f"{path.name}.{os.getpid()}.part")
-        digest, held = hashlib.sha256(), 0
+        digest, received = hashlib.sha256(), 0
         url = f"{self.root}/{path.name}"
         try:
             with part.open("wb") as out:
                 for chunk in remote.chunks(url, size):
                     digest.update(chunk)
-                    held += len(chunk)
+                    received += len(chunk)
                     out.write(chunk)
             if digest.hexdigest() != sha256:
                 raise DataError(
-                    f"{url}: {held} bytes with SHA-256 {digest.hexdigest()[:12]}..., but the index "
-                    f"says {size} with {sha256[:12]}...; upload the shard again"
+                    f"{url}: {received} bytes with SHA-256 {digest.hexdigest()[:12]}..., but the "
+                    f"index says {size} with {sha256[:12]}...; upload the shard again"
                 )
             part.replace(path)
         except OSError as error:
@@ -121,9 +121,9 @@ class Folder:
     def _make_room(self, size: int) -> None:
         if self.cache_gb is None:
             return
-        held = sorted(self.path.glob("*.tar"), key=lambda path: path.stat().st_atime)
-        total = sum(path.stat().st_size for path in held) + size
-        for path in held:
+        cached = sorted(self.path.glob("*.tar"), key=lambda path: path.stat().st_atime)
+        total = sum(path.stat().st_size for path in cached) + size
+        for path in cached:
             if total <= self.cache_gb * 1e9:
                 break
             total -= path.stat().st_size

@@ -26,15 +26,15 @@ _FILE = re.compile(r"[A-Za-z0-9_][\w.\-]*\.tar")
 
 
 @dataclass(frozen=True)
-class Entry:
+class IndexEntry:
     """One shard.
 
     Attributes:
         file: Its name in the folder.
         bytes: Its size.
         sha256: Its checksum.
-        first: Smallest `order` of its recordings.
-        last: Largest `order` of its recordings.
+        first: Smallest `sort_key` of its recordings.
+        last: Largest `sort_key` of its recordings.
         summary: What it holds.
     """
 
@@ -46,16 +46,16 @@ class Entry:
     summary: Summary
 
     @classmethod
-    def of(cls, path: Path) -> Entry:
+    def of(cls, path: Path) -> IndexEntry:
         """Reads a shard and sums it up.
 
         Raises:
             DataError: It is damaged, or two of its recordings have one key.
         """
         summary, places = Summary(), []
-        for recording in shards.read(path):
+        for recording in shards.read_shard(path):
             summary.add(recording)
-            places.append((order(recording.object, recording.key), recording.key))
+            places.append((sort_key(recording.object, recording.key), recording.key))
         keys = [key for _, key in places]
         if len(set(keys)) < len(keys):
             twice = next(key for key in keys if keys.count(key) > 1)
@@ -76,7 +76,7 @@ class Entry:
         }
 
     @classmethod
-    def from_json(cls, row: Mapping[str, Any]) -> Entry:
+    def from_json(cls, row: Mapping[str, Any]) -> IndexEntry:
         """The entry that `to_json` wrote.
 
         Raises:
@@ -97,13 +97,13 @@ class Index:
     Attributes:
         name: Of the data set.
         splits: Shards of ``train`` and ``val``.
-        sorted: Whether recordings lie in the order of `order`, so that shards do not overlap.
+        sorted: Whether recordings lie in the order of `sort_key`, so that shards do not overlap.
         made: How they were made, as plain data.
         statistics: Of each split, as plain data; what `data pack` found while it read.
     """
 
     name: str
-    splits: dict[str, list[Entry]]
+    splits: dict[str, list[IndexEntry]]
     sorted: bool = False
     made: dict[str, Any] = field(default_factory=dict)
     statistics: dict[str, Any] = field(default_factory=dict)
@@ -124,7 +124,7 @@ class Index:
         write_text(folder / NAME, sealed(text))
 
 
-def parse(text: str | bytes, where: str) -> Index:
+def parse_index(text: str | bytes, where: str) -> Index:
     """Reads the text of an ``index.json``.
 
     Args:
@@ -144,10 +144,10 @@ def parse(text: str | bytes, where: str) -> Index:
             )
         plain = unsealed(text)
         splits = {
-            str(split): [Entry.from_json(row) for row in rows]
+            str(split): [IndexEntry.from_json(row) for row in rows]
             for split, rows in plain["splits"].items()
         }
-        found = Index(
+        index = Index(
             name=str(plain["name"]),
             splits=splits,
             sorted=bool(plain["sorted"]),
@@ -156,24 +156,24 @@ def parse(text: str | bytes, where: str) -> Index:
         )
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise DataError(f"{where}: no index of shards ({error!r}); pack the data again") from error
-    _check_apart(found, where)
-    return found
+    _check_apart(index, where)
+    return index
 
 
 def _check_apart(index: Index, where: str) -> None:
     for entries in index.splits.values():
-        held = sorted((e for e in entries if e.first), key=lambda e: (e.first, e.last))
-        for one, other in pairwise(held):
-            overlaps = index.sorted and other.first <= one.last
-            if overlaps or one.sha256 == other.sha256 or one.file == other.file:
+        ordered = sorted((e for e in entries if e.first), key=lambda e: (e.first, e.last))
+        for entry, other in pairwise(ordered):
+            overlaps = index.sorted and other.first <= entry.last
+            if overlaps or entry.sha256 == other.sha256 or entry.file == other.file:
                 raise DataError(
-                    f"{where}: {one.file} and {other.file} hold recordings of one key; remove one "
-                    "of them and pack again"
+                    f"{where}: {entry.file} and {other.file} hold recordings of one key; remove "
+                    "one of them and pack again"
                 )
 
 
-def order(object: str | None, key: str) -> str:
-    """Where a recording stands among others, 32 hexadecimal digits.
+def sort_key(object: str | None, key: str) -> str:
+    """Key by which recordings are ordered, 32 hexadecimal digits.
 
     What one object felt stands together, and objects stand in an order that says nothing about
     them: a part of the whole is a fair sample of it, and pairs lie in one shard.
@@ -182,9 +182,9 @@ def order(object: str | None, key: str) -> str:
     return _digest(whole) + _digest(key)
 
 
-def arranged(recordings: Iterable[Recording]) -> list[Recording]:
-    """Recordings in the order of `order`."""
-    return sorted(recordings, key=lambda one: order(one.object, one.key))
+def sort_recordings(recordings: Iterable[Recording]) -> list[Recording]:
+    """Recordings in the order of `sort_key`."""
+    return sorted(recordings, key=lambda recording: sort_key(recording.object, recording.key))
 
 
 def _digest(text: str) -> str:

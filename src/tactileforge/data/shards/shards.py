@@ -29,14 +29,23 @@ from tactileforge.data.frames.image_codecs import (
     CODECS,
     GROUPS,
     PackedFrames,
-    encode,
+    encode_image,
+    image_size,
     member_name,
-    size_of,
 )
 from tactileforge.errors import DataError
 from tactileforge.untrusted import MAX_PIXELS, load_json
 
-__all__ = ["CODECS", "VERSION", "Packed", "PackedFrames", "encode", "head", "read", "write"]
+__all__ = [
+    "CODECS",
+    "VERSION",
+    "Packed",
+    "PackedFrames",
+    "describe_recording",
+    "encode_image",
+    "read_shard",
+    "write_shard",
+]
 
 #: Version of the layout; a reader refuses another.
 VERSION = 3
@@ -74,7 +83,7 @@ class Packed:
     surface: Sequence[bytes] = ()
 
 
-def head(recording: Recording) -> dict[str, Any]:
+def describe_recording(recording: Recording) -> dict[str, Any]:
     """All of a recording but its pictures, as plain data."""
     force = None
     if recording.force is not None:
@@ -115,7 +124,7 @@ def _plain(values: NDArray[Any]) -> list[Any]:
     return out
 
 
-def write(path: Path, recordings: Iterable[Packed]) -> None:
+def write_shard(path: Path, recordings: Iterable[Packed]) -> None:
     """Writes a shard: beside its place, then renamed. The same content gives the same bytes.
 
     Raises:
@@ -143,7 +152,7 @@ def _add(tar: tarfile.TarFile, stem: str, packed: Packed) -> None:
         "codec": packed.codec,
         "pictures": {
             group: {
-                "shape": size_of(encoded[0]),
+                "shape": image_size(encoded[0]),
                 "bytes": [len(picture) for picture in encoded],
                 "crc32": [zlib.crc32(picture) for picture in encoded],
             }
@@ -171,7 +180,7 @@ def _raise(error: DataError) -> None:
     raise error
 
 
-def read(path: Path, bad: Callable[[DataError], None] = _raise) -> Iterator[Recording]:
+def read_shard(path: Path, bad: Callable[[DataError], None] = _raise) -> Iterator[Recording]:
     """The recordings of a shard; no picture is read.
 
     Args:

@@ -1,4 +1,4 @@
-"""What a set of recordings holds, in numbers: kept in indices, shown in reports."""
+"""Counts of a set of recordings, kept in indices and shown in reports."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from tactileforge.contracts import AXES, LABELS, Recording
 COUNTED = (*LABELS, *(f"force.{axis}" for axis in AXES))
 
 
-def carried(recording: Recording) -> list[str]:
-    """Which of `COUNTED` a recording has; a force that is NaN throughout is none."""
-    found = [key for key in LABELS if key != "force" and getattr(recording, key) is not None]
+def labels_of(recording: Recording) -> list[str]:
+    """Labels of `COUNTED` that a recording has; a force that is NaN throughout is none."""
+    labels = [key for key in LABELS if key != "force" and getattr(recording, key) is not None]
     if recording.force is None:
-        return found
+        return labels
     axes = [
         axis for axis, row in zip(AXES, recording.force.T, strict=True) if np.isfinite(row).any()
     ]
-    return [*found, *(["force"] if axes else []), *(f"force.{axis}" for axis in axes)]
+    return [*labels, *(["force"] if axes else []), *(f"force.{axis}" for axis in axes)]
 
 
 def counted(labels: Mapping[str, int], label: str) -> str:
@@ -31,12 +31,12 @@ def counted(labels: Mapping[str, int], label: str) -> str:
     count = labels.get(label, 0)
     axes = {axis: labels.get(f"{label}.{axis}", 0) for axis in AXES}
     partial = label == "force" and any(axes.values()) and set(axes.values()) != {count}
-    told = ", ".join(f"{axis} {n:,}" for axis, n in axes.items())
-    return f"{count:,} ({told})" if partial else f"{count:,}" if count else "none"
+    by_axis = ", ".join(f"{axis} {n:,}" for axis, n in axes.items())
+    return f"{count:,} ({by_axis})" if partial else f"{count:,}" if count else "none"
 
 
 @dataclass(frozen=True, order=True)
-class Kind:
+class RecordingKind:
     """Recordings that are counted together.
 
     Attributes:
@@ -54,7 +54,7 @@ class Kind:
 
 @dataclass
 class Count:
-    """How much there is of a kind.
+    """Counts of one kind.
 
     Attributes:
         recordings: Recordings.
@@ -69,7 +69,7 @@ class Count:
     labels: Counter[str] = field(default_factory=Counter)
 
 
-class Summary(dict[Kind, Count]):
+class Summary(dict[RecordingKind, Count]):
     """Counts of each kind of recording.
 
     Example:
@@ -80,21 +80,21 @@ class Summary(dict[Kind, Count]):
     @classmethod
     def of(cls, recordings: Iterable[Recording]) -> Summary:
         """Counts recordings; decodes nothing."""
-        found = cls()
-        for one in recordings:
-            found.add(one)
-        return found
+        summary = cls()
+        for recording in recordings:
+            summary.add(recording)
+        return summary
 
     def add(self, recording: Recording) -> None:
         """Counts one more."""
-        kind = Kind(recording.sensor, recording.source, recording.licence, recording.tier)
+        kind = RecordingKind(recording.sensor, recording.source, recording.licence, recording.tier)
         count = self.setdefault(kind, Count())
         count.recordings += 1
         count.frames += len(recording.frames)
-        count.seconds += seconds(recording)
-        count.labels.update(carried(recording))
+        count.seconds += duration_seconds(recording)
+        count.labels.update(labels_of(recording))
 
-    def merge(self, other: Mapping[Kind, Count]) -> None:
+    def merge(self, other: Mapping[RecordingKind, Count]) -> None:
         """Adds the counts of another summary."""
         for kind, theirs in other.items():
             count = self.setdefault(kind, Count())
@@ -126,8 +126,8 @@ class Summary(dict[Kind, Count]):
     @property
     def labels(self) -> frozenset[str]:
         """The labels that at least one recording carries."""
-        found = {key for count in self.values() for key, n in count.labels.items() if n}
-        return frozenset(found & set(LABELS))
+        present = {key for count in self.values() for key, n in count.labels.items() if n}
+        return frozenset(present & set(LABELS))
 
     def to_json(self) -> list[dict[str, Any]]:
         """As plain data; see `from_json`."""
@@ -153,16 +153,16 @@ class Summary(dict[Kind, Count]):
             KeyError: A row lacks a value.
             TypeError: A value is of the wrong type.
         """
-        found = cls()
+        summary = cls()
         for row in rows:
-            kind = Kind(row["sensor"], row["source"], row["licence"], int(row["tier"]))
+            kind = RecordingKind(row["sensor"], row["source"], row["licence"], int(row["tier"]))
             labels = Counter({key: int(n) for key, n in row["labels"].items() if key in COUNTED})
             count = Count(int(row["recordings"]), int(row["frames"]), float(row["seconds"]), labels)
-            found.merge({kind: count})
-        return found
+            summary.merge({kind: count})
+        return summary
 
 
-def seconds(recording: Recording) -> float:
-    """How long its frames last, without gaps between them; a still lasts no time."""
+def duration_seconds(recording: Recording) -> float:
+    """Duration of the frames, s, without gaps between them; 0 for a still."""
     times = recording.times
     return float(len(times) * np.median(np.diff(times))) if len(times) > 1 else 0.0

@@ -37,8 +37,8 @@ class Tile:
 
 
 @dataclass(frozen=True)
-class Background:
-    """Which frames are without contact: those of a file, or some of the recording.
+class BackgroundRule:
+    """Frames without contact: those of a file, or some of the recording.
 
     Attributes:
         file: An image, or a video of which ``first`` or ``last`` says which frames.
@@ -82,7 +82,7 @@ class ActionRange:
 
 
 @dataclass(frozen=True)
-class Layout:
+class DatasetLayout:
     """One layout; see `docs/data.md` for what the fields mean."""
 
     name: str
@@ -92,7 +92,7 @@ class Layout:
     sensor: str | None
     fps: float | None
     crops: Mapping[str, Tile]
-    background: Background | None
+    background: BackgroundRule | None
     labels: str | None
     key: str
     words: Mapping[str, Mapping[str, str]]
@@ -108,7 +108,7 @@ class Layout:
     provides: frozenset[str] = field(default_factory=frozenset)
 
 
-def parse(name: str, config: Any) -> Layout:
+def parse_layout(name: str, config: Any) -> DatasetLayout:
     """Checks a layout and gives it types; reads nothing.
 
     Args:
@@ -125,13 +125,13 @@ def parse(name: str, config: Any) -> Layout:
     force = _force(node)
     action = _action(node, force is not None)
     split = node.take("split", str, "recording")
-    if not columns(split) and split not in SPLITS:
+    if not template_columns(split) and split not in SPLITS:
         raise ConfigError(f"{node.where}: {unknown('split', split, SPLITS)}")
     fps = node.take("fps", (int, float))
     if (each == "sequence" and fps is None) or (fps is not None and fps <= 0):
         raise ConfigError(f"{node.where}: fps is {fps}; give frames per second, e.g. fps: 30")
     text = node.take("text", (str, list), [])
-    layout = Layout(
+    layout = DatasetLayout(
         name=name,
         path=node.take("path", str, "."),
         globs=globs,
@@ -154,14 +154,14 @@ def parse(name: str, config: Any) -> Layout:
         split=split,
         provides=frozenset(
             key
-            for key, given in {
+            for key, value in {
                 "force": force is not None,
                 "action": action is not None,
                 "object": node.has("object"),
                 "text": bool(text),
                 "image": node.has("image"),
             }.items()
-            if given
+            if value
         ),
     )
     labels.close()
@@ -171,7 +171,7 @@ def parse(name: str, config: Any) -> Layout:
     return layout
 
 
-def columns(template: str) -> list[str]:
+def template_columns(template: str) -> list[str]:
     """The columns that a template takes values from.
 
     Raises:
@@ -195,8 +195,8 @@ def _files(node: Node) -> tuple[tuple[str, ...], str]:
 
 
 def _patterns(node: Node, key: str) -> tuple[str, ...]:
-    given = node.take(key, (str, list))
-    return (given,) if isinstance(given, str) else tuple(map(str, given))
+    patterns = node.take(key, (str, list))
+    return (patterns,) if isinstance(patterns, str) else tuple(map(str, patterns))
 
 
 def _sensors(node: Node) -> tuple[str | None, dict[str, Tile]]:
@@ -205,13 +205,13 @@ def _sensors(node: Node) -> tuple[str | None, dict[str, Tile]]:
     for name, value in node.take("crops", dict, {}).items():
         tile = Node(value, f"{node.where}, crops.{name}")
         left, top, width, height = (int(v) for v in tile.numbers("box", 4))
-        own = tile.take("sensor", str, sensor) or tile.need("sensor", str, "digit")
-        crops[str(name)] = Tile((left, top, width, height), own)
+        tile_sensor = tile.take("sensor", str, sensor) or tile.need("sensor", str, "digit")
+        crops[str(name)] = Tile((left, top, width, height), tile_sensor)
         tile.close()
     if not crops:
         sensor = node.need("sensor", str, "digit")
     for name in {sensor, *(tile.sensor for tile in crops.values())} - {None}:
-        if not columns(str(name)):
+        if not template_columns(str(name)):
             check_sensor(str(name), f"{node.where}, key sensor")
     return sensor, crops
 
@@ -224,26 +224,26 @@ def check_sensor(name: str, where: str) -> None:
         raise ConfigError(f"{where}: {error}") from None
 
 
-def _background(node: Node) -> Background | None:
+def _background(node: Node) -> BackgroundRule | None:
     value = node.need("background", (dict, str), "{first: 3}, {file: f.png} or none")
     if value == "none":
         return None
     inner = Node(value, f"{node.where}, background")
-    found = Background(
+    rule = BackgroundRule(
         inner.take("file", str),
         inner.take("first", int, 0),
         inner.take("last", int, 0),
         inner.take("median", bool, False),
     )
     inner.close()
-    chosen = sum([found.first > 0, found.last > 0, found.median])
-    allowed = chosen <= 1 and not found.median if found.file else chosen == 1
-    if not allowed or min(found.first, found.last) < 0:
+    chosen = sum([rule.first > 0, rule.last > 0, rule.median])
+    allowed = chosen <= 1 and not rule.median if rule.file else chosen == 1
+    if not allowed or min(rule.first, rule.last) < 0:
         raise ConfigError(
             f"{inner.where}: {dict(value)} must be one of {{file: background.png}}, {{first: 3}}, "
             "{last: 3}, {median: true}, or none"
         )
-    return found
+    return rule
 
 
 def _words(node: Node) -> dict[str, dict[str, str]]:
@@ -260,8 +260,8 @@ def _force(node: Node) -> FrameTable | None:
     names = inner.need("columns", list, "[fx, fy, fz]")
     if len(names) != 3:
         raise ConfigError(f"{inner.where}: columns are those of x, y and z, not {names}")
-    given = [name for name in names if name is not None]
-    if not given or len(set(given)) < len(given):
+    columns = [name for name in names if name is not None]
+    if not columns or len(set(columns)) < len(columns):
         raise ConfigError(
             f"{inner.where}: columns are {names}; give each axis a column of its own, and null to "
             "an axis that was not measured: [null, null, fz]"
@@ -278,7 +278,7 @@ def _force(node: Node) -> FrameTable | None:
 
 
 def _action(node: Node, has_force: bool) -> str | FrameTable | tuple[ActionRange, ...] | None:
-    """Where actions come from; ``force`` stands for the forces themselves."""
+    """Reads the origin of actions; ``force`` stands for the forces themselves."""
     value = node.take("action", (str, dict, list), "force" if has_force else "none")
     where = f"{node.where}, action"
     if isinstance(value, list):
@@ -296,7 +296,7 @@ def _action(node: Node, has_force: bool) -> str | FrameTable | tuple[ActionRange
         return None
     if value == "force" and not has_force:
         raise ConfigError(f"{where}: force is not given; add force: {{file: ..., columns: ...}}")
-    if value != "force" and not columns(value):
+    if value != "force" and not template_columns(value):
         check_action(value, where)
     return str(value)
 

@@ -9,8 +9,8 @@ _NONE: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
-class Split:
-    """Which recordings are for training, validation and test, by one fact that is known of each.
+class OfficialSplit:
+    """Training, validation and test recordings, by one fact that is known of each.
 
     Attributes:
         name: What users write.
@@ -21,7 +21,7 @@ class Split:
         val: Values of validation. Without any, a share of the training is held out.
 
     Example:
-        >>> split = Split("mine", "", "object", train=None, test=frozenset({"cup"}))
+        >>> split = OfficialSplit("mine", "", "object", train=None, test=frozenset({"cup"}))
         >>> split.side({"object": "cup"}), split.side({"object": "mug"})
         ('test', 'train')
     """
@@ -46,12 +46,12 @@ def _named(*values: str | int) -> frozenset[str]:
     return frozenset(map(str, values))
 
 
-def _lists(name: str, about: str) -> Split:
+def _lists(name: str, about: str) -> OfficialSplit:
     """A split that lists shipped with the data say; the reader gives the list as a fact."""
-    return Split(name, about, "list", _named("train"), _named("test"), _named("val"))
+    return OfficialSplit(name, about, "list", _named("train"), _named("test"), _named("val"))
 
 
-ALL = Split("all", "everything is for training")
+ALL = OfficialSplit("all", "everything is for training")
 
 TAG_MATERIAL = _lists("tag-material", "train.txt and test.txt of Touch and Go: 20 materials")
 TAG_ROUGH = _lists("tag-rough", "train_rough.txt and test_rough.txt of Touch and Go: two classes")
@@ -70,14 +70,14 @@ ANYTOUCH2_CLOTH = _lists(
 
 _BENCH_TRAIN = _named(6, 41, 52, 53, 59, 69, 70)
 _BENCH_TEST = _named(18, 22, 61)
-TOUCHD_BENCH = Split(
+TOUCHD_BENCH = OfficialSplit(
     "anytouch2-official",
     "ToucHD Bench: seven indenters to train a probe, three to test it",
     "indenter",
     _BENCH_TRAIN,
     _BENCH_TEST,
 )
-TOUCHD_PRETRAIN = Split(
+TOUCHD_PRETRAIN = OfficialSplit(
     "anytouch2-pretrain",
     "the ten indenters of ToucHD Bench are kept out of the training",
     "indenter",
@@ -87,14 +87,14 @@ TOUCHD_PRETRAIN = Split(
 
 # Those of Sparsh's tasks by sensor; the fact is ``PROBE/batch_N``.
 _FORCE_OFFICIAL = {
-    "digit": Split(
+    "digit": OfficialSplit(
         "sparsh-official",
         "T1 of Sparsh",
         "batch",
         _named("sphere/batch_1", "sharp/batch_1", "flat/batch_2"),
         _named("flat/batch_1"),
     ),
-    "gelsight_mini": Split(
+    "gelsight_mini": OfficialSplit(
         "sparsh-official",
         "T1 of Sparsh",
         "batch",
@@ -103,14 +103,14 @@ _FORCE_OFFICIAL = {
     ),
 }
 _FORCE_PORT = {
-    "digit": Split(
+    "digit": OfficialSplit(
         "anytouch2-port",
         "T1 as AnyTouch 2 ports it",
         "batch",
         _named("sphere/batch_2", "sharp/batch_2"),
         _named("flat/batch_1"),
     ),
-    "gelsight_mini": Split(
+    "gelsight_mini": OfficialSplit(
         "anytouch2-port",
         "T1 as AnyTouch 2 ports it",
         "batch",
@@ -120,10 +120,10 @@ _FORCE_PORT = {
 }
 _SPHERE2 = _named("sphere2/batch_1", "sphere2/batch_2", "sphere2/batch_3")
 _SLIP_OFFICIAL = {
-    "digit": Split(
+    "digit": OfficialSplit(
         "sparsh-official", "T2 of Sparsh", "batch", _SPHERE2, _named("sphere2/batch_test")
     ),
-    "gelsight_mini": Split(
+    "gelsight_mini": OfficialSplit(
         "sparsh-official",
         "T2 of Sparsh; its test batch is not on Hugging Face",
         "batch",
@@ -132,14 +132,14 @@ _SLIP_OFFICIAL = {
     ),
 }
 _SLIP_PORT = {
-    "digit": Split(
+    "digit": OfficialSplit(
         "anytouch2-port",
         "T2 as AnyTouch 2 ports it",
         "batch",
         _SPHERE2,
         _named("sphere2/batch_test"),
     ),
-    "gelsight_mini": Split(
+    "gelsight_mini": OfficialSplit(
         "anytouch2-port",
         "T2 as AnyTouch 2 ports it: batch 6 is test",
         "batch",
@@ -147,7 +147,7 @@ _SLIP_PORT = {
         _named("sphere/batch_6"),
     ),
 }
-POSE_OFFICIAL = Split(
+POSE_OFFICIAL = OfficialSplit(
     "sparsh-official",
     "T3 of Sparsh: its folders train and test",
     "folder",

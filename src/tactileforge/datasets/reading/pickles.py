@@ -19,8 +19,8 @@ from tactileforge.data.frames.encoded import Blob
 from tactileforge.errors import DataError, DataNotFoundError
 
 
-def load(path: str | Path) -> Any:
-    """What a pickle (protocol 2 to 5) holds; byte strings of 256 bytes and more are `Blob`.
+def load_pickle(path: str | Path) -> Any:
+    """Content of a pickle (protocol 2 to 5); byte strings of 256 bytes and more are `Blob`.
 
     Raises:
         DataNotFoundError: There is no such file.
@@ -76,10 +76,10 @@ class _Unfinished:
 
 
 def _bytes(raw: Any) -> bytes:
-    found = raw.read() if isinstance(raw, Blob) else raw
-    if not isinstance(found, bytes):
+    content = raw.read() if isinstance(raw, Blob) else raw
+    if not isinstance(content, bytes):
         raise ValueError("an array without bytes")
-    return found
+    return content
 
 
 def _dtype(name: str, *_: Any) -> _Unfinished:

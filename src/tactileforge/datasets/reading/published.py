@@ -1,4 +1,4 @@
-"""What the readers of published data sets have in common."""
+"""Base of the readers of published data sets."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Frames, FrameSubset, Recording
-from tactileforge.data.frames.crop import as_text
+from tactileforge.data.frames.crop import size_text
 from tactileforge.data.frames.lazy import ImageFrames
-from tactileforge.datasets.reading.official import ALL, Split
+from tactileforge.datasets.reading.official import ALL, OfficialSplit
 from tactileforge.datasets.reading.splits import is_held_out
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
 from tactileforge.sensors.specs import spec
@@ -30,7 +30,7 @@ _MEDIAN_FRAMES = 15
 
 
 @dataclass(frozen=True)
-class Item:
+class RecordingItem:
     """A recording before it is opened.
 
     Attributes:
@@ -46,7 +46,7 @@ class Item:
     group: str = ""
 
 
-class Published(ABC):
+class PublishedDataset(ABC):
     """A reader of a published data set; a subclass says what it is and lists its items.
 
     Args:
@@ -78,7 +78,7 @@ class Published(ABC):
     citation: ClassVar[str]
     url: ClassVar[str]
     tree: ClassVar[str]
-    splits: tuple[Split, ...] = (ALL,)
+    splits: tuple[OfficialSplit, ...] = (ALL,)
     provides: frozenset[str] = frozenset()
 
     def __init__(self, root: str = ".", split: str = "all", val: float = 0.1) -> None:
@@ -94,7 +94,7 @@ class Published(ABC):
         self.skipped: list[str] = []
 
     @abstractmethod
-    def _items(self) -> Iterator[Item]:
+    def _items(self) -> Iterator[RecordingItem]:
         """The recordings in an order that never changes; decodes nothing."""
 
     def recordings(self, split: str) -> Iterator[Recording]:
@@ -139,7 +139,7 @@ class Published(ABC):
 
         return plot(recording)
 
-    def _side(self, item: Item) -> str | None:
+    def _side(self, item: RecordingItem) -> str | None:
         side = self.chosen.side(item.facts)
         if side != "train" or self.chosen.val:
             return side
@@ -187,7 +187,7 @@ class Published(ABC):
         return f"| {' | '.join(cells)} |"
 
 
-class Numbered:
+class NumberedImages:
     r"""The images of a folder, by the last number in their names.
 
     Args:
@@ -202,12 +202,12 @@ class Numbered:
     @cached_property
     def files(self) -> dict[int, Path]:
         """File by number, ascending; hidden files and other kinds are left out."""
-        found = {}
+        paths = {}
         for path in sorted(self.folder.iterdir()) if self.folder.is_dir() else ():
             wanted = path.suffix.lower() in _IMAGES and not path.name.startswith(".")
             if wanted and self.named.fullmatch(path.stem):
-                found[int(re.findall(r"\d+", path.stem)[-1])] = path
-        return dict(sorted(found.items()))
+                paths[int(re.findall(r"\d+", path.stem)[-1])] = path
+        return dict(sorted(paths.items()))
 
     def frames(self) -> ImageFrames:
         """All of them.
@@ -231,24 +231,24 @@ class Numbered:
         return ImageFrames([self.files[int(number)] for number in chosen])
 
 
-def seconds(numbers: Sequence[int], fps: float) -> NDArray[np.float64]:
+def frame_times(numbers: Sequence[int], fps: float) -> NDArray[np.float64]:
     """Times of frames by their numbers, from 0; a gap in the numbers is a gap in time."""
     times: NDArray[np.float64] = (np.asarray(numbers, np.float64) - numbers[0]) / fps
     return times
 
 
-def rate(sensor: str, fps: float | None) -> float:
+def frame_rate(sensor: str, fps: float | None) -> float:
     """The frames per second that were given, or else those of the sensor."""
     return fps or spec(sensor).fps
 
 
-def median(frames: Frames) -> FrameSubset:
+def median_frames(frames: Frames) -> FrameSubset:
     """Frames spread over a recording, whose median leaves a moving contact out."""
     rows = np.linspace(0, len(frames) - 1, min(_MEDIAN_FRAMES, len(frames))).round()
     return FrameSubset(frames, np.unique(rows.astype(int)).tolist())
 
 
-def runs(numbers: Sequence[int], labels: Sequence[Any]) -> Iterator[slice]:
+def label_runs(numbers: Sequence[int], labels: Sequence[Any]) -> Iterator[slice]:
     """Yields the stretches in which numbers follow each other and the label stays."""
     start = 0
     for i in range(1, len(numbers) + 1):
@@ -258,7 +258,7 @@ def runs(numbers: Sequence[int], labels: Sequence[Any]) -> Iterator[slice]:
         start = i
 
 
-def still(path: Path, frames: Frames) -> ImageFrames | None:
+def still_background(path: Path, frames: Frames) -> ImageFrames | None:
     """An image as background; None where there is none.
 
     Raises:
@@ -266,10 +266,10 @@ def still(path: Path, frames: Frames) -> ImageFrames | None:
     """
     if not path.is_file():
         return None
-    found = ImageFrames([path])
-    if found.shape != frames.shape:
+    background = ImageFrames([path])
+    if background.shape != frames.shape:
         raise DataError(
-            f"{path}: the background has {as_text(found.shape)} pixels, the frames "
-            f"{as_text(frames.shape)}; give a background of the same size, or remove it"
+            f"{path}: the background has {size_text(background.shape)} pixels, the frames "
+            f"{size_text(frames.shape)}; give a background of the same size, or remove it"
         )
-    return found
+    return background

@@ -12,11 +12,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS, Frames, FrameSubset, Recording
-from tactileforge.data.frames.crop import as_text
+from tactileforge.data.frames.crop import size_text
 from tactileforge.data.frames.lazy import VIDEO_SUFFIXES, Crop, ImageFrames, VideoFrames
 from tactileforge.data.labels.actions import label_actions
-from tactileforge.datasets.reading.layout import FrameTable, Layout, check_action, check_sensor
-from tactileforge.datasets.reading.tables import Row, read_actions, read_force, read_labels, row_of
+from tactileforge.datasets.reading.layout import (
+    DatasetLayout,
+    FrameTable,
+    check_action,
+    check_sensor,
+)
+from tactileforge.datasets.reading.tables import (
+    LabelRow,
+    label_row,
+    read_actions,
+    read_force,
+    read_labels,
+)
 from tactileforge.errors import DataError, DataNotFoundError
 
 FileFrames: TypeAlias = VideoFrames | ImageFrames
@@ -26,7 +37,7 @@ _MEDIAN_FRAMES = 15
 
 
 @dataclass(frozen=True)
-class Touch:
+class LayoutTouch:
     """One touch before it is opened.
 
     Attributes:
@@ -37,10 +48,10 @@ class Touch:
 
     name: str
     paths: list[Path]
-    row: Row
+    row: LabelRow
 
 
-class Reader:
+class LayoutReader:
     """Finds, opens and labels the touches of a layout.
 
     Args:
@@ -54,7 +65,7 @@ class Reader:
         DataNotFoundError: The folder does not exist.
     """
 
-    def __init__(self, layout: Layout, root: Path) -> None:
+    def __init__(self, layout: DatasetLayout, root: Path) -> None:
         self.layout = layout
         self.folder = root / layout.path
         self.odd: list[str] = []
@@ -65,7 +76,7 @@ class Reader:
                 f"the layout out: data.layouts.{layout.name}=null"
             )
 
-    def touches(self) -> list[Touch]:
+    def touches(self) -> list[LayoutTouch]:
         """The touches, in natural order; reads nothing but the labels.
 
         Raises:
@@ -96,9 +107,9 @@ class Reader:
                     f"{row.where}: {name!r} names no file in {self.folder} (one that there is: "
                     f"{next(iter(named))!r}); correct the row, or remove it"
                 )
-        return [Touch(name, paths, row_of(name, labels)) for name, paths in named.items()]
+        return [LayoutTouch(name, paths, label_row(name, labels)) for name, paths in named.items()]
 
-    def open(self, touch: Touch) -> FileFrames:
+    def open(self, touch: LayoutTouch) -> FileFrames:
         """Opens the frames of a touch; decodes nothing.
 
         Raises:
@@ -114,7 +125,7 @@ class Reader:
             )
         return frames
 
-    def label(self, touch: Touch, frames: FileFrames) -> Iterator[Recording]:
+    def label(self, touch: LayoutTouch, frames: FileFrames) -> Iterator[Recording]:
         """Yields one recording of an open touch, or one for each tile.
 
         Raises:
@@ -160,7 +171,7 @@ class Reader:
                 no_contact=self._no_contact(shown, background, box),
             )
 
-    def _path(self, template: str, touch: Touch) -> Path:
+    def _path(self, template: str, touch: LayoutTouch) -> Path:
         name = touch.row.fill(template)
         if name is None:
             raise DataError(
@@ -169,7 +180,7 @@ class Reader:
             )
         return self.folder / name
 
-    def _sensor(self, template: str, touch: Touch) -> str:
+    def _sensor(self, template: str, touch: LayoutTouch) -> str:
         name = touch.row.fill(template)
         if name is None:
             raise DataError(f"{touch.row.where}: no sensor; fill in the column of {template!r}")
@@ -182,23 +193,23 @@ class Reader:
         return np.arange(len(frames)) / (self.layout.fps or 1.0)
 
     def _action(
-        self, touch: Touch, times: NDArray[np.float64], force: NDArray[np.float32] | None
+        self, touch: LayoutTouch, times: NDArray[np.float64], force: NDArray[np.float32] | None
     ) -> NDArray[np.int64] | None:
-        given = self.layout.action
-        if given is None:
+        action = self.layout.action
+        if action is None:
             return None
-        if given == "force" and force is not None:
+        if action == "force" and force is not None:
             return label_actions(times, force)
-        if isinstance(given, FrameTable):
-            return read_actions(given, self._path(given.file, touch), len(times))
+        if isinstance(action, FrameTable):
+            return read_actions(action, self._path(action.file, touch), len(times))
         actions = np.full(len(times), -1, np.int64)
-        if isinstance(given, str):
-            name = touch.row.fill(given)
+        if isinstance(action, str):
+            name = touch.row.fill(action)
             if name:
                 check_action(name, touch.row.where)
                 actions[:] = ACTIONS.index(name)
             return actions
-        for part in given:
+        for part in action:
             if not 0 <= part.start < part.stop <= len(times):
                 raise DataError(
                     f"{touch.paths[0]}: it has {len(times)} frames, but layout "
@@ -207,39 +218,40 @@ class Reader:
             actions[part.start : part.stop] = ACTIONS.index(part.action)
         return actions
 
-    def _background(self, touch: Touch, frames: FileFrames) -> FileFrames | None:
+    def _background(self, touch: LayoutTouch, frames: FileFrames) -> FileFrames | None:
         """The background file, opened once, if there is one."""
-        given = self.layout.background
-        if given is None or given.file is None:
+        rule = self.layout.background
+        if rule is None or rule.file is None:
             return None
-        path = self._path(given.file, touch)
+        path = self._path(rule.file, touch)
         if path not in self._backgrounds:
             self._backgrounds[path] = _open(path)
-        found = self._backgrounds[path]
-        if found.full_shape != frames.full_shape:
+        background = self._backgrounds[path]
+        if background.full_shape != frames.full_shape:
             raise DataError(
-                f"{path}: the background has {as_text(found.full_shape)} pixels, {touch.paths[0]} "
-                f"{as_text(frames.full_shape)}; give a background of the same size"
+                f"{path}: the background has {size_text(background.full_shape)} pixels, "
+                f"{touch.paths[0]} {size_text(frames.full_shape)}; give a background of the same "
+                "size"
             )
-        if isinstance(found, VideoFrames) and not given.first + given.last:
+        if isinstance(background, VideoFrames) and not rule.first + rule.last:
             raise DataError(f"{path}: a video as background: say which frames with first or last")
-        return found
+        return background
 
     def _no_contact(self, shown: FileFrames, file: FileFrames | None, box: Crop) -> Frames | None:
-        given = self.layout.background
-        if given is None:
+        rule = self.layout.background
+        if rule is None:
             return None
         base = file.crop(box) if file else shown
         count = len(base)
-        if given.median:
+        if rule.median:
             rows = np.unique(np.linspace(0, count - 1, _MEDIAN_FRAMES).round().astype(int)).tolist()
-        elif given.last:
-            rows = list(range(max(0, count - given.last), count))
+        elif rule.last:
+            rows = list(range(max(0, count - rule.last), count))
         else:
-            rows = list(range(min(count, given.first or count)))
+            rows = list(range(min(count, rule.first or count)))
         return FrameSubset(base, rows)
 
-    def _camera(self, touch: Touch) -> Frames | None:
+    def _camera(self, touch: LayoutTouch) -> Frames | None:
         pattern = touch.row.fill(self.layout.image) if self.layout.image else None
         if pattern is None:
             return None

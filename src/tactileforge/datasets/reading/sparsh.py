@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.encoded import EncodedFrames
-from tactileforge.datasets.reading.official import Split
-from tactileforge.datasets.reading.pickles import load
-from tactileforge.datasets.reading.published import Item, Published, seconds
+from tactileforge.datasets.reading.official import OfficialSplit
+from tactileforge.datasets.reading.pickles import load_pickle
+from tactileforge.datasets.reading.published import PublishedDataset, RecordingItem, frame_times
 from tactileforge.errors import ConfigError, DataError, unknown
 
 _LABELS = "dataset_slip_forces.pkl"
@@ -24,7 +24,7 @@ _FILES = {"digit": "digit", "gelsight_mini": "gelsight"}
 
 
 @dataclass(frozen=True)
-class Batch:
+class PickleFolder:
     """One folder of pickles.
 
     Attributes:
@@ -42,12 +42,12 @@ class Batch:
 
     @cached_property
     def labels(self) -> tuple[NDArray[np.bool_], Mapping[Any, Any]]:
-        """Which images are in contact, and the trajectories by number."""
+        """Contact of each image, and the trajectories by number."""
         path = self.folder / _LABELS
-        found = load(path)
+        content = load_pickle(path)
         try:
-            contact = np.asarray(found["in_contact"]).astype(bool).ravel()
-            trajectories = dict(found["trajectories"])
+            contact = np.asarray(content["in_contact"]).astype(bool).ravel()
+            trajectories = dict(content["trajectories"])
         except (KeyError, TypeError, ValueError) as error:
             raise DataError(
                 f"{path}: no in_contact and trajectories ({error!r}); download it again"
@@ -58,12 +58,12 @@ class Batch:
     def images(self) -> list[Any]:
         """All images of the batch; ``org_dataset_*`` are the same once more."""
         files = sorted(self.folder.glob(f"dataset_{_FILES[self.sensor]}_*.pkl"))
-        return [image for path in files for image in load(path)]
+        return [image for path in files for image in load_pickle(path)]
 
     @cached_property
     def sign(self) -> float:
-        """What turns Fz into a force that is positive when pressing: a probe cannot pull."""
-        normal = [_force(one)[:, 2] for one in self.labels[1].values()]
+        """Sign that makes Fz positive when pressing: a probe cannot pull."""
+        normal = [_force(trajectory)[:, 2] for trajectory in self.labels[1].values()]
         return -1.0 if normal and np.mean(np.concatenate(normal)) < 0 else 1.0
 
     def frames(self, rows: NDArray[np.int64]) -> EncodedFrames:
@@ -91,8 +91,8 @@ def _force(trajectory: Mapping[str, Any]) -> NDArray[np.float32]:
         return np.zeros((0, 3), np.float32)
 
 
-class SparshTrajectories(Published):
-    """What ``sparsh_force`` and ``sparsh_slip`` have in common; see there."""
+class SparshTrajectories(PublishedDataset):
+    """Base of ``sparsh_force`` and ``sparsh_slip``; see there."""
 
     sensors = tuple(_FILES)
     tier = 1
@@ -104,7 +104,7 @@ class SparshTrajectories(Published):
     dataset_digit_00.pkl ...   (dataset_gelsight_00.pkl ...)
     dataset_slip_forces.pkl"""
     provides = frozenset({"force", "object"})
-    by_sensor: ClassVar[Mapping[str, tuple[Split, ...]]]
+    by_sensor: ClassVar[Mapping[str, tuple[OfficialSplit, ...]]]
 
     def __init__(
         self,
@@ -121,12 +121,12 @@ class SparshTrajectories(Published):
         self.sensor = sensor
         self.fps = fps
 
-    def _items(self) -> Iterator[Item]:
+    def _items(self) -> Iterator[RecordingItem]:
         files = sorted(self._folder(".").glob(f"*/*/{_LABELS}"))
         if not files:
             raise self._missing(f"no file PROBE/batch_1/{_LABELS} in {self.root}")
         for path in files:
-            batch = Batch(path.parent, self.sensor)
+            batch = PickleFolder(path.parent, self.sensor)
             facts = {"batch": batch.name}
             if self.chosen.side(facts) is None:
                 continue
@@ -137,9 +137,9 @@ class SparshTrajectories(Published):
                 continue
             for number, trajectory in trajectories.items():
                 key = f"{batch.name}/{number}"
-                yield Item(key, partial(self._open, key, batch, trajectory), facts)
+                yield RecordingItem(key, partial(self._open, key, batch, trajectory), facts)
 
-    def _open(self, key: str, batch: Batch, trajectory: Mapping[str, Any]) -> Recording:
+    def _open(self, key: str, batch: PickleFolder, trajectory: Mapping[str, Any]) -> Recording:
         """Pairs images and forces one by one; those at the end without a partner are left out."""
         force = _force(trajectory) * np.array([1, 1, batch.sign], np.float32)
         try:
@@ -163,7 +163,7 @@ class SparshTrajectories(Published):
             key,
             sensor=self.sensor,
             frames=batch.frames(rows),
-            times=seconds(rows.tolist(), self.fps),
+            times=frame_times(rows.tolist(), self.fps),
             no_contact=batch.frames(free) if len(free) else None,
             force=force[:count],
             object=f"sparsh_{batch.folder.parent.name}",

@@ -1,4 +1,4 @@
-"""What is held out for validation."""
+"""Held-out validation parts."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def is_held_out(name: str, share: float) -> bool:
     return int.from_bytes(digest[:8], "big") < share * 2**64
 
 
-def parts(recording: Recording, share: float, split: str) -> Iterator[Recording]:
+def split_parts(recording: Recording, share: float, split: str) -> Iterator[Recording]:
     """Yields the parts of a recording that belong to a split by time.
 
     Blocks of about half a second, evenly spaced, are held out; training has what lies between. The

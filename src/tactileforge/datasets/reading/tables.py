@@ -13,13 +13,18 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS
 from tactileforge.data.labels.plausible import impossible_row, limits
-from tactileforge.datasets.reading.layout import FrameTable, Layout, check_action, columns
+from tactileforge.datasets.reading.layout import (
+    DatasetLayout,
+    FrameTable,
+    check_action,
+    template_columns,
+)
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
 
 
 @dataclass(frozen=True)
-class Row:
-    """What is known of one file.
+class LabelRow:
+    """Labels of one file.
 
     Attributes:
         where: CSV and line, or the file itself where it has no row.
@@ -45,7 +50,7 @@ class Row:
         if spaced:
             values = {name: value.replace("_", " ") for name, value in values.items()}
             values["action"] = "{action}"
-        for name in columns(template):
+        for name in template_columns(template):
             if name not in values:
                 raise ConfigError(f"{self.where}: {unknown('column', name, values)}")
             if not values[name]:
@@ -53,7 +58,7 @@ class Row:
         return template.format(**values)
 
 
-def read_labels(layout: Layout, folder: Path) -> dict[str, Row]:
+def read_labels(layout: DatasetLayout, folder: Path) -> dict[str, LabelRow]:
     """Rows of the labels of a layout, by file.
 
     Raises:
@@ -64,25 +69,25 @@ def read_labels(layout: Layout, folder: Path) -> dict[str, Row]:
     if layout.labels is None:
         return {}
     path = folder / layout.labels
-    found: dict[str, Row] = {}
+    rows: dict[str, LabelRow] = {}
     for where, cells in _read(path, [layout.key, *layout.words]):
         name = cells[layout.key]
-        if name in found:
-            raise DataError(f"{where}: {name!r} has a row already ({found[name].where})")
+        if name in rows:
+            raise DataError(f"{where}: {name!r} has a row already ({rows[name].where})")
         words = {
             column: _word(layout.words.get(column), value, f"{where}, column {column!r}")
             for column, value in cells.items()
         }
-        found[name] = Row(where, cells, words | _names(name))
-    return found
+        rows[name] = LabelRow(where, cells, words | _names(name))
+    return rows
 
 
-def row_of(name: str, labels: Mapping[str, Row]) -> Row:
+def label_row(name: str, labels: Mapping[str, LabelRow]) -> LabelRow:
     """The row of a file; one with the columns of the labels, all empty, where it has none."""
     if name in labels:
         return labels[name]
     header = next(iter(labels.values())).words if labels else {}
-    return Row(name, {}, dict.fromkeys(header, "") | _names(name))
+    return LabelRow(name, {}, dict.fromkeys(header, "") | _names(name))
 
 
 def read_force(

@@ -22,15 +22,30 @@ from tactileforge.encoders.backbone import Backbone
 from tactileforge.encoders.plain_vit import PlainViT
 from tactileforge.encoders.published import anytouch, clip, sparsh, t3, tvl, unitouch
 from tactileforge.encoders.published.anytouch import force_head
-from tactileforge.encoders.published.files import read
-from tactileforge.encoders.published.layout import Layout, Plan, State, gather, some, sources
+from tactileforge.encoders.published.files import read_tensors
+from tactileforge.encoders.published.layout import (
+    ConversionPlan,
+    State,
+    WeightLayout,
+    first_names,
+    gather_tensors,
+    source_keys,
+)
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, unknown
 
-__all__ = ["LAYOUTS", "Converted", "Layout", "convert", "force_head", "read", "recognise"]
+__all__ = [
+    "LAYOUTS",
+    "Converted",
+    "WeightLayout",
+    "convert",
+    "force_head",
+    "read_tensors",
+    "recognise",
+]
 
 #: Every layout that can be imported. The first that fits is taken: AnyTouch's files hold a CLIP.
-LAYOUTS: tuple[Layout, ...] = (
+LAYOUTS: tuple[WeightLayout, ...] = (
     *anytouch.LAYOUTS,
     *sparsh.LAYOUTS,
     t3.LAYOUT,
@@ -62,14 +77,14 @@ class Converted:
 
     @property
     def report(self) -> str:
-        """What was taken and what was not, in words."""
+        """Tensors that were taken and those that were not, in words."""
         count = sum(tensor.numel() for tensor in self.state.values()) / 1e6
         options = self.encoder_config
         what = f"{options['size']}, {options['depth']} blocks, {options['frames']} frames"
         lines = [f"{self.name}: {what}; {len(self.state)} tensors, {count:.1f} M numbers"]
         if self.head is not None:
             lines.append(f"force head: {len(self.head)} tensors")
-        lines += [f"not needed, {why}: {some(names)}" for why, names in self.unused.items()]
+        lines += [f"not needed, {why}: {first_names(names)}" for why, names in self.unused.items()]
         return "\n".join(lines)
 
     def build(self) -> Backbone:
@@ -80,17 +95,17 @@ class Converted:
         return encoder.eval()
 
 
-def recognise(state: State) -> Layout:
-    """Which published layout a file has, by names and shapes of its tensors.
+def recognise(state: State) -> WeightLayout:
+    """Recognises the published layout of a file by names and shapes of its tensors.
 
     Args:
-        state: See `read`.
+        state: See `read_tensors`.
 
     Raises:
         ConfigError: None; lists the nearest layouts and what they lack.
     """
-    found = [(layout, *layout.locate(state)) for layout in LAYOUTS]
-    for layout, _, lost in found:
+    candidates = [(layout, *layout.locate(state)) for layout in LAYOUTS]
+    for layout, _, lost in candidates:
         if not lost:
             return layout
     if any("head.pooler.query_tokens" in key for key in state):
@@ -98,10 +113,10 @@ def recognise(state: State) -> Layout:
             "this file holds a force head of AnyTouch 2 but no encoder: import "
             "checkpoint-4frames.pth, and read the head with published.force_head"
         )
-    found.sort(key=lambda row: len(row[2]) / len(row[0].marks))
-    near = "; ".join(f"{x.title} lacks {some(lost, 3)}" for x, _, lost in found[:3])
+    candidates.sort(key=lambda row: len(row[2]) / len(row[0].marks))
+    near = "; ".join(f"{x.title} lacks {first_names(lost, 3)}" for x, _, lost in candidates[:3])
     raise ConfigError(
-        f"not a published touch encoder that can be imported: it has {some(sorted(state))}. "
+        f"not a published touch encoder that can be imported: it has {first_names(sorted(state))}. "
         f"Nearest: {near}"
     )
 
@@ -110,7 +125,7 @@ def convert(state: State, options: Mapping[str, Any] | None = None) -> Converted
     """A published file as one of our encoders.
 
     Args:
-        state: See `read`.
+        state: See `read_tensors`.
         options: Constructor arguments of the encoder that replace those inferred, e.g.
             ``{"activation": "quick_gelu"}`` for OpenAI's CLIP weights.
 
@@ -127,7 +142,7 @@ def convert(state: State, options: Mapping[str, Any] | None = None) -> Converted
         if key not in known:
             raise ConfigError(unknown(f"option of encoder {plan.encoder!r}", key, known))
     plan.options.update(options or {})
-    used = set(sources(plan.keys))
+    used = set(source_keys(plan.keys))
     unused: dict[str | None, list[str]] = defaultdict(list)
     for key in sorted(state.keys() - {prefix + key for key in used}):
         inside = key.startswith(prefix)
@@ -135,7 +150,7 @@ def convert(state: State, options: Mapping[str, Any] | None = None) -> Converted
         unused[why].append(key)
     unexpected = unused.pop(None, [])
     missing = [prefix + key for key in used - inner.keys()]
-    made = {} if missing else gather(plan, inner)
+    made = {} if missing else gather_tensors(plan, inner)
     _refuse(layout, missing, unexpected, [] if missing else _wrong(plan, made))
     has_head = {"head.pooler.query_tokens", "head.probe.2.weight"} <= state.keys()
     return Converted(
@@ -147,23 +162,27 @@ def convert(state: State, options: Mapping[str, Any] | None = None) -> Converted
     )
 
 
-def _wrong(plan: Plan, made: dict[str, Tensor]) -> list[str]:
+def _wrong(plan: ConversionPlan, made: dict[str, Tensor]) -> list[str]:
     """Tensors that the encoder lacks or has in another shape, and numbers that are none."""
     with torch.device("meta"):
-        own = _CLASSES[plan.encoder](**plan.options).state_dict()
-    wrong = [f"{key} is not filled" for key in own.keys() - made.keys()]
+        expected = _CLASSES[plan.encoder](**plan.options).state_dict()
+    wrong = [f"{key} is not filled" for key in expected.keys() - made.keys()]
     for key, tensor in made.items():
-        if key not in own:
+        if key not in expected:
             wrong.append(f"{key} is not in the encoder")
-        elif tensor.shape != own[key].shape:
+        elif tensor.shape != expected[key].shape:
             theirs = plan.keys[key]
-            wrong.append(f"{theirs} gives {tuple(tensor.shape)}, not {tuple(own[key].shape)}")
+            wrong.append(f"{theirs} gives {tuple(tensor.shape)}, not {tuple(expected[key].shape)}")
         elif not torch.isfinite(tensor).all():
             wrong.append(f"{plan.keys[key]} is not finite")
     return wrong
 
 
-def _refuse(layout: Layout, missing: list[str], unexpected: list[str], wrong: list[str]) -> None:
+def _refuse(
+    layout: WeightLayout, missing: list[str], unexpected: list[str], wrong: list[str]
+) -> None:
     lists = {"missing": missing, "unexpected": unexpected, "shapes": wrong}
-    if told := [f"{what}: {some(sorted(names))}" for what, names in lists.items() if names]:
-        raise ConfigError(f"not a whole {layout.title} file; {'; '.join(told)}")
+    if problems := [
+        f"{what}: {first_names(sorted(names))}" for what, names in lists.items() if names
+    ]:
+        raise ConfigError(f"not a whole {layout.title} file; {'; '.join(problems)}")

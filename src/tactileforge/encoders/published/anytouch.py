@@ -9,17 +9,17 @@ from torch import Tensor
 from tactileforge.encoders.preprocess import ANYTOUCH2
 from tactileforge.encoders.published.clip import HF_BLOCK
 from tactileforge.encoders.published.layout import (
+    ConversionPlan,
     Keys,
-    Layout,
-    Plan,
     State,
+    WeightLayout,
     blocks,
     depth_of,
-    gather,
+    first_names,
+    gather_tensors,
     norms,
     size_of_width,
-    some,
-    sources,
+    source_keys,
 )
 from tactileforge.encoders.tactile_vit import PUBLISHED_SENSORS
 from tactileforge.errors import ConfigError
@@ -49,7 +49,9 @@ _REST: Keys = {
 _REST |= norms({"norm_in": "touch_model.pre_layrnorm", "norm_out": "touch_model.post_layernorm"})
 
 
-def _plan(state: State, patch: str, frames: int, tube: int, pixels: dict[str, Any]) -> Plan:
+def _plan(
+    state: State, patch: str, frames: int, tube: int, pixels: dict[str, Any]
+) -> ConversionPlan:
     depth = depth_of(state, _LAYERS)
     projected, width = state["touch_projection.weight"].shape
     rows, tokens, _ = state["sensor_token"].shape
@@ -69,10 +71,10 @@ def _plan(state: State, patch: str, frames: int, tube: int, pixels: dict[str, An
     }
     keys = _REST | {"embed.weight": patch}
     keys |= blocks("transformer.blocks", _LAYERS, depth, HF_BLOCK)
-    return Plan("tactile_vit", options, keys)
+    return ConversionPlan("tactile_vit", options, keys)
 
 
-def _anytouch2(state: State) -> Plan:
+def _anytouch2(state: State) -> ConversionPlan:
     positions = len(state[_POSITION]) - 1
     slots, rest = divmod(positions, (_IMAGE // state[_PATCH].shape[-1]) ** 2)
     if rest or 2 * slots not in (2, 4):
@@ -84,7 +86,7 @@ def _anytouch2(state: State) -> Plan:
     return plan
 
 
-def _anytouch1(state: State) -> Plan:
+def _anytouch1(state: State) -> ConversionPlan:
     plan = _plan(state, _VIDEO if _VIDEO in state else _PATCH, 3, 3, _IMAGENET)
     # Its convolution takes time for its input channels and runs over colours.
     plan.change["embed.weight"] = lambda x: x.transpose(1, 2).flatten(1)
@@ -117,14 +119,15 @@ def force_head(state: State) -> dict[str, Tensor]:
     """
     keys: Keys = {"pooler.queries": "head.pooler.query_tokens", **norms(_HEAD)}
     theirs = {key: tensor for key, tensor in state.items() if key.startswith("head.")}
-    missing = sorted(set(sources(keys)) - theirs.keys())
-    unexpected = sorted(theirs.keys() - set(sources(keys)))
+    missing = sorted(set(source_keys(keys)) - theirs.keys())
+    unexpected = sorted(theirs.keys() - set(source_keys(keys)))
     if missing or unexpected:
         raise ConfigError(
             "not the force head of AnyTouch 2; missing: "
-            f"{some(missing) or 'nothing'}; unexpected: {some(unexpected) or 'nothing'}"
+            f"{first_names(missing) or 'nothing'}; "
+            f"unexpected: {first_names(unexpected) or 'nothing'}"
         )
-    return gather(Plan("", {}, keys), theirs)
+    return gather_tensors(ConversionPlan("", {}, keys), theirs)
 
 
 _MARKS = {"sensor_token": (None, None, None), "touch_projection.weight": (None, None)}
@@ -138,7 +141,7 @@ _UNUSED = {
 _OUTSIDE = "other parts of the multi-modal model"
 
 LAYOUTS = (
-    Layout(
+    WeightLayout(
         name="anytouch2",
         title="AnyTouch 2",
         marks={_PATCH: (None, 3, 2, None, None), **_MARKS, _POSITION: (None, None)},
@@ -147,7 +150,7 @@ LAYOUTS = (
         unused=_UNUSED,
         outside=_OUTSIDE,
     ),
-    Layout(
+    WeightLayout(
         name="anytouch1",
         title="AnyTouch 1",
         marks={_VIDEO: (None, 3, 3, None, None), **_MARKS, _POSITION: (None, None)},
@@ -160,7 +163,7 @@ LAYOUTS = (
         },
         outside=_OUTSIDE,
     ),
-    Layout(
+    WeightLayout(
         name="anytouch1",
         title="AnyTouch 1 (its probe's encoder)",
         marks={_PATCH: (None, 3, 3, None, None), **_MARKS, _POSITION: (None, None)},

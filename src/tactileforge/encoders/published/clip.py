@@ -6,10 +6,10 @@ from typing import Any
 
 from tactileforge.encoders.preprocess import CLIP_MEAN, CLIP_STD
 from tactileforge.encoders.published.layout import (
+    ConversionPlan,
     Keys,
-    Layout,
-    Plan,
     State,
+    WeightLayout,
     blocks,
     depth_of,
     norms,
@@ -59,7 +59,7 @@ def single_frame(width: int, depth: int, positions: int, patch: int, what: str) 
     }
 
 
-def _hf(state: State) -> Plan:
+def _hf(state: State) -> ConversionPlan:
     tower = "vision_model"
     depth = depth_of(state, f"{tower}.encoder.layers")
     position = f"{tower}.embeddings.position_embedding.weight"
@@ -75,10 +75,10 @@ def _hf(state: State) -> Plan:
     }
     keys |= norms({"norm_in": f"{tower}.pre_layrnorm", "norm_out": f"{tower}.post_layernorm"})
     keys |= blocks("transformer.blocks", f"{tower}.encoder.layers", depth, HF_BLOCK)
-    return Plan("tactile_vit", options, keys, {"embed.weight": lambda x: x.flatten(1)})
+    return ConversionPlan("tactile_vit", options, keys, {"embed.weight": lambda x: x.flatten(1)})
 
 
-def _open(state: State) -> Plan:
+def _open(state: State) -> ConversionPlan:
     depth = depth_of(state, "transformer.resblocks")
     count, width = state["positional_embedding"].shape
     options = single_frame(width, depth, count, state["conv1.weight"].shape[-1], "CLIP")
@@ -92,11 +92,11 @@ def _open(state: State) -> Plan:
     keys |= norms({"norm_in": "ln_pre", "norm_out": "ln_post"})
     keys |= blocks("transformer.blocks", "transformer.resblocks", depth, _OPEN_BLOCK)
     change = {"embed.weight": lambda x: x.flatten(1), "project.weight": lambda x: x.T}
-    return Plan("tactile_vit", options, keys, change)
+    return ConversionPlan("tactile_vit", options, keys, change)
 
 
 LAYOUTS = (
-    Layout(
+    WeightLayout(
         name="clip",
         title="CLIP (Hugging Face)",
         marks={
@@ -112,7 +112,7 @@ LAYOUTS = (
             "*position_ids": "0, 1, 2, ...",
         },
     ),
-    Layout(
+    WeightLayout(
         name="clip",
         title="CLIP (OpenCLIP)",
         marks={

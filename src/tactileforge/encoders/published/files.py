@@ -39,14 +39,14 @@ _PROGRAMS = (
 class _Leftover(dict[Any, Any]):
     """In place of an object of a training program: it takes what it is given and does nothing."""
 
-    def __init__(self, *given: Any) -> None:
+    def __init__(self, *arguments: Any) -> None:
         super().__init__()
 
     def __setstate__(self, state: Any) -> None:
         pass
 
 
-def read(path: str | Path) -> dict[str, Tensor]:
+def read_tensors(path: str | Path) -> dict[str, Tensor]:
     """The tensors of a checkpoint: safetensors, or a file of ``torch.save``.
 
     T3 publishes several files for one model: give the folder that holds ``trunk.pth`` and
@@ -75,7 +75,7 @@ def _read_folder(folder: Path) -> dict[str, Tensor]:
     return {
         f"{name}.{key}": tensor
         for name, file in parts.items()
-        for key, tensor in read(file).items()
+        for key, tensor in read_tensors(file).items()
     }
 
 
@@ -102,8 +102,8 @@ def _load(path: Path) -> Any:
 def _short(error: Exception) -> str:
     """The line of torch's long messages that says what is wrong."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    told = next((line for line in lines if "Unsupported" in line or "GLOBAL" in line), None)
-    return f"{type(error).__name__}: {(told or (lines or ['no reason given'])[0])[:200]}"
+    reason = next((line for line in lines if "Unsupported" in line or "GLOBAL" in line), None)
+    return f"{type(error).__name__}: {(reason or (lines or ['no reason given'])[0])[:200]}"
 
 
 def _tensors(path: Path, content: Any) -> dict[str, Tensor]:
@@ -118,7 +118,7 @@ def _tensors(path: Path, content: Any) -> dict[str, Tensor]:
             tensors = {key.removeprefix("module."): v for key, v in tensors.items()}
         if tensors:
             return tensors
-    found = type(content).__name__
+    kind = type(content).__name__
     if isinstance(content, Mapping):
-        found = f"a dict of {', '.join(sorted(map(str, content))[:5]) or 'nothing'}"
-    raise DataError(f"{path} holds {found}: expected a dict of tensors, a state dict")
+        kind = f"a dict of {', '.join(sorted(map(str, content))[:5]) or 'nothing'}"
+    raise DataError(f"{path} holds {kind}: expected a dict of tensors, a state dict")

@@ -1,4 +1,4 @@
-"""What a published layout is, and how its tensors become ours: all of them, or an error."""
+"""Published layouts of weights, and their conversion to ours: all tensors, or an error."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ Keys: TypeAlias = dict[str, str | tuple[str, ...]]
 
 
 @dataclass(frozen=True)
-class Plan:
-    """What one file becomes.
+class ConversionPlan:
+    """Plan by which one file becomes an encoder.
 
     Attributes:
         encoder: Name of the encoder plugin.
@@ -39,7 +39,7 @@ class Plan:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Layout:
+class WeightLayout:
     """A published layout of a checkpoint.
 
     Attributes:
@@ -56,7 +56,7 @@ class Layout:
     name: str
     title: str
     marks: Mapping[str, Shape]
-    plan: Callable[[State], Plan]
+    plan: Callable[[State], ConversionPlan]
     prefixes: tuple[str, ...] = ("",)
     beside: str = ""
     unused: Mapping[str, str] = field(default_factory=dict)
@@ -103,7 +103,7 @@ def _fits(tensor: Tensor | None, shape: Shape) -> bool:
     )
 
 
-def gather(plan: Plan, state: State) -> dict[str, Tensor]:
+def gather_tensors(plan: ConversionPlan, state: State) -> dict[str, Tensor]:
     """Our tensors: float32, contiguous, sharing no memory with theirs.
 
     Raises:
@@ -123,7 +123,7 @@ def gather(plan: Plan, state: State) -> dict[str, Tensor]:
     return made
 
 
-def sources(keys: Keys) -> list[str]:
+def source_keys(keys: Keys) -> list[str]:
     """Their names that a key map uses."""
     return [
         name for value in keys.values() for name in ([value] if isinstance(value, str) else value)
@@ -198,7 +198,7 @@ def square(count: int, what: str) -> int:
     return side
 
 
-def some(names: Sequence[str], most: int = 5) -> str:
+def first_names(names: Sequence[str], most: int = 5) -> str:
     """The first names, and how many there are."""
     more = f", ... ({len(names)} in all)" if len(names) > most else ""
     return ", ".join(names[:most]) + more

@@ -10,11 +10,11 @@ from torch import Tensor
 
 from tactileforge.encoders.preprocess import SPARSH
 from tactileforge.encoders.published.layout import (
+    ConversionPlan,
     Keys,
-    Layout,
-    Plan,
     Shape,
     State,
+    WeightLayout,
     blocks,
     depth_of,
     norms,
@@ -37,7 +37,7 @@ TIMM_BLOCK: dict[str, str | tuple[str, ...]] = {
 _SIZES = {20 * 15: [320, 240], 14 * 14: [224, 224]}
 
 
-def _plan(state: State) -> Plan:
+def _plan(state: State) -> ConversionPlan:
     """Their frames come newest first, ours oldest first: weights of frames and slots are turned."""
     video = state[_EMBED].ndim == 5
     depth = depth_of(state, "blocks")
@@ -71,7 +71,7 @@ def _plan(state: State) -> Plan:
     if (registers := state.get("register_tokens")) is not None and registers.numel():
         keys["registers"] = "register_tokens"
         options["registers"] = registers.shape[1]
-    return Plan("plain_vit", options, keys, change)
+    return ConversionPlan("plain_vit", options, keys, change)
 
 
 def _image_patches(x: Tensor) -> Tensor:
@@ -106,10 +106,12 @@ def _check_bands(state: State, width: int, axes: int) -> None:
         )
 
 
-def _layout(name: str, title: str, patches: Shape, *prefixes: str, beside: str = "") -> Layout:
+def _layout(
+    name: str, title: str, patches: Shape, *prefixes: str, beside: str = ""
+) -> WeightLayout:
     # Without this mark, a file of DINO that lacks its register would pass for one without any.
     registers: dict[str, Shape] = {"register_tokens": (1, None, None)}
-    return Layout(
+    return WeightLayout(
         name=name,
         title=title,
         marks={

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from tactileforge.encoders.published.layout import (
+    ConversionPlan,
     Keys,
-    Layout,
-    Plan,
     State,
+    WeightLayout,
     blocks,
     depth_of,
     norms,
@@ -36,7 +36,7 @@ _NORMS = {
 _ALSO = {"gs_tag": "gelsight", "gs_black": "gelslim", "mini": "gelsight_mini"}
 
 
-def _plan(state: State) -> Plan:
+def _plan(state: State) -> ConversionPlan:
     stems = sorted({key.split(".")[1] for key in state if key.startswith("encoders.")})
     if not stems:
         raise ConfigError("T3: a trunk without stems; give the folder, with encoders/ in it")
@@ -86,7 +86,7 @@ def _plan(state: State) -> Plan:
             "std": [list(_NORMS[stem][1]) for stem in stems],
         },
     }
-    return Plan("plain_vit", options, keys, change)
+    return ConversionPlan("plain_vit", options, keys, change)
 
 
 def _tensor(state: State, key: str) -> Any:
@@ -104,7 +104,7 @@ def _stem(ours: str, theirs: str, depth: int) -> Keys:
     return keys | blocks(f"{ours}.transformer.blocks", f"{theirs}.blocks", depth, TIMM_BLOCK)
 
 
-LAYOUT = Layout(
+LAYOUT = WeightLayout(
     name="t3",
     title="T3 (the folder with trunk.pth and encoders/)",
     marks={

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from tactileforge.encoders.published.layout import (
+    ConversionPlan,
     Keys,
-    Layout,
-    Plan,
     State,
+    WeightLayout,
     blocks,
     depth_of,
     norms,
@@ -16,7 +16,7 @@ from tactileforge.encoders.published.layout import (
 from tactileforge.encoders.published.sparsh import TIMM_BLOCK
 
 
-def _plan(state: State) -> Plan:
+def _plan(state: State) -> ConversionPlan:
     depth = depth_of(state, "blocks")
     projected, width = state["head.weight"].shape
     patch = state["patch_embed.proj.weight"].shape[-1]
@@ -50,10 +50,10 @@ def _plan(state: State) -> Plan:
         "stems.0.position": lambda x: x[0],
         "stems.0.embed.weight": lambda x: x.flatten(1),
     }
-    return Plan("plain_vit", options, keys, change)
+    return ConversionPlan("plain_vit", options, keys, change)
 
 
-LAYOUT = Layout(
+LAYOUT = WeightLayout(
     name="tvl",
     title="TVL",
     marks={

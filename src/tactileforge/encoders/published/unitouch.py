@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from tactileforge.encoders.published.clip import single_frame
 from tactileforge.encoders.published.layout import (
+    ConversionPlan,
     Keys,
-    Layout,
-    Plan,
     State,
+    WeightLayout,
     blocks,
     depth_of,
     norms,
@@ -29,7 +29,7 @@ _BLOCK: dict[str, str | tuple[str, ...]] = {
 }
 
 
-def _plan(state: State) -> Plan:
+def _plan(state: State) -> ConversionPlan:
     depth = depth_of(state, _TRUNK)
     projected, width = state[f"{_HEAD}.2.weight"].shape
     positions = state[_POSITION].shape[1]
@@ -57,10 +57,10 @@ def _plan(state: State) -> Plan:
         name = f"transformer.blocks.{i}.attention.bias_kv"
         keys[name] = (f"{_TRUNK}.{i}.attn.bias_k", f"{_TRUNK}.{i}.attn.bias_v")
         change[name] = lambda x: x.flatten(1)
-    return Plan("tactile_vit", options, keys, change)
+    return ConversionPlan("tactile_vit", options, keys, change)
 
 
-LAYOUT = Layout(
+LAYOUT = WeightLayout(
     name="unitouch",
     title="UniTouch",
     marks={

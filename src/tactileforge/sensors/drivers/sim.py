@@ -1,4 +1,4 @@
-"""A simulated finger that is always touching something, so that everything live works."""
+"""A simulated tactile sensor in continual contact, for live use without hardware."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from tactileforge.sensors.specs import spec
 _Shown: TypeAlias = tuple[NDArray[np.uint8], NDArray[np.float32]]
 
 if TYPE_CHECKING:
-    from tactileforge.sim.generate import Config
+    from tactileforge.sim.generate import SimConfig
 
 #: Seconds by which the clock may be ahead of the frames before frames are left out.
 _LATE = 0.1
 
 
 class SimSensor:
-    """Touches from a seed, one after the other, without end.
+    """An endless sequence of simulated touches from a seed.
 
     In real time a frame comes when it is due; where nobody reads in time, or the machine is too
     slow, none comes meanwhile, and the touch goes on later. Otherwise frames come as fast as they
@@ -76,7 +76,7 @@ class SimSensor:
         self._fps, self._start, self._next = known.fps, 0.0, 0
 
     def discover(self) -> list[str]:
-        """Its one address: there is always one attached."""
+        """Its only address: a simulated sensor is always attached."""
         return [f"sim:{self.spec.name}"]
 
     def open(self) -> None:
@@ -85,10 +85,10 @@ class SimSensor:
         Raises:
             ConfigError: An unknown sensor, indenter or motion.
         """
-        from tactileforge.sim.generate import Config
-        from tactileforge.sim.scene import frame_rate
+        from tactileforge.sim.generate import SimConfig
+        from tactileforge.sim.scene import simulated_rate
 
-        config = Config(
+        config = SimConfig(
             sensors=(self.spec.name,),
             indenters=self.indenters,
             motions=self.motions,
@@ -100,7 +100,7 @@ class SimSensor:
             lag=0.0,
             seed=self.seed,
         )
-        self._fps = frame_rate(self.spec.name)
+        self._fps = simulated_rate(self.spec.name)
         self.spec = replace(self.spec, fps=self._fps)
         frames = _rested(_frames(config), round(self.rest * self._fps))
         self._frames = chain([next(frames)], frames)  # the first takes long
@@ -151,7 +151,7 @@ class SimSensor:
 
 
 def _rested(frames: Iterator[_Shown], number: int) -> Iterator[_Shown]:
-    """So many frames without contact, then the others."""
+    """Prepends frames without contact."""
     clear: list[_Shown] = []
     for shown in frames:
         clear.append(shown)
@@ -162,11 +162,11 @@ def _rested(frames: Iterator[_Shown], number: int) -> Iterator[_Shown]:
     yield from frames
 
 
-def _frames(config: Config) -> Iterator[_Shown]:
+def _frames(config: SimConfig) -> Iterator[_Shown]:
     """Frames and forces of one touch after the other, on one unit of the sensor."""
-    from tactileforge.sim.play import play
+    from tactileforge.sim.play import play_scenes
 
     for number in count():
         scene = replace(config.scene(number), unit=config.seed)
-        for shots in play(scene, config.sensors, config.size, markers=config.markers):
+        for shots in play_scenes(scene, config.sensors, config.size, markers=config.markers):
             yield from zip(shots.pictures, shots.force, strict=True)

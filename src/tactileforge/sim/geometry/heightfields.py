@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.sim.geometry.indenter_geometry import Height, extrude, rod
-from tactileforge.sim.geometry.sdf2d import Array, Mask, box, ellipse, minus
+from tactileforge.sim.geometry.sdf2d import SDF, Array, box, ellipse, minus
 
 #: Column, row of a crossing -> whether the upright yarn is on top.
 Pattern: TypeAlias = Callable[[Array, Array], NDArray[Any]]
@@ -90,13 +90,13 @@ def deeper(*reliefs: Height) -> Height:
     return lambda x, y: np.max([relief(x, y) for relief in reliefs], axis=0)
 
 
-def raised(mask: Mask, depth: float, fillet: float = 0.15) -> Height:
+def raised(mask: SDF, depth: float, fillet: float = 0.15) -> Height:
     """A raised outline on a ground that lies ``depth`` mm below."""
     height = extrude(mask, fillet)
     return lambda x, y: np.minimum(height(x, y), depth)
 
 
-def cut(mask: Mask, depth: float, fillet: float = 0.15) -> Height:
+def cut(mask: SDF, depth: float, fillet: float = 0.15) -> Height:
     """An outline that is cut ``depth`` mm deep into the ground."""
     return raised(minus(_everywhere, mask), depth, fillet)
 
@@ -189,7 +189,7 @@ def whorl(period: float, depth: float, bend: float = 1.0) -> Height:
     return lambda x, y: ridges(np.hypot(x, y) + shift(x, y), y)
 
 
-def hexagons(pitch: float) -> Mask:
+def hexagons(pitch: float) -> SDF:
     """Hexagons side by side, as the distance to the nearest border; negative inside all of them."""
     px, py = pitch, pitch * np.sqrt(3)
 
@@ -203,7 +203,7 @@ def hexagons(pitch: float) -> Mask:
     return distance
 
 
-def bricks(width: float, height: float, joint: float) -> Mask:
+def bricks(width: float, height: float, joint: float) -> SDF:
     """A wall of bricks that are shifted by half from row to row."""
     brick = box(width - joint, height - joint)
 

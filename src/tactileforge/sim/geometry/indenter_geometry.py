@@ -1,4 +1,4 @@
-"""What touches the gel: height maps that know no pixels, made of outlines and profiles.
+"""Indenter geometry: resolution-free height maps from outlines and profiles.
 
 A height is a function of ``x`` (right) and ``y`` (down), both in mm: the height in mm above the
 lowest plane of the shape, 0 where the tip touches first, `DEEP` where there is no material.
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.errors import ConfigError
-from tactileforge.sim.geometry.sdf2d import Array, Mask, circle
+from tactileforge.sim.geometry.sdf2d import SDF, Array, circle
 
 Height: TypeAlias = Callable[[Array, Array], Array]
 Split: TypeAlias = Literal["pretrain", "bench_train", "bench_test"]
@@ -118,7 +118,7 @@ def _lowered(height: Height, by: float) -> Height:
     return lowered
 
 
-def extrude(mask: Mask, fillet: float = FILLET, steep: float = STEEP) -> Height:
+def extrude(mask: SDF, fillet: float = FILLET, steep: float = STEEP) -> Height:
     """A flat tip with that outline, a rounded edge, and walls; a disc may be rounded to a ball.
 
     Args:

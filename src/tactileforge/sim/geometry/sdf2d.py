@@ -1,7 +1,7 @@
 """Flat outlines as signed distances: how far a point is from the edge, in mm, negative inside.
 
 An outline is a function of ``x`` (right) and ``y`` (down), both arrays in mm. Sizes are in mm,
-angles in degrees, positive angles clockwise in the picture. Outlines know no pixels, so they are
+angles in degrees, positive angles clockwise in the image. Outlines know no pixels, so they are
 sharp at any resolution.
 """
 
@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array: TypeAlias = NDArray[np.float64]
-Mask: TypeAlias = Callable[[Array, Array], Array]
+SDF: TypeAlias = Callable[[Array, Array], Array]
 Point: TypeAlias = tuple[float, float]
 
 
-def circle(radius: float) -> Mask:
+def circle(radius: float) -> SDF:
     """A disc about the origin.
 
     Example:
@@ -30,7 +30,7 @@ def circle(radius: float) -> Mask:
     return lambda x, y: np.hypot(x, y) - radius
 
 
-def ellipse(half_width: float, half_height: float) -> Mask:
+def ellipse(half_width: float, half_height: float) -> SDF:
     """An ellipse; its nearest point is found by its centre of curvature, in four rounds."""
     a, b = half_width, half_height
 
@@ -50,7 +50,7 @@ def ellipse(half_width: float, half_height: float) -> Mask:
     return distance
 
 
-def box(width: float, height: float) -> Mask:
+def box(width: float, height: float) -> SDF:
     """A rectangle about the origin."""
 
     def distance(x: Array, y: Array) -> Array:
@@ -61,7 +61,7 @@ def box(width: float, height: float) -> Mask:
     return distance
 
 
-def polygon(*corners: Point) -> Mask:
+def polygon(*corners: Point) -> SDF:
     """A polygon from its corners in order; it may have dents, but no crossing edges."""
     edges = list(zip(corners, corners[1:] + corners[:1], strict=True))
 
@@ -79,18 +79,18 @@ def polygon(*corners: Point) -> Mask:
     return distance
 
 
-def regular(corners: int, radius: float) -> Mask:
+def regular(corners: int, radius: float) -> SDF:
     """A regular polygon with one corner at the top, from its circumscribed radius."""
     return polygon(*_turned(corners, [(0.0, -radius)]))
 
 
-def star(points: int, outer: float, inner: float) -> Mask:
+def star(points: int, outer: float, inner: float) -> SDF:
     """A star with one point at the top, from the radii of its points and of its dents."""
     half = np.pi / points
     return polygon(*_turned(points, [(0.0, -outer), (inner * np.sin(half), -inner * np.cos(half))]))
 
 
-def sector(radius: float, angle: float) -> Mask:
+def sector(radius: float, angle: float) -> SDF:
     """A slice of a disc, tip at the origin, open towards the top."""
     half = np.radians(angle / 2)
     sine, cosine = np.sin(half), np.cos(half)
@@ -105,7 +105,7 @@ def sector(radius: float, angle: float) -> Mask:
     return distance
 
 
-def stroke(width: float, *points: Point) -> Mask:
+def stroke(width: float, *points: Point) -> SDF:
     """A line through points, of that width, with round ends."""
     pieces = list(pairwise(points))
 
@@ -116,7 +116,7 @@ def stroke(width: float, *points: Point) -> Mask:
     return distance
 
 
-def arc(width: float, radius: float, start: float, stop: float) -> Mask:
+def arc(width: float, radius: float, start: float, stop: float) -> SDF:
     """A bent stroke about the origin; angles are clockwise from the right."""
     middle, half = np.radians((start + stop) / 2), np.radians((stop - start) / 2)
     end = (radius * np.cos(half), radius * np.sin(half))
@@ -131,7 +131,7 @@ def arc(width: float, radius: float, start: float, stop: float) -> Mask:
     return distance
 
 
-def wavy(radius: float, wave: float, count: int) -> Mask:
+def wavy(radius: float, wave: float, count: int) -> SDF:
     """A disc with that many waves on its edge; the distance is of first order."""
 
     def distance(x: Array, y: Array) -> Array:
@@ -142,38 +142,38 @@ def wavy(radius: float, wave: float, count: int) -> Mask:
     return distance
 
 
-def union(*masks: Mask) -> Mask:
-    """What lies in any of the outlines."""
+def union(*masks: SDF) -> SDF:
+    """The union of outlines."""
     return lambda x, y: reduce(np.minimum, (mask(x, y) for mask in masks))
 
 
-def minus(mask: Mask, *holes: Mask) -> Mask:
+def minus(mask: SDF, *holes: SDF) -> SDF:
     """An outline with holes."""
     return lambda x, y: reduce(np.maximum, (-hole(x, y) for hole in holes), mask(x, y))
 
 
-def both(*masks: Mask) -> Mask:
-    """What lies in all of the outlines."""
+def both(*masks: SDF) -> SDF:
+    """The intersection of outlines."""
     return lambda x, y: reduce(np.maximum, (mask(x, y) for mask in masks))
 
 
-def grow(mask: Mask, by: float) -> Mask:
+def grow(mask: SDF, by: float) -> SDF:
     """An outline moved outwards by ``by`` mm on every side."""
     return lambda x, y: mask(x, y) - by
 
 
-def at(x0: float, y0: float, mask: Mask) -> Mask:
+def at(x0: float, y0: float, mask: SDF) -> SDF:
     """An outline moved to a point."""
     return lambda x, y: mask(x - x0, y - y0)
 
 
-def turn(angle: float, mask: Mask) -> Mask:
+def turn(angle: float, mask: SDF) -> SDF:
     """An outline turned about the origin, clockwise."""
     cosine, sine = np.cos(np.radians(angle)), np.sin(np.radians(angle))
     return lambda x, y: mask(x * cosine + y * sine, y * cosine - x * sine)
 
 
-def grid(columns: int, rows: int, pitch: float | Point, mask: Mask) -> Mask:
+def grid(columns: int, rows: int, pitch: float | Point, mask: SDF) -> SDF:
     """Copies in columns and rows about the origin; a copy must fit in its cell."""
     px, py = (pitch, pitch) if isinstance(pitch, int | float) else pitch
 
@@ -186,7 +186,7 @@ def grid(columns: int, rows: int, pitch: float | Point, mask: Mask) -> Mask:
     return distance
 
 
-def around(count: int, radius: float, mask: Mask) -> Mask:
+def around(count: int, radius: float, mask: SDF) -> SDF:
     """Copies on a circle, the first at the top; each keeps its own top outwards."""
     step = 360 / count
 
@@ -197,48 +197,48 @@ def around(count: int, radius: float, mask: Mask) -> Mask:
         second = first + np.where(place >= first, 1, -1)
         return np.minimum(_outward(mask, x, y, first), _outward(mask, x, y, second))
 
-    def _outward(mask: Mask, x: Array, y: Array, slot: Array) -> Array:
+    def _outward(mask: SDF, x: Array, y: Array, slot: Array) -> Array:
         cosine, sine = np.cos(np.radians(slot * step)), np.sin(np.radians(slot * step))
         return mask(x * cosine + y * sine, y * cosine - x * sine + radius)
 
     return distance
 
 
-def ring(outer: float, inner: float) -> Mask:
+def ring(outer: float, inner: float) -> SDF:
     """A flat ring, from its two radii."""
     return minus(circle(outer), circle(inner))
 
 
-def trapezoid(top: float, bottom: float, height: float) -> Mask:
+def trapezoid(top: float, bottom: float, height: float) -> SDF:
     """An isosceles trapezoid about the origin; widths of its top and bottom."""
     h = height / 2
     return polygon((-top / 2, -h), (top / 2, -h), (bottom / 2, h), (-bottom / 2, h))
 
 
-def tee(size: float, thick: float) -> Mask:
+def tee(size: float, thick: float) -> SDF:
     """A letter T that fills a square, from the square and the width of its strokes."""
     bar = at(0, (thick - size) / 2, box(size, thick))
     return union(bar, box(thick, size))
 
 
-def cross(size: float, thick: float) -> Mask:
+def cross(size: float, thick: float) -> SDF:
     """An upright cross that fills a square."""
     return union(box(size, thick), box(thick, size))
 
 
-def crescent(radius: float, bite: float, shift: float) -> Mask:
+def crescent(radius: float, bite: float, shift: float) -> SDF:
     """A moon: a disc without a disc of radius ``bite`` that is moved to the right."""
     return minus(circle(radius), at(shift, 0, circle(bite)))
 
 
-def teardrop(radius: float, length: float) -> Mask:
+def teardrop(radius: float, length: float) -> SDF:
     """A drop: a disc with a tip at the top, ``length`` above the disc's middle."""
     sine = radius / length
     x, y = radius * np.sqrt(1 - sine**2), -radius * sine
     return union(circle(radius), polygon((0.0, -length), (x, y), (0.0, 0.0), (-x, y)))
 
 
-def heart(size: float) -> Mask:
+def heart(size: float) -> SDF:
     """A heart, tip at the bottom: a square on its corner with a disc on two of its sides."""
     side = size * 0.6
     half = side / 2

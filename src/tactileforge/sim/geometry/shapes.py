@@ -20,7 +20,7 @@ from tactileforge.sim.geometry.indenter_geometry import (
     shape_of,
 )
 from tactileforge.sim.geometry.sdf2d import (
-    Mask,
+    SDF,
     arc,
     around,
     at,
@@ -75,7 +75,7 @@ _HOLE = circle(0.5)
 _HOLES = (_HOLE, *(turn(a, around(6, r, _HOLE)) for a, r in ((0, 1.6), (0, 3.2), (30, 2.77))))
 
 #: index, name, outline of the tip
-_FLAT: tuple[tuple[int, str, Mask], ...] = (
+_FLAT: tuple[tuple[int, str, SDF], ...] = (
     (1, "semi_cylindrical", at(0, 2.7, sector(5.5, 180))),
     (2, "wavy_cylindrical", wavy(4.8, 0.6, 8)),
     (3, "hexagonal", regular(6, 5)),

@@ -32,7 +32,7 @@ from tactileforge.sim.geometry.indenter_geometry import (
     shape_of,
 )
 from tactileforge.sim.geometry.sdf2d import (
-    Mask,
+    SDF,
     around,
     at,
     box,
@@ -71,7 +71,7 @@ GLYPHS = {
 }
 
 
-def glyph(lines: str, size: float = 9.0, width: float = 1.2) -> Mask:
+def glyph(lines: str, size: float = 9.0, width: float = 1.2) -> SDF:
     """A letter from its strokes; ``size`` is its height in mm."""
     step = size / 6
     strokes = [
@@ -81,7 +81,7 @@ def glyph(lines: str, size: float = 9.0, width: float = 1.2) -> Mask:
     return union(*(stroke(width, *points) for points in strokes))
 
 
-def on(base: Mask, top: Mask, step: float, fillet: float = 0.2) -> Height:
+def on(base: SDF, top: SDF, step: float, fillet: float = 0.2) -> Height:
     """A flat outline that stands ``step`` mm out of a larger one."""
     return join(extrude(top, fillet), lift(extrude(base), step))
 

@@ -18,8 +18,8 @@ FPS = 30.0
 
 
 @dataclass(frozen=True)
-class Device:
-    """What a sensor is to the object that presses on it.
+class SensorGel:
+    """Mechanical side of a sensor: its gel, as the pressing object meets it.
 
     Attributes:
         gel: Its gel; the friction of a touch is drawn from the range.
@@ -36,16 +36,16 @@ class Device:
 
 
 DEVICES = {
-    "gelsight": Device(Gel()),
-    "digit": Device(Gel(dome=100.0), (0.4, 1.1)),
-    "gelsight_mini": Device(Gel(dome=106.6), (0.8, 1.4)),
-    "gelslim": Device(Gel()),
-    "duragel": Device(Gel()),
-    "dm": Device(Gel()),
+    "gelsight": SensorGel(Gel()),
+    "digit": SensorGel(Gel(dome=100.0), (0.4, 1.1)),
+    "gelsight_mini": SensorGel(Gel(dome=106.6), (0.8, 1.4)),
+    "gelslim": SensorGel(Gel()),
+    "duragel": SensorGel(Gel()),
+    "dm": SensorGel(Gel()),
 }
 
 
-def device(name: str) -> Device:
+def sensor_gel(name: str) -> SensorGel:
     """The device of a sensor type.
 
     Raises:

@@ -1,6 +1,7 @@
-"""How the picture of a sensor answers to the surface of its gel: calibrations.
+"""Optical calibrations: the response of a sensor's image to the surface of its gel.
 
-Those that ship are fitted on real presses of balls (see `fit`); `lit` makes one from lamps.
+Those that ship are fitted on real presses of balls (see `fit`); `lamp_calibration` makes one from
+lamps.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ DEGREE = 2
 
 
 @dataclass(frozen=True)
-class Calibration:
-    """How a sensor's picture answers to the surface of its gel. It holds for any picture size.
+class OpticalCalibration:
+    """Response of a sensor's image to the surface of its gel, at any image size.
 
     Attributes:
         fine: float32 (len(POWERS), P, 3), grey levels for each feature of the normal, polynomial
@@ -34,7 +35,7 @@ class Calibration:
             has not seen more.
         steepest: See `features.normals`.
         lights: Where the lights are that cast shadows, rad, clockwise from the right.
-        backgrounds: float32 (N, Q, 3), pictures with no contact as polynomials of the place.
+        backgrounds: float32 (N, Q, 3), images with no contact as polynomials of the place.
         noise: Standard deviation of the camera's noise, grey levels.
     """
 
@@ -46,7 +47,7 @@ class Calibration:
     backgrounds: Tensor
     noise: float
 
-    def mirrored(self) -> Calibration:
+    def mirrored(self) -> OpticalCalibration:
         """The calibration of the sensor that is this one's mirror image, left for right."""
         place = torch.tensor([(-1.0) ** i for i, _ in exponents(DEGREE)])[:, None]
         power = torch.tensor([(-1.0) ** i for i, _ in POWERS])[:, None, None]
@@ -61,11 +62,11 @@ class Calibration:
             backgrounds=self.backgrounds * ground,
         )
 
-    def turned(self, angles: Sequence[float]) -> Calibration:
+    def turned(self, angles: Sequence[float]) -> OpticalCalibration:
         """The calibration of a sensor whose light of each colour comes from another direction.
 
         Args:
-            angles: Of R, G, B: rad, clockwise in the picture.
+            angles: Of R, G, B: rad, clockwise in the image.
         """
         fine = torch.stack(
             [
@@ -86,12 +87,12 @@ class Calibration:
             coarse[slopes[1::2], :, channel] = sin * right + cos * down
         return replace(self, fine=fine, coarse=coarse)
 
-    def contrasted(self, gain: float) -> Calibration:
-        """The calibration of a sensor whose picture changes so many times as much."""
+    def contrasted(self, gain: float) -> OpticalCalibration:
+        """The calibration of a sensor whose image changes by a factor more."""
         return replace(self, fine=gain * self.fine, coarse=gain * self.coarse)
 
-    def coloured(self, mixing: Tensor) -> Calibration:
-        """The same surface seen through other colours: channels are mixed by a matrix (3, 3)."""
+    def coloured(self, mixing: Tensor) -> OpticalCalibration:
+        """The calibration of a sensor with other colours: channels are mixed by a matrix (3, 3)."""
         return replace(self, fine=self.fine @ mixing.T, coarse=self.coarse @ mixing.T)
 
 
@@ -110,7 +111,7 @@ def _turning(angle: float) -> Tensor:
     return turned.float()
 
 
-def background(coefficients: Tensor, height: int, width: int) -> Tensor:
+def polynomial_background(coefficients: Tensor, height: int, width: int) -> Tensor:
     """A background, float32 (3, H, W) in grey levels, of polynomials (Q, 3) of the place."""
     ground = places(height, width, _degree(len(coefficients)))
     return torch.einsum("qc,qhw->chw", coefficients, ground)
@@ -120,40 +121,42 @@ def _degree(terms: int) -> int:
     return (math.isqrt(8 * terms + 1) - 3) // 2
 
 
-def load(name: str) -> Calibration:
+def load_optics(name: str) -> OpticalCalibration:
     """A calibration that ships with the package.
 
     Raises:
         ConfigError: There is none of that name; lists those there are.
     """
-    known = names()
+    known = optics_names()
     if name not in known:
         raise ConfigError(unknown("calibration", name, known))
     return _load(name)
 
 
-def names() -> list[str]:
+def optics_names() -> list[str]:
     """The calibrations that ship with the package."""
-    found = (files("tactileforge.sim") / "calibration").iterdir()
-    return sorted(item.name.removesuffix(".json") for item in found if item.name.endswith(".json"))
+    entries = (files("tactileforge.sim") / "calibration").iterdir()
+    return sorted(
+        item.name.removesuffix(".json") for item in entries if item.name.endswith(".json")
+    )
 
 
 @lru_cache
-def _load(name: str) -> Calibration:
-    return read((files("tactileforge.sim") / "calibration" / f"{name}.json").read_text())
+def _load(name: str) -> OpticalCalibration:
+    return parse_optics((files("tactileforge.sim") / "calibration" / f"{name}.json").read_text())
 
 
-def read(text: str) -> Calibration:
+def parse_optics(text: str) -> OpticalCalibration:
     """A calibration from what `fit.save` wrote."""
-    held = json.loads(text)
-    return Calibration(
-        fine=torch.tensor(held["fine"]),
-        coarse=torch.tensor(held["coarse"]),
-        limits=torch.tensor(held["limits"]),
-        steepest=held["steepest"],
-        lights=tuple(held["lights"]),
-        backgrounds=torch.tensor(held["backgrounds"]),
-        noise=held["noise"],
+    data = json.loads(text)
+    return OpticalCalibration(
+        fine=torch.tensor(data["fine"]),
+        coarse=torch.tensor(data["coarse"]),
+        limits=torch.tensor(data["limits"]),
+        steepest=data["steepest"],
+        lights=tuple(data["lights"]),
+        backgrounds=torch.tensor(data["backgrounds"]),
+        noise=data["noise"],
     )
 
 
@@ -162,10 +165,10 @@ class Lamp:
     """A light at the side of the gel.
 
     Attributes:
-        azimuth: Where it is, rad, clockwise from the right of the picture.
+        azimuth: Where it is, rad, clockwise from the right of the image.
         elevation: How steeply it shines onto the gel at rest, rad.
         colour: Grey levels it adds to R, G, B of a surface that faces it.
-        fall: Share by which it is weaker at the centre than at its edge of the picture.
+        fall: Share by which it is weaker at the centre than at its edge of the image.
         shadow: Share of its light that is missing in its shadow.
     """
 
@@ -176,15 +179,15 @@ class Lamp:
     shadow: float = 0.3
 
 
-def lit(
+def lamp_calibration(
     lamps: Sequence[Lamp], base: Sequence[float], dim: float = 0.0, noise: float = 1.5
-) -> Calibration:
+) -> OpticalCalibration:
     """The calibration of a sensor that is known by its lamps: a matt surface, and their shadows.
 
     Args:
         lamps: The lights.
         base: R, G, B of the light that comes from everywhere.
-        dim: Share of the background that is missing in the middle of the picture's sides.
+        dim: Share of the background that is missing in the middle of the image's sides.
         noise: Standard deviation of the camera's noise, grey levels.
     """
     grid = torch.linspace(-0.95, 0.95, 39, dtype=torch.float64)
@@ -211,7 +214,7 @@ def lit(
         ground += sin * place * colour
     for term in ((2, 0), (0, 2)):
         ground[terms.index(term)] -= dim * ground[terms.index((0, 0))]
-    return Calibration(
+    return OpticalCalibration(
         fine=shade,
         coarse=smooth,
         limits=torch.full((len(smooth),), 1.0),

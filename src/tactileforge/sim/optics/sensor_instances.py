@@ -16,21 +16,21 @@ from tactileforge.errors import ConfigError, unknown
 from tactileforge.sensors.specs import SPECS
 from tactileforge.sim.mechanics.gel import Gel
 from tactileforge.sim.optics import lighting
-from tactileforge.sim.optics.camera import Camera
-from tactileforge.sim.optics.lighting import Calibration, Lamp, background
-from tactileforge.sim.optics.markers import Grid, Markers, coverage, grid
-from tactileforge.sim.randomise.draw import Choice, Draw
+from tactileforge.sim.optics.camera import CameraModel
+from tactileforge.sim.optics.lighting import Lamp, OpticalCalibration, polynomial_background
+from tactileforge.sim.optics.markers import MarkerPattern, Markers, coverage, marker_pattern
+from tactileforge.sim.randomise.draw import Choice, RandomDraw
 
 
 @dataclass(frozen=True)
-class Unit:
+class SensorInstance:
     """One sensor of a type.
 
     Attributes:
         sensor: Type of the sensor.
         seed: Draws the unit, and the noise of its frames.
-        background: float32 (3, H, W), grey levels of the picture with no contact.
-        calibration: How the picture answers to the gel's surface.
+        background: float32 (3, H, W), grey levels of the image with no contact.
+        calibration: How the image answers to the gel's surface.
         spacing: mm per pixel.
         noise: Standard deviation of the camera's noise, grey levels.
         markers: The dots of its gel, if it has any.
@@ -40,24 +40,24 @@ class Unit:
     sensor: str
     seed: int
     background: Tensor
-    calibration: Calibration
+    calibration: OpticalCalibration
     spacing: float
     noise: float
     markers: Markers | None = None
-    camera: Camera = field(default_factory=Camera)
+    camera: CameraModel = field(default_factory=CameraModel)
 
 
 @dataclass(frozen=True)
-class Style:
-    """What the units of a type have in common.
+class InstanceStyle:
+    """Properties that the units of a sensor type share.
 
     Attributes:
         calibrations: Names of those that ship; a unit has one of them.
         lamps: The lights of a type that has no calibration.
         base: Its light from everywhere, R, G, B.
-        dim: See `lighting.lit`.
+        dim: See `lighting.lamp_calibration`.
         markers: Whether its gel has markers, unless told otherwise.
-        height_mm: What the picture shows from top to bottom; None takes it from the spec.
+        height_mm: What the image shows from top to bottom; None takes it from the spec.
         level: Mean R, G, B of a background where the camera balances colours itself; None leaves
             them to the lights.
         clouds: How uneven the light is, grey levels.
@@ -81,11 +81,11 @@ def _lamp(degrees: float, colour: tuple[float, float, float], fall: float = 0.5)
 
 #: DuraGel, GelSlim and DM-Tac: no calibration may be shipped, so their lamps are our choice.
 STYLES = {
-    "gelsight": Style(("gelsight", "gelsight_fots")),
-    "gelsight_mini": Style(("gelsight_mini",)),
+    "gelsight": InstanceStyle(("gelsight", "gelsight_fots")),
+    "gelsight_mini": InstanceStyle(("gelsight_mini",)),
     # Mean levels of eight real units: their cameras balance colours, and differ by 4 grey levels.
-    "digit": Style(("digit",), level=(98.0, 104.0, 97.0), clouds=5.0, wear=(2.0, 3.0)),
-    "gelslim": Style(
+    "digit": InstanceStyle(("digit",), level=(98.0, 104.0, 97.0), clouds=5.0, wear=(2.0, 3.0)),
+    "gelslim": InstanceStyle(
         lamps=(
             _lamp(180, (10, 130, 80), 0.8),
             _lamp(-90, (25, 40, 135), 0.8),
@@ -96,7 +96,7 @@ STYLES = {
         markers=True,
         height_mm=16.0,
     ),
-    "duragel": Style(
+    "duragel": InstanceStyle(
         lamps=(
             _lamp(0, (150, 45, 45)),
             _lamp(120, (35, 130, 60)),
@@ -106,7 +106,7 @@ STYLES = {
         markers=True,
         height_mm=15.2,
     ),
-    "dm": Style(
+    "dm": InstanceStyle(
         lamps=tuple(_lamp(a, (60, 60, 62), 0.25) for a in (0, 90, 180, 270)),
         base=(40, 42, 45),
         markers=True,
@@ -115,21 +115,21 @@ STYLES = {
 }
 
 
-def draw(
+def draw_instance(
     sensor: str,
     seed: int,
     size: tuple[int, int] | None = None,
     markers: bool | None = None,
     randomise: Choice = "unit",
-) -> Unit:
+) -> SensorInstance:
     """A unit of a sensor; the same seed gives the same unit.
 
     Args:
         sensor: One of `STYLES`.
         seed: Not negative.
-        size: Height and width of its pictures; None for those of the sensor.
+        size: Height and width of its images; None for those of the sensor.
         markers: Whether its gel has markers; None as the type has.
-        randomise: How it differs from others, see `randomise.draw.rows`.
+        randomise: How it differs from others, see `randomise.draw.randomised_rows`.
 
     Raises:
         ConfigError: The sensor is unknown, or has no gel with markers.
@@ -138,39 +138,39 @@ def draw(
         raise ConfigError(unknown("simulated sensor", sensor, STYLES))
     style, spec = STYLES[sensor], SPECS[sensor]
     height, width = size or (spec.height, spec.width)
-    row = Draw(randomise, seed, sensor)
-    scale = spacing(sensor, height) * row["scale"]
+    row = RandomDraw(randomise, seed, sensor)
+    scale = pixel_spacing(sensor, height) * row["scale"]
     how = _calibration(style, row)
     mixing = _mixing(row)
     shares = torch.softmax(
         4 * row["specimen"] * _randn(row, "backgrounds", len(how.backgrounds)), 0
     )
-    still = background(torch.einsum("n,nqc->qc", shares, how.backgrounds), height, width)
+    still = polynomial_background(torch.einsum("n,nqc->qc", shares, how.backgrounds), height, width)
     still = torch.einsum("dc,chw->dhw", mixing, still) * _gradient(height, width, row)
     still = still + _clouds(style.clouds, height, width, row)
     still = _levelled(still, style, row) + _worn(style, height, width, scale, row)
     has_markers = style.markers if markers is None else markers
-    return Unit(
+    return SensorInstance(
         sensor=sensor,
         seed=seed,
         background=still.clamp(4, 251),
         calibration=how.coloured(mixing),
         spacing=scale,
         noise=how.noise * row["noise"],
-        markers=_markers(grid(sensor), row) if has_markers else None,
-        camera=Camera(**{name: row[name] for name in Camera.__dataclass_fields__}),
+        markers=_markers(marker_pattern(sensor), row) if has_markers else None,
+        camera=CameraModel(**{name: row[name] for name in CameraModel.__dataclass_fields__}),
     )
 
 
-def spacing(sensor: str, height: int) -> float:
-    """Width of a pixel, mm, of a picture with so many rows, of the sensor's type."""
+def pixel_spacing(sensor: str, height: int) -> float:
+    """Width of a pixel, mm, of an image with so many rows, of the sensor's type."""
     known = STYLES[sensor].height_mm or (SPECS[sensor].area_mm or (0.0,))[0]
     return known / height
 
 
-def gel(base: Gel, sensor: str, seed: int, randomise: Choice) -> Gel:
+def instance_gel(base: Gel, sensor: str, seed: int, randomise: Choice) -> Gel:
     """The gel of a unit, from that of its type; thickness comes in steps of an eighth."""
-    row = Draw(randomise, seed, sensor)
+    row = RandomDraw(randomise, seed, sensor)
     return replace(
         base,
         modulus=base.modulus * row["stiffness"],
@@ -179,11 +179,11 @@ def gel(base: Gel, sensor: str, seed: int, randomise: Choice) -> Gel:
     )
 
 
-def _chance(row: Draw, name: str) -> torch.Generator:
+def _chance(row: RandomDraw, name: str) -> torch.Generator:
     return torch.Generator().manual_seed(int(row.rng(name).integers(1 << 62)))
 
 
-def _randn(row: Draw, name: str, *shape: int) -> Tensor:
+def _randn(row: RandomDraw, name: str, *shape: int) -> Tensor:
     return torch.randn(shape, generator=_chance(row, name))
 
 
@@ -191,17 +191,17 @@ def _between(low: float, high: float, chance: torch.Generator) -> float:
     return low + (high - low) * float(torch.rand((), generator=chance))
 
 
-def _calibration(style: Style, row: Draw) -> Calibration:
+def _calibration(style: InstanceStyle, row: RandomDraw) -> OpticalCalibration:
     if not style.calibrations:
-        how = lighting.lit(style.lamps, style.base, style.dim)
+        how = lighting.lamp_calibration(style.lamps, style.base, style.dim)
     else:
         which = row.rng("calibration").integers(len(style.calibrations)) if row["specimen"] else 0
-        how = lighting.load(style.calibrations[which])
+        how = lighting.load_optics(style.calibrations[which])
     angles = row["light_turn"] * row.rng("light_turn").uniform(-1, 1, 3)
     return how.turned(angles.tolist()).contrasted(row["contrast"])
 
 
-def _mixing(row: Draw) -> Tensor:
+def _mixing(row: RandomDraw) -> Tensor:
     """Matrix by which lights of another strength and colour mix the channels, (3, 3)."""
     gains = torch.exp(row["light_power"] * _randn(row, "light_power", 3).clamp(-2, 2))
     share = row["light_colour"] * torch.from_numpy(row.rng("light_colour").random((3, 3))).float()
@@ -209,14 +209,14 @@ def _mixing(row: Draw) -> Tensor:
     return (torch.eye(3) + share - torch.diag(share.sum(1))) * gains
 
 
-def _gradient(height: int, width: int, row: Draw) -> Tensor:
+def _gradient(height: int, width: int, row: RandomDraw) -> Tensor:
     """A factor near 1 that grows slowly in some direction for each colour, (3, H, W)."""
     slope = 0.06 * row["unevenness"] * _randn(row, "gradient", 2, 3, 1, 1)
     x, y = torch.linspace(-1, 1, width), torch.linspace(-1, 1, height)[:, None]
     return slope[0] * x + slope[1] * y + 1
 
 
-def _levelled(still: Tensor, style: Style, row: Draw) -> Tensor:
+def _levelled(still: Tensor, style: InstanceStyle, row: RandomDraw) -> Tensor:
     """The background of a camera that balances colours, (3, H, W)."""
     if style.level is None:
         return still
@@ -224,7 +224,7 @@ def _levelled(still: Tensor, style: Style, row: Draw) -> Tensor:
     return still * (wanted / still.mean((1, 2)))[:, None, None]
 
 
-def _clouds(strength: float, height: int, width: int, row: Draw) -> Tensor:
+def _clouds(strength: float, height: int, width: int, row: RandomDraw) -> Tensor:
     """Unevenness of light and gel, grey levels, (3, H, W): broad in colour, fine in all alike."""
     chance = _chance(row, "clouds")
     total = torch.zeros(1, 3, height, width)
@@ -236,7 +236,7 @@ def _clouds(strength: float, height: int, width: int, row: Draw) -> Tensor:
     return row["unevenness"] * total[0]
 
 
-def _markers(pattern: Grid, row: Draw) -> Markers:
+def _markers(pattern: MarkerPattern, row: RandomDraw) -> Markers:
     """The markers of one gel, of which some are missing."""
     pitch = row["marker_pitch"]
     near = replace(
@@ -252,7 +252,7 @@ def _markers(pattern: Grid, row: Draw) -> Markers:
     return replace(made, places=made.places[kept], radii=made.radii[kept], opacity=opacity)
 
 
-def _worn(style: Style, height: int, width: int, spacing: float, row: Draw) -> Tensor:
+def _worn(style: InstanceStyle, height: int, width: int, spacing: float, row: RandomDraw) -> Tensor:
     """Scratches and specks of dust, grey levels, (1, H, W)."""
     chance = _chance(row, "wear")
     scratches, specks = (

@@ -20,7 +20,7 @@ CHOICES: dict[str, frozenset[str]] = {
 }
 
 
-def rows(choice: Choice) -> frozenset[str]:
+def randomised_rows(choice: Choice) -> frozenset[str]:
     """The rows that are randomised.
 
     Args:
@@ -38,21 +38,21 @@ def rows(choice: Choice) -> frozenset[str]:
     return frozenset(names)
 
 
-class Draw:
+class RandomDraw:
     """Values of the rows for one unit or scene.
 
     Args:
-        choice: Rows that are randomised; see `rows`.
+        choice: Rows that are randomised; see `randomised_rows`.
         seed: Same seed, same values.
         sensor: Type of the sensor, for rows of units.
 
     Example:
-        >>> Draw("none", seed=3)["contrast"]
+        >>> RandomDraw("none", seed=3)["contrast"]
         1.0
     """
 
     def __init__(self, choice: Choice, seed: int, sensor: str = "") -> None:
-        self.chosen = rows(choice)
+        self.chosen = randomised_rows(choice)
         self.seed, self.sensor = seed, sensor
 
     def __getitem__(self, name: str) -> float:

@@ -20,7 +20,7 @@ _REAL = "backgrounds and touches of the public samples"
 
 
 @dataclass(frozen=True)
-class Row:
+class RandomisedQuantity:
     """One thing that differs.
 
     Attributes:
@@ -64,15 +64,19 @@ def rng(seed: int, name: str, sensor: str = "") -> np.random.Generator:
     return np.random.default_rng([seed, zlib.crc32(f"{name} {sensor}".encode())])
 
 
-def _unit(name: str, what: str, low: float, high: float, neutral: float, **more: Any) -> Row:
-    return Row(name, "unit", what, low, high, neutral, **more)
+def _unit(
+    name: str, what: str, low: float, high: float, neutral: float, **more: Any
+) -> RandomisedQuantity:
+    return RandomisedQuantity(name, "unit", what, low, high, neutral, **more)
 
 
-def _scene(name: str, what: str, low: float, high: float, neutral: float, **more: Any) -> Row:
-    return Row(name, "scene", what, low, high, neutral, **more)
+def _scene(
+    name: str, what: str, low: float, high: float, neutral: float, **more: Any
+) -> RandomisedQuantity:
+    return RandomisedQuantity(name, "scene", what, low, high, neutral, **more)
 
 
-TABLE: dict[str, Row] = {
+TABLE: dict[str, RandomisedQuantity] = {
     row.name: row
     for row in (
         # the gel

@@ -1,4 +1,4 @@
-"""The probe ``attentive``: one learned query reads all tokens (Cloth)."""
+"""The probe ``attentive``: attention pooling with one learned query (Cloth)."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from tactileforge.bench.fit.probes.base import Probe, Training, Values
-from tactileforge.bench.tasks.targets import Part
+from tactileforge.bench.fit.probes.base import Probe, ProbeTraining, Values
+from tactileforge.bench.tasks.targets import TargetPart
 from tactileforge.encoders.transformer import AttentivePooler
 from tactileforge.errors import ConfigError
 
 
 class Pooler(AttentivePooler):
-    """`AttentivePooler` with one query, as published, in the order that costs least.
+    """`AttentivePooler` with one query, as published, in the cheapest order of operations.
 
     The query does not depend on the tokens, so it is taken through the key projection instead of
     every token, and the value projection is applied to what was read: 2 L W^2 multiplications
@@ -65,7 +65,7 @@ class Pooler(AttentivePooler):
 
 
 class Attentive(Probe):
-    """A pooler, and one linear layer a part.
+    """A pooler, and one linear layer per part.
 
     Source: AnyTouch 2's published probe of Cloth.
 
@@ -75,9 +75,9 @@ class Attentive(Probe):
         heads: Attention heads.
     """
 
-    published: ClassVar[Training] = Training(schedule="cosine")
+    published: ClassVar[ProbeTraining] = ProbeTraining(schedule="cosine")
 
-    def __init__(self, width: int, parts: Mapping[str, Part], heads: int = 16) -> None:
+    def __init__(self, width: int, parts: Mapping[str, TargetPart], heads: int = 16) -> None:
         super().__init__(width, parts)
         self.pooler = Pooler(width, heads)
         self.head = nn.ModuleDict({k: nn.Linear(width, part.outputs) for k, part in parts.items()})

@@ -1,4 +1,4 @@
-"""What a probe is."""
+"""The interface of a probe."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from tactileforge.bench.tasks.targets import Part
+from tactileforge.bench.tasks.targets import TargetPart
 
 #: Predictions or truth of each part, by its name.
 Values: TypeAlias = dict[str, Tensor]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Training:
-    """How a probe is trained.
+class ProbeTraining:
+    """Training options of a probe.
 
     Attributes:
         epochs: Passes over the training clips.
@@ -40,7 +40,7 @@ class Training:
 
 
 class Probe(nn.Module):
-    """Features to predictions; a subclass builds its layers and says how it is trained.
+    """Maps features to predictions; a subclass builds its layers and sets its training.
 
     It is trained in a batch with others of its kind (``torch.func.vmap``), so its forward may not
     depend on values of its input, and has no buffers.
@@ -58,12 +58,12 @@ class Probe(nn.Module):
 
     tap: ClassVar[str] = "tokens"
     readings: ClassVar[tuple[str, ...]] = ()
-    published: ClassVar[Training] = Training()
+    published: ClassVar[ProbeTraining] = ProbeTraining()
     trained: ClassVar[bool] = True
     #: Error below which the loss of vectors is quadratic, in normalised units.
     beta: ClassVar[float] = 0.02
 
-    def __init__(self, width: int, parts: Mapping[str, Part]) -> None:
+    def __init__(self, width: int, parts: Mapping[str, TargetPart]) -> None:
         super().__init__()
         self.parts = dict(parts)
 
@@ -81,20 +81,22 @@ class Probe(nn.Module):
         losses = [self.loss_of(part, out[name], truth[name]) for name, part in self.parts.items()]
         return torch.stack(losses).sum()
 
-    def loss_of(self, part: Part, out: Tensor, truth: Tensor) -> Tensor:
+    def loss_of(self, part: TargetPart, out: Tensor, truth: Tensor) -> Tensor:
         """The loss of one part."""
         if part.kind != "classes":
             return F.smooth_l1_loss(out, truth, beta=self.beta)
-        return F.cross_entropy(scores(part, out).flatten(0, 1), truth.flatten().long())
+        return F.cross_entropy(class_scores(part, out).flatten(0, 1), truth.flatten().long())
 
     def decode(self, out: Values) -> Values:
         """Class indices, or normalised vectors, (B, columns)."""
         return {
-            name: scores(part, out[name]).argmax(2).float() if part.kind == "classes" else out[name]
+            name: class_scores(part, out[name]).argmax(2).float()
+            if part.kind == "classes"
+            else out[name]
             for name, part in self.parts.items()
         }
 
 
-def scores(part: Part, out: Tensor) -> Tensor:
-    """Outputs for classes as (B, columns, classes)."""
+def class_scores(part: TargetPart, out: Tensor) -> Tensor:
+    """Logits of classes, (B, columns, classes)."""
     return out.reshape(len(out), -1, len(part.names))

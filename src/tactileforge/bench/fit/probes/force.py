@@ -1,4 +1,4 @@
-"""The probes ``force`` and ``sparsh_force``: a pooler and two layers give three numbers."""
+"""The probes ``force`` and ``sparsh_force``: a pooler and two layers with three outputs."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import torch
 from torch import Tensor, nn
 
 from tactileforge.bench.fit.probes.attentive import Pooler
-from tactileforge.bench.fit.probes.base import Probe, Training, Values
-from tactileforge.bench.tasks.targets import Part
+from tactileforge.bench.fit.probes.base import Probe, ProbeTraining, Values
+from tactileforge.bench.tasks.targets import TargetPart
 
 
 class Force(Probe):
@@ -24,7 +24,7 @@ class Force(Probe):
         heads: Attention heads.
     """
 
-    def __init__(self, width: int, parts: Mapping[str, Part], heads: int = 16) -> None:
+    def __init__(self, width: int, parts: Mapping[str, TargetPart], heads: int = 16) -> None:
         super().__init__(width, parts)
         self.pooler = Pooler(width, heads)
         self.probe = nn.ModuleDict({k: mlp(width, part.outputs) for k, part in parts.items()})
@@ -46,11 +46,11 @@ class SparshForce(Force):
         heads: Attention heads.
     """
 
-    published: ClassVar[Training] = Training(
+    published: ClassVar[ProbeTraining] = ProbeTraining(
         epochs=51, batch=100, lr=(1e-4,), optimiser="adam", betas=(0.9, 0.999), weight_decay=0.0
     )
 
-    def __init__(self, width: int, parts: Mapping[str, Part], heads: int = 12) -> None:
+    def __init__(self, width: int, parts: Mapping[str, TargetPart], heads: int = 12) -> None:
         super().__init__(width, parts, heads)
 
     def forward(self, features: Tensor) -> Values:
@@ -62,5 +62,5 @@ class SparshForce(Force):
 
 
 def mlp(width: int, outputs: int, activation: type[nn.Module] = nn.ReLU) -> nn.Sequential:
-    """Two layers, the first a quarter as wide as what they read."""
+    """Two layers, the first a quarter as wide as its input."""
     return nn.Sequential(nn.Linear(width, width // 4), activation(), nn.Linear(width // 4, outputs))

@@ -8,12 +8,12 @@ from typing import ClassVar
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from tactileforge.bench.fit.probes.base import Probe, Training, Values
-from tactileforge.bench.tasks.targets import Part
+from tactileforge.bench.fit.probes.base import Probe, ProbeTraining, Values
+from tactileforge.bench.tasks.targets import TargetPart
 
 
 class Linear(Probe):
-    """One linear layer a part; two classes have one logit and binary cross-entropy.
+    """One linear layer per part; two classes have one logit and binary cross-entropy.
 
     Source: AnyTouch 2's published probe of Touch and Go.
 
@@ -23,9 +23,9 @@ class Linear(Probe):
     """
 
     tap: ClassVar[str] = "projected"
-    published: ClassVar[Training] = Training(schedule="cosine")
+    published: ClassVar[ProbeTraining] = ProbeTraining(schedule="cosine")
 
-    def __init__(self, width: int, parts: Mapping[str, Part]) -> None:
+    def __init__(self, width: int, parts: Mapping[str, TargetPart]) -> None:
         super().__init__(width, parts)
         self.head = nn.ModuleDict(
             {k: nn.Linear(width, 1 if _is_binary(p) else p.outputs) for k, p in parts.items()}
@@ -39,6 +39,6 @@ class Linear(Probe):
         }
 
 
-def _is_binary(part: Part) -> bool:
-    """Its logit against 0: their cross-entropy is the binary one."""
+def _is_binary(part: TargetPart) -> bool:
+    """Whether the part has two classes: one logit against 0, so cross-entropy is the binary one."""
     return part.kind == "classes" and part.outputs == 2

@@ -10,8 +10,8 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from tactileforge.bench.fit.probes.attentive import Attentive
-from tactileforge.bench.fit.probes.base import Training, scores
-from tactileforge.bench.tasks.targets import Part
+from tactileforge.bench.fit.probes.base import ProbeTraining, class_scores
+from tactileforge.bench.tasks.targets import TargetPart
 
 
 class Pose(Attentive):
@@ -26,28 +26,28 @@ class Pose(Attentive):
         heads: Attention heads.
     """
 
-    published: ClassVar[Training] = Training(
+    published: ClassVar[ProbeTraining] = ProbeTraining(
         epochs=51, batch=100, lr=(1e-4,), optimiser="adam", betas=(0.9, 0.999), weight_decay=0.0
     )
 
-    def __init__(self, width: int, parts: Mapping[str, Part], heads: int = 12) -> None:
+    def __init__(self, width: int, parts: Mapping[str, TargetPart], heads: int = 12) -> None:
         super().__init__(width, parts, heads)
         self.weights = {name: _weights(part) for name, part in parts.items()}
 
-    def loss_of(self, part: Part, out: Tensor, truth: Tensor) -> Tensor:
+    def loss_of(self, part: TargetPart, out: Tensor, truth: Tensor) -> Tensor:
         """Mean of the weighted cross-entropies of the columns."""
         name = next(key for key, value in self.parts.items() if value is part)
-        weights, found = self.weights[name].to(out.device), scores(part, out)
+        weights, logits = self.weights[name].to(out.device), class_scores(part, out)
         losses = [
-            F.cross_entropy(found[:, i], truth[:, i].long(), weight=weight)
+            F.cross_entropy(logits[:, i], truth[:, i].long(), weight=weight)
             for i, weight in enumerate(weights)
         ]
         return torch.stack(losses).mean()
 
 
-def _weights(part: Part) -> Tensor:
+def _weights(part: TargetPart) -> Tensor:
     """(columns, classes)."""
     count = len(part.names)
-    found = [column.long().bincount(minlength=count) for column in part.truth.T]
-    rare = [len(part.truth) / (count * counts.clamp(min=1)) for counts in found]
+    histograms = [column.long().bincount(minlength=count) for column in part.truth.T]
+    rare = [len(part.truth) / (count * counts.clamp(min=1)) for counts in histograms]
     return torch.stack(rare).clamp(max=10)

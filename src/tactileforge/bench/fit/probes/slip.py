@@ -1,4 +1,4 @@
-"""The probe ``slip``: does it slip, and how has the force changed (Sparsh, task T2)."""
+"""The probe ``slip``: classifies slip and regresses the change of force (Sparsh, task T2)."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from tactileforge.bench.fit.probes.attentive import Pooler
-from tactileforge.bench.fit.probes.base import Probe, Training, Values
+from tactileforge.bench.fit.probes.base import Probe, ProbeTraining, Values
 from tactileforge.bench.fit.probes.force import mlp
-from tactileforge.bench.tasks.targets import Part
+from tactileforge.bench.tasks.targets import TargetPart
 
 
 class Slip(Probe):
@@ -27,7 +27,7 @@ class Slip(Probe):
         weights: Of the classes in the loss.
     """
 
-    published: ClassVar[Training] = Training(
+    published: ClassVar[ProbeTraining] = ProbeTraining(
         epochs=51, batch=100, lr=(1e-4,), optimiser="adam", betas=(0.9, 0.999), weight_decay=0.0
     )
     beta: ClassVar[float] = 1.0
@@ -35,7 +35,7 @@ class Slip(Probe):
     def __init__(
         self,
         width: int,
-        parts: Mapping[str, Part],
+        parts: Mapping[str, TargetPart],
         heads: int = 12,
         weights: Sequence[float] = (0.1, 1.0),
     ) -> None:
@@ -50,8 +50,8 @@ class Slip(Probe):
             }
         )
 
-    def loss_of(self, part: Part, out: Tensor, truth: Tensor) -> Tensor:
-        """Classes are weighted."""
+    def loss_of(self, part: TargetPart, out: Tensor, truth: Tensor) -> Tensor:
+        """The loss of one part, with weighted classes."""
         if part.kind != "classes":
             return super().loss_of(part, out, truth)
         weights = torch.tensor(self.weights, device=out.device)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS, Recording
-from tactileforge.data.shards.summary import carried
+from tactileforge.data.shards.summary import labels_of
 from tactileforge.inspection.findings import Total
 
 #: Edges of the durations that are told apart, s: eight a decade.
@@ -20,7 +20,7 @@ DURATIONS = np.geomspace(0.01, 1e5, 57)
 _BINS = 24
 
 
-class Names:
+class NameCounts:
     """Counts of names of several kinds, exact, in a temporary database that spills to disk."""
 
     def __init__(self) -> None:
@@ -44,7 +44,7 @@ class Names:
         return [(str(name), int(count)) for name, count in self._base.execute(query, (kind, most))]
 
     def number(self, kind: str) -> tuple[int, int]:
-        """How many names of a kind there are, and the sum of their counts."""
+        """Number of distinct names of a kind, and the sum of their counts."""
         query = "SELECT COUNT(*), COALESCE(SUM(count), 0) FROM names WHERE kind = ?"
         names, total = self._base.execute(query, (kind,)).fetchone()
         return int(names), int(total)
@@ -85,7 +85,7 @@ class Histogram:
 
 
 @dataclass(frozen=True)
-class Sampled:
+class SampledRecording:
     """A recording that was drawn.
 
     Attributes:
@@ -99,7 +99,7 @@ class Sampled:
     order: int
 
 
-class Sample:
+class RecordingSample:
     """At most ``limit`` recordings, drawn evenly, each sensor with its fair share.
 
     Each recording draws a number; those with the lowest stay. So one pass is enough, whatever the
@@ -112,34 +112,34 @@ class Sample:
     def __init__(self, limit: int) -> None:
         self.limit = limit
         self._random = np.random.default_rng(0)
-        self._heaps: dict[str, list[tuple[float, int, Sampled]]] = {}
+        self._heaps: dict[str, list[tuple[float, int, SampledRecording]]] = {}
 
-    def offer(self, one: Sampled) -> None:
+    def offer(self, sampled: SampledRecording) -> None:
         """Draws for a recording."""
-        heap = self._heaps.setdefault(one.recording.sensor, [])
-        entry = (-float(self._random.random()), one.order, one)
+        heap = self._heaps.setdefault(sampled.recording.sensor, [])
+        entry = (-float(self._random.random()), sampled.order, sampled)
         if len(heap) < self.limit:
             heapq.heappush(heap, entry)
         else:
             heapq.heappushpop(heap, entry)
 
-    def drawn(self) -> list[Sampled]:
+    def drawn(self) -> list[SampledRecording]:
         """The sample, in the order of the recordings."""
         heaps = sorted(self._heaps.values(), key=len)
-        left, chosen = self.limit, list[Sampled]()
+        left, chosen = self.limit, list[SampledRecording]()
         for place, heap in enumerate(heaps):
             share = min(len(heap), -(-left // (len(heaps) - place)))
             left -= share
-            chosen += [one for *_, one in heapq.nlargest(share, heap)]
-        return sorted(chosen, key=lambda one: one.order)
+            chosen += [sampled for *_, sampled in heapq.nlargest(share, heap)]
+        return sorted(chosen, key=lambda sampled: sampled.order)
 
 
-class Tally:
+class Counters:
     """Everything that is counted over all recordings; decodes nothing."""
 
     def __init__(self) -> None:
         self.totals: dict[tuple[str, str], Total] = {}
-        self.names = Names()
+        self.names = NameCounts()
         self.forces: dict[str, list[Histogram]] = {}
         self.durations = np.zeros(len(DURATIONS) - 1, np.int64)
         self.stills = 0
@@ -151,7 +151,7 @@ class Tally:
         total.frames += len(recording.frames)
         total.seconds += duration_of(recording)
         self._clock(total, recording)
-        for label in carried(recording):
+        for label in labels_of(recording):
             total.carrying[label] = total.carrying.get(label, 0) + 1
         if recording.no_contact is not None:
             total.carrying["background"] = total.carrying.get("background", 0) + 1
@@ -193,7 +193,7 @@ def duration_of(recording: Recording) -> float:
     return float(times[-1] - times[0] + step) if step > 0 else 0.0
 
 
-def sources(names: Names, most: int) -> Iterable[tuple[str, str, str, int]]:
+def source_rows(names: NameCounts, most: int) -> Iterable[tuple[str, str, str, int]]:
     """Source, licence, tier and number of recordings, the largest first."""
     for line, count in names.top("source", most):
         source, licence, tier = line.split("\0")

@@ -1,0 +1,51 @@
+"""Records sensors, forces and a camera, as shards."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from tactileforge.cli._command import Command
+from tactileforge.record.options import RecordOptions
+from tactileforge.record.record import record
+from tactileforge.record.status import RecordStatus, RecordSummary
+from tactileforge.sensors.opening import build_sensors
+from tactileforge.sensors.status import of_drops
+from tactileforge.signals import stopped_by_signals
+
+
+def _record(keys: RecordOptions, config: dict[str, Any]) -> None:
+    """Records sensors, forces and a camera together (docs/record.md).
+
+    Options of a sensor are sensor.NAME.option=value, and so are those of force and camera:
+    force.option=value. A second sensor of one kind: +sensor@sensor.second=NAME
+    """
+    sensors, force, camera = build_sensors(config)
+    status = RecordStatus()
+    with stopped_by_signals() as stop:
+        try:
+            found = record(keys, sensors, force, camera, stop, _say(status), status)
+        finally:
+            status.end()
+    print(_told(found))
+    print(f"look at it: tactileforge data inspect data=shards data.root={keys.out}")
+
+
+def _say(status: RecordStatus) -> Any:
+    def say(line: str) -> None:
+        status.end()
+        print(line, flush=True)
+
+    return say
+
+
+def _told(found: RecordSummary) -> str:
+    frames = ", ".join(f"{name} {count}" for name, count in found.frames.items())
+    takes = "1 take" if found.takes == 1 else f"{found.takes} takes"
+    return (
+        f"{takes}, {found.seconds:.1f} s, {found.bytes / 1e6:.1f} MB; frames: {frames}; "
+        f"dropped: {of_drops(found.reasons)}"
+    )
+
+
+_SENSORS = {"sensor": "???", "force": None, "camera": None}
+COMMANDS = {"": Command(run=_record, keys=RecordOptions, groups=_SENSORS)}

@@ -1,0 +1,174 @@
+"""The sections on problems: verdict, duplicates, suspicious recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from markupsafe import Markup
+
+from tactileforge.contracts import LABELS
+from tactileforge.inspection.checks import REASONS, is_sure
+from tactileforge.inspection.findings import InspectionFindings, Suspect
+from tactileforge.inspection.scan import Scan
+from tactileforge.inspection.sections import recording_card
+from tactileforge.pages.images import captioned, figure, image
+from tactileforge.pages.page import (
+    SPLIT_WORDS,
+    Section,
+    cards,
+    details,
+    duration,
+    facts,
+    heading,
+    items,
+    paragraph,
+    table,
+    verdict,
+)
+
+#: Reasons that are told without a pixel, of all recordings.
+_COUNTED = ("no_background", "gaps_in_time", "force_out_of_range", "pulling_force")
+_SHOWN = 12
+_LINES = 100
+
+
+def top_section(name: str, survey: Scan) -> Markup:
+    """The top of the page: the data set in brief, and the verdict on it."""
+    all_of = survey.findings
+    carried = [
+        label
+        for label in LABELS
+        if any(label in total.carrying for total in all_of.totals.values())
+    ]
+    about = {
+        "Data": name,
+        "Recordings": f"{all_of.recordings:,}",
+        "Frames": f"{all_of.frames:,}",
+        "Time": duration(all_of.seconds),
+        "Sensors": ", ".join(sorted({sensor for _, sensor in all_of.totals})),
+        "Labels": ", ".join(carried) or "none",
+        "Looked at": f"{all_of.looked:,} recordings",
+    }
+    return facts(about) + verdict(_verdict(survey))
+
+
+def _verdict(survey: Scan) -> Iterator[tuple[str, str]]:
+    result = survey.findings
+    unread = len(result.unreadable)
+    if unread:
+        yield "bad", f"{_count(unread, 'recording')} could not be read."
+    else:
+        yield "good", "Every recording that was opened could be read."
+    for reason, count in result.counts.items():
+        if count:
+            mark = "plain" if reason == "no_background" else "bad"
+            yield mark, f"{REASONS[reason].title}: {_of(reason, count, survey)}."
+    if not any(result.counts.values()):
+        yield "good", "No recording is suspicious."
+    telling = sum(is_sure(lag) for _, lag in survey.lags)
+    if telling and not result.counts["lag"]:
+        tested = _count(telling, "recording")
+        yield "good", f"Pictures and forces fit in time in {tested} whose lag can be told."
+    for count, words in (
+        (len(result.duplicates), "group of recordings with the same pixels"),
+        (len(result.similar), "pair of recordings that are nearly the same"),
+        (len(result.repeated), "key that several recordings have"),
+    ):
+        if count:
+            yield "bad", f"{_count(count, words)}; see Duplicates."
+
+
+def _of(reason: str, count: int, survey: Scan) -> str:
+    if reason in _COUNTED:
+        return f"{count:,} of {_count(survey.findings.recordings, 'recording')}"
+    if reason == "lag":
+        return f"{count} of {_count(len(survey.lags), 'recording')} that were tested"
+    return f"{count:,} of {_count(survey.findings.looked, 'recording')} that were looked at"
+
+
+def _count(count: int, words: str) -> str:
+    first, _, rest = words.partition(" ")
+    return f"{count:,} {first}{'s' * (count != 1)} {rest}".rstrip()
+
+
+def duplicates_section(survey: Scan) -> Section:
+    """Recordings that show the same or nearly the same, and keys that are used twice."""
+    body = Markup()
+    if survey.same:
+        groups = [_group(survey, group) for group in survey.same[:_SHOWN]]
+        note = (
+            f"{_count(len(survey.same), 'group')}; at the frames that were looked at, bit by bit."
+        )
+        body += heading("The same pixels") + paragraph(note, soft=True) + cards(groups, 15)
+    if survey.similar:
+        pairs = [
+            _group(survey, (i, j), f"differ by {level:.1f} grey levels; ")
+            for i, j, level in survey.similar[:_SHOWN]
+        ]
+        note = (
+            f"{_count(len(survey.similar), 'pair')}, closest first: small pictures at the same "
+            "places in time, all but 0.5 % of which differ by less than what is said."
+        )
+        body += heading("Nearly the same") + paragraph(note, soft=True) + cards(pairs, 15)
+    if survey.findings.repeated:
+        counts = dict(survey.tally.names.top("key", _SHOWN))
+        rows = [(key, str(counts[key])) for key in survey.findings.repeated]
+        note = "A key has to be unique: labels and files are found by it. The most frequent ones:"
+        body += heading("Keys that several recordings have")
+        body += table("keys", ("Key", "recordings"), rows, note)
+    text = f"None among the {_count(survey.findings.looked, 'recording')} that were looked at."
+    return Section("duplicates", "Duplicates", body or paragraph(text))
+
+
+def _group(survey: Scan, group: Sequence[int], words: str = "") -> Markup:
+    ones = [survey.seen[i] for i in group]
+    splits = {member.of.split for member in ones}
+    across = "IN BOTH SPLITS: " if len(splits) > 1 else ""
+    keys = ", ".join(member.of.recording.key for member in ones[:4])
+    more = f" and {len(ones) - 4} more" if len(ones) > 4 else ""
+    caption = f"{across}{words}{keys}{more}"
+    return figure([member.look.frame for member in ones[:2]], caption, "", 2)
+
+
+def suspicious_section(survey: Scan) -> Section:
+    """The worst recordings of each reason, and those that cannot be read."""
+    body = _unreadable(survey.findings)
+    seen = {item.of.order: item for item in survey.seen}
+    for reason, worst in survey.findings.worst.items():
+        about = REASONS[reason]
+        count = survey.findings.counts[reason]
+        body += heading(f"{about.title}: {_of(reason, count, survey)}")
+        body += paragraph(about.why, soft=True)
+        body += cards(
+            recording_card(seen[suspect.order], _words(suspect))
+            if suspect.order in seen
+            else _unseen(suspect)
+            for suspect in worst
+        )
+    if not body:
+        body = paragraph("None. Each check is explained in the documentation of data inspect.")
+    return Section("suspicious", "Suspicious recordings", body)
+
+
+def _words(suspect: Suspect) -> str:
+    return f"{suspect.words}: {suspect.key}, {suspect.sensor}, {SPLIT_WORDS[suspect.split]}"
+
+
+def _unseen(suspect: Suspect) -> Markup:
+    picture = Markup() if suspect.picture is None else image(suspect.picture, suspect.key)
+    return captioned(picture, _words(suspect))
+
+
+def _unreadable(findings: InspectionFindings) -> Markup:
+    if not findings.unreadable:
+        return Markup()
+    count = len(findings.unreadable)
+    lines = [*findings.unreadable[:_LINES]]
+    if count > _LINES:
+        lines.append(f"and {count - _LINES:,} more")
+    why = "Training goes on without them. Download them again, or remove them."
+    return (
+        heading(f"{_count(count, 'recording')} that cannot be read")
+        + paragraph(why, soft=True)
+        + details("Which", items(lines), is_open=count <= 10)
+    )

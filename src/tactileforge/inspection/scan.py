@@ -1,0 +1,256 @@
+"""One pass over a data set: all is counted, a sample is decoded."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from tqdm import tqdm
+
+from tactileforge.contracts import Dataset
+from tactileforge.data.labels.align import Lag
+from tactileforge.errors import DataError, DataNotFoundError
+from tactileforge.inspection import duplicates
+from tactileforge.inspection.checks import (
+    REASONS,
+    Suspicion,
+    check_labels,
+    check_lag,
+    check_pixels,
+    lag_of,
+)
+from tactileforge.inspection.counters import (
+    Counters,
+    RecordingSample,
+    SampledRecording,
+    duration_of,
+)
+from tactileforge.inspection.findings import InspectionFindings, Suspect
+from tactileforge.inspection.frame_stats import FrameStats, evenly, frame_stats
+
+SPLITS = ("train", "val")
+#: Suspicious recordings of one reason that are kept, recordings shown as strips, and recordings
+#: whose every frame is read to estimate a lag.
+_WORST = 12
+_STRIPS = 9
+_LAGS = 10
+
+
+@dataclass(frozen=True)
+class ScannedRecording:
+    """A recording whose frames were decoded."""
+
+    of: SampledRecording
+    look: FrameStats
+
+
+@dataclass(frozen=True)
+class Scan:
+    """Content of the page.
+
+    Attributes:
+        tally: Counts of all recordings.
+        seen: The recordings that were looked at, in order.
+        strips: Those of them that are shown over time.
+        lags: Those whose lag was estimated.
+        same: Groups of ``seen`` with the same pixels.
+        similar: Pairs of ``seen`` that are nearly the same.
+        findings: The result.
+    """
+
+    tally: Counters
+    seen: list[ScannedRecording]
+    strips: list[ScannedRecording]
+    lags: list[tuple[SampledRecording, Lag]]
+    same: list[list[int]]
+    similar: list[tuple[int, int, float]]
+    findings: InspectionFindings
+
+
+class Suspects:
+    """Suspicious recordings: all are counted, the worst are kept."""
+
+    def __init__(self) -> None:
+        self.counts = dict.fromkeys(REASONS, 0)
+        self._kept: dict[str, list[tuple[float, int, Suspect, SampledRecording]]] = {}
+
+    def add(self, flag: Suspicion, sampled: SampledRecording) -> None:
+        """Counts a recording, and keeps it if it is among the worst."""
+        self.counts[flag.reason] += 1
+        recording = sampled.recording
+        suspect = Suspect(
+            flag.reason,
+            flag.value,
+            flag.words,
+            recording.key,
+            sampled.split,
+            recording.sensor,
+            sampled.order,
+        )
+        heap = self._kept.setdefault(flag.reason, [])
+        heapq.heappush(
+            heap, (REASONS[flag.reason].worst * flag.value, -sampled.order, suspect, sampled)
+        )
+        if len(heap) > _WORST:
+            heapq.heappop(heap)
+
+    def kept(self) -> list[SampledRecording]:
+        """The recordings that are kept."""
+        return [entry[3] for heap in self._kept.values() for entry in heap]
+
+    def worst(self, seen: list[ScannedRecording]) -> dict[str, list[Suspect]]:
+        """The worst by reason, worst first, with the images of those that were looked at."""
+        pictures = {item.of.order: item.look.frame for item in seen}
+        return {
+            reason: [
+                replace(entry[2], picture=pictures.get(entry[2].order))
+                for entry in sorted(self._kept[reason], key=lambda e: e[:2], reverse=True)
+            ]
+            for reason in REASONS
+            if reason in self._kept
+        }
+
+
+def scan_dataset(dataset: Dataset, limit: int, progress: bool) -> Scan:
+    """Reads a data set.
+
+    Args:
+        dataset: The data set.
+        limit: How many recordings to look at.
+        progress: Whether to show progress bars.
+
+    Raises:
+        DataNotFoundError: The data is not there.
+        DataError: It holds no recording that can be opened.
+    """
+    tally, suspects, sample = Counters(), Suspects(), RecordingSample(limit)
+    unreadable: list[str] = []
+    listed = _listed(dataset, unreadable)
+    for sampled in tqdm(listed, desc="count", unit="recording", disable=not progress):
+        tally.add(sampled.recording, sampled.split)
+        for flag in check_labels(sampled.recording):
+            suspects.add(flag, sampled)
+        sample.offer(sampled)
+    if not tally.totals:
+        problems = [*dataset.skipped, *unreadable, "the data set is empty"]
+        raise DataError(f"no recording to look at; {problems[0]}")
+    drawn = sample.drawn()
+    orders = {sampled.order: sampled for sampled in [*drawn, *suspects.kept()]}
+    chosen = [orders[order] for order in sorted(orders)]
+    stripped = {sampled.order for sampled in _strips(drawn)}
+    seen = _look(chosen, stripped, suspects, unreadable, progress)
+    readable = {item.of.order for item in seen}
+    lags = _lags(
+        [sampled for sampled in drawn if sampled.order in readable], suspects, unreadable, progress
+    )
+    looks = [item.look for item in seen]
+    same, similar = duplicates.identical_groups(looks), duplicates.similar_pairs(looks)
+    keys = [item.of.recording.key for item in seen]
+    findings = InspectionFindings(
+        totals=tally.totals,
+        looked=len(seen),
+        counts=suspects.counts,
+        worst=suspects.worst(seen),
+        duplicates=[tuple(keys[i] for i in group) for group in same],
+        similar=[(keys[i], keys[j], level) for i, j, level in similar],
+        repeated=[key for key, count in tally.names.top("key", _WORST) if count > 1],
+        unreadable=list(dict.fromkeys([*dataset.skipped, *unreadable])),
+    )
+    strips = [item for item in seen if item.of.order in stripped]
+    return Scan(tally, seen, strips, lags, same, similar, findings)
+
+
+def _listed(dataset: Dataset, unreadable: list[str]) -> Iterator[SampledRecording]:
+    """The recordings of both splits; where the list breaks off, that is noted."""
+    order = 0
+    for split in SPLITS:
+        try:
+            for recording in dataset.recordings(split):
+                yield SampledRecording(recording, split, order)
+                order += 1
+        except DataNotFoundError:
+            raise
+        except DataError as error:
+            unreadable.append(f"{split}: listing the recordings failed: {error}")
+
+
+def _look(
+    chosen: list[SampledRecording],
+    stripped: set[int],
+    suspects: Suspects,
+    unreadable: list[str],
+    progress: bool,
+) -> list[ScannedRecording]:
+    seen = []
+    for sampled in tqdm(chosen, desc="look", unit="recording", disable=not progress):
+        try:
+            pixels = frame_stats(sampled.recording, sampled.order in stripped)
+        except DataError as error:
+            unreadable.append(f"{sampled.recording.key}: {error}")
+            continue
+        seen.append(ScannedRecording(sampled, pixels))
+        for flag in check_pixels(sampled.recording, pixels):
+            suspects.add(flag, sampled)
+    return seen
+
+
+def _lags(
+    drawn: list[SampledRecording], suspects: Suspects, unreadable: list[str], progress: bool
+) -> list[tuple[SampledRecording, Lag]]:
+    able = [sampled for sampled in drawn if sampled.recording.force is not None]
+    able = _over_sensors(able, _LAGS)
+    lags = []
+    for sampled in tqdm(able, desc="lag", unit="recording", disable=not progress or not able):
+        try:
+            lag = lag_of(sampled.recording)
+        except DataError as error:
+            unreadable.append(f"{sampled.recording.key}: {error}")
+            continue
+        if lag is not None:
+            lags.append((sampled, lag))
+            for flag in check_lag(sampled.recording, lag):
+                suspects.add(flag, sampled)
+    return lags
+
+
+def _strips(drawn: list[SampledRecording]) -> list[SampledRecording]:
+    """Recordings to show over time: long ones, with labels over time if a sensor has any."""
+    moving = [
+        sampled
+        for sampled in drawn
+        if duration_of(sampled.recording) > 0 and (np.diff(sampled.recording.times) > 0).all()
+    ]
+    labelled = {sampled.recording.sensor for sampled in moving if _has_curve(sampled)}
+    kept = [
+        sampled
+        for sampled in moving
+        if _has_curve(sampled) or sampled.recording.sensor not in labelled
+    ]
+    frames: dict[str, list[int]] = {}
+    for sampled in kept:
+        frames.setdefault(sampled.recording.sensor, []).append(len(sampled.recording.frames))
+    usual = {sensor: float(np.median(counts)) for sensor, counts in frames.items()}
+    long = [
+        sampled
+        for sampled in kept
+        if len(sampled.recording.frames) >= usual[sampled.recording.sensor]
+    ]
+    return _over_sensors(long, _STRIPS)
+
+
+def _has_curve(sampled: SampledRecording) -> bool:
+    return sampled.recording.force is not None or sampled.recording.action is not None
+
+
+def _over_sensors(candidates: list[SampledRecording], count: int) -> list[SampledRecording]:
+    """Some of them, spread over the sensors and over the order."""
+    queues: dict[str, list[SampledRecording]] = {}
+    for sampled in candidates:
+        queues.setdefault(sampled.recording.sensor, []).append(sampled)
+    chosen: list[SampledRecording] = []
+    for place, queue in enumerate(sorted(queues.values(), key=len)):
+        share = -(-(count - len(chosen)) // (len(queues) - place))
+        chosen += [queue[i] for i in evenly(len(queue), share)] if share else []
+    return chosen
