@@ -7,6 +7,7 @@ PIP := $(BIN)/pip --disable-pip-version-check install --quiet --constraint const
 .PHONY: demo bench-mini test test-fast lint docs clean
 
 demo: $(VENV)/.installed
+	rm -rf runs/demo
 	$(BIN)/tactileforge train scale=demo hydra.run.dir=runs/demo
 	@echo "open runs/demo/report.html"
 
