@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from tqdm import tqdm
 
 from tactileforge import run_folder
 from tactileforge.callbacks import checkpoints
@@ -52,6 +53,7 @@ ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "reliability.md"
 BEGIN, END = "<!-- made by tests/chaos -->\n", "<!-- end -->\n"
 FORK = multiprocessing.get_context("fork")
+tqdm.set_lock(threading.RLock())  # its own is shared, and dies with who holds it
 #: What was done, how often, and what came of it; filled by the tests in their order.
 ROWS: dict[str, list[str]] = {}
 

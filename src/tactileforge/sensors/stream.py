@@ -85,6 +85,11 @@ class StreamSensor(ABC):
     def ready(self) -> None:  # noqa: B027  a driver may override it
         """Hook called once the device is open, for example to take a baseline."""
 
+    @property
+    def drops(self) -> dict[str, int]:
+        """Packets that were dropped since it was opened, by reason, for the summary."""
+        return {"implausible": 0 if self.parser is None else self.parser.bad}
+
     def set_rate(self, fps: float) -> None:
         """Sets the measured packet rate, 1/s."""
         self.spec = replace(self.spec, fps=fps)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tactileforge.data.shards import remote
-from tactileforge.data.shards.fetch import Folder
+from tactileforge.data.shards.fetch import ShardFolder
 from tactileforge.errors import DataError
 
 Answer = Callable[[BaseHTTPRequestHandler], None]
@@ -54,7 +54,7 @@ def test_what_sends_more_than_was_stated_is_stopped(
         except OSError:
             pass
 
-    folder = Folder(serve(flood), tmp_path)
+    folder = ShardFolder(serve(flood), tmp_path)
     with pytest.raises(DataError, match="it sends more than the 307000 bytes that are stated"):
         folder.get("train-000000.tar", 307_000, "0" * 64)
     assert not list(tmp_path.rglob("*.part"))
@@ -88,7 +88,7 @@ def test_silence_ends_in_an_error(
         request.wfile.write(b"a few")
         release.wait(20)
 
-    folder = Folder(serve(stall), tmp_path)
+    folder = ShardFolder(serve(stall), tmp_path)
     with pytest.raises(DataError, match=r"cannot be fetched \(.*(timed out|sends less than)"):
         folder.get("train-000000.tar", 100, "0" * 64)
     release.set()

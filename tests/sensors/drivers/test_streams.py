@@ -135,6 +135,7 @@ def test_a_wrench_over_udp():
             frames = [sensor.read(), sensor.read()]
             assert frames[1].raw == pytest.approx([1, 2, 3, 4, 5, 6])
             assert (sensor.parser.good, sensor.parser.bad) == (2, 1)
+            assert sensor.drops == {"implausible": 1}
         assert device.wait_for_driver() == b"\x00"
 
 
