@@ -72,7 +72,7 @@ def helper(name: str) -> ModuleType:
 
 
 PACKABLE, RECORDABLE = helper("packing/packable.py"), helper("record/recordable.py")
-GIVEN = PackOptions.of({"codec": "png", "shard_frames": 24, "processes": 1})
+GIVEN = PackOptions(codec="png", shard_frames=24, processes=1)
 
 
 @pytest.fixture(scope="module")
