@@ -25,7 +25,7 @@ A batch is a plain dict:
 | `action` | int64 (B,) | index into `ACTIONS`; -1 unknown |
 | `object` | int64 (B,) | identity across sensors; -1 unknown |
 | `text` | list of B strings | "" where there is none |
-| `image` | uint8 (B, 3, h, w), `image_valid` bool (B,) | paired camera view |
+| `image` | uint8 (B, 3, h, w), `image_valid` bool (B,) | paired camera image |
 | `surface` | uint8 (B, T, 3, 32, 32), `surface_valid` bool (B,) | see `data.labels.displacement` |
 | `group` | int64 (B,) | samples with one non-negative group were drawn together for matching |
 
@@ -153,7 +153,7 @@ class Recording:
         action: int64 (T,), index into `ACTIONS`, -1 unknown.
         object: Name of what is touched, the same for every sensor that touches it.
         text: Caption; ``{action}`` in it stands for the action of the clip.
-        image: Paired camera view.
+        image: Paired camera image.
         image_times: float64, seconds on the clock of ``times``, ascending, one for each view; None
             where they are spread evenly over the recording.
         surface: Displacement of the gel's surface, an image a frame; see `displacement`.

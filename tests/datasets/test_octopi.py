@@ -75,7 +75,7 @@ def test_defects(root: Path, write: Make, levels: Make) -> None:
     assert len(data.skipped) == 1
     assert "pen_1.mov" in data.skipped[0]
     write("utils/constants.py", "HARDNESS_RANK = load()")
-    with pytest.raises(DataError, match=r"constants\.py: HARDNESS_RANK is no literal"):
+    with pytest.raises(DataError, match=r"constants\.py: HARDNESS_RANK is not a literal"):
         list(data.recordings("train"))
 
 

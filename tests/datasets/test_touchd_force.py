@@ -28,7 +28,7 @@ def root(tmp_path: Path, make_images: Make, write: Make) -> Path:
 
 def test_sessions(root: Path, levels: Make) -> None:
     found = {one.key: one for one in TouchdForce(str(root), "all", val=0).recordings("train")}
-    assert len(found) == 6, "biotip is no image, and the others have no labels"
+    assert len(found) == 6, "biotip is not an image, and the others have no labels"
     one = found["touchd_force/obj006_speed1/digit"]
     assert levels(one.frames) == list(range(2, 12))
     assert levels(one.no_contact) == [1]

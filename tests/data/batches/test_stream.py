@@ -427,8 +427,8 @@ def test_one_key_twice_in_a_source_that_is_not_sorted_comes_once() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"file": "../train-000000.tar"}, "no name of a shard"),
-        ({"file": "pipe:rm -rf x"}, "no name of a shard"),
+        ({"file": "../train-000000.tar"}, "not the name of a shard"),
+        ({"file": "pipe:rm -rf x"}, "not the name of a shard"),
         ({"bytes": "many"}, "invalid literal"),
         ({"holds": 3}, "not iterable"),
         ({"holds": [{"sensor": "digit"}]}, "KeyError"),

@@ -47,7 +47,7 @@ class Clips(Dataset[dict[str, Any]]):
         spacing: Seconds between them.
         hop: Seconds between the ends of neighbouring clips; at least one frame.
         size: Height and width the frames are resized to.
-        image_size: Height and width the camera view is resized to.
+        image_size: Height and width the camera image is resized to.
         cache_mb: Megabytes of resized frames kept in each process.
 
     Attributes:
@@ -259,7 +259,7 @@ def object_id(name: str | None) -> int:
 
 
 def resize_frame(frame: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
-    """A picture (H, W, 3) of another size, the way a model is shown those it is trained on."""
+    """An image (H, W, 3) of another size, the way a model is shown those it is trained on."""
     if frame.shape[:2] == size:
         return np.ascontiguousarray(frame)
     shrinks = min(frame.shape[0] / size[0], frame.shape[1] / size[1]) >= 1
@@ -280,7 +280,7 @@ def collate(rows: Sequence[dict[str, Any]]) -> Batch:
     for key, first in rows[0].items():
         values = [row[key] for row in rows]
         if isinstance(first, torch.Tensor) and first.dtype == torch.uint8:
-            # pictures keep the order they have in memory, channels last: no transposition here
+            # images keep the order they have in memory, channels last: no transposition here
             batch[key] = torch.stack([v.movedim(-3, -1) for v in values]).movedim(-1, -3)
         elif isinstance(first, torch.Tensor):
             batch[key] = torch.stack(values)

@@ -103,8 +103,8 @@ class EncodedFrames:
         if isinstance(image, np.ndarray):
             if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
                 raise DataError(
-                    f"{self.name}, frame {i}: {image.dtype} {image.shape} is no image; frames are "
-                    "uint8 (H, W, 3)"
+                    f"{self.name}, frame {i}: {image.dtype} {image.shape} is not an image; "
+                    "frames are uint8 (H, W, 3)"
                 )
             frame = image
         else:

@@ -1,4 +1,4 @@
-"""Modalities in time: nearest frames of two clocks, and how late pictures are behind forces."""
+"""Modalities in time: nearest frames of two clocks, and how late images are behind forces."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _STILL = 1e-6
 
 @dataclass(frozen=True)
 class Lag:
-    """By how much pictures come after forces, and how sure that is.
+    """By how much images come after forces, and how sure that is.
 
     Attributes:
-        seconds: Positive where pictures are late; NaN where nothing moves.
+        seconds: Positive where images are late; NaN where nothing moves.
         correlation: Of the two signals at that lag, -1 to 1; NaN where nothing moves.
         prominence: How far the correlation falls on both sides of that lag within the search. Near
             0 other lags explain the signals as well (a ramp, or a peak at the end of the search).
@@ -65,9 +65,9 @@ def estimate_lag(
     change: NDArray[np.floating],
     reach: float = 0.5,
 ) -> Lag:
-    """Seconds by which pictures come after forces, by cross-correlation.
+    """Seconds by which images come after forces, by cross-correlation.
 
-    The size of the normal force, which makes the imprint, is correlated with how much the picture
+    The size of the normal force, which makes the imprint, is correlated with how much the image
     differs from the background, at every shift of whole frames within ``reach``; a parabola through
     the best three gives the fraction of a frame. (Measured on two recordings of known lag: shear
     added to the normal force, or rates of change, are off by 20 ms to 100 ms.) Of a recording with
@@ -80,7 +80,7 @@ def estimate_lag(
         reach: Largest lag that is looked for, s, either way.
 
     Returns:
-        The lag; all NaN where force or picture do not move, labels are too few, or times do not
+        The lag; all NaN where force or image do not move, labels are too few, or times do not
         increase.
 
     Raises:
@@ -126,7 +126,7 @@ def _resampled(
 
 
 def _correlation(pressed: NDArray[np.float64], seen: NDArray[np.float64], shift: int) -> float:
-    """Of force and pictures ``shift`` ticks later; NaN where one of them does not move."""
+    """Of force and images ``shift`` ticks later; NaN where one of them does not move."""
     count = len(pressed) - abs(shift)
     a = pressed[max(0, -shift) :][:count]
     b = seen[max(0, shift) :][:count]
