@@ -17,8 +17,9 @@ from tactileforge.callbacks.checkpoints import (
     find_checkpoint,
     initialise,
     read_checkpoint,
+    seal,
 )
-from tactileforge.errors import ConfigError, DataNotFoundError
+from tactileforge.errors import ConfigError, DataNotFoundError, TactileForgeError
 from tactileforge.sim.generate import SimConfig, write_seconds
 
 OPTIONS = ["scale=demo", "encoder.image_size=32", "batch.size=8", "batch.workers=1"]
@@ -137,16 +138,17 @@ def test_a_checkpoint_is_written_beside_and_renamed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "x" / "last.ckpt"
-    AtomicCheckpointIO().save_checkpoint({"a": torch.ones(2)}, path)
+    AtomicCheckpointIO().save_checkpoint({"state_dict": torch.ones(2)}, path)
 
     def crash(checkpoint: object, file: object) -> None:
         file.write(b"half")
         raise OSError("disk full")
 
     monkeypatch.setattr(torch, "save", crash)
-    with pytest.raises(OSError, match="disk full"):
-        AtomicCheckpointIO().save_checkpoint({"a": torch.zeros(2)}, path)
-    assert read_checkpoint(path)["a"].tolist() == [1, 1]
+    with pytest.raises(TactileForgeError, match=r"disk full.*the one before it stays"):
+        AtomicCheckpointIO().save_checkpoint({"state_dict": torch.zeros(2)}, path)
+    assert read_checkpoint(path)["state_dict"].tolist() == [1, 1]
+    assert not list(path.parent.glob("*.part"))
 
 
 class Evil:
@@ -158,7 +160,9 @@ def test_nothing_in_a_checkpoint_is_executed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    torch.save({"state_dict": Evil()}, tmp_path / "evil.ckpt")
+    with (tmp_path / "evil.ckpt").open("w+b") as file:
+        torch.save({"state_dict": Evil()}, file)
+        seal(file)
     with pytest.raises(ConfigError, match=r"evil\.ckpt is not a checkpoint"):
         read_checkpoint(tmp_path / "evil.ckpt")
     assert not (tmp_path / "executed").exists()

@@ -5,9 +5,9 @@ import sys
 from pathlib import Path
 
 import pytest
-import torch
 
 import tactileforge
+from tactileforge.callbacks.checkpoints import LAST, AtomicCheckpointIO
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataNotFoundError
 from tactileforge.hub.files import make_header, save_checkpoint
@@ -79,8 +79,7 @@ def test_pack(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A folder with what a run leaves is enough."""
     vit = TactileViT("tiny", frames=2, image_size=32)
     state = {f"encoder.{key}": value for key, value in vit.state_dict().items()}
-    (tmp_path / "checkpoints").mkdir()
-    torch.save({"state_dict": state, "global_step": 7}, tmp_path / "checkpoints" / "last.ckpt")
+    AtomicCheckpointIO().save_checkpoint({"state_dict": state, "global_step": 7}, tmp_path / LAST)
     (tmp_path / "config.yaml").write_text(
         "encoder: {name: tactile_vit, size: tiny, frames: 2, image_size: 32}\n"
         "batch: {spacing: 0.1}\ndata: {name: sim}\n"

@@ -6,7 +6,7 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tactileforge.errors import ConfigError, TactileForgeError
 
@@ -203,15 +203,7 @@ def _resume_overrides(argv: Sequence[str]) -> list[str]:
     return [f"hydra.run.dir={folders[-1]}", "hydra.output_subdir=null"]
 
 
-def _resumed(folder: str) -> DictConfig:
-    from omegaconf import DictConfig, OmegaConf
+def _resumed(folder: str) -> dict[str, Any]:
+    from tactileforge.run_folder import read_config
 
-    from tactileforge.errors import DataNotFoundError
-
-    path = Path(folder) / "config.yaml"
-    if not path.is_file():
-        raise DataNotFoundError(f"resume={folder}: no config.yaml there; give the folder of a run")
-    config = OmegaConf.load(path)
-    assert isinstance(config, DictConfig)
-    config.resume = folder
-    return config
+    return {**read_config(Path(folder)), "resume": folder}

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 from uuid import uuid4
+
+from tactileforge.untrusted import load_json
 
 #: Seconds after which a part that nobody writes to is that of a process that was killed.
 _ABANDONED = 3600.0
@@ -61,3 +65,27 @@ def sha256(path: Path) -> str:
     """The hash of a file, in hexadecimal digits."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def sealed(plain: Mapping[str, Any]) -> str:
+    """Plain data as JSON with its checksum, ``sha256``; see `unsealed`."""
+    return json.dumps({**plain, "sha256": _checksum(plain)}, indent=1)
+
+
+def unsealed(text: str | bytes) -> dict[str, Any]:
+    """The data of a text that `sealed` made.
+
+    Raises:
+        ValueError: It is another text, or one byte that counts has changed.
+    """
+    plain = load_json(text)
+    if not isinstance(plain, dict) or "sha256" not in plain:
+        raise ValueError("it has no checksum")
+    stated = plain.pop("sha256")
+    if stated != _checksum(plain):
+        raise ValueError("its checksum is another: bytes of it have changed")
+    return plain
+
+
+def _checksum(plain: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import platform
 import sys
@@ -18,11 +17,12 @@ from lightning.pytorch.callbacks import Timer
 from lightning.pytorch.loggers import CSVLogger, Logger
 from omegaconf import DictConfig, OmegaConf
 
-from tactileforge import curriculum, registry
+from tactileforge import curriculum, registry, run_folder
 from tactileforge.assemble import build_data, with_sensors
 from tactileforge.callbacks import checkpoints
 from tactileforge.callbacks.progress import Progress
 from tactileforge.errors import ConfigError
+from tactileforge.files import sealed, write_text
 from tactileforge.module import TouchModule
 from tactileforge.provenance import commit
 
@@ -41,15 +41,15 @@ _EXPECTED = (
 )
 
 
-def train(config: DictConfig, folder: Path) -> TouchModule:
+def train(config: DictConfig | dict[str, Any], folder: Path) -> TouchModule:
     """Trains, and leaves a report.
 
     In ``folder``: ``config.yaml`` (resolved), ``versions.json``, ``metrics/*/metrics.csv``,
     ``checkpoints/last.ckpt`` and ``report.html``.
 
     Args:
-        config: Finished; see `compose.finish`. With ``resume``, ``folder`` is that of the run to go
-            on with.
+        config: Finished; see `compose.finish`. With ``resume``, that of the run in ``folder``,
+            which goes on; see `run_folder.read_config`.
         folder: Folder of the run.
 
     Returns:
@@ -60,8 +60,17 @@ def train(config: DictConfig, folder: Path) -> TouchModule:
         KeyboardInterrupt: The run was stopped and saved; ``resume=`` goes on with it.
     """
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
-    resume = checkpoints.find_checkpoint(folder) if config.get("resume") else None
-    plain: dict[str, Any] = OmegaConf.to_container(config, resolve=True)  # type: ignore[assignment]
+    plain: dict[str, Any] = config if isinstance(config, dict) else _plain(config)
+    resume = checkpoints.find_checkpoint(folder) if plain.get("resume") else None
+    with run_folder.claimed(folder, resumes=resume is not None):
+        if resume:
+            checkpoints.read_own(resume, plain.get("run"))  # before data is made or read
+        else:
+            plain["run"] = run_folder.identity()
+        return _train(plain, folder, resume)
+
+
+def _train(plain: dict[str, Any], folder: Path, resume: Path | None) -> TouchModule:
     L.seed_everything(plain["seed"], verbose=False)
     # Mistakes are named before data is made or read; the length of the run is not known yet.
     weights = {key: node["weight"] for key, node in plain["objective"].items()}
@@ -96,6 +105,10 @@ def train(config: DictConfig, folder: Path) -> TouchModule:
     return module
 
 
+def _plain(config: DictConfig) -> dict[str, Any]:
+    return OmegaConf.to_container(config, resolve=True)  # type: ignore[return-value]
+
+
 def build_trainer(
     config: Mapping[str, Any], folder: Path
 ) -> tuple[L.Trainer, checkpoints.Checkpoints]:
@@ -112,7 +125,7 @@ def build_trainer(
         default_root_dir=folder,
         logger=build_loggers(config["logger"], folder),
         callbacks=[saver, Progress(), Timer()],  # the report says how long it took
-        plugins=[checkpoints.AtomicCheckpointIO()],
+        plugins=[checkpoints.AtomicCheckpointIO(config.get("run"))],
         gradient_clip_val=config["optim"].get("clip"),
         use_distributed_sampler=False,
         enable_checkpointing=False,
@@ -149,7 +162,7 @@ def _keep(
     config: Mapping[str, Any], folder: Path, licences: Sequence[str], sensors: Sequence[str]
 ) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    OmegaConf.save(OmegaConf.create(dict(config)), folder / "config.yaml")
+    run_folder.write_config(folder, config)
     versions = {name: version(name) for name in _PACKAGES} | {"python": platform.python_version()}
     plugins = {
         f"{plugin.kind}/{plugin.name}": f"{plugin.distribution} {plugin.version}"
@@ -163,4 +176,4 @@ def _keep(
         "sensors": list(sensors),  # that it is trained on
         "commit": commit(),
     }
-    (folder / "versions.json").write_text(json.dumps(kept, indent=2))
+    write_text(folder / run_folder.VERSIONS, sealed(kept))

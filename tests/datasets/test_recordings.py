@@ -331,6 +331,25 @@ def test_a_layout_that_ships_with_the_data(
         list(Recordings(str(tmp_path)).recordings("train"))
 
 
+def test_a_file_that_came_with_the_data_is_not_interpolated(
+    tmp_path: Path, make_video: MakeFile, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else a secret of this machine is packed into shards that people publish."""
+    monkeypatch.setenv("SECRET", "hunter2")
+    make_video("a.avi", count=4)
+    layout = "{videos: '*.avi', sensor: digit, background: none, source: '${oc.env:SECRET}'}"
+    (tmp_path / "tactileforge.yaml").write_text(f"layouts: {{a: {layout}}}")
+    (found,) = Recordings(str(tmp_path), val=0).recordings("train")
+    assert found.source == "${oc.env:SECRET}"
+
+
+def test_a_layout_of_aliases_without_end_is_an_error(tmp_path: Path) -> None:
+    lines = [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 30)]
+    (tmp_path / "tactileforge.yaml").write_text("\n".join(["a0: &a0 [x]", *lines]))
+    with pytest.raises(ConfigError, match=r"tactileforge\.yaml: more than 100000 values"):
+        list(Recordings(str(tmp_path)).recordings("train"))
+
+
 def test_configurations_of_hydra(tmp_path: Path, make_video: MakeFile) -> None:
     make_video("a.avi")
     config = OmegaConf.create({"layouts": {"x": VIDEO, "off": None}})

@@ -8,7 +8,6 @@ import pytest
 import torch
 
 from tactileforge.contracts import Batch, Features
-from tactileforge.data.batches.clips import SURFACE
 from tactileforge.data.labels import displacement
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError
@@ -28,7 +27,7 @@ def test_a_token_moves_its_own_patch_alone() -> None:
     )
     moved = (found[0] != 0).any(1)
     want = torch.zeros_like(moved)
-    size = SURFACE[0] // rows
+    size = displacement.SHAPE[0] // rows
     want[2:4, row * size : (row + 1) * size, column * size : (column + 1) * size] = True
     assert torch.equal(moved, want)
 

@@ -10,6 +10,7 @@ from omegaconf import OmegaConf
 from safetensors.torch import load_file, save_file
 
 import tactileforge
+from tactileforge.callbacks.checkpoints import LAST, AtomicCheckpointIO
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataError, PluginError
 from tactileforge.heads.force import ForceHead
@@ -128,12 +129,11 @@ def run(vit: TactileViT, head: ForceHead, tmp_path: Path) -> Path:
         "data": {"name": "sim"},
         "head": {"force": {"name": "force", "heads": None}, "pixel": {"name": "pixel"}},
     }
-    (tmp_path / "checkpoints").mkdir()
     OmegaConf.save(OmegaConf.create(config), tmp_path / "config.yaml")
     state = {f"encoder.{key}": x for key, x in vit.state_dict().items()}
     state |= {f"heads.force.{key}": x for key, x in head.state_dict().items()}
     checkpoint = {"state_dict": state, "global_step": 7}
-    torch.save(checkpoint, tmp_path / "checkpoints" / "last.ckpt")
+    AtomicCheckpointIO().save_checkpoint(checkpoint, tmp_path / LAST)
     return tmp_path
 
 

@@ -93,7 +93,7 @@ def test_folders_of_the_machine_stay_there(run: Path, tmp_path: Path) -> None:
     shutil.copytree(run, copy)
     config = copy / "config.yaml"
     changed = config.read_text().replace("init: null", "init: /home/ada/secret/runs/first")
-    config.write_text(changed)
+    config.write_text(changed.partition("\n")[2])  # without its checksum
     path = pack.pack_run(copy)
     assert read_header(path).recipe["init"] == "first"
     assert read_header(path).recipe["data"] == read_header(pack.pack_run(run)).recipe["data"]
@@ -115,7 +115,11 @@ def test_what_is_no_run(run: Path, tmp_path: Path) -> None:
     copy = tmp_path / "run"
     shutil.copytree(run, copy)
     config = copy / "config.yaml"
-    config.write_text(config.read_text().replace("image_size: 32", "image_size: 48"))
+    changed = config.read_text().replace("image_size: 32", "image_size: 48")
+    config.write_text(changed)
+    with pytest.raises(DataError, match="its checksum is another"):
+        pack.pack_run(copy)
+    config.write_text(changed.partition("\n")[2])
     with pytest.raises(DataError, match=r"of another shape: position \("):
         pack.pack_run(copy)
     (copy / "checkpoints" / "last.ckpt").unlink()

@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from dataclasses import replace
+from functools import partial
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
@@ -21,13 +22,17 @@ from tactileforge.calibration import file as calibration
 from tactileforge.data.shards import shards
 from tactileforge.datasets.shards import Shards
 from tactileforge.errors import ConfigError, SensorError, TactileForgeError
+from tactileforge.record import rig
 from tactileforge.record.options import RecordOptions
 from tactileforge.record.raw import read_raw
 from tactileforge.record.record import record
 from tactileforge.record.status import RecordStatus
+from tactileforge.sensors import opening
 from tactileforge.sensors.background import Background
+from tactileforge.sensors.capture import Capture
 from tactileforge.sensors.drivers.sim import SimSensor
 from tactileforge.sensors.drivers.sim_wrench import SimWrench
+from tactileforge.sensors.status import of_drops
 
 SCRIPT = Path(__file__).parent / "recordable.py"
 
@@ -495,3 +500,74 @@ def test_a_simulated_finger_that_rests_has_a_background(options):
     one = only(given)["sim"]
     assert len(one.no_contact) == 5
     assert one.sensor == "digit"
+
+
+@pytest.mark.parametrize("fault", ["blocks", "exits", "untimed", "backwards"])
+def test_a_sensor_that_dies_in_silence_ends_the_recording(scripted, options, monkeypatch, fault):
+    release = threading.Event()
+
+    def leave(frame):
+        raise SystemExit(0)
+
+    changes = {
+        "blocks": lambda frame: release.wait(20) and frame,
+        "exits": leave,
+        "untimed": lambda frame: replace(frame, time=float("nan")),
+        "backwards": lambda frame: replace(frame, time=frame.time - 5),
+    }
+    monkeypatch.setattr(rig, "Capture", partial(Capture, silence=0.2))
+    events = dict.fromkeys(range(60, 10_000), changes[fault])
+    given = options(seconds=30, reconnect=0.2)
+    sensor = scripted(fps=60, events=events)
+    with pytest.raises(SensorError, match=r"^a: "):
+        record(given, {"a": sensor}, say=quiet)
+    release.set()
+    assert 5 < len(only(given)["a"].frames) <= 60  # all that came after the take began
+    if fault in ("untimed", "backwards"):
+        assert only(given)["a"].labels[fault] > 0
+
+
+def test_a_sensor_that_is_lost_at_the_end_is_an_error(scripted, options):
+    given = options(seconds=0.6)
+
+    class Gone(scripted):
+        def open(self):
+            if self.opened:
+                raise SensorError("not there")
+            super().open()
+
+    gone = Gone(fps=60, events={20: SensorError("unplugged")})
+    with pytest.raises(SensorError, match="a: it was lost, and had not come back at the end"):
+        record(given, {"a": gone, "b": scripted(fps=60)}, say=quiet)
+    taken = only(given)
+    assert 5 < len(taken["a"].frames) <= 20 < len(taken["b"].frames)
+
+
+def test_dropped_frames_are_told_by_reason(scripted, options):
+    back = {9: lambda f: replace(f, time=f.time - 0.05), 12: lambda f: replace(f, time=np.nan)}
+    given = options()
+    found = record(given, {"a": scripted(fps=60, events=back)}, say=quiet)
+    assert found.reasons["a"] == {"late": 0, "backwards": 1, "untimed": 1, "frozen": 0}
+    assert of_drops(found.reasons) == "a 2 (backwards 1, untimed 1)"
+    labels = only(given)["a"].labels
+    assert (labels["backwards"], labels["untimed"], labels["frozen"]) == (1, 1, 0)
+
+
+def test_sensors_that_hang_while_they_open_or_close_are_left_behind(scripted, options, monkeypatch):
+    monkeypatch.setattr(opening, "_OPEN", 0.2)
+    monkeypatch.setattr(opening, "_CLOSE", 0.2)
+    release = threading.Event()
+
+    def hang():
+        release.wait(20)
+
+    one, other = scripted(fps=60), scripted(fps=60)
+    one.open = hang
+    with pytest.raises(SensorError, match=r"a: open\(\) of its driver has not returned within 0.2"):
+        record(options(), {"a": one}, say=quiet)
+    other.close = hang
+    given = options(seconds=0.3)
+    with pytest.raises(SensorError, match=r"b: close\(\) of its driver has not returned"):
+        record(given, {"b": other}, say=quiet)
+    assert len(only(given)["b"].frames) > 5  # kept
+    release.set()

@@ -1,5 +1,4 @@
 import csv
-import json
 import re
 from collections.abc import Callable, Iterator
 from html.parser import HTMLParser
@@ -19,6 +18,7 @@ from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.datasets.sim import Sim
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
+from tactileforge.files import unsealed
 from tactileforge.heads.decoder import Reconstruction
 from tactileforge.heads.force import Forces
 from tactileforge.module import TouchModule
@@ -222,7 +222,7 @@ def test_the_numbers_follow_from_the_metrics_of_the_run(run: Path) -> None:
             assert change == percent((losses[-1] - losses[0]) / losses[0], signed=True)
     assert "Steps8, each of 8 clips" in page.text
     assert re.search(r"Time[\d.]+ s", page.text)
-    versions = json.loads((run / "versions.json").read_text())["versions"]
+    versions = unsealed((run / "versions.json").read_text())["versions"]
     assert f"torch {versions['torch']}" in page.text
     assert "hidden in every frame" in page.text
     assert "scenes: 2" in page.text  # the recipe

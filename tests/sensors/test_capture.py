@@ -1,5 +1,8 @@
 """A sensor in a thread: what it loses is counted, and what it cannot mend is an error."""
 
+import re
+import sys
+import threading
 import time
 from dataclasses import replace
 
@@ -9,6 +12,7 @@ import pytest
 from tactileforge.errors import SensorError
 from tactileforge.sensors import capture as module
 from tactileforge.sensors.capture import Capture
+from tactileforge.sensors.opening import within
 
 
 def run(sensor, until, **options):
@@ -120,3 +124,98 @@ def test_a_driver_that_raises_anything_ends_with_a_named_error(scripted):
     capture, _ = run(scripted(events={2: ZeroDivisionError("oops")}), over)
     assert str(capture.error) == "left: its driver fails with ZeroDivisionError: oops"
     assert isinstance(capture.error.__cause__, ZeroDivisionError)
+
+
+def watched(sensor, until, seconds=5.0, **options):
+    """A capture that another thread looks after, as recording and the live view do."""
+    sensor.open()
+    capture = Capture("left", sensor, lambda frame: None, **options)
+    capture.start()
+    end = time.monotonic() + seconds
+    while not until(capture):
+        assert time.monotonic() < end, "it is not noticed"
+        capture.watch()
+        time.sleep(0.005)
+    return capture
+
+
+def test_a_driver_that_blocks_is_noticed_from_outside(scripted):
+    release = threading.Event()
+    sensor = scripted(fps=200, events={20: lambda frame: release.wait(10) and frame})
+    capture = watched(sensor, lambda c: c.error, silence=0.2, reconnect=0.2)
+    assert re.fullmatch(
+        r"left: read\(\) of its driver has not returned for 0\.[45]\d* s; it is left behind: plug "
+        r"the device out and in",
+        str(capture.error),
+    )
+    assert capture.is_lost
+    assert (capture.counts.stalled, capture.fps) == (1, 0.0)
+    release.set()
+    capture.stop()
+
+
+def test_a_driver_that_blocks_for_a_while_comes_back(scripted):
+    release = threading.Event()
+    sensor = scripted(fps=200, limit=60, events={20: lambda frame: release.wait(10) and frame})
+    capture = watched(sensor, lambda c: c.is_lost, silence=0.1)
+    release.set()
+    end = time.monotonic() + 5
+    while not capture.is_done:
+        assert time.monotonic() < end
+        time.sleep(0.005)
+    capture.stop()
+    assert (capture.counts.stalled, capture.is_lost, capture.error) == (1, False, None)
+    assert capture.counts.frames == 60
+
+
+@pytest.mark.parametrize("leave", [SystemExit(0), KeyboardInterrupt(), GeneratorExit()])
+def test_a_driver_that_exits_ends_with_a_named_error(scripted, leave):
+    def go(frame):
+        raise leave
+
+    capture = watched(scripted(fps=200, events={3: go}), lambda c: c.error)
+    assert str(capture.error).startswith(f"left: its driver fails with {type(leave).__name__}")
+
+
+@pytest.mark.parametrize(
+    ("time_of", "reason"),
+    [
+        (lambda now: float("nan"), "untimed"),
+        (lambda now: float("inf"), "untimed"),
+        (lambda now: now - 5.0, "backwards"),
+    ],
+)
+def test_times_that_cannot_be_true_are_counted_and_end_it(scripted, monkeypatch, time_of, reason):
+    monkeypatch.setattr(module, "_RETRY", 0.02)
+    bad = {n: lambda f: replace(f, time=time_of(f.time)) for n in range(10, 1000)}
+    sensor = scripted(fps=100, events=bad)
+    capture = watched(sensor, lambda c: c.error, silence=0.15, reconnect=0.3)
+    assert re.match(r"left: its times do not go on \(for 0\.[45]\d* s\)", str(capture.error))
+    assert capture.counts.frames == 10
+    assert capture.drops()[reason] == sensor.count - 10 > 20
+    assert capture.counts.reopened >= 1
+
+
+def test_a_rate_sinks_while_nothing_comes(scripted):
+    release = threading.Event()
+    sensor = scripted(fps=100, events={30: lambda frame: release.wait(10) and frame})
+    capture = watched(sensor, lambda c: c.counts.frames == 30)
+    assert capture.fps == pytest.approx(100, rel=0.2)
+    since = time.monotonic()
+    while time.monotonic() < since + 0.3:
+        time.sleep(0.02)
+    assert 29 / (0.29 + 2 * (time.monotonic() - since)) < capture.fps < 60
+    release.set()
+    capture.stop()
+
+
+def test_calls_that_hang_or_exit_are_left_behind():
+    release = threading.Event()
+    with pytest.raises(SensorError, match=r"a: open\(\) of its driver has not returned"):
+        within(0.1, "a: open()", lambda: release.wait(10))
+    release.set()
+    with pytest.raises(SensorError, match=r"a: open\(\) of its driver ends with SystemExit"):
+        within(1, "a: open()", lambda: sys.exit(0))
+    with pytest.raises(ZeroDivisionError):
+        within(1, "a: open()", lambda: 1 / 0)
+    within(1, "a: open()", lambda: None)

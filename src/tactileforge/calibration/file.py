@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Recording
 from tactileforge.errors import ConfigError, DataNotFoundError
 from tactileforge.files import write_text
 from tactileforge.node import Node
+from tactileforge.untrusted import dump_yaml, load_yaml
 
 if TYPE_CHECKING:
     from tactileforge.hub.model import Model
@@ -123,7 +123,7 @@ class Calibration:
     def text(self) -> str:
         """The file."""
         plain = {"version": VERSION} | asdict(self)
-        return yaml.safe_dump(plain, sort_keys=False, width=100, default_flow_style=None)
+        return dump_yaml(plain, width=100, default_flow_style=None)
 
     def save(self, path: Path) -> None:
         """Writes the file whole or not at all."""
@@ -241,9 +241,9 @@ def parse_calibration(text: str, where: str) -> Calibration:
         ConfigError: A key is unknown, missing or of another type, or a number is not finite.
     """
     try:
-        node = Node(yaml.safe_load(text), where)
-    except yaml.YAMLError as error:
-        raise ConfigError(f"{where}: no YAML ({error})") from error
+        node = Node(load_yaml(text), where)
+    except ValueError as error:
+        raise ConfigError(f"{where}: {error}; correct it, or calibrate again") from error
     if (version := node.need("version", int, str(VERSION))) != VERSION:
         raise ConfigError(
             f"{where}: version {version}, but this tactileforge reads {VERSION}; calibrate again"

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import signal
 from collections.abc import Mapping
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, BinaryIO
 
 import lightning as L
 import torch
@@ -15,27 +16,58 @@ from lightning.pytorch.callbacks import Callback
 from lightning.pytorch.plugins.io import TorchCheckpointIO
 from torch import nn
 
-from tactileforge.errors import ConfigError, DataNotFoundError
+from tactileforge.errors import ConfigError, DataNotFoundError, TactileForgeError
 
 #: Where a run keeps the checkpoint that it resumes from.
 LAST = Path("checkpoints") / "last.ckpt"
 
+#: A checkpoint is a zip file; its comment is this and the SHA-256 of all that comes before.
+_SEAL = b"tactileforge sha256 "
+_SEALED = len(_SEAL) + 64
+#: What a zip file ends with where it has no comment: a record of 22 bytes.
+_END, _END_BYTES = b"PK\x05\x06", 22
+
 
 class AtomicCheckpointIO(TorchCheckpointIO):
-    """Writes to ``.part`` beside the file, then renames: a killed run keeps its last checkpoint."""
+    """Writes to ``.part`` beside the file, then renames: a killed run keeps its last checkpoint.
+
+    Args:
+        run: Identity of the run, which its checkpoints carry; see `run_folder.identity`.
+    """
+
+    def __init__(self, run: str | None = None) -> None:
+        self.run = run
 
     def save_checkpoint(
         self, checkpoint: dict[str, Any], path: str | Path, storage_options: Any = None
     ) -> None:
-        """Saves; see the class."""
+        """Saves; see the class.
+
+        Raises:
+            TactileForgeError: The disk is full, or cannot be written; the last checkpoint stays.
+        """
         path = Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         part = path.with_name(path.name + ".part")
-        with part.open("wb") as file:
-            torch.save(checkpoint, file)
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(path)
+        try:
+            with part.open("w+b") as file:
+                torch.save({**checkpoint, "run": self.run}, file)
+                seal(file)
+                os.fsync(file.fileno())
+            part.replace(path)
+        except (OSError, RuntimeError) as error:  # torch: a RuntimeError
+            raise TactileForgeError(
+                f"{path}: the checkpoint cannot be written ({error}); the one before it stays. "
+                "Make room, then go on with resume="
+            ) from error
+        finally:
+            part.unlink(missing_ok=True)
+
+    def load_checkpoint(
+        self, path: str | Path, map_location: Any = None, weights_only: bool | None = None
+    ) -> dict[str, Any]:
+        """Reads a checkpoint of this run; see `read_own`."""
+        return read_own(path, self.run)
 
 
 class Checkpoints(Callback):
@@ -112,20 +144,81 @@ def find_checkpoint(path: str | Path) -> Path:
     return file
 
 
+def seal(file: BinaryIO) -> None:
+    """Appends the checksum of a file of ``torch.save``, as the comment of the zip file it is.
+
+    Raises:
+        ValueError: The file is no such file, or is sealed.
+    """
+    file.seek(-_END_BYTES, os.SEEK_END)
+    end = file.read()
+    if not end.startswith(_END) or end[-2:] != b"\0\0":
+        raise ValueError("no file of torch.save, or one that has a checksum")
+    file.seek(-2, os.SEEK_END)
+    file.write(_SEALED.to_bytes(2, "little"))
+    file.seek(0)
+    digest = hashlib.file_digest(file, "sha256").hexdigest()
+    file.seek(0, os.SEEK_END)
+    file.write(_SEAL + digest.encode())
+    file.flush()
+
+
+def _check_seal(path: Path) -> None:
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        file.seek(max(0, size - _SEALED))
+        comment = file.read()
+        if not comment.startswith(_SEAL):
+            raise ValueError("it has no checksum at its end: cut off, or of another program")
+        file.seek(0)
+        digest, left = hashlib.sha256(), size - _SEALED
+        while left and (chunk := file.read(min(left, 1 << 20))):
+            digest.update(chunk)
+            left -= len(chunk)
+    if comment != _SEAL + digest.hexdigest().encode():
+        raise ValueError("its checksum is another: bytes of it have changed")
+
+
+def read_own(path: str | Path, run: str | None) -> dict[str, Any]:
+    """Reads a checkpoint, which must be of one run.
+
+    Args:
+        path: See `find_checkpoint`.
+        run: Identity of the run.
+
+    Raises:
+        DataNotFoundError: See `find_checkpoint`.
+        ConfigError: See `read_checkpoint`; or it is another run's.
+    """
+    found = read_checkpoint(path)
+    if found.get("run") != run:
+        raise ConfigError(
+            f"{find_checkpoint(path)} is a checkpoint of run {found.get('run')}, but config.yaml "
+            f"beside it is of run {run}: one of the two was copied or overwritten. Start a new run from the "
+            "weights with init=, or put the right file back"
+        )
+    return found
+
+
 def read_checkpoint(path: str | Path) -> dict[str, Any]:
     """Reads a checkpoint on the CPU; tensors and plain data only, no code.
 
     Raises:
         DataNotFoundError: See `find_checkpoint`.
-        ConfigError: The file is not a checkpoint.
+        ConfigError: The file is not a checkpoint, or its checksum is another.
     """
     file = find_checkpoint(path)
     try:
+        _check_seal(file)
         checkpoint: dict[str, Any] = torch.load(
             file, map_location="cpu", weights_only=True, mmap=True
         )
+        if not isinstance(checkpoint, dict) or "state_dict" not in checkpoint:
+            raise ValueError("no state_dict in it")
     except Exception as error:
-        raise ConfigError(f"{file} is not a checkpoint that can be read: {error}") from error
+        raise ConfigError(
+            f"{file} is not a checkpoint that can be read ({error}); nothing in it was executed"
+        ) from error
     return checkpoint
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
@@ -17,6 +16,7 @@ from tactileforge.datasets.reading.published import (
     frame_times,
 )
 from tactileforge.errors import DataError
+from tactileforge.untrusted import load_json
 
 _LISTS = {
     CLOTH_OFFICIAL.name: ("train_data.json", "test_data.json"),
@@ -109,7 +109,7 @@ class Cloth(PublishedDataset):
         if not path.is_file():
             raise self._missing(f"no file {path}")
         try:
-            content = json.loads(path.read_text(encoding="utf-8"))
+            content = load_json(path.read_text(encoding="utf-8"))
             return {_plain(key): value for key, value in content.items()}
         except (AttributeError, ValueError) as error:
             raise DataError(f"{path}: not a JSON object: {error}; download it again") from error

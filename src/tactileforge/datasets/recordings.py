@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omegaconf import OmegaConf
-from yaml import YAMLError
 
 from tactileforge.contracts import Recording
 from tactileforge.datasets.reading.layout import EXAMPLE, SPLITS, DatasetLayout, parse_layout
@@ -16,6 +15,7 @@ from tactileforge.datasets.reading.reader import LayoutReader, LayoutTouch
 from tactileforge.datasets.reading.splits import is_held_out, split_parts
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
 from tactileforge.node import Node
+from tactileforge.untrusted import load_yaml
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -149,9 +149,9 @@ def _shipped(root: Path) -> list[DatasetLayout]:
             f"it, or write it, for example:\n{EXAMPLE}"
         )
     try:
-        node = Node(_plain(OmegaConf.load(path)), str(path))
-    except YAMLError as error:
-        raise ConfigError(f"{path}: not YAML: {error}") from error
+        node = Node(load_yaml(path.read_text("utf-8")), str(path))  # never interpolated
+    except ValueError as error:
+        raise ConfigError(f"{path}: {error}; correct it") from error
     layouts = node.need("layouts", dict, "{my_touches: {...}}")
     node.close()
     return _parse_all(layouts)

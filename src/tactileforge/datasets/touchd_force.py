@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator
 from functools import partial
@@ -22,6 +21,7 @@ from tactileforge.datasets.reading.published import (
     still_background,
 )
 from tactileforge.errors import ConfigError, DataError, unknown
+from tactileforge.untrusted import load_json
 
 #: Sensor by folder. ``biotip`` sees markers in space, and ``dm`` has no labels: both are left out.
 _SENSORS = {"digit": "digit", "gelsight": "gelsight_mini", "duragel": "duragel"}
@@ -88,7 +88,7 @@ class TouchdForce(PublishedDataset):
         if not index.is_file():
             raise self._missing(f"no index {index}")
         try:
-            sessions = json.loads(index.read_text(encoding="utf-8")).items()
+            sessions = load_json(index.read_text(encoding="utf-8")).items()
         except (AttributeError, ValueError) as error:
             raise DataError(f"{index}: not an index of sessions: {error}; download it") from error
         for session, tables in sorted(sessions):

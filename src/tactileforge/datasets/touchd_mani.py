@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -19,6 +18,7 @@ from tactileforge.datasets.reading.published import (
     still_background,
 )
 from tactileforge.errors import DataError
+from tactileforge.untrusted import load_json
 
 
 class TouchdMani(PublishedDataset):
@@ -92,7 +92,7 @@ class TouchdMani(PublishedDataset):
 def _read(path: Path) -> dict[str, Any]:
     """An episode whose fields have their types and whose sensors are known."""
     try:
-        episode = json.loads(path.read_text(encoding="utf-8"))
+        episode = load_json(path.read_text(encoding="utf-8"))
     except ValueError as error:
         raise DataError(f"{path}: not JSON: {error}; correct it") from error
     kinds: dict[str, Any] = {"fingers": dict, "task": str, "object": str, "fps": int | float}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import re
 from collections.abc import Iterator
 from functools import partial
@@ -22,6 +21,7 @@ from tactileforge.datasets.reading.published import (
     still_background,
 )
 from tactileforge.errors import DataError
+from tactileforge.untrusted import load_json
 
 
 class _Row(NamedTuple):
@@ -116,7 +116,7 @@ class Tvl(PublishedDataset):
         if not path.is_file():
             raise self._missing(f"neither {path.with_name('train.csv')} nor {path}")
         try:
-            lists = json.loads(path.read_text(encoding="utf-8"))
+            lists = load_json(path.read_text(encoding="utf-8"))
             touches = lists["tactile"]
             nothing = [""] * len(touches)
             backgrounds = lists.get("background") or nothing

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from tactileforge import strict
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
+from tactileforge.untrusted import load_json
 
 #: Key of the text in ``metadata_props`` of ONNX, and in ``extra_files`` of ``torch.export``.
 KEY = "tactileforge"
@@ -79,7 +80,7 @@ def read_facts(path: str | Path) -> Exported:
         raise DataNotFoundError(f"{path}: no such file; correct the path")
     try:
         text = _of_zip(path) if zipfile.is_zipfile(path) else _of_onnx(path)
-        given = strict.mapping("its metadata", json.loads(text))
+        given = strict.mapping("its metadata", load_json(text))
         return strict.build(Exported, "its metadata", given | {"path": str(path)})
     except (ConfigError, ValueError) as error:
         raise DataError(f"{path}: not written by tactileforge export: {error}") from error

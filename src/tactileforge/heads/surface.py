@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from tactileforge.contracts import Batch, Encoder, Views
-from tactileforge.data.batches.clips import SURFACE
+from tactileforge.data.labels.displacement import SHAPE
 from tactileforge.errors import ConfigError
 
 
@@ -27,12 +27,12 @@ class SurfaceHead(nn.Module):
         super().__init__()
         self.grid, self.prefix, self.tube = encoder.grid, encoder.prefix, encoder.tube
         _, rows, columns = self.grid
-        if SURFACE[0] % rows or SURFACE[1] % columns:
+        if SHAPE[0] % rows or SHAPE[1] % columns:
             raise ConfigError(
                 f"head.surface: {rows} x {columns} patches do not divide an image of the surface, "
-                f"which is {SURFACE[0]} x {SURFACE[1]}; change encoder.image_size or encoder.patch"
+                f"which is {SHAPE[0]} x {SHAPE[1]}; change encoder.image_size or encoder.patch"
             )
-        self.cell = SURFACE[0] // rows, SURFACE[1] // columns
+        self.cell = SHAPE[0] // rows, SHAPE[1] // columns
         self.linear = nn.Linear(encoder.width, self.tube * 3 * self.cell[0] * self.cell[1])
         nn.init.normal_(self.linear.weight, std=0.01)
         nn.init.zeros_(self.linear.bias)
@@ -43,4 +43,4 @@ class SurfaceHead(nn.Module):
         x: Tensor = self.linear(views.full.tokens[:, self.prefix :])
         x = x.view(-1, slots, rows, columns, self.tube, 3, *self.cell)
         x = x.permute(0, 1, 4, 5, 2, 6, 3, 7)
-        return torch.reshape(x, (len(x), slots * self.tube, 3, *SURFACE))
+        return torch.reshape(x, (len(x), slots * self.tube, 3, *SHAPE))

@@ -14,6 +14,7 @@ from typing import Any, BinaryIO
 
 from tactileforge import strict
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
+from tactileforge.untrusted import load_json
 
 #: Version of the format that this package writes and reads.
 FORMAT = 1
@@ -97,7 +98,7 @@ def read_header(path: str | Path) -> Header:
     with path.open("rb") as file:
         text = _json_text(path, file)
     try:
-        table = strict.mapping("its table of tensors", json.loads(text))
+        table = strict.mapping("its table of tensors", load_json(text))
         own = strict.mapping("__metadata__", table.pop("__metadata__", {})).get(_KEY)
         _check_size(path, 8 + len(text), table)
         if not isinstance(own, str):
@@ -107,7 +108,7 @@ def read_header(path: str | Path) -> Header:
             )
         if len(own) > _LONGEST_OWN:
             raise ConfigError(f"its header has {len(own)} characters, at most {_LONGEST_OWN} go")
-        return _parse(json.loads(own))
+        return _parse(load_json(own))
     except (ConfigError, ValueError, RecursionError) as error:
         raise DataError(f"{path}: not a checkpoint that can be read: {error}") from error
 

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any, Literal
 
-from omegaconf import OmegaConf
 from torch import Tensor, nn
 
-from tactileforge import registry
+from tactileforge import registry, run_folder
 from tactileforge.callbacks import checkpoints
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
 from tactileforge.files import new_part, sha256
@@ -60,12 +58,11 @@ def pack_run(
     run = Path(run)
     path = Path(out) if out is not None else run / "model.safetensors"
     config = _config(run)
-    versions = run / "versions.json"
-    kept: dict[str, Any] = json.loads(versions.read_text("utf-8")) if versions.is_file() else {}
+    kept = run_folder.read_versions(run)
     if (known := config["encoder"].get("sensors")) and (trained := kept.get("sensors")):
         # rows of other sensors were never trained
         config["encoder"]["sensors"] = {name: known[name] for name in known if name in trained}
-    checkpoint = checkpoints.read_checkpoint(run)
+    checkpoint = checkpoints.read_own(run, config.pop("run", None))
     kind, state = _choose(checkpoint["state_dict"], encoder, run)
     built = registry.build("encoders", config["encoder"])
     files.fill_weights(built, state, str(run))
@@ -222,10 +219,9 @@ def _without_folders(value: Any) -> Any:
 
 
 def _config(run: Path) -> dict[str, Any]:
-    path = run / "config.yaml"
-    if not path.is_file():
-        raise DataNotFoundError(f"{run}: no config.yaml there; give the folder of a run")
-    config = OmegaConf.to_container(OmegaConf.load(path), resolve=True)
-    if not isinstance(config, dict) or not {"encoder", "batch", "data"} <= config.keys():
-        raise DataError(f"{path}: not the configuration of a run; give the folder of a run")
-    return {str(key): value for key, value in config.items()}
+    config = run_folder.read_config(run)
+    if not {"encoder", "batch", "data"} <= config.keys():
+        raise DataError(
+            f"{run / run_folder.CONFIG}: not the configuration of a run; give the folder of a run"
+        )
+    return config

@@ -20,6 +20,7 @@ from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.files import cache_folder, new_part, sha256
 from tactileforge.hub import cards
 from tactileforge.hub.cards import Card, Weight
+from tactileforge.untrusted import load_json
 
 #: Seconds without a byte after which a server counts as gone.
 _TIMEOUT = 30.0
@@ -99,7 +100,7 @@ def read_import(card: Card, weight: Weight) -> Import:
         )
     fix = f"import it again: {_get(card, weight)}"
     try:
-        found = strict.build(Import, str(record), json.loads(record.read_text("utf-8")))
+        found = strict.build(Import, str(record), load_json(record.read_text("utf-8")))
     except (ValueError, ConfigError) as error:
         raise DataError(f"{record}: damaged ({error}); {fix}") from error
     if Path(found.file).name != found.file:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -10,6 +9,7 @@ from types import ModuleType
 from typing import Any
 
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
+from tactileforge.untrusted import load_json
 
 VERSION = "v3.0"
 DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
@@ -83,7 +83,7 @@ class Info:
                 f"{path}: not there; set data.root to the folder of a LeRobot data set"
             )
         try:
-            held = json.loads(path.read_text(encoding="utf-8"))
+            held = load_json(path.read_text(encoding="utf-8"))
             version = str(held["codebase_version"])
             found = cls(
                 float(held["fps"]),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,6 +19,7 @@ from tactileforge.data.frames.video import VideoFrames
 from tactileforge.errors import DataError, DataNotFoundError, unknown
 from tactileforge.lerobot import folder
 from tactileforge.lerobot.folder import Info
+from tactileforge.untrusted import load_json
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class LeRobotFolder:
         if not path.is_file():
             return []
         try:
-            held = json.loads(path.read_text(encoding="utf-8"))
+            held = load_json(path.read_text(encoding="utf-8"))
             version, found = held["version"], list(held["episodes"])
         except (ValueError, KeyError, TypeError) as error:
             raise DataError(f"{path}: damaged ({error!r}); remove it, or write it again") from error

@@ -19,6 +19,7 @@ from tactileforge.live.contact import ContactOptions, SlipOptions
 from tactileforge.live.publish import Publisher
 from tactileforge.live.sensor_stream import Reading, SensorStream, read_background
 from tactileforge.sensors.background import Background
+from tactileforge.sensors.capture import check
 from tactileforge.sensors.low_latency_threads import low_latency_threads
 from tactileforge.sensors.opening import open_all
 
@@ -166,9 +167,7 @@ class LiveSession:
 
     def check(self) -> None:
         """Raises the error of the first sensor that has ended with one."""
-        for finger in self.fingers.values():
-            if finger.capture.error is not None:
-                raise finger.capture.error
+        check([finger.capture for finger in self.fingers.values()])
 
     def take_background(self) -> None:
         """Takes the frame without contact of every sensor; nothing may touch meanwhile.
@@ -255,6 +254,7 @@ def run_session(
                     publisher.send(message)
             if tell is not None:
                 tell(view)
+    check([finger.capture for finger in view.fingers.values()], at_end=True)
 
 
 @contextmanager

@@ -7,7 +7,7 @@ import time
 
 from tactileforge.live.sensor_stream import SensorStream
 from tactileforge.live.session import LiveSession
-from tactileforge.sensors.status import Status
+from tactileforge.sensors.status import Status, of_drops
 
 #: Seconds between two lines: on a terminal, where each takes the place of the last, and elsewhere.
 _TERMINAL, _ELSEWHERE = 0.1, 5.0
@@ -31,9 +31,11 @@ class LiveStatus(Status):
         fingers = view.fingers.values()
         counts = ", ".join(f"{f.name} {f.done} (skipped {f.skipped})" for f in fingers)
         lost = ", ".join(f"{f.name} {n}" for f in fingers if (n := f.capture.counts.reopened))
+        dropped = of_drops({f.name: f.capture.drops() for f in fingers})
         p50, p99 = view.latency.percentiles(recent=False)
         waited = "" if math.isnan(p50) else f"; latency p50 {1e3 * p50:.1f} p99 {1e3 * p99:.1f} ms"
-        return f"readings: {counts}{waited}{f'; came back: {lost}' if lost else ''}"
+        back = f"; came back: {lost}" if lost else ""
+        return f"readings: {counts}{waited}{back}; dropped: {dropped}"
 
 
 def stream_status(finger: SensorStream) -> str:

@@ -16,7 +16,7 @@ from tqdm import tqdm
 from tactileforge.contracts import Dataset
 from tactileforge.data.shards.index import NAME, Index
 from tactileforge.errors import ConfigError, DataError, TactileForgeError
-from tactileforge.files import write_text
+from tactileforge.files import sealed, unsealed, write_text
 from tactileforge.packing.executors import execute
 from tactileforge.packing.options import Filter, PackOptions
 from tactileforge.packing.plan import SPLITS, PackPlan, plan_pack
@@ -156,13 +156,13 @@ def _claim(out: Path, made: Mapping[str, Any]) -> None:
     """Says in the folder how its shards are made, or checks that they are made so."""
     claim = out / NOTES / "made.json"
     if not any(out.glob("*.tar")):
-        write_text(claim, json.dumps(dict(made), indent=1))
+        write_text(claim, sealed(made))
         return
     path = next((path for path in (claim, out / NAME) if path.exists()), None)
     if path is None:
         raise ConfigError(f"{out} holds shards that were not packed here; give another out=")
     try:
-        there = json.loads(path.read_text())
+        there = unsealed(path.read_bytes())
         held, wanted = _flat(there["made"] if path.name == NAME else there), _flat(made)
     except (ValueError, KeyError, AttributeError) as error:
         raise ConfigError(f"{path}: damaged ({error!r}); give another out=") from error

@@ -5,7 +5,6 @@ Processes that do this import no torch.
 
 from __future__ import annotations
 
-import json
 import pickle
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +20,7 @@ from tactileforge.contracts import Frames, FrameSubset, Recording
 from tactileforge.data.shards import shards
 from tactileforge.data.shards.index import IndexEntry
 from tactileforge.errors import DataError
-from tactileforge.files import write_text
+from tactileforge.files import sealed, sha256, unsealed, write_text
 from tactileforge.packing import filters
 from tactileforge.packing.options import PackOptions
 from tactileforge.packing.statistics import PackStatistics
@@ -78,11 +77,11 @@ class ShardNote:
     def of(cls, job: ShardJob) -> ShardNote | None:
         """What an earlier run noted of a shard; None where it must be made (again)."""
         try:
-            plain = json.loads(_note_path(job.path).read_text())
+            plain = unsealed(_note_path(job.path).read_bytes())
             row = plain["entry"]
             entry = None if row is None else IndexEntry.from_json(row)
             found = cls(plain["digest"], entry, PackStatistics.from_json(plain["statistics"]))
-            is_there = entry is None or job.path.stat().st_size == entry.bytes
+            is_there = entry is None or sha256(job.path) == entry.sha256
         except (OSError, ValueError, KeyError, TypeError):
             return None
         return found if is_there and found.digest == job.digest else None
@@ -94,7 +93,7 @@ class ShardNote:
             "entry": None if self.entry is None else self.entry.to_json(),
             "statistics": self.statistics.to_json(),
         }
-        write_text(_note_path(path), json.dumps(plain))
+        write_text(_note_path(path), sealed(plain))
 
 
 def _note_path(shard: Path) -> Path:

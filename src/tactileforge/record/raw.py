@@ -5,12 +5,17 @@ from __future__ import annotations
 import io
 import re
 import tarfile
+import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TypeAlias
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
+
+from tactileforge.data.shards import shards
+from tactileforge.errors import DataError
 
 #: What a member that carries raw values is called.
 _RAW = re.compile(r"raw\.(?P<name>.+)\.npz")
@@ -42,15 +47,18 @@ def read_raw(path: Path) -> dict[str, Raw]:
     Returns:
         By name of the sensor: times, float64 (N,), s since the take began, and values, float32
         (N, ...): of a wrench sensor (N, 6) in N and N m, in its own axes and without tare.
+
+    Raises:
+        DataError: The file is no shard, or is damaged.
     """
     found: dict[str, Raw] = {}
-    with tarfile.open(path) as tar:
-        for member in tar:
-            match = _RAW.fullmatch(member.name)
-            file = tar.extractfile(member) if match else None
-            if match and file:
-                with np.load(io.BytesIO(file.read())) as held:
+    for name, content in shards.members(path):
+        if match := _RAW.fullmatch(name):
+            try:
+                with np.load(io.BytesIO(content), allow_pickle=False) as held:
                     found[match["name"]] = (held["times"], held["values"])
+            except (ValueError, KeyError, OSError, EOFError, BadZipFile, zlib.error) as error:
+                raise DataError(f"{path}: {name} is damaged ({error}); record it again") from error
     return found
 
 

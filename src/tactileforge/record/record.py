@@ -26,6 +26,7 @@ from tactileforge.record.rig import Rig, RigSensor
 from tactileforge.record.status import RecordStatus, RecordSummary
 from tactileforge.record.store import TakeStore
 from tactileforge.record.wrench import axes_matrix, interpolate_wrenches, rotate_wrenches
+from tactileforge.sensors.capture import check
 from tactileforge.sensors.low_latency_threads import low_latency_threads
 
 #: Seconds that frames may be late before a segment is written without them (the next has them).
@@ -170,6 +171,7 @@ class _Take:
                 self._check_room()
             if self.status is not None:
                 self.status.show(self.rig, self.number, time.monotonic() - self.start, self.found)
+        check([device.capture for device in self.rig.all], at_end=True)
 
     def _check_room(self) -> None:
         free = shutil.disk_usage(self.store.out).free
@@ -190,6 +192,8 @@ class _Take:
         for device in self.rig.all:
             dropped = self.found.dropped
             dropped[device.name] = dropped.get(device.name, 0) + device.keeps.dropped
+            late = {"late": dropped[device.name]}
+            self.found.reasons[device.name] = late | device.capture.drops()
         if not self.segments:
             self.say(f"take {self.number}: nothing came")
             return
@@ -287,7 +291,8 @@ class _Take:
             "begun": self.begun,
             "clock": self.start,
             "dropped": device.keeps.dropped,
-            "frozen": counts.frozen,
+            **device.capture.drops(),
+            "stalled": counts.stalled,
             "reopened": counts.reopened,
         }
 

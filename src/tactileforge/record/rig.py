@@ -17,7 +17,7 @@ from tactileforge.errors import ConfigError, SensorError
 from tactileforge.record.frame_queue import FrameQueue, WrenchBuffer
 from tactileforge.record.options import RecordOptions
 from tactileforge.sensors import background
-from tactileforge.sensors.capture import Capture
+from tactileforge.sensors.capture import Capture, check
 from tactileforge.sensors.opening import open_all
 from tactileforge.sensors.specs import spec
 
@@ -145,9 +145,7 @@ class Rig:
 
     def check(self) -> None:
         """Raises the error of the first device that has ended with one."""
-        for device in self.all:
-            if device.capture.error is not None:
-                raise device.capture.error
+        check([device.capture for device in self.all])
 
     @property
     def is_over(self) -> bool:

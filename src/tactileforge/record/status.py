@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TextIO
 
 from tactileforge.record.frame_queue import FrameQueue
@@ -28,6 +28,8 @@ class RecordSummary:
         frames: Frames of each sensor.
         dropped: Frames of each device that found the queues full.
         bytes: Size of the shards.
+        reasons: All frames of each device that were dropped, by reason; ``late`` found the queues
+            full.
     """
 
     takes: int
@@ -35,6 +37,7 @@ class RecordSummary:
     frames: dict[str, int]
     dropped: dict[str, int]
     bytes: int
+    reasons: dict[str, dict[str, int]] = field(default_factory=dict)
 
 
 class RecordStatus(Status):
@@ -83,6 +86,6 @@ def device_status(device: RigSensor) -> str:
         words.append(f"queue {keeps.waiting}")
     words.append(f"dropped {keeps.dropped}")
     counts = capture.counts
-    others = {"frozen": counts.frozen, "backwards": counts.backwards, "reopened": counts.reopened}
+    others = capture.drops() | {"stalled": counts.stalled, "reopened": counts.reopened}
     words += [f"{name} {count}" for name, count in others.items() if count]
     return " ".join(words)

@@ -10,6 +10,7 @@ from tactileforge.record.options import RecordOptions
 from tactileforge.record.record import record
 from tactileforge.record.status import RecordStatus, RecordSummary
 from tactileforge.sensors.opening import build_sensors
+from tactileforge.sensors.status import of_drops
 from tactileforge.signals import stopped_by_signals
 
 
@@ -54,9 +55,8 @@ def _say(status: RecordStatus) -> Any:
 
 def _told(found: RecordSummary) -> str:
     frames = ", ".join(f"{name} {count}" for name, count in found.frames.items())
-    lost = ", ".join(f"{name} {count}" for name, count in found.dropped.items() if count)
     takes = "1 take" if found.takes == 1 else f"{found.takes} takes"
     return (
         f"{takes}, {found.seconds:.1f} s, {found.bytes / 1e6:.1f} MB; frames: {frames}; "
-        f"dropped: {lost or 'none'}"
+        f"dropped: {of_drops(found.reasons)}"
     )

@@ -6,11 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from omegaconf import OmegaConf
-
+from tactileforge import run_folder
 from tactileforge.callbacks import checkpoints
 from tactileforge.data.batches.datamodule import TouchData
-from tactileforge.errors import ConfigError, DataNotFoundError
+from tactileforge.errors import ConfigError
 from tactileforge.files import write_text
 from tactileforge.module import TouchModule
 from tactileforge.pages.curves import Curve, read_metrics
@@ -36,7 +35,7 @@ def report_of_run(folder: Path) -> Path:
     from tactileforge.assemble import build_data
 
     config = _config(folder)
-    state = checkpoints.read_checkpoint(folder)
+    state = checkpoints.read_own(folder, config.get("run"))
     data = build_data(config)
     module = TouchModule.from_config(config, data.summary("train").labels)
     try:
@@ -85,11 +84,7 @@ def write_report(folder: Path, module: TouchModule, data: TouchData) -> Path:
 
 
 def _config(folder: Path) -> dict[str, Any]:
-    path = folder / "config.yaml"
-    if not path.is_file():
-        raise DataNotFoundError(f"{folder}: no config.yaml there; give the folder of a run")
-    config: dict[str, Any] = OmegaConf.to_container(OmegaConf.load(path))  # type: ignore[assignment]
-    return config
+    return run_folder.read_config(folder)
 
 
 def _progress(folder: Path, curves: Mapping[str, Curve]) -> tuple[int, float | None]:

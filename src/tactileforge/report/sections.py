@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -13,6 +12,7 @@ from typing import Any
 import numpy as np
 from torch import Tensor
 
+from tactileforge import run_folder
 from tactileforge.contracts import LABELS
 from tactileforge.data.batches.clips import Clips
 from tactileforge.data.batches.datamodule import TouchData
@@ -191,8 +191,7 @@ def _row(counts: Sequence[Count]) -> list[str]:
 
 def kept_versions(folder: Path) -> dict[str, Any]:
     """What ``versions.json`` of a run says; nothing where it is absent."""
-    path = folder / "versions.json"
-    return json.loads(path.read_text()) if path.is_file() else {}
+    return run_folder.read_versions(folder)
 
 
 def recipe(folder: Path) -> Section:

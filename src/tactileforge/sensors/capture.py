@@ -6,7 +6,8 @@ import math
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from tactileforge.contracts import Frame, Sensor
@@ -28,13 +29,17 @@ class Counts:
     Attributes:
         frames: Frames handed on.
         backwards: Frames that were not later than the one before, and were dropped.
+        untimed: Frames whose time is no number, and were dropped.
         frozen: Frames that repeated one picture for too long, and were dropped.
+        stalled: How often its driver did not return for longer than silence may last.
         reopened: How often it was lost and came back.
     """
 
     frames: int = 0
     backwards: int = 0
+    untimed: int = 0
     frozen: int = 0
+    stalled: int = 0
     reopened: int = 0
 
 
@@ -73,14 +78,15 @@ class Capture:
         self.ended = False
         self.is_lost = False
         self.latest = -math.inf
-        self._seen = time.monotonic()
+        self._good = self._opened = time.monotonic()  # the last good frame, and open()
+        self._call: tuple[str, float] | None = None  # of the driver, that has not returned
         self._recent: deque[float] = deque(maxlen=_RATE_OVER)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"capture-{name}", daemon=True)
 
     def start(self) -> None:
         """Starts the thread."""
-        self._seen = time.monotonic()
+        self._good = self._opened = time.monotonic()
         self._thread.start()
 
     def stop(self) -> None:
@@ -101,10 +107,47 @@ class Capture:
 
     @property
     def fps(self) -> float:
-        """Frames a second, over the last ones."""
+        """Frames a second, over the last ones; it sinks while none comes, and is 0 when lost."""
         times = list(self._recent)
         span = times[-1] - times[0] if len(times) > 1 else 0.0
-        return (len(times) - 1) / span if span > 0 else 0.0
+        if span <= 0 or self.is_lost:
+            return 0.0
+        quiet = time.monotonic() - self._good
+        is_late = not self.is_done and quiet > 3 * span / (len(times) - 1)
+        return (len(times) - 1) / (span + quiet * is_late)
+
+    def drops(self) -> dict[str, int]:
+        """Frames that were dropped, by reason; with those its driver counts (``sensor.drops``)."""
+        counts = self.counts
+        own = {key: getattr(counts, key) for key in ("backwards", "untimed", "frozen")}
+        return own | dict(getattr(self.sensor, "drops", {}))
+
+    def watch(self) -> None:
+        """Notices what the thread that reads cannot: that it hangs, or has ended.
+
+        Another thread calls it now and then.
+        """
+        call = self._call
+        if self.is_done or self._stop.is_set():
+            return
+        if not self._thread.is_alive():
+            self.error = SensorError(f"{self.name}: the thread that reads it has ended")
+        elif call is not None and (took := time.monotonic() - call[1]) > self.silence:
+            self.counts.stalled += not self.is_lost
+            self.is_lost = True
+            if took > self.silence + self.reconnect:
+                self.error = SensorError(
+                    f"{self.name}: {call[0]}() of its driver has not returned for {took:.1f} s; it "
+                    "is left behind: plug the device out and in"
+                )
+
+    @contextmanager
+    def _calls(self, what: str) -> Iterator[None]:
+        self._call = (what, time.monotonic())
+        try:
+            yield
+        finally:
+            self._call = None
 
     def _run(self) -> None:
         try:
@@ -114,45 +157,62 @@ class Capture:
                     return
         except TactileForgeError as error:
             self.error = SensorError(f"{self.name}: {error}")
-        except Exception as error:  # a driver may raise anything; a thread must not die in silence
+        except BaseException as error:  # a driver may raise anything, and exit as well
             what = f"{self.name}: its driver fails with {type(error).__name__}: {error}"
             self.error = SensorError(what)
             self.error.__cause__ = error
 
     def _read(self) -> None:
         try:
-            frame = self.sensor.read(_WAIT)
+            with self._calls("read"):
+                frame = self.sensor.read(_WAIT)
         except TimeoutError as error:
-            if time.monotonic() - self._seen > self.silence:
-                self._reopen(str(error) or "no frame comes")
+            self._miss(str(error) or "no frame comes")
         except EOFError:
             self.ended = True
         except (SensorError, OSError) as error:
             self._reopen(str(error))
         else:
-            self._seen = time.monotonic()
-            self._accept(frame)
+            if self._is_timed(frame):
+                self._accept(frame)
+            else:
+                self._miss("its times do not go on")
+
+    def _miss(self, cause: str) -> None:
+        """No good frame came: after a while the sensor is opened again, and then given up."""
+        now = time.monotonic()
+        if now - self._good > self.silence + self.reconnect:
+            raise SensorError(f"{cause} (for {now - self._good:.1f} s)")
+        if now - max(self._good, self._opened) > self.silence:
+            self._reopen(cause)
 
     def _reopen(self, cause: str) -> None:
         self.is_lost = True
-        self.sensor.close()
+        with self._calls("close"):
+            self.sensor.close()
         end = time.monotonic() + self.reconnect
         while not self._stop.wait(_RETRY):
             if time.monotonic() > end:
                 raise SensorError(f"{cause} (it has not come back within {self.reconnect:g} s)")
             try:
-                self.sensor.open()
+                with self._calls("open"):
+                    self.sensor.open()
             except (SensorError, OSError):
                 continue
-            self.is_lost = False
             self.counts.reopened += 1
-            self._seen = time.monotonic()
+            self._opened = time.monotonic()
             return
 
-    def _accept(self, frame: Frame) -> None:
+    def _is_timed(self, frame: Frame) -> bool:
+        if not math.isfinite(frame.time):
+            self.counts.untimed += 1
+            return False
         if not frame.time > self.latest:
             self.counts.backwards += 1
-            return
+            return False
+        return True
+
+    def _accept(self, frame: Frame) -> None:
         behind = time.monotonic() - frame.time
         if not -_AHEAD < behind < _BEHIND:
             raise SensorError(
@@ -165,9 +225,32 @@ class Capture:
             got, want = frame.array.shape[:2], (spec.height, spec.width)
             raise SensorError(f"a frame of {got} pixels, and its spec says {want}")
         self.latest = frame.time
+        self._good = time.monotonic()
+        self.is_lost = False
         self._recent.append(frame.time)
         if self.health.look(frame) == "frozen":
             self.counts.frozen += 1
             return
         self.counts.frames += 1
         self.sink(frame)
+
+
+def check(captures: Sequence[Capture], at_end: bool = False) -> None:
+    """Looks after sensors that are read.
+
+    Args:
+        captures: Of each.
+        at_end: Whether this was all; then a sensor that is lost will not come back.
+
+    Raises:
+        SensorError: One has ended with an error, hangs for too long, or is lost at the end.
+    """
+    for capture in captures:
+        capture.watch()
+        if capture.error is not None:
+            raise capture.error
+        if at_end and capture.is_lost and not capture.ended:
+            raise SensorError(
+                f"{capture.name}: it was lost, and had not come back at the end; what came before "
+                "is kept"
+            )

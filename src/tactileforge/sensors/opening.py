@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import threading
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from typing import Any
 
 from tactileforge import registry
 from tactileforge.contracts import Sensor
 from tactileforge.errors import ConfigError, SensorError, unknown
+
+#: Seconds that a driver may take to open a device, and to close it.
+_OPEN, _CLOSE = 30.0, 5.0
 
 
 def build_sensors(
@@ -39,7 +43,8 @@ def open_all(sensors: Mapping[str, Sensor], stack: ExitStack) -> None:
     owners: dict[str, str] = {}
     for name, sensor in sensors.items():
         try:
-            stack.enter_context(sensor)
+            stack.callback(within, _CLOSE, f"{name}: close()", sensor.close)
+            within(_OPEN, f"{name}: open()", sensor.open)
         except OSError as error:  # a driver that has no words of its own for it
             raise SensorError(f"{name}: cannot be opened: {error}") from error
         address = str(getattr(sensor, "address", ""))
@@ -49,3 +54,38 @@ def open_all(sensors: Mapping[str, Sensor], stack: ExitStack) -> None:
                 "port, serial number or path"
             )
         owners[address] = name
+
+
+def within(seconds: float, what: str, call: Callable[[], object]) -> None:
+    """Calls a driver in a thread of its own, which is left behind if it does not return.
+
+    Args:
+        seconds: How long it may take.
+        what: It does, for messages.
+        call: The call.
+
+    Raises:
+        SensorError: It has not returned in time, or has tried to end the program.
+        Exception: What it raises.
+    """
+    ended: list[BaseException | None] = []
+
+    def run() -> None:
+        try:
+            call()
+            ended.append(None)
+        except BaseException as error:  # it may exit as well, and a thread would in silence
+            ended.append(error)
+
+    thread = threading.Thread(target=run, name=f"driver-{what}", daemon=True)
+    thread.start()
+    thread.join(seconds)
+    if not ended:
+        raise SensorError(
+            f"{what} of its driver has not returned within {seconds:g} s and is left behind: plug "
+            "the device out and in"
+        )
+    if isinstance(ended[0], Exception):
+        raise ended[0]
+    if ended[0] is not None:
+        raise SensorError(f"{what} of its driver ends with {ended[0]!r}") from ended[0]

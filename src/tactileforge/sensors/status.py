@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from typing import TextIO
 
 
@@ -32,3 +33,13 @@ class Status:
         if self._length:
             self.to.write("\n")
             self._length = 0
+
+
+def of_drops(reasons: Mapping[str, Mapping[str, int]]) -> str:
+    """Dropped frames of each device by reason; ``none`` where there are none."""
+    told = [
+        f"{name} {sum(counts.values())} ({', '.join(f'{k} {n}' for k, n in counts.items() if n)})"
+        for name, counts in reasons.items()
+        if any(counts.values())
+    ]
+    return "; ".join(told) or "none"

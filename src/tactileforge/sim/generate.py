@@ -26,7 +26,7 @@ from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards import shards
 from tactileforge.data.shards.index import Index, IndexEntry
 from tactileforge.errors import ConfigError, TactileForgeError, unknown
-from tactileforge.files import write_text
+from tactileforge.files import sealed, unsealed, write_text
 from tactileforge.sim.geometry.shapes import INDENTERS, Shape, shape
 from tactileforge.sim.geometry.textures import TEXTURES
 from tactileforge.sim.mechanics.motions import MOTIONS
@@ -367,7 +367,7 @@ def _claim(config: SimConfig, folder: Path) -> None:
     path = folder / "sim.json"
     wanted = json.loads(json.dumps(asdict(config)))
     if path.exists():
-        held = json.loads(path.read_text())
+        held = _held(path)
         changed = [key for key in wanted if held.get(key) != wanted[key]]
         if changed:
             raise ConfigError(
@@ -375,7 +375,14 @@ def _claim(config: SimConfig, folder: Path) -> None:
                 f"{', '.join(changed)}); give another out="
             )
         return
-    write_text(path, json.dumps(wanted, indent=2))
+    write_text(path, sealed(wanted))
+
+
+def _held(path: Path) -> dict[str, Any]:
+    try:
+        return unsealed(path.read_bytes())
+    except ValueError as error:
+        raise ConfigError(f"{path}: damaged ({error}); give another out=") from error
 
 
 def _main(config: str, folder: str, *numbers: str) -> None:

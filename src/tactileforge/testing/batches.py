@@ -7,7 +7,6 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from tactileforge.contracts import ACTIONS, Batch
-from tactileforge.data.batches.clips import SURFACE
 from tactileforge.data.labels import displacement
 from tactileforge.sensors.specs import spec
 
@@ -65,7 +64,7 @@ def batch(size: int = 8, frames: int = 4, image: int = 32, seed: int = 0) -> Bat
 
 def _surface(dent: Tensor, rise: Tensor) -> Tensor:
     """Coded displacements of dents (B, H, W) that go along with their forces (B, T, 3)."""
-    small = F.adaptive_avg_pool2d(dent[:, None], SURFACE)
+    small = F.adaptive_avg_pool2d(dent[:, None], displacement.SHAPE)
     moved = 0.3 * rise[..., None, None] * small[:, None]
     coded = displacement.encode_displacement(moved.movedim(2, -1).numpy())
     return torch.from_numpy(coded).movedim(-1, 2).contiguous()

@@ -301,7 +301,7 @@ def test_what_is_no_shard_is_named(touch: Recording, tmp_path: Path) -> None:
         ({"times": ["a"] * 5}, "could not convert string to float"),
         ({"force": [[1.0, 2.0]] * 5}, "cannot reshape"),
         ({"labels": 7}, "not iterable"),
-        ({"tracks": {"slip": {"dtype": "O", "values": [0] * 5}}}, "a track of object"),
+        ({"tracks": {"slip": {"dtype": "O", "values": [0] * 5}}}, "a track of 'O'"),
         ({"tracks": {"slip": {"dtype": "int8", "values": [0]}}}, "5 frames and 1 rows of slip"),
         ({"tier": None}, "NoneType"),
         ({"text": ["a"]}, "neither a string nor null"),
@@ -346,3 +346,91 @@ def test_impossible_codecs_are_named() -> None:
         shards.encode_image(picture, "jpeg")
     with pytest.raises(ConfigError, match="quality=95: only jpg has one"):
         shards.encode_image(picture, "png", 95)
+
+
+def tar_of(*members: tuple[bytes, bytes, bytes]) -> bytes:
+    """A tar of members: name, the twelve bytes of the size, content."""
+    out = b""
+    for name, size, content in members:
+        block = bytearray(tarfile.TarInfo(name.decode()).tobuf(tarfile.USTAR_FORMAT))
+        block[124:136] = size.ljust(12, b"\0")
+        block[148:156] = b"%06o\0 " % (256 + sum(block[:148]) + sum(block[156:512]))
+        out += bytes(block) + content.ljust(-(-len(content) // 512) * 512, b"\0")
+    return out + bytes(1024)
+
+
+def described(touch: Recording, **change: Any) -> bytes:
+    """A description, its checksum right, of which something is changed."""
+    about = shards.describe_recording(touch) | {"codec": "png"}
+    about["pictures"] = {"frames": {"shape": [24, 32], "bytes": [9] * 5, "crc32": [0] * 5}}
+    for key, value in change.items():
+        place, _, last = key.rpartition("__")
+        (about["pictures"]["frames"] if place else about)[last] = value
+    return json.dumps(about | {"crc32": shards._checksum(about)}).encode()
+
+
+@pytest.mark.parametrize(
+    "size",
+    [
+        b"\xff" * 12,  # base-256: -1
+        b"\xff" * 10 + b"\xfe\x00",  # -512: the same member again, for ever
+        b"\xff" * 8 + b"\xff\xff\x00\x00",
+        b"\x80" + b"\x7f" * 11,
+        b"-0000000001",
+        b"77777777777",
+        b"zzzz",
+    ],
+)
+def test_a_size_that_is_none_ends_in_an_error(tmp_path: Path, size: bytes) -> None:
+    for name in (b"000000.json", b"x.bin"):
+        for before in ((), ((b"y.bin", b"00000000003", b"abc"),)):
+            path = tmp_path / "a.tar"
+            path.write_bytes(tar_of(*before, (name, size, b"{}")))
+            with pytest.raises(DataError, match=r"a\.tar"):
+                list(shards.read_shard(path))
+            with pytest.raises(DataError, match=r"a\.tar"):
+                list(shards.members(path))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"x__bytes": [2**62] * 5},
+        {"x__bytes": [2**70] * 5},
+        {"x__bytes": [-600] * 5},
+        {"x__bytes": [[9] * 5]},
+        {"x__crc32": [2**40] * 5},
+        {"x__shape": [1 << 20, 1 << 20]},
+        {"x__shape": [float("inf"), 1]},
+        {"tier": float("inf")},
+        {"times": [float("nan")] * 5},
+        {"times": [[0.0]] * 5},
+        {"tracks": {"a": {"dtype": "f8,(", "values": [0] * 5}}},
+        {"tracks": {"a": {"dtype": "O", "values": [0] * 5}}},
+        {"tracks": {"a": {"dtype": ["x"], "values": [0] * 5}}},
+        {"tracks": {"a": {"dtype": "int8", "values": [300] * 5}}},
+        {"labels": 3},
+        {"codec": ["png"]},
+        {"key": None},
+    ],
+    ids=str,
+)
+def test_a_description_that_lies_is_an_error(
+    touch: Recording, tmp_path: Path, change: dict[str, Any]
+) -> None:
+    text = described(touch, **change)
+    path = tmp_path / "a.tar"
+    path.write_bytes(tar_of((b"000000.json", b"%011o" % len(text), text)))
+    with pytest.raises(DataError, match=r"a\.tar"):
+        list(shards.read_shard(path))
+
+
+def test_brackets_without_end_are_an_error(tmp_path: Path) -> None:
+    path = tmp_path / "a.tar"
+    for text in (
+        b"[" * 100_000,
+        b'{"version": 2, "crc32": 1, "x": ' + b"[" * 990 + b"]" * 990 + b"}",
+    ):
+        path.write_bytes(tar_of((b"000000.json", b"%011o" % len(text), text)))
+        with pytest.raises(DataError, match=r"no description of a recording|damaged"):
+            list(shards.read_shard(path))

@@ -133,3 +133,25 @@ def test_a_file_that_shrinks_afterwards(tmp_path: Path) -> None:
     path.unlink()
     with pytest.raises(DataError, match="cannot be read"):
         blob.read()
+
+
+@pytest.mark.parametrize("make", [b"\x85", b"t"])
+@pytest.mark.parametrize("use", [b"", b"s", b"\x8f(Ne\x90"])
+def test_tuples_nested_without_end_are_an_error(tmp_path: Path, make: bytes, use: bytes) -> None:
+    """Python ends with a segmentation fault where it hashes, or drops, one of them."""
+    count = 2_000_000
+    nested = b"N" + b"\x85" * count if make == b"\x85" else b"(" * count + b"N" + b"t" * count
+    start = b"}" if use == b"s" else b""
+    path = tmp_path / "a.pkl"
+    path.write_bytes(b"\x80\x04" + start + nested + (b"N" + use if use else b"") + b".")
+    with pytest.raises(DataError, match="values nested too deep"):
+        load_pickle(path)
+
+
+def test_a_type_of_something_nested_is_an_error(tmp_path: Path) -> None:
+    class Typed:
+        def __reduce__(self) -> tuple[Any, ...]:
+            return np.dtype, ([("a", [("b", "f8")])],)
+
+    with pytest.raises(DataError, match="an array of no type"):
+        load_pickle(dump(tmp_path / "a.pkl", Typed()))

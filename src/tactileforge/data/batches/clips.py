@@ -23,8 +23,6 @@ from tactileforge.sensors.specs import spec
 Skipped: TypeAlias = dict[str, tuple[str, int]]
 #: Recordings that may fail one after another before reading gives up.
 _MAX_FAILURES = 20
-#: Height and width of images of the surface's displacement.
-SURFACE = (32, 32)
 #: Frames that shrink at least this much are averaged; below, bilinear interpolation sees all pixels
 #: and is six times as fast.
 _AVERAGE = 1.5
@@ -151,9 +149,10 @@ class Clips(Dataset[dict[str, Any]]):
         if recording.image is not None:
             row = _view(recording, int(rows[-1]))
             image = self._frames(("image", number), recording.image, [row], (height, width))[0]
-        surface = np.full((self.frames, *SURFACE, 3), displacement.NONE, np.uint8)
+        surface = np.full((self.frames, *displacement.SHAPE, 3), displacement.NONE, np.uint8)
         if recording.surface is not None:
-            surface = self._frames(("surface", number), recording.surface, rows.tolist(), SURFACE)
+            size = displacement.SHAPE
+            surface = self._frames(("surface", number), recording.surface, rows.tolist(), size)
         return {
             "frames": _tensor(
                 self._frames(("touch", number), recording.frames, rows.tolist(), self.size)

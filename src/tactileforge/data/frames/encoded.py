@@ -9,12 +9,12 @@ from io import BytesIO
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from tactileforge.data.frames.crop import check_range, size_text
 from tactileforge.errors import DataError
+from tactileforge.untrusted import open_picture
 
-_UNREADABLE = (Image.DecompressionBombError, OSError, SyntaxError, TypeError, ValueError)
+_UNREADABLE = (OSError, SyntaxError, TypeError, ValueError)
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +110,7 @@ class EncodedFrames:
         else:
             raw = image.read() if isinstance(image, Blob) else image
             try:
-                with Image.open(BytesIO(raw)) as opened:
+                with open_picture(BytesIO(raw)) as opened:
                     frame = np.asarray(opened.convert("RGB"))
             except _UNREADABLE as error:
                 raise DataError(

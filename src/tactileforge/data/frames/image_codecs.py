@@ -11,10 +11,10 @@ from typing import BinaryIO
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from tactileforge.data.frames.crop import check_range, size_text
 from tactileforge.errors import ConfigError, DataError, unknown
+from tactileforge.untrusted import open_picture
 
 #: Codecs by the ending of their files, and how OpenCV is told of them.
 CODECS: dict[str, list[int]] = {
@@ -73,7 +73,7 @@ def image_size(data: bytes) -> tuple[int, int]:
             if 0xC0 <= segment[1] <= 0xCF and segment[1] not in (0xC4, 0xC8, 0xCC):
                 return int.from_bytes(segment[5:7]), int.from_bytes(segment[7:9])
             place += 2 + int.from_bytes(segment[2:4])
-    with Image.open(io.BytesIO(data)) as opened:
+    with open_picture(io.BytesIO(data)) as opened:
         return opened.height, opened.width
 
 
@@ -159,7 +159,7 @@ class PackedFrames:
         shape = self.shape
         try:
             shape = image_size(data)  # before anything of that size is allocated
-        except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+        except (OSError, ValueError, SyntaxError) as error:
             raise DataError(f"{self.name}, {self.group} {i}: not an image ({error})") from error
         if shape != self.shape:
             raise DataError(

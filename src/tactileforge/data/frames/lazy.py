@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from tactileforge.data.frames.crop import Crop, Cropped, check_range, size_text
 from tactileforge.data.frames.video import VIDEO_SUFFIXES, VideoFrames
 from tactileforge.errors import DataError, DataNotFoundError
+from tactileforge.untrusted import open_picture
 
 __all__ = ["VIDEO_SUFFIXES", "ArrayFrames", "Crop", "ImageFrames", "VideoFrames"]
 
@@ -92,7 +92,7 @@ class ArrayFrames:
 def _image(path: str, decode: bool) -> tuple[tuple[int, int], NDArray[np.uint8]]:
     """Height and width of an image file, and its pixels if asked for."""
     try:
-        with Image.open(path) as image:
+        with open_picture(path) as image:
             if image.mode[0] in "IF":
                 raise DataError(f"{path}: {image.mode} pixels; convert it to 8 bits a channel")
             pixels = np.asarray(image.convert("RGB")) if decode else np.empty(0, np.uint8)

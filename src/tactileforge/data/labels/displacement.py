@@ -17,6 +17,8 @@ RANGE_MM = (0.6, 0.6, 2.0)
 NONE = 128
 #: Rows or columns of the image, whichever are fewer.
 SIZE = 32
+#: Height and width in a batch.
+SHAPE = (SIZE, SIZE)
 
 
 def grid_shape(height: int, width: int) -> tuple[int, int]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlparse
@@ -12,6 +14,8 @@ from urllib.parse import unquote, urlparse
 from tactileforge.errors import DataError
 
 _CHUNK = 1 << 20
+#: Files of this process whose checksum is known, in the state in which it was read.
+_CHECKED: set[tuple[str, int, int, int, str]] = set()
 
 
 class ShardFolder:
@@ -53,7 +57,7 @@ class ShardFolder:
             raise DataError(f"{self.root}/{name}: cannot be read ({error})") from error
 
     def get(self, name: str, size: int, sha256: str) -> Path:
-        """A file on this machine; what has to be fetched is checked, then kept.
+        """A file on this machine, checked; what has to be fetched is kept.
 
         Args:
             name: Its name in the folder.
@@ -64,17 +68,33 @@ class ShardFolder:
             DataError: It is not there, or is another file than was asked for.
         """
         path = self.path / name
+        if self.remote and path.exists() and not self._is(path, sha256):
+            path.unlink(missing_ok=True)  # damaged since it was kept
         if self.remote and not path.exists():
             self._fetch(path, size, sha256)
+        if not self._is(path, sha256):
+            raise DataError(
+                f"{path}: {path.stat().st_size} bytes that are not the {size} of the index (their "
+                "SHA-256 is another): damaged, or another shard; download or pack it again"
+            )
+        if self.remote:
+            with suppress(OSError):
+                os.utime(path, (time.time(), path.stat().st_mtime))  # used now
+        return path
+
+    def _is(self, path: Path, sha256: str) -> bool:
+        """Whether a file has a checksum; each state of a file is read once in a process."""
         try:
-            actual = path.stat().st_size
-            if self.remote:
-                os.utime(path)
+            status = path.stat()
+            state = (str(path), status.st_ino, status.st_size, status.st_mtime_ns, sha256)
+            if state not in _CHECKED:
+                with path.open("rb") as file:
+                    if hashlib.file_digest(file, "sha256").hexdigest() != sha256:
+                        return False
+                _CHECKED.add(state)
         except OSError as error:
             raise DataError(f"{path}: listed in the index, but not there ({error})") from error
-        if not self.remote and actual > size:
-            raise DataError(f"{path}: {actual} bytes, but {size} in the index; pack it again")
-        return path
+        return True
 
     def _fetch(self, path: Path, size: int, sha256: str) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -102,7 +122,7 @@ class ShardFolder:
     def _make_room(self, size: int) -> None:
         if self.cache_gb is None:
             return
-        cached = sorted(self.path.glob("*.tar"), key=lambda path: path.stat().st_mtime)
+        cached = sorted(self.path.glob("*.tar"), key=lambda path: path.stat().st_atime)
         total = sum(path.stat().st_size for path in cached) + size
         for path in cached:
             if total <= self.cache_gb * 1e9:

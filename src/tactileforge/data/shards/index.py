@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -15,10 +14,13 @@ from tactileforge.contracts import Recording
 from tactileforge.data.shards import shards
 from tactileforge.data.shards.summary import Summary
 from tactileforge.errors import DataError
-from tactileforge.files import write_text
+from tactileforge.files import sealed, sha256, unsealed, write_text
+from tactileforge.untrusted import load_json
 
 #: Name of the file.
 NAME = "index.json"
+#: Version of its layout; a reader refuses another.
+VERSION = 3
 #: What a shard may be called: never a path, so that an index cannot point elsewhere.
 _FILE = re.compile(r"[A-Za-z0-9_][\w.\-]*\.tar")
 
@@ -109,7 +111,7 @@ class Index:
     def save(self, folder: Path) -> None:
         """Writes ``index.json``: beside its place, then renamed."""
         text = {
-            "version": shards.VERSION,
+            "version": VERSION,
             "name": self.name,
             "sorted": self.sorted,
             "splits": {
@@ -119,7 +121,7 @@ class Index:
             "made": self.made,
             "statistics": self.statistics,
         }
-        write_text(folder / NAME, json.dumps(text, indent=1))
+        write_text(folder / NAME, sealed(text))
 
 
 def parse_index(text: str | bytes, where: str) -> Index:
@@ -130,15 +132,17 @@ def parse_index(text: str | bytes, where: str) -> Index:
         where: Where it comes from, for messages.
 
     Raises:
-        DataError: It is no index, is of another version, or two shards hold the same recordings.
+        DataError: It is no index, is damaged or of another version, or two shards hold the same
+            recordings.
     """
     try:
-        plain = json.loads(text)
-        if plain["version"] != shards.VERSION:
+        version = load_json(text)["version"]
+        if version != VERSION:
             raise DataError(
-                f"{where}: version {plain['version']}, but this tactileforge reads "
-                f"{shards.VERSION}; pack the data again"
+                f"{where}: version {version}, but this tactileforge reads {VERSION}; pack the data "
+                "again, or remove the file to read the shards without it"
             )
+        plain = unsealed(text)
         splits = {
             str(split): [IndexEntry.from_json(row) for row in rows]
             for split, rows in plain["splits"].items()
@@ -185,9 +189,3 @@ def sort_recordings(recordings: Iterable[Recording]) -> list[Recording]:
 
 def _digest(text: str) -> str:
     return hashlib.blake2b(text.encode("utf-8", "surrogatepass"), digest_size=8).hexdigest()
-
-
-def sha256(path: Path) -> str:
-    """Checksum of a file."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

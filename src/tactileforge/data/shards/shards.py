@@ -34,6 +34,7 @@ from tactileforge.data.frames.image_codecs import (
     member_name,
 )
 from tactileforge.errors import DataError
+from tactileforge.untrusted import MAX_PIXELS, load_json
 
 __all__ = [
     "CODECS",
@@ -50,9 +51,15 @@ __all__ = [
 VERSION = 3
 
 _JSON = re.compile(r"\d{6,}\.json")
-#: A JSON of more bytes, and an image of more pixels, are none of ours.
-_MAX_JSON = 1 << 28
-_MAX_PIXELS = 1 << 26
+#: Largest JSON that is read, bytes.
+_MAX_JSON = 1 << 26
+#: Largest image that is read, bytes.
+_MAX_PICTURE = 1 << 28
+#: Types that a track may have.
+_DTYPES = frozenset({"bool", *(f"{kind}{8 * n}" for kind in ("int", "uint") for n in (1, 2, 4, 8))})
+_DTYPES |= {"float16", "float32", "float64"}
+#: Errors that foreign plain data may raise where it is read.
+_WRONG = (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
 
 
 @dataclass(frozen=True)
@@ -240,7 +247,25 @@ def _member(file: BinaryIO, path: Path, place: int) -> tuple[str, int] | None:
         info = tarfile.TarInfo.frombuf(block, "utf-8", "surrogateescape")
     except tarfile.HeaderError as error:
         raise DataError(f"{path}: no tar at byte {place} ({error}); pack it again") from error
+    if not 0 <= info.size < 1 << 60:
+        raise DataError(f"{path}: a member of {info.size} bytes at byte {place}; pack it again")
     return info.name, info.size
+
+
+def members(path: Path) -> Iterator[tuple[str, bytes]]:
+    """Names of the members of a tar file, and what they hold.
+
+    Raises:
+        DataError: It is no tar file, or cut off; names it.
+    """
+    with path.open("rb") as file:
+        place, size = 0, os.fstat(file.fileno()).st_size
+        while (found := _member(file, path, place)) is not None:
+            name, length = found
+            if place + BLOCK + length > size:
+                raise DataError(f"{path}: cut off at byte {size}; download or pack it again")
+            yield name, file.read(length)
+            place += BLOCK + _padded(length)
 
 
 def _padded(size: int) -> int:
@@ -249,20 +274,20 @@ def _padded(size: int) -> int:
 
 def _head(text: bytes, where: str) -> dict[str, Any]:
     try:
-        about = json.loads(text)
+        about = load_json(text)
         stated = about.pop("crc32")
         version = about["version"]
-    except (ValueError, TypeError, AttributeError, KeyError) as error:
+        found = _checksum(about)
+    except _WRONG as error:
         raise DataError(f"{where}: no description of a recording ({error!r})") from error
     if version != VERSION:
         raise DataError(
             f"{where}: shard version {version}, but this tactileforge reads {VERSION}; pack the "
             "data again"
         )
-    if stated != _checksum(about):
+    if stated != found:
         raise DataError(f"{where}: damaged (its checksum is another); download or pack it again")
-    head: dict[str, Any] = about
-    return head
+    return dict(about)
 
 
 def _recording(path: Path, stem: str, about: Any, place: int) -> tuple[Recording, int]:
@@ -277,24 +302,28 @@ def _recording(path: Path, stem: str, about: Any, place: int) -> tuple[Recording
             table = about["pictures"][group]
             sizes = np.array(table["bytes"], np.int64)
             crcs = np.array(table["crc32"], np.uint32)
-            if not len(sizes) or sizes.shape != crcs.shape or sizes.min() < 0:
+            if not len(sizes) or sizes.shape != crcs.shape:
                 raise ValueError(f"{group}: {len(sizes)} sizes, {len(crcs)} checksums")
+            if sizes.min() < 0 or sizes.max() > _MAX_PICTURE:
+                raise ValueError(f"{group}: a picture of {sizes.min()} or {sizes.max()} bytes")
             ends = place + np.cumsum(BLOCK + -(-sizes // BLOCK) * BLOCK)
             starts = np.concatenate([[place], ends[:-1]])
             place = int(ends[-1])
             height, width = map(int, table["shape"])
-            if not 0 < height * width <= _MAX_PIXELS:
+            if not 0 < height * width <= MAX_PIXELS:
                 raise ValueError(f"{group}: {height} x {width} pixels")
             lazy[group] = PackedFrames(
                 where, path, stem, group, about["codec"], (height, width), starts, sizes, crcs
             )
         return _build(about, lazy), place
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except _WRONG as error:
         raise DataError(f"{where}: its description is wrong ({error!r}); pack it again") from error
 
 
 def _build(about: dict[str, Any], lazy: dict[str, PackedFrames]) -> Recording:
     times = np.array(about["times"], np.float64)
+    if times.ndim != 1 or not np.isfinite(times).all():
+        raise ValueError("times are finite numbers, one a frame")
     force, action, seen = about["force"], about["action"], about["image_times"]
     tracks = {name: _track(track) for name, track in about["tracks"].items()}
     surface = lazy.get("surface")
@@ -332,7 +361,6 @@ def _build(about: dict[str, Any], lazy: dict[str, PackedFrames]) -> Recording:
 
 
 def _track(track: Any) -> NDArray[Any]:
-    dtype = np.dtype(track["dtype"])
-    if dtype.kind not in "biuf":
-        raise TypeError(f"a track of {dtype}")
-    return np.array(track["values"], dtype)
+    if track["dtype"] not in _DTYPES:
+        raise TypeError(f"a track of {track['dtype']!r}")
+    return np.array(track["values"], track["dtype"])

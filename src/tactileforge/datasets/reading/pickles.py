@@ -45,6 +45,8 @@ def load_pickle(path: str | Path) -> Any:
         LookupError,
         MemoryError,
         OSError,
+        RecursionError,
+        SyntaxError,
         TypeError,
         ValueError,
     ) as error:
@@ -81,6 +83,8 @@ def _bytes(raw: Any) -> bytes:
 
 
 def _dtype(name: str, *_: Any) -> _Unfinished:
+    if not isinstance(name, str):
+        raise _Refused("an array of no type")
     dtype = np.dtype(name)
     if dtype.kind not in "biufcSUO":
         raise _Refused(f"an array of {name!r}")
@@ -144,6 +148,8 @@ _EMPTY: dict[str, Callable[[], Any]] = {
     "EMPTY_TUPLE": tuple,
     "EMPTY_SET": set,
 }
+#: How deep tuples may be nested.
+_DEEPEST = 100
 _TUPLES = {"TUPLE1": 1, "TUPLE2": 2, "TUPLE3": 3}
 
 
@@ -153,6 +159,7 @@ class _Machine:
         self.stack: list[Any] = []
         self.marks: list[int] = []
         self.memo: dict[int, Any] = {}
+        self.depths: dict[int, int] = {}  # of tuples and frozen sets, by identity
 
     def result(self) -> Any:
         (value,) = self.stack
@@ -171,7 +178,11 @@ class _Machine:
         elif name in _EMPTY:
             self.stack.append(_EMPTY[name]())
         elif name in _TUPLES:
-            self.stack[-_TUPLES[name] :] = [tuple(self.stack[-_TUPLES[name] :])]
+            if len(self.stack) < _TUPLES[name]:
+                raise ValueError("a tuple of nothing")
+            items = self.stack[-_TUPLES[name] :]
+            del self.stack[-_TUPLES[name] :]
+            self._push(tuple(items))
         elif name in ("MEMOIZE", "BINPUT", "LONG_BINPUT"):
             self._remember(len(self.memo) if name == "MEMOIZE" else argument)
         elif name in ("BINGET", "LONG_BINGET"):
@@ -181,6 +192,15 @@ class _Machine:
             if step is None:
                 raise _Refused(f"the instruction {name}")
             step(self, argument)
+
+    def _push(self, value: tuple[Any, ...] | frozenset[Any]) -> None:
+        """Keeps how deep values are nested: Python would overrun its stack where one is hashed."""
+        inner = (self.depths.get(id(x), 0) for x in value if isinstance(x, tuple | frozenset))
+        depth = 1 + max(inner, default=0)
+        if depth > _DEEPEST:
+            raise _Refused("values nested too deep")
+        self.depths[id(value)] = depth
+        self.stack.append(value)
 
     def _remember(self, key: int) -> None:
         self.memo[key] = self.stack[-1]
@@ -197,12 +217,10 @@ class _Machine:
         return items
 
     def tuple(self, _: Any) -> None:
-        items = self._since_mark()
-        self.stack.append(tuple(items))
+        self._push(tuple(self._since_mark()))
 
     def frozenset(self, _: Any) -> None:
-        items = self._since_mark()
-        self.stack.append(frozenset(items))
+        self._push(frozenset(self._since_mark()))
 
     def append(self, _: Any) -> None:
         item = self.stack.pop()

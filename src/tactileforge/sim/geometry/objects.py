@@ -14,11 +14,11 @@ from typing import Any, Protocol
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, UnidentifiedImageError
 
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.sim.geometry.indenter_geometry import CELLS, DEEP, REACH, Shape, shape_of
 from tactileforge.sim.geometry.sdf2d import Array, Point
+from tactileforge.untrusted import open_picture
 
 _EMPTY = -1e6
 _SAMPLES = 2_000_000
@@ -129,9 +129,9 @@ def picture_shape(
             "above 0"
         )
     try:
-        with Image.open(path) as opened:
+        with open_picture(path) as opened:
             mode, grey = opened.mode, np.asarray(opened)
-    except (UnidentifiedImageError, OSError, SyntaxError) as error:
+    except (OSError, SyntaxError, ValueError) as error:
         raise DataError(f"{path}: not a picture that can be read: {error}") from error
     if grey.ndim != 2 or grey.dtype not in (np.uint8, np.uint16):
         raise DataError(f"{path}: a picture of mode {mode}; save it as grey, 8 or 16 bit")

@@ -1,0 +1,121 @@
+"""The folder of a run belongs to one run: locked while it is written, and never shared."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import os
+import secrets
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError
+from tactileforge.files import unsealed, write_text
+from tactileforge.untrusted import dump_yaml, load_yaml
+
+#: File that is locked while a process writes into the folder.
+LOCK = ".lock"
+#: What a run is made with.
+CONFIG = "config.yaml"
+#: By what it was made: command, packages, plugins, licences.
+VERSIONS = "versions.json"
+#: First line of that file, before the checksum of what follows.
+_SEAL = "# sha256 (remove this line where you change the file): "
+
+
+def identity() -> str:
+    """A name for a new run, that no other run has: 16 hexadecimal digits."""
+    return secrets.token_hex(8)
+
+
+def write_config(folder: Path, plain: Mapping[str, Any]) -> None:
+    """Writes ``config.yaml``, with its checksum."""
+    text = dump_yaml(dict(plain))
+    write_text(folder / CONFIG, f"{_SEAL}{_sha256(text)}\n{text}")
+
+
+def read_config(folder: Path) -> dict[str, Any]:
+    """The configuration of a run; nothing in it is looked up or interpolated.
+
+    Raises:
+        DataNotFoundError: There is none.
+        DataError: It is damaged, or no configuration.
+    """
+    path = folder / CONFIG
+    if not path.is_file():
+        raise DataNotFoundError(f"{folder}: no {CONFIG} there; give the folder of a run")
+    try:
+        text = path.read_text("utf-8")
+        first, _, rest = text.partition("\n")
+        sealed = "sha256" in first or "remove this line" in first  # one of them, at least
+        if sealed and first != f"{_SEAL}{_sha256(rest)}":
+            raise ValueError("its checksum is another: it was changed, or damaged")
+        found = load_yaml(text)
+        if not isinstance(found, dict):
+            raise ValueError("no names and values")
+    except (ValueError, OSError) as error:
+        raise DataError(
+            f"{path}: not the configuration of a run ({error}); put the right file back"
+        ) from error
+    return {str(key): value for key, value in found.items()}
+
+
+def read_versions(folder: Path) -> dict[str, Any]:
+    """What ``versions.json`` of a run says; nothing where it is absent.
+
+    Raises:
+        DataError: It is damaged.
+    """
+    path = folder / VERSIONS
+    try:
+        return unsealed(path.read_bytes()) if path.is_file() else {}
+    except ValueError as error:
+        raise DataError(f"{path}: damaged ({error}); remove it, or put it back") from error
+
+
+def _sha256(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+@contextmanager
+def claimed(folder: Path, resumes: bool) -> Iterator[None]:
+    """Holds the folder of a run, until it is left or the process ends.
+
+    Processes of one run share its folder: the first of them (rank 0) holds it.
+
+    Args:
+        folder: Of the run; it is made.
+        resumes: Whether the run in it goes on; else the folder must have none.
+
+    Raises:
+        ConfigError: Another process writes into it, or it holds a run.
+    """
+    from lightning.pytorch.utilities.rank_zero import rank_zero_only
+
+    from tactileforge.callbacks.checkpoints import LAST
+
+    if rank_zero_only.rank != 0:
+        yield
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    # The lock is the process's own: readers that outlive a killed run for a moment do not hold it.
+    with (folder / LOCK).open("a+") as file:
+        try:
+            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            file.seek(0)
+            raise ConfigError(
+                f"{folder}: another run writes here (process {file.read().strip() or 'unknown'}); "
+                "give another hydra.run.dir="
+            ) from error
+        if not resumes and (folder / LAST).exists():
+            raise ConfigError(
+                f"{folder} holds a run: go on with it (resume={folder}), start from its weights "
+                f"(init={folder}) with another hydra.run.dir=, or remove it"
+            )
+        file.truncate(0)
+        file.write(f"{os.getpid()} on {os.uname().nodename}")
+        file.flush()
+        yield

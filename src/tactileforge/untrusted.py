@@ -1,0 +1,124 @@
+"""Text and pictures that come with data: read as plain values, within limits, and nothing run.
+
+A name in braces (``${...}``) stays the text it is: it is never looked up, so that nothing of this
+machine (its environment, its other files) gets into what is made of the data.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import IO, TYPE_CHECKING, Any
+
+import yaml
+
+if TYPE_CHECKING:
+    from PIL import Image
+
+#: Bytes of a YAML text, and values in it with what aliases repeat.
+_MAX_YAML, _MAX_NODES = 1 << 20, 100_000
+#: Pixels of a picture: 8192 x 8192.
+MAX_PIXELS = 1 << 26
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML 1.2's numbers, no dates, and no key twice."""
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
+        if twice := [key for key in keys if key != "<<" and keys.count(key) > 1]:
+            raise ValueError(f"line {node.start_mark.line + 1}: {twice[0]!r} comes twice")
+        return super().construct_mapping(node, deep)
+
+
+_Loader.yaml_implicit_resolvers = {
+    first: [(tag, rule) for tag, rule in rules if not tag.endswith(":timestamp")]
+    for first, rules in yaml.SafeLoader.yaml_implicit_resolvers.items()
+}
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"[-+]?\d[\d_]*(\.\d*)?[eE][-+]?\d+$"),
+    list("-+0123456789"),
+)
+
+
+class _Dumper(yaml.SafeDumper):
+    """Quotes what `_Loader` would not read as text."""
+
+
+_Dumper.yaml_implicit_resolvers = _Loader.yaml_implicit_resolvers
+
+
+def dump_yaml(plain: Any, **options: Any) -> str:
+    """The YAML of plain values, which `load_yaml` reads back; keys stay in their order."""
+    text: str = yaml.dump(plain, Dumper=_Dumper, sort_keys=False, allow_unicode=True, **options)
+    return text
+
+
+def load_yaml(text: str) -> Any:
+    """The values of a YAML text.
+
+    Raises:
+        ValueError: It is no YAML, has a key twice, or is larger or nested deeper than any of ours.
+
+    Example:
+        >>> load_yaml("a: [1, 2e-3, '${oc.env:HOME}', 2026-01-01]")
+        {'a': [1, 0.002, '${oc.env:HOME}', '2026-01-01']}
+    """
+    if len(text) > _MAX_YAML:
+        raise ValueError(f"{len(text)} characters, where {_MAX_YAML} are the limit")
+    try:
+        loader = _Loader(text)
+        root = loader.get_single_node()
+        if root is None:
+            return None
+        if _size(root, {}) > _MAX_NODES:
+            raise ValueError(f"more than {_MAX_NODES} values, with those that aliases repeat")
+        return loader.construct_document(root)
+    except yaml.YAMLError as error:
+        raise ValueError(f"not YAML: {error}") from error
+    except RecursionError as error:
+        raise ValueError("not YAML of ours: nested too deep, or in itself") from error
+
+
+def _size(node: Any, known: dict[int, int]) -> int:
+    """Values of a node, each as often as it is repeated."""
+    if id(node) not in known:
+        inner = node.value if isinstance(node, yaml.CollectionNode) else ()
+        parts = [part for item in inner for part in (item if isinstance(item, tuple) else (item,))]
+        known[id(node)] = 1 + sum(_size(part, known) for part in parts)
+    return known[id(node)]
+
+
+def load_json(text: str | bytes) -> Any:
+    """The values of a JSON text.
+
+    Raises:
+        ValueError: It is no JSON, or nested deeper than any of ours.
+    """
+    try:
+        return json.loads(text)
+    except RecursionError as error:
+        raise ValueError("nested too deep") from error
+
+
+def open_picture(file: str | IO[bytes]) -> Image.Image:
+    """Opens a picture for Pillow, its header read and its size within limits.
+
+    Raises:
+        OSError: It cannot be read.
+        SyntaxError: Its header is damaged.
+        ValueError: It has more pixels than `MAX_PIXELS`, or the file is damaged.
+    """
+    from PIL import Image
+
+    try:
+        opened = Image.open(file)
+    except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
+        raise ValueError(str(error)) from error
+    if opened.width * opened.height > MAX_PIXELS:
+        opened.close()
+        raise ValueError(
+            f"{opened.width} x {opened.height} pixels, where {MAX_PIXELS:,} in all are the limit"
+        )
+    return opened

@@ -1,0 +1,123 @@
+"""A run's folder belongs to one run."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+
+from tactileforge import cli, run_folder
+from tactileforge.callbacks.checkpoints import (
+    LAST,
+    AtomicCheckpointIO,
+    read_checkpoint,
+    read_own,
+    seal,
+)
+from tactileforge.errors import ConfigError, DataError
+
+SMALL = ["train", "scale=demo", "debug=steps", "encoder.image_size=32", "batch.workers=0"]
+SMALL += ["objective=[pixel]", "batch.size=8", "data.scenes=3", "data.val=1", "data.size=32"]
+
+#: Holds the lock of a folder until its input ends.
+HOLD = """
+import fcntl, sys
+file = open(sys.argv[1], "w")
+fcntl.lockf(file, fcntl.LOCK_EX)
+print("123 on there", file=file, flush=True)
+print("held", flush=True)
+sys.stdin.read()
+"""
+
+
+def test_a_folder_that_is_written_is_refused(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", HOLD, str(tmp_path / run_folder.LOCK)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+        assert other.stdout is not None
+        other.stdout.readline()
+        for resumes in (False, True):
+            with (
+                pytest.raises(ConfigError, match=r"another run .*process 123 on there"),
+                run_folder.claimed(tmp_path, resumes),
+            ):
+                pass
+        other.communicate()
+    with run_folder.claimed(tmp_path, resumes=False):  # the lock went with its process
+        pass
+
+
+def test_two_runs_of_one_second_have_two_folders(capsys: pytest.CaptureFixture[str]) -> None:
+    folders = set()
+    for _ in range(2):
+        assert cli.run(["train", "--cfg", "hydra", "--resolve", "--package", "hydra.run"]) == 0
+        folders.add(capsys.readouterr().out)
+    assert len(folders) == 2
+
+
+def test_the_folder_of_a_run_is_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A second run is refused, and another run's checkpoint is not gone on with."""
+    one, other = tmp_path / "one", tmp_path / "other"
+    for folder in (one, other):
+        assert cli.run([*SMALL, f"hydra.run.dir={folder}"]) == 0
+    before = (one / LAST).read_bytes(), (one / "config.yaml").read_bytes()
+    assert cli.run([*SMALL, "seed=1", f"hydra.run.dir={one}"]) == 1
+    assert f"{one} holds a run: go on with it (resume={one})" in capsys.readouterr().err
+    assert before == ((one / LAST).read_bytes(), (one / "config.yaml").read_bytes())
+
+    assert read_checkpoint(one)["run"] == run_folder.read_config(one)["run"]
+    (one / LAST).write_bytes((other / LAST).read_bytes())
+    assert cli.run(["train", f"resume={one}"]) == 1
+    said = capsys.readouterr().err
+    assert (
+        f"is a checkpoint of run {read_checkpoint(other)['run']}, but config.yaml beside it" in said
+    )
+
+
+def test_a_checkpoint_is_of_one_run(tmp_path: Path) -> None:
+    AtomicCheckpointIO("a").save_checkpoint({"state_dict": {}}, tmp_path / LAST)
+    assert read_own(tmp_path, "a")["run"] == "a"
+    with pytest.raises(ConfigError, match=r"of run a, but config\.yaml beside it is of run b"):
+        AtomicCheckpointIO("b").load_checkpoint(tmp_path / LAST)
+
+
+def test_every_flipped_bit_of_a_checkpoint_is_found(tmp_path: Path) -> None:
+    path = tmp_path / LAST
+    AtomicCheckpointIO("a").save_checkpoint({"state_dict": {"w": torch.arange(64.0)}}, path)
+    assert read_checkpoint(path)["state_dict"]["w"].tolist() == list(range(64))
+    raw = path.read_bytes()
+    for place in range(0, len(raw), 7):
+        path.write_bytes(raw[:place] + bytes([raw[place] ^ 1 << place % 8]) + raw[place + 1 :])
+        with pytest.raises(ConfigError, match="checksum"):
+            read_checkpoint(path)
+
+
+@pytest.mark.parametrize("left", [0, 10, 900, -1])
+def test_half_a_checkpoint_is_named(tmp_path: Path, left: int) -> None:
+    path = tmp_path / LAST
+    AtomicCheckpointIO("a").save_checkpoint({"state_dict": {"w": torch.zeros(64)}}, path)
+    path.write_bytes(path.read_bytes()[:left])
+    with pytest.raises(ConfigError, match="cut off, or of another program"):
+        read_checkpoint(path)
+
+
+def test_what_is_sealed_is_not_sealed_again(tmp_path: Path) -> None:
+    AtomicCheckpointIO("a").save_checkpoint({"state_dict": {}}, tmp_path / LAST)
+    with (tmp_path / LAST).open("r+b") as file, pytest.raises(ValueError, match="has a checksum"):
+        seal(file)
+
+
+def test_a_configuration_that_has_changed_is_an_error(tmp_path: Path) -> None:
+    plain = {"optim": {"lr": 0.001}, "data": {"root": "${oc.env:HOME}"}, "seed": 3}
+    run_folder.write_config(tmp_path, plain)
+    assert run_folder.read_config(tmp_path) == plain
+    path = tmp_path / run_folder.CONFIG
+    raw = path.read_bytes()
+    for bit in range(8 * len(raw)):
+        flipped = bytearray(raw)
+        flipped[bit // 8] ^= 1 << bit % 8
+        path.write_bytes(flipped)
+        with pytest.raises(DataError, match="not the configuration of a run"):
+            run_folder.read_config(tmp_path)
+    path.write_bytes(raw.partition(b"\n")[2].replace(b"0.001", b"0.003"))  # by hand, on purpose
+    assert run_folder.read_config(tmp_path)["optim"] == {"lr": 0.003}
