@@ -42,7 +42,7 @@ _EXPECTED = (
 
 
 def train(config: DictConfig | dict[str, Any], folder: Path) -> TouchModule:
-    """Trains, and leaves a report.
+    """Trains, and writes a report.
 
     In ``folder``: ``config.yaml`` (resolved), ``versions.json``, ``metrics/*/metrics.csv``,
     ``checkpoints/last.ckpt`` and ``report.html``.

@@ -1,4 +1,4 @@
-"""The head of self-distillation."""
+"""The head of self-distillation (DINO)."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ class DinoHead(nn.Module):
         self.seen: Tensor
 
     def after_step(self, encoder: Encoder, step: int, total: int) -> None:
-        """The centre moves towards the last batch; see `contracts.AfterStep`."""
+        """Moves the centre towards the last batch; see `contracts.AfterStep`."""
         self.centre.lerp_(self.seen, 1 - self.centring)
         self.teacher.after_step(self.student, step, total)
         self.target.after_step(encoder, step, total)

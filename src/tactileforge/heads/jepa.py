@@ -1,4 +1,4 @@
-"""The head that predicts the features of masked tubes."""
+"""The head that predicts features of masked tubes (JEPA)."""
 
 from __future__ import annotations
 

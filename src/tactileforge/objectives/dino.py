@@ -1,4 +1,4 @@
-"""A masked clip is sorted among prototypes as the whole clip is."""
+"""Self-distillation (DINO): the student on a masked clip matches the teacher on the whole."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Dino(nn.Module):
         self.teacher_temperature: Tensor
 
     def after_step(self, encoder: Encoder, step: int, total: int) -> None:
-        """The teacher's temperature rises; see `contracts.AfterStep`."""
+        """Raises the teacher's temperature; see `contracts.AfterStep`."""
         share = min(1.0, step / max(1.0, self.warmup * total))
         self.teacher_temperature.fill_(self.low + share * (self.high - self.low))
 

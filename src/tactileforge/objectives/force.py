@@ -1,4 +1,4 @@
-"""Forces and their changes are predicted."""
+"""Predicts forces and their changes."""
 
 from __future__ import annotations
 

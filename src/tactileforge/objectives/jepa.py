@@ -1,4 +1,4 @@
-"""Features of masked tubes are predicted."""
+"""Predicts features of masked tubes (JEPA)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pairs of clips for matching."""
+"""Sampler of pairs of clips for matching."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Item: TypeAlias = tuple[int, int]
 
 
 class Pairs:
-    """Pairs of clips for matching: one object by two sensors, or one action.
+    """Samples pairs of clips for matching: one object by two sensors, or one action.
 
     Args:
         objects: int64 (n,), object of each clip; -1 unknown.
@@ -35,7 +35,7 @@ class Pairs:
         return bool(self._by_sensor or self._by_action)
 
     def draw(self, count: int, rng: np.random.Generator) -> list[Item]:
-        """``count`` pairs, by object and by action in turn; each is one group."""
+        """Draws ``count`` pairs, by object and by action in turn; each is one group."""
         items: list[Item] = []
         for group in range(count):
             of_object = bool(self._by_sensor) and (group % 2 == 0 or not self._by_action)
@@ -51,7 +51,7 @@ class Pairs:
 
 
 def _groups(values: NDArray[Any]) -> list[NDArray[np.int64]]:
-    """Places of each value that is not negative, by ascending value."""
+    """Indices of each non-negative value, by ascending value."""
     order = np.argsort(values, kind="stable")
     order = order[values[order] >= 0]
     if not len(order):

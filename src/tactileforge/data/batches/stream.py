@@ -49,7 +49,7 @@ class SourceDraw:
 
 
 class FullSource:
-    """A source that is sampled as a whole: an epoch is a permutation of its clips.
+    """Sampler of a whole source: an epoch is a permutation of its clips.
 
     Args:
         clips: All of its clips.
@@ -87,7 +87,7 @@ class FullSource:
 
 
 class WindowedSource:
-    """A source of which each reader holds a window.
+    """Sampler of a large source, of which each worker holds a window.
 
     Args:
         source: The source.
@@ -124,7 +124,7 @@ class WindowedSource:
 
     @property
     def size(self) -> float:
-        """About how many clips there are."""
+        """Estimated number of clips."""
         return float(self.clips.sum())
 
     def draw(self, number: int, reader: WorkerId, bad: Bad) -> SourceDraw:
@@ -145,7 +145,7 @@ class WindowedSource:
         return passed, place, rest - (int(ends[place - 1]) if place else 0)
 
     def _pass(self, turn: int, mine: tuple[int, int]) -> tuple[int, int]:
-        """In which pass over the source a reader's batch lies, and at which place there."""
+        """Pass over the source, and place within it, of a reader's batch."""
         starts = self._starts.setdefault(mine, [0])
         while starts[-1] <= turn:
             plan = self._schedule(len(starts) - 1, *mine)
@@ -192,12 +192,12 @@ class WindowedSource:
 
 
 def estimate_clips(recordings: int, seconds: float, hop: float) -> float:
-    """About how many clips so much touch gives."""
+    """Estimates the number of clips of some recordings."""
     return max(recordings, seconds / hop)
 
 
 class Stream(Dataset[Batch]):
-    """Batches by number.
+    """Map-style data set of whole batches, each a pure function of its number.
 
     Args:
         tracks: What each batch draws from; their counts and ``n_pairs`` make up a batch.
@@ -275,7 +275,7 @@ class Stream(Dataset[Batch]):
 
 
 class BatchIndexSampler(Sampler[int]):
-    """Numbers of batches, from the run's present place to the end of the epoch.
+    """Sampler of batch numbers, from the run's current step to the end of the epoch.
 
     Args:
         length: Batches of an epoch.
@@ -299,7 +299,7 @@ def allocate(
     sources: Sequence[tuple[str, float, frozenset[str]]],
     shares: Mapping[str, float],
 ) -> list[int]:
-    """Clips that each source gives to every batch.
+    """Allocates the clips of every batch to the sources.
 
     Args:
         size: Clips to share out.
@@ -343,7 +343,7 @@ def allocate(
 
 
 def _apportion(count: int, weights: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Whole numbers in proportion to weights, by largest remainders."""
+    """Integers in proportion to weights, by the largest-remainder method."""
     exact = count * weights / weights.sum()
     out: NDArray[np.int64] = np.floor(exact).astype(np.int64)
     rest = np.argsort(out - exact, kind="stable")[: count - int(out.sum())]

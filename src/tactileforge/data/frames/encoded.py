@@ -1,4 +1,4 @@
-"""Frames that lie as encoded images, or as arrays, in a file of something else."""
+"""Frames stored as encoded images, or as arrays, inside another file."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _UNREADABLE = (OSError, SyntaxError, TypeError, ValueError)
 
 @dataclass(frozen=True, slots=True)
 class Blob:
-    """A byte string that is still in its file.
+    """A byte string that has not been read from its file.
 
     Attributes:
         path: The file.

@@ -1,4 +1,4 @@
-"""Images in a shard: encoded, and read and checked where they lie."""
+"""Image codecs of shards; images are read and verified in place."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def codec_of(group: str, codec: str) -> str:
 
 
 def image_size(data: bytes) -> tuple[int, int]:
-    """Height and width, from the header alone."""
+    """Reads height and width from the header alone."""
     if data[:2] == b"\xff\xd8":  # JPEG: go from segment to segment to the start of frame
         place = 2
         while len(segment := data[place : place + 9]) == 9:
@@ -78,7 +78,7 @@ def image_size(data: bytes) -> tuple[int, int]:
 
 
 class PackedFrames:
-    """Images in a shard, read and checked where they lie.
+    """Images of a shard, read and verified in place.
 
     Args:
         name: Of the recording, for messages.

@@ -29,7 +29,7 @@ _LABELS = np.array([[ACTIONS.index(name) for name in pair] for pair in _NAMES])
 
 
 def label_actions(times: NDArray[np.float64], force: NDArray[np.floating]) -> NDArray[np.int64]:
-    """Labels each frame with what the forces do around it.
+    """Labels each frame by the change of the forces around it.
 
     A rate of change is fitted to 0.3 s of each component. A frame is labelled if there is contact
     (5 % of the largest normal force), if the rate is clear (15 % of the largest force in a second,

@@ -1,4 +1,4 @@
-"""Modalities in time: nearest frames of two clocks, and how late images are behind forces."""
+"""Temporal alignment: nearest frames of two clocks, and the lag of images behind forces."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _STILL = 1e-6
 
 @dataclass(frozen=True)
 class Lag:
-    """By how much images come after forces, and how sure that is.
+    """Lag of images behind forces, with its confidence.
 
     Attributes:
         seconds: Positive where images are late; NaN where nothing moves.
@@ -34,7 +34,7 @@ class Lag:
 
 
 def nearest(times: ArrayLike, at: ArrayLike) -> NDArray[np.int64]:
-    """For each time in ``at``, which of ``times`` is nearest; of two equally near, the earlier.
+    """Index of the nearest of ``times`` for each time in ``at``; the earlier of two equally near.
 
     Args:
         times: (n,), seconds, ascending; at least one.
@@ -65,7 +65,7 @@ def estimate_lag(
     change: NDArray[np.floating],
     reach: float = 0.5,
 ) -> Lag:
-    """Seconds by which images come after forces, by cross-correlation.
+    """Estimates the lag of images behind forces, s, by cross-correlation.
 
     The size of the normal force, which makes the imprint, is correlated with how much the image
     differs from the background, at every shift of whole frames within ``reach``; a parabola through
@@ -118,7 +118,7 @@ _NO_LAG = Lag(np.nan, np.nan, np.nan)
 def _resampled(
     clock: NDArray[np.float64], times: NDArray[np.float64], values: NDArray[np.floating]
 ) -> NDArray[np.float64]:
-    """Values at the ticks of a clock; NaN beside a NaN."""
+    """Interpolates values at the ticks of a clock; NaN beside a NaN."""
     known = np.isfinite(values)
     out = np.interp(clock, times, np.where(known, values, 0.0))
     out[np.interp(clock, times, known.astype(float)) < 1 - 1e-9] = np.nan
@@ -126,7 +126,7 @@ def _resampled(
 
 
 def _correlation(pressed: NDArray[np.float64], seen: NDArray[np.float64], shift: int) -> float:
-    """Of force and images ``shift`` ticks later; NaN where one of them does not move."""
+    """Correlation of force and images ``shift`` ticks later; NaN where either is constant."""
     count = len(pressed) - abs(shift)
     a = pressed[max(0, -shift) :][:count]
     b = seen[max(0, shift) :][:count]
