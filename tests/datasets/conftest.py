@@ -79,7 +79,7 @@ def levels() -> Callable[[Frames | None], list[int]]:
 
     def read(frames: Frames | None) -> list[int]:
         assert frames is not None
-        return [round(float(one.mean()) / 7) for one in frames.read(range(len(frames)))]
+        return [round(float(frame.mean()) / 7) for frame in frames.read(range(len(frames)))]
 
     return read
 
@@ -105,7 +105,7 @@ def conforms() -> Callable[..., None]:
 
     def run(dataset: type, **options: Any) -> None:
         results = check("dataset", dataset, **options)
-        assert [one for one in results if one.status == "failed"] == []
-        assert sum(one.status == "ran" for one in results) >= 8
+        assert [result for result in results if result.status == "failed"] == []
+        assert sum(result.status == "ran" for result in results) >= 8
 
     return run
