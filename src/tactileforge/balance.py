@@ -182,6 +182,8 @@ class GradNorm(FixedWeights):
         self.loss.copy_(torch.where(met, moved, self.loss))
         known = awake & (self.norm > 0) & (self.first > 0)
         count = known.sum().clamp(min=1)
+        # Chen et al.: ratio is L~_i = L_i / L_i(0), rate r_i = L~_i / mean(L~); the norm wanted of
+        # w_i G_i is mean(G) r_i^alpha, so log w_i = alpha log r_i - log G_i up to a constant
         ratio = torch.where(known, self.loss / self.first.clamp(min=1e-12), 0.0)
         rate = ratio / (ratio.sum() / count).clamp(min=1e-12)
         wanted = self.alpha * rate.clamp(min=1e-6).log() - self.norm.clamp(min=1e-12).log()
@@ -218,6 +220,7 @@ class Uncertainty(FixedWeights):
         self, losses: Tensor, awake: Tensor, weights: Mapping[str, float], step: int
     ) -> None:
         """See `FixedWeights.update`; a step without labels leaves its factor as it is."""
+        # Kendall et al.: s = log sigma^2; d/ds (exp(-s) L + s) = 1 - exp(-s) L
         log = self.factor.log()
         moved = log + self.rate * (1 - self.factor * losses)
         limit = math.log(self.bound)

@@ -440,7 +440,7 @@ class Head(Protocol):
 class AfterStep(Protocol):
     """A head or objective with state that is updated after each step, such as an EMA.
 
-    Having the method is enough. What it changes (slow copies, temperatures) are buffers or frozen
+    Having the method is enough. What it changes (EMA copies, temperatures) are buffers or frozen
     parameters, so that checkpoints keep them and a resumed run goes on with them.
     """
 

@@ -57,5 +57,6 @@ class Dino(nn.Module):
         student = F.log_softmax(prediction.student / self.temperature, dim=-1)
         loss = F.kl_div(student, teacher, reduction="batchmean", log_target=True)
         share = teacher.exp()
+        # H(mean p) - mean H(p): 0 if all clips take one prototype, or spread over all alike
         entropy = torch.special.entr(torch.cat([share, share.mean(0, keepdim=True)])).sum(-1)
         return loss, {"information": entropy[-1] - entropy[:-1].mean()}

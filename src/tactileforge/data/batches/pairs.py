@@ -38,9 +38,11 @@ class Pairs:
         """Draws ``count`` pairs, by object and by action in turn; each is one group."""
         items: list[Item] = []
         for group in range(count):
+            # in turn, so that neither kind of pair depends on how common the other is
             of_object = bool(self._by_sensor) and (group % 2 == 0 or not self._by_action)
             if of_object:
                 shares = self._by_sensor[rng.integers(len(self._by_sensor))]
+                # sensors first, then clips: a sensor with many clips is not favoured
                 two = rng.choice(len(shares), 2, replace=False)
                 pair = [rng.choice(shares[i]) for i in two]
             else:
@@ -53,7 +55,7 @@ class Pairs:
 def _groups(values: NDArray[Any]) -> list[NDArray[np.int64]]:
     """Indices of each non-negative value, by ascending value."""
     order = np.argsort(values, kind="stable")
-    order = order[values[order] >= 0]
+    order = order[values[order] >= 0]  # -1 is unknown, and matches nothing
     if not len(order):
         return []
     return np.split(order, np.flatnonzero(np.diff(values[order])) + 1)

@@ -72,9 +72,11 @@ class FullSource:
 
     def draw(self, number: int, reader: WorkerId, bad: Bad) -> SourceDraw:
         """Draws the clips of batch ``number`` for a reader's rank."""
+        # ranks take consecutive slices of one endless series of permutations: no clip is drawn twice
+        # in a pass, for any number of ranks, and a batch may span two passes
         first = (number * reader.world + reader.rank) * self.count
         passes, rows = divmod(np.arange(first, first + self.count), len(self.clips))
-        for old in set(self._orders) - set(passes.tolist()):
+        for old in set(self._orders) - set(passes.tolist()):  # permutations are large: keep two
             del self._orders[old]
         picked = [self._order(int(p))[row] for p, row in zip(passes, rows, strict=True)]
         return SourceDraw(self.clips, np.array(picked, np.int64))
@@ -129,11 +131,12 @@ class WindowedSource:
 
     def draw(self, number: int, reader: WorkerId, bad: Bad) -> SourceDraw:
         """Draws the clips of batch ``number`` for a reader's rank."""
-        turn, worker = divmod(number, reader.workers)
+        turn, worker = divmod(number, reader.workers)  # torch deals batches to workers in turn
         mine = (reader.rank * reader.workers + worker, reader.world * reader.workers)
         passed, place, done = self._place(turn, mine)
         clips = self._open(self._schedule(passed, *mine)[place][1], bad)
         order = np.random.default_rng([*self.seed, passed, mine[0], place]).permutation(len(clips))
+        # the window's length was estimated: where it holds fewer clips, they come again
         rows = np.arange(done * self.count, (done + 1) * self.count) % len(order)
         return SourceDraw(clips, order[rows])
 
@@ -159,6 +162,7 @@ class WindowedSource:
         if key not in self._schedules:
             if len(self._schedules) > 4:
                 self._schedules.pop(next(iter(self._schedules)))
+            # one order for all readers, dealt out: within a pass each part is read once
             order = np.random.default_rng([*self.seed, passed]).permutation(len(self.recordings))
             # with fewer parts than readers, some readers share a part
             parts = (

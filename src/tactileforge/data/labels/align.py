@@ -94,6 +94,7 @@ def estimate_lag(
     if len(times) < _LEAST_SHARED or not (steps > 0).all():
         return _NO_LAG
     period = float(np.median(steps))
+    # correlation needs one clock: a gap would be bridged by values that were never measured
     stretches = np.split(np.arange(len(times)), np.flatnonzero(steps > _GAP * period) + 1)
     longest = max(stretches, key=len)
     times, force, change = times[longest], force[longest], change[longest]
@@ -106,6 +107,7 @@ def estimate_lag(
     if not np.isfinite(correlations).any():
         return _NO_LAG
     best = int(np.nanargmax(correlations))
+    # prominence: a ramp correlates at every shift, so the peak has to fall off on both sides
     sides = correlations[: best + 1], correlations[best:]
     fall = correlations[best] - max(float(np.nanmin(side)) for side in sides)
     seconds = (shifts[best] + _vertex(correlations, best)) * period
