@@ -72,8 +72,8 @@ class FullSource:
 
     def draw(self, number: int, reader: WorkerId, bad: Bad) -> SourceDraw:
         """Draws the clips of batch ``number`` for a reader's rank."""
-        # ranks take consecutive slices of one endless series of permutations: no clip is drawn twice
-        # in a pass, for any number of ranks, and a batch may span two passes
+        # ranks take consecutive slices of one endless series of permutations: no clip is drawn
+        # twice in a pass, for any number of ranks, and a batch may span two passes
         first = (number * reader.world + reader.rank) * self.count
         passes, rows = divmod(np.arange(first, first + self.count), len(self.clips))
         for old in set(self._orders) - set(passes.tolist()):  # permutations are large: keep two
