@@ -1,10 +1,10 @@
-# make demo | make bench-mini | make test | make lint | make docs
+# make demo | make bench-mini | make test-fast | make test | make lint | make docs
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: demo bench-mini test lint docs clean
+.PHONY: demo bench-mini test test-fast lint docs clean
 
 demo: $(VENV)/.installed
 	$(BIN)/tactileforge train scale=demo hydra.run.dir=runs/demo
@@ -15,8 +15,13 @@ bench-mini: $(VENV)/.installed
 	$(BIN)/tactileforge bench "suite=[sim,public_samples]" pretrain=miniature out=runs/bench-mini
 	@echo "open runs/bench-mini/report.html"
 
+# while writing: nothing that builds a wheel, installs by pip, trains for long or runs the docs
+test-fast: $(VENV)/.installed-dev
+	$(BIN)/pytest -n 2 --dist worksteal -m "not slow"
+
+# worksteal: a file with many long tests, as the commands of the docs, does not hang on one worker
 test: $(VENV)/.installed-dev lint
-	$(BIN)/pytest -n 2 --dist loadfile
+	$(BIN)/pytest -n 2 --dist worksteal
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check .

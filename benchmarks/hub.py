@@ -35,6 +35,7 @@ def main() -> None:
         {
             "python": python("-c", "pass"),
             "import tactileforge": python("-c", "import tactileforge"),
+            "plugins list": python("-m", "tactileforge", "plugins", "list"),
             "zoo list": python("-m", "tactileforge", "zoo", "list"),
             "zoo show": python("-m", "tactileforge", "zoo", "show", "anytouch2"),
         },

@@ -29,8 +29,7 @@ from tactileforge.heads.force import ForceHead
 from tactileforge.hub.files import make_header
 from tactileforge.hub.model import Model
 from tactileforge.live.server import LivePage
-from tactileforge.live.session import LiveOptions, LiveSession
-from tactileforge.sensors.background import Background
+from tactileforge.live.session import LiveOptions, LiveSession, ShowBackground
 from tactileforge.sensors.specs import spec
 
 FPS = 30.0
@@ -123,7 +122,7 @@ def look(url: str, stop: threading.Event) -> None:
 def run(model: Model, seconds: float, with_page: bool) -> dict[str, float]:
     """Latency and counts of one model."""
     camera = SyntheticCamera()
-    options = LiveOptions(background=Background(seconds=0.0), seconds=seconds)
+    options = LiveOptions(background=ShowBackground(seconds=0.0), seconds=seconds)
     latencies: list[float] = []
     with ExitStack() as stack:
         view = stack.enter_context(LiveSession({"camera": camera}, model, options))

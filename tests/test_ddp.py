@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 import torch
 
+pytestmark = pytest.mark.slow
+
 SCRIPT = Path(__file__).with_name("ddp_gradients.py")
 
 
@@ -81,7 +83,6 @@ def test_balanced_gradients_are_those_of_the_joint_batch(tmp_path: Path) -> None
     assert differing(shared, alone) == []
 
 
-@pytest.mark.slow
 def test_two_processes_train_across_the_start_of_an_objective(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "tactileforge", "train", "scale=demo", "debug=steps"]
     command += ["trainer.devices=2", "trainer.accelerator=cpu", "trainer.max_steps=6"]

@@ -48,6 +48,7 @@ def test_every_package_folder_is_listed() -> None:
     }
 
 
+@pytest.mark.slow
 def test_the_wheel_has_every_configuration_and_card(wheel: Path) -> None:
     held = set(zipfile.ZipFile(wheel).namelist())
     for top in ("conf", "zoo"):

@@ -2,15 +2,18 @@ import json
 import os
 import subprocess
 import sys
-import time
 import tomllib
 from fnmatch import fnmatch
+from functools import partial
 from pathlib import Path
 
 import pytest
 
-from tactileforge import plugins
+from tactileforge.cli import dispatch
+from tactileforge.cli.plugins import _paths
 from tactileforge.errors import ConfigError, PluginError, SensorError
+
+main = partial(dispatch, "plugins")
 
 ROOT = Path(__file__).parents[1]
 
@@ -38,7 +41,7 @@ def toy(installed):
 
 
 def test_list_aligns_its_columns(toy, capsys):
-    assert plugins.main(["list"]) == 0
+    assert main(["list"]) == 0
     header, *rows = capsys.readouterr().out.splitlines()
     assert header.split() == ["name", "kind", "distribution", "version", "status"]
     row = next(row for row in rows if row.startswith("toy "))
@@ -48,7 +51,7 @@ def test_list_aligns_its_columns(toy, capsys):
 
 
 def test_list_as_json(toy, capsys):
-    assert plugins.main(["list", "--json"]) == 0
+    assert main(["list", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert {
         "name": "toy",
@@ -61,22 +64,18 @@ def test_list_as_json(toy, capsys):
     assert [row["name"] for row in rows if row["kind"] == "objective"][:2] == ["align", "classify"]
 
 
-def test_list_imports_no_torch_and_answers_in_half_a_second():
+def test_list_imports_nothing_heavy():
+    """Its time stands in benchmarks/hub.py: it depends on the machine."""
     code = (
         "import sys; from tactileforge.cli import run; assert run(['plugins', 'list']) == 0;"
         "heavy = {'torch', 'lightning', 'hydra', 'omegaconf', 'cv2'} & set(sys.modules);"
         "assert not heavy, heavy"
     )
-    seconds = []
-    for _ in range(5):
-        start = time.perf_counter()
-        subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
-        seconds.append(time.perf_counter() - start)
-    assert min(seconds) < 0.5
+    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
 
 
 def test_check_prints_each_result_and_the_sum(toy, capsys):
-    assert plugins.main(["check", "toy"]) == 0
+    assert main(["check", "toy"]) == 0
     out = capsys.readouterr().out
     assert out.startswith("sensor toy\n  ran      name is snake case\n")
     assert "  skipped  frames are as specified: it cannot be opened, and no device is found" in out
@@ -84,12 +83,12 @@ def test_check_prints_each_result_and_the_sum(toy, capsys):
 
 
 def test_check_passes_options_on_and_fails_by_exit_code(toy, capsys):
-    assert plugins.main(["check", "toy", "--kind", "sensor", "gain=3.5"]) == 1
+    assert main(["check", "toy", "--kind", "sensor", "gain=3.5"]) == 1
     assert "failed   constructing does no io: ValueError: too loud" in capsys.readouterr().out
 
 
 def test_check_takes_every_kind_that_has_the_name(capsys):
-    assert plugins.main(["check", "clip", "replay"]) == 0
+    assert main(["check", "clip", "replay"]) == 0
     lines = [line for line in capsys.readouterr().out.splitlines() if not line.startswith("  ")]
     assert lines[:2] == ["sensor replay", "encoder clip"]
 
@@ -110,7 +109,7 @@ class Bench(SimWrench):
         super().open()
 """
     installed("bench-plugins", "[tactileforge.sensors]\nbench = bench:Bench", {"bench.py": source})
-    assert plugins.main(["check", "bench", "replay", "pixel", "--attached"]) == 1
+    assert main(["check", "bench", "replay", "pixel", "--attached"]) == 1
     out = capsys.readouterr().out
     one, two = out.removeprefix("sensor bench port=/dev/one\n").split(
         "sensor bench port=/dev/two\n"
@@ -124,12 +123,12 @@ class Bench(SimWrench):
 
 def test_check_of_attached_sensors_where_there_are_none(toy):
     with pytest.raises(SensorError, match="none of the sensors is attached: plug one in"):
-        plugins.main(["check", "toy", "--attached"])
+        main(["check", "toy", "--attached"])
 
 
 def test_check_of_attached_sensors_names_a_broken_one(installed, capsys):
     installed("broken", "[tactileforge.sensors]\nbroken = broken:X", {"broken.py": "1 / 0"})
-    assert plugins.main(["check", "broken", "--attached"]) == 1
+    assert main(["check", "broken", "--attached"]) == 1
     assert "failed   it can be imported" in capsys.readouterr().out
 
 
@@ -147,16 +146,16 @@ def test_check_of_attached_sensors_names_a_broken_one(installed, capsys):
 def test_words_that_do_not_fit(argv, error, message, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(error, match=message):
-        plugins.main(argv)
+        main(argv)
     assert not list(tmp_path.iterdir())
 
 
 def test_new_refuses_to_overwrite(tmp_path):
-    assert plugins.main(["new", "sensor", "my_sensor", "--out", str(tmp_path)]) == 0
+    assert main(["new", "sensor", "my_sensor", "--out", str(tmp_path)]) == 0
     kept = tmp_path / "tactileforge-my-sensor/README.md"
     kept.write_text("mine")
     with pytest.raises(ConfigError, match="tactileforge-my-sensor exists"):
-        plugins.main(["new", "sensor", "my_sensor", "--out", str(tmp_path)])
+        main(["new", "sensor", "my_sensor", "--out", str(tmp_path)])
     assert kept.read_text() == "mine"
 
 
@@ -171,7 +170,7 @@ FILES = {
 def test_what_new_copies_is_shipped(kind):
     setuptools = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
     shipped = setuptools["package-data"]["tactileforge.example"]
-    for path in plugins._paths(kind):
+    for path in _paths(kind):
         name = f"tactileforge-example/{path}"
         assert (ROOT / "plugins" / name).is_file()
         assert any(fnmatch(name, pattern) for pattern in shipped)
@@ -180,7 +179,7 @@ def test_what_new_copies_is_shipped(kind):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", FILES)
 def test_new_package_passes_its_own_tests_once_installed(kind, tmp_path, capsys):
-    assert plugins.main(["new", kind, "shiny_thing", "--out", str(tmp_path)]) == 0
+    assert main(["new", kind, "shiny_thing", "--out", str(tmp_path)]) == 0
     folder = tmp_path / "tactileforge-shiny-thing"
     assert f"pip install -e {folder}" in capsys.readouterr().out
     files = {path.name for path in folder.rglob("*") if path.is_file()}

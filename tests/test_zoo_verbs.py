@@ -2,22 +2,25 @@
 
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 import tactileforge
 from tactileforge.callbacks.checkpoints import LAST, AtomicCheckpointIO
+from tactileforge.cli import dispatch
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataNotFoundError
 from tactileforge.hub.files import make_header, save_checkpoint
-from tactileforge.zoo_verbs import main
+
+main = partial(dispatch, "zoo")
 
 
 @pytest.mark.parametrize("words", [["list"], ["show", "anytouch2"], ["list", "--markdown"]])
 def test_light_verbs_import_no_torch(words: list[str]) -> None:
     code = (
-        "import sys; from tactileforge.zoo_verbs import main; status = main(sys.argv[1:]); "
+        "import sys; from tactileforge.cli import dispatch; status = dispatch('zoo', sys.argv[1:]);"
         "heavy = {'torch', 'lightning', 'hydra', 'cv2', 'numpy', 'safetensors'} & set(sys.modules);"
         "sys.exit(f'imports {heavy}' if heavy else status)"
     )

@@ -15,6 +15,7 @@ from typing import Any
 from hydra import compose as hydra_compose
 from hydra import initialize_config_module
 from hydra.core.config_search_path import ConfigSearchPath
+from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.object_type import ObjectType
 from hydra.core.plugins import Plugins
@@ -25,20 +26,8 @@ from omegaconf import MISSING, DictConfig, OmegaConf
 
 from tactileforge import registry
 from tactileforge.errors import ConfigError, PluginError, unknown
-from tactileforge.settings import require
+from tactileforge.registry import GROUPS
 
-#: Hydra group -> kind of plugin
-GROUPS = {
-    "sensor": "sensors",
-    "force": "sensors",
-    "camera": "sensors",
-    "data": "datasets",
-    "encoder": "encoders",
-    "head": "heads",
-    "objective": "objectives",
-    "text_encoder": "encoders",
-    "image_encoder": "encoders",
-}
 #: Groups that hold several options at once, each under its own name.
 MULTI = {"head", "objective", "sensor"}
 
@@ -115,15 +104,45 @@ def register() -> None:
     Plugins.instance().register(SearchPath)
 
 
-def compose(
-    recipe: str = "anytouch2", overrides: Sequence[str] = (), verb: str = "train"
-) -> DictConfig:
-    """Composes the configuration of a verb, as the command line does.
+#: What every command but `train` wants of Hydra: no folder and no log of its own; jobs of ``-m``
+#: keep their record in one folder.
+_QUIET = {
+    "run": {"dir": "."},
+    "sweep": {"dir": "runs/sweeps/${now:%Y-%m-%d_%H-%M-%S-%f}", "subdir": "${hydra:job.num}"},
+    "output_subdir": None,
+    "job": {"chdir": False},
+}
+
+
+def declare(
+    name: str,
+    groups: Mapping[str, Any],
+    keys: Mapping[str, Any] | None = None,
+    groups_last: bool = False,
+) -> None:
+    """Makes a configuration known to Hydra in this process: groups of options, and keys.
+
+    Args:
+        name: By which it is composed.
+        groups: Default of each group; None for none, ``???`` for one that has to be given.
+        keys: Defaults; see `strict.node`.
+        groups_last: Whether an option may change the keys, and not the other way round.
+    """
+    defaults: list[Any] = [{group: option} for group, option in groups.items()]
+    if "data" in groups:  # some presets of data choose a scale, which only training uses
+        defaults.insert(0, {"scale": "paper"})
+    defaults.insert(0 if groups_last else len(defaults), "_self_")
+    quiet = {"override hydra/job_logging": "none"}, {"override hydra/hydra_logging": "none"}
+    made = {"defaults": [*defaults, *quiet], **(keys or {}), "hydra": _QUIET}
+    ConfigStore.instance().store(name, made, provider="tactileforge")
+
+
+def compose(recipe: str = "anytouch2", overrides: Sequence[str] = ()) -> DictConfig:
+    """Composes the configuration of a training, as the command line does.
 
     Args:
         recipe: Name of a recipe in the zoo.
         overrides: ``key=value`` strings.
-        verb: Name of a YAML in conf/.
 
     Returns:
         The finished configuration; see `finish`.
@@ -132,14 +151,14 @@ def compose(
         >>> compose("anytouch2", ["encoder.size=tiny"]).encoder.size
         'tiny'
     """
-    return finish(settings(verb, [f"recipe={recipe}", *overrides]))
+    return finish(composed("train", [f"recipe={recipe}", *overrides]))
 
 
-def settings(verb: str, overrides: Sequence[str] = ()) -> DictConfig:
-    """Composes the configuration of a verb that needs no recipe.
+def composed(name: str, overrides: Sequence[str] = ()) -> DictConfig:
+    """Composes a configuration.
 
     Args:
-        verb: Name of a YAML in conf/.
+        name: Of a YAML in conf/, or one that was declared.
         overrides: ``key=value`` strings.
 
     Raises:
@@ -149,22 +168,34 @@ def settings(verb: str, overrides: Sequence[str] = ()) -> DictConfig:
     if GlobalHydra.instance().is_initialized():
         GlobalHydra.instance().clear()
     with initialize_config_module("tactileforge.conf", version_base="1.3"):
-        return hydra_compose(verb, list(overrides))
+        return hydra_compose(name, list(overrides))
 
 
-def plain(verb: str, overrides: Sequence[str] = ()) -> dict[str, Any]:
-    """The configuration of a verb that needs no recipe, as plain data.
+def option(group: str, overrides: Sequence[str]) -> dict[str, Any]:
+    """One group's node, composed by itself, as plain data.
 
     Args:
-        verb: Name of a YAML in conf/.
-        overrides: ``key=value`` strings.
+        group: Such as ``data``.
+        overrides: ``key=value`` strings, one of which chooses the option.
 
     Raises:
         ConfigError: A key without a value.
         HydraException: An override that does not fit.
     """
-    config = settings(verb, overrides)
-    require(config)
+    declare(f"option_{group}", {group: "???"})
+    found: dict[str, Any] = plain(composed(f"option_{group}", overrides))[group]
+    return found
+
+
+def plain(config: DictConfig) -> dict[str, Any]:
+    """A configuration as plain data.
+
+    Raises:
+        ConfigError: A key without a value.
+    """
+    missing = sorted(map(str, OmegaConf.missing_keys(config)))
+    if missing:
+        raise ConfigError(f"give {' '.join(f'{key}=...' for key in missing)}")
     out: dict[str, Any] = OmegaConf.to_container(config, resolve=True)  # type: ignore[assignment]
     return out
 

@@ -30,6 +30,17 @@ class SensorError(TactileForgeError):
     """A device is absent, busy or unplugged, or does not send what it should."""
 
 
+def nearest(name: str, known: Iterable[str]) -> str:
+    """What follows an unknown name in an error: the nearest that is known, or a full stop.
+
+    Example:
+        >>> nearest("trian", ["train", "report"])
+        "; did you mean 'train'?"
+    """
+    near = get_close_matches(name, list(known), n=1)
+    return f"; did you mean {near[0]!r}?" if near else "."
+
+
 def unknown(what: str, name: str, known: Iterable[str], fix: str = "") -> str:
     """Says that a name is unknown, which names are known, and the nearest one.
 
@@ -38,7 +49,5 @@ def unknown(what: str, name: str, known: Iterable[str], fix: str = "") -> str:
         "unknown sensor 'digitt'; did you mean 'digit'? Known: digit, gelsight"
     """
     names = sorted(known)
-    near = get_close_matches(name, names, n=1)
-    hint = f"; did you mean {near[0]!r}?" if near else "."
-    text = f"unknown {what} {name!r}{hint} Known: {', '.join(names) or '(none)'}"
+    text = f"unknown {what} {name!r}{nearest(name, names)} Known: {', '.join(names) or '(none)'}"
     return f"{text}. {fix}" if fix else text

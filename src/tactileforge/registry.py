@@ -19,6 +19,19 @@ KINDS = ("sensors", "datasets", "encoders", "heads", "objectives")
 #: Kinds that have no conformance suite.
 OTHERS = ("publishers",)
 
+#: Group of a configuration -> kind of plugin that its options are.
+GROUPS = {
+    "sensor": "sensors",
+    "force": "sensors",
+    "camera": "sensors",
+    "data": "datasets",
+    "encoder": "encoders",
+    "head": "heads",
+    "objective": "objectives",
+    "text_encoder": "encoders",
+    "image_encoder": "encoders",
+}
+
 
 @dataclass(frozen=True)
 class PluginInfo:

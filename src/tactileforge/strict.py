@@ -1,14 +1,27 @@
-"""Plain data to dataclasses, strictly: every field is known, present and of its type."""
+"""Plain data to objects, strictly: every key is known, present and of its type.
+
+The dataclass is the only place of a key, its default and its meaning: `build` makes one from what
+a command, a YAML or a JSON file gives, `node` gives its defaults as a configuration, and `describe`
+prints them with what the docstring says.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import MISSING, fields
-from typing import Any, TypeVar, get_type_hints
+import inspect
+import json
+import re
+import textwrap
+import types
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import MISSING, Field, fields, is_dataclass
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from tactileforge.errors import ConfigError, unknown
 
 _T = TypeVar("_T")
+
+#: How a configuration writes that a value is still to be given.
+TO_GIVE = "???"
 
 
 def mapping(where: str, value: Any) -> dict[str, Any]:
@@ -26,58 +39,199 @@ def build(kind: type[_T], where: str, given: Any) -> _T:
     """A dataclass from plain data.
 
     Args:
-        kind: The dataclass. Fields may be plain types, lists and dicts of them.
-        where: For errors: what is being read.
+        kind: The dataclass. Its fields may be dataclasses, and hold lists, mappings and unions.
+        where: What is being read, for errors; "" for the command line.
         given: Values by field.
 
     Raises:
-        ConfigError: A field is unknown, missing or of another type; names it.
+        ConfigError: A field is unknown, missing or of another type; names it, and the nearest.
     """
     values = mapping(where, given)
     hints = get_type_hints(kind)
+    known = [spec.name for spec in _fields(kind)]
     for key in values:
-        if key not in hints:
-            raise ConfigError(unknown(f"field of {where}:", key, hints))
-    for spec in fields(kind):  # type: ignore[arg-type]
-        if spec.name in values:
-            values[spec.name] = _typed(f"{where}: {spec.name}", values[spec.name], hints[spec.name])
-        elif spec.default is MISSING and spec.default_factory is MISSING:
-            raise ConfigError(f"{where}: field {spec.name!r} is missing")
-    return kind(**values)
+        if key not in known:
+            raise ConfigError(unknown(f"key of {where}" if where else "key", key, known))
+    missing = [
+        spec.name
+        for spec in _fields(kind)
+        if _required(spec) and values.get(spec.name, TO_GIVE) == TO_GIVE
+    ]
+    if missing and not where:
+        raise ConfigError(f"give {' '.join(f'{key}=...' for key in missing)}")
+    if missing:
+        raise ConfigError(f"{where}: {missing[0]!r} is missing")
+    return kind(
+        **{key: typed(_below(where, key), value, hints[key]) for key, value in values.items()}
+    )
 
 
-def part(name: str, kind: type[_T], given: Mapping[str, Any]) -> _T:
-    """A group of options from a configuration.
+def _below(where: str, key: str) -> str:
+    """A key's place: ``pack.filter`` in a configuration, ``a/file.yaml: licence`` in a file."""
+    dotted = re.fullmatch(r"[a-z_]+(\.[a-z_]+)*", where)
+    return f"{where}.{key}" if dotted else f"{where}: {key}" if where else key
+
+
+def typed(where: str, value: Any, hint: Any) -> Any:
+    """A value, if it is of a type.
+
+    Whole numbers may stand for fractions, lists for tuples, and mappings for dataclasses.
 
     Args:
-        name: Of the group.
-        kind: Its dataclass.
-        given: Its keys.
+        where: Its name, for errors.
+        value: Plain data.
+        hint: The type; one that says nothing that can be checked takes everything.
 
     Raises:
-        ConfigError: An unknown key, or a value that does not fit.
+        ConfigError: It is of another type, or a dataclass refuses it.
     """
-    known = [one.name for one in fields(kind)]  # type: ignore[arg-type]
-    for key in given:
-        if key not in known:
-            raise ConfigError(unknown(f"key of {name}", key, known))
-    return kind(**given)
+    if is_dataclass(hint) and isinstance(hint, type):
+        return value if isinstance(value, hint) else build(hint, where, value or {})
+    fits, made = _fit(where, value, hint)
+    if not fits:
+        raise ConfigError(f"{where} is {value!r}, which is not of type {_name(hint)}")
+    return made
 
 
-def _typed(where: str, value: Any, hint: Any) -> Any:
-    """The value, if it is of the type; whole numbers may stand for fractions."""
-    kind, inner = getattr(hint, "__origin__", hint), getattr(hint, "__args__", ())
-    if kind is float and type(value) is int:
-        return float(value)
-    good = type(value) is kind
-    if good and inner and inner[-1] is not Any:
-        items = value.values() if kind is dict else value
-        if hasattr(inner[-1], "__origin__"):
-            for item in items:
-                _typed(where, item, inner[-1])
-        else:
-            good = all(type(item) is inner[-1] for item in items)
-    if not good:
-        wanted = str(hint) if inner else hint.__name__
-        raise ConfigError(f"{where} is {value!r}, which is not of type {wanted}")
+def _fit(where: str, value: Any, hint: Any) -> tuple[bool, Any]:
+    """Whether a value is of a type, and what it then is."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if hint in (None, type(None)):
+        return value is None, value
+    if origin in (Union, types.UnionType):
+        return _first(where, value, inner)
+    if origin is Literal:
+        return value in inner, value
+    if hint is float:
+        good = type(value) in (int, float)
+        return good, float(value) if good else value
+    if hint in (int, str, bool):
+        return type(value) is hint, value
+    if origin in (list, tuple, Sequence):
+        return _items(where, value, origin, inner)
+    if hint in (list, tuple):
+        return isinstance(value, list | tuple), value
+    if dict in (origin, hint) or origin is Mapping:
+        return _pairs(where, value, inner)
+    if is_dataclass(hint) and isinstance(hint, type):
+        good = isinstance(value, Mapping | hint)
+        return good, typed(where, value, hint) if good else value
+    return True, value
+
+
+def _first(where: str, value: Any, hints: Sequence[Any]) -> tuple[bool, Any]:
+    """The first type of several that a value fits; the one that it is goes before."""
+    for hint in sorted(hints, key=lambda hint: hint is not type(value)):
+        fits, made = _fit(where, value, hint)
+        if fits:
+            return True, made
+    return False, value
+
+
+def _items(where: str, value: Any, origin: Any, inner: Sequence[Any]) -> tuple[bool, Any]:
+    if not isinstance(value, list if origin is list else list | tuple):
+        return False, value
+    fixed = origin is tuple and inner and inner[-1] is not Ellipsis
+    if fixed and len(value) != len(inner):
+        return False, value
+    hints = inner if fixed else [inner[0]] * len(value)
+    rows = [_fit(where, item, hint) for item, hint in zip(value, hints, strict=True)]
+    made = [item for _, item in rows]
+    return all(fits for fits, _ in rows), tuple(made) if origin is tuple else made
+
+
+def _pairs(where: str, value: Any, inner: Sequence[Any]) -> tuple[bool, Any]:
+    if not isinstance(value, Mapping):
+        return False, value
+    key, item = inner or (Any, Any)
+    rows = {name: _fit(f"{where}.{name}", row, item) for name, row in value.items()}
+    good = all(fits for fits, _ in rows.values()) and all(_fit(where, n, key)[0] for n in rows)
+    return good, {name: made for name, (_, made) in rows.items()}
+
+
+def _name(hint: Any) -> str:
+    if get_origin(hint) is None and isinstance(hint, type):
+        return hint.__name__
+    return re.sub(r"\b(typing|collections\.abc)\.", "", str(hint)).replace("NoneType", "null")
+
+
+def _fields(kind: Any) -> Sequence[Field[Any]]:
+    return [spec for spec in fields(kind) if spec.init]
+
+
+def _required(spec: Field[Any]) -> bool:
+    return spec.default is MISSING and spec.default_factory is MISSING
+
+
+def _default(spec: Field[Any]) -> Any:
+    if spec.default_factory is not MISSING:
+        return spec.default_factory()
+    return TO_GIVE if spec.default is MISSING else spec.default
+
+
+def node(kind: type[Any]) -> dict[str, Any]:
+    """The keys of a dataclass with their defaults, as plain data; `TO_GIVE` where there is none."""
+    return {spec.name: _plain(_default(spec)) for spec in _fields(kind)}
+
+
+def _plain(value: Any) -> Any:
+    if is_dataclass(value) and not isinstance(value, type):
+        return {spec.name: _plain(getattr(value, spec.name)) for spec in _fields(value)}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
     return value
+
+
+def meanings(kind: type[Any]) -> dict[str, str]:
+    """What the docstring of a dataclass says of each field, in one line."""
+    found: dict[str, str] = {}
+    for base in reversed([base for base in kind.__mro__ if is_dataclass(base)]):
+        _, _, text = inspect.cleandoc(base.__doc__ or "").partition("Attributes:\n")
+        block = re.split(r"\n\S|\n\n(?! )", text)[0]
+        rows = re.findall(r"^    (\w+): (.*(?:\n {5,}.*)*)", block, re.MULTILINE)
+        found |= {name: re.sub(r"\s+", " ", said).strip() for name, said in rows}
+    return found
+
+
+def describe(kind: type[Any]) -> str:
+    """The keys of a dataclass as YAML: what each means, and its default.
+
+    Example:
+        >>> from dataclasses import dataclass
+        >>> @dataclass
+        ... class Size:
+        ...     '''A size.
+        ...
+        ...     Attributes:
+        ...         rows: How many; None for all.
+        ...     '''
+        ...
+        ...     rows: int | None = None
+        >>> print(describe(Size))
+        # How many; null for all.
+        rows: null
+    """
+    return "\n".join(_lines(kind))
+
+
+def _lines(kind: type[Any], indent: str = "") -> Iterator[str]:
+    said, hints = meanings(kind), get_type_hints(kind)
+    for spec in _fields(kind):
+        words = re.sub(r"\bNone\b", "null", said.get(spec.name, "")).replace("`", "")
+        yield from (f"{indent}# {line}" for line in textwrap.wrap(words, 96 - len(indent)))
+        hint = hints[spec.name]
+        if is_dataclass(hint) and isinstance(hint, type):
+            yield f"{indent}{spec.name}:"
+            yield from _lines(hint, indent + "  ")
+        else:
+            yield f"{indent}{spec.name}: {_written(_plain(_default(spec)))}"
+
+
+def _written(value: Any) -> str:
+    if isinstance(value, str):
+        return value if value else '""'
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_written, value))}]"
+    return json.dumps(value)

@@ -21,7 +21,7 @@ from tactileforge import curriculum, registry, run_folder
 from tactileforge.assemble import build_data, with_sensors
 from tactileforge.callbacks import checkpoints
 from tactileforge.callbacks.progress import Progress
-from tactileforge.errors import ConfigError
+from tactileforge.errors import ConfigError, unknown
 from tactileforge.files import sealed, write_text
 from tactileforge.module import TouchModule
 from tactileforge.provenance import commit
@@ -103,6 +103,25 @@ def _train(plain: dict[str, Any], folder: Path, resume: Path | None) -> TouchMod
 
         print(f"report: {write_report(folder, module, data)}")
     return module
+
+
+def metric(module: TouchModule, name: str | None = None) -> float:
+    """The number that a sweep makes small, as it was at the last validation.
+
+    Args:
+        module: After its training.
+        name: As in the metrics, for example ``val/force``; None for the sum of the losses of all
+            objectives that were validated.
+
+    Raises:
+        ConfigError: Nothing of that name was logged.
+    """
+    logged = module.trainer.callback_metrics
+    names = [name] if name else [f"val/{key}" for key in module.objectives]
+    found = [float(logged[key]) for key in names if key in logged]
+    if name and not found:
+        raise ConfigError(unknown("metric", name, [key for key in logged if "/" in key]))
+    return sum(found) if found else float("nan")
 
 
 def _plain(config: DictConfig) -> dict[str, Any]:

@@ -96,32 +96,34 @@ def tiny(name: str = "tiny", count: int = 1) -> ModelEntry:
 
 def bench(folder: Path, tasks: dict[str, Any], **options: Any) -> Bench:
     chosen: list[Task] = [parse_task(name, node) for name, node in tasks.items()]
-    given = BenchOptions(**{"seeds": 2, "probe": {}} | options)
-    rows = [result_task(task, choose_probe(task, given.probe), given.selection) for task in chosen]
-    writer = Writer(folder, "made", {"seeds": given.seeds}, rows)
-    return Bench(chosen, FeatureStore(folder / "features", workers=0), writer, given)
+    settings = BenchOptions(**{"seeds": 2, "probe": {}} | options)
+    rows = [
+        result_task(task, choose_probe(task, settings.probe), settings.selection) for task in chosen
+    ]
+    writer = Writer(folder, "made", {"seeds": settings.seeds}, rows)
+    return Bench(chosen, FeatureStore(folder / "features", workers=0), writer, settings)
 
 
 def test_everything_is_in_the_file(data: Any, tmp_path: Path) -> None:
-    one = bench(tmp_path, {"force": FORCE, "hard": HARD})
-    one.run(tiny())
-    one.run(
+    runner = bench(tmp_path, {"force": FORCE, "hard": HARD})
+    runner.run(tiny())
+    runner.run(
         ModelEntry(name="pixels", title="raw pixels", open=[lambda: baseline_encoder("pixels")])
     )
-    found = load.read_results(tmp_path)
-    assert [(c.task, c.model, c.seed) for c in found.cells] == [
+    loaded = load.read_results(tmp_path)
+    assert [(c.task, c.model, c.seed) for c in loaded.cells] == [
         (task, model, seed)
         for model in ("tiny", "pixels")
         for task in ("force", "hard")
         for seed in (0, 1)
     ]
-    assert found.not_run == []
-    cell = found.cells[0]
+    assert loaded.not_run == []
+    cell = loaded.cells[0]
     assert cell.metrics.keys() == {"rmse_sum_axes", "rmse_z"}
     assert 0 < cell.metrics["rmse_z"] <= cell.metrics["rmse_sum_axes"]
     assert len(cell.curve["train"]) == len(cell.curve["validation"]) == 2
     assert cell.setting["lr"] == 1e-3
-    assert found.models[0].facts["parameters"] == sum(
+    assert loaded.models[0].facts["parameters"] == sum(
         p.numel() for p in subject().encoder.parameters()
     )
     with np.load(tmp_path / cell.predictions) as kept:
@@ -129,13 +131,13 @@ def test_everything_is_in_the_file(data: Any, tmp_path: Path) -> None:
         assert kept["axes"].tolist() == ["x", "y", "z"]
     rmse = 1000 * np.sqrt((error**2).mean(0))
     assert cell.metrics["rmse_sum_axes"] == pytest.approx(rmse.sum(), rel=1e-3)
-    with np.load(tmp_path / found.cells[2].predictions) as kept:
+    with np.load(tmp_path / loaded.cells[2].predictions) as kept:
         assert kept["truth"].dtype == np.int64
         assert set(kept["names"]) == {"0", "1"}
         accuracy = 100 * (kept["truth"] == kept["predicted"]).mean()
-    assert found.cells[2].metrics["accuracy"] == pytest.approx(accuracy, rel=1e-5)
-    assert found.tasks[0].selection == "validation"
-    assert "unseen in test: object" in found.tasks[0].split
+    assert loaded.cells[2].metrics["accuracy"] == pytest.approx(accuracy, rel=1e-5)
+    assert loaded.tasks[0].selection == "validation"
+    assert "unseen in test: object" in loaded.tasks[0].split
 
 
 def test_cells_that_are_there_are_kept(
@@ -145,11 +147,12 @@ def test_cells_that_are_there_are_kept(
     before = (tmp_path / "results.json").read_text()
     trained: list[str] = []
     run = bench_run.evaluate.evaluate_probe
-    monkeypatch.setattr(
-        bench_run.evaluate,
-        "evaluate_probe",
-        lambda one, *rest: trained.append(one.task.name) or run(one, *rest),
-    )
+
+    def counted(prepared: Any, *rest: Any) -> Any:
+        trained.append(prepared.task.name)
+        return run(prepared, *rest)
+
+    monkeypatch.setattr(bench_run.evaluate, "evaluate_probe", counted)
     bench(tmp_path, {"force": FORCE}).run(tiny())
     assert trained == []
     assert (tmp_path / "results.json").read_text() == before
@@ -180,35 +183,35 @@ def test_a_bench_of_other_models_forgets_no_cell(
 
 
 def test_trainings_take_turns(data: Any, tmp_path: Path) -> None:
-    one = bench(tmp_path, {"force": FORCE}, seeds=3)
-    one.run(tiny(count=2))
-    found = load.read_results(tmp_path)
-    assert [cell.seed for cell in found.cells] == [0, 1, 2]
-    assert len(found.models[0].sha256.split()) == 2
+    runner = bench(tmp_path, {"force": FORCE}, seeds=3)
+    runner.run(tiny(count=2))
+    loaded = load.read_results(tmp_path)
+    assert [cell.seed for cell in loaded.cells] == [0, 1, 2]
+    assert len(loaded.models[0].sha256.split()) == 2
 
 
 def test_learning_rates_are_settings_and_validation_orders_them(data: Any, tmp_path: Path) -> None:
     task = FORCE | {"probe": {"name": "force", "epochs": 6, "lr": [1e-9, 3e-3]}}
     bench(tmp_path, {"force": task}).run(tiny())
-    found = load.read_results(tmp_path).cells
-    assert [cell.setting["lr"] for cell in found] == [3e-3, 3e-3, 1e-9, 1e-9]
-    assert found[0].metrics["rmse_z"] < found[2].metrics["rmse_z"]
-    assert len({cell.predictions for cell in found}) == 4
+    loaded = load.read_results(tmp_path).cells
+    assert [cell.setting["lr"] for cell in loaded] == [3e-3, 3e-3, 1e-9, 1e-9]
+    assert loaded[0].metrics["rmse_z"] < loaded[2].metrics["rmse_z"]
+    assert len({cell.predictions for cell in loaded}) == 4
 
 
 def test_neighbours_fine_tuning_and_flips(data: Any, tmp_path: Path) -> None:
     knn = HARD | {"probe": {"name": "knn", "neighbours": 3}}
     tuned = FORCE | {"probe": {"name": "force", "epochs": 8, "finetune": 3e-4, "lr": 1e-3}}
     flips = HARD | {"flips": True}
-    one = bench(tmp_path, {"knn": knn, "tuned": tuned, "flips": flips}, seeds=1)
+    runner = bench(tmp_path, {"knn": knn, "tuned": tuned, "flips": flips}, seeds=1)
     entry = tiny()
     before = subject().weights
-    one.run(replace(entry, open=[lambda: subject()]))
-    found = {cell.task: cell for cell in load.read_results(tmp_path).cells}
-    assert found["knn"].epoch == -1
-    assert found["knn"].setting == {"neighbours": 3}
-    assert found["tuned"].curve["train"][-1] < 0.7 * found["tuned"].curve["train"][0]
-    assert found["tuned"].setting["encoder_lr"] == 3e-4
+    runner.run(replace(entry, open=[lambda: subject()]))
+    loaded = {cell.task: cell for cell in load.read_results(tmp_path).cells}
+    assert loaded["knn"].epoch == -1
+    assert loaded["knn"].setting == {"neighbours": 3}
+    assert loaded["tuned"].curve["train"][-1] < 0.7 * loaded["tuned"].curve["train"][0]
+    assert loaded["tuned"].setting["encoder_lr"] == 3e-4
     assert subject().weights == before
     assert len(list((tmp_path / "features").rglob("projected*.npy"))) == 4
 
@@ -239,9 +242,9 @@ def test_a_sensor_the_model_does_not_know(data: Any, tmp_path: Path) -> None:
     data(sensor="duragel")
 
     def opened() -> FrozenEncoder:
-        found = subject()
-        found.encoder.sensors = {"digit": 0}
-        return found
+        loaded = subject()
+        loaded.encoder.sensors = {"digit": 0}
+        return loaded
 
     entry = ModelEntry(name="tiny", title="Tiny", open=[opened])
     bench(tmp_path, {"force": FORCE, "any": FORCE | {"unknown_sensor": "universal"}}).run(entry)
@@ -260,10 +263,10 @@ def test_one_class_and_absent_data_do_not_stop_the_rest(data: Any, tmp_path: Pat
     assert {cell.task for cell in load.read_results(tmp_path).cells} == {"force"}
     data(error=DataNotFoundError("cloth: no folder x. Download it from https://a.b, and give it"))
     bench(tmp_path / "gone", {"force": FORCE}).run(tiny())
-    found = load.read_results(tmp_path / "gone")
-    assert found.not_run[0].reason == "cloth: no folder x"
-    assert found.not_run[0].fix == "Download it from https://a.b."
-    assert found.cells == []
+    loaded = load.read_results(tmp_path / "gone")
+    assert loaded.not_run[0].reason == "cloth: no folder x"
+    assert loaded.not_run[0].fix == "Download it from https://a.b."
+    assert loaded.cells == []
 
 
 def test_an_overlap_stops_the_bench(data: Any, tmp_path: Path, monkeypatch: Any) -> None:
@@ -276,9 +279,7 @@ def test_an_overlap_stops_the_bench(data: Any, tmp_path: Path, monkeypatch: Any)
 
 
 def test_a_metric_that_is_no_number(data: Any, tmp_path: Path, monkeypatch: Any) -> None:
-    monkeypatch.setattr(
-        bench_run.metrics.RmseSumAxes, "compute", lambda _: torch.tensor(float("nan"))
-    )
+    monkeypatch.setattr(bench_run.metrics.PerAxis, "compute", lambda _: torch.tensor(float("nan")))
     bench(tmp_path, {"force": FORCE, "hard": HARD}).run(tiny())
     ((task, model, reason),) = not_run(tmp_path)
     assert (task, model) == ("force", "tiny")
@@ -290,9 +291,9 @@ def test_a_model_that_cannot_be_opened(data: Any, tmp_path: Path) -> None:
     def broken() -> FrozenEncoder:
         raise TactileForgeError("training x-0 failed: out of memory")
 
-    one = bench(tmp_path, {"force": FORCE})
-    one.run(ModelEntry(name="x", title="X", open=[broken]))
-    one.run(tiny())
+    runner = bench(tmp_path, {"force": FORCE})
+    runner.run(ModelEntry(name="x", title="X", open=[broken]))
+    runner.run(tiny())
     assert not_run(tmp_path) == [("", "x", "training x-0 failed: out of memory")]
     assert {cell.model for cell in load.read_results(tmp_path).cells} == {"tiny"}
 
@@ -314,7 +315,7 @@ def test_options_of_probes(data: Any, tmp_path: Path) -> None:
         (["model=[anytouch3.base]", "task=[sim_force]"], "anytouch2"),
         (["task=[sim_force]"], "no model: give model="),
         (["model=[pixels]", "selection=best"], "validation or test"),
-        (["model=[pixels]", "hydra/launcher=ray"], "only with -m"),
+        (["model=[pixels]", "jobz=[hydra/launcher=ray]"], "did you mean 'jobs'"),
         (["model=[pixels]", "ablation=no_dif"], "did you mean 'no_diff'"),
     ],
 )
@@ -360,8 +361,8 @@ def test_on_simulated_touch(
     assert cli.run(["bench", *words]) == 0
     out = capsys.readouterr().out
     assert "Force, rmse_sum_axes (mN)" in out
-    found = load.read_results(tmp_path / "here")
-    assert [(c.model, c.seed) for c in found.cells if c.setting["lr"] == 5e-4] == [
+    loaded = load.read_results(tmp_path / "here")
+    assert [(c.model, c.seed) for c in loaded.cells if c.setting["lr"] == 5e-4] == [
         (model, seed) for model in ("untrained:anytouch2", "pixels") for seed in range(3)
     ]
     assert json.loads((tmp_path / "here" / "results.json").read_text())["suite"] == "sim"

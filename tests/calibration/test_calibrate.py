@@ -62,15 +62,15 @@ def presses(count: int = 6, seed: int = 0, lag: int = 0) -> list[Recording]:
 
 
 def test_forces_of_pictures_are_found_on_presses_that_were_not_seen() -> None:
-    found = calibrate(presses(10), CalibrateOptions())
-    force = found.calibration.force
+    result = calibrate(presses(10), CalibrateOptions())
+    force = result.calibration.force
     assert force is not None
     assert {name: axis.r2 > 0.9 for name, axis in force.axes.items()} == dict.fromkeys("xyz", True)
     fresh = presses(4, seed=1)
-    for one in fresh:
-        error = found.calibration.forces(one) - one.force
+    for press in fresh:
+        error = result.calibration.forces(press) - press.force
         assert np.sqrt((error**2).mean(0)).max() < 0.4  # N, of up to 9
-    assert found.notes == []
+    assert result.notes == []
 
 
 def test_the_error_that_is_told_is_that_of_new_presses() -> None:
@@ -78,7 +78,7 @@ def test_the_error_that_is_told_is_that_of_new_presses() -> None:
     assert force is not None
     assert list(force.axes) == ["z"]
     calibrated = calibrate(presses(8), CalibrateOptions(axes=["z"])).calibration
-    errors = [calibrated.forces(one)[:, 2] - one.force[:, 2] for one in presses(8, seed=5)]
+    errors = [calibrated.forces(press)[:, 2] - press.force[:, 2] for press in presses(8, seed=5)]
     assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(force.axes["z"].rmse, rel=0.3)
 
 
@@ -112,13 +112,13 @@ def test_scale_and_offset_of_an_array_are_recovered() -> None:
 
 def test_a_model_that_was_written_as_a_track_is_scaled() -> None:
     recordings = [
-        replace(one, tracks={"model": (one.force - [0.1, 0.2, -0.4]) / [2, 1, 1.25]})
-        for one in presses(3)
+        replace(press, tracks={"model": (press.force - [0.1, 0.2, -0.4]) / [2, 1, 1.25]})
+        for press in presses(3)
     ]
     force = calibrate(recordings, CalibrateOptions(fit="model")).calibration.force
     assert force is not None
-    found = [(axis.weights[name], axis.offset) for name, axis in force.axes.items()]
-    np.testing.assert_allclose(found, [(2, 0.1), (1, 0.2), (1.25, -0.4)], atol=1e-5)
+    fits = [(axis.weights[name], axis.offset) for name, axis in force.axes.items()]
+    np.testing.assert_allclose(fits, [(2, 0.1), (1, 0.2), (1.25, -0.4)], atol=1e-5)
 
 
 def test_the_lag_of_pictures_behind_forces_is_found() -> None:
@@ -133,8 +133,8 @@ def test_the_lag_of_pictures_behind_forces_is_found() -> None:
 
 def test_forces_that_pictures_do_not_show_are_no_calibration() -> None:
     rng = np.random.default_rng(3)
-    noise = [replace(one, force=forces(rng)[::-1].copy()) for one in presses()]
-    shuffled = [replace(one, force=rng.permutation(one.force)) for one in noise]
+    noise = [replace(press, force=forces(rng)[::-1].copy()) for press in presses()]
+    shuffled = [replace(press, force=rng.permutation(press.force)) for press in noise]
     with pytest.raises(DataError, match="forces do not follow from pictures"):
         calibrate(shuffled, CalibrateOptions())
 
@@ -146,16 +146,16 @@ def test_presses_are_held_out_whole() -> None:
 
 def test_two_units_look_alike_once_they_are_balanced() -> None:
     gains = np.array([0.8, 1.1, 0.9])
-    one, other = calibrate(presses(), CalibrateOptions()).calibration, presses()[0]
+    reference, other = calibrate(presses(), CalibrateOptions()).calibration, presses()[0]
     seen = (other.frames.read(range(30)) * gains).round().astype(np.uint8)
     rest = (other.no_contact.read(range(5)) * gains).round().astype(np.uint8)
     dimmed = replace(other, frames=ArrayFrames(seen), no_contact=ArrayFrames(rest))
-    found = calibrate([dimmed], CalibrateOptions(fit="none"), one).calibration
-    np.testing.assert_allclose(found.light.balance, 1 / gains, rtol=0.01)
-    difference = found.balanced(seen).astype(int) - other.frames.read(range(30))
+    calibration = calibrate([dimmed], CalibrateOptions(fit="none"), reference).calibration
+    np.testing.assert_allclose(calibration.light.balance, 1 / gains, rtol=0.01)
+    difference = calibration.balanced(seen).astype(int) - other.frames.read(range(30))
     assert np.abs(difference).max() <= 2
-    assert light_drift(median_background(other), one.light) < 1
-    assert light_drift(median_background(dimmed), one.light) > 10
+    assert light_drift(median_background(other), reference.light) < 1
+    assert light_drift(median_background(dimmed), reference.light) > 10
     alone = calibrate([dimmed], CalibrateOptions(fit="none")).calibration
     assert np.ptp(alone.balanced(rest).mean((0, 1, 2))) < 0.5  # grey, without a reference
 
@@ -167,14 +167,14 @@ def test_a_punch_gives_the_size_of_a_pixel(radius: float) -> None:
     rest = np.full((120, 160, 3), 100, np.float32)
     ring = 60 * np.exp(-(away**2) / 12)
     frames = np.stack([rest, rest + ring[..., None] * [1, -1, 0.5], rest])
-    found = punch_mm_per_pixel(frames.round().astype(np.uint8), rest, 6.0, "ring")
-    assert found == pytest.approx(3.0 / radius, rel=0.015)
+    scale = punch_mm_per_pixel(frames.round().astype(np.uint8), rest, 6.0, "ring")
+    assert scale == pytest.approx(3.0 / radius, rel=0.015)
 
 
 def test_the_size_of_a_pixel_has_a_source() -> None:
     recordings = presses(2)
-    found = calibrate(recordings, CalibrateOptions(fit="none"))
-    assert found.calibration.mm_per_pixel == pytest.approx(16.3 / 48)  # of a DIGIT, by its spec
+    result = calibrate(recordings, CalibrateOptions(fit="none"))
+    assert result.calibration.mm_per_pixel == pytest.approx(16.3 / 48)  # of a DIGIT, by its spec
     assert calibrate(recordings, CalibrateOptions(fit="none", mm_per_pixel=0.1)).scale == "given"
     flat = ArrayFrames(np.repeat(recordings[0].no_contact.read([0]), 2, 0))
     still = replace(recordings[0], frames=flat, force=None)
@@ -184,7 +184,7 @@ def test_the_size_of_a_pixel_has_a_source() -> None:
 
 def test_bad_recordings_are_named() -> None:
     good = presses(2)
-    without = [replace(one, force=None) for one in good]
+    without = [replace(press, force=None) for press in good]
     second = replace(good[1], labels={"unit": "D2", "device": "digit"})
     bare = replace(good[0], no_contact=None)
     small = replace(good[1], frames=ArrayFrames(good[1].frames.read(range(30))[:, ::2]))
@@ -192,7 +192,11 @@ def test_bad_recordings_are_named() -> None:
     for recordings, options, message in (
         ([], CalibrateOptions(), "there are no recordings"),
         (without, CalibrateOptions(fit="pictures"), "no recording has forces"),
-        ([good[0], second], CalibrateOptions(), "digit D1, digit D2: a calibration is of one unit"),
+        (
+            [good[0], second],
+            CalibrateOptions(),
+            "digit D1, digit D2: a calibration belongs to a single unit",
+        ),
         (good, CalibrateOptions(unit="D9"), "unknown device or unit 'D9'"),
         ([bare], CalibrateOptions(), "press0: no frame without contact"),
         ([good[0], small], CalibrateOptions(), "24 x 64 and 48 x 64 pixels"),
@@ -214,7 +218,7 @@ def test_bad_recordings_are_named() -> None:
         ({"axes": []}, "give some of x, y, z"),
         ({"max_lag": -1}, "max_lag=-1"),
         ({"punch_mm": 0}, "punch_mm=0"),
-        ({"punch_mm": 4, "mm_per_pixel": 0.1}, "say the same twice"),
+        ({"punch_mm": 4, "mm_per_pixel": 0.1}, "both set the scale"),
     ],
 )
 def test_bad_options_are_named(options: dict[str, object], message: str) -> None:
@@ -229,12 +233,16 @@ def test_a_black_light_is_refused() -> None:
 
 def shard(path: Path, recordings: list[Recording]) -> Path:
     packed = []
-    for one in recordings:
-        seen = [encode_image(frame, "png") for frame in one.frames.read(range(len(one.frames)))]
-        rest = [
-            encode_image(frame, "png") for frame in one.no_contact.read(range(len(one.no_contact)))
+    for recording in recordings:
+        seen = [
+            encode_image(frame, "png")
+            for frame in recording.frames.read(range(len(recording.frames)))
         ]
-        packed.append(shards.Packed(shards.describe_recording(one), "png", seen, rest, []))
+        rest = [
+            encode_image(frame, "png")
+            for frame in recording.no_contact.read(range(len(recording.no_contact)))
+        ]
+        packed.append(shards.Packed(shards.describe_recording(recording), "png", seen, rest, []))
     shards.write_shard(path, packed)
     return path
 
@@ -298,7 +306,7 @@ def test_a_calibration_travels_with_recordings(tmp_path: Path) -> None:
         ("balance: [1.0, 1.0, 1.0]", "balance: [1.0, 1.0]", "must be 3 numbers"),
         ("    z:", "    w:", "unknown key in here, force, axes 'w'"),
         ("size: [48, 64]", "size: [48]", "a height and a width"),
-        ("version: 1", "version: [", "no YAML"),
+        ("version: 1", "version: [", "not YAML"),
         ("version: 1", "", "version is missing"),
     ],
 )

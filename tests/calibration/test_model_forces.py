@@ -49,7 +49,7 @@ def touches(model: Model, count: int = 6, noise: float = 0.02) -> list[Recording
         dents = rng.normal(0, 40, (2, 32, 32, 3))
         phases = np.sin(np.linspace(0, [3, 5], 20) + rng.uniform(0, 6, 2))
         frames = (still + np.einsum("tk,khwc->thwc", phases, dents)).clip(0, 255).astype(np.uint8)
-        one = Recording(
+        recording = Recording(
             key=f"press{number}",
             sensor="digit",
             frames=ArrayFrames(frames),
@@ -58,80 +58,82 @@ def touches(model: Model, count: int = 6, noise: float = 0.02) -> list[Recording
             force=np.zeros((20, 3), np.float32),
             labels={"unit": "D1"},
         )
-        said = np.stack([model_says(model, one, axis) for axis in "xyz"], 1)
+        said = np.stack([model_says(model, recording, axis) for axis in "xyz"], 1)
         true = np.stack([said[:, 0] - 2 * said[:, 1], said[:, 1], 1.5 * said[:, 2] + 0.3], 1)
         made.append(
-            replace(one, force=(true + rng.normal(0, noise, true.shape)).astype(np.float32))
+            replace(recording, force=(true + rng.normal(0, noise, true.shape)).astype(np.float32))
         )
     return made
 
 
-def model_says(model: Model, one: Recording, axis: str) -> np.ndarray:
-    rest = one.no_contact.read([0])[0]
-    frames = one.frames.read(range(len(one.frames)))
+def model_says(model: Model, recording: Recording, axis: str) -> np.ndarray:
+    rest = recording.no_contact.read([0])[0]
+    frames = recording.frames.read(range(len(recording.frames)))
     rows = np.maximum(np.arange(20)[:, None] - np.arange(3, -1, -1), 0)
     return model.force(frames[rows], rest, "digit").numpy()[:, -1, "xyz".index(axis)]
 
 
 @pytest.fixture(scope="module")
-def found(model: Model) -> CalibrationResult:
+def calibrated(model: Model) -> CalibrationResult:
     return calibrate(touches(model), CalibrateOptions(), model=model)
 
 
-def test_gain_and_offset_of_a_unit_are_found(found: CalibrationResult) -> None:
-    force = found.calibration.force
+def test_gain_and_offset_of_a_unit_are_found(calibrated: CalibrationResult) -> None:
+    force = calibrated.calibration.force
     assert force.of == "head"
     z = force.axes["z"]
     assert z.weights["z"] == pytest.approx(1.5, abs=0.05)
     assert z.offset == pytest.approx(0.3, abs=0.05)
     assert z.rmse == pytest.approx(0.02, rel=0.3)  # the noise
     assert force.axes["x"].weights["y"] == pytest.approx(-2, abs=0.2)  # axes that are mixed
-    truth = found.fits["z"].measured
+    truth = calibrated.fits["z"].measured
     assert z.before == pytest.approx(np.sqrt(np.mean((truth - 0.3) ** 2)) / 3, rel=0.5)
     assert z.before > 5 * z.rmse
 
 
-def test_the_model_gives_calibrated_forces(model: Model, found: CalibrationResult) -> None:
-    one = touches(model, 7)[6]
-    rest, frames = one.no_contact.read([0])[0], one.frames.read(range(20))
-    given = model.force(frames[8:12], rest, "digit", calibration=found.calibration)[-1]
-    assert given.numpy() == pytest.approx(one.force[11], abs=0.1)
-    assert found.calibration.forces(one, model)[11] == pytest.approx(given.numpy(), abs=1e-4)
+def test_the_model_gives_calibrated_forces(model: Model, calibrated: CalibrationResult) -> None:
+    touch = touches(model, 7)[6]
+    rest, frames = touch.no_contact.read([0])[0], touch.frames.read(range(20))
+    given = model.force(frames[8:12], rest, "digit", calibration=calibrated.calibration)[-1]
+    assert given.numpy() == pytest.approx(touch.force[11], abs=0.1)
+    assert calibrated.calibration.forces(touch, model)[11] == pytest.approx(given.numpy(), abs=1e-4)
     plain = model.readings(frames[8:12], rest, "digit")
-    both = model.readings(frames[8:12], rest, "digit", calibration=found.calibration)
+    both = model.readings(frames[8:12], rest, "digit", calibration=calibrated.calibration)
     assert torch.equal(plain.vector, both.vector)
     assert not torch.allclose(plain.force, both.force, atol=0.1)
 
 
 def test_an_axis_that_is_left_out_stays_what_the_model_says(model: Model) -> None:
     alone = calibrate(touches(model), CalibrateOptions(axes=["z"]), model=model).calibration
-    one = touches(model, 1)[0]
-    rest, frames = one.no_contact.read([0])[0], one.frames.read(range(4))
+    touch = touches(model, 1)[0]
+    rest, frames = touch.no_contact.read([0])[0], touch.frames.read(range(4))
     plain, given = (model.force(frames, rest, "digit", calibration=c) for c in (None, alone))
     assert torch.equal(plain[:, :2], given[:, :2])
     assert not torch.equal(plain[:, 2], given[:, 2])
-    assert np.isnan(alone.forces(one, model)[:, :2]).all()
+    assert np.isnan(alone.forces(touch, model)[:, :2]).all()
 
 
-def test_a_calibration_knows_its_model(model: Model, found: CalibrationResult) -> None:
-    text = found.calibration.text()
-    assert parse_calibration(text, "here") == found.calibration
-    one = touches(model, 1)[0]
+def test_a_calibration_knows_its_model(model: Model, calibrated: CalibrationResult) -> None:
+    text = calibrated.calibration.text()
+    assert parse_calibration(text, "here") == calibrated.calibration
+    touch = touches(model, 1)[0]
     with pytest.raises(ConfigError, match="were fitted to a model: give that model"):
-        found.calibration.forces(one)
-    frames, rest = one.frames.read(range(4)), one.no_contact.read([0])[0]
+        calibrated.calibration.forces(touch)
+    frames, rest = touch.frames.read(range(4)), touch.no_contact.read([0])[0]
     with pytest.raises(ConfigError, match="that of digit D1, and this is gelsight"):
-        model.force(frames, rest, "gelsight", calibration=found.calibration)
-    other = replace(found.calibration, force=replace(found.calibration.force, model="0" * 16))
+        model.force(frames, rest, "gelsight", calibration=calibrated.calibration)
+    other = replace(
+        calibrated.calibration, force=replace(calibrated.calibration.force, model="0" * 16)
+    )
     with pytest.raises(ConfigError, match="was not fitted to the forces of this model"):
         model.force(frames, rest, "digit", calibration=other)
-    with pytest.raises(ConfigError, match="fit=head: say whose, model=NAME"):
-        calibrate([one], CalibrateOptions(fit="head"))
+    with pytest.raises(ConfigError, match="fit=head needs a model: give model=NAME"):
+        calibrate([touch], CalibrateOptions(fit="head"))
 
 
-def test_the_page_says_the_error_before_and_after(found: CalibrationResult) -> None:
-    page = calibration_page(found)
-    z = found.calibration.force.axes["z"]
+def test_the_page_says_the_error_before_and_after(calibrated: CalibrationResult) -> None:
+    page = calibration_page(calibrated)
+    z = calibrated.calibration.force.axes["z"]
     assert "before (N)" in page
     assert f"{z.before:.3g}" in page
     assert f"{z.rmse:.3g}" in page
@@ -140,36 +142,38 @@ def test_the_page_says_the_error_before_and_after(found: CalibrationResult) -> N
 
 def trial(realdata: Path, name: str) -> Recording:
     layout = OmegaConf.to_container(OmegaConf.load(PUBLIC).data.layouts[name]) | {"split": "train"}
-    (one,) = Recordings(str(realdata), {name: layout}).recordings("train")
-    return one
+    (recording,) = Recordings(str(realdata), {name: layout}).recordings("train")
+    return recording
 
 
-def rmse(found: np.ndarray, one: Recording) -> float:
-    assert one.force is not None
-    return float(np.sqrt(np.nanmean((found[:, 2] - one.force[:, 2]) ** 2)))
+def rmse(predicted: np.ndarray, recording: Recording) -> float:
+    assert recording.force is not None
+    return float(np.sqrt(np.nanmean((predicted[:, 2] - recording.force[:, 2]) ** 2)))
 
 
 @pytest.mark.realdata
 @pytest.mark.parametrize("name", ["touchd_force_gelsight_mini", "touchd_force_digit"])
 def test_half_a_real_trial_calibrates_the_other_half(realdata: Path, name: str) -> None:
     """Of one trial, the first half in time is fitted by its pictures, the second is told."""
-    one = trial(realdata, name)
-    middle = len(one.frames) // 2
-    first, second = one.part(0, middle), one.part(middle, len(one.frames))
-    found = calibrate([first], CalibrateOptions(axes=["z"], fit="pictures")).calibration
+    recording = trial(realdata, name)
+    middle = len(recording.frames) // 2
+    first, second = recording.part(0, middle), recording.part(middle, len(recording.frames))
+    calibration = calibrate([first], CalibrateOptions(axes=["z"], fit="pictures")).calibration
     assert second.force is not None
     still = np.nanstd(second.force[:, 2])
-    assert rmse(found.forces(second), second) < 0.6 * still
+    assert rmse(calibration.forces(second), second) < 0.6 * still
 
 
 @pytest.mark.realdata
 def test_the_shipped_model_reads_the_normal_force_of_a_real_digit(realdata: Path) -> None:
     """Zero shot: neither this unit nor any real force was in its training."""
-    one = trial(realdata, "touchd_force_digit")
+    recording = trial(realdata, "touchd_force_digit")
     model = tactileforge.load("anytouch2.tiny")
-    ends = np.arange(6, len(one.frames), 6)
-    frames = one.frames.read(range(len(one.frames)))[ends[:, None] - np.array([6, 4, 2, 0])]
-    assert one.no_contact is not None
-    assert one.force is not None
-    said = model.force(frames, one.no_contact.read([0])[0], "digit")[:, -1, 2].numpy()
-    assert np.corrcoef(said, one.force[ends, 2])[0, 1] > 0.6
+    ends = np.arange(6, len(recording.frames), 6)
+    frames = recording.frames.read(range(len(recording.frames)))[
+        ends[:, None] - np.array([6, 4, 2, 0])
+    ]
+    assert recording.no_contact is not None
+    assert recording.force is not None
+    said = model.force(frames, recording.no_contact.read([0])[0], "digit")[:, -1, 2].numpy()
+    assert np.corrcoef(said, recording.force[ends, 2])[0, 1] > 0.6

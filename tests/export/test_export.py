@@ -69,10 +69,10 @@ def test_onnx_of_any_size(
 ) -> None:
     frames, background = noise(batch, *size)
     rows = torch.tensor(any_size.sensor_ids(SENSORS[:batch]))
-    found = run_onnx(any_size.path, frames, background, rows)
+    outputs = run_onnx(any_size.path, frames, background, rows)
     with torch.no_grad():
         expected = vit(frames, background, rows)
-    for mine, theirs in zip(expected, found, strict=True):
+    for mine, theirs in zip(expected, outputs, strict=True):
         assert (mine - theirs).abs().max() < 5e-5
         assert mine.std() > 0.1
 
@@ -100,8 +100,8 @@ def test_metadata(any_size: Exported, vit: TactileViT) -> None:
     assert read_facts(any_size.path) == any_size
     assert any_size.error < 2e-5
     session = onnxruntime.InferenceSession(any_size.path)
-    found = json.loads(session.get_modelmeta().custom_metadata_map["tactileforge"])
-    assert found == {
+    outputs = json.loads(session.get_modelmeta().custom_metadata_map["tactileforge"])
+    assert outputs == {
         "error": any_size.error,
         "format": "onnx",
         "frames": 4,
@@ -185,8 +185,8 @@ def test_resizing_is_torchs(tmp_path: Path) -> None:
     session = onnxruntime.InferenceSession(tmp_path / "resize.onnx")
     for size in ((64, 64), (120, 160), (240, 320), (288, 384), (320, 427), (480, 640), (224, 224)):
         x = torch.rand(1, 1, *size)
-        found = session.run(None, {"x": x.numpy()})[0]
-        assert np.abs(found - Resize()(x).numpy()).max() < 6e-6, size
+        outputs = session.run(None, {"x": x.numpy()})[0]
+        assert np.abs(outputs - Resize()(x).numpy()).max() < 6e-6, size
 
 
 def test_int8(vit: TactileViT, checkpoint: Path, tmp_path: Path) -> None:
@@ -200,9 +200,9 @@ def test_int8(vit: TactileViT, checkpoint: Path, tmp_path: Path) -> None:
     assert read_facts(done.path) == done
     frames, background = noise(5, *size)
     rows = torch.tensor(done.sensor_ids(SENSORS))
-    found = run_onnx(done.path, frames, background, rows)[1]
+    outputs = run_onnx(done.path, frames, background, rows)[1]
     expected = vit(frames, background, rows)[1]
-    assert F.cosine_similarity(found, expected).min() > 0.998
+    assert F.cosine_similarity(outputs, expected).min() > 0.998
     nodes = onnx.load(done.path).graph.node
     assert sum("Integer" in node.op_type for node in nodes) == 4 * 2 + 2  # embed and project
     # two products in attention a block, two of resizing: none of them has weights

@@ -119,10 +119,10 @@ WEIGHT: dict[str, Any] = {
         ({"weights": [WEIGHT | {"bytes": 0}]}, "bytes are needed"),
         ({"weights": [WEIGHT, WEIGHT]}, "each used once"),
         ({"weights": [WEIGHT | {"tag": "Base"}]}, "lower-case"),
-        ({"weights": [{"tag": "base"}]}, r"weights\[0\]: field 'licence' is missing"),
+        ({"weights": [{"tag": "base"}]}, r"weights\[0\]: 'licence' is missing"),
         ({"weights": {"base": 1}}, "weights must be a list"),
-        ({"weights": [{"tag": "a", "licence": "MIT", "layout": "clip"}]}, "say in source"),
-        ({"results": [{"task": "x"}]}, r"results\[0\]: field 'metric' is missing"),
+        ({"weights": [{"tag": "a", "licence": "MIT", "layout": "clip"}]}, "state in source"),
+        ({"results": [{"task": "x"}]}, r"results\[0\]: 'metric' is missing"),
         ({"spacing": 0}, "several have seconds between them"),
         ({"frames": 1}, "one frame has spacing 0"),
     ],
@@ -135,7 +135,7 @@ def test_cards_at_fault_are_named(
 
 
 def test_a_page_without_front_matter_is_no_card(card_text: Callable[..., str]) -> None:
-    with pytest.raises(ConfigError, match="no front matter"):
+    with pytest.raises(ConfigError, match="does not start with front matter"):
         cards.parse_card("thing", "# Thing\n", False)
     with pytest.raises(ConfigError, match="card thing: while"):
         cards.parse_card("thing", "---\ntitle: [\n---\n", False)

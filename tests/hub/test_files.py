@@ -27,9 +27,9 @@ def rewrite(path: Path, change: Callable[[dict[str, Any]], None]) -> None:
     """Changes the header of a file as another program could."""
     length = int.from_bytes(path.read_bytes()[:8], "little")
     table = json.loads(path.read_bytes()[8 : 8 + length])
-    own = json.loads(table["__metadata__"]["tactileforge"])
-    change(own)
-    save_file(load_file(path), path, metadata={"tactileforge": json.dumps(own)})
+    header = json.loads(table["__metadata__"]["tactileforge"])
+    change(header)
+    save_file(load_file(path), path, metadata={"tactileforge": json.dumps(header)})
 
 
 def test_what_is_saved_is_loaded_bit_by_bit(checkpoint: Path, vit: TactileViT) -> None:
@@ -68,8 +68,8 @@ def test_float16_halves_the_file_and_loads_as_float32(
     path = tmp_path / "half.safetensors"
     save_checkpoint(path, vit, header, "float16")
     assert path.stat().st_size < 0.51 * checkpoint.stat().st_size
-    encoder, found = open_encoder(path)
-    assert found.dtype == "float16"
+    encoder, stored = open_encoder(path)
+    assert stored.dtype == "float16"
     for key, value in vit.state_dict().items():
         kept = encoder.state_dict()[key]
         assert kept.dtype == torch.float32
@@ -145,18 +145,18 @@ def test_other_files(tmp_path: Path, vit: TactileViT) -> None:
         ({"encoder": {"size": "tiny"}}, "encoder has no name"),
         ({"sensors": {"digit": "one"}}, "sensors is"),
         ({"spacing": "fast"}, "spacing is 'fast', which is not of type float"),
-        ({"extra": 1}, "unknown field of the header: 'extra'"),
+        ({"extra": 1}, "unknown key of the header 'extra'"),
     ],
 )
 def test_headers_at_fault_are_named(checkpoint: Path, change: dict[str, Any], message: str) -> None:
-    rewrite(checkpoint, lambda own: own.update(change))
+    rewrite(checkpoint, lambda header: header.update(change))
     with pytest.raises(DataError, match=message):
         read_header(checkpoint)
 
 
 def test_a_missing_key_of_the_header_is_named(checkpoint: Path) -> None:
-    rewrite(checkpoint, lambda own: own.pop("licence"))
-    with pytest.raises(DataError, match="field 'licence' is missing"):
+    rewrite(checkpoint, lambda header: header.pop("licence"))
+    with pytest.raises(DataError, match="'licence' is missing"):
         read_header(checkpoint)
 
 

@@ -91,11 +91,15 @@ def test_pixels_have_to_be_beaten_too() -> None:
 
 @pytest.mark.parametrize("name", cards.card_names())
 def test_what_is_shipped_passes_or_says_that_it_is_a_demonstration(name: str) -> None:
-    one = cards.read_card(name)
-    for weight in one.weights:
+    shipped = cards.read_card(name)
+    for weight in shipped.weights:
         if weight.kind == "shipped":
-            assert one.gate(weight), f"measure it: tactileforge zoo gate {name}.{weight.tag} BENCH"
-            assert one.may_ship(weight), f"{name}.{weight.tag} {gate_verdict(one.gate(weight))}"
+            assert shipped.gate(weight), (
+                f"measure it: tactileforge zoo gate {name}.{weight.tag} BENCH"
+            )
+            assert shipped.may_ship(weight), (
+                f"{name}.{weight.tag} {gate_verdict(shipped.gate(weight))}"
+            )
 
 
 def test_every_file_in_the_zoo_is_on_a_card() -> None:
@@ -122,16 +126,16 @@ def test_a_made_up_bad_card_may_not_ship(
     path = tmp_path / "a.md"
     path.write_text(card(more, text))
     gates.write_gates(path, rows(wins))
-    found = cards.parse_card("a", path.read_text(), recipe=False)
-    assert found.gates == rows(wins)
-    assert found.may_ship(found.weights[0]) == good
-    table = gate_rows(found, found.weights[0])
+    parsed = cards.parse_card("a", path.read_text(), recipe=False)
+    assert parsed.gates == rows(wins)
+    assert parsed.may_ship(parsed.weights[0]) == good
+    table = gate_rows(parsed, parsed.weights[0])
     assert [line[-1] for line in table[1:6]] == ["yes"] * wins + ["no"] * (5 - wins)
 
 
 def test_a_card_that_was_not_measured_may_not_ship() -> None:
-    found = cards.parse_card("a", card(), recipe=False)
-    assert not found.may_ship(found.weights[0])
+    parsed = cards.parse_card("a", card(), recipe=False)
+    assert not parsed.may_ship(parsed.weights[0])
 
 
 def test_writing_again_replaces_and_keeps_the_rest(tmp_path: Path) -> None:
@@ -150,7 +154,7 @@ def bench(folder: Path, name: str = "a.small", sha: str = SHA, **above: Any) -> 
     score = {"value": 0.2, "low": 0.1, "high": 0.3}
     above = above or {"random": score, "pixels": score | {"low": -0.1}}
     folder.mkdir(exist_ok=True)
-    given = {
+    content = {
         "suite": "real",
         "tasks": {"t": {"title": "Task", "metric": "r2"}},
         "models": {name: {"passes": False, "sha256": sha}},
@@ -160,20 +164,20 @@ def bench(folder: Path, name: str = "a.small", sha: str = SHA, **above: Any) -> 
             | {"above": {}},
         ],
     }
-    (folder / "gate.json").write_text(json.dumps(given))
+    (folder / "gate.json").write_text(json.dumps(content))
     return folder
 
 
 def test_the_numbers_are_those_of_the_bench(tmp_path: Path) -> None:
-    (found,) = gates.read_gates(bench(tmp_path), "small", ["a.small"], SHA)
-    assert (found.value, found.chance, found.metric, found.suite) == (0.2, -0.01, "r2", "real")
-    assert (found.random_low, found.pixels_low, found.beats) == (0.1, -0.1, False)
+    (parsed,) = gates.read_gates(bench(tmp_path), "small", ["a.small"], SHA)
+    assert (parsed.value, parsed.chance, parsed.metric, parsed.suite) == (0.2, -0.01, "r2", "real")
+    assert (parsed.random_low, parsed.pixels_low, parsed.beats) == (0.1, -0.1, False)
 
 
 def test_other_weights_are_refused(tmp_path: Path) -> None:
     with pytest.raises(DataNotFoundError, match=r"bench suite=real model=\[a\.small\]"):
         gates.read_gates(tmp_path, "small", ["a.small"])
-    with pytest.raises(DataError, match=r"it measured b, not a\.small"):
+    with pytest.raises(DataError, match=r"measured b, not a\.small"):
         gates.read_gates(bench(tmp_path, "b"), "small", ["a.small"])
     with pytest.raises(DataError, match=r"other weights of a\.small"):
         gates.read_gates(bench(tmp_path, sha="6" * 64), "small", ["a.small"], SHA)
@@ -209,9 +213,9 @@ def test_packing_writes_the_card(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         folder = bench(tmp_path / "gate", name="run:runs/a")
         assert run(["zoo", "pack", "runs/a", "name=a.small", f"gate={folder}"]) == 0
         cards.read_card.cache_clear()
-        found = cards.read_card("a")
-        assert (len(found.gates), found.weights[0].bytes) == (1, 3)
-        assert found.weights[0].sha256 == hashlib.sha256(b"123").hexdigest()
+        parsed = cards.read_card("a")
+        assert (len(parsed.gates), parsed.weights[0].bytes) == (1, 3)
+        assert parsed.weights[0].sha256 == hashlib.sha256(b"123").hexdigest()
     finally:
         for cached in (cards.card_names, cards.read_card):
             cached.cache_clear()

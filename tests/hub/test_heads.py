@@ -49,9 +49,9 @@ def test_forces_are_those_of_the_head_in_newton(
     with torch.no_grad():
         expected = head(views, {}).force * torch.tensor([1.0, 2.0, 4.0])
     with pytest.warns(UserWarning, match=r"^force: no unit of digit was calibrated"):
-        found = model.force(frames, "first", "digit")
-    assert found.shape == (2, 3, 3)
-    assert torch.allclose(found, expected, atol=1e-5)
+        force = model.force(frames, "first", "digit")
+    assert force.shape == (2, 3, 3)
+    assert torch.allclose(force, expected, atol=1e-5)
     model.header.heads["force"]["calibrated"] = ["digit"]  # and it warns no more
     assert torch.allclose(model.force(frames[1], "first", "digit"), expected[1], atol=1e-5)
     both = model.readings(frames, "first", ["digit", "digit"])

@@ -48,9 +48,9 @@ def test_vectors_are_those_of_the_encoder(
     names = ["digit", "gelsight"]
     expected = {"tokens": tokens, "cls": tokens[:, 0], "projected": cls}
     for tap, values in expected.items():
-        found = model.features(frames, still, names, tap=tap)
-        torch.testing.assert_close(found, values, atol=1e-5, rtol=0)
-    assert torch.equal(model.encode(frames, still, names), found)
+        vectors = model.features(frames, still, names, tap=tap)
+        torch.testing.assert_close(vectors, values, atol=1e-5, rtol=0)
+    assert torch.equal(model.encode(frames, still, names), vectors)
     assert cls.dtype == torch.float32
 
 
@@ -58,13 +58,13 @@ def test_weights_that_change_are_used(model: Model, frames: np.ndarray) -> None:
     """The faster copies of weights never outlive what they are copies of."""
 
     def check() -> Tensor:
-        found = model.encode(frames, "none", "digit")
+        vectors = model.encode(frames, "none", "digit")
         x = torch.from_numpy(frames).movedim(-1, 2)
         with torch.no_grad():
             neutral = torch.full_like(x[:, 0], NEUTRAL_BACKGROUND)
             cls = model.encoder(x, neutral, torch.ones(2).long())[1]
-        torch.testing.assert_close(found, cls, atol=1e-5, rtol=1e-4)
-        return found
+        torch.testing.assert_close(vectors, cls, atol=1e-5, rtol=1e-4)
+        return vectors
 
     before = check()
     model.encoder.requires_grad_(True)
@@ -93,8 +93,8 @@ def test_an_encoder_with_a_forward_of_its_own_is_asked_by_it(model: Model) -> No
     expected = model.encode(clip, "none", "digit")
     encoder = Doubled("tiny", frames=4, image_size=32)
     encoder.load_state_dict(model.encoder.state_dict())
-    found = Model(encoder, model.header).encode(clip, "none", "digit")
-    torch.testing.assert_close(found, 2 * expected, atol=1e-5, rtol=0)
+    vectors = Model(encoder, model.header).encode(clip, "none", "digit")
+    torch.testing.assert_close(vectors, 2 * expected, atol=1e-5, rtol=0)
     forward = model.encoder.forward
     model.encoder.forward = lambda *inputs: (forward(*inputs)[0], torch.zeros(1, 512))
     assert not model.encode(clip, "none", "digit").any()
@@ -178,7 +178,7 @@ def test_backgrounds_that_do_not_fit(model: Model, frames: np.ndarray, still: np
 
 def test_sensors(model: Model, frames: np.ndarray, vit: TactileViT) -> None:
     assert model.sensors == list(vit.sensors)
-    with pytest.raises(ConfigError, match=r"which sensor\?.*gelsight, digit"):
+    with pytest.raises(ConfigError, match=r"no sensor is named: .*gelsight, digit"):
         model.encode(frames, "none")
     with pytest.raises(ConfigError, match=r"did you mean 'digit'.*unknown_sensor='universal'"):
         model.encode(frames, "none", "digitt")
@@ -189,8 +189,8 @@ def test_sensors(model: Model, frames: np.ndarray, vit: TactileViT) -> None:
     universal = model.encode(frames, "none", "universal")
     assert not torch.equal(universal, model.encode(frames, "none", "digit"))
     with pytest.warns(UserWarning, match=r"never saw mine: .* not meant for predicting force"):
-        given = model.encode(frames, "none", "mine", unknown_sensor="universal")
-    assert torch.equal(given, universal)
+        by_policy = model.encode(frames, "none", "mine", unknown_sensor="universal")
+    assert torch.equal(by_policy, universal)
     with pytest.warns(UserWarning, match="never saw mine"):
         mixed = model.encode(frames, "none", ["mine", "digit"], unknown_sensor="universal")
     assert torch.allclose(mixed[0], universal[0], atol=1e-6)

@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,6 +15,7 @@ import torch
 
 import tactileforge
 from tactileforge.callbacks import checkpoints
+from tactileforge.cli import dispatch
 from tactileforge.compose import compose
 from tactileforge.encoders import published
 from tactileforge.encoders.tactile_vit import TactileViT
@@ -22,8 +24,8 @@ from tactileforge.files import sha256
 from tactileforge.hub import pack, store
 from tactileforge.hub.header import read_header
 from tactileforge.train import train
-from tactileforge.zoo_verbs import main
 
+main = partial(dispatch, "zoo")
 AddCard = Callable[..., None]
 
 
@@ -74,12 +76,12 @@ def test_no_slow_copy_and_several(run: Path) -> None:
         pack.pack_run(run, encoder="slow")
     with pytest.raises(ConfigError, match="unknown encoder 'slw'; did you mean 'slow'"):
         pack.pack_run(run, encoder="slw")  # type: ignore[arg-type]
-    one = {"encoder.norm.w": torch.ones(1), "heads.a.target.network.norm.w": torch.zeros(1)}
+    state = {"encoder.norm.w": torch.ones(1), "heads.a.target.network.norm.w": torch.zeros(1)}
     other = {"heads.b.target.network.norm.w": torch.zeros(1)}
     part = {"heads.c.target.network.head.norm.w": torch.zeros(1)}
-    assert pack._choose(one | part, None, run) == ("slow", {"norm.w": torch.zeros(1)})
+    assert pack._choose(state | part, None, run) == ("slow", {"norm.w": torch.zeros(1)})
     with pytest.raises(ConfigError, match=r"found heads.a.target, heads.b.target; give"):
-        pack._choose(one | other, None, run)
+        pack._choose(state | other, None, run)
 
 
 def test_the_default_place_is_the_run(run: Path) -> None:
@@ -101,9 +103,9 @@ def test_folders_of_the_machine_stay_there(run: Path, tmp_path: Path) -> None:
 
 
 def test_only_absolute_paths_are_cut() -> None:
-    given = {"a": ["/x/y", "~ada/y", "C:\\x\\y"], "b": "x/y", "c": "s3://x/y", "d": 1}
+    config = {"a": ["/x/y", "~ada/y", "C:\\x\\y"], "b": "x/y", "c": "s3://x/y", "d": 1}
     kept = {"a": ["y", "y", "y"], "b": "x/y", "c": "s3://x/y", "d": 1}
-    assert pack._without_folders(given) == kept
+    assert pack._without_folders(config) == kept
 
 
 def test_what_is_no_run(run: Path, tmp_path: Path) -> None:

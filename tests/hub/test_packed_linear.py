@@ -52,8 +52,8 @@ def test_the_numbers_stay(kind: type[nn.Module], batch: int, calls: Calls) -> No
         expected = encoder(*inputs)
         for _ in range(2):
             with packed:
-                found = encoder(*inputs)
-            for mine, theirs in zip(expected, found, strict=True):
+                outputs = encoder(*inputs)
+            for mine, theirs in zip(expected, outputs, strict=True):
                 assert (mine - theirs).abs().max() < 1e-5
     assert (calls.packed, calls.used) == (linears, 2 * linears)
 

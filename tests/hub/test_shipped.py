@@ -34,7 +34,9 @@ def test_it_reads_the_normal_force_of_touches_it_never_saw() -> None:
     frames, background = (np.stack([row[key] for row in rows]) for key in ("frames", "background"))
     model = tactileforge.load("anytouch2.tiny")
     with pytest.warns(UserWarning, match="was calibrated for this model"):
-        found = model.force(frames, background, [row["sensor"] for row in rows])[:, -1, 2].numpy()
+        estimated = model.force(frames, background, [row["sensor"] for row in rows])[
+            :, -1, 2
+        ].numpy()
     true = np.array([row["force"][-1, 2] for row in rows])
-    assert np.corrcoef(found, true)[0, 1] > 0.8
-    assert np.abs(found - true).mean() < 0.6 * np.abs(true - np.median(true)).mean()
+    assert np.corrcoef(estimated, true)[0, 1] > 0.8
+    assert np.abs(estimated - true).mean() < 0.6 * np.abs(true - np.median(true)).mean()

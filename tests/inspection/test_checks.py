@@ -25,12 +25,12 @@ Touch = Callable[..., Recording]
 
 def flags(recording: Recording) -> dict[str, Suspicion]:
     """Everything that is found, by reason."""
-    found = [*check_labels(recording), *check_pixels(recording, frame_stats(recording))]
+    raised = [*check_labels(recording), *check_pixels(recording, frame_stats(recording))]
     lag = lag_of(recording)
-    found += check_lag(recording, lag) if lag else []
-    assert len({one.reason for one in found}) == len(found)
-    assert {one.reason for one in found} <= set(REASONS)
-    return {one.reason: one for one in found}
+    raised += check_lag(recording, lag) if lag else []
+    assert len({flag.reason for flag in raised}) == len(raised)
+    assert {flag.reason for flag in raised} <= set(REASONS)
+    return {flag.reason: flag for flag in raised}
 
 
 def without(array: Any, rows: slice) -> None:
@@ -79,10 +79,10 @@ FAULTS: dict[str, tuple[dict[str, Any], float, str]] = {
 @pytest.mark.parametrize("reason", FAULTS)
 def test_each_fault_is_found_alone_and_measured(touch: Touch, reason: str) -> None:
     fields, value, words = FAULTS[reason]
-    found = flags(touch(3, **fields))
-    assert set(found) == {reason}
-    assert found[reason].value == pytest.approx(value, rel=0.25)
-    assert words in found[reason].words
+    raised = flags(touch(3, **fields))
+    assert set(raised) == {reason}
+    assert raised[reason].value == pytest.approx(value, rel=0.25)
+    assert words in raised[reason].words
 
 
 def test_every_reason_has_a_fault() -> None:
@@ -163,11 +163,11 @@ def test_missing_labels_are_no_fault(touch: Touch) -> None:
 
 
 def test_a_force_along_one_axis_is_no_fault(touch: Touch) -> None:
-    one = touch(0)
-    one.force[:, :2] = np.nan
-    assert flags(one) == {}
-    one.force[:, 2] *= -1
-    assert set(flags(one)) == {"pulling_force"}
+    recording = touch(0)
+    recording.force[:, :2] = np.nan
+    assert flags(recording) == {}
+    recording.force[:, 2] *= -1
+    assert set(flags(recording)) == {"pulling_force"}
 
 
 def test_without_a_background_contact_cannot_be_told(touch: Touch) -> None:

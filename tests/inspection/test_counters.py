@@ -66,8 +66,12 @@ def offered(touch: Touch, counts: dict[str, int], limit: int) -> list[SampledRec
 
 def test_each_sensor_has_its_share_and_gives_the_rest_to_the_others(touch: Touch) -> None:
     drawn = offered(touch, {"digit": 900, "gelsight": 300, "dm": 4}, 101)
-    assert Counter(one.recording.sensor for one in drawn) == {"dm": 4, "gelsight": 49, "digit": 48}
-    orders = [one.order for one in drawn]
+    assert Counter(sampled.recording.sensor for sampled in drawn) == {
+        "dm": 4,
+        "gelsight": 49,
+        "digit": 48,
+    }
+    orders = [sampled.order for sampled in drawn]
     assert orders == sorted(orders)
     assert orders == [
         o.order for o in offered(touch, {"digit": 900, "gelsight": 300, "dm": 4}, 101)
@@ -77,7 +81,7 @@ def test_each_sensor_has_its_share_and_gives_the_rest_to_the_others(touch: Touch
 
 
 def test_a_sample_is_spread_evenly(touch: Touch) -> None:
-    orders = np.array([one.order for one in offered(touch, {"digit": 4000}, 400)])
+    orders = np.array([sampled.order for sampled in offered(touch, {"digit": 4000}, 400)])
     counts = np.histogram(orders, bins=4, range=(0, 4000))[0]
     assert np.abs(counts - 100).max() < 35, "four standard deviations"
 
@@ -104,15 +108,15 @@ def test_a_tally_adds_up(touch: Touch) -> None:
     (place,) = np.flatnonzero(tally.durations)
     assert DURATIONS[place] <= 3.0 < DURATIONS[place + 1]
     assert tally.durations[place] == 2
-    assert [one.counts.sum() for one in tally.forces["digit"]] == [90] * 3
+    assert [histogram.counts.sum() for histogram in tally.forces["digit"]] == [90] * 3
 
 
 def test_forces_are_counted_along_their_axes(touch: Touch) -> None:
-    one, whole, nothing = touch(0), touch(1), touch(2)
-    one.force[:, :2] = np.nan
+    normal_only, whole, nothing = touch(0), touch(1), touch(2)
+    normal_only.force[:, :2] = np.nan
     nothing.force[:] = np.nan
     tally = Counters()
-    for recording in (one, whole, nothing):
+    for recording in (normal_only, whole, nothing):
         tally.add(recording, "train")
     carrying = tally.totals["train", "digit"].carrying
     assert carrying["force"] == 2  # NaN throughout is no label

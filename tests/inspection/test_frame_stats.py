@@ -85,12 +85,12 @@ def test_the_background_is_the_median(touch: Touch) -> None:
 
 
 def test_changes_are_those_of_all_frames(touch: Touch) -> None:
-    one = touch()
-    assert one.no_contact is not None
-    pictures = one.frames.read(range(90)).astype(np.float64)
-    still = np.median(one.no_contact.read(range(3)), axis=0)
+    recording = touch()
+    assert recording.no_contact is not None
+    pictures = recording.frames.read(range(90)).astype(np.float64)
+    still = np.median(recording.no_contact.read(range(3)), axis=0)
     want = np.abs(pictures - still).mean((1, 2, 3))
-    np.testing.assert_allclose(changes(one, range(90)), want, rtol=1e-4)
+    np.testing.assert_allclose(changes(recording, range(90)), want, rtol=1e-4)
 
 
 def reencoded(array: Any) -> None:
@@ -102,8 +102,14 @@ def reencoded(array: Any) -> None:
 
 def test_copies_are_the_same_and_reencoded_ones_nearly(touch: Touch) -> None:
     looks = [
-        frame_stats(one)
-        for one in (touch(0), touch(1), touch(0, key="copy"), touch(1, edit=reencoded), touch(2))
+        frame_stats(recording)
+        for recording in (
+            touch(0),
+            touch(1),
+            touch(0, key="copy"),
+            touch(1, edit=reencoded),
+            touch(2),
+        )
     ]
     assert duplicates.identical_groups(looks) == [[0, 2]]
     ((i, j, level),) = duplicates.similar_pairs(looks)

@@ -48,8 +48,8 @@ class Checked(HTMLParser):
 
 
 def written(dataset: Any, path: Path, **options: Any) -> tuple[InspectionFindings, str]:
-    found = inspect(dataset, "made <here>", path, progress=False, **options)
-    return found, path.read_text()
+    findings = inspect(dataset, "made <here>", path, progress=False, **options)
+    return findings, path.read_text()
 
 
 def words_of(text: str) -> str:
@@ -60,9 +60,9 @@ def test_the_page_is_whole_and_needs_no_network(touch: Touch, listed: Any, tmp_p
     action = np.repeat([0, 1, 3], 30)
     train = [touch(i, action=action, object=f"object {i}") for i in range(4)]
     train += [touch(10 + i, sensor="gelsight", text="a <b>cup</b>") for i in range(3)]
-    found, text = written(listed(train, [touch(20)]), tmp_path / "new/page.html")
+    findings, text = written(listed(train, [touch(20)]), tmp_path / "new/page.html")
     page = Checked(text)
-    ids = [one for one in page.ids if not re.match(r"[0-9a-f]{8}-", one)]  # equal drawings share
+    ids = [name for name in page.ids if not re.match(r"[0-9a-f]{8}-", name)]  # equal drawings share
     assert len(ids) == len(set(ids))
     assert all(source.startswith(("data:", "#")) for source in page.sources)
     assert "<b>cup</b>" not in text
@@ -71,9 +71,9 @@ def test_the_page_is_whole_and_needs_no_network(touch: Touch, listed: Any, tmp_p
     anchors = [source[1:] for source in page.sources if source.startswith("#")]
     assert {"totals", "contact", "clips", "labels", "duplicates", "suspicious"} <= set(anchors)
     assert set(anchors) <= set(page.ids)
-    assert (found.recordings, found.frames, found.looked) == (8, 720, 8)
-    assert found.seconds == pytest.approx(24)
-    assert not any(found.counts.values())
+    assert (findings.recordings, findings.frames, findings.looked) == (8, 720, 8)
+    assert findings.seconds == pytest.approx(24)
+    assert not any(findings.counts.values())
     assert "No recording is suspicious" in text
     assert "Pictures and forces fit in time in 8 recordings" in text
     # Frame and difference of each on the sheets; 8 frames and differences of each strip.
@@ -93,17 +93,23 @@ def test_faults_are_counted_and_the_worst_come_first(
     train = [touch(i) for i in range(3)]
     train += [touch(10 + i, edit=frozen(1.3 + 0.4 * i), force=None) for i in range(3)]
     train += [touch(20 + i, no_contact=None) for i in range(15)]
-    found, text = written(listed(train), tmp_path / "page.html")
-    assert {k: n for k, n in found.counts.items() if n} == {"no_background": 15, "frozen": 3}
-    assert [one.key for one in found.worst["frozen"]] == ["made/12", "made/11", "made/10"]
-    values = [one.value for one in found.worst["frozen"]]
+    findings, text = written(listed(train), tmp_path / "page.html")
+    assert {k: n for k, n in findings.counts.items() if n} == {"no_background": 15, "frozen": 3}
+    assert [suspect.key for suspect in findings.worst["frozen"]] == [
+        "made/12",
+        "made/11",
+        "made/10",
+    ]
+    values = [suspect.value for suspect in findings.worst["frozen"]]
     np.testing.assert_allclose(values, [2.1, 1.7, 1.3], atol=0.2)
-    assert all(one.picture is not None for one in found.worst["frozen"])
-    assert [one.key for one in found.worst["no_background"]] == [f"made/{i}" for i in range(20, 32)]
+    assert all(suspect.picture is not None for suspect in findings.worst["frozen"])
+    assert [suspect.key for suspect in findings.worst["no_background"]] == [
+        f"made/{i}" for i in range(20, 32)
+    ]
     words = words_of(text)
     assert "Frozen: 3 of 21 recordings that were looked at" in words
     assert words.index("made/12, digit, training") < words.index("made/10, digit, training")
-    assert str(found).splitlines() == [
+    assert str(findings).splitlines() == [
         "21 recordings, 1890 frames, 63 s, of digit; 21 looked at",
         "15 no background",
         "3 frozen",
@@ -117,21 +123,21 @@ def test_what_cannot_be_read_is_named_and_never_fatal(
     short = touch(2, times=np.arange(4) / 30, force=None)
     breaks = DataError("index.csv, row 9: no such touch")
     dataset = listed([touch(0), bad, short], skipped=["gone.mp4: truncated"], breaks=breaks)
-    found, text = written(dataset, tmp_path / "page.html")
-    first, list_broke, broken, wrong = found.unreadable
+    findings, text = written(dataset, tmp_path / "page.html")
+    first, list_broke, broken, wrong = findings.unreadable
     assert first == "gone.mp4: truncated"
     assert "index.csv, row 9" in list_broke
     assert "made/1: " in broken
     assert "1.png: not a readable image" in broken
     assert "made/2: 4 times for 90 frames" in wrong
-    assert (found.recordings, found.looked) == (3, 1)
+    assert (findings.recordings, findings.looked) == (3, 1)
     assert "4 recordings could not be read" in text
     assert "1.png: not a readable image" in text
-    assert found.counts["gaps_in_time"] == 1
+    assert findings.counts["gaps_in_time"] == 1
     assert "4 times for 90 frames" in words_of(text)
-    found, text = written(listed([bad]), tmp_path / "none.html")
+    findings, text = written(listed([bad]), tmp_path / "none.html")
     Checked(text)
-    assert (found.recordings, found.looked, len(found.unreadable)) == (1, 0, 1)
+    assert (findings.recordings, findings.looked, len(findings.unreadable)) == (1, 0, 1)
 
 
 @pytest.fixture
@@ -152,10 +158,10 @@ def make_broken(tmp_path: Path) -> Callable[[], ImageFrames]:
 def test_duplicates_across_splits_and_keys(touch: Touch, listed: Any, tmp_path: Path) -> None:
     train = [touch(0), touch(1), touch(1, key="made/copy")]
     dataset = listed(train, [touch(0, key="made/leak"), touch(5, key="made/1")])
-    found, text = written(dataset, tmp_path / "page.html")
-    assert found.duplicates == [("made/0", "made/leak"), ("made/1", "made/copy")]
-    assert found.similar == []
-    assert found.repeated == ["made/1"]
+    findings, text = written(dataset, tmp_path / "page.html")
+    assert findings.duplicates == [("made/0", "made/leak"), ("made/1", "made/copy")]
+    assert findings.similar == []
+    assert findings.repeated == ["made/1"]
     words = words_of(text)
     assert "IN BOTH SPLITS: made/0, made/leak" in words
     assert "IN BOTH SPLITS: made/1" not in words
@@ -164,10 +170,10 @@ def test_duplicates_across_splits_and_keys(touch: Touch, listed: Any, tmp_path: 
 
 def test_stills_without_anything(touch: Touch, listed: Any, tmp_path: Path) -> None:
     bare: dict[str, Any] = {"count": 1, "force": None, "no_contact": None}
-    found, text = written(listed([touch(i, **bare) for i in range(3)]), tmp_path / "page.html")
+    findings, text = written(listed([touch(i, **bare) for i in range(3)]), tmp_path / "page.html")
     Checked(text)
-    assert (found.recordings, found.seconds) == (3, 0)
-    assert found.counts["no_background"] == 3
+    assert (findings.recordings, findings.seconds) == (3, 0)
+    assert findings.counts["no_background"] == 3
     assert "Every recording that was looked at is a still" in text
     assert "Stills without labels" in text
     assert "NaN" not in text
@@ -175,31 +181,33 @@ def test_stills_without_anything(touch: Touch, listed: Any, tmp_path: Path) -> N
 
 
 def test_times_that_stand_still(touch: Touch, listed: Any, tmp_path: Path) -> None:
-    found, text = written(listed([touch(0, times=np.zeros(90)), touch(1)]), tmp_path / "page.html")
+    findings, text = written(
+        listed([touch(0, times=np.zeros(90)), touch(1)]), tmp_path / "page.html"
+    )
     Checked(text)
-    assert found.counts["gaps_in_time"] == 1
+    assert findings.counts["gaps_in_time"] == 1
 
 
 def test_few_are_looked_at_and_all_are_counted(touch: Touch, listed: Any, tmp_path: Path) -> None:
     decoded: set[str] = set()
 
     def spied(seed: int) -> Recording:
-        one = touch(seed, count=3, force=None, key=f"made/{seed}")
+        recording = touch(seed, count=3, force=None, key=f"made/{seed}")
 
         class Spy:
-            shape = one.frames.shape
+            shape = recording.frames.shape
 
             def __len__(self) -> int:
                 return 3
 
             def read(self, indices: Any) -> Any:
-                decoded.add(one.key)
-                return one.frames.read(indices)
+                decoded.add(recording.key)
+                return recording.frames.read(indices)
 
         return touch(seed, count=3, force=None, frames=Spy())
 
-    found, _ = written(listed([spied(i) for i in range(40)]), tmp_path / "page.html", limit=7)
-    assert (found.recordings, found.looked) == (40, 7)
+    findings, _ = written(listed([spied(i) for i in range(40)]), tmp_path / "page.html", limit=7)
+    assert (findings.recordings, findings.looked) == (40, 7)
     assert len(decoded) == 7
 
 
@@ -223,9 +231,9 @@ def test_memory_does_not_grow_with_the_number_of_recordings(touch: Touch, tmp_pa
     def peak(count: int) -> int:
         tracemalloc.start()
         assert scan_dataset(Many(count), 10, progress=False).findings.recordings == count
-        found = tracemalloc.get_traced_memory()[1]
+        traced = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
-        return found
+        return traced
 
     peak(10)
     assert peak(4000) < peak(400) + 50_000, "bytes; one key and object a recording are 400,000"
@@ -257,8 +265,8 @@ def test_errors_that_are_the_users(touch: Touch, listed: Any, tmp_path: Path) ->
 
 def test_simulated_touch_is_not_suspicious(tmp_path: Path) -> None:
     data = Sim(scenes=1, val=0, size=64, processes=1, motions="slide_right", randomise="none")
-    found, text = written(data, tmp_path / "page.html")
+    findings, text = written(data, tmp_path / "page.html")
     Checked(text)
-    assert found.recordings == 3
-    assert not any(found.counts.values())
+    assert findings.recordings == 3
+    assert not any(findings.counts.values())
     assert "slide right" in text

@@ -51,16 +51,16 @@ def touch(number: int, sensor: str = "digit", frames: int = 24, fps: float = 30.
     )
 
 
-def psnr(found: np.ndarray, wanted: np.ndarray) -> float:
-    error = np.mean((found.astype(float) - wanted) ** 2)
+def psnr(images: np.ndarray, wanted: np.ndarray) -> float:
+    error = np.mean((images.astype(float) - wanted) ** 2)
     return float(10 * np.log10(255**2 / error)) if error else 99.0
 
 
 def all_of(root: Path, **options: object) -> list[Recording]:
     data = LeRobot(str(root), val=0.0, **options)
-    found = list(data.recordings("train"))
+    recordings = list(data.recordings("train"))
     assert data.skipped == []
-    return found
+    return recordings
 
 
 def test_a_round_trip_keeps_everything(tmp_path: Path) -> None:
@@ -69,18 +69,18 @@ def test_a_round_trip_keeps_everything(tmp_path: Path) -> None:
     summary = write_dataset(wanted, tmp_path / "set", LeRobotOptions())
     assert (summary.episodes, summary.rows, summary.fps) == (2, 55, 30)
     assert summary.dropped == {"digit": 0}
-    found = all_of(tmp_path / "set")
-    assert len(found) == 2
-    for one, old in zip(found, wanted, strict=True):
+    recordings = all_of(tmp_path / "set")
+    assert len(recordings) == 2
+    for new, old in zip(recordings, wanted, strict=True):
         rows = range(len(old.frames))
-        assert psnr(one.frames.read(rows), old.frames.read(rows)) > PSNR
-        assert np.abs(one.times - old.times).max() < 1e-3
-        np.testing.assert_array_equal(one.force, old.force)
-        np.testing.assert_array_equal(one.action, old.action)
-        np.testing.assert_array_equal(one.tracks["wrench"], old.tracks["wrench"])
-        np.testing.assert_array_equal(one.no_contact.read([0]), old.no_contact.read([0]))
+        assert psnr(new.frames.read(rows), old.frames.read(rows)) > PSNR
+        assert np.abs(new.times - old.times).max() < 1e-3
+        np.testing.assert_array_equal(new.force, old.force)
+        np.testing.assert_array_equal(new.action, old.action)
+        np.testing.assert_array_equal(new.tracks["wrench"], old.tracks["wrench"])
+        np.testing.assert_array_equal(new.no_contact.read([0]), old.no_contact.read([0]))
         for name in ("key", "sensor", "object", "text", "labels", "source", "tier", "licence"):
-            assert getattr(one, name) == getattr(old, name), name
+            assert getattr(new, name) == getattr(old, name), name
 
 
 def test_the_folder_is_what_lerobot_reads(tmp_path: Path) -> None:
@@ -101,10 +101,10 @@ def test_the_folder_is_what_lerobot_reads(tmp_path: Path) -> None:
     assert columns["timestamp"][23] == pytest.approx(23 / 30)
     assert columns["observation.force.digit"][0] == touch(0).force[0].tolist()
     episodes = parquet.read_table(root / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
-    assert [one["length"] for one in episodes] == [24, 31]
-    assert [one["dataset_to_index"] for one in episodes] == [24, 55]
+    assert [episode["length"] for episode in episodes] == [24, 31]
+    assert [episode["dataset_to_index"] for episode in episodes] == [24, 55]
     key = "videos/observation.images.digit"
-    assert [one[f"{key}/from_timestamp"] for one in episodes] == pytest.approx([0, 0.8])
+    assert [episode[f"{key}/from_timestamp"] for episode in episodes] == pytest.approx([0, 0.8])
     assert episodes[1][f"{key}/to_timestamp"] == pytest.approx(55 / 30)
     assert episodes[0]["tasks"] == ["touch the cup"]
     force = touch(0).force
@@ -149,9 +149,9 @@ def test_arrays_and_odd_sizes_and_the_camera(tmp_path: Path) -> None:
         touch(0, frames=12), sensor="serial_array", frames=ArrayFrames(noise), no_contact=None
     )
     write_dataset([array], tmp_path / "array", LeRobotOptions())
-    (found,) = all_of(tmp_path / "array")
-    np.testing.assert_array_equal(found.frames.read(range(12)), noise)  # without loss
-    assert found.no_contact is None
+    (recording,) = all_of(tmp_path / "array")
+    np.testing.assert_array_equal(recording.frames.read(range(12)), noise)  # without loss
+    assert recording.no_contact is None
     odd = touch(1)
     odd = replace(odd, frames=ArrayFrames(odd.frames.read(range(24))[:, :63, :47]))
     view = ArrayFrames(
@@ -160,10 +160,10 @@ def test_arrays_and_odd_sizes_and_the_camera(tmp_path: Path) -> None:
     )
     odd = replace(odd, image=view)
     write_dataset([odd], tmp_path / "odd", LeRobotOptions())
-    (found,) = all_of(tmp_path / "odd")
-    assert found.frames.shape == (63, 47)
-    assert psnr(found.frames.read([5]), odd.frames.read([5])) > PSNR
-    assert found.image.read([0, 12, 23]).mean((1, 2, 3)) == pytest.approx([0, 120, 240], abs=4)
+    (recording,) = all_of(tmp_path / "odd")
+    assert recording.frames.shape == (63, 47)
+    assert psnr(recording.frames.read([5]), odd.frames.read([5])) > PSNR
+    assert recording.image.read([0, 12, 23]).mean((1, 2, 3)) == pytest.approx([0, 120, 240], abs=4)
 
 
 def test_files_are_split_by_size(tmp_path: Path) -> None:
@@ -171,9 +171,9 @@ def test_files_are_split_by_size(tmp_path: Path) -> None:
     write_dataset(many, tmp_path / "set", LeRobotOptions(data_mb=1e-3, video_mb=1e-5))
     assert len(list((tmp_path / "set/data").rglob("*.parquet"))) == 3
     assert len(list((tmp_path / "set/videos").rglob("*.mp4"))) == 3
-    for one, old in zip(all_of(tmp_path / "set"), many, strict=True):
-        np.testing.assert_array_equal(one.force, old.force)
-        assert psnr(one.frames.read([20]), old.frames.read([20])) > PSNR
+    for new, old in zip(all_of(tmp_path / "set"), many, strict=True):
+        np.testing.assert_array_equal(new.force, old.force)
+        assert psnr(new.frames.read([20]), old.frames.read([20])) > PSNR
 
 
 def test_data_sets_of_others_are_read(tmp_path: Path) -> None:
@@ -182,10 +182,16 @@ def test_data_sets_of_others_are_read(tmp_path: Path) -> None:
     write_dataset([touch(0), touch(1)], root, LeRobotOptions())
     (root / folder.TOUCH).unlink()
     options = {"touch": ["observation.images.digit"], "sensors": ["gelsight_mini"]}
-    one, _ = all_of(root, **options, force=["observation.wrench.digit"], force_columns=[3, 4, 5])
-    assert (one.sensor, one.key, one.text) == ("gelsight_mini", "set/000000/digit", "touch the cup")
-    np.testing.assert_array_equal(one.force, touch(0).tracks["wrench"][:, 3:])
-    np.testing.assert_array_equal(one.no_contact.read([0]), one.frames.read([0]))
+    recording, _ = all_of(
+        root, **options, force=["observation.wrench.digit"], force_columns=[3, 4, 5]
+    )
+    assert (recording.sensor, recording.key, recording.text) == (
+        "gelsight_mini",
+        "set/000000/digit",
+        "touch the cup",
+    )
+    np.testing.assert_array_equal(recording.force, touch(0).tracks["wrench"][:, 3:])
+    np.testing.assert_array_equal(recording.no_contact.read([0]), recording.frames.read([0]))
     assert all_of(root, **options, background="none")[0].no_contact is None
     with pytest.raises(ConfigError, match=r"which features are touch\? .*observation.images.digit"):
         all_of(root)
@@ -203,12 +209,12 @@ def test_the_verbs_go_both_ways(tmp_path: Path, capsys: pytest.CaptureFixture[st
     back = ["data=shards", f"data.root={tmp_path / 'shards'}", f"out={tmp_path / 'b'}"]
     assert cli.run(["data", "lerobot", *back, "lerobot.images=png"]) == 0
     assert "4 episodes, 96 rows at 30 per second" in capsys.readouterr().out
-    found = {one.key: one for one in all_of(tmp_path / "b")}
+    by_key = {recording.key: recording for recording in all_of(tmp_path / "b")}
     for number in range(4):
-        one, old = found[touch(number).key], touch(number)
-        np.testing.assert_array_equal(one.frames.read(range(24)), old.frames.read(range(24)))
-        np.testing.assert_array_equal(one.force, old.force)
-        np.testing.assert_allclose(one.times, old.times, atol=1e-9)
+        new, old = by_key[touch(number).key], touch(number)
+        np.testing.assert_array_equal(new.frames.read(range(24)), old.frames.read(range(24)))
+        np.testing.assert_array_equal(new.force, old.force)
+        np.testing.assert_allclose(new.times, old.times, atol=1e-9)
     assert cli.run(["data", "lerobot", *back]) == 1
     assert "exists: give another out=" in capsys.readouterr().err
 
@@ -289,12 +295,12 @@ def test_bad_options_are_named(options: dict[str, object], message: str) -> None
 
 
 def test_statistics_by_hand() -> None:
-    found = number_statistics(np.array([[0.0, 1.0], [2.0, 5.0], [np.nan, 3.0]]))
-    assert found["min"] == [0, 1]
-    assert found["mean"] == [1, 3]
-    assert found["std"] == [1, 2]
-    assert found["q50"] == [1, 3]
-    assert found["count"] == [2]
+    statistics = number_statistics(np.array([[0.0, 1.0], [2.0, 5.0], [np.nan, 3.0]]))
+    assert statistics["min"] == [0, 1]
+    assert statistics["mean"] == [1, 3]
+    assert statistics["std"] == [1, 2]
+    assert statistics["q50"] == [1, 3]
+    assert statistics["count"] == [2]
     white = image_statistics(np.full((2, 4, 4, 3), 255, np.uint8))
     assert white["mean"] == [[[1.0]], [[1.0]], [[1.0]]]
     assert white["count"] == [2]

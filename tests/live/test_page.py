@@ -18,8 +18,7 @@ import pytest
 from tactileforge.contracts import Frame
 from tactileforge.errors import ConfigError
 from tactileforge.live.server import LivePage, difference_image, page_jpeg
-from tactileforge.live.session import LiveOptions, LiveSession, run_session
-from tactileforge.sensors.background import Background
+from tactileforge.live.session import LiveOptions, LiveSession, ShowBackground, run_session
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "google-chrome", "chrome"))), None)
 
@@ -35,7 +34,7 @@ def page(scripted):
     """A page of a sensor that is pressed from its hundredth frame on."""
     sensor = scripted(fps=50.0, events=dict.fromkeys(range(50, 10_000), press))
     stop = threading.Event()
-    options = LiveOptions(background=Background(seconds=0.0))
+    options = LiveOptions(background=ShowBackground(seconds=0.0))
     with LiveSession({"left": sensor}, None, options) as view, LivePage(view) as page:
         thread = threading.Thread(target=run_session, args=(view, [], stop, lambda line: None))
         thread.start()

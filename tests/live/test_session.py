@@ -25,10 +25,9 @@ from tactileforge.live.contact import (
 )
 from tactileforge.live.publish import JsonLines
 from tactileforge.live.sensor_stream import SensorStream, known_as
-from tactileforge.live.session import LiveOptions, LiveSession, run_session
-from tactileforge.sensors.background import Background
+from tactileforge.live.session import LiveOptions, LiveSession, ShowBackground, run_session
 
-NO_BACKGROUND = Background(seconds=0.0)
+NO_BACKGROUND = ShowBackground(seconds=0.0)
 
 
 @pytest.fixture(scope="module")
@@ -49,10 +48,10 @@ def options(**given):
 
 def messages_of(view, stop=None):
     lines = io.StringIO()
-    said = []
+    notes = []
     with view:
-        run_session(view, [JsonLines(lines)], stop, said.append)
-    return [json.loads(line) for line in lines.getvalue().splitlines()], said
+        run_session(view, [JsonLines(lines)], stop, notes.append)
+    return [json.loads(line) for line in lines.getvalue().splitlines()], notes
 
 
 # clips
@@ -109,20 +108,20 @@ def test_contact_has_two_thresholds():
 
 def test_slip_begins_at_the_friction_cone():
     slip = SlipEstimator(SlipOptions(friction=0.5, least=0.3))
-    found = [slip.update(0.2 * i, np.array([0.6 * r, 0.8 * r, 1.0]), True)
+    messages = [slip.update(0.2 * i, np.array([0.6 * r, 0.8 * r, 1.0]), True)
              for i, r in enumerate((0.3, 0.45, 0.5, 0.45, 0.41, 0.39))]  # fmt: skip
-    assert found == [False, False, True, True, True, False]
+    assert messages == [False, False, True, True, True, False]
     assert not slip.update(2.0, np.array([9.0, 0.0, 0.2]), True)
     assert not slip.update(2.1, np.array([9.0, 0.0, 9.0]), False)
 
 
 def test_shear_that_lets_go_is_slip_only_where_the_normal_force_stays():
-    held, gone = np.array([0.4, 0.0, 1.0]), np.array([0.2, 0.0, 1.0])
+    pressed, gone = np.array([0.4, 0.0, 1.0]), np.array([0.2, 0.0, 1.0])
     slip = SlipEstimator(SlipOptions())
-    assert [slip.update(0.0, held, True), slip.update(0.05, gone, True)] == [False, True]
+    assert [slip.update(0.0, pressed, True), slip.update(0.05, gone, True)] == [False, True]
     assert not slip.update(0.5, gone, True)
     lifted = SlipEstimator(SlipOptions())
-    lifted.update(0.0, held, True)
+    lifted.update(0.0, pressed, True)
     assert not lifted.update(0.05, gone / 2, True)
 
 
@@ -131,16 +130,18 @@ def test_shear_that_lets_go_is_slip_only_where_the_normal_force_stays():
 
 def test_frames_become_forces(scripted, model):
     sensor = scripted(fps=50.0, limit=60)
-    found, _ = messages_of(LiveSession({"left": sensor}, model, options(frames=5, embedding=True)))
-    assert len(found) == 5
-    for message in found:
+    messages, _ = messages_of(
+        LiveSession({"left": sensor}, model, options(frames=5, embedding=True))
+    )
+    assert len(messages) == 5
+    for message in messages:
         assert message["sensor"] == "left"
         assert len(message["embedding"]) == 512
         assert message["contact"] is False
         assert message["slip"] is False
         assert math.isfinite(sum(message["force"]))
         assert 0 < message["latency_ms"] < 10_000
-    times = [message["time"] for message in found]
+    times = [message["time"] for message in messages]
     assert times == sorted(set(times))
 
 
@@ -184,12 +185,12 @@ def test_contact_without_a_model(scripted):
         return Frame(array=np.full_like(frame.array, 200), time=frame.time)
 
     sensor = scripted(fps=50.0, limit=80, events=dict.fromkeys(range(40, 80), press))
-    found, _ = messages_of(LiveSession({"left": sensor}, None, options()))
-    contacts = [message["contact"] for message in found]
+    messages, _ = messages_of(LiveSession({"left": sensor}, None, options()))
+    contacts = [message["contact"] for message in messages]
     assert not contacts[0]
     assert contacts[-1]
     assert contacts == sorted(contacts)
-    assert {message["force"] for message in found} == {None}
+    assert {message["force"] for message in messages} == {None}
 
 
 # bad input
@@ -200,20 +201,20 @@ def test_black_frames_are_no_reading_of_force(scripted, model):
         return Frame(array=np.zeros_like(frame.array), time=frame.time)
 
     sensor = scripted(fps=50.0, limit=120, events=dict.fromkeys(range(30, 60), black))
-    found, said = messages_of(LiveSession({"left": sensor}, model, options()))
-    dark = [message for message in found if message.get("trouble") == "black"]
+    messages, notes = messages_of(LiveSession({"left": sensor}, model, options()))
+    dark = [message for message in messages if message.get("trouble") == "black"]
     assert dark
     assert all(m["force"] is m["contact"] is m["slip"] is None for m in dark)
-    events = [message["event"] for message in found if "event" in message]
+    events = [message["event"] for message in messages if "event" in message]
     assert events == ["black", "good"]
-    assert "left: black" in said
+    assert "left: black" in notes
 
 
 def test_an_unplugged_sensor_comes_back_and_it_is_said(scripted, model):
     sensor = scripted(fps=50.0, limit=80, events={40: SensorError("gone")})
-    found, said = messages_of(LiveSession({"left": sensor}, model, options()))
-    assert [m["event"] for m in found if "event" in m] == ["lost", "good"]
-    assert said == ["left: lost", "left: all is well again"]
+    messages, notes = messages_of(LiveSession({"left": sensor}, model, options()))
+    assert [m["event"] for m in messages if "event" in m] == ["lost", "good"]
+    assert notes == ["left: lost", "left: all is well again"]
     assert sensor.opened == 2
 
 
@@ -233,8 +234,8 @@ def test_frozen_frames_are_said(scripted, model):
         return Frame(array=still, time=frame.time)
 
     sensor = scripted(fps=50.0, limit=130, events=dict.fromkeys(range(20, 110), freeze))
-    found, _ = messages_of(LiveSession({"left": sensor}, model, options()))
-    assert [m["event"] for m in found if "event" in m] == ["frozen", "good"]
+    messages, _ = messages_of(LiveSession({"left": sensor}, model, options()))
+    assert [m["event"] for m in messages if "event" in m] == ["frozen", "good"]
 
 
 def test_a_sensor_that_the_model_does_not_know(scripted, model):
@@ -242,8 +243,8 @@ def test_a_sensor_that_the_model_does_not_know(scripted, model):
         LiveSession({"left": scripted(type="tactip")}, model, options()).__enter__()
     assert known_as("tactip", model, "universal") == "universal"
     chosen = options(unknown_sensor="universal", frames=1)
-    (found,), _ = messages_of(LiveSession({"left": scripted(type="tactip")}, model, chosen))
-    assert found["force"] is None
+    (messages,), _ = messages_of(LiveSession({"left": scripted(type="tactip")}, model, chosen))
+    assert messages["force"] is None
 
 
 def test_two_sensors_with_one_id(scripted, model):
@@ -255,8 +256,8 @@ def test_two_sensors_with_one_id(scripted, model):
 
 def test_two_sensors_are_both_read(scripted, model):
     pair = {name: scripted(address=name) for name in ("left", "right")}
-    found, _ = messages_of(LiveSession(pair, model, options(frames=12)))
-    assert {message["sensor"] for message in found} == {"left", "right"}
+    messages, _ = messages_of(LiveSession(pair, model, options(frames=12)))
+    assert {message["sensor"] for message in messages} == {"left", "right"}
 
 
 def test_what_cannot_be_shown(scripted):
@@ -267,27 +268,26 @@ def test_what_cannot_be_shown(scripted):
 
 
 def test_touch_while_the_background_is_taken(scripted):
-    view = LiveSession(
-        {"left": scripted(moves=True)}, None, options(background=Background(seconds=0.5))
-    )
+    given = options(background=ShowBackground(seconds=0.5))
+    view = LiveSession({"left": scripted(moves=True)}, None, given)
     with view, pytest.raises(SensorError, match="something touches it"):
         view.take_background()
 
 
 def test_the_background_is_the_median_or_a_file(scripted, tmp_path):
-    view = LiveSession({"left": scripted()}, None, options(background=Background(seconds=0.3)))
+    view = LiveSession({"left": scripted()}, None, options(background=ShowBackground(seconds=0.3)))
     with view:
         view.take_background()
         assert abs(view.fingers["left"].background.astype(float) - 121).max() <= 1
     picture = np.arange(24 * 32 * 3, dtype=np.uint8).reshape(24, 32, 3)
     cv2.imwrite(str(tmp_path / "still.png"), cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
-    with LiveSession(
-        {"left": scripted()}, None, options(image=str(tmp_path / "still.png"))
-    ) as view:
+    still = options(background=ShowBackground(image=str(tmp_path / "still.png")))
+    with LiveSession({"left": scripted()}, None, still) as view:
         view.take_background()
         assert np.array_equal(view.fingers["left"].background, picture)
     cv2.imwrite(str(tmp_path / "small.png"), picture[:5])
-    view = LiveSession({"left": scripted()}, None, options(image=str(tmp_path / "small.png")))
+    small = options(background=ShowBackground(image=str(tmp_path / "small.png")))
+    view = LiveSession({"left": scripted()}, None, small)
     with view, pytest.raises(ConfigError, match=r"the background has \(5, 32\) pixels"):
         view.take_background()
 
@@ -295,5 +295,5 @@ def test_the_background_is_the_median_or_a_file(scripted, tmp_path):
 def test_it_ends_when_stopped(scripted, model):
     stop = threading.Event()
     threading.Timer(3.0, stop.set).start()
-    found, _ = messages_of(LiveSession({"left": scripted()}, model, options(seconds=None)), stop)
-    assert found
+    messages, _ = messages_of(LiveSession({"left": scripted()}, model, options(seconds=None)), stop)
+    assert messages

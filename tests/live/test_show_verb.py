@@ -1,16 +1,20 @@
 """``tactileforge live`` from its words to its lines."""
 
 import json
-from pathlib import Path
+from dataclasses import fields
 
 import cv2
 import numpy as np
 import pytest
 
 from tactileforge.cli import run
-from tactileforge.compose import plain
+from tactileforge.cli.live import COMMANDS
 from tactileforge.errors import ConfigError
-from tactileforge.live.show_verb import options_of
+from tactileforge.live.session import LiveOptions
+
+
+def composed(*words):
+    return COMMANDS[""].compose("live", ["sensor=sim", *words])
 
 
 @pytest.fixture
@@ -29,12 +33,12 @@ def words(tmp_path):
 
 def test_json_alone_goes_to_standard_output(words, capsys):
     assert run(["live", *words, "json=true", "frames=4"]) == 0
-    found = capsys.readouterr()
-    lines = [json.loads(line) for line in found.out.splitlines()]
+    captured = capsys.readouterr()
+    lines = [json.loads(line) for line in captured.out.splitlines()]
     assert [line["sensor"] for line in lines] == ["replay"] * 4
     assert [line["contact"] for line in lines if line["frame"] == 1] in ([], [False])
-    assert "page: http://127.0.0.1:" in found.err
-    assert "readings: replay 4 (skipped " in found.err
+    assert "page: http://127.0.0.1:" in captured.err
+    assert "readings: replay 4 (skipped " in captured.err
 
 
 def test_it_ends_after_its_seconds(words, capsys):
@@ -53,8 +57,8 @@ def test_errors_are_said(words, capsys):
 
 def test_help_lists_the_keys(capsys):
     assert run(["live", "--help"]) == 0
-    said = capsys.readouterr().out
-    assert all(f"\n{key}:" in said for key in plain("live", ["sensor=sim"]) if key != "sensor")
+    printed = capsys.readouterr().out
+    assert all(f"\n{key}:" in printed for key in composed())
 
 
 @pytest.mark.parametrize(
@@ -69,11 +73,10 @@ def test_help_lists_the_keys(capsys):
 )
 def test_values_that_do_not_fit(word, message):
     with pytest.raises(ConfigError, match=message):
-        options_of(plain("live", ["sensor=sim", word]))
+        COMMANDS[""].build(composed(word))
 
 
-def test_defaults_are_those_of_the_classes():
-    from tactileforge.live.session import LiveOptions
-
-    assert options_of(plain("live", ["sensor=sim"])) == LiveOptions()
-    assert Path(__file__).parents[2].joinpath("conf", "live.yaml").is_file()
+def test_defaults_are_those_of_the_class():
+    built, wanted = COMMANDS[""].build(composed()), LiveOptions()
+    for spec in fields(LiveOptions):
+        assert getattr(built, spec.name) == getattr(wanted, spec.name)

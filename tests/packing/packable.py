@@ -16,6 +16,7 @@ import numpy as np
 from tactileforge.contracts import Recording
 from tactileforge.errors import DataError, TactileForgeError
 from tactileforge.packing import PackOptions, pack
+from tactileforge.strict import build
 
 SHAPE = (24, 32)
 
@@ -123,7 +124,7 @@ def main(out, given):
         import resource
 
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-    options = PackOptions.of(arguments.pop("options"))
+    options = build(PackOptions, "pack", arguments.pop("options"))
     try:
         pack(Touches(**arguments), "touches", Path(out), options)
     except TactileForgeError as error:

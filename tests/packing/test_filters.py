@@ -59,12 +59,12 @@ def numbered(recording: Recording) -> list[Numbered]:
 
 
 def test_score_is_the_variance_of_the_laplacian_of_the_difference(slide: Recording) -> None:
-    found = filters.laplacian_scores(numbered(slide))
-    assert np.isnan(found[0])
+    values = filters.laplacian_scores(numbered(slide))
+    assert np.isnan(values[0])
     frames = slide.frames.read(range(60))
     wanted = [by_formula(*pair) for pair in itertools.pairwise(frames)]
-    np.testing.assert_allclose(found[1:], wanted, rtol=1e-5)
-    assert {i for i, value in enumerate(found) if value > 0} == set(range(20, 40))
+    np.testing.assert_allclose(values[1:], wanted, rtol=1e-5)
+    assert {i for i, value in enumerate(values) if value > 0} == set(range(20, 40))
 
 
 def test_all_frames_of_clips_with_a_lively_frame_are_kept() -> None:
@@ -73,8 +73,8 @@ def test_all_frames_of_clips_with_a_lively_frame_are_kept() -> None:
     scores[[40, 70]] = 5.0
     clips = [range(end - 6, end + 1, 2) for end in range(6, 100)]  # four frames, 1/15 s apart
     wanted = {row for clip in clips if {40, 70} & set(clip) for row in range(clip[0], clip[-1] + 1)}
-    found = filters.peaks(times, scores.tolist(), span=0.2) >= 5.0
-    assert set(np.flatnonzero(found)) == wanted
+    kept = filters.peaks(times, scores.tolist(), span=0.2) >= 5.0
+    assert set(np.flatnonzero(kept)) == wanted
 
 
 @pytest.mark.parametrize("span", [0.0, 0.1, 0.2, 5.0])
@@ -87,8 +87,8 @@ def test_frames_are_judged_as_they_come(span: float) -> None:
         frames = [np.pad(np.full((2, 2, 3), v, np.uint8), ((2, 2), (2, 2), (0, 0))) for v in value]
         stream = list(enumerate(frames))
         wanted = filters.peaks(times, filters.laplacian_scores(stream), span) >= 1.0
-        found = [number for number, _ in filters.only_lively(stream, times, 1.0, span)]
-        assert found == np.flatnonzero(wanted).tolist()
+        kept = [number for number, _ in filters.only_lively(stream, times, 1.0, span)]
+        assert kept == np.flatnonzero(wanted).tolist()
 
 
 def test_no_more_frames_are_held_than_a_clip_has() -> None:
@@ -128,7 +128,9 @@ def packed(packable: ModuleType, tmp_path: Path) -> Packed:
             packable.Given(*recordings), "x", tmp_path, PackOptions(codec="png", filter=chosen)
         )
         return made, {
-            one.key: one for path in tmp_path.glob("*.tar") for one in shards.read_shard(path)
+            recording.key: recording
+            for path in tmp_path.glob("*.tar")
+            for recording in shards.read_shard(path)
         }
 
     return run
@@ -150,46 +152,51 @@ def test_reach_is_the_length_of_the_clips_that_are_cut(rate: int) -> None:
 
 
 def test_the_moving_part_is_packed_with_its_labels(slide: Recording, packed: Packed) -> None:
-    made, found = packed(Filter(laplacian=0.5), slide)
-    one = found["slide"]
+    made, by_key = packed(Filter(laplacian=0.5), slide)
+    recording = by_key["slide"]
     rows = np.arange(14, 46)  # the slide, and 0.2 s on both sides
-    np.testing.assert_array_equal(one.times, rows / 30)
-    np.testing.assert_array_equal(one.frames.read(range(32)), slide.frames.read(rows.tolist()))
-    np.testing.assert_array_equal(one.force, slide.force[rows])  # type: ignore[index]
-    np.testing.assert_array_equal(one.action, slide.action[rows])  # type: ignore[index]
-    assert one.no_contact is not None
+    np.testing.assert_array_equal(recording.times, rows / 30)
+    np.testing.assert_array_equal(
+        recording.frames.read(range(32)), slide.frames.read(rows.tolist())
+    )
+    np.testing.assert_array_equal(recording.force, slide.force[rows])  # type: ignore[index]
+    np.testing.assert_array_equal(recording.action, slide.action[rows])  # type: ignore[index]
+    assert recording.no_contact is not None
     statistics = made.statistics["train"]
     assert (statistics["read"], statistics["frames"], statistics["emptied"]) == (60, 32, 0)
 
 
 def test_camera_views_stay_with_the_frames_they_belong_to(slide: Recording, packed: Packed) -> None:
-    _, found = packed(Filter(laplacian=0.5), slide)
-    one = found["slide"]
-    assert one.image is not None
-    assert one.image_times is not None
-    np.testing.assert_array_equal(one.image.read(range(6)), slide.image.read(range(6)))  # type: ignore[union-attr]
+    _, by_key = packed(Filter(laplacian=0.5), slide)
+    recording = by_key["slide"]
+    assert recording.image is not None
+    assert recording.image_times is not None
+    np.testing.assert_array_equal(recording.image.read(range(6)), slide.image.read(range(6)))  # type: ignore[union-attr]
     before = [row * 6 // 60 for row in range(14, 46)]
-    assert nearest(one.image_times, one.times).tolist() == before
+    assert nearest(recording.image_times, recording.times).tolist() == before
 
 
 def test_what_never_moves_is_left_out_and_counted(slide: Recording, packed: Packed) -> None:
     still = slide.part(0, 15)
     photo = replace(slide.part(0, 1), key="photo")
-    made, found = packed(Filter(laplacian=0.5), slide, still, photo)
-    assert set(found) == {"slide", "photo"}  # a photo has no frame before it
+    made, by_key = packed(Filter(laplacian=0.5), slide, still, photo)
+    assert set(by_key) == {"slide", "photo"}  # a photo has no frame before it
     assert made.statistics["train"]["emptied"] == 1
 
 
 def test_sampling_comes_before_scores(slide: Recording, packed: Packed) -> None:
-    _, found = packed(Filter(laplacian=0.5, every=0.1), slide)
+    _, by_key = packed(Filter(laplacian=0.5, every=0.1), slide)
     rows = np.arange(0, 60, 3)
     frames = slide.frames.read(rows.tolist())
     moving = [i for i in range(1, 20) if by_formula(frames[i - 1], frames[i]) >= 0.5]
     wanted = rows[moving[0] - 3 : moving[-1] + 4]  # four frames 0.1 s apart are a clip
-    np.testing.assert_array_equal(found["slide"].times, wanted / 30)
+    np.testing.assert_array_equal(by_key["slide"].times, wanted / 30)
 
 
 def test_thresholds_may_differ_by_sensor(slide: Recording, packed: Packed) -> None:
     other = replace(slide, key="other", sensor="gelsight")
-    _, found = packed(Filter(laplacian={"digit": 0.5}), slide, other)
-    assert {key: len(one.times) for key, one in found.items()} == {"slide": 32, "other": 60}
+    _, by_key = packed(Filter(laplacian={"digit": 0.5}), slide, other)
+    assert {key: len(recording.times) for key, recording in by_key.items()} == {
+        "slide": 32,
+        "other": 60,
+    }

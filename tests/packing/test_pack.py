@@ -17,6 +17,7 @@ from tactileforge.data.shards import index, shards
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.packing import PackOptions, pack, summary
 from tactileforge.packing.statistics import PackStatistics
+from tactileforge.strict import build
 
 PNG = PackOptions(codec="png", shard_frames=30, processes=1)
 
@@ -42,19 +43,19 @@ def test_nothing_is_lost(packable: ModuleType, tmp_path: Path) -> None:
     assert saved.statistics == made.statistics
     assert saved.splits.keys() == made.splits.keys()
     for split in ("train", "val"):
-        wanted = {one.key: one for one in touches.recordings(split)}
-        found = [
-            one
+        wanted = {recording.key: recording for recording in touches.recordings(split)}
+        packed = [
+            recording
             for path in sorted(tmp_path.glob(f"{split}-*.tar"))
-            for one in shards.read_shard(path)
+            for recording in shards.read_shard(path)
         ]
-        assert [one.key for one in found] == [
-            one.key for one in index.sort_recordings(wanted.values())
+        assert [recording.key for recording in packed] == [
+            recording.key for recording in index.sort_recordings(wanted.values())
         ]
-        for one in found:
-            source = wanted[one.key]
+        for recording in packed:
+            source = wanted[recording.key]
             for name in (field.name for field in dataclasses.fields(Recording)):
-                here, there = getattr(source, name), getattr(one, name)
+                here, there = getattr(source, name), getattr(recording, name)
                 if name in ("frames", "no_contact", "image"):
                     here, there = (lazy.read(range(len(lazy))) for lazy in (here, there))
                 np.testing.assert_array_equal(here, there, err_msg=name)
@@ -79,14 +80,14 @@ def test_what_one_object_felt_is_in_one_shard(packable: ModuleType, tmp_path: Pa
     made = pack(packable.Touches(objects=9), "touches", tmp_path, PNG)
     where: dict[str, set[str]] = {}
     for path in tmp_path.glob("train-*.tar"):
-        for one in shards.read_shard(path):
-            where.setdefault(str(one.object), set()).add(path.name)
+        for recording in shards.read_shard(path):
+            where.setdefault(str(recording.object), set()).add(path.name)
     assert len(where) == 9
     assert {len(files) for files in where.values()} == {1}
     entries = made.splits["train"]
     assert [entry.file for entry in entries] == [f"train-{i:06d}.tar" for i in range(9)]
     assert made.sorted
-    assert all(one.last < other.first for one, other in itertools.pairwise(entries))
+    assert all(before.last < other.first for before, other in itertools.pairwise(entries))
 
 
 def test_shards_hold_as_many_frames_as_asked_for(packable: ModuleType, tmp_path: Path) -> None:
@@ -108,46 +109,46 @@ def test_processes_do_not_change_the_bytes(packable: ModuleType, tmp_path: Path)
 
 def test_statistics(packable: ModuleType, tmp_path: Path) -> None:
     touches = packable.Touches()
-    found = pack(touches, "touches", tmp_path, PNG).statistics["train"]
+    statistics = pack(touches, "touches", tmp_path, PNG).statistics["train"]
     recordings = list(touches.recordings("train"))
-    actions = np.concatenate([one.action for one in recordings])
+    actions = np.concatenate([recording.action for recording in recordings])
     wanted = {name: int((actions == i).sum()) for i, name in enumerate(ACTIONS)}
-    assert found["actions"] == {**wanted, "unknown": int((actions == -1).sum())}
-    assert (found["recordings"], found["frames"], found["read"]) == (8, 96, 96)
-    assert found["sensors"] == {"digit": 48, "gelsight": 48}
-    assert found["objects"] == 4
-    assert found["bytes"] == sum(p.stat().st_size for p in tmp_path.glob("train-*.tar"))
-    force = np.concatenate([one.force for one in recordings])
+    assert statistics["actions"] == {**wanted, "unknown": int((actions == -1).sum())}
+    assert (statistics["recordings"], statistics["frames"], statistics["read"]) == (8, 96, 96)
+    assert statistics["sensors"] == {"digit": 48, "gelsight": 48}
+    assert statistics["objects"] == 4
+    assert statistics["bytes"] == sum(p.stat().st_size for p in tmp_path.glob("train-*.tar"))
+    force = np.concatenate([recording.force for recording in recordings])
     known = force[~np.isnan(force[:, 0])]
-    edges = np.array(found["force"]["edges"])
+    edges = np.array(statistics["force"]["edges"])
     for axis, values in zip("xyz", known.T, strict=True):
-        counts = np.array(found["force"][axis])
+        counts = np.array(statistics["force"][axis])
         assert counts.sum() == len(known) == 88
         inside = (values >= -1) & (values < 1)
         assert counts[(edges[:-1] >= -1) & (edges[1:] <= 1)].sum() == inside.sum()
 
 
 def test_statistics_of_forces_along_one_axis() -> None:
-    one = noise("a", 12, force=np.full((12, 3), 2.0, np.float32))
-    one.force[:, :2] = np.nan
-    found = PackStatistics()
-    found.add(one)
-    assert found.force.sum(1).tolist() == [0, 0, 12]
+    recording = noise("a", 12, force=np.full((12, 3), 2.0, np.float32))
+    recording.force[:, :2] = np.nan
+    statistics = PackStatistics()
+    statistics.add(recording)
+    assert statistics.force.sum(1).tolist() == [0, 0, 12]
 
 
 def test_pictures_shrink_to_the_size_asked_for(packable: ModuleType, tmp_path: Path) -> None:
     pack(packable.Touches(objects=1), "touches", tmp_path, dataclasses.replace(PNG, size=12))
-    (one, _) = shards.read_shard(tmp_path / "train-000000.tar")
-    assert one.frames.shape == one.no_contact.shape == one.image.shape == (12, 16)  # type: ignore[union-attr]
-    source = {r.key: r for r in packable.Touches(objects=1).recordings("train")}[one.key]
+    (recording, _) = shards.read_shard(tmp_path / "train-000000.tar")
+    assert recording.frames.shape == recording.no_contact.shape == recording.image.shape == (12, 16)  # type: ignore[union-attr]
+    source = {r.key: r for r in packable.Touches(objects=1).recordings("train")}[recording.key]
     blocks = source.frames.read([0])[0].reshape(12, 2, 16, 2, 3).mean((1, 3))
-    assert np.abs(one.frames.read([0])[0] - blocks).max() <= 0.5
+    assert np.abs(recording.frames.read([0])[0] - blocks).max() <= 0.5
 
 
 def test_small_pictures_stay_as_they_are(packable: ModuleType, tmp_path: Path) -> None:
     pack(packable.Touches(objects=1), "touches", tmp_path, dataclasses.replace(PNG, size=24))
-    (one, _) = shards.read_shard(tmp_path / "train-000000.tar")
-    assert one.frames.shape == (24, 32)
+    (recording, _) = shards.read_shard(tmp_path / "train-000000.tar")
+    assert recording.frames.shape == (24, 32)
 
 
 def test_shards_are_packed_again_without_loss(packable: ModuleType, tmp_path: Path) -> None:
@@ -191,19 +192,21 @@ def test_unreadable_frames_are_left_out_and_listed(packable: ModuleType, tmp_pat
         noise("a", 40, frames=broken, times=np.arange(40) / 30, action=np.arange(40) % 8),
         *(noise(f"fine {i}", 3) for i in range(5)),
     )
-    found = pack(data, "x", tmp_path, PNG)
-    (one,) = (r for p in tmp_path.glob("train*.tar") for r in shards.read_shard(p) if r.key == "a")
+    packed = pack(data, "x", tmp_path, PNG)
+    (recording,) = (
+        r for p in tmp_path.glob("train*.tar") for r in shards.read_shard(p) if r.key == "a"
+    )
     rows = [i for i in range(40) if i not in (7, 30)]
-    np.testing.assert_array_equal(one.times, np.array(rows) / 30)
-    np.testing.assert_array_equal(one.action, np.array(rows) % 8)  # type: ignore[arg-type]
-    np.testing.assert_array_equal(one.frames.read(range(38)), broken.read(rows))
-    statistics = found.statistics["train"]
+    np.testing.assert_array_equal(recording.times, np.array(rows) / 30)
+    np.testing.assert_array_equal(recording.action, np.array(rows) % 8)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(recording.frames.read(range(38)), broken.read(rows))
+    statistics = packed.statistics["train"]
     assert statistics["damaged"] == 1
     assert statistics["skipped"] == [
         "a, frame 7: frame 7 of noise 3 is broken",
         "a, frame 30: frame 30 of noise 3 is broken",
     ]
-    assert summary(found).splitlines() == [
+    assert summary(packed).splitlines() == [
         "train: 6 recordings, 53 frames (digit 53), 0 objects, 2 shards, 0.1 MB",
         "val: 0 recordings, 0 frames (none), 0 objects, 0 shards, 0.0 MB",
         "damaged recordings: 1, index.json lists them",
@@ -215,8 +218,8 @@ def test_a_recording_of_many_unreadable_frames_is_left_out(
 ) -> None:
     broken = packable.Noise(3, 40, unreadable=range(20, 40))
     data = packable.Given(noise("a", 40, frames=broken), *(noise(f"fine {i}", 3) for i in range(5)))
-    found = pack(data, "x", tmp_path, PNG).statistics["train"]
-    assert (found["recordings"], found["damaged"], len(found["skipped"])) == (5, 1, 9)
+    counts = pack(data, "x", tmp_path, PNG).statistics["train"]
+    assert (counts["recordings"], counts["damaged"], len(counts["skipped"])) == (5, 1, 9)
 
 
 def test_too_many_damaged_recordings_are_an_error_that_lists_them(
@@ -233,8 +236,8 @@ def test_too_many_damaged_recordings_are_an_error_that_lists_them(
     with pytest.raises(DataError, match=r"2 of 20 recordings .* allows 1; .*\n  \w, frame 1: .*\n"):
         pack(data(), "x", tmp_path, one_each)
     whole = {path.name: path.stat().st_mtime_ns for path in tmp_path.glob("*.tar")}
-    found = pack(data(), "x", tmp_path, dataclasses.replace(one_each, max_bad=0.15))
-    assert found.statistics["train"]["damaged"] == 3
+    packed = pack(data(), "x", tmp_path, dataclasses.replace(one_each, max_bad=0.15))
+    assert packed.statistics["train"]["damaged"] == 3
     assert {name: (tmp_path / name).stat().st_mtime_ns for name in whole} == whole
 
 
@@ -255,12 +258,12 @@ def test_options_that_cannot_be_are_named() -> None:
         ({"codec": "jpeg"}, "unknown pack.codec 'jpeg'; did you mean 'jpg'"),
         ({"executor": "slurm"}, "unknown pack.executor 'slurm'"),
         ({"codec": "png", "quality": 90}, "quality=90: only jpg has one"),
-        ({"quality": 0}, "quality=0: only jpg has one, from 1 to 100"),
+        ({"quality": 0}, "quality=0: only jpg has a quality, from 1 to 100"),
         ({"size": 0}, "pack.size is 0; give 1 or more"),
         ({"shard_frames": 0}, "pack.shard_frames is 0"),
         ({"processes": -1}, "pack.processes is -1"),
         ({"max_bad": 2}, "pack.max_bad is 2; give a share"),
-        ({"max_bad": "all"}, "of a wrong type"),
+        ({"max_bad": "all"}, "pack.max_bad is 'all', which is not of type float"),
         ({"sizes": 3}, "unknown key of pack 'sizes'; did you mean 'size'"),
         ({"filter": {"laplac": 3}}, "unknown key of pack.filter 'laplac'; did you mean 'laplacian"),
         ({"filter": {"laplacian": 0}}, "laplacian is 0; give more than 0, or null"),
@@ -268,4 +271,4 @@ def test_options_that_cannot_be_are_named() -> None:
         ({"filter": {"every": -1}}, "every is -1"),
     ):
         with pytest.raises(ConfigError, match=words):
-            PackOptions.of(given)
+            build(PackOptions, "pack", given)

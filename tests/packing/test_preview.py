@@ -6,15 +6,15 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from hydra import compose, initialize_config_module
 from omegaconf import OmegaConf
 
-from tactileforge.compose import register
+from tactileforge.cli.data import COMMANDS
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.errors import DataError
 from tactileforge.packing import Filter, PackOptions, pack
 from tactileforge.packing.preview import judge, preview, threshold_for
+from tactileforge.strict import build
 
 Make = Callable[..., Recording]
 
@@ -40,9 +40,9 @@ def make() -> Make:
 
 
 def fact(text: str, name: str) -> str:
-    found = re.search(rf"<dt>{name}</dt><dd>(.*?)</dd>", text)
-    assert found, name
-    return found[1]
+    match = re.search(rf"<dt>{name}</dt><dd>(.*?)</dd>", text)
+    assert match, name
+    return match[1]
 
 
 def test_the_page_says_what_packing_keeps(packable: ModuleType, make: Make, tmp_path: Path) -> None:
@@ -52,7 +52,7 @@ def test_the_page_says_what_packing_keeps(packable: ModuleType, make: Make, tmp_
     chosen = Filter(laplacian=10.0)
     text = preview(data, "toy", tmp_path / "look.html", PackOptions(filter=chosen)).read_text()
     made = pack(data, "toy", tmp_path / "out", PackOptions(filter=chosen))
-    kept = sum(found["frames"] for found in made.statistics.values())
+    kept = sum(counts["frames"] for counts in made.statistics.values())
     assert kept == (10 + 2 * 6) + (1 + 6 + 6)
     assert fact(text, "Kept") == f"{100 * kept / 180:.0f} %"
     assert fact(text, "Recordings") == "3 looked at, of 3"
@@ -66,12 +66,14 @@ def test_suggested_thresholds_keep_what_they_say(make: Make) -> None:
     rng = np.random.default_rng(0)
     judged = [judge(make("still", slice(0, 0)).part(0, 1), Filter())]
     for i in range(20):
-        one = make(str(i), slice(0, 0))
+        recording = make(str(i), slice(0, 0))
         frames = rng.normal(0, rng.uniform(1, 30), (60, 12, 16, 3)).clip(-99, 99) + 100
-        judged.append(judge(replace(one, frames=ArrayFrames(frames.astype(np.uint8))), Filter()))
+        judged.append(
+            judge(replace(recording, frames=ArrayFrames(frames.astype(np.uint8))), Filter())
+        )
     for share in (0.25, 0.5, 0.75):
         threshold = threshold_for(judged, share)
-        kept = np.concatenate([one.keeps(threshold) for one in judged[1:]])
+        kept = np.concatenate([scored.keeps(threshold) for scored in judged[1:]])
         assert abs(kept.mean() - share) < 0.05
 
 
@@ -102,21 +104,20 @@ def test_stills_have_no_threshold(packable: ModuleType, make: Make, tmp_path: Pa
     assert np.isnan(threshold_for([judge(still, Filter())], 0.5))
 
 
-@pytest.mark.parametrize("data", ["sim", "public_samples"])
+@pytest.mark.parametrize("data", ["sim", "gsmini_slip"])
 def test_keys_of_the_command_line_are_the_options(data: str) -> None:
-    register()
-    with initialize_config_module("tactileforge.conf", version_base="1.3"):
-        config = compose("pack", [f"data={data}", "out=x", "pack.filter.laplacian=3"])
-        asked = compose("filter", [f"data={data}"])
-    given = OmegaConf.to_container(config.pack, resolve=True)
-    assert given == asdict(PackOptions(filter=Filter(laplacian=3)))
-    assert PackOptions.of(given) == PackOptions(filter=Filter(laplacian=3))  # type: ignore[arg-type]
-    assert PackOptions.of(OmegaConf.to_container(asked.pack)) == PackOptions()  # type: ignore[arg-type]
-    assert config.data.name in ("sim", "recordings")
+    words = [f"data={data}", "out=x", "pack.filter.laplacian=3"]
+    words += ["data.root=x"] if data == "gsmini_slip" else []
+    config = COMMANDS["pack"].compose("data pack", words)
+    assert config["pack"] == asdict(PackOptions(filter=Filter(laplacian=3)))
+    assert COMMANDS["pack"].build(config).pack == PackOptions(filter=Filter(laplacian=3))
+    asked = COMMANDS["filter"].compose("data filter", [*words[:1], *words[3:]])
+    assert COMMANDS["filter"].build(asked).pack == PackOptions()
+    assert config["data"]["name"] in ("sim", "recordings")
 
 
 def test_options_of_a_sensor_come_from_the_command_line() -> None:
     config = OmegaConf.create({"filter": {"laplacian": {"digit": 3, "gelsight": 9}}})
     plain = OmegaConf.to_container(config)
-    chosen = PackOptions.of(plain).filter  # type: ignore[arg-type]
+    chosen = build(PackOptions, "pack", plain).filter  # type: ignore[arg-type]
     assert [chosen.threshold(name) for name in ("digit", "gelsight", "dm")] == [3, 9, None]

@@ -7,6 +7,7 @@ import pytest
 
 from tactileforge.errors import ConfigError
 from tactileforge.packing import PackOptions, pack
+from tactileforge.strict import build
 
 GIVEN = {"codec": "png", "shard_frames": 24, "processes": 2, "executor": "ray"}
 
@@ -51,4 +52,4 @@ def test_without_ray_the_error_says_how_to_get_it(
 ) -> None:
     monkeypatch.setitem(__import__("sys").modules, "ray", None)
     with pytest.raises(ConfigError, match=r"pip install 'tactileforge\[ray\]'"):
-        pack(packable.Touches(), "touches", tmp_path, PackOptions.of(GIVEN))
+        pack(packable.Touches(), "touches", tmp_path, build(PackOptions, "pack", GIVEN))

@@ -12,10 +12,11 @@ import pytest
 
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.packing import PackOptions, pack
+from tactileforge.strict import build
 
 Command = Callable[..., "subprocess.Popen[str]"]
 GIVEN = {"codec": "png", "shard_frames": 24, "processes": 2}
-OPTIONS = PackOptions.of(GIVEN)
+OPTIONS = build(PackOptions, "pack", GIVEN)
 
 
 def tree(folder: Path) -> dict[str, bytes]:
@@ -25,9 +26,12 @@ def tree(folder: Path) -> dict[str, bytes]:
 
 @pytest.fixture
 def whole(packable: ModuleType, tmp_path: Path) -> dict[str, bytes]:
-    """What an undisturbed run leaves."""
+    """Files that an undisturbed run leaves."""
     pack(
-        packable.Touches(), "touches", tmp_path / "whole", PackOptions.of(GIVEN | {"processes": 1})
+        packable.Touches(),
+        "touches",
+        tmp_path / "whole",
+        build(PackOptions, "pack", GIVEN | {"processes": 1}),
     )
     return tree(tmp_path / "whole")
 
@@ -141,7 +145,7 @@ def test_room_that_ends_in_the_middle(
         write(*given)  # type: ignore[arg-type]
 
     monkeypatch.setattr(shards, "write_shard", full)
-    alone = PackOptions.of(GIVEN | {"processes": 1})
+    alone = build(PackOptions, "pack", GIVEN | {"processes": 1})
     with pytest.raises(TactileForgeError, match=r"No space left on device\). 2 of 5 shards"):
         pack(packable.Touches(), "touches", tmp_path, alone)
     pack(packable.Touches(), "touches", tmp_path, alone)
@@ -172,7 +176,7 @@ def test_a_folder_holds_one_kind_of_shards(
         plain = packable.Touches.touch
         change = lambda *given: replace(plain(*given), tier=tier)  # noqa: E731
         monkeypatch.setattr(packable.Touches, "touch", change)
-    changed = PackOptions.of({"codec": "png", "shard_frames": 24, **options})
+    changed = build(PackOptions, "pack", {"codec": "png", "shard_frames": 24, **options})
     for _ in range(2):  # also where only the index is left to tell
         with pytest.raises(ConfigError, match=words):
             pack(packable.Touches(**touches), "touches", tmp_path / "whole", changed)
@@ -190,6 +194,9 @@ def test_what_does_not_change_the_shards_may_change(
     packable: ModuleType, whole: dict[str, bytes], tmp_path: Path
 ) -> None:
     pack(
-        packable.Touches(), "touches", tmp_path / "whole", PackOptions.of(GIVEN | {"max_bad": 0.5})
+        packable.Touches(),
+        "touches",
+        tmp_path / "whole",
+        build(PackOptions, "pack", GIVEN | {"max_bad": 0.5}),
     )
     assert tree(tmp_path / "whole") == whole

@@ -14,16 +14,16 @@ def patches(seed: int, count: int = 120, blur: float = 0.0, red: float = 1.0) ->
     """Patches of noise, blurred or not, with a stronger or weaker red."""
     noise = np.random.default_rng(seed).normal(0, 5, (count, PATCH, PATCH, 3)).astype(np.float32)
     if blur:
-        noise = np.stack([5 * cv2.GaussianBlur(one, (0, 0), blur) for one in noise])
+        noise = np.stack([5 * cv2.GaussianBlur(image, (0, 0), blur) for image in noise])
     return noise * np.array([red, 1, 1], np.float32)
 
 
 def score(view: str, **how: float) -> float:
     train = PatchSplit(patches(0), patches(1, **how))
     test = PatchSplit(patches(2), patches(3, **how))
-    found = told_apart(train, test, view, steps=60 if view == "pixels" else 150)
-    assert found.patches == (120, 120)
-    return found.auc
+    result = told_apart(train, test, view, steps=60 if view == "pixels" else 150)
+    assert result.patches == (120, 120)
+    return result.auc
 
 
 @pytest.mark.parametrize("view", VIEWS)
@@ -38,8 +38,8 @@ def test_what_differs_is_seen_by_what_looks_at_it():
 
 
 def test_classes_are_balanced_and_too_few_are_an_error():
-    found = PatchSplit(patches(0, 100), patches(1, 20)).balanced()
-    assert len(found.real) == len(found.simulated) == 20
+    balanced = PatchSplit(patches(0, 100), patches(1, 20)).balanced()
+    assert len(balanced.real) == len(balanced.simulated) == 20
     with pytest.raises(ConfigError, match=r"3 real and 20 simulated.*give more touches"):
         PatchSplit(patches(0, 3), patches(1, 20)).balanced()
 

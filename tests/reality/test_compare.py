@@ -74,14 +74,14 @@ def test_a_recording_is_a_touch_for_each_part_of_it():
 
 
 def test_equal_sets_are_not_apart_and_others_by_what_differs():
-    one = profile("a", "digit", [recording(seed) for seed in range(12)])
-    assert (len(one.looks), one.faint, one.stored, len(one.shown)) == (12, 0, [], 3)
-    same = distances(one, profile("b", "digit", [recording(seed) for seed in range(12)]))
+    first = profile("a", "digit", [recording(seed) for seed in range(12)])
+    assert (len(first.looks), first.faint, first.stored, len(first.shown)) == (12, 0, [], 3)
+    same = distances(first, profile("b", "digit", [recording(seed) for seed in range(12)]))
     assert {name: value for name, value in same.items() if value != 0} == pytest.approx(
         {"spectrum": np.nan, "normal force": np.nan, "shear": np.nan}, nan_ok=True
     ), "120 rows do not reach all bands, and there is no force"
     other = profile("c", "digit", [recording(seed, gain=2.0) for seed in range(12)])
-    apart = distances(one, other)
+    apart = distances(first, other)
     assert set(apart) == set(DISTANCES)
     assert apart["contrast"] == pytest.approx(np.log10(2), abs=0.02)
     assert apart["noise"] < 0.01
@@ -107,7 +107,7 @@ def test_sides_are_compared(tmp_path):
     held = [recording(seed, source="ab"[seed % 2]) for seed in range(4)]
     how = CompareOptions(scenes=1, trials=0, indenters=("small_sphere",), newton=(4.0, 6.0))
     (side,) = compare_reality(Listed(*held), how, progress=False).values()
-    assert [one.name for one in side.real] == ["a", "b"]
+    assert [source.name for source in side.real] == ["a", "b"]
     assert set(side.apart) == {"a", "b"}
     assert set(side.among) == {("a", "b")}
     assert side.ratio("contrast") == pytest.approx(
@@ -124,7 +124,7 @@ def test_sides_are_compared(tmp_path):
         (
             [recording(0)],
             {"sensors": ("gelsight",)},
-            r"sensors=gelsight: the data has no recording of it, only of digit; leave it out",
+            r"sensors=gelsight: the data has no recording of this sensor, only of digit; leave it",
         ),
         ([recording(0, gain=0.0)], {}, r"digit: not one of 1 recordings shows a touch"),
     ],

@@ -23,11 +23,11 @@ def real(realdata: Path, name: str) -> list[Recording]:
 
 
 def test_real_pictures_fall_off_with_frequency(realdata: Path) -> None:
-    """What was measured by hand with a script of its own: -2.7, -3.5, -4.1, -4.4."""
-    found = profile("fots", "digit", real(realdata, "fots_digit")[::6])
-    assert found.faint == 0
-    assert found.of("bands").mean(axis=0) == pytest.approx([-2.7, -3.3, -3.9, -4.2], abs=0.3)
-    assert found.stored == ["png"]
+    """Measured independently, by a separate script: -2.7, -3.5, -4.1, -4.4."""
+    measured = profile("fots", "digit", real(realdata, "fots_digit")[::6])
+    assert measured.faint == 0
+    assert measured.of("bands").mean(axis=0) == pytest.approx([-2.7, -3.3, -3.9, -4.2], abs=0.3)
+    assert measured.stored == ["png"]
 
 
 @pytest.mark.parametrize(
@@ -37,8 +37,8 @@ def test_real_pictures_fall_off_with_frequency(realdata: Path) -> None:
 def test_real_pictures_answer_to_shear(
     realdata: Path, sensor: str, shear: tuple[float, float], relative: float
 ) -> None:
-    (one,) = real(realdata, f"touchd_force_{sensor}")
-    found = response(one)
-    assert found is not None
-    assert found.shear == pytest.approx(shear, rel=0.1)
-    assert found.relative == pytest.approx(relative, abs=0.01)
+    (recording,) = real(realdata, f"touchd_force_{sensor}")
+    fit = response(recording)
+    assert fit is not None
+    assert fit.shear == pytest.approx(shear, rel=0.1)
+    assert fit.relative == pytest.approx(relative, abs=0.01)

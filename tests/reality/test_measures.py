@@ -42,7 +42,7 @@ def test_noise_that_channels_do_not_share_is_averaged_by_three():
 def test_a_blur_takes_away_what_its_transform_says(blur):
     before = np.mean([measures.radial(white(seed)) for seed in range(4)], axis=0)
     blurred = (cv2.GaussianBlur(white(seed), (0, 0), blur) for seed in range(4))
-    after = np.mean([measures.radial(one) for one in blurred], axis=0)
+    after = np.mean([measures.radial(image) for image in blurred], axis=0)
     wanted = -((2 * np.pi * blur * RINGS) ** 2) / np.log(10)
     seen = (wanted > -2) & (RINGS > LOW)  # below, the cut-off tails of the kernel show
     assert seen.sum() > 14
@@ -78,11 +78,11 @@ def test_noise_of_a_known_deviation_is_found(deviation):
     rng = np.random.default_rng(1)
     ground = rng.uniform(60, 180, SIZE)
     light = rng.normal(0, 2, 9)  # flicker of the whole picture is not noise of a pixel
-    frames = [ground + rng.normal(0, deviation, SIZE) + one for one in light]
+    frames = [ground + rng.normal(0, deviation, SIZE) + level for level in light]
     assert measures.noise(frames) == pytest.approx(deviation, rel=0.01)
     frames[4] = frames[4] + disc((60, 60, 60))  # something moves in two pairs of eight
     assert measures.noise(frames) == pytest.approx(deviation, rel=0.02)
-    rounded = [np.round(one) for one in frames]
+    rounded = [np.round(frame) for frame in frames]
     assert measures.noise(rounded) == pytest.approx((deviation**2 + 1 / 12) ** 0.5, rel=0.02)
     assert np.isnan(measures.noise(frames[:1]))
 
@@ -100,8 +100,8 @@ def test_contact_contrast_and_covariance_of_a_disc():
 def test_covariance_is_that_of_the_channels():
     mixing = np.array([[3.0, 0, 0], [2.0, 1, 0], [-1.0, 0.5, 2]])
     change = np.random.default_rng(4).normal(size=SIZE) @ mixing.T
-    found = measures.covariance(change.astype(np.float32), np.ones(SIZE[:2], bool))
-    assert found == pytest.approx(mixing @ mixing.T, abs=0.2)
+    matrix = measures.covariance(change.astype(np.float32), np.ones(SIZE[:2], bool))
+    assert matrix == pytest.approx(mixing @ mixing.T, abs=0.2)
 
 
 def test_detail_is_told_apart_inside_and_outside():

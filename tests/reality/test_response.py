@@ -55,10 +55,10 @@ def one_newton(axis: int) -> float:
 @pytest.mark.parametrize("noise", [0.0, 2.0])
 def test_known_slopes_are_found(noise):
     force, place = trial()
-    found = fitted(changes(force, place, (1.5, 0.8, 6.0), noise), force)
-    assert found.normal == pytest.approx(6.0 * one_newton(2), rel=0.03)
-    assert found.shear[0] == pytest.approx(1.5 * one_newton(0), rel=0.05)
-    assert found.shear[1] == pytest.approx(0.8 * one_newton(1), rel=0.05)
+    fit = fitted(changes(force, place, (1.5, 0.8, 6.0), noise), force)
+    assert fit.normal == pytest.approx(6.0 * one_newton(2), rel=0.03)
+    assert fit.shear[0] == pytest.approx(1.5 * one_newton(0), rel=0.05)
+    assert fit.shear[1] == pytest.approx(0.8 * one_newton(1), rel=0.05)
 
 
 def test_a_picture_that_does_not_answer_to_shear_shows_none():
@@ -71,9 +71,9 @@ def test_a_picture_that_does_not_answer_to_shear_shows_none():
 
 def test_the_curve_is_that_of_the_change_against_force():
     force, place = trial()
-    found = fitted(changes(force, place, (0.0, 0.0, 6.0)), force)
-    assert found.curve[1] == pytest.approx(0.5, abs=0.1)
-    assert found.curve[0] < found.curve[1] < found.curve[2] < 1
+    fit = fitted(changes(force, place, (0.0, 0.0, 6.0)), force)
+    assert fit.curve[1] == pytest.approx(0.5, abs=0.1)
+    assert fit.curve[0] < fit.curve[1] < fit.curve[2] < 1
 
 
 def test_a_trial_without_force_or_shear_or_touch_tells_nothing():

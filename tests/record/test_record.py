@@ -33,6 +33,7 @@ from tactileforge.sensors.capture import Capture
 from tactileforge.sensors.drivers.sim import SimSensor
 from tactileforge.sensors.drivers.sim_wrench import SimWrench
 from tactileforge.sensors.status import of_drops
+from tactileforge.strict import build
 
 SCRIPT = Path(__file__).parent / "recordable.py"
 
@@ -295,7 +296,7 @@ def test_a_driver_that_cannot_open_is_named(scripted, options):
 )
 def test_options_that_cannot_be(given, message):
     with pytest.raises(ConfigError, match=message):
-        RecordOptions.of({"out": "x", "sensor": {}, **given})
+        build(RecordOptions, "", {"out": "x", **given})
 
 
 def test_no_room_ends_it_before_the_disk_is_full(scripted, options):

@@ -82,7 +82,7 @@ class Touches:
 
 
 class Page(HTMLParser):
-    """What a test asks of a page: tables by id, attributes of every tag, visible text."""
+    """Parts of a page that tests ask for: tables by id, attributes of every tag, visible text."""
 
     def __init__(self, html: str) -> None:
         super().__init__()
@@ -234,7 +234,9 @@ def test_data_and_licences_are_counted(run: Path) -> None:
     assert rows["digit, training"][0] == "2"
     assert rows["digit, validation"][0] == "1"
     touches = Sim(scenes=2, val=1, size=SIZE).recordings("train")
-    seconds = sum(len(one.frames) for one in touches if one.sensor == "digit") / 30
+    seconds = (
+        sum(len(recording.frames) for recording in touches if recording.sensor == "digit") / 30
+    )
     assert rows["digit, training"][2] == f"{seconds:.1f} s"
     assert page.tables["sources"][1:] == [["simulated by tactileforge", "CC0-1.0", "3", "9"]]
     assert "Skipped recordings: none." in page.text
@@ -520,16 +522,16 @@ def test_a_collapsed_axis_is_told() -> None:
 
 @pytest.mark.parametrize("share", [1.0, 0.5, 0.0])
 def test_explained_variance(clips: Clips, share: float) -> None:
-    found = explained(with_head(Rebuilt(share)), clips, [0, 5, 9], ["x"])
-    assert found == {"frames": pytest.approx(1 - (1 - share) ** 2, abs=1e-5)}
+    shares = explained(with_head(Rebuilt(share)), clips, [0, 5, 9], ["x"])
+    assert shares == {"frames": pytest.approx(1 - (1 - share) ** 2, abs=1e-5)}
 
 
 def test_pictures_are_what_the_encoder_sees(clips: Clips) -> None:
     module = with_head(Rebuilt(1.0))
     batch = next(batches(module, clips, [3, 4]))
     views = module.encoder.views(batch)
-    found = module.heads["x"](views, batch)
-    rows = strips_of(module.encoder, views.patches, [found], 1).rows
+    reconstruction = module.heads["x"](views, batch)
+    rows = strips_of(module.encoder, views.patches, [reconstruction], 1).rows
     frames, background = batch["frames"][1].float(), batch["background"][1].float()
     subtracted = ((frames - background + 130) / 255).clamp(0, 1)
     assert torch.allclose(rows["Input"], subtracted, atol=1e-5)
@@ -545,8 +547,8 @@ def test_wrong_pixels_are_pasted_at_hidden_places_only(clips: Clips) -> None:
     module = with_head(Rebuilt(0.0))
     batch = next(batches(module, clips, [3]))
     views = module.encoder.views(batch)
-    found = module.heads["x"](views, batch)
-    rows = strips_of(module.encoder, views.patches, [found], 0).rows
+    reconstruction = module.heads["x"](views, batch)
+    rows = strips_of(module.encoder, views.patches, [reconstruction], 0).rows
     changed = (rows["Reconstructed"] - rows["Input"]).abs().amax(1) > 1e-4
     hidden = (rows["Masked"] != rows["Input"]).any(1)
     assert changed.any()

@@ -44,11 +44,11 @@ def test_rows_are_independent() -> None:
 
 
 def test_no_randomisation_is_one_nominal_unit() -> None:
-    one, other = (
+    first, other = (
         sensor_instances.draw_instance("digit", seed, (64, 48), randomise="none") for seed in (1, 2)
     )
-    assert torch.equal(one.background, other.background)
-    assert torch.equal(one.calibration.fine, other.calibration.fine)
+    assert torch.equal(first.background, other.background)
+    assert torch.equal(first.calibration.fine, other.calibration.fine)
     base = sensor_gel("gelsight_mini").gel
     assert sensor_instances.instance_gel(base, "gelsight_mini", 5, "none") == base
     assert sensor_instances.instance_gel(base, "gelsight_mini", 5, "unit") != base
@@ -57,10 +57,10 @@ def test_no_randomisation_is_one_nominal_unit() -> None:
 def test_contrast_scales_the_change() -> None:
     how = sensor_instances.draw_instance("gelsight_mini", 3, (48, 64), randomise="none").calibration
     gain = RandomDraw("contrast", 3, "gelsight_mini")["contrast"]
-    found = sensor_instances.draw_instance(
+    calibration = sensor_instances.draw_instance(
         "gelsight_mini", 3, (48, 64), randomise="contrast"
     ).calibration
-    torch.testing.assert_close(found.fine, gain * how.fine)
+    torch.testing.assert_close(calibration.fine, gain * how.fine)
 
 
 def test_real_digits_are_as_bright_as_each_other() -> None:
@@ -135,11 +135,11 @@ def test_scenes_together_are_scenes_alone() -> None:
     for number, touch in enumerate(touches):
         alone = list(play_scenes(touch, sensors, 32))
         for place in (0, 1):
-            one = np.concatenate([s.pictures for s in alone if s.sensor == place])
+            alone_images = np.concatenate([s.pictures for s in alone if s.sensor == place])
             other = np.concatenate(
                 [s.pictures for s in together if (s.scene, s.sensor) == (number, place)]
             )
-            np.testing.assert_array_equal(one, other)
+            np.testing.assert_array_equal(alone_images, other)
 
 
 def test_the_page_has_every_row_with_its_range() -> None:

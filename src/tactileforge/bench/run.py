@@ -1,4 +1,4 @@
-"""A bench: tasks by models, cell by cell; what cannot be run is said, and the rest goes on."""
+"""Runs a benchmark, tasks by models, cell by cell; reports what cannot be run and goes on."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from tactileforge.errors import ConfigError, DataError, TactileForgeError
 
 @dataclass(frozen=True, kw_only=True)
 class BenchOptions:
-    """How a bench is run.
+    """Options of a benchmark.
 
     Attributes:
         seeds: Probes of each cell; a model that was trained several times takes turns.
@@ -93,11 +93,13 @@ class Bench:
             self.writer.not_run(reason, model=entry.name, fix=fix)
             return
         self.writer.model(_model(entry, subjects))
-        todo = [one for one in self.prepared if not self._is_done(one, entry, subjects)]
-        todo = [one for one in todo if self._knows(one, entry, subjects)]
+        todo = [
+            prepared for prepared in self.prepared if not self._is_done(prepared, entry, subjects)
+        ]
+        todo = [prepared for prepared in todo if self._knows(prepared, entry, subjects)]
         groups: dict[int, list[PreparedTask]] = {}
-        for one in todo:
-            groups.setdefault(id(one.source), []).append(one)
+        for prepared in todo:
+            groups.setdefault(id(prepared.source), []).append(prepared)
         for group in groups.values():
             self._group(entry, subjects, group)
         self.writer.write()
@@ -105,27 +107,27 @@ class Bench:
     def _group(
         self, entry: ModelEntry, subjects: Sequence[FrozenEncoder], group: Sequence[PreparedTask]
     ) -> None:
-        """Tasks on one source, which share features."""
-        found: list[SourceFeatures | None] = []
-        frozen = [one for one in group if not self.choices[one.task.name].finetune]
+        """Runs the tasks of one source, which share features."""
+        extracted: list[SourceFeatures | None] = []
+        frozen = [prepared for prepared in group if not self.choices[prepared.task.name].finetune]
         for subject in subjects if frozen else ():
             try:
-                found.append(self._features(subject, frozen))
+                extracted.append(self._features(subject, frozen))
             except TactileForgeError as error:
-                for one in group:
-                    self._refuse(error, one, entry)
+                for prepared in group:
+                    self._refuse(error, prepared, entry)
                 return
-        for one in tqdm(group, desc=f"probes on {entry.name}", unit="task"):
+        for prepared in tqdm(group, desc=f"probes on {entry.name}", unit="task"):
             try:
-                self._task(entry, subjects, found, one)
+                self._task(entry, subjects, extracted, prepared)
             except TactileForgeError as error:
-                self._refuse(error, one, entry)
+                self._refuse(error, prepared, entry)
 
     def _features(self, subject: FrozenEncoder, group: Sequence[PreparedTask]) -> SourceFeatures:
-        clips = np.unique(np.concatenate([one.target.clips for one in group]))
-        kinds = [self.choices[one.task.name].kind for one in group]
+        clips = np.unique(np.concatenate([prepared.target.clips for prepared in group]))
+        kinds = [self.choices[prepared.task.name].kind for prepared in group]
         taps = sorted({tap for kind in kinds for tap in subject.taps(kind)})
-        flips = FLIPS if any(one.task.flips for one in group) else (PLAIN,)
+        flips = FLIPS if any(prepared.task.flips for prepared in group) else (PLAIN,)
         policy = group[0].task.unknown_sensor
         source = group[0].source
         arrays = extract_features(self.store, subject, source, clips, taps, flips, policy)
@@ -135,18 +137,18 @@ class Bench:
         self,
         entry: ModelEntry,
         subjects: Sequence[FrozenEncoder],
-        found: Sequence[SourceFeatures | None],
-        one: PreparedTask,
+        extracted: Sequence[SourceFeatures | None],
+        prepared: PreparedTask,
     ) -> None:
-        choice = self.choices[one.task.name]
+        choice = self.choices[prepared.task.name]
         measured: list[tuple[int, evaluate.ProbeResult]] = []
         for number, subject in enumerate(subjects):
             seeds = range(number, self.options.seeds, len(subjects))
             done = evaluate.evaluate_probe(
-                one,
+                prepared,
                 choice,
                 subject,
-                None if choice.finetune else found[number],
+                None if choice.finetune else extracted[number],
                 self.store,
                 seeds if choice.kind.trained else [number],
                 self.options.selection == "test",
@@ -155,30 +157,30 @@ class Bench:
                 (result.outcomes[0].seed if choice.kind.trained else number, result)
                 for result in done
             ]
-        rows = self._cells(entry, one, choice, measured)
-        self.writer.cells(one.task.name, entry.name, self._key(one, subjects), rows)
+        rows = self._cells(entry, prepared, choice, measured)
+        self.writer.cells(prepared.task.name, entry.name, self._key(prepared, subjects), rows)
 
     def _cells(
         self,
         entry: ModelEntry,
-        one: PreparedTask,
+        prepared: PreparedTask,
         choice: ProbeChoice,
         measured: Sequence[tuple[int, evaluate.ProbeResult]],
     ) -> list[results.Cell]:
-        """The rows of the file; first those of the rate that validation prefers."""
-        main = one.task.metrics[0]
-        name = metrics.part_of(main, one.target.parts)
+        """Result cells; those of the learning rate best on validation come first."""
+        main = prepared.task.metrics[0]
+        name = metrics.part_of(main, prepared.target.parts)
         sign = 1 if metrics.metric_kind(main).better == "lower" else -1
         scores: dict[str, list[float]] = {}
         for _, result in measured:
             scores.setdefault(_name(result), []).append(sign * result.score)
         order = sorted(scores, key=lambda name: sum(scores[name]))
-        units = _units(one)
+        units = _units(prepared)
         rows = []
         for seed, result in sorted(measured, key=lambda row: (order.index(_name(row[1])), row[0])):
             first = result.outcomes[0]
             cell = results.Cell(
-                task=one.task.name,
+                task=prepared.task.name,
                 model=entry.name,
                 seed=seed,
                 setting=_setting(choice, first),
@@ -186,25 +188,25 @@ class Bench:
                 epoch=first.epoch,
                 curve=result.curve if first.train else {},
             )
-            part = one.target.parts[name]
+            part = prepared.target.parts[name]
             predicted, truth = result.predicted[name], result.truth[name]
             rows.append(self.writer.predictions(cell, name, part, predicted, truth, units))
         return rows
 
     def _is_done(
-        self, one: PreparedTask, entry: ModelEntry, subjects: Sequence[FrozenEncoder]
+        self, prepared: PreparedTask, entry: ModelEntry, subjects: Sequence[FrozenEncoder]
     ) -> bool:
-        return self.writer.kept(one.task.name, entry.name, self._key(one, subjects))
+        return self.writer.kept(prepared.task.name, entry.name, self._key(prepared, subjects))
 
-    def _key(self, one: PreparedTask, subjects: Sequence[FrozenEncoder]) -> str:
-        """What the cells of a task and model depend on."""
-        choice = self.choices[one.task.name]
+    def _key(self, prepared: PreparedTask, subjects: Sequence[FrozenEncoder]) -> str:
+        """Hash of everything the cells of a task and model depend on."""
+        choice = self.choices[prepared.task.name]
         facts = {
-            "task": asdict(one.task),
-            "data": one.source.fingerprint,
+            "task": asdict(prepared.task),
+            "data": prepared.source.fingerprint,
             "truth": [
                 hashlib.sha256(p.truth.numpy().tobytes()).hexdigest()
-                for p in one.target.parts.values()
+                for p in prepared.target.parts.values()
             ],
             "probe": [
                 choice.kind.__name__,
@@ -212,51 +214,53 @@ class Bench:
                 asdict(choice.training),
                 choice.finetune,
             ],
-            "models": [[s.weights, s.preprocessing, s.spacing_of(one.task.clip)] for s in subjects],
+            "models": [
+                [s.weights, s.preprocessing, s.spacing_of(prepared.task.clip)] for s in subjects
+            ],
             "seeds": self.options.seeds,
             "selection": self.options.selection,
         }
         return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:24]
 
     def _knows(
-        self, one: PreparedTask, entry: ModelEntry, subjects: Sequence[FrozenEncoder]
+        self, prepared: PreparedTask, entry: ModelEntry, subjects: Sequence[FrozenEncoder]
     ) -> bool:
-        strange = subjects[0].unknown(one.sensors)
-        if not strange or one.task.unknown_sensor == "universal":
+        strange = subjects[0].unknown(prepared.sensors)
+        if not strange or prepared.task.unknown_sensor == "universal":
             return True
         known = ", ".join(subjects[0].encoder.sensors)
         self.writer.not_run(
             f"the model does not know the sensor {', '.join(strange)} (it knows: {known})",
-            task=one.task.name,
+            task=prepared.task.name,
             model=entry.name,
-            fix=f"tasks.{one.task.name}.unknown_sensor=universal takes the universal tokens",
+            fix=f"tasks.{prepared.task.name}.unknown_sensor=universal takes the universal tokens",
         )
         return False
 
-    def _refuse(self, error: TactileForgeError, one: PreparedTask, entry: ModelEntry) -> None:
+    def _refuse(self, error: TactileForgeError, prepared: PreparedTask, entry: ModelEntry) -> None:
         reason, fix = _split(error)
-        self.writer.not_run(reason, task=one.task.name, model=entry.name, fix=fix)
+        self.writer.not_run(reason, task=prepared.task.name, model=entry.name, fix=fix)
 
 
 def _name(result: evaluate.ProbeResult) -> str:
-    """What tells the settings of a probe apart."""
+    """Name of the setting of a probe."""
     first = result.outcomes[0]
     return first.reading or str(first.lr)
 
 
-def _units(one: PreparedTask) -> list[str]:
-    """What the test clips are drawn by where intervals draw them again, in their order."""
-    plan = one.task.split
-    test = np.concatenate([split.test for split in one.splits])
-    return splits.group_names(one.source, one.target, test, plan.unit or plan.group)
+def _units(prepared: PreparedTask) -> list[str]:
+    """Bootstrap unit of each test clip, in their order."""
+    plan = prepared.task.split
+    test = np.concatenate([split.test for split in prepared.splits])
+    return splits.group_names(prepared.source, prepared.target, test, plan.unit or plan.group)
 
 
 def _setting(choice: ProbeChoice, first: TrainedProbe) -> dict[str, Any]:
     training = choice.training
     if not choice.kind.trained:
         return dict(choice.options) | ({"reading": first.reading} if first.reading else {})
-    found = {"lr": first.lr, "epochs": training.epochs, "batch": training.batch, **choice.options}
-    return found | ({"encoder_lr": choice.finetune} if choice.finetune else {})
+    setting = {"lr": first.lr, "epochs": training.epochs, "batch": training.batch, **choice.options}
+    return setting | ({"encoder_lr": choice.finetune} if choice.finetune else {})
 
 
 def _model(entry: ModelEntry, subjects: Sequence[FrozenEncoder]) -> results.ResultModel:
@@ -287,13 +291,13 @@ def _source(
 
 
 def _split(error: TactileForgeError) -> tuple[str, str]:
-    """What is wrong, and what to download where that is said."""
+    """Splits the text of an error into reason and fix."""
     reason, _, fix = str(error).partition(". Download ")
     return reason, f"Download {fix.partition(', and ')[0]}." if fix else ""
 
 
 def write_outputs(folder: Path) -> str:
-    """Writes the tables and the report; gives the tables as Markdown."""
+    """Writes the tables and the report; returns the tables as Markdown."""
     from tactileforge.bench.output.write import write_all
 
     write_all(folder)

@@ -1,1 +1,1 @@
-"""What one unit of a sensor has of its own: light, scale and force (`docs/calibrate.md`)."""
+"""Calibration of one unit of a sensor: light, scale and force (`docs/calibrate.md`)."""

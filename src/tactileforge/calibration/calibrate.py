@@ -37,7 +37,7 @@ class CalibrateOptions:
         fit: What forces are fitted to: ``auto``, ``none``, ``pictures``, ``taxels``, ``head``, or a
             track.
         axes: Which axes of the force.
-        max_lag: Longest time by which pictures may come later than forces, s; 0 looks for none.
+        max_lag: Longest time by which images may come later than forces, s; 0 looks for none.
         punch_mm: Diameter of a flat round punch that presses in the recordings whose ``object`` is
             ``punch``, or in all where none is called so.
         mm_per_pixel: What it is, where it is known.
@@ -66,12 +66,12 @@ class CalibrateOptions:
             if value is not None and not value > 0:
                 raise ConfigError(f"{name}={value}: give a value above 0")
         if self.punch_mm is not None and self.mm_per_pixel is not None:
-            raise ConfigError("punch_mm and mm_per_pixel say the same twice: give one of them")
+            raise ConfigError("punch_mm and mm_per_pixel both set the scale: give one of them")
 
 
 @dataclass(frozen=True)
 class CalibrationResult:
-    """A calibration, and what it was found from.
+    """A calibration, and the fits and images behind it.
 
     Attributes:
         calibration: What the file holds.
@@ -109,23 +109,23 @@ def calibrate(
         DataError: They do not hold what is needed; says what.
     """
     chosen = _chosen(recordings, options)
-    one = chosen[0]
+    first = chosen[0]
     notes: list[str] = []
     sizes = {recording.frames.shape for recording in chosen}
     if len(sizes) > 1:
-        told = " and ".join(f"{h} x {w}" for h, w in sorted(sizes))
-        raise DataError(f"frames of {told} pixels: calibrate recordings of one size")
-    kind = _kind(one, chosen, options, model)
+        shapes = " and ".join(f"{h} x {w}" for h, w in sorted(sizes))
+        raise DataError(f"frames of {shapes} pixels: calibrate recordings of one size")
+    kind = _kind(first, chosen, options, model)
     shines, still = _light(chosen, reference, notes)
     scale, source = _scale(chosen, options)
     force, fits = _force(chosen, kind, options, notes, model) if kind != "none" else (None, {})
     calibration = Calibration(
-        sensor=one.sensor,
-        unit=str(one.labels.get("unit", "")),
-        made=f"{datetime.now(UTC):%Y-%m-%d} from {len(chosen)} recordings, {one.key} and on",
+        sensor=first.sensor,
+        unit=str(first.labels.get("unit", "")),
+        made=f"{datetime.now(UTC):%Y-%m-%d} from {len(chosen)} recordings, {first.key} and on",
         light=shines,
         mm_per_pixel=scale,
-        size=list(one.frames.shape),
+        size=list(first.frames.shape),
         force=force,
     )
     return CalibrationResult(calibration, fits, still, source, notes)
@@ -134,13 +134,13 @@ def calibrate(
 def _chosen(recordings: Iterable[Recording], options: CalibrateOptions) -> list[Recording]:
     chosen: list[Recording] = []
     others: set[str] = set()
-    for one in recordings:
-        names = {one.sensor, str(one.labels.get("device", one.sensor))}
-        unit = str(one.labels.get("unit", ""))
+    for recording in recordings:
+        names = {recording.sensor, str(recording.labels.get("device", recording.sensor))}
+        unit = str(recording.labels.get("unit", ""))
         if options.device not in (None, *names) or options.unit not in (None, unit):
             others |= {*names, unit} - {""}
             continue
-        chosen.append(one)
+        chosen.append(recording)
         if sum(len(each.frames) for each in chosen) >= options.frames:
             break
     if not chosen:
@@ -149,29 +149,29 @@ def _chosen(recordings: Iterable[Recording], options: CalibrateOptions) -> list[
             raise ConfigError(unknown("device or unit", wanted, others))
         raise DataError("there are no recordings: record a series of presses first")
     units = {
-        f"{one.labels.get('device', one.sensor)} {one.labels.get('unit', '')}".strip()
-        for one in chosen
+        f"{item.labels.get('device', item.sensor)} {item.labels.get('unit', '')}".strip()
+        for item in chosen
     }
     if len(units) > 1:
         raise ConfigError(
-            f"recordings of {', '.join(sorted(units))}: a calibration is of one unit; choose it "
-            "with device=NAME or unit=NAME"
+            f"recordings of {', '.join(sorted(units))}: a calibration belongs to a single unit; "
+            "choose it with device=NAME or unit=NAME"
         )
     return chosen
 
 
 def _kind(
-    one: Recording, chosen: Sequence[Recording], options: CalibrateOptions, model: Model | None
+    first: Recording, chosen: Sequence[Recording], options: CalibrateOptions, model: Model | None
 ) -> str:
     if (options.fit == "head") > (model is not None):
-        raise ConfigError("fit=head: say whose, model=NAME")
+        raise ConfigError("fit=head needs a model: give model=NAME")
     if options.fit != "auto":
         return options.fit
     if all(recording.force is None for recording in chosen):
         return "none"
     if model is not None:
         return "head"
-    return "taxels" if spec(one.sensor).kind == "array" else "pictures"
+    return "taxels" if spec(first.sensor).kind == "array" else "pictures"
 
 
 def _light(
@@ -179,37 +179,41 @@ def _light(
 ) -> tuple[Light | None, NDArray[np.uint8] | None]:
     if spec(chosen[0].sensor).kind == "array":
         return None, None
-    stills = [features.median_background(one) for one in chosen if one.no_contact is not None]
+    stills = [
+        features.median_background(recording)
+        for recording in chosen
+        if recording.no_contact is not None
+    ]
     if not stills:
         notes.append("no recording has a frame without contact: the light is not calibrated")
         return None, None
-    found = estimate_light(stills, None if reference is None else reference.light)
-    worst = max(light_drift(still, found) for still in stills)
+    unit_light = estimate_light(stills, None if reference is None else reference.light)
+    worst = max(light_drift(still, unit_light) for still in stills)
     if worst > 10:
         notes.append(
             f"backgrounds differ by up to {worst:.0f} grey levels: the gel or its light has changed"
         )
     still = np.median(np.stack(stills), axis=0)
-    return found, np.rint(still).clip(0, 255).astype(np.uint8)
+    return unit_light, np.rint(still).clip(0, 255).astype(np.uint8)
 
 
 def _scale(chosen: Sequence[Recording], options: CalibrateOptions) -> tuple[float | None, str]:
     if options.mm_per_pixel is not None:
         return options.mm_per_pixel, "given"
     if options.punch_mm is not None:
-        punched = [one for one in chosen if one.object == "punch"] or chosen
-        found = [
+        punched = [recording for recording in chosen if recording.object == "punch"] or chosen
+        scales = [
             punch_mm_per_pixel(
-                one.frames.read(range(len(one.frames))),
-                features.median_background(one),
+                press.frames.read(range(len(press.frames))),
+                features.median_background(press),
                 options.punch_mm,
-                one.key,
+                press.key,
             )
-            for one in punched[:20]
+            for press in punched[:20]
         ]
-        spread = 100 * float(np.std(found) / np.mean(found))
-        told = f"{len(found)} presses of a {options.punch_mm:g} mm punch, which differ by "
-        return round(float(np.median(found)), 6), f"{told}{spread:.1f} %"
+        spread = 100 * float(np.std(scales) / np.mean(scales))
+        summary = f"{len(scales)} presses of a {options.punch_mm:g} mm punch, which differ by "
+        return round(float(np.median(scales)), 6), f"{summary}{spread:.1f} %"
     known = spec(chosen[0].sensor)
     if known.area_mm is None:
         return None, "not known: give punch_mm or mm_per_pixel"
@@ -223,21 +227,21 @@ def _force(
     notes: list[str],
     model: Model | None,
 ) -> tuple[ForceModel, dict[str, AxisFit]]:
-    presses = [one for one in chosen if one.force is not None]
+    presses = [recording for recording in chosen if recording.force is not None]
     if not presses:
         raise DataError(
             "no recording has forces: record with force=NAME, or give fit=none to leave them out"
         )
-    noise = max(features.noise_threshold(one) for one in presses) if kind == "pictures" else 0.0
-    parts = [features.force_features(one, kind, noise, model) for one in presses]
+    noise = max(features.noise_threshold(press) for press in presses) if kind == "pictures" else 0.0
+    parts = [features.force_features(press, kind, noise, model) for press in presses]
     joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    held = folds([len(one.frames) for one in presses])
+    fold = folds([len(press.frames) for press in presses])
 
     def fitted(name: str, lag: float) -> AxisFit:
         column = AXES.index(name)
-        force = np.concatenate([_lagged(one, column, lag) for one in presses])
+        force = np.concatenate([_lagged(press, column, lag) for press in presses])
         raw = name if kind == "head" else None
-        return fit_axis(joined, _choices(kind, name, joined), force, held, name, raw)
+        return fit_axis(joined, _choices(kind, name, joined), force, fold, name, raw)
 
     wanted = [name for name in AXES if name in options.axes]
     lag = 0.0
@@ -254,26 +258,26 @@ def _force(
             del fits[name]
     if not fits:
         raise DataError(f"forces do not follow from {kind}: {'; '.join(notes)}")
-    axes = {name: one.axis for name, one in fits.items()}
+    axes = {name: fit_of_axis.axis for name, fit_of_axis in fits.items()}
     of = model.fingerprint if kind == "head" and model is not None else ""
     return ForceModel(kind, noise, round(lag, 4), axes, of), fits
 
 
-def _choices(kind: str, axis: str, found: Mapping[str, Any]) -> list[Sequence[str]]:
-    """What an axis may be fitted to: of arrays and tracks its own values, scale and offset."""
+def _choices(kind: str, axis: str, columns: Mapping[str, Any]) -> list[Sequence[str]]:
+    """Candidate features of an axis; arrays and tracks get only scale and offset."""
     if kind == "head":
-        hidden = [one for one in found if one not in AXES]
+        hidden = [column for column in columns if column not in AXES]
         return [[axis], list(AXES), *([[*AXES, *hidden]] if hidden else [])]
-    return [features.NORMAL, list(found)] if kind == "pictures" else [[axis]]
+    return [features.NORMAL, list(columns)] if kind == "pictures" else [[axis]]
 
 
-def _lagged(one: Recording, column: int, lag: float) -> NDArray[np.float64]:
-    """One axis of the force, so many seconds before each frame."""
-    assert one.force is not None
-    force = one.force[:, column].astype(np.float64)
+def _lagged(recording: Recording, column: int, lag: float) -> NDArray[np.float64]:
+    """One axis of the force, ``lag`` seconds before each frame."""
+    assert recording.force is not None
+    force = recording.force[:, column].astype(np.float64)
     known = np.isfinite(force)
     if lag == 0 or not known.any():
         return force
-    before = one.times - lag
-    out = np.interp(before, one.times[known], force[known])
-    return np.where(before < one.times[known][0], np.nan, out)
+    before = recording.times - lag
+    out = np.interp(before, recording.times[known], force[known])
+    return np.where(before < recording.times[known][0], np.nan, out)

@@ -1,4 +1,4 @@
-"""What a frame says of the force on it, as a few numbers."""
+"""Features of a frame for force estimation."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _SIZE = 64
 #: Frames that are decoded at a time.
 _CHUNK = 64
-#: Features of a picture that grow with the normal force, and do not tell directions.
+#: Features of an image that grow with the normal force, and do not tell directions.
 NORMAL = ("strength", "area", "peak", "volume")
 _COLOURS = ("red", "green", "blue")
 #: Change of a pixel that counts as contact where noise is not known, grey levels.
@@ -36,7 +36,7 @@ def force_features(
     ``pictures`` are compared with the background: how much they change on the whole
     (``strength``), where they do (``area``, a share), how much at most (``peak``), their
     product ``volume`` = peak * sqrt(area); what each colour changes; and the first moments of all
-    that along x and y, which a shear shifts. ``taxels`` are pictures of an array: the sums ``x``,
+    that along x and y, which a shear shifts. ``taxels`` are images of an array: the sums ``x``,
     ``y``, ``z`` of what taxels show, in units of full colour. ``head`` is what a model reads of
     the force, see `hub.forces.calibration_inputs`. Else it is the name of a track (T, 3), whose
     columns are ``x``, ``y``, ``z``.
@@ -62,7 +62,7 @@ def force_features(
 
 
 def median_background(recording: Recording) -> NDArray[np.float32]:
-    """The picture without contact, float32 (H, W, 3): the median of those there are.
+    """The median image without contact, float32 (H, W, 3).
 
     Raises:
         DataError: There is none.
@@ -116,7 +116,7 @@ def _pictures(
     area = (size > noise).mean((1, 2))
     peak = np.percentile(felt, 99, axis=(1, 2))
     rows, columns = (np.linspace(-1, 1, n) for n in size.shape[1:])
-    found = {
+    features = {
         "strength": felt.mean((1, 2)),
         "area": area,
         "peak": peak,
@@ -125,15 +125,15 @@ def _pictures(
         "strength_y": (felt * rows[:, None]).mean((1, 2)),
     }
     for number, colour in enumerate(_COLOURS):
-        one = change[..., number]
-        found[colour] = one.mean((1, 2))
-        found[f"{colour}_x"] = (one * columns).mean((1, 2))
-        found[f"{colour}_y"] = (one * rows[:, None]).mean((1, 2))
-    return found
+        channel = change[..., number]
+        features[colour] = channel.mean((1, 2))
+        features[f"{colour}_x"] = (channel * columns).mean((1, 2))
+        features[f"{colour}_y"] = (channel * rows[:, None]).mean((1, 2))
+    return features
 
 
 def _read_by(model: Model, recording: Recording) -> Iterator[dict[str, NDArray[np.float64]]]:
-    """What a model reads in the clips that end at each frame; it is shown the last."""
+    """Features of a model for the last frame of the clips that end at each frame."""
     rest, size = median_background(recording).round().astype(np.uint8), model.encoder.image_size
     rest = resize_frame(rest, size) if model.recipe else rest
     period = float(np.median(np.diff(recording.times))) if len(recording.times) > 1 else 1.0
@@ -145,10 +145,10 @@ def _read_by(model: Model, recording: Recording) -> Iterator[dict[str, NDArray[n
         known, places = np.unique(rows, return_inverse=True)
         pictures = recording.frames.read(known.tolist())
         if model.recipe:  # trained here, on pictures of the size of its input
-            pictures = np.stack([resize_frame(one, size) for one in pictures])
+            pictures = np.stack([resize_frame(image, size) for image in pictures])
         clips = pictures[places.reshape(rows.shape)]
-        found = model.force_inputs(clips, rest, recording.sensor)
-        yield {name: one[:, -1].cpu().double().numpy() for name, one in found.items()}
+        inputs = model.force_inputs(clips, rest, recording.sensor)
+        yield {name: value[:, -1].cpu().double().numpy() for name, value in inputs.items()}
 
 
 def _taxels(frames: NDArray[np.uint8]) -> dict[str, NDArray[np.float64]]:

@@ -29,13 +29,13 @@ AXES = ("x", "y", "z")
 
 @dataclass(frozen=True)
 class Light:
-    """The picture without contact.
+    """Background of the unit: its mean colour and white balance.
 
     Attributes:
         colour: Mean red, green and blue, grey levels.
         balance: What each colour is multiplied by to be that of the reference; of a unit without a
             reference, to make the three means equal.
-        grid: Mean colours of 3 x 4 parts of the picture, grey levels.
+        grid: Mean colours of 3 x 4 parts of the image, grey levels.
     """
 
     colour: list[float]
@@ -75,12 +75,12 @@ class Axis:
 
 @dataclass(frozen=True)
 class ForceModel:
-    """How forces follow from what the unit shows.
+    """Linear model of the force from the unit's features.
 
     Attributes:
         of: ``pictures``, ``taxels``, ``head``, or the name of a track, see `features.of`.
         noise: Change of a pixel that counts as contact, grey levels.
-        lag: Seconds by which pictures come later than forces.
+        lag: Seconds by which images come later than forces.
         axes: Those of ``x``, ``y``, ``z`` that were fitted.
         model: Fingerprint of the model that it was fitted to (`hub.model.Model.fingerprint`); ""
             for none.
@@ -95,7 +95,7 @@ class ForceModel:
 
 @dataclass(frozen=True, kw_only=True)
 class Calibration:
-    """What one unit has of its own.
+    """The calibration of one unit.
 
     Attributes:
         sensor: Type of the sensor.
@@ -164,11 +164,11 @@ class Calibration:
             raise ConfigError(
                 f"the forces of {self.sensor} {self.unit} were fitted to a model: give that model"
             )
-        found = force_features(recording, self.force.of, self.force.noise, model)
+        features = force_features(recording, self.force.of, self.force.noise, model)
         out = np.full((len(recording.frames), 3), np.nan, np.float32)
         for column, name in enumerate(AXES):
             if name in self.force.axes:
-                out[:, column] = self.force.axes[name](found)
+                out[:, column] = self.force.axes[name](features)
         return out
 
     def check(self, sensor: str, unit: str = "") -> None:
@@ -195,11 +195,11 @@ def load_calibration(path: str | Path) -> Calibration:
         text = Path(path).read_text(encoding="utf-8")
     except OSError as error:
         raise DataNotFoundError(
-            f"{path}: no calibration there ({error.strerror}); make one: tactileforge calibrate "
-            f"data=shards data.root=DIR out={path}"
+            f"{path}: no calibration there ({error.strerror}); make it with: tactileforge "
+            f"calibrate data=shards data.root=DIR out={path}"
         ) from error
     except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: no text ({error.reason})") from error
+        raise ConfigError(f"{path}: not a text file ({error.reason})") from error
     return parse_calibration(text, str(path))
 
 
@@ -225,9 +225,9 @@ def calibration_labels(path: str | Path, sensor: str, unit: str = "") -> dict[st
         DataNotFoundError: There is no such file.
         ConfigError: It is wrong, or of another sensor.
     """
-    found = load_calibration(path)
-    found.check(sensor, unit)
-    return {LABEL: found.text()}
+    calibration = load_calibration(path)
+    calibration.check(sensor, unit)
+    return {LABEL: calibration.text()}
 
 
 def parse_calibration(text: str, where: str) -> Calibration:
@@ -255,7 +255,7 @@ def parse_calibration(text: str, where: str) -> Calibration:
     if scale is not None and not 0 < scale < math.inf:
         raise ConfigError(f"{where}: mm_per_pixel is {scale}, but must be above 0")
     light, force = node.take("light", dict), node.take("force", dict)
-    found = Calibration(
+    calibration = Calibration(
         sensor=node.need("sensor", str, "digit"),
         unit=node.take("unit", str, ""),
         made=node.take("made", str, ""),
@@ -265,7 +265,7 @@ def parse_calibration(text: str, where: str) -> Calibration:
         force=None if force is None else _force(Node(force, f"{where}, force")),
     )
     node.close()
-    return found
+    return calibration
 
 
 def _light(node: Node) -> Light:
@@ -281,7 +281,7 @@ def _light(node: Node) -> Light:
 
 def _force(node: Node) -> ForceModel:
     axes = Node(node.need("axes", dict, "{z: {...}}"), f"{node.where}, axes")
-    found = ForceModel(
+    force = ForceModel(
         of=node.need("of", str, "pictures"),
         noise=_number(node, "noise"),
         lag=_number(node, "lag"),
@@ -294,15 +294,15 @@ def _force(node: Node) -> ForceModel:
     )
     axes.close()
     node.close()
-    if not found.axes:
+    if not force.axes:
         raise ConfigError(f"{node.where}: axes is empty; give x, y or z")
-    return found
+    return force
 
 
 def _axis(node: Node) -> Axis:
     weights = Node(node.need("weights", dict, "{area: 12.5}"), f"{node.where}, weights")
     names = [str(name) for name in node.take("weights", dict)]
-    found = Axis(
+    axis = Axis(
         offset=_number(node, "offset"),
         weights={name: _number(weights, name) for name in names},
         rmse=_number(node, "rmse"),
@@ -311,7 +311,7 @@ def _axis(node: Node) -> Axis:
         before=_number(node, "before") if node.take("before", (int, float)) is not None else None,
     )
     node.close()
-    return found
+    return axis
 
 
 def _number(node: Node, key: str) -> float:

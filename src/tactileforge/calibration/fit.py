@@ -1,4 +1,4 @@
-"""Force by least squares, judged on presses that the fit did not see."""
+"""Force by least squares, cross-validated on held-out presses."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class AxisFit:
 
 
 def folds(lengths: Sequence[int]) -> NDArray[np.int64]:
-    """In which fold each frame is held out, int64 (N,).
+    """Number of the fold in which each frame is held out, int64 (N,).
 
     A press is held out whole where there are enough; fewer presses are cut into stretches, so that
     neighbouring frames, which are alike, are held out together.
@@ -78,8 +78,8 @@ def fit_axis(
     known = np.isfinite(force)
     for values in features.values():
         known &= np.isfinite(values)
-    measured, held = np.asarray(force, np.float64)[known], fold[known]
-    if len(measured) < _LEAST_FRAMES or len(np.unique(held)) < 2:
+    measured, held_out = np.asarray(force, np.float64)[known], fold[known]
+    if len(measured) < _LEAST_FRAMES or len(np.unique(held_out)) < 2:
         raise DataError(
             f"force {name}: {len(measured)} frames with a force; give {_LEAST_FRAMES} or more, of "
             "several presses"
@@ -88,18 +88,18 @@ def fit_axis(
         raise DataError(f"force {name}: it is {measured[0]:.3g} N throughout; press harder")
     best: AxisFit | None = None
     for names in _affordable(choices, len(measured)):
-        columns = np.stack([features[one][known] for one in names], 1)
+        columns = np.stack([features[column][known] for column in names], 1)
         for rcond in _RCONDS if len(names) > _MANY else (_RCOND,):
-            found = _fit(names, columns, measured, held, rcond)
-            if best is None or found.axis.rmse < best.axis.rmse:
-                best = found
+            candidate = _fit(names, columns, measured, held_out, rcond)
+            if best is None or candidate.axis.rmse < best.axis.rmse:
+                best = candidate
     assert best is not None
     return best if raw is None else _beside(best, features[raw][known])
 
 
-def _beside(found: AxisFit, raw: NDArray[np.float64]) -> AxisFit:
-    error = _short(float(np.sqrt(np.mean((raw - found.measured) ** 2))))
-    return replace(found, axis=replace(found.axis, before=error), before=raw)
+def _beside(fitted: AxisFit, raw: NDArray[np.float64]) -> AxisFit:
+    error = _short(float(np.sqrt(np.mean((raw - fitted.measured) ** 2))))
+    return replace(fitted, axis=replace(fitted.axis, before=error), before=raw)
 
 
 def _affordable(choices: Sequence[Sequence[str]], frames: int) -> Iterator[Sequence[str]]:
@@ -111,12 +111,12 @@ def _fit(
     names: Sequence[str],
     columns: NDArray[np.float64],
     measured: NDArray[np.float64],
-    held: NDArray[np.int64],
+    held_out: NDArray[np.int64],
     rcond: float,
 ) -> AxisFit:
     predicted = np.empty_like(measured)
-    for one in np.unique(held):
-        out = held == one
+    for number in np.unique(held_out):
+        out = held_out == number
         offset, weights = _solved(columns[~out], measured[~out], rcond)
         predicted[out] = offset + columns[out] @ weights
     offset, weights = _solved(columns, measured, rcond)
@@ -128,7 +128,7 @@ def _fit(
         r2=_short(float(1 - np.mean(error**2) / np.var(measured))),
         span=[_short(float(measured.min())), _short(float(measured.max()))],
     )
-    return AxisFit(axis, measured, predicted, held)
+    return AxisFit(axis, measured, predicted, held_out)
 
 
 def _solved(
@@ -144,5 +144,5 @@ def _solved(
 
 
 def _short(value: float) -> float:
-    """Seven digits are more than any of it is good for."""
+    """Rounds to seven significant digits."""
     return float(f"{value:.7g}")

@@ -24,7 +24,7 @@ def estimate_light(
     """The light of a unit.
 
     Args:
-        backgrounds: float32 (H, W, 3) each: pictures without contact, of one size.
+        backgrounds: float32 (H, W, 3) each: images without contact, of one size.
         reference: The light that the colours are balanced to; None makes the three means equal.
 
     Raises:
@@ -34,8 +34,8 @@ def estimate_light(
     colour = still.mean((0, 1))
     if (colour < 1).any():
         raise DataError(
-            f"mean colours of the background are {np.round(colour, 1).tolist()}: one is black; "
-            "check the lights and the exposure"
+            f"mean colours of the background are {np.round(colour, 1).tolist()}: a colour is "
+            "black; check the lights and the exposure"
         )
     wanted = colour.mean() if reference is None else np.array(reference.colour)
     coarse = cv2.resize(still, _GRID[::-1], interpolation=cv2.INTER_AREA)
@@ -62,7 +62,7 @@ def punch_mm_per_pixel(
 ) -> float:
     """Size of a pixel, from a press of a flat round punch of known diameter.
 
-    Around the punch the picture changes most at its rim, where the gel is steepest. The rim's
+    Around the punch the image changes most at its rim, where the gel is steepest. The rim's
     radius is where the change, averaged over all directions, peaks.
 
     Args:
@@ -72,27 +72,27 @@ def punch_mm_per_pixel(
         name: Of the recording, for messages.
 
     Raises:
-        DataError: No contact is seen, or it has no rim inside the picture.
+        DataError: No contact is seen, or it has no rim inside the image.
     """
     changes = np.abs(frames.astype(np.float32) - rest).mean(-1)
     deepest = changes[int(changes.mean((1, 2)).argmax())]
     change = cv2.GaussianBlur(deepest, (0, 0), 1.5)
     felt = (change - max(2 * LEAST, 0.25 * float(change.max()))).clip(min=0)
     if not felt.any():
-        raise DataError(f"{name}: no contact is seen in any frame; press the punch harder")
+        raise DataError(f"{name}: no frame shows contact; press the punch harder")
     rows, columns = np.indices(change.shape)
     centre = _centre(felt)
     radius = np.hypot(rows - centre[0], columns - centre[1])
     room = min(*centre, *(n - 1 - c for n, c in zip(change.shape, centre, strict=True)))
     places = (radius[radius < room] / _STEP).astype(int)
     if len(places) < 50:
-        raise DataError(f"{name}: the contact lies at the edge of the picture; press its middle")
+        raise DataError(f"{name}: the contact lies at the edge of the image; press its middle")
     counts = np.bincount(places)
     profile = np.bincount(places, change[radius < room]) / counts.clip(min=1)
     profile = np.convolve(profile, np.ones(3) / 3, "same")
     at = int(profile.argmax())
     if at < 4 or at > len(profile) - 4:
-        raise DataError(f"{name}: the punch has no rim inside the picture; press its middle")
+        raise DataError(f"{name}: the punch has no rim inside the image; press its middle")
     low, top, high = profile[at - 1 : at + 2]
     bend = low - 2 * top + high
     peak = at + (0.5 * (low - high) / bend if bend < 0 else 0.0)

@@ -1,35 +1,44 @@
-"""The page of a calibration: how well forces are fitted, the light, the scale."""
+"""The page of a calibration: errors of the force fits, light and scale."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from html import escape
+
+from markupsafe import Markup
 
 from tactileforge.calibration.calibrate import CalibrationResult
 from tactileforge.calibration.fit import AxisFit
 from tactileforge.pages.figures import CLASSES, INK, MARKERS, drawing, svg
 from tactileforge.pages.images import figure
-from tactileforge.pages.page import Section, number, page, panel, panels, paragraph, table
+from tactileforge.pages.page import (
+    Section,
+    number,
+    page,
+    panel,
+    panels,
+    paragraph,
+    table,
+    verdict,
+)
 
 
-def calibration_page(found: CalibrationResult) -> str:
+def calibration_page(result: CalibrationResult) -> str:
     """The page, as HTML."""
-    one = found.calibration
-    title = f"Calibration of {one.sensor} {one.unit}".strip()
-    notes = "".join(f'<li class="bad">{escape(note)}</li>' for note in found.notes)
-    top = f"{paragraph(one.made, soft=True)}<ul class=verdict>{notes}</ul>"
-    parts = [_force(found)] if one.force is not None else []
-    parts += [_light(found)] if one.light is not None else []
-    return page(title, top, [*parts, _scale(found)])
+    calibration = result.calibration
+    title = f"Calibration of {calibration.sensor} {calibration.unit}".strip()
+    top = paragraph(calibration.made, soft=True) + verdict(("bad", note) for note in result.notes)
+    parts = [_force(result)] if calibration.force is not None else []
+    parts += [_light(result)] if calibration.light is not None else []
+    return page(title, top, [*parts, _scale(result)])
 
 
-def _force(found: CalibrationResult) -> Section:
-    force = found.calibration.force
+def _force(result: CalibrationResult) -> Section:
+    force = result.calibration.force
     assert force is not None
     drawn = []
-    for name, one in found.fits.items():
-        drawn += [panel(f"Force {name}", _against(one, name))]
-        drawn += [panel(f"Error of {name}", _residual(one, name))]
+    for name, fit in result.fits.items():
+        drawn += [panel(f"Force {name}", _against(fit, name))]
+        drawn += [panel(f"Error of {name}", _residual(fit, name))]
     with_model = force.of == "head"
     rows = [
         (
@@ -38,7 +47,7 @@ def _force(found: CalibrationResult) -> Section:
             number(axis.rmse),
             number(axis.r2),
             f"{number(axis.span[0])} to {number(axis.span[1])}",
-            str(len(found.fits[name].measured)),
+            str(len(result.fits[name].measured)),
             f"text|{_told(list(axis.weights))}",
         )
         for name, axis in force.axes.items()
@@ -46,23 +55,23 @@ def _force(found: CalibrationResult) -> Section:
     before = ["before (N)"] * with_model
     rest = ("R\N{SUPERSCRIPT TWO}", "range (N)", "frames", "text|fitted to")
     head = ("axis", *before, "error (N)", *rest)
-    told = f"Fitted to {'what a model reads' if with_model else force.of} by least squares"
-    told += f", pictures {1000 * force.lag:.0f} ms after forces." if force.lag else "."
-    told += " Each frame is predicted by a fit that has not seen its press; colours are folds."
+    text = f"Fitted to {'what a model reads' if with_model else force.of} by least squares"
+    text += f", pictures {1000 * force.lag:.0f} ms after forces." if force.lag else "."
+    text += " Each frame is predicted by a fit that has not seen its press; colours are folds."
     if with_model:
-        told += " Before: the error of the model as it is, drawn faintly."
+        text += " Before: the error of the model as it is, drawn faintly."
     return Section(
-        "force", "Force", paragraph(told) + table("axes", head, rows) + panels(drawn, wide=True)
+        "force", "Force", paragraph(text) + table("axes", head, rows) + panels(drawn, wide=True)
     )
 
 
 def _told(names: Sequence[str]) -> str:
     hidden = [name for name in names if name.startswith("hidden")]
-    told = [name for name in names if name not in hidden]
-    return ", ".join([*told, *([f"{len(hidden)} values of the head"] if hidden else [])])
+    shown = [name for name in names if name not in hidden]
+    return ", ".join([*shown, *([f"{len(hidden)} values of the head"] if hidden else [])])
 
 
-def _against(fit: AxisFit, name: str) -> str:
+def _against(fit: AxisFit, name: str) -> Markup:
     with drawing(4.2, 3.2) as (drawn, axes):
         ends = [float(fit.measured.min()), float(fit.measured.max())]
         axes.plot(ends, ends, color=INK, linewidth=0.9)
@@ -73,7 +82,7 @@ def _against(fit: AxisFit, name: str) -> str:
         return svg(drawn, f"predicted against measured force along {name}")
 
 
-def _residual(fit: AxisFit, name: str) -> str:
+def _residual(fit: AxisFit, name: str) -> Markup:
     with drawing(4.2, 3.2) as (drawn, axes):
         axes.axhline(0, color=INK, linewidth=0.9)
         _dots(axes, fit, fit.predicted - fit.measured)
@@ -94,30 +103,34 @@ def _dots(axes: object, fit: AxisFit, values: object) -> None:
         )
 
 
-def _light(found: CalibrationResult) -> Section:
-    one = found.calibration
-    assert one.light is not None
+def _light(result: CalibrationResult) -> Section:
+    calibration = result.calibration
+    assert calibration.light is not None
     rows = [
         (name, number(mean), number(factor))
         for name, mean, factor in zip(
-            ("red", "green", "blue"), one.light.colour, one.light.balance, strict=True
+            ("red", "green", "blue"),
+            calibration.light.colour,
+            calibration.light.balance,
+            strict=True,
         )
     ]
-    shown = ""
-    if found.still is not None:
-        pictures = [found.still, one.balanced(found.still)]
+    shown = Markup()
+    if result.still is not None:
+        pictures = [result.still, calibration.balanced(result.still)]
         shown = figure(pictures, "background; the same in balanced colours", "background", 2)
     body = table("light-table", ("colour", "mean (grey levels)", "balance"), rows)
     return Section("light", "Light", body + panels([shown]))
 
 
-def _scale(found: CalibrationResult) -> Section:
-    one = found.calibration
-    height, width = one.size
-    if one.mm_per_pixel is None:
-        return Section("scale", "Scale", paragraph(f"mm per pixel: {found.scale}."))
-    told = (
-        f"{one.mm_per_pixel:.4g} mm per pixel, from {found.scale}: the picture of {height} x "
-        f"{width} pixels shows {height * one.mm_per_pixel:.3g} x {width * one.mm_per_pixel:.3g} mm."
+def _scale(result: CalibrationResult) -> Section:
+    calibration = result.calibration
+    height, width = calibration.size
+    if calibration.mm_per_pixel is None:
+        return Section("scale", "Scale", paragraph(f"mm per pixel: {result.scale}."))
+    scale = calibration.mm_per_pixel
+    text = (
+        f"{scale:.4g} mm per pixel, from {result.scale}: the image of {height} x {width} pixels "
+        f"shows {height * scale:.3g} x {width * scale:.3g} mm."
     )
-    return Section("scale", "Scale", paragraph(told))
+    return Section("scale", "Scale", paragraph(text))

@@ -194,8 +194,8 @@ def read_own(path: str | Path, run: str | None) -> dict[str, Any]:
     if found.get("run") != run:
         raise ConfigError(
             f"{find_checkpoint(path)} is a checkpoint of run {found.get('run')}, but config.yaml "
-            f"beside it is of run {run}: one of the two was copied or overwritten. Start a new run "
-            "from the weights with init=, or put the right file back"
+            f"beside it is of run {run}: one of the two was copied or overwritten. Start a new "
+            "run from the weights with init=, or put the right file back"
         )
     return found
 

@@ -1,4 +1,4 @@
-"""Models as files that run elsewhere: ``export``, and ``read`` for what such a file says of itself.
+"""Exports models as files that run elsewhere: ``export``, and ``read`` for their metadata.
 
 - `export.facts`: what a file says of itself; needs no torch
 - `export.program`: the graph, by ``torch.export``; clips to compare it with the module

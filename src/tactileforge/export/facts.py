@@ -1,4 +1,4 @@
-"""What an exported file says of itself: one JSON text, under the same key in both formats."""
+"""Metadata of exported files: one JSON text, under the same key in both formats."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ KEY = "tactileforge"
 
 @dataclass(frozen=True, kw_only=True)
 class Exported:
-    """An exported model, and what it takes.
+    """An exported model, and its inputs.
 
     Its inputs are ``frames`` uint8 (B, T, 3, H, W), RGB, oldest first; ``background`` uint8
     (B, 3, H, W); ``sensor`` int64 (B,), see `rows`. Its outputs are ``tokens`` float32
@@ -50,7 +50,7 @@ class Exported:
     int8: dict[str, float]
 
     def sensor_ids(self, sensors: Sequence[str]) -> list[int]:
-        """What to give as ``sensor``: the row of each name.
+        """Sensor rows, the integers to give as ``sensor``, by name.
 
         Raises:
             ConfigError: The model has no row of that name.
@@ -61,14 +61,14 @@ class Exported:
         return [self.sensors[name] for name in sensors]
 
     def text(self) -> str:
-        """JSON that goes into the file: everything but its path."""
-        given = asdict(self)
-        del given["path"]
-        return json.dumps(given, sort_keys=True)
+        """JSON text for the file: all fields but the path."""
+        content = asdict(self)
+        del content["path"]
+        return json.dumps(content, sort_keys=True)
 
 
 def read_facts(path: str | Path) -> Exported:
-    """What an exported file says of itself; nothing is run.
+    """Reads the metadata of an exported file without running it.
 
     Raises:
         DataNotFoundError: There is no such file.
@@ -80,14 +80,14 @@ def read_facts(path: str | Path) -> Exported:
         raise DataNotFoundError(f"{path}: no such file; correct the path")
     try:
         text = _of_zip(path) if zipfile.is_zipfile(path) else _of_onnx(path)
-        given = strict.mapping("its metadata", load_json(text))
-        return strict.build(Exported, "its metadata", given | {"path": str(path)})
+        content = strict.mapping("its metadata", load_json(text))
+        return strict.build(Exported, "its metadata", content | {"path": str(path)})
     except (ConfigError, ValueError) as error:
         raise DataError(f"{path}: not written by tactileforge export: {error}") from error
 
 
 def need_onnx() -> None:
-    """Raises a ConfigError that says what to install, where ONNX cannot be written and run."""
+    """Raises a ConfigError with the install command where the ONNX packages are missing."""
     from importlib.util import find_spec
 
     missing = [name for name in ("onnx", "onnxscript", "onnxruntime") if find_spec(name) is None]

@@ -1,4 +1,4 @@
-"""The graph of an encoder as ONNX: exact resizing, nothing of this machine, weights as int8."""
+"""Encoders as ONNX graphs: exact resizing, no local paths, int8 weights on request."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class OnnxFile:
             resize._upsample_bilinear2d_aa.default: _resize("bilinear"),
             resize._upsample_bicubic2d_aa.default: _resize("bicubic"),
         }
-        found = torch.onnx.export(
+        exported = torch.onnx.export(
             program,
             input_names=INPUTS,
             output_names=OUTPUTS,
@@ -51,14 +51,14 @@ class OnnxFile:
             verbose=False,
             custom_translation_table=table,
         )
-        assert found is not None
-        self.model = found.model_proto
+        assert exported is not None
+        self.model = exported.model_proto
         #: Matrices of resizing are no weights: they stay as they are.
         self._fixed = [node.name for node in self.model.graph.node if _resizes(node)]
         _clean(self.model)
 
     def quantise(self, path: Path) -> None:
-        """Makes the weights of linear layers int8, one scale a column; ``path`` is overwritten.
+        """Quantises the weights of linear layers to int8, one scale per column, in place.
 
         Activations become 8 bits as they come, one scale a tensor.
         """
@@ -73,12 +73,12 @@ class OnnxFile:
         self.model = onnx.load(path)
 
     def save(self, path: Path, text: str = "") -> None:
-        """Writes it, with a text of its metadata."""
+        """Writes the file with its metadata text."""
         onnx.helper.set_model_props(self.model, {KEY: text})
         onnx.save(self.model, path)
 
     def load(self, path: Path) -> Run:
-        """What the file computes, by onnxruntime on the CPU."""
+        """Loads the file as a function, by onnxruntime on the CPU."""
         session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
 
         def run(*inputs: Tensor) -> Outputs:
@@ -94,7 +94,7 @@ def _resizes(node: Any) -> bool:
 
 
 def _clean(model: Any) -> None:
-    """Names the free axes, and drops notes of the exporter: they hold paths of this machine."""
+    """Names the dynamic axes, and drops the exporter's notes, which hold local paths."""
     graph = model.graph
     for thing in (graph, *graph.node, *graph.input, *graph.output, *graph.initializer):
         del thing.metadata_props[:]
@@ -108,7 +108,7 @@ def _clean(model: Any) -> None:
 
 
 def _resize(mode: str) -> Callable[..., Any]:
-    """Anti-aliased resizing as a product with one matrix a side.
+    """Anti-aliased resizing as a product with one matrix per side.
 
     The operator Resize of onnxruntime rounds its weights otherwise than torch: pixels differ by
     2e-5, and tokens of a base model by 2e-4.
@@ -139,26 +139,26 @@ def _resize(mode: str) -> Callable[..., Any]:
 
 
 def _weights(mode: str, size: int, wanted: int) -> Any:
-    """Torch's own weights, float32 (wanted, size): what it makes of the unit matrix."""
+    """Torch's resizing weights, float32 (wanted, size), from resizing the unit matrix."""
     unit = torch.eye(size)[None, None]
     return F.interpolate(unit, (wanted, size), mode=mode, antialias=True)[0, 0].numpy()
 
 
 def _any_weights(size: Any, wanted: int) -> Any:
-    """The same for a size (int64, one number) that is known when the graph runs; bilinear.
+    """Bilinear weights for a size (int64, one number) that is known when the graph runs.
 
     A triangle at each centre, as wide as a pixel of the result and at least as one of the frame.
     Rounds as torch does, step by step, in float32.
     """
-    one = _constant(np.float32(1))
+    unit = _constant(np.float32(1))
     half = _constant(np.float32(0.5))
     scale = op.Div(op.Cast(size, to=onnx.TensorProto.FLOAT), _constant(np.float32(wanted)))
     centre = op.Mul(scale, _constant(np.arange(wanted, dtype=np.float32)[:, None] + 0.5))
     zero, step = _constant(np.int64(0)), _constant(np.int64(1))
     pixels = op.Range(zero, op.Squeeze(size), step)
     away = op.Add(op.Sub(op.Cast(pixels, to=onnx.TensorProto.FLOAT), centre), half)
-    away = op.Mul(away, op.Div(one, op.Max(scale, one)))
-    weights = op.Relu(op.Sub(one, op.Abs(away)))
+    away = op.Mul(away, op.Div(unit, op.Max(scale, unit)))
+    weights = op.Relu(op.Sub(unit, op.Abs(away)))
     return op.Div(weights, op.ReduceSum(weights, _constant(np.array([1])), keepdims=1))
 
 

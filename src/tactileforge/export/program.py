@@ -28,7 +28,7 @@ BATCHES = (1, 3)
 
 @dataclass(frozen=True)
 class Gap:
-    """How far the outputs of a graph are from those of the module.
+    """Deviation of the outputs of a graph from those of the module.
 
     Attributes:
         largest: Largest difference of a number.
@@ -44,7 +44,7 @@ class Gap:
 def sizes_of(
     encoder: Any, size: tuple[int, int] | None, small: bool = False
 ) -> list[tuple[int, int]]:
-    """Sizes of frames with which a graph is compared.
+    """Frame sizes for comparing a graph with its module.
 
     Args:
         encoder: A touch encoder.
@@ -59,7 +59,7 @@ def sizes_of(
 
 
 def synthetic_clips(encoder: Any, batch: int, size: tuple[int, int]) -> Clips:
-    """Made-up clips: a smooth background, a smooth change that grows, noise; the same each time.
+    """Synthetic clips: a smooth background, a smooth change that grows, noise; deterministic.
 
     Args:
         encoder: Its frames and sensors are taken.
@@ -85,18 +85,18 @@ def synthetic_clips(encoder: Any, batch: int, size: tuple[int, int]) -> Clips:
 
 
 def compare_outputs(run: Run, encoder: Any, sizes: Sequence[tuple[int, int]]) -> Gap:
-    """Runs a graph on batches of several lengths beside the module."""
+    """Compares a graph with the module on batches of several lengths."""
     largest, relative, cosine = 0.0, 0.0, 1.0
     for inputs in _batches(encoder, sizes):
         with torch.no_grad():
-            expected, found = encoder(*inputs), run(*inputs)
-        for mine, theirs in zip(expected, found, strict=True):
+            expected, outputs = encoder(*inputs), run(*inputs)
+        for mine, theirs in zip(expected, outputs, strict=True):
             if mine.shape != theirs.shape or not theirs.isfinite().all():
                 return Gap(float("inf"), float("inf"), -1.0)
             largest = max(largest, float((mine - theirs).abs().max()))
-        change = (expected[1] - found[1]).norm() / expected[1].norm()
+        change = (expected[1] - outputs[1]).norm() / expected[1].norm()
         relative = max(relative, float(change))
-        cosine = min(cosine, float(F.cosine_similarity(expected[1], found[1]).min()))
+        cosine = min(cosine, float(F.cosine_similarity(expected[1], outputs[1]).min()))
     return Gap(largest, relative, cosine)
 
 
@@ -107,7 +107,7 @@ def _batches(encoder: Any, sizes: Sequence[tuple[int, int]]) -> Iterator[Clips]:
 
 
 def trace(encoder: Any, size: tuple[int, int] | None) -> ExportedProgram:
-    """The graph, for any number of clips; tried where it is to take any size.
+    """Traces the graph for any number of clips, and for any image size where asked.
 
     Args:
         encoder: A touch encoder in eval mode.
@@ -119,8 +119,8 @@ def trace(encoder: Any, size: tuple[int, int] | None) -> ExportedProgram:
     sizes = sizes_of(encoder, size)
     batch, height, width = Dim("batch"), None, None
     if size is None:
-        own = encoder.image_size
-        height, width = Dim("height", min=own[0] + 1), Dim("width", min=own[1] + 1)
+        native = encoder.image_size
+        height, width = Dim("height", min=native[0] + 1), Dim("width", min=native[1] + 1)
     shapes = ({0: batch, 3: height, 4: width}, {0: batch, 2: height, 3: width}, {0: batch})
     try:
         # Not strict, `len` of a tensor would fix the number of clips.
@@ -154,11 +154,11 @@ class ProgramFile:
         self.program = program
 
     def save(self, path: Path, text: str = "") -> None:
-        """Writes it, with a text of its metadata."""
+        """Writes the file with its metadata text."""
         with path.open("wb") as file:
             torch.export.save(self.program, file, extra_files={KEY: text})
 
     def load(self, path: Path) -> Run:
-        """What the file computes."""
+        """Loads the file as a function."""
         run: Run = torch.export.load(io.BytesIO(path.read_bytes())).module()
         return run

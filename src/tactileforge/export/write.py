@@ -1,4 +1,4 @@
-"""From a model to a file that was run and compared."""
+"""Exports a model to a file, then runs it and compares its outputs."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def _check(path: Path, format: str, size: Any, int8: Any, tolerance: Any) -> Non
 
 
 def _open(model: str | Path | Model | nn.Module) -> tuple[Any, dict[str, Any]]:
-    """The encoder, on the CPU in eval mode, and what is known of it."""
+    """The encoder, on the CPU in eval mode, and its facts."""
     opened = load(model) if isinstance(model, str | Path) else model
     if isinstance(opened, Model):
         encoder: Any = opened.encoder
@@ -136,7 +136,7 @@ def _file(format: str, program: Any) -> Any:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Without the notes that exporters print: what matters is compared, and raised."""
+    """Silences exporters: outputs are compared, and deviations raised."""
     before = logging.root.manager.disable
     logging.disable(logging.ERROR)
     try:

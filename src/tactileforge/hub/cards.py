@@ -1,4 +1,4 @@
-"""Cards: what the zoo says of each model. Reading them needs no torch.
+"""Model cards of the zoo, readable without torch.
 
 A card is ``zoo/recipe/NAME.md``: YAML front matter, then text. A model is named ``NAME.TAG``, one
 of the weights on the card; ``NAME`` alone means the first of them.
@@ -91,7 +91,7 @@ class CardResult:
 
     @property
     def is_ours(self) -> bool:
-        """Whether we measured it."""
+        """Whether it was measured by this project."""
         return self.source.startswith("docs/")
 
 
@@ -136,7 +136,7 @@ class Card:
         return [row for row in self.gates if row.model == weight.tag]
 
     def may_ship(self, weight: Weight) -> bool:
-        """Whether weights may come with the package: what is only a demonstration has to say so.
+        """Whether weights may ship with the package: demonstrations must be marked as such.
 
         The text of the card then has the word *demonstration* below the heading of the weights.
         """
@@ -163,8 +163,8 @@ class Card:
 
     def clip(self, weight: Weight | None) -> tuple[int, float]:
         """Frames of a clip, and seconds between them, of some weights."""
-        own = weight if weight and weight.frames else self
-        return own.frames, own.spacing
+        source = weight if weight and weight.frames else self
+        return source.frames, source.spacing
 
 
 def zoo_folder() -> Traversable:
@@ -194,7 +194,7 @@ def read_card(name: str) -> Card:
 
 
 def find_card(model: str) -> tuple[Card, Weight]:
-    """The card and the weights that a name means: ``NAME.TAG``, or ``NAME`` for the default.
+    """Card and weights of a name: ``NAME.TAG``, or ``NAME`` for the default weights.
 
     Raises:
         ConfigError: Unknown name or tag, or a card without weights.
@@ -213,11 +213,11 @@ def list_cards(pattern: str = "*") -> list[tuple[str, Card, Weight | None]]:
 
     A card without weights is listed under its own name.
     """
-    found: list[tuple[str, Card, Weight | None]] = []
+    rows: list[tuple[str, Card, Weight | None]] = []
     for card in map(read_card, card_names()):
-        found += [(f"{card.name}.{weight.tag}", card, weight) for weight in card.weights]
-        found += [] if card.weights else [(card.name, card, None)]
-    return [row for row in found if fnmatchcase(row[0], pattern)]
+        rows += [(f"{card.name}.{weight.tag}", card, weight) for weight in card.weights]
+        rows += [] if card.weights else [(card.name, card, None)]
+    return [row for row in rows if fnmatchcase(row[0], pattern)]
 
 
 def parse_card(name: str, text: str, recipe: bool) -> Card:
@@ -234,27 +234,27 @@ def parse_card(name: str, text: str, recipe: bool) -> Card:
     where = f"card {name}"
     match = re.match(r"---\n(.*?)\n---\n(.*)", text, re.S)
     if not match:
-        raise ConfigError(f"{where}: starts with no front matter between two lines of ---")
+        raise ConfigError(f"{where}: does not start with front matter between two lines of ---")
     try:
-        given = yaml.load(match[1], _Loader)
+        front = yaml.load(match[1], _Loader)
     except yaml.YAMLError as error:
         raise ConfigError(f"{where}: {error}") from error
-    given = strict.mapping(where, given)
-    given.setdefault("gates", [])
+    front = strict.mapping(where, front)
+    front.setdefault("gates", [])
     for key, kind in (("weights", Weight), ("results", CardResult), ("gates", Gate)):
-        rows = given.get(key)
+        rows = front.get(key)
         if not isinstance(rows, list):
             raise ConfigError(f"{where}: {key} must be a list")
-        given[key] = [strict.build(kind, f"{where}, {key}[{i}]", row) for i, row in enumerate(rows)]
+        front[key] = [strict.build(kind, f"{where}, {key}[{i}]", row) for i, row in enumerate(rows)]
     card = strict.build(
-        Card, where, given | {"name": name, "text": match[2].strip(), "recipe": recipe}
+        Card, where, front | {"name": name, "text": match[2].strip(), "recipe": recipe}
     )
     _check(card)
     return card
 
 
 def _check(card: Card) -> None:
-    """What types do not say."""
+    """Validates what the types cannot express."""
     where = f"card {card.name}"
     tags = [weight.tag for weight in card.weights]
     for weight in card.weights:
@@ -264,7 +264,7 @@ def _check(card: Card) -> None:
         if bool(weight.file) + bool(weight.url) + bool(weight.layout) != 1:
             raise ConfigError(f"{place}: give one of file, url and layout")
         if weight.layout and not weight.source:
-            raise ConfigError(f"{place}: say in source where the published file is to be had")
+            raise ConfigError(f"{place}: state in source where the published file is available")
         verified = re.fullmatch(r"[0-9a-f]{64}", weight.sha256) and weight.bytes > 0
         if not weight.layout and not verified:
             raise ConfigError(f"{place}: sha256 (64 hexadecimal digits) and bytes are needed")

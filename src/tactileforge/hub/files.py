@@ -1,4 +1,4 @@
-"""One-file checkpoints: written beside and renamed, loaded strictly, no code in them."""
+"""One-file checkpoints: written atomically, loaded strictly, free of code."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ DTYPES = {"float32": torch.float32, "float16": torch.float16}
 def make_header(
     encoder: Any, node: Mapping[str, Any], *, licence: str, spacing: float, **known: Any
 ) -> Header:
-    """The header of an encoder: what it says of itself, and what is known besides.
+    """Builds the header of an encoder from its attributes and the given facts.
 
     Args:
         encoder: A touch encoder.
@@ -110,7 +110,7 @@ def save_checkpoint(
 
 
 def _of_head(name: str) -> str:
-    """How the tensors of a head begin."""
+    """Prefix of the tensor names of a head."""
     return f"head.{name}."
 
 
@@ -123,7 +123,7 @@ def open_encoder(path: str | Path, frames: int | None = None) -> tuple[Any, Head
 def open_model(
     path: str | Path, frames: int | None = None
 ) -> tuple[Any, dict[str, nn.Module], Header]:
-    """Builds the encoder and the heads of a one-file checkpoint and fills them, all of them.
+    """Builds the encoder and the heads of a one-file checkpoint and loads all weights.
 
     Args:
         path: The file.
@@ -182,7 +182,7 @@ def _open_heads(
 
 
 def fill_weights(encoder: nn.Module, state: Mapping[str, Tensor], where: str) -> None:
-    """Loads a state strictly; the types of the module's own numbers stay.
+    """Loads a state strictly; the module keeps its dtypes.
 
     Raises:
         DataError: Tensors are missing, left over or of another shape; lists them.
@@ -208,7 +208,7 @@ def fill_weights(encoder: nn.Module, state: Mapping[str, Tensor], where: str) ->
 
 
 def check_plugin(path: Path, header: Header) -> None:
-    """Raises a PluginError, with the line that installs it, where the encoder is not installed."""
+    """Raises a PluginError with the install command where the encoder is not installed."""
     name = header.encoder["name"]
     if name in registry.names("encoders"):
         return

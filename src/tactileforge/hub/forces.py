@@ -1,4 +1,4 @@
-"""Forces in newton, from the head that a model was packed with."""
+"""Forces in newton, from the force head packed with a model."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ModelReadings:
-    """What a model makes of clips, from one pass of its encoder.
+    """Vectors and forces of clips, from one pass of the encoder.
 
     Attributes:
         vector: float32 (projected,), or (B, projected) for a batch; what `Model.encode` gives.
@@ -32,7 +32,7 @@ class ModelReadings:
 
 
 def scales(entry: Mapping[str, Any], sensors: Sequence[str]) -> Tensor | None:
-    """Newton that count as 1, float32 (B, 1, 3); None where a sensor has none.
+    """Force scale, the newtons per unit of output, float32 (B, 1, 3); None without one.
 
     Args:
         entry: Of a head, see `Header.heads`.
@@ -45,7 +45,7 @@ def scales(entry: Mapping[str, Any], sensors: Sequence[str]) -> Tensor | None:
 
 
 def uncalibrated(entry: Mapping[str, Any], sensors: Sequence[str]) -> list[str]:
-    """Sensors no unit of which was calibrated, sorted.
+    """Sensors without any calibrated unit, sorted.
 
     Args:
         entry: Of a head, see `Header.heads`.
@@ -57,7 +57,7 @@ def uncalibrated(entry: Mapping[str, Any], sensors: Sequence[str]) -> list[str]:
 def calibration_inputs(
     head: Any, encoder: Any, tokens: Tensor, projected: Tensor, scale: Tensor
 ) -> dict[str, Tensor]:
-    """What a calibration may be fitted to, float32 (B, T - 1) each.
+    """Inputs for fitting a calibration, float32 (B, T - 1) each.
 
     The forces ``x``, ``y``, ``z`` in newton, and what the last layer of the head reads
     (``hidden0``, ...) where the head tells.
@@ -71,15 +71,15 @@ def calibration_inputs(
     """
     views = SimpleNamespace(full=Features(tokens, projected, encoder.prefix, encoder.grid))
     newton = head(views, {}).force.float() * scale
-    found = dict(zip(AXES, newton.unbind(-1), strict=True))
+    columns = dict(zip(AXES, newton.unbind(-1), strict=True))
     if hasattr(head, "hidden"):
         hidden = head.hidden(views).float().unbind(-1)
-        found |= {f"hidden{i}": column for i, column in enumerate(hidden)}
-    return found
+        columns |= {f"hidden{i}": column for i, column in enumerate(hidden)}
+    return columns
 
 
 def fingerprint(parts: Iterable[nn.Module]) -> str:
-    """Sixteen hexadecimal digits of the weights of some modules."""
+    """Hash of the weights of some modules, 16 hexadecimal digits."""
     digest = hashlib.sha256()
     for part in parts:
         for key, value in part.state_dict().items():
@@ -88,18 +88,18 @@ def fingerprint(parts: Iterable[nn.Module]) -> str:
     return digest.hexdigest()[:16]
 
 
-def to_newton(found: Mapping[str, Tensor], axes: Mapping[str, Axis] | None = None) -> Tensor:
-    """Forces (B, T - 1, 3), N; an axis without a calibration stays what the head says.
+def to_newton(readings: Mapping[str, Tensor], axes: Mapping[str, Axis] | None = None) -> Tensor:
+    """Forces (B, T - 1, 3), N; an axis without a calibration keeps the head's output.
 
     Args:
-        found: See `calibration_inputs`.
+        readings: See `calibration_inputs`.
         axes: Fits of a unit, by axis.
     """
     columns = []
     for name in AXES:
-        column = found[name]
+        column = readings[name]
         if axes and name in axes:
-            terms = (weight * found[one] for one, weight in axes[name].weights.items())
+            terms = (weight * readings[source] for source, weight in axes[name].weights.items())
             column = sum(terms, torch.full_like(column, axes[name].offset))
         columns.append(column)
     return torch.stack(columns, -1)

@@ -1,4 +1,4 @@
-"""The release gate on a card: what `bench suite=[real,real_held_out]` measured of some weights.
+"""The release gate on a card: results of `bench suite=[real,real_held_out]` for some weights.
 
 Nothing here needs torch. Differences are those of `bench.results.gate`: paired, with 95 %
 intervals.
@@ -53,20 +53,20 @@ class Gate:
 
     @property
     def beats(self) -> bool:
-        """Whether it is above random weights and above pixels, both beyond the interval."""
+        """Whether it beats random weights and pixels, both beyond the interval."""
         return self.random_low > 0 and self.pixels_low > 0
 
 
 def count_won(rows: Sequence[Gate], tokens: str) -> tuple[int, int]:
-    """Tasks that are won by one reading of the tokens, and all of them."""
-    own = [row for row in rows if row.tokens == tokens]
-    return sum(row.beats for row in own), len(own)
+    """Number of tasks won with one kind of tokens, and number of all tasks."""
+    chosen = [row for row in rows if row.tokens == tokens]
+    return sum(row.beats for row in chosen), len(chosen)
 
 
 def gate_passes(rows: Sequence[Gate]) -> bool:
-    """Whether the majority of tasks is won, pooled and with all tokens; not without any."""
+    """Whether most tasks are won, both pooled and with all tokens; False without tasks."""
     counts = [count_won(rows, tokens) for tokens in TOKENS]
-    return all(2 * one > every > 0 for one, every in counts)
+    return all(2 * wins > every > 0 for wins, every in counts)
 
 
 def gate_verdict(rows: Sequence[Gate]) -> str:
@@ -74,7 +74,7 @@ def gate_verdict(rows: Sequence[Gate]) -> str:
     if not rows:
         return "not measured"
     counts = {tokens: count_won(rows, tokens) for tokens in TOKENS}
-    parts = [f"{one} of {every} {tokens}" for tokens, (one, every) in counts.items()]
+    parts = [f"{wins} of {every} {tokens}" for tokens, (wins, every) in counts.items()]
     return f"{'passes' if gate_passes(rows) else 'fails'}: {', '.join(parts)}"
 
 
@@ -97,24 +97,24 @@ def read_gates(folder: str | Path, tag: str, words: Sequence[str], sha256: str =
             f"{path}: no such file; measure the model: tactileforge bench suite=real "
             f"model=[{words[0]}]"
         )
-    given = json.loads(path.read_text("utf-8"))
-    name = next((word for word in words if word in given["models"]), None)
+    gate = json.loads(path.read_text("utf-8"))
+    name = next((word for word in words if word in gate["models"]), None)
     if name is None:
-        raise DataError(f"{path}: it measured {', '.join(given['models'])}, not {words[0]}")
-    if sha256 not in ("", given["models"][name]["sha256"]):
-        raise DataError(f"{path}: it measured other weights of {name}; run the bench again")
-    chance = {row["task"]: row["value"] for row in given["rows"] if row["model"] == "chance"}
-    own = [row for row in given["rows"] if row["model"] == name]
-    return [_row(path, given, row, tag, chance) for row in own]
+        raise DataError(f"{path}: measured {', '.join(gate['models'])}, not {words[0]}")
+    if sha256 not in ("", gate["models"][name]["sha256"]):
+        raise DataError(f"{path}: measured other weights of {name}; run the bench again")
+    chance = {row["task"]: row["value"] for row in gate["rows"] if row["model"] == "chance"}
+    chosen = [row for row in gate["rows"] if row["model"] == name]
+    return [_row(path, gate, row, tag, chance) for row in chosen]
 
 
-def _row(path: Path, given: Any, row: Any, tag: str, chance: dict[str, float]) -> Gate:
-    task, above = given["tasks"][row["task"]], row["above"]
+def _row(path: Path, gate: Any, row: Any, tag: str, chance: dict[str, float]) -> Gate:
+    task, above = gate["tasks"][row["task"]], row["above"]
     if not {"random", "pixels"} <= above.keys() or row["task"] not in chance:
         raise DataError(f"{path}: no baselines; run the bench without baselines=[]")
     return Gate(
         model=tag,
-        suite=given["suite"],
+        suite=gate["suite"],
         task=task["title"],
         tokens=row["reading"],
         metric=task["metric"],
@@ -128,7 +128,7 @@ def _row(path: Path, given: Any, row: Any, tag: str, chance: dict[str, float]) -
 
 
 def write_gates(card: Path, rows: Sequence[Gate]) -> None:
-    """Puts the rows of one model into the front matter of its card, in place of those before.
+    """Replaces the gate rows of one model in the front matter of its card.
 
     Args:
         card: The file ``NAME.md``.
@@ -152,7 +152,7 @@ def write_gates(card: Path, rows: Sequence[Gate]) -> None:
 
 
 def stamp_card(card: Path, tag: str, sha256: str, size: int) -> None:
-    """Puts the hash and the size of a new file of weights into their card.
+    """Updates hash and size of a file of weights in its card.
 
     Args:
         card: The file ``NAME.md``.
@@ -173,8 +173,8 @@ def stamp_card(card: Path, tag: str, sha256: str, size: int) -> None:
 
 
 def _lines(text: str) -> list[str]:
-    found = re.search(r"^gates:\n((?:  - .*\n)*)", text, flags=re.M)
-    return found[1].splitlines() if found else []
+    block = re.search(r"^gates:\n((?:  - .*\n)*)", text, flags=re.M)
+    return block[1].splitlines() if block else []
 
 
 def _line(row: Gate) -> str:

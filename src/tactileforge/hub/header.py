@@ -27,7 +27,7 @@ _KEY = "tactileforge"
 
 @dataclass(frozen=True, kw_only=True)
 class Header:
-    """What a one-file checkpoint says of itself; plain data.
+    """Metadata of a one-file checkpoint, as plain data.
 
     Attributes:
         format: Version of the format.
@@ -73,11 +73,11 @@ class Header:
         Raises:
             ConfigError: It is no plain data, or longer than a reader accepts.
         """
-        given = asdict(self)
+        content = asdict(self)
         if not self.heads:  # so files without heads are what they always were
-            del given["heads"]
+            del content["heads"]
         try:
-            text = json.dumps(given, sort_keys=True, allow_nan=False)
+            text = json.dumps(content, sort_keys=True, allow_nan=False)
         except (TypeError, ValueError) as error:
             raise ConfigError(f"the header of a checkpoint is plain data: {error}") from error
         if len(text.encode()) > _LONGEST_OWN:
@@ -99,25 +99,27 @@ def read_header(path: str | Path) -> Header:
         text = _json_text(path, file)
     try:
         table = strict.mapping("its table of tensors", load_json(text))
-        own = strict.mapping("__metadata__", table.pop("__metadata__", {})).get(_KEY)
+        content = strict.mapping("__metadata__", table.pop("__metadata__", {})).get(_KEY)
         _check_size(path, 8 + len(text), table)
-        if not isinstance(own, str):
+        if not isinstance(content, str):
             raise ConfigError(
                 "safetensors, but not written by tactileforge; for published weights: "
                 "tactileforge zoo get NAME --from FILE"
             )
-        if len(own) > _LONGEST_OWN:
-            raise ConfigError(f"its header has {len(own)} characters, at most {_LONGEST_OWN} go")
-        return _parse(load_json(own))
+        if len(content) > _LONGEST_OWN:
+            raise ConfigError(
+                f"its header has {len(content)} characters, at most {_LONGEST_OWN} go"
+            )
+        return _parse(load_json(content))
     except (ConfigError, ValueError, RecursionError) as error:
         raise DataError(f"{path}: not a checkpoint that can be read: {error}") from error
 
 
-def _parse(given: Any) -> Header:
-    found = strict.mapping("the header", given).get("format")
-    if found != FORMAT:
-        raise ConfigError(f"format {found!r}; this tactileforge reads {FORMAT}: upgrade it")
-    header = strict.build(Header, "the header", given)
+def _parse(content: Any) -> Header:
+    version = strict.mapping("the header", content).get("format")
+    if version != FORMAT:
+        raise ConfigError(f"format {version!r}; this tactileforge reads {FORMAT}: upgrade it")
+    header = strict.build(Header, "the header", content)
     if not isinstance(header.encoder.get("name"), str):
         raise ConfigError("the header: encoder has no name")
     for key, head in header.heads.items():
@@ -134,9 +136,9 @@ def _json_text(path: Path, file: BinaryIO) -> bytes:
             f"{path}: a pickle, whatever its name says; nothing in it was executed. For published "
             "weights: tactileforge zoo get NAME --from FILE; for a run: tactileforge zoo pack RUN"
         )
-    length, found = int.from_bytes(start, "little"), path.stat().st_size
-    if found < 9 or (first == b"{" and length > found - 8):
-        raise DataError(f"{path}: truncated, {found} bytes are left; fetch or write it again")
+    length, size = int.from_bytes(start, "little"), path.stat().st_size
+    if size < 9 or (first == b"{" and length > size - 8):
+        raise DataError(f"{path}: truncated, {size} bytes are left; fetch or write it again")
     if first != b"{" or length > _LONGEST:
         raise DataError(f"{path}: not a safetensors file; give a one-file checkpoint")
     return first + file.read(length - 1)
@@ -149,6 +151,6 @@ def _check_size(path: Path, start: int, table: dict[str, Any]) -> None:
         if not (isinstance(offsets, list) and len(offsets) == 2 and isinstance(offsets[1], int)):
             raise ConfigError(f"tensor {name!r} has no data_offsets")
         ends.append(offsets[1])
-    expected, found = start + max(ends), path.stat().st_size
-    if found != expected:
-        raise ConfigError(f"{found} bytes, expected {expected}; fetch or write it again")
+    expected, size = start + max(ends), path.stat().st_size
+    if size != expected:
+        raise ConfigError(f"{size} bytes, expected {expected}; fetch or write it again")

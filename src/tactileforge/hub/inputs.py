@@ -1,4 +1,4 @@
-"""Frames and background as users have them, words included, as an encoder takes them."""
+"""Converts users' frames and backgrounds to the encoder's input."""
 
 from __future__ import annotations
 
@@ -58,9 +58,9 @@ def prepare_clips(
         return ClipInputs(clips, clips[:, 0], single)
     if background == "none" or (background is None and not needed):
         return ClipInputs(clips, neutral, single)
-    given = "no background" if background is None else f"background={background!r}"
+    what = "no background" if background is None else f"background={background!r}"
     raise ConfigError(
-        f"{given}: give a frame without contact of the same recording; background='first' takes "
+        f"{what}: give a frame without contact of the same recording; background='first' takes "
         "the first frame of each clip, background='none' subtracts nothing"
     )
 
@@ -68,7 +68,7 @@ def prepare_clips(
 def check_clip(
     frames: Images, background: Images | None = None, count: int | None = None
 ) -> tuple[Tensor, Tensor]:
-    """Frames and background as encoders take them; nothing is guessed and nothing is resized.
+    """Checks frames and background strictly: nothing is guessed and nothing is resized.
 
     Time is always the axis before the image. Three frames are no exception: (3, 3, H, W) is three
     frames of three colours.
@@ -130,21 +130,21 @@ def _pixels(what: str, images: Images) -> Tensor:
 
 
 def _fix(images: Images) -> str:
-    """How to make integers of these numbers."""
+    """Suggests the conversion to uint8, as part of an error."""
     if 0 in images.shape:
         return ""
     low, high = float(images.min()), float(images.max())
-    found = f" from {low:.3g} to {high:.3g}"
+    span = f" from {low:.3g} to {high:.3g}"
     if low < 0:
-        return f"{found}: give the frames as they were before normalisation"
+        return f"{span}: give the frames as they were before normalisation"
     scaled = "x" if high > 1 else "255 * x"
     if isinstance(images, Tensor):
-        return f"{found}: convert with ({scaled}).round().byte()"
-    return f"{found}: convert with np.rint({scaled}).astype(np.uint8)"
+        return f"{span}: convert with ({scaled}).round().byte()"
+    return f"{span}: convert with np.rint({scaled}).astype(np.uint8)"
 
 
 def _channels_first(what: str, images: Tensor, single: int, expected: str) -> Tensor:
-    """A batch, with colours before rows; ``single`` is the number of axes without a batch."""
+    """Adds a batch axis and moves channels first; ``single`` is the number of axes without one."""
     shape = tuple(images.shape)
     if images.ndim not in (single, single + 1) or 0 in shape:
         raise DataError(f"{what}: expected {expected}; found {shape}")

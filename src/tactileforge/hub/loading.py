@@ -1,4 +1,4 @@
-"""``tactileforge.load``: from a name or a file to a model."""
+"""``tactileforge.load``: loads a model by name or file."""
 
 from __future__ import annotations
 

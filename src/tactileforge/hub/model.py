@@ -1,4 +1,4 @@
-"""A model that is ready for use: uint8 frames in, vectors out."""
+"""A loaded model: uint8 frames in, vectors out."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Tap = Literal["projected", "cls", "tokens"]
 
 
 class Model:
-    """An encoder in eval mode, with its preprocessing and what is known of it.
+    """An encoder in eval mode, with its preprocessing and metadata.
 
     It is frozen: `encode` keeps no gradients. The encoder itself can be trained like any module,
     after ``model.encoder.requires_grad_(True)``, and `encode` goes by its weights of the moment. On
@@ -80,7 +80,7 @@ class Model:
 
     @property
     def sensors(self) -> list[str]:
-        """The sensors that it knows; none where it does not tell them apart."""
+        """Sensors that it was trained on; empty where it ignores the sensor type."""
         return [] if self._any_sensor else list(self.encoder.sensors)
 
     @property
@@ -109,7 +109,7 @@ class Model:
         unknown_sensor: Policy = "error",
         batch_size: int = 32,
     ) -> Tensor:
-        """One vector a clip.
+        """Encodes each clip as one vector.
 
         Args:
             frames: uint8, RGB, oldest first, of any size: one clip (T, H, W, 3) or (T, 3, H, W), or
@@ -148,7 +148,7 @@ class Model:
         unknown_sensor: Policy = "error",
         batch_size: int = 32,
     ) -> Tensor:
-        """What the encoder makes of clips, at one of its taps.
+        """Features of clips at one of the encoder's taps.
 
         Args:
             frames: See `encode`.
@@ -211,8 +211,8 @@ class Model:
                 f"{self!r} has no force head: pack a run whose objectives include force "
                 "(tactileforge zoo pack RUN)"
             )
-        found = self.readings(frames, background, sensor, calibration=calibration).force
-        if found is None:
+        force = self.readings(frames, background, sensor, calibration=calibration).force
+        if force is None:
             known = self.header.heads["force"].get("scale", {})
             raise ConfigError(f"force: say which sensor it is, one of: {', '.join(known)}")
         names = [sensor] if isinstance(sensor, str) else list(sensor or self.encoder.sensors)
@@ -223,7 +223,7 @@ class Model:
                 "are an estimate, not a measurement: compare them with a force sensor before use",
                 stacklevel=2,
             )
-        return found
+        return force
 
     def readings(
         self,
@@ -264,7 +264,7 @@ class Model:
     def force_inputs(
         self, frames: Images, background: Images | str | None, sensor: str
     ) -> dict[str, Tensor]:
-        """Inputs of a force calibration, float32 (B, T - 1) each; see `forces.calibration_inputs`.
+        """Inputs of a force calibration, float32 (B, T - 1); see `forces.calibration_inputs`.
 
         Args:
             frames: See `encode`; a batch.
@@ -285,7 +285,7 @@ class Model:
 
     @cached_property
     def fingerprint(self) -> str:
-        """Sixteen hexadecimal digits of its weights, by which a calibration knows its model."""
+        """Hash of its weights, 16 hexadecimal digits; ties a calibration to its model."""
         return forces.fingerprint([self.encoder, *(self.heads[key] for key in sorted(self.heads))])
 
     def _readable(self, out: Mapping[str, Tensor], scale: Tensor) -> dict[str, Tensor]:
@@ -293,7 +293,7 @@ class Model:
         return forces.calibration_inputs(head, self.encoder, out["tokens"], out["projected"], scale)
 
     def axes_of(self, calibration: Calibration, names: Sequence[str]) -> Mapping[str, Axis]:
-        """The fits of a calibration, if they are those of this model's forces.
+        """The fits of a calibration, if it was made for this model.
 
         Args:
             calibration: Of one unit.
@@ -314,7 +314,7 @@ class Model:
     def cut(
         self, video: str | Path | Frames, hop: float = 0.2, times: Times | None = None
     ) -> Iterator[tuple[float, NDArray[np.uint8]]]:
-        """Cuts a video into clips as the model was trained on; reads one at a time.
+        """Cuts a video into clips as in training, reading one at a time.
 
         Args:
             video: A file, or frames.
@@ -382,13 +382,13 @@ class Model:
     def _taps(
         self, tokens: bool, frames: Tensor, background: Tensor, rows: Tensor
     ) -> dict[str, Tensor]:
-        """What the encoder gives at each tap; ``tokens`` only if wanted."""
+        """Encoder output at each tap; ``tokens`` only if requested."""
         inputs = [part.to(self.device) for part in (frames, background, rows)]
         # an encoder with a `forward` of its own, or one put on it, is asked by that
-        own = getattr(self.encoder.forward, "__func__", None) is Backbone.forward
+        is_backbone = getattr(self.encoder.forward, "__func__", None) is Backbone.forward
         out: dict[str, Tensor] = {}
-        with self._packed if own else nullcontext():
-            if own and not tokens:
+        with self._packed if is_backbone else nullcontext():
+            if is_backbone and not tokens:
                 out["cls"], out["projected"] = self.encoder.class_tokens(*inputs)
             else:
                 out["tokens"], out["projected"] = self.encoder(*inputs)
@@ -396,13 +396,15 @@ class Model:
         return out
 
     def _names(self, sensor: str | Sequence[str] | None, count: int) -> list[str]:
-        """A name for each clip; "" where none is given and none is needed."""
+        """Sensor name of each clip; "" where none is given and none is needed."""
         known: dict[str, int] = self.encoder.sensors
         if sensor is None and self._any_sensor:
             sensor = ""
         elif sensor is None:
             if len(known) > 1:
-                raise ConfigError(f"which sensor? Give sensor=..., one of: {', '.join(known)}")
+                raise ConfigError(
+                    f"no sensor is named: give sensor=..., one of: {', '.join(known)}"
+                )
             sensor = next(iter(known))
         names = [sensor] * count if isinstance(sensor, str) else list(sensor)
         if len(names) != count:
@@ -434,7 +436,7 @@ class Model:
 
 
 def _takes_any_sensor(encoder: Any) -> bool:
-    """Whether it does not tell sensors apart."""
+    """Whether it ignores the sensor type."""
     if not encoder.sensors:
         return True
     if not hasattr(encoder, "rows"):

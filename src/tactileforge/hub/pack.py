@@ -1,4 +1,4 @@
-"""Runs and published files to one-file checkpoints."""
+"""Packs runs and published files into one-file checkpoints."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def pack_run(
 def _heads(
     config: Mapping[str, Any], encoder: Any, state: Mapping[str, Tensor], run: Path
 ) -> dict[str, nn.Module]:
-    """The trained heads of a run that are kept, by name."""
+    """The trained heads of a run to keep, by name."""
     heads: dict[str, nn.Module] = {}
     for name in KEPT_HEADS:
         node = config.get("head", {}).get(name)
@@ -100,7 +100,7 @@ def _heads(
 
 
 def _scales(sensors: Mapping[str, int]) -> dict[str, list[float]]:
-    """Newton that count as 1, by sensor; sensors whose plugin is not installed are left out."""
+    """Force scale of each sensor, the newtons per unit; skips sensors without installed plugin."""
     scales = {}
     for name in sensors:
         with suppress(ConfigError):
@@ -111,7 +111,7 @@ def _scales(sensors: Mapping[str, int]) -> dict[str, list[float]]:
 def _choose(
     state: Mapping[str, Tensor], wanted: str | None, run: Path
 ) -> tuple[str, dict[str, Tensor]]:
-    """Which encoder of a run is packed, ``trained`` or ``slow``, and its state."""
+    """Chooses the encoder of a run to pack, ``trained`` or ``slow``, and its state."""
     if wanted not in ("trained", "slow", None):
         raise ConfigError(unknown("encoder", wanted, ("trained", "slow")))
     trained = _below("encoder.", state)
@@ -122,14 +122,14 @@ def _choose(
         return "trained", trained
     if len(slow) == 1:
         return "slow", _below(slow[0], state)
-    found = ", ".join(place.removesuffix(".network.") for place in slow) or "none"
+    copies = ", ".join(place.removesuffix(".network.") for place in slow) or "none"
     raise ConfigError(
-        f"{run}: one slow copy of the encoder is wanted, found {found}; give encoder=trained"
+        f"{run}: expected one slow copy of the encoder, found {copies}; give encoder=trained"
     )
 
 
 def _below(prefix: str, state: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """The part of a state whose names start with a prefix, without it."""
+    """Subset of a state under a prefix, with the prefix removed."""
     return {key.removeprefix(prefix): x for key, x in state.items() if key.startswith(prefix)}
 
 
@@ -185,10 +185,10 @@ def import_published(model: str, source: str | Path) -> Path:
 def _check_variant(
     card: cards.Card, weight: cards.Weight, layout: str, node: Mapping[str, Any], source: Path
 ) -> None:
-    """Raises a DataError where the file is that of another model, or of another variant."""
+    """Raises a DataError where the file belongs to another model or variant."""
     wanted = _variant(card, weight)
-    found = {"layout": layout, **{key: node.get(key) for key in wanted if key != "layout"}}
-    if found == wanted:
+    variant = {"layout": layout, **{key: node.get(key) for key in wanted if key != "layout"}}
+    if variant == wanted:
         return
     other = {**node, "layout": layout}
     fits = [
@@ -197,16 +197,16 @@ def _check_variant(
         if row and all(other.get(key) == value for key, value in _variant(of, row).items())
     ]
     hint = f"; it fits {' or '.join(fits)}" if fits else ""
-    raise DataError(f"{source} is {found}, but {card.name}.{weight.tag} is {wanted}{hint}")
+    raise DataError(f"{source} is {variant}, but {card.name}.{weight.tag} is {wanted}{hint}")
 
 
 def _variant(card: cards.Card, weight: cards.Weight) -> dict[str, Any]:
-    """What an importer must find for these weights."""
+    """Configuration that an importer must detect for these weights."""
     return {"layout": weight.layout, "frames": card.clip(weight)[0], **weight.encoder}
 
 
 def _without_folders(value: Any) -> Any:
-    """Absolute paths lose their folders: they mean nothing elsewhere, and name people."""
+    """Strips folders from absolute paths: they are private and meaningless elsewhere."""
     if isinstance(value, Mapping):
         return {str(key): _without_folders(item) for key, item in value.items()}
     if isinstance(value, list):

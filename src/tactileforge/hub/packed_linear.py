@@ -16,7 +16,7 @@ _PROBES = 64
 
 
 class _Packed(NamedTuple):
-    """A copy of a weight as oneDNN reads it, and how to know that it is still a copy."""
+    """A copy of a weight in oneDNN's layout, with a check that it is up to date."""
 
     source: nn.Parameter
     version: int
@@ -25,7 +25,7 @@ class _Packed(NamedTuple):
     weight: Any
 
     def holds(self, weight: nn.Parameter) -> bool:
-        """Whether the weight is what was copied."""
+        """Whether the weight still equals its copy."""
         return (
             self.source is weight
             and self.version == weight._version
@@ -35,7 +35,7 @@ class _Packed(NamedTuple):
 
 
 class PackedLinears(TorchFunctionMode):
-    """A context in which linear layers on the CPU read weights that lie as oneDNN wants them.
+    """Context in which linear layers on the CPU use weights in oneDNN's packed layout.
 
     Torch rearranges a weight each time it is used; here it is done once, and the copy is kept for
     the next time. The numbers are the same but for rounding. Nothing about the modules changes, and
@@ -71,24 +71,24 @@ class PackedLinears(TorchFunctionMode):
         args: tuple[Any, ...] = (),
         kwargs: Mapping[str, Any] | None = None,
     ) -> Any:
-        """Every function of torch; linear ones that can be, are computed with a packed weight."""
+        """Intercepts torch functions; computes eligible linear layers with a packed weight."""
         if func is F.linear and not kwargs and len(args) == 3 and _suits(args[0], args[1]):
             x, weight, bias = args
             return torch.ops.mkldnn._linear_pointwise(x, self._of(weight), bias, "none", [], "")
         return func(*args, **(kwargs or {}))
 
     def _of(self, weight: nn.Parameter) -> Any:
-        found = self._packed.get(id(weight))
-        if found is None or not found.holds(weight):
-            found = _Packed(
+        packed = self._packed.get(id(weight))
+        if packed is None or not packed.holds(weight):
+            packed = _Packed(
                 weight,
                 weight._version,
                 weight.data_ptr(),
                 _probes(weight).clone(),
                 torch.ops.mkldnn._reorder_linear_weight(weight.detach()),
             )
-            self._packed[id(weight)] = found
-        return found.weight
+            self._packed[id(weight)] = packed
+        return packed.weight
 
 
 def _suits(x: Any, weight: Any) -> bool:
@@ -110,18 +110,18 @@ def _suits(x: Any, weight: Any) -> bool:
 
 @cache
 def can_pack() -> bool:
-    """Whether the private operators that are used here are what they were when this was written."""
+    """Whether torch's private operators still behave as this module expects."""
     try:
         packed = torch.ops.mkldnn._reorder_linear_weight(torch.full((2, 3), 2.0))
-        found: Tensor = torch.ops.mkldnn._linear_pointwise(
+        product: Tensor = torch.ops.mkldnn._linear_pointwise(
             torch.ones(1, 3), packed, torch.ones(2), "none", [], ""
         )
     except (AttributeError, RuntimeError, TypeError):
         return False
-    return torch.equal(found, torch.full((1, 2), 7.0))
+    return torch.equal(product, torch.full((1, 2), 7.0))
 
 
 def _probes(weight: Tensor) -> Tensor:
-    """Some numbers of a weight, from its first to its last row."""
+    """Samples of a weight, from its first to its last row."""
     flat = weight.detach().view(-1)
     return flat[:: max(1, len(flat) // _PROBES - 1)]

@@ -1,4 +1,4 @@
-"""Files of weights: where they lie, how they get there, and that they are what they should be.
+"""Files of weights: location, download, import and verification.
 
 A file gets its name by a rename, once its hash is known to be right: nothing that is cut short ever
 lies where a model is looked for. It is hashed again on every load.
@@ -29,7 +29,7 @@ _CHUNK = 1 << 20
 
 @dataclass(frozen=True, kw_only=True)
 class Import:
-    """What is kept of an import, beside its file.
+    """Record of an import, kept beside its file.
 
     Attributes:
         file: Name of the one-file checkpoint.
@@ -47,19 +47,19 @@ class Import:
 
 
 def weights_folder() -> Path:
-    """Where downloaded and imported weights are kept: ``models`` in the cache."""
+    """Folder of downloaded and imported weights: ``models`` in the cache."""
     return cache_folder() / "models"
 
 
 def is_available(card: Card, weight: Weight) -> bool:
-    """Whether a model can be loaded now, without a network."""
+    """Whether a model can be loaded offline."""
     if weight.layout:
         return _record(card, weight).is_file()
     return _target(card, weight).is_file()
 
 
 def fetch_weights(card: Card, weight: Weight) -> Path:
-    """The verified file of a model; downloads it where it is missing.
+    """Path of the verified file of a model; downloads it if it is missing.
 
     Raises:
         DataError: Its hash or size is not the one that is recorded.
@@ -85,7 +85,7 @@ def fetch_weights(card: Card, weight: Weight) -> Path:
 
 
 def read_import(card: Card, weight: Weight) -> Import:
-    """What is kept of an import.
+    """Reads the record of an import.
 
     Raises:
         DataNotFoundError: Nothing was imported under that name; says how to do it.
@@ -109,7 +109,7 @@ def read_import(card: Card, weight: Weight) -> Import:
 
 
 def keep_import(card: Card, weight: Weight, part: Path, source: str, source_sha256: str) -> Path:
-    """Gives an imported file its place and records it; an import before it is removed at last.
+    """Moves an imported file into place and records it; removes the previous import last.
 
     Args:
         card: Of the model.
@@ -163,7 +163,7 @@ def _verify(path: Path, digest: str, size: int, fix: str) -> None:
 
 
 def _download(card: Card, weight: Weight, target: Path) -> None:
-    """Fetches into a part; it gets the target's name only if its hash is right."""
+    """Downloads to a temporary file, renamed to the target only if its hash matches."""
     with new_part(target) as part:
         try:
             if weight.url.startswith("hf://"):

@@ -39,13 +39,13 @@ def markdown_rows(rows: Sequence[Sequence[str]]) -> str:
 
 
 def describe_clip(card: cards.Card, weight: cards.Weight | None) -> str:
-    """What a clip is, in words."""
+    """Describes the clip of a model in words."""
     frames, spacing = card.clip(weight)
     return f"{frames} frames, {spacing:.3g} s apart" if spacing else "1 frame"
 
 
 def gate_rows(card: cards.Card, weight: cards.Weight) -> list[tuple[str, ...]]:
-    """The release gate of some weights, with its head; none where it was not measured."""
+    """Rows of the release gate of some weights, with a header row; empty if not measured."""
     rows = [
         (
             f"{row.task} ({row.suite})",

@@ -1,4 +1,4 @@
-"""Videos to clips, cut by time as a model was trained."""
+"""Cuts videos into clips by time, as in training."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Times = NDArray[np.float64]
 
 
 def open_video(video: str | Path | Frames) -> Frames:
-    """A file as lazy frames; frames as they are."""
+    """Opens a file as lazy frames; passes frames through."""
     if isinstance(video, str | Path):
         from tactileforge.data.frames.video import VideoFrames
 

@@ -18,7 +18,7 @@ __all__ = ["InspectionFindings", "Reason", "Suspect", "Total", "inspect"]
 def inspect(
     dataset: Dataset, name: str, path: Path, limit: int = 400, progress: bool = True
 ) -> InspectionFindings:
-    """Writes a page on a data set: what it holds, how it looks, and what is wrong with it.
+    """Writes a page on a data set: its content, its images and its problems.
 
     All recordings are counted, and ``limit`` of them, spread over the sensors, are looked at:
     at most 24 frames each, and all frames of ten recordings with force. Memory does not grow with
@@ -40,15 +40,15 @@ def inspect(
         DataError: Not one recording can be opened.
     """
     if limit < 1:
-        raise ConfigError(f"limit={limit}: look at 1 recording or more")
-    found = scan_dataset(dataset, limit, progress)
+        raise ConfigError(f"limit={limit}: give 1 or more")
+    contents = scan_dataset(dataset, limit, progress)
     parts = [
-        sections.totals(found),
-        sections.sheets(found),
-        sections.strips(found),
-        sections.label_histograms(found),
-        issues.duplicates_section(found),
-        issues.suspicious_section(found),
+        sections.totals(contents),
+        sections.sheets(contents),
+        sections.strips(contents),
+        sections.label_histograms(contents),
+        issues.duplicates_section(contents),
+        issues.suspicious_section(contents),
     ]
-    write_text(path, page(f"Data set {name}", issues.top_section(name, found), parts))
-    return found.findings
+    write_text(path, page(f"Data set {name}", issues.top_section(name, contents), parts))
+    return contents.findings

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
+from markupsafe import Markup
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import NDArray
 
@@ -21,7 +22,7 @@ _LETTER = 0.022
 _NAME = 28
 
 
-def force_curve(recording: Recording, shown: Sequence[float]) -> str:
+def force_curve(recording: Recording, shown: Sequence[float]) -> Markup:
     """Force over time along x, y and z; stretches of one action are shaded and named.
 
     Args:
@@ -69,14 +70,14 @@ def _stretches(
     ]
 
 
-def force_histogram(sensors: Sequence[Histogram], axis: str) -> str:
+def force_histogram(sensors: Sequence[Histogram], axis: str) -> Markup:
     """Shares of the frames of each sensor by force along one axis, on a logarithmic scale."""
-    widest = max(sensors, key=lambda one: one.reach)
-    counts = [one.over(widest.reach) for one in sensors]
+    widest = max(sensors, key=lambda sensor: sensor.reach)
+    counts = [sensor.over(widest.reach) for sensor in sensors]
     kept = np.flatnonzero(sum(counts))
     with drawing(4.2, 2.4) as (figure, axes):
-        for i, own in enumerate(counts if len(kept) else []):
-            shares = own[kept[0] : kept[-1] + 1] / max(1, own.sum())
+        for i, histogram in enumerate(counts if len(kept) else []):
+            shares = histogram[kept[0] : kept[-1] + 1] / max(1, histogram.sum())
             edges = widest.edges[kept[0] : kept[-1] + 2]
             axes.stairs(shares, edges, color=CLASSES[i % len(CLASSES)][0], linewidth=1.6)
         axes.set(yscale="log", xlabel=f"{axis} (N)", ylabel="share of frames")
@@ -85,7 +86,7 @@ def force_histogram(sensors: Sequence[Histogram], axis: str) -> str:
         return svg(figure, f"shares of frames by force along {axis}")
 
 
-def bars(counts: Mapping[str, int], words: str) -> str:
+def bars(counts: Mapping[str, int], words: str) -> Markup:
     """Counts by name, the first at the top."""
     with drawing(5.2, 0.5 + 0.24 * max(2, len(counts))) as (figure, axes):
         names = [name if len(name) <= _NAME else f"{name[: _NAME - 1]}…" for name in counts]
@@ -103,7 +104,7 @@ def bars(counts: Mapping[str, int], words: str) -> str:
         return svg(figure, words)
 
 
-def durations(counts: NDArray[np.int64]) -> str:
+def durations(counts: NDArray[np.int64]) -> Markup:
     """Recordings by their duration, on a logarithmic axis."""
     with drawing(5.2, 2.4) as (figure, axes):
         axes.stairs(counts, DURATIONS, fill=True, color=CLASSES[0][0])

@@ -1,4 +1,4 @@
-"""What makes a recording suspicious. Each check gives a number, and says it in words."""
+"""Checks for suspicious recordings; each gives a number, and the same in words."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ GAP = 2.5
 NO_CONTACT = 2.0
 #: Grey levels. Touch is local: real videos whose background fits stay below 2, and 0.5 in the air.
 NEW_GROUND = 6.0
-#: Share of the picture. Real sensors that are not overexposed stay below 0.04.
+#: Share of the image. Real sensors that are not overexposed stay below 0.04.
 SATURATED = 0.05
 #: Seconds; the noise of a live sensor makes any two of its frames differ.
 FROZEN = 1.0
@@ -99,7 +99,7 @@ REASONS = {
 
 @dataclass(frozen=True)
 class Suspicion:
-    """That a recording is suspicious.
+    """A reason a recording looks suspicious.
 
     Attributes:
         reason: One of `REASONS`.
@@ -113,7 +113,7 @@ class Suspicion:
 
 
 def check_labels(recording: Recording) -> Iterator[Suspicion]:
-    """What can be told without a pixel."""
+    """Checks of labels and times; decodes nothing."""
     if recording.no_contact is None:
         yield Suspicion("no_background", 0.0, "no frame without contact")
     yield from _times(recording)
@@ -121,7 +121,7 @@ def check_labels(recording: Recording) -> Iterator[Suspicion]:
 
 
 def check_pixels(recording: Recording, seen: FrameStats) -> Iterator[Suspicion]:
-    """What some frames tell."""
+    """Checks of the pixels of some frames."""
     if recording.no_contact is not None:
         if seen.contact < NO_CONTACT:
             yield Suspicion(
@@ -137,7 +137,7 @@ def check_pixels(recording: Recording, seen: FrameStats) -> Iterator[Suspicion]:
 
 
 def check_lag(recording: Recording, lag: Lag) -> Iterator[Suspicion]:
-    """What the lag tells that was estimated on a recording."""
+    """Checks of the estimated lag of images behind forces."""
     late = abs(lag.seconds)
     step = float(np.median(np.diff(recording.times)))
     if is_sure(lag) and late > max(LAG, LAG_FRAMES * step):
@@ -147,7 +147,7 @@ def check_lag(recording: Recording, lag: Lag) -> Iterator[Suspicion]:
 
 
 def is_sure(lag: Lag) -> bool:
-    """Whether the recording tells its lag: force and picture must change, and fit at one lag."""
+    """Whether the lag is reliable: force and image must change, and fit at one lag."""
     return lag.correlation >= LAG_CORRELATION and lag.prominence >= LAG_PROMINENCE
 
 

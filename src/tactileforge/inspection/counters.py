@@ -44,7 +44,7 @@ class NameCounts:
         return [(str(name), int(count)) for name, count in self._base.execute(query, (kind, most))]
 
     def number(self, kind: str) -> tuple[int, int]:
-        """How many names of a kind there are, and the sum of their counts."""
+        """Number of distinct names of a kind, and the sum of their counts."""
         query = "SELECT COUNT(*), COALESCE(SUM(count), 0) FROM names WHERE kind = ?"
         names, total = self._base.execute(query, (kind,)).fetchone()
         return int(names), int(total)
@@ -114,10 +114,10 @@ class RecordingSample:
         self._random = np.random.default_rng(0)
         self._heaps: dict[str, list[tuple[float, int, SampledRecording]]] = {}
 
-    def offer(self, one: SampledRecording) -> None:
+    def offer(self, sampled: SampledRecording) -> None:
         """Draws for a recording."""
-        heap = self._heaps.setdefault(one.recording.sensor, [])
-        entry = (-float(self._random.random()), one.order, one)
+        heap = self._heaps.setdefault(sampled.recording.sensor, [])
+        entry = (-float(self._random.random()), sampled.order, sampled)
         if len(heap) < self.limit:
             heapq.heappush(heap, entry)
         else:
@@ -130,8 +130,8 @@ class RecordingSample:
         for place, heap in enumerate(heaps):
             share = min(len(heap), -(-left // (len(heaps) - place)))
             left -= share
-            chosen += [one for *_, one in heapq.nlargest(share, heap)]
-        return sorted(chosen, key=lambda one: one.order)
+            chosen += [sampled for *_, sampled in heapq.nlargest(share, heap)]
+        return sorted(chosen, key=lambda sampled: sampled.order)
 
 
 class Counters:

@@ -1,4 +1,4 @@
-"""Recordings that show the same, or nearly."""
+"""Exact and near duplicates among recordings."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 from tactileforge.inspection.checks import NO_CONTACT
 from tactileforge.inspection.frame_stats import FrameStats
 
-#: Grey levels. The same frames encoded again differ by less nearly everywhere in small pictures.
+#: Grey levels. The same frames encoded again differ by less nearly everywhere in small images.
 SIMILAR = 3.0
-#: Share of the pictures that may differ by more: less than the least contact covers.
+#: Share of the images that may differ by more: less than the least contact covers.
 _ELSEWHERE = 0.005
 
 
@@ -32,7 +32,7 @@ def similar_pairs(looks: Sequence[FrameStats]) -> list[tuple[int, int, float]]:
         looks: What the recordings show.
 
     Returns:
-        Two numbers of recordings, and by how many grey levels all but 0.5 % of their pictures
+        Two numbers of recordings, and by how many grey levels all but 0.5 % of their images
         differ at most; closest first.
     """
     chosen = [i for i, seen in enumerate(looks) if seen.contact >= NO_CONTACT]
@@ -40,7 +40,7 @@ def similar_pairs(looks: Sequence[FrameStats]) -> list[tuple[int, int, float]]:
         return []
     pictures = np.stack([looks[i].signature.ravel() for i in chosen])
     means = pictures.mean(axis=1)
-    found = []
+    pairs = []
     for place, i in enumerate(chosen):
         near = np.flatnonzero(np.abs(means[place + 1 :] - means[place]) < SIMILAR) + place + 1
         close = (np.abs(pictures[near] - pictures[place]) >= SIMILAR).mean(axis=1) < _ELSEWHERE
@@ -48,5 +48,5 @@ def similar_pairs(looks: Sequence[FrameStats]) -> list[tuple[int, int, float]]:
             j = chosen[other]
             if looks[i].digest != looks[j].digest and looks[i].shape == looks[j].shape:
                 level = np.quantile(np.abs(pictures[other] - pictures[place]), 1 - _ELSEWHERE)
-                found.append((i, j, float(level)))
-    return sorted(found, key=lambda pair: pair[2])
+                pairs.append((i, j, float(level)))
+    return sorted(pairs, key=lambda pair: pair[2])

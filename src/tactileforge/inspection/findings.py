@@ -1,4 +1,4 @@
-"""What an inspection finds: totals, suspicious recordings, duplicates."""
+"""Findings of an inspection: totals, suspicious recordings, duplicates."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class Total:
 
 @dataclass(frozen=True)
 class InspectionFindings:
-    """What was found in a data set.
+    """Findings in a data set.
 
     Attributes:
         totals: By split and sensor.
@@ -131,5 +131,5 @@ class InspectionFindings:
             ("pairs of recordings that are nearly the same", self.similar),
             ("keys that several recordings have", self.repeated),
         )
-        lines += [f"{len(found)} {words}" for words, found in counted if found]
+        lines += [f"{len(entries)} {words}" for words, entries in counted if entries]
         return "\n".join(lines)

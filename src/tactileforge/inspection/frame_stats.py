@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tactileforge.contracts import Frames, Recording
 from tactileforge.data.frames.crop import size_text
 from tactileforge.errors import DataError
+from tactileforge.pages import images
 
 #: Frames of a recording that are looked at, and those of them that a strip shows.
 FRAMES = 24
@@ -23,14 +24,14 @@ _WIDTH = 128
 _BACKGROUND = 15
 #: Frames in memory at once.
 _CHUNK = 8
-#: Height and width of the pictures by which recordings are compared.
+#: Height and width of the images by which recordings are compared.
 _SIGNATURE = (24, 32)
 _NOTHING = np.empty((0, 1, 1, 3), np.uint8)
 
 
 @dataclass(frozen=True)
 class FrameStats:
-    """What some frames of a recording show.
+    """Some frames of a recording, made small, and their statistics.
 
     Differences are absolute, from the background or, where there is none, from the median of the
     frames; in grey levels of 255, the mean of the three channels.
@@ -39,7 +40,7 @@ class FrameStats:
         rows: int64 (n,), which frames, evenly spread.
         shape: Height and width of a frame.
         change: float64 (n,), mean difference of each frame.
-        contact: What the strongest 1 % of the picture differs by, in the frame of largest change,
+        contact: What the strongest 1 % of the image differs by, in the frame of largest change,
             noise smoothed away.
         ground: Median difference in the frame of least change.
         saturated: Share of pixels with a channel at 0 or 255, in the worst frame.
@@ -130,13 +131,13 @@ def changes(recording: Recording, rows: Sequence[int]) -> NDArray[np.float64]:
         DataError: A frame cannot be decoded.
     """
     still = background_of(recording)
-    found = []
+    differences = []
     for chunk in _chunks(recording.frames, rows):
         for frame in chunk:
             small = shrunk(frame)
             still = small if still is None else still
-            found.append(float(np.abs(small - still).mean()))
-    return np.array(found)
+            differences.append(float(np.abs(small - still).mean()))
+    return np.array(differences)
 
 
 def background_of(recording: Recording) -> NDArray[np.float32] | None:
@@ -173,10 +174,9 @@ def shrunk(frame: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 
 def amplified(difference: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """A difference as a picture around mid-grey, so strong that 0.5 % of it is clipped."""
+    """A difference as an image around mid-grey, so strong that 0.5 % of it is clipped."""
     gain = 127 / max(float(np.quantile(np.abs(difference), 0.995)), 8.0)
-    out: NDArray[np.uint8] = np.clip(128 + gain * difference, 0, 255).astype(np.uint8)
-    return out
+    return images.difference(difference, gain)
 
 
 def _chunks(frames: Frames, rows: Sequence[int]) -> Iterator[NDArray[np.uint8]]:

@@ -1,17 +1,30 @@
-"""The parts of the page that tell what is wrong: the verdict, duplicates, suspicious recordings."""
+"""The sections on problems: verdict, duplicates, suspicious recordings."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from html import escape
+
+from markupsafe import Markup
 
 from tactileforge.contracts import LABELS
 from tactileforge.inspection.checks import REASONS, is_sure
 from tactileforge.inspection.findings import InspectionFindings, Suspect
 from tactileforge.inspection.scan import Scan
-from tactileforge.inspection.sections import card_grid, recording_card
-from tactileforge.pages.images import figure, image
-from tactileforge.pages.page import SPLIT_WORDS, Section, duration, paragraph, table
+from tactileforge.inspection.sections import recording_card
+from tactileforge.pages.images import captioned, figure, image
+from tactileforge.pages.page import (
+    SPLIT_WORDS,
+    Section,
+    cards,
+    details,
+    duration,
+    facts,
+    heading,
+    items,
+    paragraph,
+    table,
+    verdict,
+)
 
 #: Reasons that are told without a pixel, of all recordings.
 _COUNTED = ("no_background", "gaps_in_time", "force_out_of_range", "pulling_force")
@@ -19,9 +32,9 @@ _SHOWN = 12
 _LINES = 100
 
 
-def top_section(name: str, found: Scan) -> str:
-    """What the data set is, and whether it can be trusted."""
-    all_of = found.findings
+def top_section(name: str, survey: Scan) -> Markup:
+    """The top of the page: the data set in brief, and the verdict on it."""
+    all_of = survey.findings
     carried = [
         label
         for label in LABELS
@@ -36,13 +49,11 @@ def top_section(name: str, found: Scan) -> str:
         "Labels": ", ".join(carried) or "none",
         "Looked at": f"{all_of.looked:,} recordings",
     }
-    cells = "".join(f"<div><dt>{k}</dt><dd>{escape(v)}</dd></div>" for k, v in about.items())
-    lines = "".join(f'<li class="{mark}">{escape(text)}</li>' for mark, text in _verdict(found))
-    return f'<dl>{cells}</dl><ul class="verdict">{lines}</ul>'
+    return facts(about) + verdict(_verdict(survey))
 
 
-def _verdict(found: Scan) -> Iterator[tuple[str, str]]:
-    result = found.findings
+def _verdict(survey: Scan) -> Iterator[tuple[str, str]]:
+    result = survey.findings
     unread = len(result.unreadable)
     if unread:
         yield "bad", f"{_count(unread, 'recording')} could not be read."
@@ -51,10 +62,10 @@ def _verdict(found: Scan) -> Iterator[tuple[str, str]]:
     for reason, count in result.counts.items():
         if count:
             mark = "plain" if reason == "no_background" else "bad"
-            yield mark, f"{REASONS[reason].title}: {_of(reason, count, found)}."
+            yield mark, f"{REASONS[reason].title}: {_of(reason, count, survey)}."
     if not any(result.counts.values()):
         yield "good", "No recording is suspicious."
-    telling = sum(is_sure(lag) for _, lag in found.lags)
+    telling = sum(is_sure(lag) for _, lag in survey.lags)
     if telling and not result.counts["lag"]:
         tested = _count(telling, "recording")
         yield "good", f"Pictures and forces fit in time in {tested} whose lag can be told."
@@ -67,12 +78,12 @@ def _verdict(found: Scan) -> Iterator[tuple[str, str]]:
             yield "bad", f"{_count(count, words)}; see Duplicates."
 
 
-def _of(reason: str, count: int, found: Scan) -> str:
+def _of(reason: str, count: int, survey: Scan) -> str:
     if reason in _COUNTED:
-        return f"{count:,} of {_count(found.findings.recordings, 'recording')}"
+        return f"{count:,} of {_count(survey.findings.recordings, 'recording')}"
     if reason == "lag":
-        return f"{count} of {_count(len(found.lags), 'recording')} that were tested"
-    return f"{count:,} of {_count(found.findings.looked, 'recording')} that were looked at"
+        return f"{count} of {_count(len(survey.lags), 'recording')} that were tested"
+    return f"{count:,} of {_count(survey.findings.looked, 'recording')} that were looked at"
 
 
 def _count(count: int, words: str) -> str:
@@ -80,78 +91,84 @@ def _count(count: int, words: str) -> str:
     return f"{count:,} {first}{'s' * (count != 1)} {rest}".rstrip()
 
 
-def duplicates_section(found: Scan) -> Section:
+def duplicates_section(survey: Scan) -> Section:
     """Recordings that show the same or nearly the same, and keys that are used twice."""
-    body = ""
-    if found.same:
-        groups = [_group(found, group) for group in found.same[:_SHOWN]]
-        note = f"{_count(len(found.same), 'group')}; at the frames that were looked at, bit by bit."
-        body += "<h3>The same pixels</h3>" + paragraph(note, soft=True) + card_grid(groups, 15)
-    if found.similar:
+    body = Markup()
+    if survey.same:
+        groups = [_group(survey, group) for group in survey.same[:_SHOWN]]
+        note = (
+            f"{_count(len(survey.same), 'group')}; at the frames that were looked at, bit by bit."
+        )
+        body += heading("The same pixels") + paragraph(note, soft=True) + cards(groups, 15)
+    if survey.similar:
         pairs = [
-            _group(found, (i, j), f"differ by {level:.1f} grey levels; ")
-            for i, j, level in found.similar[:_SHOWN]
+            _group(survey, (i, j), f"differ by {level:.1f} grey levels; ")
+            for i, j, level in survey.similar[:_SHOWN]
         ]
         note = (
-            f"{_count(len(found.similar), 'pair')}, closest first: small pictures at the same "
+            f"{_count(len(survey.similar), 'pair')}, closest first: small pictures at the same "
             "places in time, all but 0.5 % of which differ by less than what is said."
         )
-        body += "<h3>Nearly the same</h3>" + paragraph(note, soft=True) + card_grid(pairs, 15)
-    if found.findings.repeated:
-        counts = dict(found.tally.names.top("key", _SHOWN))
-        rows = [(key, str(counts[key])) for key in found.findings.repeated]
+        body += heading("Nearly the same") + paragraph(note, soft=True) + cards(pairs, 15)
+    if survey.findings.repeated:
+        counts = dict(survey.tally.names.top("key", _SHOWN))
+        rows = [(key, str(counts[key])) for key in survey.findings.repeated]
         note = "A key has to be unique: labels and files are found by it. The most frequent ones:"
-        body += "<h3>Keys that several recordings have</h3>"
+        body += heading("Keys that several recordings have")
         body += table("keys", ("Key", "recordings"), rows, note)
-    text = f"None among the {_count(found.findings.looked, 'recording')} that were looked at."
+    text = f"None among the {_count(survey.findings.looked, 'recording')} that were looked at."
     return Section("duplicates", "Duplicates", body or paragraph(text))
 
 
-def _group(found: Scan, group: Sequence[int], words: str = "") -> str:
-    ones = [found.seen[i] for i in group]
-    splits = {one.of.split for one in ones}
+def _group(survey: Scan, group: Sequence[int], words: str = "") -> Markup:
+    ones = [survey.seen[i] for i in group]
+    splits = {member.of.split for member in ones}
     across = "IN BOTH SPLITS: " if len(splits) > 1 else ""
-    keys = ", ".join(one.of.recording.key for one in ones[:4])
+    keys = ", ".join(member.of.recording.key for member in ones[:4])
     more = f" and {len(ones) - 4} more" if len(ones) > 4 else ""
     caption = f"{across}{words}{keys}{more}"
-    return figure([one.look.frame for one in ones[:2]], caption, "", 2)
+    return figure([member.look.frame for member in ones[:2]], caption, "", 2)
 
 
-def suspicious_section(found: Scan) -> Section:
+def suspicious_section(survey: Scan) -> Section:
     """The worst recordings of each reason, and those that cannot be read."""
-    body = _unreadable(found.findings)
-    seen = {one.of.order: one for one in found.seen}
-    for reason, worst in found.findings.worst.items():
+    body = _unreadable(survey.findings)
+    seen = {item.of.order: item for item in survey.seen}
+    for reason, worst in survey.findings.worst.items():
         about = REASONS[reason]
-        body += f"<h3>{escape(about.title)}: {_of(reason, found.findings.counts[reason], found)}"
-        body += f"</h3>{paragraph(about.why, soft=True)}"
-        body += card_grid(
-            recording_card(seen[one.order], _words(one)) if one.order in seen else _unseen(one)
-            for one in worst
+        count = survey.findings.counts[reason]
+        body += heading(f"{about.title}: {_of(reason, count, survey)}")
+        body += paragraph(about.why, soft=True)
+        body += cards(
+            recording_card(seen[suspect.order], _words(suspect))
+            if suspect.order in seen
+            else _unseen(suspect)
+            for suspect in worst
         )
     if not body:
         body = paragraph("None. Each check is explained in the documentation of data inspect.")
     return Section("suspicious", "Suspicious recordings", body)
 
 
-def _words(one: Suspect) -> str:
-    return f"{one.words}: {one.key}, {one.sensor}, {SPLIT_WORDS[one.split]}"
+def _words(suspect: Suspect) -> str:
+    return f"{suspect.words}: {suspect.key}, {suspect.sensor}, {SPLIT_WORDS[suspect.split]}"
 
 
-def _unseen(one: Suspect) -> str:
-    picture = "" if one.picture is None else image(one.picture, one.key)
-    return f"<figure>{picture}<figcaption>{escape(_words(one))}</figcaption></figure>"
+def _unseen(suspect: Suspect) -> Markup:
+    picture = Markup() if suspect.picture is None else image(suspect.picture, suspect.key)
+    return captioned(picture, _words(suspect))
 
 
-def _unreadable(found: InspectionFindings) -> str:
-    if not found.unreadable:
-        return ""
-    count = len(found.unreadable)
-    shown = "".join(f"<li>{escape(line)}</li>" for line in found.unreadable[:_LINES])
-    more = f"<li>and {count - _LINES:,} more</li>" if count > _LINES else ""
+def _unreadable(findings: InspectionFindings) -> Markup:
+    if not findings.unreadable:
+        return Markup()
+    count = len(findings.unreadable)
+    lines = [*findings.unreadable[:_LINES]]
+    if count > _LINES:
+        lines.append(f"and {count - _LINES:,} more")
     why = "Training goes on without them. Download them again, or remove them."
     return (
-        f"<h3>{_count(count, 'recording')} that cannot be read</h3>{paragraph(why, soft=True)}"
-        f"<details{' open' if count <= 10 else ''}><summary>Which</summary><ul>{shown}{more}</ul>"
-        "</details>"
+        heading(f"{_count(count, 'recording')} that cannot be read")
+        + paragraph(why, soft=True)
+        + details("Which", items(lines), is_open=count <= 10)
     )

@@ -1,4 +1,4 @@
-"""A data set, read once: everything is counted, some of it is looked at."""
+"""One pass over a data set: all is counted, a sample is decoded."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _LAGS = 10
 
 @dataclass(frozen=True)
 class ScannedRecording:
-    """A recording that was looked at."""
+    """A recording whose frames were decoded."""
 
     of: SampledRecording
     look: FrameStats
@@ -48,7 +48,7 @@ class ScannedRecording:
 
 @dataclass(frozen=True)
 class Scan:
-    """What the page shows.
+    """Content of the page.
 
     Attributes:
         tally: Counts of all recordings.
@@ -76,21 +76,23 @@ class Suspects:
         self.counts = dict.fromkeys(REASONS, 0)
         self._kept: dict[str, list[tuple[float, int, Suspect, SampledRecording]]] = {}
 
-    def add(self, flag: Suspicion, one: SampledRecording) -> None:
+    def add(self, flag: Suspicion, sampled: SampledRecording) -> None:
         """Counts a recording, and keeps it if it is among the worst."""
         self.counts[flag.reason] += 1
-        recording = one.recording
+        recording = sampled.recording
         suspect = Suspect(
             flag.reason,
             flag.value,
             flag.words,
             recording.key,
-            one.split,
+            sampled.split,
             recording.sensor,
-            one.order,
+            sampled.order,
         )
         heap = self._kept.setdefault(flag.reason, [])
-        heapq.heappush(heap, (REASONS[flag.reason].worst * flag.value, -one.order, suspect, one))
+        heapq.heappush(
+            heap, (REASONS[flag.reason].worst * flag.value, -sampled.order, suspect, sampled)
+        )
         if len(heap) > _WORST:
             heapq.heappop(heap)
 
@@ -99,8 +101,8 @@ class Suspects:
         return [entry[3] for heap in self._kept.values() for entry in heap]
 
     def worst(self, seen: list[ScannedRecording]) -> dict[str, list[Suspect]]:
-        """The worst by reason, worst first, with the pictures of those that were looked at."""
-        pictures = {one.of.order: one.look.frame for one in seen}
+        """The worst by reason, worst first, with the images of those that were looked at."""
+        pictures = {item.of.order: item.look.frame for item in seen}
         return {
             reason: [
                 replace(entry[2], picture=pictures.get(entry[2].order))
@@ -126,24 +128,26 @@ def scan_dataset(dataset: Dataset, limit: int, progress: bool) -> Scan:
     tally, suspects, sample = Counters(), Suspects(), RecordingSample(limit)
     unreadable: list[str] = []
     listed = _listed(dataset, unreadable)
-    for one in tqdm(listed, desc="count", unit="recording", disable=not progress):
-        tally.add(one.recording, one.split)
-        for flag in check_labels(one.recording):
-            suspects.add(flag, one)
-        sample.offer(one)
+    for sampled in tqdm(listed, desc="count", unit="recording", disable=not progress):
+        tally.add(sampled.recording, sampled.split)
+        for flag in check_labels(sampled.recording):
+            suspects.add(flag, sampled)
+        sample.offer(sampled)
     if not tally.totals:
         problems = [*dataset.skipped, *unreadable, "the data set is empty"]
         raise DataError(f"no recording to look at; {problems[0]}")
     drawn = sample.drawn()
-    orders = {one.order: one for one in [*drawn, *suspects.kept()]}
+    orders = {sampled.order: sampled for sampled in [*drawn, *suspects.kept()]}
     chosen = [orders[order] for order in sorted(orders)]
-    stripped = {one.order for one in _strips(drawn)}
+    stripped = {sampled.order for sampled in _strips(drawn)}
     seen = _look(chosen, stripped, suspects, unreadable, progress)
-    readable = {one.of.order for one in seen}
-    lags = _lags([one for one in drawn if one.order in readable], suspects, unreadable, progress)
-    looks = [one.look for one in seen]
+    readable = {item.of.order for item in seen}
+    lags = _lags(
+        [sampled for sampled in drawn if sampled.order in readable], suspects, unreadable, progress
+    )
+    looks = [item.look for item in seen]
     same, similar = duplicates.identical_groups(looks), duplicates.similar_pairs(looks)
-    keys = [one.of.recording.key for one in seen]
+    keys = [item.of.recording.key for item in seen]
     findings = InspectionFindings(
         totals=tally.totals,
         looked=len(seen),
@@ -154,7 +158,7 @@ def scan_dataset(dataset: Dataset, limit: int, progress: bool) -> Scan:
         repeated=[key for key, count in tally.names.top("key", _WORST) if count > 1],
         unreadable=list(dict.fromkeys([*dataset.skipped, *unreadable])),
     )
-    strips = [one for one in seen if one.of.order in stripped]
+    strips = [item for item in seen if item.of.order in stripped]
     return Scan(tally, seen, strips, lags, same, similar, findings)
 
 
@@ -169,7 +173,7 @@ def _listed(dataset: Dataset, unreadable: list[str]) -> Iterator[SampledRecordin
         except DataNotFoundError:
             raise
         except DataError as error:
-            unreadable.append(f"{split}: the list of recordings breaks off: {error}")
+            unreadable.append(f"{split}: listing the recordings failed: {error}")
 
 
 def _look(
@@ -180,63 +184,71 @@ def _look(
     progress: bool,
 ) -> list[ScannedRecording]:
     seen = []
-    for one in tqdm(chosen, desc="look", unit="recording", disable=not progress):
+    for sampled in tqdm(chosen, desc="look", unit="recording", disable=not progress):
         try:
-            found = frame_stats(one.recording, one.order in stripped)
+            pixels = frame_stats(sampled.recording, sampled.order in stripped)
         except DataError as error:
-            unreadable.append(f"{one.recording.key}: {error}")
+            unreadable.append(f"{sampled.recording.key}: {error}")
             continue
-        seen.append(ScannedRecording(one, found))
-        for flag in check_pixels(one.recording, found):
-            suspects.add(flag, one)
+        seen.append(ScannedRecording(sampled, pixels))
+        for flag in check_pixels(sampled.recording, pixels):
+            suspects.add(flag, sampled)
     return seen
 
 
 def _lags(
     drawn: list[SampledRecording], suspects: Suspects, unreadable: list[str], progress: bool
 ) -> list[tuple[SampledRecording, Lag]]:
-    able = [one for one in drawn if one.recording.force is not None]
+    able = [sampled for sampled in drawn if sampled.recording.force is not None]
     able = _over_sensors(able, _LAGS)
-    found = []
-    for one in tqdm(able, desc="lag", unit="recording", disable=not progress or not able):
+    lags = []
+    for sampled in tqdm(able, desc="lag", unit="recording", disable=not progress or not able):
         try:
-            lag = lag_of(one.recording)
+            lag = lag_of(sampled.recording)
         except DataError as error:
-            unreadable.append(f"{one.recording.key}: {error}")
+            unreadable.append(f"{sampled.recording.key}: {error}")
             continue
         if lag is not None:
-            found.append((one, lag))
-            for flag in check_lag(one.recording, lag):
-                suspects.add(flag, one)
-    return found
+            lags.append((sampled, lag))
+            for flag in check_lag(sampled.recording, lag):
+                suspects.add(flag, sampled)
+    return lags
 
 
 def _strips(drawn: list[SampledRecording]) -> list[SampledRecording]:
     """Recordings to show over time: long ones, with labels over time if a sensor has any."""
     moving = [
-        one
-        for one in drawn
-        if duration_of(one.recording) > 0 and (np.diff(one.recording.times) > 0).all()
+        sampled
+        for sampled in drawn
+        if duration_of(sampled.recording) > 0 and (np.diff(sampled.recording.times) > 0).all()
     ]
-    labelled = {one.recording.sensor for one in moving if _has_curve(one)}
-    kept = [one for one in moving if _has_curve(one) or one.recording.sensor not in labelled]
+    labelled = {sampled.recording.sensor for sampled in moving if _has_curve(sampled)}
+    kept = [
+        sampled
+        for sampled in moving
+        if _has_curve(sampled) or sampled.recording.sensor not in labelled
+    ]
     frames: dict[str, list[int]] = {}
-    for one in kept:
-        frames.setdefault(one.recording.sensor, []).append(len(one.recording.frames))
+    for sampled in kept:
+        frames.setdefault(sampled.recording.sensor, []).append(len(sampled.recording.frames))
     usual = {sensor: float(np.median(counts)) for sensor, counts in frames.items()}
-    long = [one for one in kept if len(one.recording.frames) >= usual[one.recording.sensor]]
+    long = [
+        sampled
+        for sampled in kept
+        if len(sampled.recording.frames) >= usual[sampled.recording.sensor]
+    ]
     return _over_sensors(long, _STRIPS)
 
 
-def _has_curve(one: SampledRecording) -> bool:
-    return one.recording.force is not None or one.recording.action is not None
+def _has_curve(sampled: SampledRecording) -> bool:
+    return sampled.recording.force is not None or sampled.recording.action is not None
 
 
 def _over_sensors(candidates: list[SampledRecording], count: int) -> list[SampledRecording]:
     """Some of them, spread over the sensors and over the order."""
     queues: dict[str, list[SampledRecording]] = {}
-    for one in candidates:
-        queues.setdefault(one.recording.sensor, []).append(one)
+    for sampled in candidates:
+        queues.setdefault(sampled.recording.sensor, []).append(sampled)
     chosen: list[SampledRecording] = []
     for place, queue in enumerate(sorted(queues.values(), key=len)):
         share = -(-(count - len(chosen)) // (len(queues) - place))

@@ -1,12 +1,12 @@
-"""The parts of the page that tell what there is: totals, pictures, labels."""
+"""The sections on content: totals, images, labels."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
-from html import escape
+from collections.abc import Sequence
 
 import numpy as np
+from markupsafe import Markup
 
 from tactileforge.contracts import ACTIONS, LABELS
 from tactileforge.data.frames.crop import size_text
@@ -17,13 +17,16 @@ from tactileforge.inspection.counters import source_rows
 from tactileforge.inspection.findings import Total
 from tactileforge.inspection.frame_stats import evenly
 from tactileforge.inspection.scan import Scan, ScannedRecording
-from tactileforge.pages.images import figure, image
+from tactileforge.pages import page
+from tactileforge.pages.images import figure, image, strip
 from tactileforge.pages.page import (
     MINUS,
     NONE,
     SPLIT_WORDS,
     Section,
+    cards,
     duration,
+    heading,
     legend,
     number,
     panel,
@@ -38,23 +41,23 @@ _OBJECTS = 30
 _SOURCES = 20
 
 
-def totals(found: Scan) -> Section:
+def totals(survey: Scan) -> Section:
     """Recordings, frames, time and labels of each sensor and split; where they come from."""
     shapes: dict[str, Counter[str]] = {}
-    for one in found.seen:
-        shape = shapes.setdefault(one.of.recording.sensor, Counter())
-        shape[size_text(one.look.shape)] += 1
+    for seen in survey.seen:
+        shape = shapes.setdefault(seen.of.recording.sensor, Counter())
+        shape[size_text(seen.look.shape)] += 1
     sizes = {sensor: [size for size, _ in shape.most_common()] for sensor, shape in shapes.items()}
     rows = [
         (f"{sensor}, {SPLIT_WORDS[split]}", *_row(total, sizes.get(sensor, [])))
-        for (split, sensor), total in sorted(found.tally.totals.items(), key=lambda row: row[0][1])
+        for (split, sensor), total in sorted(survey.tally.totals.items(), key=lambda row: row[0][1])
     ]
     head = ("Sensor", "recordings", "frames", "time", "Hz", "text|pixels", *LABELS, "background")
     note = "Under a label, and under background, the number of recordings that have it."
-    names, _ = found.tally.names.number("source")
+    names, _ = survey.tally.names.number("source")
     lines = [
         (source or "not given", f"text|{licence or 'not given'}", tier, f"{count:,}")
-        for source, licence, tier, count in source_rows(found.tally.names, _SOURCES)
+        for source, licence, tier, count in source_rows(survey.tally.names, _SOURCES)
     ]
     body = table("recordings", head, rows, note)
     body += table("sources", ("Source", "text|licence", "tier", "recordings"), lines)
@@ -77,42 +80,32 @@ def _row(total: Total, sizes: Sequence[str]) -> list[str]:
     ]
 
 
-def sheets(found: Scan) -> Section:
+def sheets(survey: Scan) -> Section:
     """For each sensor, the frame of largest contact of some recordings."""
     by_sensor: dict[str, list[ScannedRecording]] = {}
-    for one in found.seen:
-        by_sensor.setdefault(one.of.recording.sensor, []).append(one)
+    for item in survey.seen:
+        by_sensor.setdefault(item.of.recording.sensor, []).append(item)
     body = paragraph(
         "The frame that differs most from the background, and the difference around mid-grey, "
         "amplified; no difference where a recording has no background."
     )
     for sensor, seen in sorted(by_sensor.items()):
-        cards = [recording_card(seen[i]) for i in evenly(len(seen), _SHEET)]
-        body += f"<h3>{escape(sensor)}</h3>{card_grid(cards)}"
+        body += heading(sensor) + cards(recording_card(seen[i]) for i in evenly(len(seen), _SHEET))
     return Section("contact", "Contact", body)
 
 
-def card_grid(cards: Iterable[str], rem: float = 11) -> str:
-    """Cards beside each other, as many as fit."""
-    columns = f"repeat(auto-fill,minmax(min(47%,{rem}rem),1fr))"
-    return (
-        f'<div style="display:grid;gap:.8rem;grid-template-columns:{columns};margin:.8rem 0">'
-        f"{''.join(cards)}</div>"
-    )
-
-
-def recording_card(one: ScannedRecording, words: str = "") -> str:
+def recording_card(seen: ScannedRecording, words: str = "") -> Markup:
     """The frame of largest contact, the difference, and the key or what is said."""
-    pictures = [one.look.frame]
-    if one.look.difference is not None:
-        pictures.append(one.look.difference)
-    key = one.of.recording.key
+    pictures = [seen.look.frame]
+    if seen.look.difference is not None:
+        pictures.append(seen.look.difference)
+    key = seen.of.recording.key
     return figure(pictures, words or key, key, 2)
 
 
-def strips(found: Scan) -> Section:
+def strips(survey: Scan) -> Section:
     """Recordings over time, with their forces and actions."""
-    if not found.strips:
+    if not survey.strips:
         text = "Every recording that was looked at is a still: there is nothing to show over time."
         return Section("clips", "Over time", paragraph(text))
     body = paragraph(
@@ -121,46 +114,40 @@ def strips(found: Scan) -> Section:
         "Forces are those of the object on the gel: x to the right of the image, y down, z into "
         "the gel."
     )
-    if any(one.of.recording.force is not None for one in found.strips):
+    if any(seen.of.recording.force is not None for seen in survey.strips):
         body += legend({i: f"{axis} (N)" for i, axis in enumerate(AXES)}, area="a labelled action")
-    return Section("clips", "Over time", body + panels(map(_strip, found.strips), wide=True))
+    return Section("clips", "Over time", body + panels(map(_strip, survey.strips), wide=True))
 
 
-def _strip(one: ScannedRecording) -> str:
-    recording = one.of.recording
+def _strip(seen: ScannedRecording) -> Markup:
+    recording = seen.of.recording
     title = " · ".join(filter(None, (recording.sensor, recording.object)))
-    count = len(one.look.strip)
-    images = "".join(
+    images = [
         image(picture, f"frame {row}{words}")
-        for pictures, words in ((one.look.strip, ""), (one.look.strip_difference, ", difference"))
-        for picture, row in zip(pictures, one.look.strip_rows, strict=False)
-    )
-    drawing = ""
+        for pictures, words in ((seen.look.strip, ""), (seen.look.strip_difference, ", difference"))
+        for picture, row in zip(pictures, seen.look.strip_rows, strict=False)
+    ]
+    body = strip(images, len(seen.look.strip))
     if recording.force is not None or recording.action is not None:
-        drawing = charts.force_curve(recording, recording.times[one.look.strip_rows].tolist())
-        drawing = drawing.replace("<svg", '<svg style="width:100%;height:auto;display:block"', 1)
+        body += charts.force_curve(recording, recording.times[seen.look.strip_rows].tolist())
     rate = 1 / float(np.median(np.diff(recording.times)))
     seconds = float(recording.times[-1] - recording.times[0])
     below = f"{recording.key} · {len(recording.frames)} frames, {seconds:.3g} s, {rate:.3g} Hz"
     if recording.text:
         below += f" · “{recording.text}”"
-    return (
-        f'<figure class="clip"><b>{escape(title)}</b><div class="strip" '
-        f'style="grid-template-columns:repeat({count},1fr)">{images}</div>{drawing}'
-        f'<figcaption style="overflow-wrap:anywhere">{escape(below)}</figcaption></figure>'
-    )
+    return page.card(title, body, below)
 
 
-def label_histograms(found: Scan) -> Section:
+def label_histograms(survey: Scan) -> Section:
     """Histograms of forces, actions, objects and durations."""
-    tally, parts = found.tally, []
-    body = ""
+    tally, parts = survey.tally, []
+    body = Markup()
     if tally.forces:
         sensors = dict(sorted(tally.forces.items()))
         drawings = [
             panel(
                 f"Force along {axis}",
-                charts.force_histogram([one[i] for one in sensors.values()], axis),
+                charts.force_histogram([axes[i] for axes in sensors.values()], axis),
             )
             for i, axis in enumerate(AXES)
         ]
@@ -182,21 +169,21 @@ def label_histograms(found: Scan) -> Section:
         parts.append(panel(title, drawing, more if kinds > len(objects) else ""))
     if not body and not parts:
         body = paragraph("Stills without labels.")
-    return Section("labels", "Labels", body + panels(parts, wide=True) + _lags(found))
+    return Section("labels", "Labels", body + panels(parts, wide=True) + _lags(survey))
 
 
-def _lags(found: Scan) -> str:
-    if not found.lags:
-        return ""
+def _lags(survey: Scan) -> Markup:
+    if not survey.lags:
+        return Markup()
     rows = [
         (
-            one.recording.sensor,
-            f"text|{one.recording.key}",
+            drawn.recording.sensor,
+            f"text|{drawn.recording.key}",
             f"{1000 * lag.seconds:.0f}".replace("-", MINUS) if is_sure(lag) else "not sure",
             number(lag.correlation),
             number(lag.prominence),
         )
-        for one, lag in found.lags
+        for drawn, lag in survey.lags
     ]
     head = ("Sensor", "text|recording", "lag (ms)", "correlation", "prominence")
     words = (
@@ -205,4 +192,4 @@ def _lags(found: Scan) -> str:
         f"prominence over other lags, is below {LAG_CORRELATION:g} or {LAG_PROMINENCE:g}, the "
         "recording does not tell."
     )
-    return "<h3>Forces and pictures in time</h3>" + table("lags", head, rows, words)
+    return heading("Forces and images in time") + table("lags", head, rows, words)

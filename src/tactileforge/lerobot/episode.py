@@ -35,9 +35,9 @@ class Episode:
 
     @property
     def task(self) -> str:
-        """What was done, in words."""
-        one = next(iter(self.parts.values()))
-        words = one.text or (f"touch the {one.object}" if one.object else "touch")
+        """Description of the task in words."""
+        first = next(iter(self.parts.values()))
+        words = first.text or (f"touch the {first.object}" if first.object else "touch")
         return re.sub(r"\s+", " ", words.replace("{action}", "touch")).strip()
 
 
@@ -53,7 +53,11 @@ def episode_rate(recordings: Iterable[Recording]) -> int:
     Raises:
         DataError: None has two frames.
     """
-    steps = [float(np.median(np.diff(one.times))) for one in recordings if len(one.times) > 1]
+    steps = [
+        float(np.median(np.diff(recording.times)))
+        for recording in recordings
+        if len(recording.times) > 1
+    ]
     if not steps:
         raise DataError("a recording of one frame has no rate: give fps=...")
     return max(1, round(1 / min(steps)))
@@ -63,16 +67,18 @@ def group_takes(recordings: Iterable[Recording]) -> Iterator[list[Recording]]:
     """Recordings of one take, one a device; those without a label ``take`` are alone."""
 
     def take(numbered: tuple[int, Recording]) -> Any:
-        number, one = numbered
-        found = one.labels.get("take")
-        return number if found is None else (found, one.labels.get("begun"), one.source)
+        number, recording = numbered
+        stored = recording.labels.get("take")
+        return (
+            number if stored is None else (stored, recording.labels.get("begun"), recording.source)
+        )
 
     for _, group in groupby(enumerate(recordings), take):
-        held: dict[str, list[Recording]] = {}
-        for _, one in group:
-            held.setdefault(device_word(one), []).append(one)
-        for number in range(max(map(len, held.values()))):
-            yield [parts[number] for parts in held.values() if number < len(parts)]
+        by_device: dict[str, list[Recording]] = {}
+        for _, recording in group:
+            by_device.setdefault(device_word(recording), []).append(recording)
+        for number in range(max(map(len, by_device.values()))):
+            yield [parts[number] for parts in by_device.values() if number < len(parts)]
 
 
 def episode(recordings: Sequence[Recording], fps: float) -> Episode:
@@ -81,52 +87,55 @@ def episode(recordings: Sequence[Recording], fps: float) -> Episode:
     Raises:
         DataError: They share no time.
     """
-    start = max(float(one.times[0]) for one in recordings)
-    end = min(float(one.times[-1]) for one in recordings)
+    start = max(float(recording.times[0]) for recording in recordings)
+    end = min(float(recording.times[-1]) for recording in recordings)
     if end < start:
-        keys = " and ".join(one.key for one in recordings)
-        raise DataError(f"{keys} have one take and share no time; leave one out with devices=[...]")
+        keys = " and ".join(recording.key for recording in recordings)
+        raise DataError(
+            f"{keys} belong to one take but do not overlap in time; leave out a sensor with "
+            "devices=[...]"
+        )
     due = start + np.arange(int((end - start) * fps + 0.5) + 1) / fps
     parts, rows, dropped = {}, {}, {}
-    for one in recordings:
-        name = device_word(one)
-        after = np.searchsorted(one.times, due).clip(1, max(1, len(one.times) - 1))
-        if len(one.times) == 1:
+    for recording in recordings:
+        name = device_word(recording)
+        after = np.searchsorted(recording.times, due).clip(1, max(1, len(recording.times) - 1))
+        if len(recording.times) == 1:
             after = np.ones(len(due), np.int64)
         before = after - 1
-        later = one.times[np.minimum(after, len(one.times) - 1)]
-        nearer = np.abs(later - due) < np.abs(due - one.times[before])
-        rows[name] = np.where(nearer, np.minimum(after, len(one.times) - 1), before)
-        parts[name] = one
-        dropped[name] = len(one.times) - len(np.unique(rows[name]))
+        later = recording.times[np.minimum(after, len(recording.times) - 1)]
+        nearer = np.abs(later - due) < np.abs(due - recording.times[before])
+        rows[name] = np.where(nearer, np.minimum(after, len(recording.times) - 1), before)
+        parts[name] = recording
+        dropped[name] = len(recording.times) - len(np.unique(rows[name]))
     return Episode(parts, rows, dropped)
 
 
-def episode_features(one: Episode, images: str) -> dict[str, dict[str, Any]]:
+def episode_features(shown: Episode, images: str) -> dict[str, dict[str, Any]]:
     """The features of an episode, without those that all have.
 
     Args:
-        one: The episode.
+        shown: The episode.
         images: ``video``, ``png``, or ``auto``: arrays, whose every pixel counts, without loss.
     """
-    found: dict[str, dict[str, Any]] = {}
-    for name, part in one.parts.items():
+    declared: dict[str, dict[str, Any]] = {}
+    for name, part in shown.parts.items():
         lossless = images == "png" or (images == "auto" and spec(part.sensor).kind == "array")
-        found[f"observation.images.{name}"] = _picture(part.frames.shape, lossless)
-        found[f"observation.time.{name}"] = _numbers("float64", 1, ["seconds"])
+        declared[f"observation.images.{name}"] = _picture(part.frames.shape, lossless)
+        declared[f"observation.time.{name}"] = _numbers("float64", 1, ["seconds"])
         if part.force is not None:
-            found[f"observation.force.{name}"] = _numbers("float32", 3, ["x", "y", "z"])
+            declared[f"observation.force.{name}"] = _numbers("float32", 3, ["x", "y", "z"])
         if part.action is not None:
-            found[f"observation.touch.{name}"] = _numbers("int64", 1, ["action"])
+            declared[f"observation.touch.{name}"] = _numbers("int64", 1, ["action"])
         for track, values in part.tracks.items():
             if values.dtype.kind in "biuf":
                 size = int(np.prod(values.shape[1:], dtype=int))
                 kind = "float32" if values.dtype == np.float32 else "float64"
-                found[f"observation.{track}.{name}"] = _numbers(kind, size, None)
-    first = next(iter(one.parts.values()))
+                declared[f"observation.{track}.{name}"] = _numbers(kind, size, None)
+    first = next(iter(shown.parts.values()))
     if first.image is not None:
-        found["observation.images.camera"] = _picture(first.image.shape, images == "png")
-    return found
+        declared["observation.images.camera"] = _picture(first.image.shape, images == "png")
+    return declared
 
 
 def _picture(shape: tuple[int, int], lossless: bool) -> dict[str, Any]:
@@ -142,26 +151,26 @@ def _numbers(dtype: str, size: int, names: list[str] | None) -> dict[str, Any]:
     return {"dtype": dtype, "shape": [size], "names": names}
 
 
-def number_rows(one: Episode, feature: str) -> NDArray[Any]:
-    """The rows of a feature that is no picture, (N, ...)."""
+def number_rows(shown: Episode, feature: str) -> NDArray[Any]:
+    """The rows of a feature that is no image, (N, ...)."""
     _, kind, name = feature.split(".", 2)
-    part, rows = one.parts[name], one.rows[name]
+    part, rows = shown.parts[name], shown.rows[name]
     known: dict[str, Any] = {"time": part.times, "force": part.force, "touch": part.action}
     values = known[kind] if kind in known else part.tracks[kind]
     return np.asarray(values)[rows].reshape(len(rows), -1)
 
 
-def image_rows(one: Episode, feature: str) -> NDArray[np.uint8]:
-    """The rows of a feature that is a picture, uint8 (N, H, W, 3), as they were recorded."""
+def image_rows(shown: Episode, feature: str) -> NDArray[np.uint8]:
+    """The rows of a feature that is an image, uint8 (N, H, W, 3), as they were recorded."""
     name = feature.removeprefix("observation.images.")
-    if name in one.parts:
-        return one.parts[name].frames.read(one.rows[name].tolist())
-    name, first = next(iter(one.parts.items()))
+    if name in shown.parts:
+        return shown.parts[name].frames.read(shown.rows[name].tolist())
+    name, first = next(iter(shown.parts.items()))
     assert first.image is not None
     views = len(first.image)
     if first.image_times is None:
-        chosen = one.rows[name] * views // len(first.frames)
+        chosen = shown.rows[name] * views // len(first.frames)
     else:
-        due = first.times[one.rows[name]]
+        due = first.times[shown.rows[name]]
         chosen = np.abs(first.image_times[None] - due[:, None]).argmin(1)
     return first.image.read(chosen.tolist())

@@ -1,4 +1,4 @@
-"""Where things lie in a LeRobot data set of version 3."""
+"""Folder layout of a LeRobot data set of version 3."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ def import_arrow() -> ModuleType:
         raise ConfigError(
             "LeRobot data sets are parquet files: pip install 'tactileforge[lerobot]'"
         ) from error
-    found: ModuleType = pyarrow
-    return found
+    module: ModuleType = pyarrow
+    return module
 
 
 def chunk_and_file(number: int) -> dict[str, int]:
@@ -83,28 +83,31 @@ class Info:
                 f"{path}: not there; set data.root to the folder of a LeRobot data set"
             )
         try:
-            held = load_json(path.read_text(encoding="utf-8"))
-            version = str(held["codebase_version"])
-            found = cls(
-                float(held["fps"]),
-                {str(key): dict(value) for key, value in held["features"].items()},
-                str(held.get("data_path") or DATA),
-                str(held.get("video_path") or VIDEO),
+            info_json = load_json(path.read_text(encoding="utf-8"))
+            version = str(info_json["codebase_version"])
+            info = cls(
+                float(info_json["fps"]),
+                {str(key): dict(value) for key, value in info_json["features"].items()},
+                str(info_json.get("data_path") or DATA),
+                str(info_json.get("video_path") or VIDEO),
             )
-            dtypes = [(one["dtype"], one["shape"]) for one in found.features.values()]
+            dtypes = [(feature["dtype"], feature["shape"]) for feature in info.features.values()]
         except (ValueError, KeyError, TypeError, AttributeError, OSError) as error:
-            raise DataError(f"{path}: not what LeRobot writes ({error!r})") from error
+            raise DataError(f"{path}: not a LeRobot info file ({error!r})") from error
         if not version.startswith("v3."):
             raise DataError(
-                f"{path}: format {version}, but v3 is read; convert it with LeRobot's own script"
+                f"{path}: format {version}, but only v3 can be read; convert it with LeRobot's "
+                "own script"
             )
-        if not found.fps > 0 or not dtypes:
-            raise DataError(f"{path}: fps={found.fps} and {len(dtypes)} features")
-        return found
+        if not info.fps > 0 or not dtypes:
+            raise DataError(f"{path}: fps={info.fps} and {len(dtypes)} features")
+        return info
 
     def pictures(self) -> list[str]:
         """Names of the features that are videos or images."""
-        return [key for key, one in self.features.items() if one["dtype"] in ("video", "image")]
+        return [
+            key for key, feature in self.features.items() if feature["dtype"] in ("video", "image")
+        ]
 
 
 @cache

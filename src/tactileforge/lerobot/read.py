@@ -52,12 +52,12 @@ class LeRobotFolder:
 
     @cached_property
     def info(self) -> Info:
-        """What it holds; see `Info.read`."""
+        """Metadata of the data set; see `Info.read`."""
         return Info.read(self.root)
 
     @cached_property
     def episodes(self) -> list[dict[str, Any]]:
-        """Where each episode lies, in order; without statistics."""
+        """Location of each episode, in order; without statistics."""
         rows: list[dict[str, Any]] = []
         for path in sorted((self.root / "meta" / "episodes").glob("*/*.parquet")):
             names = folder.import_arrow().parquet.read_schema(path).names
@@ -69,7 +69,7 @@ class LeRobotFolder:
 
     @cached_property
     def touch(self) -> list[dict[str, Any]]:
-        """What `write` has added, an episode each; [] where somebody else wrote the data set.
+        """Touch metadata added by `write`, by episode; [] if another program wrote the data set.
 
         Raises:
             DataError: The file is damaged, or of another version.
@@ -78,16 +78,17 @@ class LeRobotFolder:
         if not path.is_file():
             return []
         try:
-            held = load_json(path.read_text(encoding="utf-8"))
-            version, found = held["version"], list(held["episodes"])
+            stored = load_json(path.read_text(encoding="utf-8"))
+            version, touches = stored["version"], list(stored["episodes"])
         except (ValueError, KeyError, TypeError) as error:
             raise DataError(f"{path}: damaged ({error!r}); remove it, or write it again") from error
-        if version != folder.TOUCH_VERSION or len(found) != len(self.episodes):
+        if version != folder.TOUCH_VERSION or len(touches) != len(self.episodes):
             raise DataError(
-                f"{path}: version {version} and {len(found)} episodes, where {folder.TOUCH_VERSION}"
-                f" and {len(self.episodes)} are expected; remove it if the data set was changed"
+                f"{path}: version {version} and {len(touches)} episodes, where "
+                f"{folder.TOUCH_VERSION} and {len(self.episodes)} are expected; "
+                "remove it if the data set was changed"
             )
-        return found
+        return touches
 
     def recording(
         self, number: int, touch: TouchFeature, camera: str | None, background: str
@@ -171,8 +172,8 @@ class LeRobotFolder:
         """The parquet file of an episode, and its first row there."""
         place = {key: int(row[f"data/{key}"]) for key in ("chunk_index", "file_index")}
         path = self.root / self.info.data_path.format(**place)
-        held = folder.read_parquet(path, ("episode_index",))["episode_index"].to_numpy()
-        rows = np.flatnonzero(held == int(row["episode_index"]))
+        numbers = folder.read_parquet(path, ("episode_index",))["episode_index"].to_numpy()
+        rows = np.flatnonzero(numbers == int(row["episode_index"]))
         if len(rows) != int(row["length"]) or (np.diff(rows) != 1).any():
             raise DataError(
                 f"{path}: {len(rows)} rows of episode {row['episode_index']}, but its length is "
@@ -208,12 +209,10 @@ class LeRobotFolder:
         feature = f"observation.touch.{device}"
         if feature not in self.info.features:
             return None
-        found: NDArray[np.int64] = self._numbers(row, feature)[kept, 0].astype(np.int64)
-        if ((found < -1) | (found >= len(ACTIONS))).any():
-            raise DataError(
-                f"{self.root}: {feature} has other values than -1 to {len(ACTIONS) - 1}"
-            )
-        return found
+        actions: NDArray[np.int64] = self._numbers(row, feature)[kept, 0].astype(np.int64)
+        if ((actions < -1) | (actions >= len(ACTIONS))).any():
+            raise DataError(f"{self.root}: {feature} has values outside -1 to {len(ACTIONS) - 1}")
+        return actions
 
     def _still(self, about: dict[str, Any], frames: Frames, background: str) -> Frames | None:
         if about:
@@ -259,5 +258,5 @@ class _Images(Sequence[bytes]):
         cell = folder.read_parquet(self.path, (self.feature,))[self.feature][self.start + i].as_py()
         content = cell.get("bytes") if isinstance(cell, dict) else None
         if not isinstance(content, bytes):
-            raise DataError(f"{self.path}, row {self.start + i}: no picture in {self.feature}")
+            raise DataError(f"{self.path}, row {self.start + i}: no image in {self.feature}")
         return content

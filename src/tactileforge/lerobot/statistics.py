@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 _QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
-#: Pictures of an episode that are looked at, and their longer side.
+#: Images of an episode that are looked at, and their longer side.
 _PICTURES, _SIDE = 8, 32
 
 
@@ -23,14 +23,14 @@ def number_statistics(values: NDArray[Any]) -> dict[str, list[Any]]:
     rows = rows[np.isfinite(rows).all(1)]
     if not len(rows):
         rows = np.zeros((1, rows.shape[1]))
-    found = {
+    values_of = {
         "min": rows.min(0),
         "max": rows.max(0),
         "mean": rows.mean(0),
         "std": rows.std(0),
         **{name: np.quantile(rows, share, 0) for name, share in _QUANTILES.items()},
     }
-    return {name: one.tolist() for name, one in found.items()} | {"count": [len(rows)]}
+    return {name: value.tolist() for name, value in values_of.items()} | {"count": [len(rows)]}
 
 
 def image_statistics(small: NDArray[np.uint8]) -> dict[str, list[Any]]:
@@ -39,9 +39,9 @@ def image_statistics(small: NDArray[np.uint8]) -> dict[str, list[Any]]:
     Args:
         small: uint8 (N, h, w, 3), see `sample_frames`.
     """
-    found = number_statistics(small.reshape(-1, 3) / 255)
+    numbers = number_statistics(small.reshape(-1, 3) / 255)
     shaped = {
-        name: [[[value]] for value in values] for name, values in found.items() if name != "count"
+        name: [[[value]] for value in values] for name, values in numbers.items() if name != "count"
     }
     return shaped | {"count": [len(small)]}
 
@@ -56,4 +56,4 @@ def sample_frames(frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
     height, width = frames.shape[1:3]
     scale = min(1.0, _SIDE / max(height, width))
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
-    return np.stack([cv2.resize(one, size, interpolation=cv2.INTER_AREA) for one in chosen])
+    return np.stack([cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in chosen])

@@ -22,7 +22,7 @@ def common(count: int, fps: int, number: int, start: int, task: int) -> dict[str
 
 
 def column(arrow: Any, values: Any, feature: dict[str, Any]) -> Any:
-    """A column as LeRobot has it: scalars, lists of one length, or encoded pictures."""
+    """A column as LeRobot has it: scalars, lists of one length, or encoded images."""
     if feature["dtype"] == "image":
         kind = arrow.struct([("bytes", arrow.binary()), ("path", arrow.string())])
         return arrow.array(values, kind)

@@ -41,7 +41,7 @@ class Videos:
         )
 
     def add(self, frames: NDArray[np.uint8]) -> dict[str, Any]:
-        """Appends an episode, and says where it lies.
+        """Appends an episode, and returns its location.
 
         Raises:
             DataError: This OpenCV writes no such video.
@@ -56,7 +56,7 @@ class Videos:
                 str(self._path), cv2.CAP_FFMPEG, code, float(self.fps), self.size
             )
             if not self._open.isOpened():
-                raise DataError(f"{self._path}: this OpenCV writes no MPEG-4; give images=png")
+                raise DataError(f"{self._path}: this OpenCV cannot write MPEG-4; give images=png")
         start = self.frames
         for frame in frames:
             self._open.write(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
@@ -72,7 +72,7 @@ class Videos:
             self._open = None
 
     def info(self) -> dict[str, Any]:
-        """What LeRobot says of a video."""
+        """Description of a video in LeRobot's format."""
         return {
             "video.height": self.size[1],
             "video.width": self.size[0],

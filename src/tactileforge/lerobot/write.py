@@ -66,7 +66,7 @@ class LeRobotOptions:
 
 @dataclass
 class LeRobotSummary:
-    """What was written.
+    """Summary of the written data set.
 
     Attributes:
         episodes: How many.
@@ -104,17 +104,18 @@ def write_dataset(
     try:
         with _Writer(part, options) as writer:
             chosen = (
-                one
-                for one in recordings
-                if options.devices is None or {device_word(one), one.sensor} & set(options.devices)
+                recording
+                for recording in recordings
+                if options.devices is None
+                or {device_word(recording), recording.sensor} & set(options.devices)
             )
             for group in group_takes(chosen):
                 writer.add(group)
-            found = writer.finish()
+            result = writer.finish()
         part.replace(out)
     finally:
         shutil.rmtree(part, ignore_errors=True)
-    return found
+    return result
 
 
 class _Writer:
@@ -139,20 +140,20 @@ class _Writer:
     def __exit__(self, *error: object) -> None:
         if self.data is not None:
             self.data.close()
-        for one in self.videos.values():
-            one.close()
+        for video in self.videos.values():
+            video.close()
 
     def add(self, group: list[Recording]) -> None:
         """One more episode."""
         fps = self.found.fps = self.found.fps or self.options.fps or episode_rate(group)
-        one = episode(group, fps)
-        self._check(one)
+        added = episode(group, fps)
+        self._check(added)
         number, start = len(self.episodes), self.found.rows
         columns: dict[str, Any] = {}
         about: dict[str, Any] = {}
         for name, feature in self.features.items():
             if feature["dtype"] in ("video", "image"):
-                seen = image_rows(one, name)
+                seen = image_rows(added, name)
                 values = sample_frames(seen)
                 statistics = image_statistics(values)
                 if feature["dtype"] == "video":
@@ -160,13 +161,13 @@ class _Writer:
                 else:
                     columns[name] = [{"bytes": encode_image(p, "png"), "path": None} for p in seen]
             else:
-                columns[name] = values = number_rows(one, name)
+                columns[name] = values = number_rows(added, name)
                 statistics = number_statistics(values)
             self.seen.setdefault(name, []).append(values)
             about |= {f"stats/{name}/{key}": value for key, value in statistics.items()}
-        task = self.tasks.setdefault(one.task, len(self.tasks))
-        shared = common(len(one), fps, number, start, task)
-        self.found.rows += len(one)
+        task = self.tasks.setdefault(added.task, len(self.tasks))
+        shared = common(len(added), fps, number, start, task)
+        self.found.rows += len(added)
         for name, values in shared.items():
             self.seen.setdefault(name, []).append(values)
             about |= {
@@ -176,8 +177,8 @@ class _Writer:
         self.episodes.append(
             {
                 "episode_index": number,
-                "tasks": [one.task],
-                "length": len(one),
+                "tasks": [added.task],
+                "length": len(added),
                 **{
                     f"data/{key}": value for key, value in folder.chunk_and_file(self.files).items()
                 },
@@ -189,22 +190,24 @@ class _Writer:
             }
         )
         self.touch.append(
-            {name: self._about(number, name, part) for name, part in one.parts.items()}
+            {name: self._about(number, name, part) for name, part in added.parts.items()}
         )
-        for name, count in one.dropped.items():
+        for name, count in added.dropped.items():
             self.found.dropped[name] = self.found.dropped.get(name, 0) + count
 
-    def _check(self, one: Episode) -> None:
-        found = episode_features(one, self.options.images)
-        self.features = self.features or found
-        if found != self.features:
+    def _check(self, added: Episode) -> None:
+        declared = episode_features(added, self.options.images)
+        self.features = self.features or declared
+        if declared != self.features:
             differ = sorted(
-                key for key in {*found, *self.features} if found.get(key) != self.features.get(key)
+                key
+                for key in {*declared, *self.features}
+                if declared.get(key) != self.features.get(key)
             )
-            keys = ", ".join(part.key for part in one.parts.values())
+            keys = ", ".join(part.key for part in added.parts.values())
             raise DataError(
-                f"{keys}: other features than the first episode ({', '.join(differ)}); LeRobot has "
-                "the same in all: choose sensors with devices=[...]"
+                f"{keys}: other features than the first episode ({', '.join(differ)}); LeRobot "
+                "needs the same in all: choose sensors with devices=[...]"
             )
 
     def _video(self, name: str, feature: dict[str, Any]) -> Videos:
@@ -235,7 +238,7 @@ class _Writer:
         self.data.write_table(table)  # one row group an episode
 
     def _about(self, number: int, name: str, part: Recording) -> dict[str, Any]:
-        """What LeRobot has no place for."""
+        """Touch metadata that LeRobot's format has no place for."""
         left = ("version", "times", "force", "action", "tracks", "image_times")
         about = {key: value for key, value in describe_recording(part).items() if key not in left}
         rest = [] if part.no_contact is None else range(min(len(part.no_contact), 9))
@@ -257,8 +260,8 @@ class _Writer:
         arrow = folder.import_arrow()
         self.found.episodes = len(self.episodes)
         self.found.features = [*self.features, *folder.COMMON]
-        for name, one in self.videos.items():
-            self.features[name]["info"] = one.info()
+        for name, video in self.videos.items():
+            self.features[name]["info"] = video.info()
         rows = {key: [row[key] for row in self.episodes] for key in self.episodes[0]}
         path = self.root / folder.EPISODES.format(**folder.chunk_and_file(0))
         path.parent.mkdir(parents=True)

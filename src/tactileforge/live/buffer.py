@@ -1,4 +1,4 @@
-"""The newest clip of a sensor, cut by time, and never a queue."""
+"""Buffer of the newest clip of a sensor, cut by time, never a queue."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _BEYOND = 0.5
 
 @dataclass(frozen=True)
 class FrameWithClip:
-    """A frame and the clip that ends with it.
+    """A frame and the clip that ends with it, as one snapshot.
 
     Attributes:
         number: Of the frame, counted from 1.
@@ -34,7 +34,7 @@ class FrameWithClip:
 
 
 class ClipBuffer:
-    """Keeps as many frames as a clip needs; one thread writes, another reads the newest clip.
+    """Keeps the frames of one clip; one thread writes, another reads the newest clip.
 
     A clip is cut as those a model is trained on (`data.batches.clips`): the frames of a recording
     that are a whole number of periods apart, as near to the spacing as that goes. A frame that was
@@ -43,7 +43,7 @@ class ClipBuffer:
     Args:
         frames: Of a clip, T.
         spacing: Seconds between them; 0 for one frame.
-        prepare: Makes of a picture what the model is shown.
+        prepare: Makes of an image what the model is shown.
     """
 
     def __init__(
@@ -59,13 +59,13 @@ class ClipBuffer:
         self._lock = threading.Lock()
 
     def push(self, frame: Frame) -> None:
-        """Takes a frame; what no clip needs any more is forgotten."""
-        picture = self.prepare(frame.array)
+        """Adds a frame and drops those that no clip needs any more."""
+        image = self.prepare(frame.array)
         horizon = frame.time - (self.frames - 1) * self.spacing - _BEYOND
         with self._lock:
             self.count += 1
             self._newest = frame
-            self._items.append((frame.time, picture))
+            self._items.append((frame.time, image))
             while len(self._items) > self.frames + 1 and self._items[0][0] < horizon:
                 self._items.popleft()
 
@@ -81,7 +81,7 @@ class ClipBuffer:
 
 
 def clip_rows(times: NDArray[np.float64], frames: int, spacing: float) -> list[int] | None:
-    """Which frames make the clip that ends with the last one.
+    """Indices of the frames of the clip that ends with the last one.
 
     Args:
         times: float64 (n,), seconds, increasing.
@@ -101,6 +101,7 @@ def clip_rows(times: NDArray[np.float64], frames: int, spacing: float) -> list[i
         return [len(times) - 1]
     if len(times) < 2:
         return None
+    # the median: a lost frame or a late one does not change the rate
     period = float(np.median(np.diff(times)))
     step = max(1, round(spacing / period)) * period
     wanted = times[-1] - step * np.arange(frames - 1, -1, -1)

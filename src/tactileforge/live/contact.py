@@ -18,7 +18,7 @@ _SQUARE = 8
 
 @dataclass(frozen=True, kw_only=True)
 class ContactOptions:
-    """When something touches.
+    """Thresholds of contact.
 
     Attributes:
         begin: Difference with the background, grey levels, from which on there is contact.
@@ -37,7 +37,7 @@ class ContactOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class SlipOptions:
-    """When something slips.
+    """Thresholds of slip.
 
     Attributes:
         friction: Ratio of shear to normal force, the slope of the friction cone, at which it slips.
@@ -59,7 +59,7 @@ class SlipOptions:
 
 
 class BackgroundChange:
-    """How far pictures are from the background, in grey levels.
+    """Difference of images from the background, in grey levels.
 
     Both are averaged over squares of eight pixels; a hundredth of the squares may differ more, in
     their strongest colour, than the result.
@@ -73,30 +73,30 @@ class BackgroundChange:
         self._size = (max(1, width // _SQUARE), max(1, height // _SQUARE))
         self._still = self._small(background)
 
-    def _small(self, picture: NDArray[np.uint8]) -> NDArray[np.float32]:
-        small = cv2.resize(picture, self._size, interpolation=cv2.INTER_AREA)
+    def _small(self, image: NDArray[np.uint8]) -> NDArray[np.float32]:
+        small = cv2.resize(image, self._size, interpolation=cv2.INTER_AREA)
         return np.asarray(small, np.float32)
 
-    def __call__(self, picture: NDArray[np.uint8]) -> float:
+    def __call__(self, image: NDArray[np.uint8]) -> float:
         """The difference of uint8 (H, W, 3), grey levels."""
-        return float(np.percentile(np.abs(self._small(picture) - self._still).max(-1), 99))
+        return float(np.percentile(np.abs(self._small(image) - self._still).max(-1), 99))
 
 
 class ContactDetector:
-    """Contact on or off, with two thresholds, so that it does not flicker between them."""
+    """Contact with hysteresis: separate thresholds for its begin and end."""
 
     def __init__(self, options: ContactOptions) -> None:
         self.options = options
         self.is_on = False
 
     def update(self, difference: float) -> bool:
-        """Whether there is contact, after a picture that differs so much."""
+        """Whether there is contact, given the difference of the newest image."""
         self.is_on = difference >= (self.options.end if self.is_on else self.options.begin)
         return self.is_on
 
 
 class SlipEstimator:
-    """An estimate of slip from forces alone: no slip is seen, it is inferred.
+    """Estimates slip from forces alone: slip is inferred, not observed.
 
     It slips where the shear reaches the friction cone (Coulomb), and until the ratio is a fifth
     below; and for a moment where shear goes at once while the normal force stays, as it does when
@@ -109,32 +109,33 @@ class SlipEstimator:
         self._recent: deque[tuple[float, float, float]] = deque()
 
     def update(self, time: float, force: NDArray[np.floating], contact: bool) -> bool:
-        """Whether it slips.
+        """Updates slip from the newest force; returns whether it slips.
 
         Args:
             time: Seconds.
             force: (3,), N.
             contact: Whether anything touches.
         """
-        given = self.options
+        options = self.options
         shear, normal = math.hypot(force[0], force[1]), float(force[2])
-        if not contact or normal < given.least:
+        if not contact or normal < options.least:
             self._recent.clear()
             self.is_on = False
             return False
-        while self._recent and self._recent[0][0] < time - given.window:
+        while self._recent and self._recent[0][0] < time - options.window:
             self._recent.popleft()
-        edge = given.friction * (0.8 if self.is_on else 1.0)
+        # a slipping contact sticks again a fifth below the cone: noise must not toggle it
+        edge = options.friction * (0.8 if self.is_on else 1.0)
         self.is_on = shear >= edge * normal or self._has_let_go(shear, normal)
         self._recent.append((time, shear, normal))
         return self.is_on
 
     def _has_let_go(self, shear: float, normal: float) -> bool:
-        """Whether shear that counted, half the cone or more, went while the normal force stayed."""
-        given = self.options
+        """Whether shear of at least half the friction cone dropped at a steady normal force."""
+        options = self.options
         return any(
-            before >= 0.5 * given.friction * pressed
-            and shear <= (1 - given.drop) * before
+            before >= 0.5 * options.friction * pressed
+            and shear <= (1 - options.drop) * before
             and abs(normal - pressed) <= 0.1 * pressed
             for _, before, pressed in self._recent
         )

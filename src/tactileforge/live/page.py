@@ -1,4 +1,4 @@
-"""The page itself: one file of HTML, light and dark, from 400 pixels on."""
+"""The live page: one HTML file, light and dark, from 400 pixels on."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where readings go: newline JSON in the core, anything else as a plugin."""
+"""Publishers of readings: newline JSON in the core, others as plugins."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tactileforge import registry
 
 
 class Publisher(Protocol):
-    """Takes readings and events, one after the other, in the thread that computes them.
+    """Sink of readings and events, called in the thread that computes them.
 
     A plugin is a class in the entry-point group ``tactileforge.publishers``; its constructor takes
     plain options and does no I/O. ``send`` must not wait for anyone: a slow one costs frames.
@@ -26,11 +26,11 @@ class Publisher(Protocol):
         ...
 
     def send(self, message: dict[str, Any]) -> None:
-        """Takes a message of plain data; see ``docs/live.md`` for its keys."""
+        """Sends a message of plain data; see ``docs/live.md`` for its keys."""
         ...
 
     def close(self) -> None:
-        """Lets go; a second call does nothing."""
+        """Releases the address; a second call does nothing."""
         ...
 
 
@@ -57,14 +57,14 @@ class JsonLines:
         """Does nothing: standard output stays open."""
 
 
-def build_publishers(given: Sequence[str] | Mapping[str, Any]) -> list[Publisher]:
+def build_publishers(publishers: Sequence[str] | Mapping[str, Any]) -> list[Publisher]:
     """Publishers by name, or by name with their options.
 
     Raises:
         PluginError: One is not installed.
         ConfigError: An unknown option.
     """
-    nodes = given if isinstance(given, Mapping) else dict.fromkeys(given)
+    nodes = publishers if isinstance(publishers, Mapping) else dict.fromkeys(publishers)
     return [
         registry.build("publishers", {"name": name, **(node or {})}) for name, node in nodes.items()
     ]

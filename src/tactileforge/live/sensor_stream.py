@@ -1,4 +1,4 @@
-"""One sensor that is shown live: its frames, its background, and what they say."""
+"""Live estimates of one sensor from its frames and background."""
 
 from __future__ import annotations
 
@@ -38,15 +38,15 @@ _LOOKED_AT = 60
 
 @dataclass(frozen=True)
 class Reading:
-    """What one frame says.
+    """Contact, force and slip estimated from one frame.
 
     Attributes:
         sensor: Name of the sensor.
         number: Of the frame, counted from 1.
         time: When it was taken, monotonic seconds.
         difference: From the background, grey levels.
-        contact: Whether anything touches; None where the picture is no good.
-        force: N, x, y and z; None where the model gives none, or the picture is no good.
+        contact: Whether anything touches; None where the image is invalid.
+        force: N, x, y and z; None where the model gives none, or the image is invalid.
         slip: See `contact.Slip`; None without forces.
         latency: Seconds from the frame to this reading.
         trouble: One of `health.TROUBLES`; "" for none.
@@ -65,8 +65,8 @@ class Reading:
     vector: NDArray[np.float32] | None = None
 
     def message(self) -> dict[str, Any]:
-        """As plain data, for publishers."""
-        found: dict[str, Any] = {
+        """The reading as plain data, for publishers."""
+        message: dict[str, Any] = {
             "sensor": self.sensor,
             "frame": self.number,
             "time": round(self.time, 6),
@@ -78,14 +78,14 @@ class Reading:
             "latency_ms": round(1000 * self.latency, 2),
         }
         if self.trouble:
-            found["trouble"] = self.trouble
+            message["trouble"] = self.trouble
         if self.vector is not None:
-            found["embedding"] = [round(float(x), 5) for x in self.vector]
-        return found
+            message["embedding"] = [round(float(x), 5) for x in self.vector]
+        return message
 
 
 class SensorStream:
-    """A sensor, read in a thread; readings are computed by whoever asks, of the newest frame.
+    """A sensor read in a thread; readings of the newest frame are computed on request.
 
     Args:
         name: Of the sensor.
@@ -138,18 +138,18 @@ class SensorStream:
         self._difference = BackgroundChange(self.background)
         self._last = self._frozen = 0
 
-    def prepare(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """A picture as the model was shown those it was trained on.
+    def prepare(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Prepares an image as in training.
 
-        A model that was trained here saw pictures of the size of its input; what was imported does
+        A model that was trained here saw images of the size of its input; what was imported does
         its own resizing.
         """
         if self.model is None or not self.model.recipe:
-            return picture
-        return resize_frame(picture, self.model.encoder.image_size)
+            return image
+        return resize_frame(image, self.model.encoder.image_size)
 
     def sink(self, frame: Frame) -> None:
-        """Takes a frame from the thread of the sensor."""
+        """Receives a frame in the sensor's thread."""
         seen = self._seen
         if seen is not None and len(seen) < _LOOKED_AT:
             seen.append(frame.array)
@@ -162,26 +162,26 @@ class SensorStream:
         """Begins to keep frames without contact."""
         self._seen = []
 
-    def take_background(self, options: Background, picture: NDArray[np.uint8] | None) -> None:
+    def take_background(self, options: Background, image: NDArray[np.uint8] | None) -> None:
         """Takes the background from the frames since `begin_background`, or as given.
 
         Args:
             options: ``seconds`` 0 takes the newest frame, unchecked.
-            picture: uint8 (H, W, 3), RGB; None takes the frames.
+            image: uint8 (H, W, 3), RGB; None takes the frames.
 
         Raises:
-            SensorError: Something touches, or there is no picture.
-            ConfigError: The picture has another size than the frames.
+            SensorError: Something touches, or there is no image.
+            ConfigError: The image has another size than the frames.
         """
         seen, self._seen = self._seen or [], None
         spec = self.sensor.spec
-        if picture is not None:
-            if picture.shape[:2] != (spec.height, spec.width):
+        if image is not None:
+            if image.shape[:2] != (spec.height, spec.width):
                 raise ConfigError(
-                    f"{self.name}: the background has {picture.shape[:2]} pixels, and its frames "
+                    f"{self.name}: the background has {image.shape[:2]} pixels, and its frames "
                     f"{(spec.height, spec.width)}"
                 )
-            self.background = picture
+            self.background = image
         elif options.seconds:
             background.check_background(self.name, seen, options.threshold)
             chosen = background.spread_frames(seen, options.frames)
@@ -234,11 +234,11 @@ class SensorStream:
         if not trouble:
             contact = self.contact.update(difference)
             if self.model is not None and shot.clip is not None:
-                found = self.model.readings(
+                readings = self.model.readings(
                     shot.clip, self._still, self.type, calibration=self.calibration
                 )
-                force = None if found.force is None else found.force[-1].cpu().numpy()
-                vector = found.vector.cpu().numpy() if with_vector else None
+                force = None if readings.force is None else readings.force[-1].cpu().numpy()
+                vector = readings.vector.cpu().numpy() if with_vector else None
             if force is not None:
                 slip = self.slip.update(frame.time, force, contact)
         return Reading(
@@ -276,9 +276,9 @@ def read_background(path: str) -> NDArray[np.uint8]:
     """A background from a file, uint8 (H, W, 3), RGB.
 
     Raises:
-        ConfigError: It is no picture.
+        ConfigError: It is not an image.
     """
-    found = cv2.imread(path, cv2.IMREAD_COLOR)
-    if found is None:
-        raise ConfigError(f"background.image={path}: not a picture that can be read")
-    return np.asarray(cv2.cvtColor(found, cv2.COLOR_BGR2RGB), np.uint8)
+    image = cv2.imread(path, cv2.IMREAD_COLOR)
+    if image is None:
+        raise ConfigError(f"background.image={path}: not a readable image")
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)

@@ -1,4 +1,4 @@
-"""The page of ``tactileforge live``: served to this machine alone, to whoever has the token."""
+"""Server of the live page: on this machine only, protected by a token."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tactileforge.live.page import page_html
 from tactileforge.live.sensor_stream import SensorStream
 from tactileforge.live.session import LiveSession
 
-#: Pixels of the longer side of a picture on the page, and of the shorter side of a small one.
+#: Pixels of the longer side of an image on the page, and of the shorter side of a small one.
 _LARGE = 480
 #: By how much differences are strengthened, to be seen.
 _GAIN = 2.0
@@ -74,7 +74,7 @@ class _Server(ThreadingHTTPServer):
     daemon_threads = True
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A browser that goes away is no error."""
+        """Ignores browsers that disconnect."""
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -99,10 +99,10 @@ class _Handler(BaseHTTPRequestHandler):
             self._answer(200, "text/html; charset=utf-8", page_html(nonce).encode(), nonce)
         elif rest == "state":
             after = parse_qs(url.query).get("after", ["0"])[0]
-            found = page_state(
+            content = page_state(
                 self.view, float(after) if after.replace(".", "", 1).isdigit() else 0.0
             )
-            self._answer(200, "application/json", json.dumps(found).encode())
+            self._answer(200, "application/json", json.dumps(content).encode())
         elif what in ("frame", "difference") and unquote(name) in self.view.fingers:
             self._picture(self.view.fingers[unquote(name)], what)
         else:
@@ -136,11 +136,11 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Says nothing: the terminal has its line."""
+        """Logs nothing: the terminal has its status line."""
 
 
 def page_state(view: LiveSession, after: float) -> dict[str, Any]:
-    """What the page shows, as plain data.
+    """State of the page, as plain data.
 
     Args:
         view: Open.
@@ -178,24 +178,22 @@ def _of(finger: SensorStream, after: float, now: float) -> dict[str, Any]:
     }
 
 
-def difference_image(
-    picture: NDArray[np.uint8], background: NDArray[np.uint8]
-) -> NDArray[np.uint8]:
-    """A picture less its background, twice as strong, around the middle grey."""
-    if picture.shape != background.shape:
-        return picture
-    change = picture.astype(np.float32) - background
+def difference_image(image: NDArray[np.uint8], background: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Difference image: image less background, gain 2, around mid-grey."""
+    if image.shape != background.shape:
+        return image
+    change = image.astype(np.float32) - background
     return np.asarray((128 + _GAIN * change).clip(0, 255), np.uint8)
 
 
-def page_jpeg(picture: NDArray[np.uint8]) -> bytes:
-    """A picture, RGB, of a size that fits the page: large ones smaller, arrays larger."""
-    longest = max(picture.shape[:2])
+def page_jpeg(image: NDArray[np.uint8]) -> bytes:
+    """Encodes an RGB image as JPEG, resized to fit the page."""
+    longest = max(image.shape[:2])
     if longest > _LARGE:
         factor, how = _LARGE / longest, cv2.INTER_AREA
     else:
         factor, how = max(1, _LARGE // (2 * longest)), cv2.INTER_NEAREST
-    sized = cv2.resize(picture, None, fx=factor, fy=factor, interpolation=how)
+    sized = cv2.resize(image, None, fx=factor, fy=factor, interpolation=how)
     good, data = cv2.imencode(".jpg", cv2.cvtColor(sized, cv2.COLOR_RGB2BGR))
-    assert good  # a picture in memory can be written
+    assert good  # an image in memory can be written
     return bytes(data.tobytes())

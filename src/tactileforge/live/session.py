@@ -1,4 +1,4 @@
-"""Live: the newest frame of each sensor to contact, force and slip, as fast as it goes."""
+"""Live session: estimates contact, force and slip from the newest frame of each sensor."""
 
 from __future__ import annotations
 
@@ -30,12 +30,23 @@ _KEPT, _RECENT = 20_000, 300
 
 
 @dataclass(frozen=True, kw_only=True)
+class ShowBackground(Background):
+    """The frame without contact.
+
+    Attributes:
+        seconds: For how long it is taken at the start; 0 takes the first frame, unchecked.
+        image: File of it instead; "" takes it.
+    """
+
+    image: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
 class LiveOptions:
-    """How sensors are shown live.
+    """Options of a live session.
 
     Attributes:
         background: How the frame without contact is taken.
-        image: File of it instead; "" takes it.
         contact: When something touches.
         slip: When something slips.
         embedding: Whether messages carry the model's vector.
@@ -46,8 +57,7 @@ class LiveOptions:
         frames: Readings after which it ends; None until stopped.
     """
 
-    background: Background = field(default_factory=Background)
-    image: str = ""
+    background: ShowBackground = field(default_factory=ShowBackground)
     contact: ContactOptions = field(default_factory=ContactOptions)
     slip: SlipOptions = field(default_factory=SlipOptions)
     embedding: bool = False
@@ -57,6 +67,12 @@ class LiveOptions:
     seconds: float | None = None
     frames: int | None = None
 
+    def __post_init__(self) -> None:
+        for name in ("seconds", "frames"):
+            value = getattr(self, name)
+            if value is not None and not value > 0:
+                raise ConfigError(f"{name}={value}: give a value above 0")
+
 
 class Latency:
     """Seconds from frame to reading."""
@@ -65,11 +81,11 @@ class Latency:
         self._all: deque[float] = deque(maxlen=_KEPT)
 
     def add(self, seconds: float) -> None:
-        """Counts one."""
+        """Adds one latency, s."""
         self._all.append(seconds)
 
     def percentiles(self, recent: bool = True) -> tuple[float, float]:
-        """p50 and p99, s, of the last ones or of all; NaN where there are none."""
+        """p50 and p99, s, of the latest or of all latencies; NaN without any."""
         values = list(self._all)[-_RECENT if recent else 0 :]
         if not values:
             return float("nan"), float("nan")
@@ -78,7 +94,7 @@ class Latency:
 
 
 class LiveSession:
-    """Opens sensors, takes their backgrounds, and computes readings until it is stopped.
+    """Opens sensors, takes their backgrounds, and computes readings until stopped.
 
     Args:
         sensors: Cameras and arrays by name, not open.
@@ -108,7 +124,7 @@ class LiveSession:
             raise ConfigError("no sensor: choose some, e.g. sensor=digit")
         for name, sensor in sensors.items():
             if sensor.spec.kind == "wrench":
-                raise ConfigError(f"{name} is a wrench sensor: it has no pictures to show")
+                raise ConfigError(f"{name} is a wrench sensor: it has no images to show")
         self.sensors, self.model = dict(sensors), model
         self.options = options or LiveOptions()
         self.fingers: dict[str, SensorStream] = {}
@@ -123,7 +139,7 @@ class LiveSession:
             SensorError: One cannot be opened, gives nothing, or two are the same device.
             ConfigError: The model does not know one, or a calibration is of another.
         """
-        given, known = self.options, self._calibrations()
+        options, known = self.options, self._calibrations()
         with ExitStack() as stack:
             stack.enter_context(low_latency_threads())
             open_all(self.sensors, stack)
@@ -133,10 +149,10 @@ class LiveSession:
                     sensor,
                     self.model,
                     self.wake,
-                    given.contact,
-                    given.slip,
-                    given.reconnect,
-                    given.unknown_sensor,
+                    options.contact,
+                    options.slip,
+                    options.reconnect,
+                    options.unknown_sensor,
                     known.get(name),
                 )
                 for name, sensor in self.sensors.items()
@@ -152,17 +168,17 @@ class LiveSession:
         self._stack.close()
 
     def _calibrations(self) -> dict[str, Calibration]:
-        given = self.options.calibration
-        if strange := sorted(set(given) - set(self.sensors)):
+        paths = self.options.calibration
+        if strange := sorted(set(paths) - set(self.sensors)):
             raise ConfigError(unknown("sensor of calibration", strange[0], self.sensors))
-        return {name: load_calibration(path) for name, path in given.items()}
+        return {name: load_calibration(path) for name, path in paths.items()}
 
     def _wait_for_all(self) -> None:
         end = time.monotonic() + _PATIENCE
         while silent := [f for f in self.fingers.values() if not f.buffer.count]:
             self.check()
             if time.monotonic() > end or silent[0].capture.ended:
-                raise SensorError(f"{silent[0].name}: gives nothing; is it on?")
+                raise SensorError(f"{silent[0].name}: delivers no frames; is it on?")
             time.sleep(0.01)
 
     def check(self) -> None:
@@ -170,25 +186,25 @@ class LiveSession:
         check([finger.capture for finger in self.fingers.values()])
 
     def take_background(self) -> None:
-        """Takes the frame without contact of every sensor; nothing may touch meanwhile.
+        """Takes the background of every sensor; nothing may touch it meanwhile.
 
         Raises:
-            SensorError: Something touches, or a sensor gives no good picture.
-            ConfigError: The picture given instead does not fit.
+            SensorError: Something touches, or a sensor delivers no valid image.
+            ConfigError: The image given instead does not fit.
         """
-        given = self.options
-        picture = read_background(given.image) if given.image else None
+        background = self.options.background
+        image = read_background(background.image) if background.image else None
         for finger in self.fingers.values():
             finger.begin_background()
-        end = time.monotonic() + (0.0 if given.image else given.background.seconds)
+        end = time.monotonic() + (0.0 if background.image else background.seconds)
         while time.monotonic() < end:
             time.sleep(0.02)
             self.check()
         for finger in self.fingers.values():
-            finger.take_background(given.background, picture)
+            finger.take_background(background, image)
 
     def readings(self, stop: threading.Event | None = None) -> Iterator[Reading | None]:
-        """Readings of the newest frames, as they come; None now and then where none comes.
+        """Readings of the newest frames as they arrive; None at intervals while none arrives.
 
         Args:
             stop: Ends them when set.
@@ -196,8 +212,8 @@ class LiveSession:
         Raises:
             SensorError: A sensor is lost, and has not come back.
         """
-        fingers, given = list(self.fingers.values()), self.options
-        end = float("inf") if given.seconds is None else time.monotonic() + given.seconds
+        fingers, options = list(self.fingers.values()), self.options
+        end = float("inf") if options.seconds is None else time.monotonic() + options.seconds
         count = 0
         while not (stop is not None and stop.is_set()) and time.monotonic() < end:
             self.check()
@@ -205,15 +221,15 @@ class LiveSession:
                 return
             with self.wake:
                 self.wake.wait_for(lambda: any(f.is_fresh for f in fingers), _WAIT)
-            found = [finger.read(given.embedding) for finger in fingers]
-            for reading in found:
+            batch = [finger.read(options.embedding) for finger in fingers]
+            for reading in batch:
                 if reading is not None:
                     self.latency.add(reading.latency)
                     yield reading
                     count += 1
-                    if given.frames is not None and count >= given.frames:
+                    if options.frames is not None and count >= options.frames:
                         return
-            if not any(found):
+            if not any(batch):
                 yield None
 
 
@@ -224,7 +240,7 @@ def run_session(
     say: Callable[[str], None] = print,
     tell: Callable[[LiveSession], None] | None = None,
 ) -> None:
-    """Takes the background, then publishes readings and what becomes of the sensors.
+    """Takes the background, then publishes readings and the states of the sensors.
 
     Args:
         view: Open.
@@ -236,7 +252,7 @@ def run_session(
     Raises:
         SensorError: See `LiveSession.take_background` and `LiveSession.readings`.
     """
-    if view.options.background.seconds and not view.options.image:
+    if view.options.background.seconds and not view.options.background.image:
         say("background: nothing may touch the sensors now")
     view.take_background()
     states = dict.fromkeys(view.fingers, "")

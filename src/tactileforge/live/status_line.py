@@ -1,4 +1,4 @@
-"""One line that says what the sensors feel."""
+"""Status line with the readings of the sensors."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class LiveStatus(Status):
     """Writes the line to standard error."""
 
     def tell(self, view: LiveSession) -> None:
-        """Writes the line, if it is time to."""
+        """Writes the line when it is due."""
         now = time.monotonic()
         if now < self._next:
             return
@@ -27,7 +27,7 @@ class LiveStatus(Status):
         self._write(" | ".join([*map(stream_status, view.fingers.values()), *parts]))
 
     def summary(self, view: LiveSession) -> str:
-        """How it went, for the end."""
+        """Summary for the end of a session."""
         fingers = view.fingers.values()
         counts = ", ".join(f"{f.name} {f.done} (skipped {f.skipped})" for f in fingers)
         lost = ", ".join(f"{f.name} {n}" for f in fingers if (n := f.capture.counts.reopened))
@@ -39,7 +39,7 @@ class LiveStatus(Status):
 
 
 def stream_status(finger: SensorStream) -> str:
-    """What one sensor feels: rate, force, contact, slip, frames skipped."""
+    """Status of one sensor: rate, force, contact, slip, frames skipped."""
     state = finger.state
     words = [finger.name]
     if state in ("lost", "frozen") or not finger.readings:

@@ -37,7 +37,8 @@ class Surface(nn.Module):
         return masked_mean(errors.mean((1, 2, 3, 4)), batch["surface_valid"]), {}
 
     def _true(self, batch: Batch) -> Tensor:
-        return (batch["surface"].float() - displacement.NONE) / 127
+        coded: Tensor = (batch["surface"].float() - displacement.NONE) / 127
+        return coded
 
     def sums(self, prediction: Tensor, batch: Batch) -> Tensor:
         """Moments of each axis, float64 (4, 3); see `contracts.Scored`."""

@@ -67,14 +67,14 @@ def pack(dataset: Dataset, name: str, out: Path, options: PackOptions | None = N
 
 
 def _notes(planned: PackPlan, options: PackOptions, out: Path) -> dict[int, ShardNote]:
-    """Makes the shards that are not whole yet; what is known of all, by the number of the job."""
+    """Makes the missing shards, and returns the notes of all, by job number."""
     _sweep(out)
-    found = {job.number: note for job in planned.jobs if (note := ShardNote.of(job))}
-    missing = [job for job in planned.jobs if job.number not in found]
+    notes = {job.number: note for job in planned.jobs if (note := ShardNote.of(job))}
+    missing = [job for job in planned.jobs if job.number not in notes]
     guard = _Guard(planned, options)
-    for note in found.values():
+    for note in notes.values():
         guard.see(note)
-    done = {job.number: job.frames for job in planned.jobs if job.number in found}
+    done = {job.number: job.frames for job in planned.jobs if job.number in notes}
     with tqdm(total=planned.frames, initial=sum(done.values()), unit="frame", desc="pack") as bar:
 
         def tick(number: int, frames: int) -> None:
@@ -83,12 +83,12 @@ def _notes(planned: PackPlan, options: PackOptions, out: Path) -> dict[int, Shar
 
         with closing(execute(missing, options.executor, options.processes, tick)) as work:
             for job, note in work:
-                found[job.number] = note
+                notes[job.number] = note
                 tick(job.number, job.frames)
                 for line in note.statistics.skipped:
                     bar.write(f"skipped: {line}", file=sys.stderr)
                 guard.see(note)
-    return found
+    return notes
 
 
 class _Guard:
@@ -115,7 +115,7 @@ class _Guard:
         rest = len(self.lines) - _NAMED
         raise DataError(
             f"{self.damaged} of {self.total} recordings are damaged, pack.max_bad={self.share} "
-            f"allows {self.most}; mend them, or allow more:{shown}"
+            f"allows {self.most}; repair them, or allow more:{shown}"
             + (f"\n  and {rest} more" if rest > 0 else "")
         )
 
@@ -123,25 +123,25 @@ class _Guard:
 def _merged(planned: PackPlan, notes: Mapping[int, ShardNote]) -> dict[str, Any]:
     """Shards and statistics of each split."""
     splits: dict[str, Any] = {split: [] for split in SPLITS}
-    found = {split: PackStatistics() for split in SPLITS}
+    by_split = {split: PackStatistics() for split in SPLITS}
     for split, lines in planned.skipped.items():
-        found[split].skipped += lines
-        found[split].damaged += len(lines)
+        by_split[split].skipped += lines
+        by_split[split].damaged += len(lines)
     for job in planned.jobs:
         note = notes[job.number]
-        found[job.split].merge(note.statistics)
+        by_split[job.split].merge(note.statistics)
         if note.entry is not None:
             splits[job.split].append(note.entry)
     if not splits["train"]:
         raise DataError(
-            "the filter leaves nothing to train on: lower pack.filter.laplacian; tactileforge data "
-            "filter shows what each value keeps"
+            "the filter leaves no frame to train on: lower pack.filter.laplacian; tactileforge "
+            "data filter shows what each value keeps"
         )
-    return {"splits": splits, "statistics": {k: each.report() for k, each in found.items()}}
+    return {"splits": splits, "statistics": {k: each.report() for k, each in by_split.items()}}
 
 
 def _made(name: str, planned: PackPlan, options: PackOptions) -> dict[str, Any]:
-    """How the shards are made; all but ``by`` must not change within a folder."""
+    """Provenance of the shards; all but ``by`` must not change within a folder."""
     return {
         "by": f"tactileforge {version('tactileforge')}",
         "data": name,
@@ -153,7 +153,7 @@ def _made(name: str, planned: PackPlan, options: PackOptions) -> dict[str, Any]:
 
 
 def _claim(out: Path, made: Mapping[str, Any]) -> None:
-    """Says in the folder how its shards are made, or checks that they are made so."""
+    """Records the options in the folder, or checks that they match."""
     claim = out / NOTES / "made.json"
     if not any(out.glob("*.tar")):
         write_text(claim, sealed(made))
@@ -163,30 +163,30 @@ def _claim(out: Path, made: Mapping[str, Any]) -> None:
         raise ConfigError(f"{out} holds shards that were not packed here; give another out=")
     try:
         there = unsealed(path.read_bytes())
-        held, wanted = _flat(there["made"] if path.name == NAME else there), _flat(made)
+        recorded, wanted = _flat(there["made"] if path.name == NAME else there), _flat(made)
     except (ValueError, KeyError, AttributeError) as error:
         raise ConfigError(f"{path}: damaged ({error!r}); give another out=") from error
     changed = [
-        f"{key} was {held.get(key)!r}, is {wanted.get(key)!r}"
-        for key in {**wanted, **held}
-        if key not in ("by", "digest") and held.get(key) != wanted.get(key)
+        f"{key} was {recorded.get(key)!r}, is {wanted.get(key)!r}"
+        for key in {**wanted, **recorded}
+        if key not in ("by", "digest") and recorded.get(key) != wanted.get(key)
     ]
-    if not changed and held.get("digest") != wanted["digest"]:
+    if not changed and recorded.get("digest") != wanted["digest"]:
         changed = ["its recordings have changed"]
     if changed:
         raise ConfigError(
-            f"{out} holds shards that were made otherwise: {'; '.join(changed)}. Give another "
-            "out=, or remove the folder"
+            f"{out} holds shards that were made with other options: {'; '.join(changed)}. Give "
+            "another out=, or remove the folder"
         )
 
 
 def _flat(plain: Mapping[str, Any], above: str = "") -> dict[str, Any]:
     """Nested keys with dots between them."""
-    found: dict[str, Any] = {}
+    flat: dict[str, Any] = {}
     for key, value in plain.items():
         name = f"{above}{key}"
-        found.update(_flat(value, f"{name}.") if isinstance(value, Mapping) else {name: value})
-    return found
+        flat.update(_flat(value, f"{name}.") if isinstance(value, Mapping) else {name: value})
+    return flat
 
 
 def _sweep(out: Path) -> None:
@@ -197,18 +197,18 @@ def _sweep(out: Path) -> None:
 
 
 def summary(index: Index) -> str:
-    """What was packed, in a few lines of plain text."""
+    """Summarises what was packed, in a few lines of plain text."""
     lines = []
-    for split, found in index.statistics.items():
-        sensors = ", ".join(f"{name} {count:,}" for name, count in found["sensors"].items())
+    for split, counts in index.statistics.items():
+        sensors = ", ".join(f"{name} {count:,}" for name, count in counts["sensors"].items())
         lines.append(
-            f"{split}: {found['recordings']:,} recordings, {found['frames']:,} frames "
-            f"({sensors or 'none'}), {found['objects']:,} objects, "
-            f"{len(index.splits[split]):,} shards, {found['bytes'] / 2**20:,.1f} MB"
+            f"{split}: {counts['recordings']:,} recordings, {counts['frames']:,} frames "
+            f"({sensors or 'none'}), {counts['objects']:,} objects, "
+            f"{len(index.splits[split]):,} shards, {counts['bytes'] / 2**20:,.1f} MB"
         )
     total = Counter[str]()
-    for found in index.statistics.values():
-        total.update({key: found[key] for key in ("read", "frames", "emptied", "damaged")})
+    for counts in index.statistics.values():
+        total.update({key: counts[key] for key in ("read", "frames", "emptied", "damaged")})
     if total["read"] > total["frames"] or total["emptied"]:
         lines.append(
             f"the filter kept {total['frames']:,} of {total['read']:,} frames that were read; "

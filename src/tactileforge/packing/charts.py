@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import NDArray
 
 from tactileforge.pages.figures import CLASSES, INK, SHADE, drawing, svg
@@ -15,7 +16,7 @@ _LEAST = 0.01
 
 def score_histogram(
     scores: Mapping[str, NDArray[np.float64]], thresholds: Mapping[str, float | None]
-) -> str:
+) -> Markup:
     """Shares of the frames of each sensor by score, and its threshold.
 
     Args:
@@ -32,8 +33,8 @@ def score_histogram(
             shares = 100 * np.histogram(values, edges)[0] / max(1, len(values))
             axes.stairs(shares, edges, color=colour, linewidth=1.6)
             if (threshold := thresholds[name]) is not None:
-                one = len({*thresholds.values()}) == 1
-                axes.axvline(threshold, color=INK if one else colour, dashes=(4, 3), linewidth=1)
+                shared = len({*thresholds.values()}) == 1
+                axes.axvline(threshold, color=INK if shared else colour, dashes=(4, 3), linewidth=1)
         axes.set(xscale="log", xlabel="score", ylabel="frames (%)")
         return svg(figure, "shares of frames by score")
 
@@ -43,7 +44,7 @@ def score_curve(
     scores: NDArray[np.float64],
     kept: NDArray[np.bool_],
     threshold: float | None,
-) -> str:
+) -> Markup:
     """Scores of a recording over time; what is kept is shaded.
 
     Args:

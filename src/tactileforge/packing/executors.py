@@ -1,4 +1,4 @@
-"""Who makes the shards: this process, several on this machine, or a Ray cluster.
+"""Executors: this process, several on this machine, or a Ray cluster.
 
 Each gives the same bytes. A process that dies takes one shard with it, which is tried once more.
 """

@@ -1,4 +1,4 @@
-"""Which frames of a recording are kept: sampling in time, and frames that show something new.
+"""Frame filters: sampling in time, and selection of frames that show something new.
 
 AnyTouch 2 (appendix, statistics of the training data) computes "the variance of the Laplacian for
 each frame relative to its preceding frame" and keeps what lies above a threshold. Clips are made of
@@ -63,13 +63,13 @@ def laplacian_score(before: NDArray[np.int16], after: NDArray[np.int16]) -> floa
 
 def laplacian_scores(frames: Iterable[Numbered]) -> list[float]:
     """Score of each frame against the one before; the first has none (NaN)."""
-    found: list[float] = []
+    values: list[float] = []
     before = None
     for _, frame in frames:
         now = laplacian(frame)
-        found.append(float("nan") if before is None else laplacian_score(before, now))
+        values.append(float("nan") if before is None else laplacian_score(before, now))
         before = now
-    return found
+    return values
 
 
 def reach(times: NDArray[np.float64], span: float) -> float:

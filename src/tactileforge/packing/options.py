@@ -1,10 +1,10 @@
-"""How recordings are packed: the keys under ``pack.`` in conf/pack.yaml."""
+"""Options of packing: the keys under ``pack.`` of ``tactileforge data pack``."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
-from typing import Any, TypeVar
+from dataclasses import asdict, dataclass, field
+from typing import Any
 
 from tactileforge.data.shards.shards import CODECS
 from tactileforge.errors import ConfigError, unknown
@@ -12,18 +12,16 @@ from tactileforge.errors import ConfigError, unknown
 #: Who does the work.
 EXECUTORS = ("local", "ray")
 
-T = TypeVar("T")
-
 
 @dataclass(frozen=True, kw_only=True)
 class Filter:
-    """Which frames are kept; all of them unless something is given.
+    """Filter of frames; it keeps all of them by default.
 
     Attributes:
         laplacian: A frame is lively from this `filters.laplacian_score` on; frames that share no
             clip with a lively one are left out. One number, or one by sensor (others
             are not filtered).
-        every: Seconds between frames that are kept; sampled first.
+        every: Seconds between frames that are kept; None keeps all. Sampled first.
         span: Length of a clip of four frames, s; see `filters.reach`.
 
     Raises:
@@ -36,8 +34,8 @@ class Filter:
 
     def __post_init__(self) -> None:
         by_sensor = self.laplacian if isinstance(self.laplacian, Mapping) else {"": self.laplacian}
-        given = {f"laplacian {sensor}".strip(): value for sensor, value in by_sensor.items()}
-        for name, value in (given | {"every": self.every, "span": self.span}).items():
+        values = {f"laplacian {sensor}".strip(): value for sensor, value in by_sensor.items()}
+        for name, value in (values | {"every": self.every, "span": self.span}).items():
             if value is not None and not value > 0:
                 raise ConfigError(f"pack.filter: {name} is {value}; give more than 0, or null")
 
@@ -50,12 +48,12 @@ class Filter:
 
 @dataclass(frozen=True, kw_only=True)
 class PackOptions:
-    """How recordings are packed.
+    """Options of packing.
 
     Attributes:
-        codec: How pictures are stored, see `data.shards.shards.CODECS`.
+        codec: How images are stored, see `data.shards.shards.CODECS`.
         quality: Of jpg, 1 to 100; None for 95.
-        size: Rows or columns of a picture, whichever are fewer; smaller pictures, and all where it
+        size: Rows or columns of an image, whichever are fewer; smaller images, and all where it
             is None, stay as they are.
         shard_frames: Frames of a shard, before filtering.
         processes: Processes that pack; None for one a core.
@@ -82,7 +80,7 @@ class PackOptions:
         if self.executor not in EXECUTORS:
             raise ConfigError(unknown("pack.executor", self.executor, EXECUTORS))
         if self.quality is not None and (self.codec != "jpg" or not 1 <= self.quality <= 100):
-            raise ConfigError(f"pack.quality={self.quality}: only jpg has one, from 1 to 100")
+            raise ConfigError(f"pack.quality={self.quality}: only jpg has a quality, from 1 to 100")
         if not 0 <= self.max_bad <= 1:
             raise ConfigError(f"pack.max_bad is {self.max_bad}; give a share, from 0 to 1")
         for name in ("size", "shard_frames", "processes"):
@@ -90,34 +88,9 @@ class PackOptions:
             if value is not None and value < 1:
                 raise ConfigError(f"pack.{name} is {value}; give 1 or more")
 
-    @classmethod
-    def of(cls, config: Mapping[str, Any]) -> PackOptions:
-        """Options from plain data.
-
-        Args:
-            config: Some of the attributes by name, ``filter`` a mapping as well.
-
-        Raises:
-            ConfigError: An unknown key, or a value that is none.
-        """
-        given = dict(config)
-        chosen = _build(Filter, "pack.filter", given.pop("filter", None) or {})
-        return _build(cls, "pack", {**given, "filter": chosen})
-
     def content(self) -> dict[str, Any]:
-        """What decides the bytes of the shards, as plain data: not who makes them."""
+        """The options that decide the bytes of the shards, as plain data."""
         plain = asdict(self)
         for name in ("processes", "executor", "max_bad"):
             del plain[name]
         return plain
-
-
-def _build(kind: type[T], what: str, given: Mapping[str, Any]) -> T:
-    known = [each.name for each in fields(kind)]  # type: ignore[arg-type]
-    for key in given:
-        if key not in known:
-            raise ConfigError(unknown(f"key of {what}", key, known))
-    try:
-        return kind(**given)
-    except TypeError as error:
-        raise ConfigError(f"{what}: {dict(given)} is of a wrong type ({error})") from error

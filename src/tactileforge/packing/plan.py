@@ -1,4 +1,4 @@
-"""Which recordings go into which shard; nothing is decoded."""
+"""Allocation of recordings to shards; decodes nothing."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SPLITS = ("train", "val")
 
 @dataclass(frozen=True)
 class PackPlan:
-    """What is to be packed.
+    """The jobs of a run of packing.
 
     Attributes:
         jobs: One a shard.
@@ -56,29 +56,29 @@ def plan_pack(dataset: Dataset, out: Path, options: PackOptions) -> PackPlan:
         DataError: There is nothing to train on, two recordings have one key, or times are not those
             of the frames.
     """
-    found: dict[str, list[Recording]] = {}
+    by_split: dict[str, list[Recording]] = {}
     skipped: dict[str, list[str]] = {}
     for split in SPLITS:
         before = len(dataset.skipped)
-        found[split] = list(dataset.recordings(split))
+        by_split[split] = list(dataset.recordings(split))
         skipped[split] = list(dataset.skipped[before:])
-    if not found["train"]:
-        raise DataError("the data set has no recording for training; check where its data lies")
-    _check(found)
+    if not by_split["train"]:
+        raise DataError("the data set has no recording for training; check the path of its data")
+    _check(by_split)
     jobs: list[ShardJob] = []
-    for split, recordings in found.items():
+    for split, recordings in by_split.items():
         dealt = deal(sort_recordings(recordings), options.shard_frames)
-        for number, own in enumerate(dealt):
+        for number, members in enumerate(dealt):
             path = out / f"{split}-{number:06d}.tar"
-            frames = sum(len(one.frames) for one in own)
-            digest = _digest(own, path.name, options)
-            jobs.append(ShardJob(len(jobs), path, split, own, frames, digest, options))
+            frames = sum(len(recording.frames) for recording in members)
+            digest = _digest(members, path.name, options)
+            jobs.append(ShardJob(len(jobs), path, split, members, frames, digest, options))
     whole = hashlib.sha256("".join(job.digest for job in jobs).encode()).hexdigest()
-    return PackPlan(jobs, skipped, sum(map(len, found.values())), whole)
+    return PackPlan(jobs, skipped, sum(map(len, by_split.values())), whole)
 
 
 def deal(recordings: Sequence[Recording], frames: int) -> Iterator[list[Recording]]:
-    """Recordings of about so many frames at a time.
+    """Groups recordings into shards of about ``frames`` frames.
 
     What one object felt stays together, unless that alone is more.
 
@@ -87,47 +87,55 @@ def deal(recordings: Sequence[Recording], frames: int) -> Iterator[list[Recordin
         frames: How many a shard may have; a longer recording has one of its own.
     """
     shard: list[Recording] = []
-    held = 0
+    count = 0
     for _, group in groupby(
-        recordings, key=lambda one: (one.object is None, one.object or one.key)
+        recordings,
+        key=lambda recording: (recording.object is None, recording.object or recording.key),
     ):
         together = list(group)
-        length = sum(len(one.frames) for one in together)
-        pieces = [together] if length <= frames else [[one] for one in together]
+        length = sum(len(recording.frames) for recording in together)
+        pieces = [together] if length <= frames else [[recording] for recording in together]
         for piece in pieces:
-            more = sum(len(one.frames) for one in piece)
-            if shard and held + more > frames:
+            more = sum(len(recording.frames) for recording in piece)
+            if shard and count + more > frames:
                 yield shard
-                shard, held = [], 0
+                shard, count = [], 0
             shard += piece
-            held += more
+            count += more
     if shard:
         yield shard
 
 
-def _check(found: dict[str, list[Recording]]) -> None:
+def _check(by_split: dict[str, list[Recording]]) -> None:
     seen: dict[str, str] = {}
-    for split, recordings in found.items():
-        for number, one in enumerate(recordings):
-            place = f"number {number} of {split} ({one.sensor}, {len(one.frames)} frames)"
-            if one.key in seen:
+    for split, recordings in by_split.items():
+        for number, recording in enumerate(recordings):
+            place = (
+                f"number {number} of {split} ({recording.sensor}, {len(recording.frames)} frames)"
+            )
+            if recording.key in seen:
                 raise DataError(
-                    f"two recordings are called {one.key!r}: {seen[one.key]} and {place}; give "
-                    "each a key of its own"
+                    f"two recordings are called {recording.key!r}: {seen[recording.key]} and "
+                    f"{place}; give each a key of its own"
                 )
-            seen[one.key] = place
-            if len(one.times) != len(one.frames):
+            seen[recording.key] = place
+            if len(recording.times) != len(recording.frames):
                 raise DataError(
-                    f"{one.key}: {len(one.frames)} frames and {len(one.times)} times; correct "
-                    "its reader"
+                    f"{recording.key}: {len(recording.frames)} frames and {len(recording.times)} "
+                    "times; correct its reader"
                 )
-            if not (np.diff(one.times) > 0).all():
-                raise DataError(f"{one.key}: its times do not increase; correct its reader")
+            if not (np.diff(recording.times) > 0).all():
+                raise DataError(f"{recording.key}: its times do not increase; correct its reader")
 
 
 def _digest(recordings: Sequence[Recording], file: str, options: PackOptions) -> str:
-    found = hashlib.sha256(json.dumps([file, options.content()], sort_keys=True).encode())
-    for one in recordings:
-        lengths = [len(frames or ()) for frames in (one.frames, one.no_contact, one.image)]
-        found.update(json.dumps([shards.describe_recording(one), lengths], sort_keys=True).encode())
-    return found.hexdigest()
+    digest = hashlib.sha256(json.dumps([file, options.content()], sort_keys=True).encode())
+    for recording in recordings:
+        lengths = [
+            len(frames or ())
+            for frames in (recording.frames, recording.no_contact, recording.image)
+        ]
+        digest.update(
+            json.dumps([shards.describe_recording(recording), lengths], sort_keys=True).encode()
+        )
+    return digest.hexdigest()

@@ -2,28 +2,29 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 
-import cv2
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import NDArray
 from tqdm import tqdm
 
 from tactileforge.contracts import Dataset, Recording
-from tactileforge.data.shards import shards
 from tactileforge.data.shards.index import sort_recordings
 from tactileforge.errors import DataError
 from tactileforge.files import write_text
 from tactileforge.packing import charts, filters
 from tactileforge.packing.options import Filter, PackOptions
 from tactileforge.packing.plan import SPLITS
+from tactileforge.pages.images import difference, image, noted, strip
 from tactileforge.pages.page import (
     NONE,
     Section,
+    card,
+    facts,
+    items,
     legend,
     number,
     page,
@@ -38,14 +39,12 @@ from tactileforge.pages.page import (
 _SHARES = (0.75, 0.5, 0.25)
 #: Recordings that are shown, and frames of a strip.
 _SHOWN, _STRIP = 12, 6
-#: Pixels; wider frames are shrunk.
-_WIDEST = 144
 _CHUNK = 16
 
 
 @dataclass(frozen=True)
 class Judged:
-    """A recording of which each frame has a score.
+    """A recording with a score for each frame.
 
     Attributes:
         recording: As it was judged: a part of a long one.
@@ -66,7 +65,7 @@ class Judged:
         return times
 
     def keeps(self, threshold: float | None) -> NDArray[np.bool_]:
-        """Which frames a threshold keeps."""
+        """Mask of the frames that a threshold keeps."""
         return self.peaks >= (-np.inf if threshold is None else threshold)
 
 
@@ -95,7 +94,7 @@ def preview(
         DataError: There is no recording that can be read.
     """
     chosen = (options or PackOptions()).filter
-    everything = sort_recordings(one for split in SPLITS for one in dataset.recordings(split))
+    everything = sort_recordings(item for split in SPLITS for item in dataset.recordings(split))
     skipped = list(dataset.skipped)
     judged = []
     for recording in tqdm(_spread(everything, recordings), desc="look", unit="recording"):
@@ -104,13 +103,14 @@ def preview(
         except DataError as error:
             skipped.append(f"{recording.key}: {error}")
     if not judged:
-        raise DataError("no recording can be read: " + "; ".join(skipped[:3] or ["there is none"]))
+        raise DataError(
+            "no recording can be read: " + "; ".join(skipped[:3] or ["the data set is empty"])
+        )
     sections = [_scores(judged, chosen), _pictures(judged, chosen)]
     if skipped:
-        lines = "".join(f"<li>{escape(line)}</li>" for line in skipped)
-        sections.append(Section("skipped", "Not readable", f"<ul>{lines}</ul>"))
-    facts = _facts(name, judged, len(everything), chosen)
-    write_text(path, page(f"What is kept of {name}", facts, sections))
+        sections.append(Section("skipped", "Not readable", items(skipped)))
+    top = _facts(judged, len(everything), chosen)
+    write_text(path, page(f"What is kept of {name}", top, sections))
     return path
 
 
@@ -129,7 +129,7 @@ def judge(recording: Recording, chosen: Filter) -> Judged:
 
 def threshold_for(judged: Sequence[Judged], share: float) -> float:
     """The threshold that keeps a share of the frames; NaN where there are but stills."""
-    peaks = np.concatenate([one.peaks for one in judged])
+    peaks = np.concatenate([item.peaks for item in judged])
     peaks = peaks[np.isfinite(peaks)]
     return float(np.quantile(peaks, 1 - share, method="higher")) if len(peaks) else float("nan")
 
@@ -143,14 +143,14 @@ def _read(recording: Recording, rows: Sequence[int]) -> Iterator[filters.Numbere
 def _spread(everything: Sequence[Recording], count: int) -> list[Recording]:
     """So many recordings, as many of each sensor, spread evenly; at least two of each."""
     sensors: dict[str, list[Recording]] = {}
-    for one in everything:
-        sensors.setdefault(one.sensor, []).append(one)
-    found = []
+    for recording in everything:
+        sensors.setdefault(recording.sensor, []).append(recording)
+    spread = []
     for sensor in sorted(sensors):
-        own = sensors[sensor]
-        most = min(len(own), max(2, count // len(sensors)))
-        found += [own[i] for i in np.linspace(0, len(own) - 1, most).round().astype(int)]
-    return found
+        members = sensors[sensor]
+        most = min(len(members), max(2, count // len(sensors)))
+        spread += [members[i] for i in np.linspace(0, len(members) - 1, most).round().astype(int)]
+    return spread
 
 
 def _middle(recording: Recording, frames: int) -> Recording:
@@ -160,37 +160,40 @@ def _middle(recording: Recording, frames: int) -> Recording:
     return recording.part(start, start + frames)
 
 
-def _facts(name: str, judged: Sequence[Judged], total: int, chosen: Filter) -> str:
-    given = chosen.laplacian
-    by_sensor = given if isinstance(given, Mapping) else {"": given}
-    told = [f"{sensor} {value:g}".strip() for sensor, value in by_sensor.items() if value]
-    shares = [one.keeps(chosen.threshold(one.recording.sensor)) for one in judged]
-    about = {
-        "Recordings": f"{len(judged)} looked at, of {total:,}",
-        "Frames": f"{sum(len(one.rows) for one in judged):,} scored",
-        "Threshold": ", ".join(told) or NONE,
-        "Sampling": "every frame" if chosen.every is None else f"every {chosen.every:g} s",
-        "Length of a clip": f"{chosen.span:g} s",
-        "Kept": percent(float(np.concatenate(shares).mean())),
-    }
-    cells = (f"<div><dt>{key}</dt><dd>{escape(value)}</dd></div>" for key, value in about.items())
-    return f"<dl>{''.join(cells)}</dl>"
+def _facts(judged: Sequence[Judged], total: int, chosen: Filter) -> Markup:
+    laplacian = chosen.laplacian
+    by_sensor = laplacian if isinstance(laplacian, Mapping) else {"": laplacian}
+    thresholds = [f"{sensor} {value:g}".strip() for sensor, value in by_sensor.items() if value]
+    shares = [item.keeps(chosen.threshold(item.recording.sensor)) for item in judged]
+    return facts(
+        {
+            "Recordings": f"{len(judged)} looked at, of {total:,}",
+            "Frames": f"{sum(len(item.rows) for item in judged):,} scored",
+            "Threshold": ", ".join(thresholds) or NONE,
+            "Sampling": "every frame" if chosen.every is None else f"every {chosen.every:g} s",
+            "Length of a clip": f"{chosen.span:g} s",
+            "Kept": percent(float(np.concatenate(shares).mean())),
+        }
+    )
 
 
 def _scores(judged: Sequence[Judged], chosen: Filter) -> Section:
-    """How scores are distributed, and what thresholds would keep."""
+    """Distribution of scores, and the share that each threshold would keep."""
     sensors: dict[str, list[Judged]] = {}
-    for one in judged:
-        sensors.setdefault(one.recording.sensor, []).append(one)
+    for item in judged:
+        sensors.setdefault(item.recording.sensor, []).append(item)
     rows = []
-    for sensor, own in sensors.items():
-        held = np.concatenate([one.keeps(chosen.threshold(sensor)) for one in own])
-        rows.append((sensor, str(len(own)), percent(float(held.mean())), *_suggested(own)))
+    for sensor, scored in sensors.items():
+        kept = np.concatenate([item.keeps(chosen.threshold(sensor)) for item in scored])
+        rows.append((sensor, str(len(scored)), percent(float(kept.mean())), *_suggested(scored)))
     if len(sensors) > 1:
         rows.append(("all", str(len(judged)), "", *_suggested(judged)))
     head = ("Sensor", "recordings", "kept", *(f"{percent(share)} with" for share in _SHARES))
     drawn = charts.score_histogram(
-        {sensor: np.concatenate([one.scores for one in own]) for sensor, own in sensors.items()},
+        {
+            sensor: np.concatenate([item.scores for item in scored])
+            for sensor, scored in sensors.items()
+        },
         {sensor: chosen.threshold(sensor) for sensor in sensors},
     )
     words = (
@@ -212,7 +215,7 @@ def _suggested(judged: Sequence[Judged]) -> list[str]:
 
 
 def _pictures(judged: Sequence[Judged], chosen: Filter) -> Section:
-    shown = [one for one in judged if len(one.rows) > 1] or judged
+    shown = [item for item in judged if len(item.rows) > 1] or judged
     places = np.linspace(0, len(shown) - 1, min(_SHOWN, len(shown))).round().astype(int)
     cards = [_card(shown[i], chosen.threshold(shown[i].recording.sensor)) for i in places]
     words = (
@@ -222,45 +225,29 @@ def _pictures(judged: Sequence[Judged], chosen: Filter) -> Section:
     return Section("frames", "Frames", paragraph(words) + panels(cards, wide=True))
 
 
-def _card(one: Judged, threshold: float | None) -> str:
-    recording, held = one.recording, one.keeps(threshold)
+def _card(judged: Judged, threshold: float | None) -> Markup:
+    recording, kept = judged.recording, judged.keeps(threshold)
     title = " · ".join(filter(None, (recording.sensor, recording.object, recording.key)))
-    body = charts.score_curve(one.times, one.scores, held, threshold) if len(held) > 1 else ""
-    gain = 40 / max(float(np.nanmax(one.scores, initial=0)) ** 0.5, 1)
-    for name, places in (("Kept", np.flatnonzero(held)), ("Left out", np.flatnonzero(~held))):
+    body = Markup()
+    if len(kept) > 1:
+        body += charts.score_curve(judged.times, judged.scores, kept, threshold)
+    gain = 40 / max(float(np.nanmax(judged.scores, initial=0)) ** 0.5, 1)
+    for name, places in (("Kept", np.flatnonzero(kept)), ("Left out", np.flatnonzero(~kept))):
         if len(places):
             shown = np.unique(np.linspace(0, len(places) - 1, min(_STRIP, len(places))).astype(int))
-            body += _strip(one, name, places[shown].tolist(), gain)
-    below = f"<figcaption>{percent(float(held.mean()))} kept</figcaption>"
-    return f'<figure class="clip"><b>{escape(title)}</b>{body}{below}</figure>'
+            body += _strip(judged, name, places[shown].tolist(), gain)
+    return card(title, body, f"{percent(float(kept.mean()))} kept")
 
 
-def _strip(one: Judged, name: str, places: Sequence[int], gain: float) -> str:
-    """Frames beside each other, above their differences to the frame before."""
-    top, bottom = "", ""
+def _strip(judged: Judged, name: str, places: Sequence[int], gain: float) -> Markup:
+    """Frames side by side, above their differences to the frame before."""
+    top, bottom = [], []
     for place in places:
-        before, row = one.rows[max(place - 1, 0)], one.rows[place]
-        pair = one.recording.frames.read([int(before), int(row)]).astype(np.int16)
-        change = np.clip(128 + gain * (pair[1] - pair[0]), 0, 255).astype(np.uint8)
-        value = number(float(one.scores[place]))
+        before, row = judged.rows[max(place - 1, 0)], judged.rows[place]
+        pair = judged.recording.frames.read([int(before), int(row)])
+        change = difference(pair[1].astype(np.int16) - pair[0], gain)
+        value = number(float(judged.scores[place]))
         words = f"frame {row}, score {value}"
-        top += f"<div>{_image(pair[1].astype(np.uint8), words)}</div>"
-        bottom += (
-            f'<div>{_image(change, f"change, {words}")}<span class="soft">{value}</span></div>'
-        )
-    grid = f'style="grid-template-columns:repeat({_STRIP},1fr)"'
-    strips = "".join(f'<div class="strip" {grid}>{part}</div>' for part in (top, bottom))
-    return f'<div class="strip-name">{name}</div>{strips}'
-
-
-def _image(picture: NDArray[np.uint8], words: str) -> str:
-    height, width = picture.shape[:2]
-    if width > _WIDEST:
-        size = (_WIDEST, max(1, round(height * _WIDEST / width)))
-        picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
-    text = base64.b64encode(shards.encode_image(picture, "jpg", 85)).decode()
-    height, width = picture.shape[:2]
-    return (
-        f'<img src="data:image/jpeg;base64,{text}" width="{width}" height="{height}" '
-        f'alt="{escape(words)}">'
-    )
+        top.append(image(pair[1], words))
+        bottom.append(noted(image(change, f"change, {words}"), value))
+    return strip(top, _STRIP, name) + strip(bottom, _STRIP)

@@ -1,4 +1,4 @@
-"""What was packed, in numbers that add up over shards."""
+"""Statistics of packed recordings, which add up over shards."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One shard: recordings are decoded, filtered and encoded, and written with what they are.
+"""Makes one shard: recordings are decoded, filtered, encoded and written.
 
 Processes that do this import no torch.
 """
@@ -32,13 +32,13 @@ _CHUNK = 16
 #: Frames of a recording that may be unreadable; with more, all of it is.
 _MAX_FRAMES = 8
 
-#: Reads frames by number: arrays (n, H, W, 3), or encoded pictures.
+#: Reads frames by number: arrays (n, H, W, 3), or encoded images.
 Fetch: TypeAlias = Callable[[Sequence[int]], Sequence[Any] | NDArray[np.uint8]]
 
 
 @dataclass(frozen=True)
 class ShardJob:
-    """What one shard is made of.
+    """The recordings and options of one shard.
 
     Attributes:
         number: Which of the run.
@@ -61,7 +61,7 @@ class ShardJob:
 
 @dataclass(frozen=True)
 class ShardNote:
-    """What is known of a shard that is whole.
+    """Entry and statistics of a finished shard.
 
     Attributes:
         digest: Of the job that made it.
@@ -75,16 +75,16 @@ class ShardNote:
 
     @classmethod
     def of(cls, job: ShardJob) -> ShardNote | None:
-        """What an earlier run noted of a shard; None where it must be made (again)."""
+        """Reads the note of an earlier run; None where the shard must be made (again)."""
         try:
             plain = unsealed(_note_path(job.path).read_bytes())
             row = plain["entry"]
             entry = None if row is None else IndexEntry.from_json(row)
-            found = cls(plain["digest"], entry, PackStatistics.from_json(plain["statistics"]))
+            note = cls(plain["digest"], entry, PackStatistics.from_json(plain["statistics"]))
             is_there = entry is None or sha256(job.path) == entry.sha256
         except (OSError, ValueError, KeyError, TypeError):
             return None
-        return found if is_there and found.digest == job.digest else None
+        return note if is_there and note.digest == job.digest else None
 
     def save(self, path: Path) -> None:
         """Writes it down for a shard."""
@@ -115,10 +115,10 @@ def packed_job(job: ShardJob) -> bytes:
 def run_packed(job: bytes, tick: Callable[[int, int], None]) -> ShardNote:
     """`make_shard`, of a job that comes from another process."""
     try:
-        found: ShardJob = pickle.loads(job)
+        unpickled: ShardJob = pickle.loads(job)
     except (pickle.UnpicklingError, AttributeError, ImportError, TypeError) as error:
         raise DataError(_NO_PICKLE.format("a shard", error)) from error
-    return make_shard(found, tick)
+    return make_shard(unpickled, tick)
 
 
 _NO_PICKLE = (
@@ -130,7 +130,7 @@ _NO_PICKLE = (
 def make_shard(
     job: ShardJob, tick: Callable[[int, int], None] = lambda number, frames: None
 ) -> ShardNote:
-    """Makes a shard, and notes what it is.
+    """Makes a shard, and writes its note.
 
     Args:
         job: What to make.
@@ -157,24 +157,24 @@ def _packed(
 ) -> Iterator[shards.Packed]:
     done = 0
     for recording in job.recordings:
-        one = _Packer(recording, job.options)
+        packer = _Packer(recording, job.options)
         try:
-            made = one.pack(lambda frames, done=done: tick(done + frames))  # type: ignore[misc]
+            made = packer.pack(lambda frames, done=done: tick(done + frames))  # type: ignore[misc]
         except (DataError, OSError) as error:
             made = None
-            one.bad.append(f"{recording.key}: {error}")
+            packer.bad.append(f"{recording.key}: {error}")
         except Exception as error:
             error.add_note(f"while packing {recording.key} for {job.path}")
             raise
         done += len(recording.frames)
         tick(done)
-        statistics.read += one.read
-        statistics.damaged += bool(one.bad)
-        statistics.skipped += one.bad
+        statistics.read += packer.read
+        statistics.damaged += bool(packer.bad)
+        statistics.skipped += packer.bad
         if made is not None:
             statistics.add(made[0])
             yield made[1]
-        elif not one.bad:
+        elif not packer.bad:
             statistics.emptied += 1
 
 
@@ -188,7 +188,7 @@ class _Packer:
         self.bad: list[str] = []
 
     def pack(self, tick: Callable[[int], None]) -> tuple[Recording, shards.Packed] | None:
-        """The recording as it is kept, and its pictures; None where the filter leaves nothing."""
+        """The recording as it is kept, and its images; None where the filter leaves nothing."""
         whole = self.recording
         rows, frames = self._frames(tick)
         if not rows:
@@ -228,28 +228,28 @@ class _Packer:
         for start in range(0, len(rows), _CHUNK):
             chunk = rows[start : start + _CHUNK]
             try:
-                found = fetch(chunk)
+                frames = fetch(chunk)
             except DataError:
                 for row in chunk:
                     yield from self._one(fetch, row)
             else:
                 self.read += len(chunk)
-                yield from zip(chunk, found, strict=True)
+                yield from zip(chunk, frames, strict=True)
             tick(chunk[-1])
 
     def _one(self, fetch: Fetch, row: int) -> Iterator[tuple[int, Any]]:
         try:
-            found = fetch([row])
+            frames = fetch([row])
         except DataError as error:
             if len(self.bad) == _MAX_FRAMES:
                 raise
             self.bad.append(f"{self.recording.key}, frame {row}: {error}")
             return
         self.read += 1
-        yield row, found[0]
+        yield row, frames[0]
 
     def _all(self, frames: Frames | None) -> list[bytes]:
-        """All pictures of a group, as they are kept."""
+        """All images of a group, as they are kept."""
         if frames is None:
             return []
         fetch = self._fetch(frames)
@@ -281,7 +281,7 @@ def _lossless(frames: Frames) -> list[bytes]:
 
 
 def _smaller(shape: Sequence[int], size: int | None) -> tuple[int, int] | None:
-    """Height and width after shrinking; None where a picture stays as it is."""
+    """Height and width after shrinking; None where an image stays as it is."""
     shorter = min(shape)
     if size is None or shorter <= size:
         return None

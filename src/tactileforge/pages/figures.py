@@ -11,6 +11,7 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from markupsafe import Markup, escape
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -76,7 +77,7 @@ def curve_figure(
     weight: Curve | None = None,
     *,
     unit: str = "step",
-) -> str:
+) -> Markup:
     """A value in training and validation over the steps of a run.
 
     Args:
@@ -103,7 +104,7 @@ def curve_figure(
         return svg(figure, f"{label} over {unit}s{shaded}")
 
 
-def lines_figure(label: str, last_step: int, lines: Mapping[str, Curve]) -> str:
+def lines_figure(label: str, last_step: int, lines: Mapping[str, Curve]) -> Markup:
     """Several values over the steps of a run, each in the colour of its place.
 
     Args:
@@ -135,7 +136,7 @@ def _shade(axes: Any, weight: Curve) -> None:
 
 def scatter_figure(
     groups: Sequence[Points], labels: tuple[str, str], identity: bool = False
-) -> str:
+) -> Markup:
     """Points coloured and shaped by class.
 
     Args:
@@ -172,7 +173,7 @@ def scatter_figure(
 
 def force_curve_figure(
     measured: Sequence[Series], predicted: Mapping[str, Series], axis: str
-) -> str:
+) -> Markup:
     """One axis of the force of a recording over time, in N.
 
     Args:
@@ -213,7 +214,7 @@ def _log_if_wide(axes: Any, values: NDArray[np.float64]) -> None:
         axes.set_yscale("log")
 
 
-def svg(figure: Figure, words: str) -> str:
+def svg(figure: Figure, words: str) -> Markup:
     """Inline SVG without size, fonts and colours of its own; its ids are in no other figure."""
     file = io.StringIO()
     figure.savefig(
@@ -233,4 +234,4 @@ def svg(figure: Figure, words: str) -> str:
         text = text.replace(colour, variable)
     size = re.compile(r'(<svg[^>]*?) (?:width|height)="[^"]*"')
     text = size.sub(r"\1", size.sub(r"\1", text, count=1), count=1)
-    return text.replace("<svg", f'<svg role="img" aria-label="{words}"', 1)
+    return Markup(text.replace("<svg", f'<svg role="img" aria-label="{escape(words)}"', 1))

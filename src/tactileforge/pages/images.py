@@ -5,16 +5,20 @@ from __future__ import annotations
 import base64
 import io
 from collections.abc import Sequence
-from html import escape
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
+from markupsafe import Markup
+from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 from torch import Tensor
 
+from tactileforge.pages.templating import piece
+
 #: Pixels; wider frames are shrunk.
 _WIDEST = 144
+#: Grey level of no change in a difference image.
+_GREY = 128
 
 
 def frame_data_url(frame: Tensor) -> tuple[str, int, int]:
@@ -33,17 +37,61 @@ def frame_data_url(frame: Tensor) -> tuple[str, int, int]:
     return f"data:image/jpeg;base64,{text}", image.width, image.height
 
 
-def image(picture: NDArray[np.uint8], alt: str) -> str:
-    """A picture, uint8 (H, W, 3), that is part of the page."""
-    url, width, height = frame_data_url(torch.from_numpy(picture).permute(2, 0, 1) / 255)
-    return f'<img src="{url}" width="{width}" height="{height}" alt="{escape(alt)}" loading="lazy">'
+def image(pixels: NDArray[np.uint8] | Tensor, alt: str) -> Markup:
+    """An image embedded in the page.
+
+    Args:
+        pixels: uint8 (H, W, 3), or a float tensor (3, H, W) in 0..1.
+        alt: Plain text.
+    """
+    if isinstance(pixels, np.ndarray):
+        pixels = torch.from_numpy(pixels).permute(2, 0, 1) / 255
+    return piece("image", *frame_data_url(pixels), alt)
 
 
-def figure(pictures: Sequence[NDArray[np.uint8]], caption: str, alt: str, columns: int) -> str:
-    """Pictures in a row, and a line below."""
-    images = "".join(image(picture, alt) for picture in pictures)
-    return (
-        f'<figure><div class="strip" style="grid-template-columns:repeat({columns},1fr);'
-        f'margin:0">{images}</div><figcaption style="font-size:.75rem;line-height:1.3;'
-        f'overflow-wrap:anywhere">{escape(caption)}</figcaption></figure>'
-    )
+def difference(change: ArrayLike, gain: float) -> NDArray[np.uint8]:
+    """An amplified change as an image around mid-grey.
+
+    Args:
+        change: (H, W, 3), grey levels.
+        gain: Grey levels of the image for one of the change.
+    """
+    levels = np.clip(np.round(_GREY + gain * np.asarray(change)), 0, 255)
+    return np.asarray(levels, np.uint8)
+
+
+def strip(images: Sequence[Markup | None], columns: int, label: str = "") -> Markup:
+    """Images in rows, below a label; None leaves a place empty."""
+    name = piece("strip_name", label) if label else Markup()
+    return name + piece("strip", images, columns)
+
+
+def noted(shown: Markup, note: str) -> Markup:
+    """An image of a strip, with a few words below."""
+    return piece("noted", shown, note)
+
+
+def captioned(shown: Markup, caption: str) -> Markup:
+    """An image alone, with a caption below; both may be empty."""
+    return piece("captioned", shown, caption)
+
+
+def figure(
+    pictures: Sequence[NDArray[np.uint8]],
+    caption: str,
+    alt: str | Sequence[str],
+    columns: int,
+    width: int | None = None,
+) -> Markup:
+    """Small images in a row, and a caption below.
+
+    Args:
+        pictures: uint8 (H, W, 3) each.
+        caption: Plain text.
+        alt: Of all images, or of each.
+        columns: Images in a row.
+        width: Largest width of the row, pixels.
+    """
+    words = [alt] * len(pictures) if isinstance(alt, str) else alt
+    images = [image(pixels, text) for pixels, text in zip(pictures, words, strict=True)]
+    return piece("figure", images, caption, columns, width)

@@ -1,1 +1,1 @@
-"""Simulated touch beside real: the same numbers of both, and how far they are apart."""
+"""Simulated against real touch: the same measures of both, and their distances."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from markupsafe import Markup
 from matplotlib.ticker import FuncFormatter, LogLocator
 
 from tactileforge.pages.figures import CLASSES, INK, SHADE, drawing, svg
@@ -12,7 +13,7 @@ from tactileforge.reality import measures
 from tactileforge.reality.profiles import Profile
 
 
-def spectra_chart(profiles: Sequence[Profile]) -> str:
+def spectra_chart(profiles: Sequence[Profile]) -> Markup:
     """Median spectrum of each source relative to its lowest frequencies; the first is black.
 
     Args:
@@ -21,8 +22,8 @@ def spectra_chart(profiles: Sequence[Profile]) -> str:
     with drawing(5.2, 3.2) as (figure, axes):
         for start in measures.BANDS:
             axes.axvline(start, color=SHADE, linewidth=1.0)
-        for number, one in enumerate(profiles):
-            power = one.of("spectrum")
+        for number, profile in enumerate(profiles):
+            power = profile.of("spectrum")
             low = np.nanmean(power[:, measures.RINGS < measures.LOW], axis=1, keepdims=True)
             level = np.median(np.log10(np.maximum(power, 1e-9) / low), axis=0)
             axes.plot(measures.RINGS, level, color=_colour(number), linewidth=_width(number))
@@ -30,16 +31,16 @@ def spectra_chart(profiles: Sequence[Profile]) -> str:
         return svg(figure, "power of the change picture over frequency, simulated and real")
 
 
-def touches_chart(profiles: Sequence[Profile]) -> str:
+def touches_chart(profiles: Sequence[Profile]) -> Markup:
     """Contrast against contact area, a point a touch.
 
     Args:
         profiles: The simulated one first.
     """
     with drawing(5.2, 3.2) as (figure, axes):
-        for number, one in reversed(list(enumerate(profiles))):
+        for number, profile in reversed(list(enumerate(profiles))):
             style = {"color": _colour(number), "markersize": 4, "markeredgewidth": 0}
-            axes.plot(100 * one.of("area"), one.of("contrast"), "o", alpha=0.7, **style)
+            axes.plot(100 * profile.of("area"), profile.of("contrast"), "o", alpha=0.7, **style)
         axes.set(xscale="log", xlabel="contact, share of the picture (%)")
         axes.set(yscale="log", ylabel="change in contact (grey levels)")
         for axis in (axes.xaxis, axes.yaxis):

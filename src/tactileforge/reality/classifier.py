@@ -1,4 +1,4 @@
-"""A classifier of real against simulated patches: what gives a simulated picture away.
+"""A classifier of real against simulated patches, to measure the gap between them.
 
 Trained on one real source and tested on another, so that it cannot know the unit, and on other
 simulated scenes. 0.5 is chance: the two cannot be told apart by what the classifier sees.
@@ -27,7 +27,7 @@ _BATCH, _RATE, _DECAY = 64, 2e-3, 1e-2
 
 @dataclass(frozen=True)
 class ClassifierScore:
-    """How well patches that were not trained on are told apart.
+    """Accuracy and AUC of the classifier on held-out patches.
 
     Attributes:
         accuracy: Share that is right, of as many real as simulated ones.
@@ -44,7 +44,7 @@ class ClassifierScore:
 
 @dataclass(frozen=True)
 class PatchSplit:
-    """Patches (N, 48, 48, 3) of change pictures, see `patches.patches`.
+    """Patches (N, 48, 48, 3) of change images, see `patches.patches`.
 
     Attributes:
         real: Of a real source.
@@ -55,7 +55,7 @@ class PatchSplit:
     simulated: Array
 
     def balanced(self) -> PatchSplit:
-        """As many of one as of the other, evenly spread.
+        """Subsamples to as many real as simulated patches, evenly spread.
 
         Raises:
             ConfigError: Fewer than 16 of one.
@@ -67,15 +67,15 @@ class PatchSplit:
                 f"classifier needs {_LEAST} of each: give more touches or more scenes"
             )
         rows = (
-            np.linspace(0, len(one) - 1, count).round().astype(int)
-            for one in (self.real, self.simulated)
+            np.linspace(0, len(patches) - 1, count).round().astype(int)
+            for patches in (self.real, self.simulated)
         )
         first, second = rows
         return PatchSplit(self.real[first], self.simulated[second])
 
 
 def _pixels(cut: Array) -> Array:
-    """Change pictures for a network, (N, 3, 48, 48): each of mean 0 and deviation 1.
+    """Change images for a network, (N, 3, 48, 48): each of mean 0 and deviation 1.
 
     How strong a contrast is differs between sources, and would hide what does not.
     """
@@ -120,7 +120,7 @@ def told_apart(
         ConfigError: Too few patches.
     """
     shown, network = VIEWS[view]
-    (x, y), (other, truth) = (_labelled(one.balanced(), shown) for one in (train, test))
+    (x, y), (other, truth) = (_labelled(split.balanced(), shown) for split in (train, test))
     if x.ndim == 2:
         mean, spread = x.mean(0), x.std(0) + 1e-6
         x, other = (x - mean) / spread, (other - mean) / spread
@@ -135,10 +135,10 @@ def told_apart(
     return ClassifierScore(right, auc(scores, truth > 0), fitted, (len(y) // 2, len(truth) // 2))
 
 
-def _labelled(one: PatchSplit, shown: Callable[[Array], Array]) -> tuple[Tensor, Tensor]:
+def _labelled(split: PatchSplit, shown: Callable[[Array], Array]) -> tuple[Tensor, Tensor]:
     """Inputs, and 1 for real and 0 for simulated."""
-    inputs = np.concatenate([shown(one.real), shown(one.simulated)])
-    labels = torch.cat([torch.ones(len(one.real)), torch.zeros(len(one.simulated))])
+    inputs = np.concatenate([shown(split.real), shown(split.simulated)])
+    labels = torch.cat([torch.ones(len(split.real)), torch.zeros(len(split.simulated))])
     return torch.from_numpy(inputs), labels
 
 

@@ -23,7 +23,7 @@ SIMULATED = "simulated"
 
 @dataclass(frozen=True, kw_only=True)
 class CompareOptions:
-    """What is compared.
+    """Options of a comparison.
 
     Attributes:
         sensors: Types; None for all that the data has and the simulator knows.
@@ -73,11 +73,11 @@ class Side:
     @cached_property
     def apart(self) -> dict[str, dict[str, float]]:
         """Distances of the simulated touches to each source, see `profiles.distances`."""
-        return {one.name: distances(self.simulated, one) for one in self.real}
+        return {real.name: distances(self.simulated, real) for real in self.real}
 
     @cached_property
     def among(self) -> dict[tuple[str, str], dict[str, float]]:
-        """Distances of real sources to each other: what can be hoped for."""
+        """Distances of real sources to each other, the best that a simulator can reach."""
         return {
             (a.name, b.name): distances(a, b)
             for i, a in enumerate(self.real)
@@ -85,8 +85,11 @@ class Side:
         }
 
     def ratio(self, name: str) -> float:
-        """How far off one of the distances is, see `profiles.ratio`."""
-        apart, among = ([one[name] for one in found.values()] for found in (self.apart, self.among))
+        """Ratio of the distances of one measure, see `profiles.ratio`."""
+        apart, among = (
+            [distance[name] for distance in sources.values()]
+            for sources in (self.apart, self.among)
+        )
         return ratio(apart, among)
 
 
@@ -107,27 +110,28 @@ def compare_reality(
         ConfigError: The data has no sensor that the simulator knows, or not one that was asked for.
         DataError: Not one touch of a sensor can be measured.
     """
-    found = _by_sensor(dataset)
-    wanted = options.sensors or tuple(name for name in DEVICES if name in found)
+    by_sensor = _by_sensor(dataset)
+    wanted = options.sensors or tuple(name for name in DEVICES if name in by_sensor)
     for sensor in wanted:
-        if sensor not in found:
+        if sensor not in by_sensor:
             raise ConfigError(
-                f"sensors={sensor}: the data has no recording of it, only of "
-                f"{', '.join(sorted(found)) or 'none'}; leave it out, or give other data"
+                f"sensors={sensor}: the data has no recording of this sensor, only of "
+                f"{', '.join(sorted(by_sensor)) or 'none'}; leave it out, or give other data"
             )
     if not wanted:
         raise ConfigError(
-            f"the simulator knows none of the data's sensors ({', '.join(sorted(found)) or 'none'})"
-            f", only {', '.join(DEVICES)}; give recordings of one of these"
+            "the simulator knows none of the data's sensors "
+            f"({', '.join(sorted(by_sensor)) or 'none'}), only "
+            f"{', '.join(DEVICES)}; give recordings of one of these"
         )
-    return {sensor: _side(sensor, found[sensor], options, progress) for sensor in wanted}
+    return {sensor: _side(sensor, by_sensor[sensor], options, progress) for sensor in wanted}
 
 
 def _by_sensor(dataset: Dataset) -> dict[str, list[Recording]]:
     out: dict[str, list[Recording]] = {}
     for split in ("train", "val"):
-        for one in dataset.recordings(split):
-            out.setdefault(one.sensor, []).append(one)
+        for recording in dataset.recordings(split):
+            out.setdefault(recording.sensor, []).append(recording)
     return out
 
 
@@ -135,18 +139,20 @@ def _side(
     sensor: str, recordings: Sequence[Recording], options: CompareOptions, progress: bool
 ) -> Side:
     real = []
-    for name, held in by_source(recordings).items():
-        rows = evenly(len(held), options.recordings).tolist()
-        chosen = (held[row] for row in rows)
+    for name, of_source in by_source(recordings).items():
+        rows = evenly(len(of_source), options.recordings).tolist()
+        chosen = (of_source[row] for row in rows)
         bar = tqdm(chosen, desc=f"{sensor}, {name}", total=len(rows), disable=not progress)
         real.append(profile(name, sensor, bar))
-    real = [one for one in real if one.looks]
+    real = [measured for measured in real if measured.looks]
     if not real:
         raise DataError(
             f"{sensor}: not one of {len(recordings)} recordings shows a touch that differs from "
             "its background; give recordings with backgrounds (docs/data.md)"
         )
-    return Side(_simulated(sensor, options, any(one.responses for one in real), progress), real)
+    return Side(
+        _simulated(sensor, options, any(measured.responses for measured in real), progress), real
+    )
 
 
 def _simulated(sensor: str, options: CompareOptions, forces: bool, progress: bool) -> Profile:
@@ -160,7 +166,7 @@ def _simulated(sensor: str, options: CompareOptions, forces: bool, progress: boo
     )
     out = profile(SIMULATED, sensor, simulated(shown, range(options.scenes), progress))
     if not out.looks:
-        raise DataError(f"{sensor}: no simulated touch can be seen; raise newton={options.newton}")
+        raise DataError(f"{sensor}: no simulated touch is visible; raise newton={options.newton}")
     if forces:
         pressed = trial(sensor, markers=options.markers, seed=options.seed)
         scenes = simulated(pressed, range(options.trials), progress)
@@ -170,12 +176,12 @@ def _simulated(sensor: str, options: CompareOptions, forces: bool, progress: boo
 
 def by_source(recordings: Iterable[Recording]) -> dict[str, list[Recording]]:
     """Recordings by the first part of their key, or by `source` where that makes too many."""
-    found: dict[str, list[Recording]] = {}
-    held = list(recordings)
-    for one in held:
-        found.setdefault(one.key.split("/")[0], []).append(one)
-    if len(found) > _SOURCES:
-        found = {}
-        for one in held:
-            found.setdefault(one.source or "source not given", []).append(one)
-    return found
+    sources: dict[str, list[Recording]] = {}
+    listed = list(recordings)
+    for recording in listed:
+        sources.setdefault(recording.key.split("/")[0], []).append(recording)
+    if len(sources) > _SOURCES:
+        sources = {}
+        for recording in listed:
+            sources.setdefault(recording.source or "source not given", []).append(recording)
+    return sources

@@ -1,8 +1,8 @@
-"""How one touch looks, in numbers: spectrum, noise, contact, contrast, colour.
+"""Image statistics of one touch: spectrum, noise, contact, contrast, colour.
 
-Pictures are float32 (H, W, 3) in grey levels of 255, at most `SIDE` pixels on their shorter side,
-and a change is a picture minus the picture without contact. Frequencies are cycles per pixel of a
-picture whose shorter side is `SIDE`.
+Images are float32 (H, W, 3) in grey levels of 255, at most `SIDE` pixels on their shorter side,
+and a change is an image minus the image without contact. Frequencies are cycles per pixel of an
+image whose shorter side is `SIDE`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 Array: TypeAlias = NDArray[Any]
 
-#: Pixels on the shorter side at which pictures are compared.
+#: Pixels on the shorter side at which images are compared.
 SIDE = 240
 #: Edges of the bands of frequency, cycles per pixel.
 BANDS = (0.06, 0.12, 0.2, 0.3, 0.5)
@@ -37,7 +37,7 @@ _BORDER = 16
 
 
 def sized(picture: Array) -> NDArray[np.float32]:
-    """The picture, averaged down until its shorter side is `SIDE`; smaller ones stay as they are.
+    """The image, averaged down until its shorter side is `SIDE`; smaller ones stay as they are.
 
     Args:
         picture: (H, W, 3), grey levels.
@@ -93,18 +93,18 @@ def bands(change: Array) -> Array:
     """
     far, power = density(change)
     low = power[far < LOW].mean()
-    found = []
+    ratios = []
     for start, stop in pairwise(BANDS):
         seen = power[(far >= start) & (far < stop)]
         reached = _finest(change) >= stop and low > 0 and seen.mean() > 0
-        found.append(np.log10(seen.mean() / low) if reached else np.nan)
-    return np.array(found)
+        ratios.append(np.log10(seen.mean() / low) if reached else np.nan)
+    return np.array(ratios)
 
 
 def noise(still: Sequence[Array]) -> float:
     """Standard deviation over time of a pixel without contact, grey levels.
 
-    From neighbouring frames: half the variance of their difference over the picture, its mean
+    From neighbouring frames: half the variance of their difference over the image, its mean
     removed, so that flicker of the whole light does not count. The median over the pairs of frames
     leaves out a pair in which something moves.
 
@@ -112,8 +112,8 @@ def noise(still: Sequence[Array]) -> float:
         still: Frames in order, without contact; NaN for fewer than two.
     """
     steps = (np.subtract(after, before, dtype=np.float32) for before, after in pairwise(still))
-    found = [np.sqrt(step.var(axis=(0, 1)).mean() / 2) for step in steps]
-    return float(np.median(found or [np.nan]))
+    deviations = [np.sqrt(step.var(axis=(0, 1)).mean() / 2) for step in steps]
+    return float(np.median(deviations or [np.nan]))
 
 
 def smooth(change: Array) -> Array:
@@ -125,7 +125,7 @@ def smooth(change: Array) -> Array:
 
 
 def contact(change: Array) -> NDArray[np.bool_]:
-    """Where a picture is touched, bool (H, W); nowhere if the change is faint."""
+    """Mask of the contact in an image, bool (H, W); empty if the change is faint."""
     size = smooth(change)
     top = float(np.quantile(size, 0.999))
     return size > (_SHARE * top if top >= FAINT else np.inf)
@@ -163,7 +163,7 @@ def covariance(change: Array, touched: NDArray[np.bool_]) -> Array:
 
 
 def distance(ours: Array, theirs: Array) -> float:
-    """Wasserstein distance of two samples of a number: how far one must be moved to be the other.
+    """Wasserstein-1 distance between two samples of a number.
 
     0 for equal samples; for one that is the other plus a constant, the size of that constant.
 
@@ -174,11 +174,11 @@ def distance(ours: Array, theirs: Array) -> float:
     Returns:
         In the unit of the samples; NaN where one of them is empty.
     """
-    a, b = (np.sort(one[np.isfinite(one)]) for one in (ours, theirs))
+    a, b = (np.sort(sample[np.isfinite(sample)]) for sample in (ours, theirs))
     if not len(a) or not len(b):
         return float("nan")
-    at = np.sort(np.concatenate([np.arange(1, len(one) + 1) / len(one) for one in (a, b)]))
+    at = np.sort(np.concatenate([np.arange(1, len(sample) + 1) / len(sample) for sample in (a, b)]))
     width = np.diff(at, prepend=0.0)
     middle = at - width / 2
-    rows = [np.minimum((middle * len(one)).astype(int), len(one) - 1) for one in (a, b)]
+    rows = [np.minimum((middle * len(sample)).astype(int), len(sample) - 1) for sample in (a, b)]
     return float((width * np.abs(a[rows[0]] - b[rows[1]])).sum())

@@ -1,15 +1,29 @@
-"""The page of a comparison: pictures, spectra and numbers of simulated and real touches."""
+"""The page of a comparison: images, spectra and measures of simulated and real touches."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from html import escape
 
 import numpy as np
+from markupsafe import Markup
 
-from tactileforge.pages.figures import CLASSES
-from tactileforge.pages.images import image
-from tactileforge.pages.page import NONE, Section, number, page, panel, panels, paragraph, table
+from tactileforge.pages.images import difference, figure
+from tactileforge.pages.page import (
+    NONE,
+    Section,
+    group_name,
+    heading,
+    legend,
+    number,
+    page,
+    panel,
+    panels,
+    paragraph,
+    stack,
+    table,
+    verdict,
+)
+from tactileforge.pages.templating import joined
 from tactileforge.reality import charts
 from tactileforge.reality.compare import Side
 from tactileforge.reality.measures import Array
@@ -48,18 +62,18 @@ def reality_page(name: str, sides: Mapping[str, Side]) -> str:
         name: What the data set is called.
         sides: By type of sensor, see `compare.compare`.
     """
-    verdicts = "".join(_verdict(sensor, side) for sensor, side in sides.items())
-    top = f"{paragraph(' '.join(_METHOD.split()), soft=True)}<ul class=verdict>{verdicts}</ul>"
+    verdicts = verdict(_verdict(sensor, side) for sensor, side in sides.items())
+    top = paragraph(" ".join(_METHOD.split()), soft=True) + verdicts
     parts = [_section(sensor, side) for sensor, side in sides.items()]
-    words = "".join(paragraph(" ".join(one.split())) for one in _CONFOUNDED.split("\n\n"))
+    words = joined(paragraph(" ".join(text.split())) for text in _CONFOUNDED.split("\n\n"))
     last = Section("confounds", "What codec, camera and objects confound", words)
     return page(f"Simulated touch beside {name}", top, [*parts, last])
 
 
-def _verdict(sensor: str, side: Side) -> str:
-    """Which numbers are further from real sources than these are from each other."""
+def _verdict(sensor: str, side: Side) -> tuple[str, str]:
+    """Names the measures further from real sources than these are from each other."""
     ratios = {name: side.ratio(name) for name in DISTANCES}
-    far = [f"{name} ({number(found)} times)" for name, found in ratios.items() if found > _FAR]
+    far = [f"{name} ({number(ratio)} times)" for name, ratio in ratios.items() if ratio > _FAR]
     if len(side.real) < 2:
         kind, words = "plain", "one real source, so nothing says which distance is small"
     elif far:
@@ -69,7 +83,7 @@ def _verdict(sensor: str, side: Side) -> str:
         )
     else:
         kind, words = "good", "as near to real sources as these are to each other"
-    return f'<li class="{kind}">{escape(f"{sensor}: {words}")}.</li>'
+    return kind, f"{sensor}: {words}."
 
 
 def _section(sensor: str, side: Side) -> Section:
@@ -82,58 +96,39 @@ def _section(sensor: str, side: Side) -> Section:
         ),
         panel("Contrast and contact", charts.touches_chart(profiles), "A point a touch."),
     ]
-    body = _pictures(profiles) + "<h3>Spectrum, contrast, contact</h3>"
-    body += _legend(profiles) + panels(drawn, wide=True)
+    body = _pictures(profiles) + heading("Spectrum, contrast, contact")
+    names = {place: profile.name for place, profile in enumerate(side.real)}
+    body += legend(names, ink=side.simulated.name) + panels(drawn, wide=True)
     body += _numbers(sensor, profiles) + _distances(sensor, side)
     return Section(sensor, sensor, body)
 
 
-def _legend(profiles: Sequence[Profile]) -> str:
-    items = ""
-    for place, one in enumerate(profiles):
-        colour = f"var(--c{(place - 1) % len(CLASSES)})" if place else "currentColor"
-        dot = f'<svg viewBox="0 0 10 10" fill="{colour}"><circle cx="5" cy="5" r="4.4"/></svg>'
-        items += f"<li>{dot}{escape(one.name)}</li>"
-    return f'<ul class="legend">{items}</ul>'
-
-
-def _pictures(profiles: Sequence[Profile]) -> str:
+def _pictures(profiles: Sequence[Profile]) -> Markup:
     words = (
         f"Background, touch, and {_GAIN:g} times the difference around mid-grey, the same for all."
     )
-    body = "<h3>Pictures</h3>" + paragraph(words, soft=True)
-    for one in profiles:
-        cards = "".join(_card(touch) for touch in one.shown)
-        body += (
-            f'<p class="strip-name"><b>{escape(one.name)}</b>, {_count(len(one.looks), "touch")}'
-            f"{f', {one.faint} too faint to measure' if one.faint else ''}</p>"
-            f'<div style="display:grid;gap:.8rem;margin:.3rem 0 1rem">{cards}</div>'
-        )
+    body = heading("Images") + paragraph(words, soft=True)
+    for profile in profiles:
+        words = _count(len(profile.looks), "touch")
+        if profile.faint:
+            words += f", {profile.faint} too faint to measure"
+        body += group_name(profile.name, words) + stack(_card(touch) for touch in profile.shown)
     return body
 
 
-def _card(touch: StrongestTouch) -> str:
-    shown = (touch.background, touch.picture, 128 + _GAIN * touch.change)
-    names = ("background", "touch", "difference")
-    images = "".join(
-        image(np.clip(np.round(one), 0, 255).astype(np.uint8), f"{touch.key}, {name}")
-        for one, name in zip(shown, names, strict=True)
-    )
-    width = 3 * touch.picture.shape[1]
-    return (
-        f'<figure style="max-width:{width}px">'
-        '<div class="strip" style="grid-template-columns:repeat(3,1fr);margin:0">'
-        f'{images}</div><figcaption style="font-size:.75rem;line-height:1.3;'
-        f'overflow-wrap:anywhere">{escape(touch.key)}</figcaption></figure>'
-    )
+def _card(touch: StrongestTouch) -> Markup:
+    levels = [np.clip(np.round(part), 0, 255) for part in (touch.background, touch.picture)]
+    shown = [*(part.astype(np.uint8) for part in levels), difference(touch.change, _GAIN)]
+    words = [f"{touch.key}, {name}" for name in ("background", "touch", "difference")]
+    return figure(shown, touch.key, words, columns=3, width=3 * touch.picture.shape[1])
 
 
 def _count(count: int, word: str) -> str:
     return f"{count} {word}{'es' if count != 1 else ''}"
 
 
-def _numbers(sensor: str, profiles: Sequence[Profile]) -> str:
-    rows = [(name, *(tell(one) for one in profiles)) for name, tell in _ROWS.items()]
+def _numbers(sensor: str, profiles: Sequence[Profile]) -> Markup:
+    rows = [(name, *(tell(profile) for profile in profiles)) for name, tell in _ROWS.items()]
     note = (
         "Medians over touches; in brackets what 80 % of them lie between. Power in bands of cycles "
         "per pixel, over that below 0.03. Noise: deviation of a pixel over neighbouring frames "
@@ -141,15 +136,15 @@ def _numbers(sensor: str, profiles: Sequence[Profile]) -> str:
         "square over the contact, fitted over force trials with the imprint moved back; shear at "
         "constant normal force."
     )
-    head = ("", *(f"text|{one.name}" for one in profiles))
-    return "<h3>Numbers</h3>" + table(f"{sensor}-numbers", head, rows, note)
+    head = ("", *(f"text|{profile.name}" for profile in profiles))
+    return heading("Numbers") + table(f"{sensor}-numbers", head, rows, note)
 
 
 def _spread(values: Array) -> str:
     known = values[np.isfinite(values)]
     if not len(known):
         return NONE
-    low, middle, high = (_rounded(float(one)) for one in np.quantile(known, (0.1, 0.5, 0.9)))
+    low, middle, high = (_rounded(float(value)) for value in np.quantile(known, (0.1, 0.5, 0.9)))
     return middle if low == high else f"{middle} ({low} to {high})"
 
 
@@ -159,56 +154,56 @@ def _rounded(value: float) -> str:
 
 
 def _of(name: str, scale: float = 1.0) -> Callable[[Profile], str]:
-    return lambda one: _spread(scale * one.of(name))
+    return lambda profile: _spread(scale * profile.of(name))
 
 
 def _list(values: Array) -> str:
     return ", ".join(number(float(value)) for value in values)
 
 
-def _bands(one: Profile) -> str:
+def _bands(profile: Profile) -> str:
     return ", ".join(
-        f"{value:.1f}".replace("-", "\N{MINUS SIGN}") for value in _middle(one, "bands")
+        f"{value:.1f}".replace("-", "\N{MINUS SIGN}") for value in _middle(profile, "bands")
     )
 
 
-def _middle(one: Profile, name: str) -> Array:
-    out: Array = np.median(one.of(name), axis=0)
+def _middle(profile: Profile, name: str) -> Array:
+    out: Array = np.median(profile.of(name), axis=0)
     return out
 
 
-def _ground(one: Profile) -> str:
-    return ", ".join(f"{value:.0f}" for value in one.of("ground").mean(axis=0))
+def _ground(profile: Profile) -> str:
+    return ", ".join(f"{value:.0f}" for value in profile.of("ground").mean(axis=0))
 
 
-def _ground_spread(one: Profile) -> str:
-    return _list(one.of("ground").std(axis=0).round(1))
+def _ground_spread(profile: Profile) -> str:
+    return _list(profile.of("ground").std(axis=0).round(1))
 
 
-def _deviation(one: Profile) -> str:
-    deviations = np.sqrt([np.diag(matrix) for matrix in one.of("covariance")])
+def _deviation(profile: Profile) -> str:
+    deviations = np.sqrt([np.diag(matrix) for matrix in profile.of("covariance")])
     return _list(np.median(deviations, axis=0))
 
 
-def _correlations(one: Profile) -> str:
-    return _list(np.median(correlations(one), axis=0).round(2))
+def _correlations(profile: Profile) -> str:
+    return _list(np.median(correlations(profile), axis=0).round(2))
 
 
-def _normal(one: Profile) -> str:
-    return _spread(np.array([answer.normal for answer in one.responses]))
+def _normal(profile: Profile) -> str:
+    return _spread(np.array([answer.normal for answer in profile.responses]))
 
 
 def _shear(axis: int) -> Callable[[Profile], str]:
-    return lambda one: _spread(np.array([answer.shear[axis] for answer in one.responses]))
+    return lambda profile: _spread(np.array([answer.shear[axis] for answer in profile.responses]))
 
 
-def _relative(one: Profile) -> str:
-    return _spread(np.array([100 * answer.relative for answer in one.responses]))
+def _relative(profile: Profile) -> str:
+    return _spread(np.array([100 * answer.relative for answer in profile.responses]))
 
 
-def _curve(one: Profile) -> str:
-    found = np.array([answer.curve for answer in one.responses])
-    return ", ".join(_middle_of(column) for column in found.T) if len(found) else NONE
+def _curve(profile: Profile) -> str:
+    curves = np.array([answer.curve for answer in profile.responses])
+    return ", ".join(_middle_of(column) for column in curves.T) if len(curves) else NONE
 
 
 def _middle_of(values: Array) -> str:
@@ -218,7 +213,7 @@ def _middle_of(values: Array) -> str:
 
 #: What is told of a source, by its row.
 _ROWS: dict[str, Callable[[Profile], str]] = {
-    "stored as": lambda one: f"text|{', '.join(one.stored) or 'pixels'}",
+    "stored as": lambda profile: f"text|{', '.join(profile.stored) or 'pixels'}",
     "log10 power, .06-.12, -.2, -.3, -.5": _bands,
     "noise (grey levels)": _of("noise"),
     "contact (% of the picture)": _of("area", 100),
@@ -237,7 +232,7 @@ _ROWS: dict[str, Callable[[Profile], str]] = {
 }
 
 
-def _distances(sensor: str, side: Side) -> str:
+def _distances(sensor: str, side: Side) -> Markup:
     apart, among = side.apart, side.among
     few = _few(side)
     head = (
@@ -250,17 +245,17 @@ def _distances(sensor: str, side: Side) -> str:
     rows = []
     for name, unit in DISTANCES.items():
         times = side.ratio(name)
-        told = [f"{'bad|' if times > _FAR else ''}{number(times)}"]
-        told += [number(one[name]) for one in apart.values()]
-        told += [number(among[pair][name]) for pair in few]
-        rows.append((name, unit, *told))
+        cells = [f"{'bad|' if times > _FAR else ''}{number(times)}"]
+        cells += [number(source[name]) for source in apart.values()]
+        cells += [number(among[pair][name]) for pair in few]
+        rows.append((name, unit, *cells))
     note = (
         "One number for each: the Wasserstein distance between touches of the two sets, 0 for "
         "equal ones; 0.3 decades are a factor of 2. At the end real sources among themselves, at "
         "most four pairs. Simulated over real: the median of the distances to real sources over "
         "the median of those between them; 1 cannot be told from real."
     )
-    return "<h3>Distances</h3>" + table(f"{sensor}-distances", head, rows, note)
+    return heading("Distances") + table(f"{sensor}-distances", head, rows, note)
 
 
 def _few(side: Side) -> list[tuple[str, str]]:

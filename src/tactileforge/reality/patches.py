@@ -1,4 +1,4 @@
-"""Patches of change pictures in contact, and what a classifier is told about them."""
+"""Patches of difference images in contact, and the inputs of a classifier."""
 
 from __future__ import annotations
 
@@ -23,34 +23,34 @@ _FLOOR = 1 / 256
 def patches(
     recordings: Iterable[Recording], each: int, most: int = 8, seed: int = 0
 ) -> NDArray[np.float32]:
-    """Cuts patches whose centre is in contact from change pictures.
+    """Cuts patches whose centre is in contact from change images.
 
     Args:
         recordings: Of one source.
-        each: Patches of a picture.
-        most: Pictures of a recording.
+        each: Patches of an image.
+        most: Images of a recording.
         seed: Chooses the places.
 
     Returns:
-        float32 (N, 48, 48, 3), grey levels. The shorter side of a picture is at most 240 pixels.
+        float32 (N, 48, 48, 3), grey levels. The shorter side of an image is at most 240 pixels.
 
     Raises:
         DataError: A recording cannot be read.
     """
     chance = np.random.default_rng(seed)
-    found = []
+    cut = []
     for recording in recordings:
-        for one in strongest_touches(recording, most):
+        for touch in strongest_touches(recording, most):
             half = PATCH // 2
-            inner = one.touched[half : one.touched.shape[0] - half, half:-half]
+            inner = touch.touched[half : touch.touched.shape[0] - half, half:-half]
             rows, columns = np.nonzero(inner)
             if not len(rows):
                 continue
-            change = one.change
+            change = touch.change
             for place in chance.integers(len(rows), size=each):
                 top, left = rows[place], columns[place]
-                found.append(change[top : top + PATCH, left : left + PATCH])
-    return np.stack(found) if found else np.empty((0, PATCH, PATCH, 3), np.float32)
+                cut.append(change[top : top + PATCH, left : left + PATCH])
+    return np.stack(cut) if cut else np.empty((0, PATCH, PATCH, 3), np.float32)
 
 
 def patch_colours(cut: Array) -> Array:

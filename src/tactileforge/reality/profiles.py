@@ -1,4 +1,4 @@
-"""All the numbers of a set of touches, and how far two sets are from each other."""
+"""All measures of a set of touches, and the distances between two sets."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tactileforge.reality.touches import (
 
 #: Smallest number of which a logarithm is compared: a hundredth of a grey level is nothing.
 _FLOOR = 0.01
-#: Touches of a source of which pictures are shown, and trials that are fitted.
+#: Touches of a source of which images are shown, and trials that are fitted.
 SHOWN, _TRIALS = 3, 6
 
 
@@ -35,7 +35,7 @@ class Profile:
         sensor: Type of the sensor.
         looks: The numbers of each touch.
         responses: To force, of the trials that tell.
-        shown: A few touches, with pictures.
+        shown: A few touches, with images.
         faint: Touches that were too faint to measure.
         stored: Endings of the files that the frames come from, without the dot.
     """
@@ -50,7 +50,7 @@ class Profile:
 
     def of(self, name: str) -> Array:
         """A number of all touches, stacked along the first axis."""
-        return np.array([getattr(one, name) for one in self.looks], np.float64)
+        return np.array([getattr(numbers, name) for numbers in self.looks], np.float64)
 
 
 def profile(name: str, sensor: str, recordings: Iterable[Recording]) -> Profile:
@@ -69,11 +69,11 @@ def profile(name: str, sensor: str, recordings: Iterable[Recording]) -> Profile:
         if (ending := _ending(recording.frames)) and ending not in out.stored:
             out.stored.append(ending)
         for seen in strongest_touches(recording):
-            found = measure_touch(seen)
-            if found is None:
+            numbers = measure_touch(seen)
+            if numbers is None:
                 out.faint += 1
                 continue
-            out.looks.append(found)
+            out.looks.append(numbers)
             if len(out.looks) % every == 1 % every:
                 out.shown.append(seen)
             if len(out.shown) == 2 * SHOWN:
@@ -111,7 +111,7 @@ DISTANCES = {
 
 
 def distances(ours: Profile, theirs: Profile) -> dict[str, float]:
-    """One number for each thing that is compared, see `DISTANCES`; 0 for equal sets.
+    """Distance between two sets by each measure, see `DISTANCES`; 0 for equal sets.
 
     All are Wasserstein distances over touches, see `measures.distance`, of base-10 logarithms
     where the unit is decades (0.3 is a factor of 2), averaged over bands or channels. NaN where a
@@ -119,37 +119,43 @@ def distances(ours: Profile, theirs: Profile) -> dict[str, float]:
     """
     pairs = {name: (_sample(ours, name), _sample(theirs, name)) for name in DISTANCES}
     return {
-        name: float(np.mean([measures.distance(a, b) for a, b in zip(one.T, other.T, strict=True)]))
-        for name, (one, other) in pairs.items()
+        name: float(
+            np.mean([measures.distance(a, b) for a, b in zip(left.T, other.T, strict=True)])
+        )
+        for name, (left, other) in pairs.items()
     }
 
 
 def ratio(apart: Iterable[float], among: Iterable[float]) -> float:
-    """How much further simulated touches are from real sources than these are from each other.
+    """Distance of simulated touches to real sources, over that of these to each other.
 
     Returns:
         The median of one over the median of the other; NaN where there is no other.
     """
-    ours, theirs = (np.array([one for one in pair if one == one]) for pair in (apart, among))
+    ours, theirs = (
+        np.array([distance for distance in pair if distance == distance]) for pair in (apart, among)
+    )
     if not len(ours) or not len(theirs) or not np.median(theirs):
         return float("nan")
     return float(np.median(ours) / np.median(theirs))
 
 
-def _sample(one: Profile, name: str) -> Array:
-    """What is compared, (touches, columns)."""
+def _sample(source: Profile, name: str) -> Array:
+    """Values of one measure, (touches, columns)."""
     if name == "spectrum":
-        return one.of("bands").reshape(-1, len(measures.BANDS) - 1)
+        return source.of("bands").reshape(-1, len(measures.BANDS) - 1)
     if name == "background colour":
-        return one.of("ground").reshape(-1, 3)
+        return source.of("ground").reshape(-1, 3)
     if name == "channel correlation":
-        return correlations(one)
+        return correlations(source)
     if name == "normal force":
-        return _logs([answer.normal for answer in one.responses])
+        return _logs([answer.normal for answer in source.responses])
     if name == "shear":
-        return _logs([float(np.nanmean(answer.shear)) for answer in one.responses if _told(answer)])
+        return _logs(
+            [float(np.nanmean(answer.shear)) for answer in source.responses if _told(answer)]
+        )
     words = {"detail inside": "inside", "detail outside": "outside"}
-    return _logs(one.of(words.get(name, name)).tolist())
+    return _logs(source.of(words.get(name, name)).tolist())
 
 
 def _told(answer: Response) -> bool:
@@ -161,9 +167,9 @@ def _logs(values: Sequence[float]) -> Array:
     return np.log10(np.maximum(known, _FLOOR))
 
 
-def correlations(one: Profile) -> Array:
+def correlations(source: Profile) -> Array:
     """Correlation of the changes of red and green, red and blue, green and blue, (touches, 3)."""
-    covariance = one.of("covariance").reshape(-1, 3, 3)
+    covariance = source.of("covariance").reshape(-1, 3, 3)
     deviation = np.sqrt(np.maximum(np.einsum("ncc->nc", covariance), 1e-9))
     shared: Array = covariance / (deviation[:, :, None] * deviation[:, None])
     return shared[:, [0, 0, 1], [1, 2, 2]]

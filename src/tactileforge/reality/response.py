@@ -1,6 +1,6 @@
-"""How the picture answers to normal force and to shear, by regression over the frames of a trial.
+"""Response of the image to normal force and shear, by regression over the frames of a trial.
 
-When the object slides, its imprint moves in the picture. Each change picture is first moved back
+When the object slides, its imprint moves in the image. Each change image is first moved back
 onto the strongest one, by the translation of largest enhanced correlation (Evangelidis and
 Psarakis, 2008). What is left is fitted pixel by pixel as ``a + b z + c z^2 + d x + e y`` of the
 forces x, y and z, and a quadratic of where the imprint was, because light differs from place to
@@ -37,7 +37,7 @@ SHARES = (0.25, 0.5, 0.75)
 
 @dataclass(frozen=True)
 class Response:
-    """What a newton does to the picture of one trial.
+    """Change of the image per newton in one trial.
 
     Attributes:
         normal: Root mean square over the contact of the change by normal force at its mean, grey
@@ -45,7 +45,7 @@ class Response:
         shear: The same by shear along x and along y, at constant normal force; NaN along an axis
             that the trial does not shear.
         relative: Mean change by 1 N of shear over the mean change in the contact.
-        curve: Mean change of the picture at `SHARES` of the largest normal force, over that at the
+        curve: Mean change of the image at `SHARES` of the largest normal force, over that at the
             largest.
     """
 
@@ -83,7 +83,7 @@ def _half(change: Array) -> Array:
 
 
 def fitted(changes: Array, force: Array) -> Response | None:
-    """The response of change pictures to forces.
+    """The response of change images to forces.
 
     Args:
         changes: float32 (T, H, W, 3), grey levels, in order of time.
@@ -97,10 +97,10 @@ def fitted(changes: Array, force: Array) -> Response | None:
     kept = np.isfinite(places[:, 0])
     if np.count_nonzero(kept) < _LEAST:
         return None
-    pixels, held = moved[kept][:, touched], force[pressed][kept]
+    pixels, forces = moved[kept][:, touched], force[pressed][kept]
     pixels = pixels.reshape(len(pixels), -1)
-    axes = [i for i in (0, 1) if held[:, i].std() >= _SHEARED]
-    slopes = _slopes(pixels, held, places[kept], axes)
+    axes = [i for i in (0, 1) if forces[:, i].std() >= _SHEARED]
+    slopes = _slopes(pixels, forces, places[kept], axes)
     shear = [slopes[1 + axes.index(i)] if i in axes else np.nan for i in (0, 1)]
     size = np.sqrt(np.square(pixels.mean(axis=0)).mean())
     relative = float(np.mean(slopes[1:]) / size) if axes else np.nan
@@ -111,8 +111,8 @@ def _curve(size: Array, normal: Array) -> tuple[float, ...]:
     """Median change near shares of the largest force, over that near the largest."""
     share = normal / normal.max()
     near = [np.abs(share - at) < 0.1 for at in (*SHARES, 1.0)]
-    found = [float(np.median(size[rows])) if rows.any() else np.nan for rows in near]
-    return tuple(one / found[-1] if found[-1] else np.nan for one in found[:-1])
+    medians = [float(np.median(size[rows])) if rows.any() else np.nan for rows in near]
+    return tuple(median / medians[-1] if medians[-1] else np.nan for median in medians[:-1])
 
 
 def _aligned(changes: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
@@ -142,17 +142,17 @@ def _strongest(changes: Array) -> int:
 
 
 def _translation(reference: Array, size: Array) -> Array | None:
-    """What moves the reference onto a picture, float32 (2, 3); None if nothing does."""
+    """Translation of the reference onto an image, float32 (2, 3); None if there is none."""
     middle = _centre(size) - _centre(reference)
     start = np.array([[1, 0, middle[0]], [0, 1, middle[1]]], np.float32)
     stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 1e-3)
     try:
-        _, found = cv2.findTransformECC(
+        _, matrix = cv2.findTransformECC(
             reference, size, start.copy(), cv2.MOTION_TRANSLATION, stop, None, 5
         )
     except cv2.error:  # it did not converge
         return None
-    step: Array = np.asarray(found)
+    step: Array = np.asarray(matrix)
     return step if np.hypot(*(step - start)[:, 2]) < _ASTRAY else None
 
 
@@ -179,7 +179,7 @@ def _slopes(pixels: Array, force: Array, places: Array, axes: Sequence[int]) -> 
     shear = [force[:, i] for i in axes]
     by = np.stack([np.ones_like(normal), normal, *shear, normal**2, *place], axis=1)
     half = (np.arange(len(by)) // _BLOCK) % 2 == 0
-    one, other = (np.linalg.lstsq(by[rows], pixels[rows], rcond=None)[0] for rows in (half, ~half))
-    common = (one * other).mean(axis=1)[1 : 2 + len(axes)]
-    found: list[float] = np.sqrt(np.maximum(common, 0)).tolist()
-    return found
+    left, other = (np.linalg.lstsq(by[rows], pixels[rows], rcond=None)[0] for rows in (half, ~half))
+    common = (left * other).mean(axis=1)[1 : 2 + len(axes)]
+    sizes: list[float] = np.sqrt(np.maximum(common, 0)).tolist()
+    return sizes

@@ -26,12 +26,12 @@ _TRIAL: dict[str, Any] = {
 }
 
 
-def config(sensor: str, **given: Any) -> SimConfig:
-    """What is simulated for a sensor: touches at the size at which pictures are compared.
+def config(sensor: str, **changes: Any) -> SimConfig:
+    """Configuration of touches for a sensor, at the size at which images are compared.
 
     Args:
         sensor: Its type.
-        given: Of `sim.generate.SimConfig`, instead of what is chosen here.
+        changes: Of `sim.generate.SimConfig`, instead of what is chosen here.
 
     Raises:
         ConfigError: The simulator does not know the sensor, or a word in ``given``.
@@ -49,12 +49,12 @@ def config(sensor: str, **given: Any) -> SimConfig:
         "seed": 0,
         "codec": "png",  # JPEG would be compared as well
     }
-    return SimConfig(**(how | given))
+    return SimConfig(**(how | changes))
 
 
-def trial(sensor: str, **given: Any) -> SimConfig:
-    """What is simulated for the answer to force: press, slides in four directions, lift."""
-    return config(sensor, **(_TRIAL | given))
+def trial(sensor: str, **changes: Any) -> SimConfig:
+    """Configuration of force trials: press, slides in four directions, lift."""
+    return config(sensor, **(_TRIAL | changes))
 
 
 def simulated(config: SimConfig, scenes: range, progress: bool = False) -> Iterator[Recording]:
@@ -70,20 +70,20 @@ def simulated(config: SimConfig, scenes: range, progress: bool = False) -> Itera
     Raises:
         DataError: A scene starts in contact.
     """
-    told = f"simulating {', '.join(config.sensors)}"
+    label = f"simulating {', '.join(config.sensors)}"
     with tempfile.TemporaryDirectory() as folder:
-        for number in tqdm(scenes, desc=told, unit="touch", disable=not progress):
+        for number in tqdm(scenes, desc=label, unit="touch", disable=not progress):
             path = Path(folder) / f"{number}.tar"
             shards.write_shard(path, recordings(config, number))
-            for one in shards.read_shard(path):
-                yield _from_rest(one)
+            for recording in shards.read_shard(path):
+                yield _from_rest(recording)
             path.unlink()
 
 
-def _from_rest(one: Recording) -> Recording:
-    assert one.force is not None
-    touched = one.force[:, 2] > 0
+def _from_rest(recording: Recording) -> Recording:
+    assert recording.force is not None
+    touched = recording.force[:, 2] > 0
     first = int(np.argmax(touched)) if touched.any() else len(touched)
     if first == 0:
-        raise DataError(f"{one.key} starts in contact: choose motions that press first")
-    return replace(one, no_contact=FrameSubset(one.frames, range(first)))
+        raise DataError(f"{recording.key} starts in contact: choose motions that press first")
+    return replace(recording, no_contact=FrameSubset(recording.frames, range(first)))

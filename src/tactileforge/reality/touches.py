@@ -24,7 +24,7 @@ _LONG, _MOST = 64, 8
 
 @dataclass(frozen=True)
 class StrongestTouch:
-    """What a recording shows where it is touched most.
+    """A recording at its strongest contact.
 
     Attributes:
         key: Of the recording.
@@ -44,7 +44,7 @@ class StrongestTouch:
 
     @property
     def change(self) -> NDArray[np.float32]:
-        """The picture minus the background."""
+        """The image minus the background."""
         return self.picture - self.background
 
 
@@ -56,7 +56,7 @@ def strongest_touches(recording: Recording, most: int = _MOST) -> list[Strongest
         most: Parts, at most.
 
     Returns:
-        Touches; none where the recording has no picture without contact.
+        Touches; none where the recording has no image without contact.
 
     Raises:
         DataError: A frame cannot be decoded, or the background has another size than the frames.
@@ -71,7 +71,7 @@ def strongest_touches(recording: Recording, most: int = _MOST) -> list[Strongest
         )
     first = still.read(range(min(len(still), _STILL)))
     background = np.median(first, axis=0).astype(np.float32)
-    level = measures.noise([measures.sized(one) for one in first])
+    level = measures.noise([measures.sized(image) for image in first])
     count = len(recording.frames)
     parts = np.array_split(np.arange(count), max(1, min(most, count // _LONG)))
     pictures = (_strongest(recording, part, background) for part in parts)
@@ -104,7 +104,7 @@ class TouchMeasures:
         bands: float64 (4,), decades.
         spectrum: float64 (40,), power density in rings, squared grey levels.
         noise: Grey levels.
-        area: Share of the picture that is touched.
+        area: Share of the image that is touched.
         contrast: Grey levels.
         inside: Fine detail in the contact, grey levels.
         outside: Fine detail far from it.
@@ -123,20 +123,20 @@ class TouchMeasures:
     covariance: Array
 
 
-def measure_touch(one: StrongestTouch) -> TouchMeasures | None:
+def measure_touch(touch: StrongestTouch) -> TouchMeasures | None:
     """Measures a touch; None where it is too faint."""
-    if np.count_nonzero(one.touched) < 9:
+    if np.count_nonzero(touch.touched) < 9:
         return None
-    change = one.change
-    inside, outside = measures.detail(change, one.touched)
+    change = touch.change
+    inside, outside = measures.detail(change, touch.touched)
     return TouchMeasures(
         bands=measures.bands(change),
         spectrum=measures.radial(change),
-        noise=one.noise,
-        area=float(one.touched.mean()),
-        contrast=measures.contrast(change, one.touched),
+        noise=touch.noise,
+        area=float(touch.touched.mean()),
+        contrast=measures.contrast(change, touch.touched),
         inside=inside,
         outside=outside,
-        ground=one.background.mean(axis=(0, 1), dtype=np.float64),
-        covariance=measures.covariance(change, one.touched),
+        ground=touch.background.mean(axis=(0, 1), dtype=np.float64),
+        covariance=measures.covariance(change, touch.touched),
     )

@@ -1,4 +1,4 @@
-"""What comes from a sensor while a take runs: frames encoded at once, and samples of a wrench."""
+"""Queues of a running take: frames, encoded on arrival, and wrench samples."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tactileforge.data.frames.image_codecs import encode_image
 
 @dataclass(frozen=True)
 class PendingFrame:
-    """A frame that is being encoded.
+    """A frame whose encoding is pending.
 
     Attributes:
         time: Monotonic seconds.
@@ -32,7 +32,7 @@ class PendingFrame:
 
 
 class FrameQueue:
-    """Frames of one sensor, encoded in a pool, kept until they are cut off and written.
+    """Queue of frames of one sensor, encoded in a pool, kept until they are cut and written.
 
     Nothing waits: a frame that finds too many before it is dropped and counted.
 
@@ -69,7 +69,7 @@ class FrameQueue:
         self._from = math.inf
 
     def take(self, frame: Frame) -> None:
-        """Takes a frame; called by the thread of its sensor."""
+        """Queues a frame; called in the sensor's thread."""
         if not self._from <= frame.time < self._end:
             return
         if self.waiting >= self.queue or len(self._shots) >= self.hold:
@@ -82,7 +82,7 @@ class FrameQueue:
         self._shots.append(PendingFrame(frame.time, future, frame.raw))
 
     def encode(self, picture: NDArray[np.uint8]) -> dict[str, bytes]:
-        """A picture in every codec."""
+        """Encodes an image with every codec."""
         return {
             codec: encode_image(picture, codec, self.quality if codec == "jpg" else None)
             for codec in self.codecs
@@ -93,7 +93,7 @@ class FrameQueue:
             self.waiting -= 1
 
     def cut(self, until: float) -> list[PendingFrame]:
-        """Takes out the frames before a time; their encoding may still go on."""
+        """Removes and returns the frames before a time; their encoding may still be pending."""
         found = []
         while self._shots and self._shots[0].time < until:
             found.append(self._shots.popleft())
@@ -101,7 +101,7 @@ class FrameQueue:
 
 
 class WrenchBuffer:
-    """Wrenches of one sensor, kept until they are cut off and written.
+    """Buffer of wrenches of one sensor, kept until they are cut and written.
 
     Args:
         hold: Samples that may wait; more are dropped and counted.
@@ -131,7 +131,7 @@ class WrenchBuffer:
         self._from = math.inf
 
     def take(self, frame: Frame) -> None:
-        """Takes a sample; called by the thread of its sensor."""
+        """Adds a sample; called in the sensor's thread."""
         if frame.time < self._from or frame.raw is None:
             return
         with self._lock:
@@ -148,7 +148,7 @@ class WrenchBuffer:
             return self._times[: self._count].copy(), self._values[: self._count].copy()
 
     def cut(self, until: float) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-        """Takes out those before a time."""
+        """Removes and returns the samples before a time."""
         with self._lock:
             end = self._count
             count = int(np.searchsorted(self._times[:end], until))

@@ -1,4 +1,4 @@
-"""Segments of a take as one recording a sensor; pictures are copied, not decoded."""
+"""Merges segments of a take into one recording per sensor, copying encoded images."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tactileforge.data.shards import shards
 
 
 def merge_segments(paths: Sequence[Path]) -> list[shards.Packed]:
-    """The recordings of several segments as one a sensor.
+    """Merges the recordings of several segments into one per sensor.
 
     Args:
         paths: Segments of one take, in order.
@@ -73,7 +73,7 @@ def _packed(frames: Any) -> PackedFrames:
 
 @dataclass(frozen=True)
 class _Encoded(Sequence[bytes]):
-    """Encoded pictures of several recordings, read one by one."""
+    """Encoded images of several recordings, read one by one."""
 
     parts: Sequence[PackedFrames]
 

@@ -1,47 +1,48 @@
-"""What is recorded, and how."""
+"""Options of a recording."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
-from typing import Any
+from dataclasses import dataclass, field
 
 from tactileforge.contracts import ACTIONS
 from tactileforge.data.frames.image_codecs import CODECS
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.sensors.background import Background
-from tactileforge.strict import part
 
 
 @dataclass(frozen=True, kw_only=True)
 class RecordOptions:
-    """The keys of conf/record.yaml, but those that name sensors.
+    """The keys of ``tactileforge record``, beside its sensors.
 
     Attributes:
-        out: Folder of the shards.
+        out: Folder of the shards; takes are added to those that it holds.
         takes: How many; None until stopped.
         seconds: How long each lasts; None until stopped.
         pause: Seconds between two.
         split: ``train`` or ``val``.
-        object: What is touched.
+        object: What is touched, by the same name for every sensor.
         text: Caption.
         action: One of `contracts.ACTIONS` for the whole take.
         tier: Of the tactile dynamic pyramid; None for 1 with forces, 3 with an action, else 2.
-        labels: Whatever else is known.
+        labels: Whatever else is known, for example {operator: ana}.
         source: Where the recordings come from.
         licence: SPDX identifier.
         background: How frames without contact are taken.
-        axes: Axes of the wrench sensor that are x, y and z of a gel; of all, or by sensor.
-        calibration: Files of `tactileforge calibrate`, by sensor; they go along as a label.
+        axes: Axes of the wrench sensor that are x, y and z of a gel, for example [x,-y,-z]; of all,
+            or by sensor: {digit: [x,-y,-z], gelsight_mini: [x,y,z]}.
+        calibration: Files of `tactileforge calibrate`, by sensor, that go along as a label:
+            {digit: digit.yaml}.
         tare: Whether the wrench without contact is subtracted.
-        codec: How pictures are stored; those of arrays always without loss.
+        codec: How pictures are stored: jpg, or without loss png or webp; those of arrays always
+            without loss.
         quality: Of JPEG.
         segment: Seconds after which what was recorded is written and safe.
         join: Whether the segments of a take become one shard when it ends.
         queue: Frames of a sensor that may wait to be encoded; more are dropped.
         workers: Threads that encode.
         reconnect: Seconds for which a sensor that is lost is waited for.
-        min_free_gb: Space on the disk below which recording ends.
+        min_free_gb: Space on the disk, GB, below which recording ends.
     """
 
     out: str
@@ -84,15 +85,3 @@ class RecordOptions:
             value = getattr(self, name)
             if value is not None and not value > 0:
                 raise ConfigError(f"{name}={value}: give a value above 0")
-
-    @classmethod
-    def of(cls, given: Mapping[str, Any]) -> RecordOptions:
-        """Options from a configuration; other keys (of sensors) are left out.
-
-        Raises:
-            ConfigError: A value does not fit, or a key of ``background`` is unknown.
-        """
-        known = {one.name for one in fields(cls)}
-        values = {key: value for key, value in given.items() if key in known}
-        background = part("background", Background, values.pop("background", None) or {})
-        return cls(**values, background=background)

@@ -1,4 +1,4 @@
-"""Values as devices gave them, at their own rate, in a shard beside its recordings."""
+"""Raw values of devices, at their own rate, in a shard beside its recordings."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Raw: TypeAlias = tuple[NDArray[np.float64], NDArray[np.float32]]
 
 
 def append_raw(path: Path, raw: Mapping[str, Raw]) -> None:
-    """Adds raw values to a shard; readers of recordings pass over them."""
+    """Adds raw values to a shard; readers of recordings skip them."""
     if not raw:
         return
     with tarfile.open(path, "a", format=tarfile.USTAR_FORMAT) as tar:
@@ -39,7 +39,7 @@ def append_raw(path: Path, raw: Mapping[str, Raw]) -> None:
 
 
 def read_raw(path: Path) -> dict[str, Raw]:
-    """The values that devices gave, as they gave them, of a recorded shard.
+    """Raw values of the devices in a recorded shard.
 
     Args:
         path: The shard.
@@ -63,7 +63,7 @@ def read_raw(path: Path) -> dict[str, Raw]:
 
 
 def merge_raw(paths: Sequence[Path]) -> dict[str, Raw]:
-    """Those of several segments of one take, in order."""
+    """Concatenates the raw values of several segments of one take, in order."""
     parts: dict[str, list[Raw]] = {}
     for path in paths:
         for name, raw in read_raw(path).items():

@@ -1,4 +1,4 @@
-"""Recording: several sensors, a wrench sensor and a camera on one clock, straight to shards."""
+"""Records several sensors, a wrench sensor and a camera on one clock, straight to shards."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def record(
     say: Callable[[str], None] = print,
     status: RecordStatus | None = None,
 ) -> RecordSummary:
-    """Records takes until there are enough, the sources are over, or it is stopped.
+    """Records takes until there are enough, the sources end, or it is stopped.
 
     Args:
         options: What and how.
@@ -94,7 +94,7 @@ def _axes(options: RecordOptions, name: str) -> Any:
 
 
 def _calibrations(rig: Rig) -> dict[str, dict[str, str]]:
-    """Labels of the sensors that have a calibration.
+    """Calibration labels of the sensors that have one.
 
     Raises:
         DataNotFoundError: There is no such file.
@@ -139,7 +139,7 @@ class _Take:
         self.begun = datetime.now(UTC).isoformat(timespec="seconds")
 
     def run(self, stop: threading.Event) -> None:
-        """Records it.
+        """Records the take.
 
         Raises:
             SensorError: A sensor is lost; what came before is written.
@@ -182,7 +182,7 @@ class _Take:
             )
 
     def _finish(self) -> None:
-        """Writes what is left, and joins the segments."""
+        """Writes the remaining frames, and joins the segments."""
         end = min(time.monotonic(), self.end)
         patience = time.monotonic() + _LATE
         while not self.rig.has_passed(end) and time.monotonic() < patience:
@@ -230,7 +230,7 @@ class _Take:
             self.found.frames[name] += len(held)
 
     def _wrenches(self, until: float, raw: dict[str, Raw]) -> Raw | None:
-        """Takes out the samples of a segment, and gives them with their neighbours."""
+        """Removes the samples of a segment and returns them with their neighbours."""
         if self.rig.force is None:
             return None
         keeps = self.rig.force.keeps

@@ -1,4 +1,4 @@
-"""The sensors of a recording: opened together, each read in its thread, frames encoded at once."""
+"""The sensors of a recording: opened together, each read in a thread, encoded on arrival."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class RigSensor:
     seen: list[Frame] | None = None
 
     def sink(self, frame: Frame) -> None:
-        """Takes a frame from the thread of the sensor."""
+        """Receives a frame in the sensor's thread."""
         seen = self.seen
         if seen is not None:
             seen.append(frame)
@@ -109,7 +109,7 @@ class Rig:
         return [*self.devices, *(one for one in (self.force, self.camera) if one is not None)]
 
     def codec(self, device: RigSensor) -> str:
-        """How the frames of a device are stored."""
+        """Codec of the frames of a device."""
         return "png" if device.sensor.spec.kind == "array" else self.options.codec
 
     def __enter__(self) -> Self:
@@ -149,7 +149,7 @@ class Rig:
 
     @property
     def is_over(self) -> bool:
-        """Whether no sensor will give another frame."""
+        """Whether no sensor will deliver another frame."""
         return all(device.capture.is_done for device in self.devices)
 
     def take_background(self) -> None:
@@ -183,7 +183,7 @@ class Rig:
             self._tare(self.force)
 
     def _wait_for_all(self) -> None:
-        """Waits until every device gives something."""
+        """Waits until every device has delivered a frame or sample."""
         end = time.monotonic() + _PATIENCE
         while silent := [d for d in self.all if not (d.capture.is_done or d.capture.has_begun)]:
             self.check()
@@ -202,16 +202,16 @@ class Rig:
             force.rest = np.mean(wrenches, axis=0, dtype=np.float64)
 
     def start(self, time: float, end: float) -> None:
-        """Keeps what comes from a time on, and before another."""
+        """Starts keeping frames and samples from a time on, and before another."""
         for device in self.all:
             device.keeps.start(time, end)
 
     def stop(self) -> None:
-        """Keeps nothing more."""
+        """Stops keeping frames and samples."""
         for device in self.all:
             device.keeps.stop()
 
     def has_passed(self, time: float) -> bool:
-        """Whether everything before a time has come, as far as one can know."""
+        """Whether all frames and samples before a time have arrived, as far as can be known."""
         waits = [d for d in self.all if not (d.capture.is_done or d.capture.is_lost)]
         return all(device.capture.latest >= time for device in waits)

@@ -1,4 +1,4 @@
-"""One line that says how a recording goes."""
+"""Status line of a running recording."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _TERMINAL, _ELSEWHERE = 0.25, 5.0
 
 @dataclass
 class RecordSummary:
-    """What was recorded.
+    """Totals of a recording.
 
     Attributes:
         takes: Takes with at least one segment.
@@ -41,7 +41,7 @@ class RecordSummary:
 
 
 class RecordStatus(Status):
-    """Writes the line, and a warning when the pictures of a sensor begin to be bad.
+    """Writes the line, and a warning when the images of a sensor become invalid.
 
     Args:
         to: Where to; None for standard error.
@@ -52,7 +52,7 @@ class RecordStatus(Status):
         self._warned: set[tuple[str, str]] = set()
 
     def show(self, rig: Rig, take: int, seconds: float, found: RecordSummary) -> None:
-        """Writes the line, if it is time to."""
+        """Writes the line when it is due."""
         now = time.monotonic()
         if now < self._next:
             return
@@ -77,7 +77,7 @@ class RecordStatus(Status):
 
 
 def device_status(device: RigSensor) -> str:
-    """How one device does: rate, frames waiting, frames lost."""
+    """Status of one device: rate, frames waiting, frames lost."""
     capture, keeps = device.capture, device.keeps
     if capture.is_lost:
         return f"{device.name} LOST"

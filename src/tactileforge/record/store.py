@@ -1,4 +1,4 @@
-"""The folder of a recording: segments that are safe once written, joined into one shard a take.
+"""The folder of a recording: segments, durable once written, joined into one shard per take.
 
 A segment is written beside its place, forced to the disk and renamed; then the index is, in the
 same way. So what was acknowledged is in the index, and the index names only what is whole. What a
@@ -30,7 +30,7 @@ _TAKE = re.compile(r"(?P<split>train|val)-(?P<take>\d{6})\.tar")
 
 
 class TakeStore:
-    """Takes in a folder, of one writer at a time.
+    """Takes in a folder, with one writer at a time.
 
     Args:
         out: The folder.
@@ -89,7 +89,7 @@ class TakeStore:
             raise ConfigError(f"{self.out} holds shards of something else; give another out=")
 
     def _recover(self) -> None:
-        """Drops what is half-written, takes up what is whole, joins what was interrupted."""
+        """Drops partial files, keeps complete ones, and joins interrupted takes."""
         for path in [*self.out.glob("*.part"), *(self.out / NOTES).glob("*.tar*")]:
             path.unlink()
         for name in list(self._entries):
@@ -133,7 +133,7 @@ class TakeStore:
         recordings: Sequence[shards.Packed],
         raw: Mapping[str, Raw],
     ) -> IndexEntry:
-        """Writes one segment; when this returns, it is safe.
+        """Writes one segment; it is on disk when this returns.
 
         Args:
             take: Which take.
@@ -147,7 +147,7 @@ class TakeStore:
         return self._commit(f"{self.split}-{take:06d}.{number:04d}.tar", recordings, raw)
 
     def join(self, take: int) -> IndexEntry | None:
-        """Makes one shard of the segments of a take.
+        """Joins the segments of a take into one shard.
 
         Returns:
             Its row of the index; None where there are no segments, or no room for it.
@@ -213,13 +213,13 @@ def _parts(name: str) -> dict[str, str] | None:
 
 
 def _whole(name: str) -> str:
-    """What the shard of the whole take is called; "" for what is none of ours."""
+    """Name of the shard of the whole take; "" for a file that is not a recording."""
     parts = _parts(name)
     return f"{parts['split']}-{parts['take']}.tar" if parts else ""
 
 
 def _sync(path: Path) -> None:
-    """Forces a file, or the names in a folder, to the disk."""
+    """Flushes a file, or the entries of a folder, to disk."""
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)

@@ -43,7 +43,7 @@ def interpolate_wrenches(
 
 
 def axes_matrix(axes: Sequence[str]) -> NDArray[np.float64]:
-    """The turn from the axes of a wrench sensor to those of a gel, float64 (3, 3).
+    """Rotation from the axes of a wrench sensor to those of a gel, float64 (3, 3).
 
     Args:
         axes: Which axis of the wrench sensor, with its sign, is x, y and z of the gel: for example
@@ -70,6 +70,6 @@ def axes_matrix(axes: Sequence[str]) -> NDArray[np.float64]:
 def rotate_wrenches(
     wrenches: NDArray[np.float32], matrix: NDArray[np.float64]
 ) -> NDArray[np.float32]:
-    """Wrenches (N, 6) in other axes."""
+    """Rotates wrenches (N, 6) into other axes."""
     both = [wrenches[:, :3] @ matrix.T, wrenches[:, 3:] @ matrix.T]
     return np.concatenate(both, axis=1).astype(np.float32)

@@ -33,7 +33,7 @@ class AxisScore:
 
     @property
     def collapsed(self) -> bool:
-        """Whether the same is said of every clip, although the force varies."""
+        """Whether predictions are nearly constant although the force varies."""
         return self.predicted < _COLLAPSED * self.measured
 
 
@@ -48,18 +48,18 @@ def axis_score(
         known: Forces of the training clips, N, whose median is the guess.
     """
     labelled = np.isfinite(measured)
-    true, said = (part[labelled].astype(np.float64) for part in (measured, predicted))
+    true, estimated = (part[labelled].astype(np.float64) for part in (measured, predicted))
     if not len(true):
         return AxisScore(*[float("nan")] * 6)
     guess = np.median(known[np.isfinite(known)]) if np.isfinite(known).any() else np.median(true)
     moves = true.std() > 1e-6
     return AxisScore(
-        mae=1000 * float(np.abs(said - true).mean()),
+        mae=1000 * float(np.abs(estimated - true).mean()),
         median=1000 * float(np.abs(guess - true).mean()),
-        correlation=float(np.corrcoef(true, said)[0, 1])
-        if moves and said.std() > 1e-9
+        correlation=float(np.corrcoef(true, estimated)[0, 1])
+        if moves and estimated.std() > 1e-9
         else float("nan"),
-        r2=1 - float(((said - true) ** 2).mean() / true.var()) if moves else float("nan"),
+        r2=1 - float(((estimated - true) ** 2).mean() / true.var()) if moves else float("nan"),
         measured=1000 * float(true.std()),
-        predicted=1000 * float(said.std()),
+        predicted=1000 * float(estimated.std()),
     )

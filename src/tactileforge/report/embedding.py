@@ -1,4 +1,4 @@
-"""The embedding map, and what nearest neighbours read from the embedding."""
+"""The embedding map, and nearest-neighbour scores of the embedding."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS
@@ -40,7 +41,7 @@ class Embedding:
 
 @dataclass(frozen=True)
 class NeighbourScore:
-    """How well nearest neighbours in other recordings tell a class.
+    """Accuracy of classification by nearest neighbours in other recordings.
 
     Attributes:
         accuracy: Mean over classes.
@@ -144,7 +145,7 @@ def embedding_section(embedding: Embedding, scores: dict[str, NeighbourScore | N
     return Section(name, title, body)
 
 
-def _introduction(embedding: Embedding, shares: NDArray[np.float64]) -> str:
+def _introduction(embedding: Embedding, shares: NDArray[np.float64]) -> Markup:
     count, size = embedding.vectors.shape
     faint = " Training clips are drawn faintly." if embedding.held_out.any() else ""
     used = 1 / float((shares**2).sum())
@@ -162,7 +163,7 @@ def _map(
     places: NDArray[np.float64],
     shares: NDArray[np.float64],
     score: NeighbourScore | None,
-) -> str:
+) -> Markup:
     counts = Counter(name for name in embedding.labels[kind] if name)
     names = [name for name, _ in sorted(counts.items(), key=lambda item: (-item[1], item[0]))]
     shown = sorted(names[:_SHOWN])

@@ -1,4 +1,4 @@
-"""What a trained module makes of its data: everything that the report shows beside the metrics."""
+"""Outputs of a trained module on its data, which the report shows beside the metrics."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ _SHOWN = 6
 
 @dataclass(frozen=True)
 class RunFindings:
-    """What the report shows of a module.
+    """Outputs of a module that the report shows.
 
     Attributes:
         split: Where the clips that are shown come from: ``val``, or ``train`` without validation.
         clips: The clips of that split.
         shown: Which of them are shown.
-        strips: Their pictures.
+        strips: Their images.
         explained: Share of the variance of hidden pixels that is explained, by kind.
         forces: One for each head that predicts force.
         embedding: Of both splits.
@@ -64,8 +64,8 @@ def run_findings(module: TouchModule, data: TouchData) -> RunFindings:
     }
     split, clips = next(iter(present.items()))
     shown = liveliest(clips, looks[split], _SHOWN)
-    patches, given = predictions(module, clips, shown)
-    rebuilt = {key: value for key, value in given.items() if isinstance(value, Reconstruction)}
+    patches, predicted = predictions(module, clips, shown)
+    rebuilt = {key: value for key, value in predicted.items() if isinstance(value, Reconstruction)}
     embedding = embedding_of(data, looks)
     return RunFindings(
         split=split,
@@ -76,7 +76,7 @@ def run_findings(module: TouchModule, data: TouchData) -> RunFindings:
             for row in range(len(shown))
         ],
         explained=explained(module, clips, spread(clips, _REBUILT), list(rebuilt)),
-        forces=force_results(module, data, given),
+        forces=force_results(module, data, predicted),
         embedding=embedding,
         scores={kind: neighbours(embedding, kind) for kind in embedding.labels},
         skipped=[line for line, _ in skipped.values()],

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from html import escape
 
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import NDArray
 
 from tactileforge.contracts import AXES, Recording
@@ -20,6 +20,7 @@ from tactileforge.pages.page import (
     NONE,
     SPLIT_WORDS,
     Section,
+    heading,
     legend,
     number,
     panel,
@@ -35,7 +36,7 @@ _CLIPS = 200
 
 @dataclass(frozen=True)
 class ForceResult:
-    """What one head reads.
+    """Forces that one head predicts, and their scores.
 
     Attributes:
         objective: Its name.
@@ -61,7 +62,7 @@ class ForceResult:
 def force_results(
     module: TouchModule, data: TouchData, predictions: dict[str, object]
 ) -> list[ForceResult]:
-    """Reads the forces of labelled clips with every head that predicts them.
+    """Predicts the forces of labelled clips with every head that can.
 
     Args:
         module: The trained module.
@@ -81,8 +82,8 @@ def force_results(
         curve = {}
         for split in readings:
             clips = getattr(data, split)
-            own = [i for i, r in enumerate(clips.recordings) if whole_key(r) == recording]
-            cut = np.flatnonzero(np.isin(clips.index[:, 0], own))
+            clips_of_it = [i for i, r in enumerate(clips.recordings) if whole_key(r) == recording]
+            cut = np.flatnonzero(np.isin(clips.index[:, 0], clips_of_it))
             reading = read_forces(module, clips, cut[spread_places(len(cut), _CLIPS)].tolist(), key)
             if reading:
                 curve[split] = reading
@@ -127,10 +128,10 @@ def forces_section(
     name, title = "force", "Force"
     if not results:
         return Section(name, title, paragraph("No objective predicts force."))
-    body = ""
+    body = Markup()
     for result in results:
         if len(results) > 1:
-            body += f"<h3>{escape(result.objective)}</h3>"
+            body += heading(result.objective)
         body += (
             _result(result, data, _learning(result.objective, curves, last_step))
             if result.readings
@@ -139,22 +140,22 @@ def forces_section(
     return Section(name, title, body)
 
 
-def _learning(objective: str, curves: Mapping[str, Curve], last_step: int) -> str:
+def _learning(objective: str, curves: Mapping[str, Curve], last_step: int) -> Markup:
     """R2 and deviation of the predictions of each axis, over the run."""
     drawn = []
     for name, title, unit in (
         ("r2_{}", "R\N{SUPERSCRIPT TWO} of each axis, validation", "R\N{SUPERSCRIPT TWO}"),
         ("deviation_{}_mN", "Deviation of the predictions, validation", "mN"),
     ):
-        found = {axis: curves.get(f"val/{objective}/{name.format(axis)}") for axis in AXES}
-        lines = {axis: curve for axis, curve in found.items() if curve is not None}
+        by_axis = {axis: curves.get(f"val/{objective}/{name.format(axis)}") for axis in AXES}
+        lines = {axis: curve for axis, curve in by_axis.items() if curve is not None}
         if lines:
             drawn.append(panel(title, lines_figure(unit, last_step, lines)))
     names = dict(enumerate(AXES))
-    return f"<h3>Over the run</h3>{legend(names)}{panels(drawn)}" if drawn else ""
+    return heading("Over the run") + legend(names) + panels(drawn) if drawn else Markup()
 
 
-def _result(result: ForceResult, data: TouchData, learning: str) -> str:
+def _result(result: ForceResult, data: TouchData, learning: Markup) -> Markup:
     sensors = sorted(
         {
             sensor
@@ -171,7 +172,7 @@ def _result(result: ForceResult, data: TouchData, learning: str) -> str:
     drawings = [
         panel(f"{axis} (N)", _scatter(result, data, sensors, i))
         for i, axis in enumerate(AXES)
-        if any(np.isfinite(one.measured[..., i]).any() for one in result.readings.values())
+        if any(np.isfinite(head.measured[..., i]).any() for head in result.readings.values())
     ]
     return (
         paragraph(text)
@@ -187,31 +188,33 @@ def _sensors(clips: Clips, reading: ForceReading) -> list[str]:
     return [clips.recordings[n].sensor for n in clips.index[reading.clips, 0].tolist()]
 
 
-def _scatter(result: ForceResult, data: TouchData, sensors: list[str], axis: int) -> str:
+def _scatter(result: ForceResult, data: TouchData, sensors: list[str], axis: int) -> Markup:
     groups = []
     for split, reading in reversed(result.readings.items()):
         names = _sensors(getattr(data, split), reading)
         classes = np.repeat([sensors.index(name) for name in names], reading.measured.shape[1])
         faint = split == "train" and len(result.readings) > 1
-        true, said = (part[..., axis].ravel() for part in (reading.measured, reading.predicted))
+        true, estimated = (
+            part[..., axis].ravel() for part in (reading.measured, reading.predicted)
+        )
         known = np.isfinite(true)
-        groups.append((true[known], said[known], classes[known], 0.25 if faint else 0.9))
+        groups.append((true[known], estimated[known], classes[known], 0.25 if faint else 0.9))
     return scatter_figure(groups, ("measured (N)", "predicted (N)"), identity=True)
 
 
-def _scores(result: ForceResult) -> str:
+def _scores(result: ForceResult) -> Markup:
     rows = [
         (
             f"{axis}, {SPLIT_WORDS[split]}",
-            milli(one.mae),
-            milli(one.median),
-            number(round(one.correlation, 2) + 0.0),
-            number(round(one.r2, 2) + 0.0),
-            milli(one.measured),
-            f"{'bad|' if one.collapsed else ''}{milli(one.predicted)}",
+            milli(axis_score.mae),
+            milli(axis_score.median),
+            number(round(axis_score.correlation, 2) + 0.0),
+            number(round(axis_score.r2, 2) + 0.0),
+            milli(axis_score.measured),
+            f"{'bad|' if axis_score.collapsed else ''}{milli(axis_score.predicted)}",
         )
         for split in result.readings
-        for axis, one in zip(AXES, result.scores(split), strict=True)
+        for axis, axis_score in zip(AXES, result.scores(split), strict=True)
     ]
     note = (
         "Median guess: the error of always giving the median force of the training clips. An axis "
@@ -222,7 +225,7 @@ def _scores(result: ForceResult) -> str:
     return table(f"force-{result.objective}", columns, rows, note)
 
 
-def _over_time(result: ForceResult, data: TouchData) -> str:
+def _over_time(result: ForceResult, data: TouchData) -> Markup:
     measured, predicted = [], {}
     for split, reading in result.curve.items():
         clips: Clips = getattr(data, split)
@@ -241,7 +244,7 @@ def _over_time(result: ForceResult, data: TouchData) -> str:
         drawings.append(panel(f"{axis} (N)", force_curve_figure(lines, points, axis)))
     names = {SPLITS[split]: f"predicted, {SPLIT_WORDS[split]}" for split in predicted}
     title = f"One recording over time: {result.recording}"
-    return f"<h3>{escape(title)}</h3>" + legend(names, line="measured") + panels(drawings)
+    return heading(title) + legend(names, line="measured") + panels(drawings)
 
 
 def milli(value: float) -> str:

@@ -1,4 +1,4 @@
-"""Clips as pictures: input, masked, reconstructed, and how their frames differ."""
+"""Clips as images: input, masked, reconstructed, and differences between frames."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ class Strips:
     explained: dict[str, float]
 
 
-def kind_of(found: Reconstruction, frames: int) -> str:
-    """What was reconstructed: T frames, T - 1 differences to the first frame, or something else."""
-    return {frames: "frames", frames - 1: "differences"}.get(found.target.shape[2], "")
+def kind_of(reconstruction: Reconstruction, frames: int) -> str:
+    """Kind of reconstruction: T ``frames``, T - 1 ``differences`` to the first, or ``""``."""
+    return {frames: "frames", frames - 1: "differences"}.get(reconstruction.target.shape[2], "")
 
 
-def residuals(found: Reconstruction, kind: str) -> Tensor:
+def residuals(reconstruction: Reconstruction, kind: str) -> Tensor:
     """Squared error and variance of hidden pixels, summed for each clip: float (B, 2).
 
     Frames vary around the mean of each channel of the clip's hidden pixels, differences around 0.
     """
-    target = found.target.float()
-    wrong = (target - found.predicted.float()).square().sum((1, 2, 3))
+    target = reconstruction.target.float()
+    wrong = (target - reconstruction.predicted.float()).square().sum((1, 2, 3))
     if kind == "frames":
         channels = target.reshape(*target.shape[:3], 3, -1)
         target = (channels - channels.mean((1, 2, 4), keepdim=True)).flatten(3)
@@ -62,7 +62,7 @@ def share(residual: Tensor) -> float:
 def strips_of(
     encoder: Encoder, patches: Tensor, predictions: Sequence[Reconstruction], row: int
 ) -> Strips:
-    """Rows of pictures of one clip of a batch.
+    """Rows of images of one clip of a batch.
 
     Args:
         encoder: Made the patches.
@@ -72,17 +72,17 @@ def strips_of(
     """
     frames = _framewise(patches[row], encoder.tube)
     count = frames.shape[1]
-    found = {kind_of(value, count): value for value in reversed(predictions)}
+    by_kind = {kind_of(value, count): value for value in reversed(predictions)}
     explained: dict[str, float] = {
-        kind: share(residuals(found[kind], kind)[row])
+        kind: share(residuals(by_kind[kind], kind)[row])
         for kind in ("frames", "differences")
-        if kind in found
+        if kind in by_kind
     }
     rows = {"Input": _colour(encoder, _canvas(encoder, frames))}
     if predictions:
         rows["Masked"] = _masked(encoder, rows["Input"], predictions[0].masked[row].cpu())
-    if "frames" in found:
-        pasted = _pasted(frames, found["frames"], row)
+    if "frames" in by_kind:
+        pasted = _pasted(frames, by_kind["frames"], row)
         rows["Reconstructed"] = _colour(encoder, _canvas(encoder, pasted))
     if count == 1:
         return Strips(rows, 1.0, explained)
@@ -90,8 +90,8 @@ def strips_of(
     drawn = _canvas(encoder, true) * _spread(encoder)
     gain = 0.5 / max(float(drawn.abs().quantile(0.995)), 2 / 255)
     rows["Difference"] = (0.5 + gain * drawn).clamp(0, 1)
-    if "differences" in found:
-        pasted = _canvas(encoder, _pasted(true, found["differences"], row))
+    if "differences" in by_kind:
+        pasted = _canvas(encoder, _pasted(true, by_kind["differences"], row))
         rows["Difference, reconstructed"] = (0.5 + gain * pasted * _spread(encoder)).clamp(0, 1)
     return Strips(rows, gain, explained)
 
@@ -111,10 +111,10 @@ def _canvas(encoder: Encoder, x: Tensor) -> Tensor:
     return x.reshape(-1, 3, rows * side, columns * side)
 
 
-def _pasted(frames: Tensor, found: Reconstruction, row: int) -> Tensor:
+def _pasted(frames: Tensor, reconstruction: Reconstruction, row: int) -> Tensor:
     """The frames (N, n, P), masked positions as predicted."""
     out = frames.clone()
-    out[found.masked[row].cpu()] = found.predicted[row].float().cpu()
+    out[reconstruction.masked[row].cpu()] = reconstruction.predicted[row].float().cpu()
     return out
 
 
@@ -129,15 +129,15 @@ def _masked(encoder: Encoder, frames: Tensor, hidden: Tensor) -> Tensor:
 
 
 def _spread(encoder: Any) -> Tensor:
-    """What 1 in normalised pixels is in 0..1; a quarter for an encoder that does not tell."""
+    """Standard deviation of pixels in 0..1; a quarter where the encoder does not give one."""
     return _normalisation(encoder, "std", 0.25)
 
 
 def _normalisation(encoder: Any, name: str, otherwise: float) -> Tensor:
     """Mean or standard deviation of pixels (3, 1, 1); over all sensors where each has its own."""
     pixels = getattr(encoder, "pixels", None)
-    found: Tensor = getattr(pixels, name, torch.full((3, 1, 1), otherwise))
-    return found.float().cpu().reshape(-1, 3, 1, 1).mean(0)
+    value: Tensor = getattr(pixels, name, torch.full((3, 1, 1), otherwise))
+    return value.float().cpu().reshape(-1, 3, 1, 1).mean(0)
 
 
 def _colour(encoder: Any, frames: Tensor) -> Tensor:

@@ -1,4 +1,4 @@
-"""Writes the report of a run: one HTML file that tells in a minute whether it went well."""
+"""Writes the report of a run: one HTML file."""
 
 from __future__ import annotations
 
@@ -63,18 +63,18 @@ def write_report(folder: Path, module: TouchModule, data: TouchData) -> Path:
     config = _config(folder)
     curves = read_metrics(folder)
     steps, seconds = _progress(folder, curves)
-    found = run_findings(module, data)
+    findings = run_findings(module, data)
     weights = {key: float(node["weight"]) for key, node in config["objective"].items()}
     versions = sections.kept_versions(folder).get("versions", {})
     top = summary.facts(config, module, data, steps, seconds, versions)
-    top += summary.run_verdict(curves, weights, found, module.labels)
+    top += summary.run_verdict(curves, weights, findings, module.labels)
     parts = [
         sections.losses(curves, list(weights), steps),
         *sections.balance(curves, list(weights), steps),
-        sections.frames(found),
-        forces.forces_section(found.forces, data, curves, steps),
-        embedding.embedding_section(found.embedding, found.scores),
-        sections.data_section(data, found.skipped),
+        sections.frames(findings),
+        forces.forces_section(findings.forces, data, curves, steps),
+        embedding.embedding_section(findings.embedding, findings.scores),
+        sections.data_section(data, findings.skipped),
         sections.recipe(folder),
     ]
     report = folder / "report.html"

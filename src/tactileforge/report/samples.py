@@ -1,4 +1,4 @@
-"""What a trained module makes of some clips: embeddings, forces, reconstructions."""
+"""Outputs of a trained module on some clips: embeddings, forces, reconstructions."""
 
 from __future__ import annotations
 
@@ -79,9 +79,9 @@ def spread(
         numbers = [numbers[i] for i in np.linspace(0, len(numbers) - 1, count).round().astype(int)]
     chosen: list[int] = []
     for place, number in enumerate(numbers):
-        own = np.flatnonzero(which == number)
+        members = np.flatnonzero(which == number)
         quota = (count - len(chosen)) // (len(numbers) - place)
-        chosen += own[spread_places(len(own), quota)].tolist()
+        chosen += members[spread_places(len(members), quota)].tolist()
     return chosen
 
 
@@ -123,8 +123,8 @@ def embed_clips(
             change = batch["frames"].float() - batch["frames"][:, :1].float()
             moved.append(change.abs().mean((1, 2, 3, 4)).cpu().numpy())
             numbers.append(batch["clip"].cpu().numpy())
-    found, first = np.unique(np.concatenate(numbers), return_index=True)
-    return ClipSample(found, np.concatenate(rows)[first], np.concatenate(moved)[first])
+    places, first = np.unique(np.concatenate(numbers), return_index=True)
+    return ClipSample(places, np.concatenate(rows)[first], np.concatenate(moved)[first])
 
 
 def liveliest(clips: Clips, seen: ClipSample, count: int) -> list[int]:
@@ -161,7 +161,7 @@ def liveliest(clips: Clips, seen: ClipSample, count: int) -> list[int]:
 def predictions(
     module: TouchModule, clips: Clips, which: Sequence[int]
 ) -> tuple[Tensor, dict[str, Any]]:
-    """The patches of one batch of clips, and what every head makes of them, by objective."""
+    """The patches of one batch of clips, and the predictions of every head, by objective."""
     with quiet(module):
         batch = next(batches(module, clips, which))
         views = module.encoder.views(batch)
@@ -184,9 +184,11 @@ def explained(
         for batch in batches(module, clips, which if keys else []):
             views = module.encoder.views(batch)
             for key in keys:
-                found: Reconstruction = module.heads[key](views, batch)
-                if kind := kind_of(found, module.encoder.frames):
-                    sums[kind] = sums.get(kind, torch.zeros(2)) + residuals(found, kind).sum(0)
+                reconstruction: Reconstruction = module.heads[key](views, batch)
+                if kind := kind_of(reconstruction, module.encoder.frames):
+                    sums[kind] = sums.get(kind, torch.zeros(2)) + residuals(
+                        reconstruction, kind
+                    ).sum(0)
     return {kind: share(residual) for kind, residual in sums.items()}
 
 

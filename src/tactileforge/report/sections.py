@@ -5,12 +5,11 @@ from __future__ import annotations
 import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from torch import Tensor
+from markupsafe import Markup
 
 from tactileforge import run_folder
 from tactileforge.contracts import LABELS
@@ -19,16 +18,20 @@ from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.data.shards.summary import Count, counted
 from tactileforge.pages.curves import Curve, weighed
 from tactileforge.pages.figures import SPLITS, curve_figure, lines_figure
-from tactileforge.pages.images import frame_data_url
+from tactileforge.pages.images import image, strip
 from tactileforge.pages.page import (
     SPLIT_WORDS,
     Section,
+    card,
+    details,
     duration,
+    items,
     legend,
     panel,
     panels,
     paragraph,
     percent,
+    preformatted,
     table,
 )
 from tactileforge.report.findings import RunFindings
@@ -44,7 +47,7 @@ _FRAMES = 6
 
 
 def losses(curves: Mapping[str, Curve], objectives: Sequence[str], last_step: int) -> Section:
-    """A panel an objective; then the learning rate and the chance of the universal token."""
+    """One panel per objective; then the learning rate and the chance of the universal token."""
     if not any(key.startswith("train/") for key in curves):
         text = (
             "No metrics were logged; lower trainer.log_every_n_steps to see curves of short runs."
@@ -52,9 +55,11 @@ def losses(curves: Mapping[str, Curve], objectives: Sequence[str], last_step: in
         return Section("losses", "Losses", paragraph(text))
     parts = []
     for key in objectives:
-        found = [curves.get(f"{kind}/{key}") for kind in ("train", "val", "weight")]
-        asleep = "" if found[0] else "never computed: its weight was 0 whenever metrics were logged"
-        parts.append(panel(key, curve_figure("loss", last_step, *found), asleep))
+        logged = [curves.get(f"{kind}/{key}") for kind in ("train", "val", "weight")]
+        asleep = (
+            "" if logged[0] else "never computed: its weight was 0 whenever metrics were logged"
+        )
+        parts.append(panel(key, curve_figure("loss", last_step, *logged), asleep))
     for key, title in (
         ("lr", "learning rate"),
         ("universal", "chance of the universal sensor token"),
@@ -62,7 +67,7 @@ def losses(curves: Mapping[str, Curve], objectives: Sequence[str], last_step: in
         if key in curves:
             label = {"lr": "learning rate", "universal": "chance"}[key]
             parts.append(panel(title, curve_figure(label, last_step, curves[key])))
-    details = [
+    parts_of = [
         panel(
             key,
             curve_figure("value", last_step, curves.get(f"train/{key}"), curves.get(f"val/{key}")),
@@ -74,40 +79,40 @@ def losses(curves: Mapping[str, Curve], objectives: Sequence[str], last_step: in
     body = legend(splits, area="weight of the objective, right axis") + panels(parts)
     if not val:
         body += paragraph("There is no validation loss.", soft=True)
-    if details:
-        body += f"<details><summary>Parts of the losses</summary>{panels(details)}</details>"
+    if parts_of:
+        body += details("Parts of the losses", panels(parts_of))
     return Section("losses", "Losses", body)
 
 
 def balance(
     curves: Mapping[str, Curve], objectives: Sequence[str], last_step: int
 ) -> list[Section]:
-    """What of each objective reaches the encoder; nothing where that was not measured."""
+    """Share of each objective in the encoder's gradient; empty where it was not measured."""
     norms = {key: curves[f"gradient/{key}"] for key in objectives if f"gradient/{key}" in curves}
     if not norms:
         return []
     weights = {key: curves[f"weight/{key}"] for key in norms}
-    given = {key: weighed(norms[key], weights[key]) for key in norms}
+    reaching = {key: weighed(norms[key], weights[key]) for key in norms}
     shares = [
         panel("norm of the gradient, not weighted", lines_figure("norm", last_step, norms)),
         panel("weight", lines_figure("weight", last_step, weights)),
-        panel("weight times norm", lines_figure("norm", last_step, given)),
+        panel("weight times norm", lines_figure("norm", last_step, reaching)),
     ]
     text = "Norms of each objective's gradient on the encoder, as last measured."
     body = paragraph(text) + legend(dict(enumerate(norms))) + panels(shares)
     return [Section("balance", "Balance", body)]
 
 
-def frames(found: RunFindings) -> Section:
-    """Pictures of a few clips, row by row."""
+def frames(findings: RunFindings) -> Section:
+    """Images of a few clips, row by row."""
     cards = [
-        _card(found.clips, clip, strip)
-        for clip, strip in zip(found.shown, found.strips, strict=True)
+        _card(findings.clips, clip, strips)
+        for clip, strips in zip(findings.shown, findings.strips, strict=True)
     ]
-    kinds = list(found.explained)
+    kinds = list(findings.explained)
     text = (
-        f"The {SPLIT_WORDS[found.split]} clips that move most, of different sensors, objects and "
-        "recordings. "
+        f"The {SPLIT_WORDS[findings.split]} clips that move most, of different sensors, objects "
+        "and recordings. "
         "The background is subtracted: what nothing touches is grey. "
     )
     if not kinds:
@@ -117,40 +122,29 @@ def frames(found: RunFindings) -> Section:
     return Section("frames", "Frames", paragraph(text) + panels(cards, wide=True))
 
 
-def _card(clips: Clips, clip: int, strip: Strips) -> str:
+def _card(clips: Clips, clip: int, strips: Strips) -> Markup:
     recording = clips.recordings[clips.index[clip, 0]]
     title = " · ".join(filter(None, (recording.sensor, recording.object, recording.key)))
-    count = len(strip.rows["Input"])
+    count = len(strips.rows["Input"])
     columns = np.unique(np.linspace(0, count - 1, min(count, _FRAMES)).round().astype(int)).tolist()
-    body = ""
-    for name, pictures in strip.rows.items():
+    body = Markup()
+    for name, pictures in strips.rows.items():
         note = _ROW_NOTES.get(name, "")
         if name == "Difference":
-            note += f" {strip.gain:.2g} times"
-        label = f"{escape(name)}{f': {escape(note)}' if note else ''}"
+            note += f" {strips.gain:.2g} times"
         missing = count - len(pictures)  # differences begin with frame 2
         images = [
-            _image(pictures[i - missing], f"{name}, frame {i + 1}")
-            if i >= missing
-            else "<span></span>"
+            image(pictures[i - missing], f"{name}, frame {i + 1}") if i >= missing else None
             for i in columns
         ]
-        grid = f'style="grid-template-columns:repeat({len(columns)},1fr)"'
-        body += f'<div class="strip-name">{label}</div>'
-        body += f'<div class="strip" {grid}>{"".join(images)}</div>'
-    explained = ", ".join(f"{percent(share)} ({kind})" for kind, share in strip.explained.items())
+        body += strip(images, len(columns), f"{name}: {note}" if note else name)
+    explained = ", ".join(f"{percent(share)} ({kind})" for kind, share in strips.explained.items())
     explained = f"Explained variance of hidden pixels: {explained}" if explained else ""
-    below = f"<figcaption>{explained}</figcaption>" if explained else ""
-    return f'<figure class="clip"><b>{escape(title)}</b>{body}{below}</figure>'
-
-
-def _image(picture: Tensor, words: str) -> str:
-    url, width, height = frame_data_url(picture)
-    return f'<img src="{url}" width="{width}" height="{height}" alt="{escape(words)}">'
+    return card(title, body, explained)
 
 
 def data_section(data: TouchData, skipped: Sequence[str]) -> Section:
-    """What was trained on, where it comes from, and what could not be read."""
+    """The training data: recordings, sources, and files that could not be read."""
     rows = []
     sources: Counter[tuple[str, str, int]] = Counter()
     for split in ("train", "val"):
@@ -171,9 +165,7 @@ def data_section(data: TouchData, skipped: Sequence[str]) -> Section:
     body += table("sources", ("Source", "text|licence", "tier", "recordings"), lines)
     if not skipped:
         return Section("data", "Data", body + paragraph("Skipped recordings: none."))
-    items = "".join(f"<li>{escape(line)}</li>" for line in skipped)
-    title = f"Skipped recordings: {len(skipped)}"
-    body += f"<details open><summary>{title}</summary><ul>{items}</ul></details>"
+    body += details(f"Skipped recordings: {len(skipped)}", items(skipped), is_open=True)
     return Section("data", "Data", body)
 
 
@@ -190,7 +182,7 @@ def _row(counts: Sequence[Count]) -> list[str]:
 
 
 def kept_versions(folder: Path) -> dict[str, Any]:
-    """What ``versions.json`` of a run says; nothing where it is absent."""
+    """Content of a run's ``versions.json``; empty where it is absent."""
     return run_folder.read_versions(folder)
 
 
@@ -204,9 +196,9 @@ def recipe(folder: Path) -> Section:
     command = shlex.join([Path(program).name, *words])
     versions = "\n".join(f"{name} {version}" for name, version in kept["versions"].items())
     plugins = "\n".join(f"{name}: {package}" for name, package in kept["plugins"].items())
-    body = f"<pre>{escape(command)}</pre>{body}{_details('Versions', versions)}"
+    body = preformatted(command) + body + _details("Versions", versions)
     return Section("recipe", "Recipe", body + _details("Installed plugins", plugins))
 
 
-def _details(title: str, text: str) -> str:
-    return f"<details><summary>{escape(title)}</summary><pre>{escape(text)}</pre></details>"
+def _details(title: str, text: str) -> Markup:
+    return details(title, preformatted(text))

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from html import escape
 from typing import Any
+
+from markupsafe import Markup
 
 from tactileforge.contracts import AXES
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.labels import Labels
 from tactileforge.module import TouchModule
+from tactileforge.pages import page
 from tactileforge.pages.curves import Curve
 from tactileforge.pages.page import NONE, SPLIT_WORDS, duration, number, percent, table
 from tactileforge.report.embedding import NeighbourScore
@@ -39,8 +41,8 @@ def facts(
     steps: int,
     seconds: float | None,
     versions: Mapping[str, str],
-) -> str:
-    """What was trained, on what, for how long."""
+) -> Markup:
+    """Facts of the run: model, data and duration."""
     encoder = config["encoder"]
     name = " ".join(filter(None, (encoder["name"], encoder.get("size"))))
     size = sum(parameter.numel() for parameter in module.encoder.parameters()) / 1e6
@@ -59,45 +61,43 @@ def facts(
             f"{k} {versions[k]}" for k in ("tactileforge", "torch") if k in versions
         ),
     }
-    cells = (f"<div><dt>{k}</dt><dd>{escape(v)}</dd></div>" for k, v in about.items() if v)
-    return f"<dl>{''.join(cells)}</dl>"
+    return page.facts(about)
 
 
 def run_verdict(
     curves: Mapping[str, Curve],
     weights: Mapping[str, float],
-    found: RunFindings,
+    findings: RunFindings,
     labels: Labels,
-) -> str:
+) -> Markup:
     """The run in a few sentences, each marked as good, bad or plain; then the losses as a table."""
     lines = [_fell(curves, weights, "train")]
-    if found.split == "val":
+    if findings.split == "val":
         lines.append(_fell(curves, weights, "val"))
     else:
         lines.append(("plain", "No validation: the data holds nothing out."))
     lines += [
         ("bad", f"{line[0].upper()}{line[1:]}.") for key in weights if (line := labels.missing(key))
     ]
-    lines += _rebuilt(found.explained)
-    lines += [line for result in found.forces for line in _force(result)]
-    lines += _read(found.scores)
-    count = len(found.skipped)
+    lines += _rebuilt(findings.explained)
+    lines += [line for result in findings.forces for line in _force(result)]
+    lines += _read(findings.scores)
+    count = len(findings.skipped)
     lines.append(
         ("bad", f"{count} recording{'s' * (count > 1)} could not be read; see Data.")
         if count
         else ("good", "No recording was skipped.")
     )
-    items = "".join(f'<li class="{kind}">{escape(text)}</li>' for kind, text in lines)
     rows = [_row(key, weight, curves) for key, weight in weights.items()]
     note = (
         "First and last: means of the first and the last tenth of the logged values (of one value "
         "where fewer than 20 were logged)."
     )
-    return f'<ul class="verdict">{items}</ul>' + table("losses-summary", _HEAD, rows, note)
+    return page.verdict(lines) + table("losses-summary", _HEAD, rows, note)
 
 
 def ends(curve: Curve) -> tuple[float, float]:
-    """How a loss began and ended: means of the first and the last tenth of its values."""
+    """First and last value of a loss: means of the first and the last tenth of its values."""
     count = max(1, len(curve.values) // 10)
     return float(curve.values[:count].mean()), float(curve.values[-count:].mean())
 

@@ -1,4 +1,4 @@
-"""Frames without contact, and the check that nothing touches while they are taken."""
+"""Background frames, and the check that nothing touches while they are taken."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _SQUARE = 8
 
 @dataclass(frozen=True, kw_only=True)
 class Background:
-    """How frames without contact are taken before each take.
+    """Options of the background taken before each take.
 
     Attributes:
         seconds: For how long; 0 takes none.
@@ -32,7 +32,7 @@ class Background:
 
 
 def variation(frames: Sequence[NDArray[np.uint8]]) -> float:
-    """How much pictures change, grey levels.
+    """Variation of images over time, grey levels.
 
     Of each picture, the mean of every square of eight pixels is compared with the median of all
     pictures; a hundredth of the squares may change more than the result.
@@ -53,7 +53,7 @@ def variation(frames: Sequence[NDArray[np.uint8]]) -> float:
 
 
 def check_background(name: str, frames: Sequence[NDArray[np.uint8]], threshold: float) -> None:
-    """Refuses a background that cannot be one.
+    """Raises an error where the frames cannot be a background.
 
     Args:
         name: Of the sensor.
@@ -77,7 +77,7 @@ def check_background(name: str, frames: Sequence[NDArray[np.uint8]], threshold: 
 
 
 def spread_frames(frames: Sequence[NDArray[np.uint8]], count: int) -> list[NDArray[np.uint8]]:
-    """So many of the frames, spread evenly."""
+    """Selects frames, spread evenly."""
     count = min(count, len(frames))
     step = (len(frames) - 1) / max(1, count - 1)
     return [frames[round(place * step)] for place in range(count)]

@@ -1,4 +1,4 @@
-"""One sensor read in a thread of its own, opened again when it is lost, and counted."""
+"""Reads one sensor in a thread, reconnects when it is lost, and counts its frames."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _RATE_OVER = 60
 
 @dataclass
 class Counts:
-    """What a sensor has given.
+    """Counters of the frames of a sensor.
 
     Attributes:
         frames: Frames handed on.
@@ -97,17 +97,17 @@ class Capture:
 
     @property
     def is_done(self) -> bool:
-        """Whether no frame will come any more."""
+        """Whether no further frame will arrive."""
         return self.ended or self.error is not None
 
     @property
     def has_begun(self) -> bool:
-        """Whether a frame has come."""
+        """Whether a frame has arrived."""
         return self.latest > -math.inf
 
     @property
     def fps(self) -> float:
-        """Frames a second, over the last ones; it sinks while none comes, and is 0 when lost."""
+        """Frames per second, over the latest; it sinks while none comes, and is 0 when lost."""
         times = list(self._recent)
         span = times[-1] - times[0] if len(times) > 1 else 0.0
         if span <= 0 or self.is_lost:

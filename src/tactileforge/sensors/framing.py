@@ -1,4 +1,4 @@
-"""Packets in a stream of bytes: found by header, length, checksum and footer.
+"""Finds packets in a byte stream by header, length, checksum and footer.
 
 Everything here is a pure function of the bytes so far: however a stream is cut into pieces, the
 same packets come out of it.
@@ -18,7 +18,7 @@ from tactileforge.errors import ConfigError, unknown
 
 
 class Parser(Protocol):
-    """Bytes to payloads. A protocol that `Framing` cannot describe brings its own.
+    """Parses bytes to payloads. A protocol that `Framing` cannot describe brings its own.
 
     Attributes:
         good: Packets found.
@@ -31,7 +31,7 @@ class Parser(Protocol):
     lost: int
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Takes the next bytes, and gives the payloads that are now complete, oldest first."""
+        """Takes the next bytes and returns the completed payloads, oldest first."""
         ...
 
 
@@ -95,7 +95,7 @@ CHECKSUMS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Framing:
-    """How packets look: header, payload, checksum, footer, in this order.
+    """Layout of packets: header, payload, checksum, footer, in this order.
 
     Without a checksum, a packet counts only if something stands on both sides of it: its own header
     and footer, the footer of the packet before, or the header of the next one (it then comes when
@@ -144,7 +144,7 @@ _PARTS = ("packet", "payload")
 
 
 def measured(payload: str) -> tuple[int, int]:
-    """Bytes and values of a payload.
+    """Number of bytes and of values of a payload.
 
     Args:
         payload: As `struct` writes it.
@@ -198,7 +198,7 @@ class PacketParser:
 
     @property
     def waiting(self) -> int:
-        """Bytes that are not yet decided on."""
+        """Number of buffered bytes."""
         return len(self._buffer)
 
     def feed(self, data: bytes) -> list[bytes]:
@@ -215,7 +215,7 @@ class PacketParser:
         return found
 
     def _step(self, place: int) -> tuple[int, list[bytes] | None]:
-        """Goes on from a place: where to, and the payload found there; None to wait for more."""
+        """Advances from a position: the next one and the payload there; None to wait for more."""
         start = self._start(place)
         self.lost += start - place
         buffer = self._buffer
@@ -239,7 +239,7 @@ class PacketParser:
         return start + 1, []
 
     def _start(self, place: int) -> int:
-        """Where a packet may begin, at a place or after it."""
+        """First possible start of a packet, at a position or after it."""
         mark = self.framing.header or self._before
         if self.framing.header:
             found = self._buffer.find(mark, place)
@@ -271,7 +271,7 @@ class PacketParser:
         return payload + self._around if fits else 0
 
     def _holds(self, start: int, end: int) -> bool:
-        """Whether footer, checksum and the next header are where they belong."""
+        """Whether footer, checksum and the next header are in place."""
         buffer, framing = self._buffer, self.framing
         if not buffer.startswith(self._next, end):
             return False

@@ -1,4 +1,4 @@
-"""Pictures that cannot be true: frozen, black or saturated. Recording and live view share it."""
+"""Detects frozen, black and saturated images, for recording and live view."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _STEP = 8
 
 
 class Health:
-    """Looks at the pictures of one sensor, one after the other.
+    """Checks the images of one sensor, one after the other.
 
     A taxel array at rest may well repeat itself, and a wrench sensor has no picture: neither is
     looked at.
@@ -46,7 +46,7 @@ class Health:
         self._since = 0.0
 
     def look(self, frame: Frame) -> str:
-        """What is wrong with a picture, one of `TROUBLES`; "" if nothing is."""
+        """Problem of an image, one of `TROUBLES`; "" without one."""
         if self.spec.kind != "image":
             return ""
         found = self._frozen(frame) or exposure_trouble(frame.array)

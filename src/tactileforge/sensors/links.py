@@ -1,4 +1,4 @@
-"""What bytes come over: serial ports and sockets, with one small interface and named errors."""
+"""Byte links: serial ports and sockets behind one small interface with named errors."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Link(Protocol):
     address: str
 
     def receive(self, timeout: float) -> bytes:
-        """What has come, at least a byte; b"" if nothing comes within ``timeout`` seconds.
+        """Received bytes, at least one; b"" if none arrives within ``timeout`` seconds.
 
         Raises:
             SensorError: The device is gone.
@@ -32,7 +32,7 @@ class Link(Protocol):
         ...
 
     def close(self) -> None:
-        """Ends the connection; a second call does nothing."""
+        """Closes the connection; a second call does nothing."""
         ...
 
 
@@ -79,7 +79,7 @@ class SerialLink:
             raise SensorError(f"{self.address}: unplugged ({error}); plug it in again") from error
 
     def close(self) -> None:
-        """Lets go of the port."""
+        """Releases the port."""
         self._port.close()
 
 
@@ -93,7 +93,7 @@ def _why(port: str, error: Exception) -> str:
 
 
 def serial_ports(usb: str = "", serial_number: str = "") -> list[str]:
-    """The serial ports that are attached, sorted.
+    """Attached serial ports, sorted.
 
     Args:
         usb: Only those of this vendor and product, for example ``2833:4001``.
@@ -197,7 +197,7 @@ class TcpLink:
 
 
 def _received(link: socket.socket, address: str, timeout: float) -> bytes | None:
-    """What has come; None if nothing has, b"" at the end of a stream."""
+    """Received bytes; None if there are none, b"" at the end of a stream."""
     try:
         link.settimeout(max(timeout, 1e-4))
         return link.recv(65536)

@@ -1,4 +1,4 @@
-"""How the threads of sensors share the interpreter."""
+"""Interpreter settings for low-latency sensor threads."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def low_latency_threads() -> Iterator[None]:
-    """A thread whose frame has come must not wait for one that is writing, or for the collector.
+    """Context with fast thread switches and short garbage collection, so that frames do not wait.
 
     Everything that exists already is left out of garbage collection meanwhile: with torch
     imported, one pass over it stops all threads for a tenth of a second.

@@ -1,4 +1,4 @@
-"""Sensors from their configuration, and opened together."""
+"""Builds sensors from their configuration and opens them together."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _OPEN, _CLOSE = 30.0, 5.0
 def build_sensors(
     config: Mapping[str, Any],
 ) -> tuple[dict[str, Sensor], Sensor | None, Sensor | None]:
-    """The sensors of a configuration, not open: ``sensor`` by name, ``force`` and ``camera``.
+    """Builds the sensors of a configuration, unopened: ``sensor`` by name, ``force``, ``camera``.
 
     Raises:
         ConfigError: A node names no plugin.

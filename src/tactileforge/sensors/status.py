@@ -1,4 +1,4 @@
-"""One line on a terminal that takes the place of the last."""
+"""Status line that overwrites itself on a terminal."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TextIO
 
 
 class Status:
-    """Writes a line, over the last one where it is a terminal.
+    """Writes a status line, over the last one on a terminal.
 
     Args:
         to: Where to; None for standard error.
@@ -29,7 +29,7 @@ class Status:
         self.to.flush()
 
     def end(self) -> None:
-        """Leaves the line."""
+        """Ends the line."""
         if self._length:
             self.to.write("\n")
             self._length = 0

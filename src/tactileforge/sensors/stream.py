@@ -1,4 +1,4 @@
-"""The base of sensors that send packets: open, read, times, counters."""
+"""Base of packet sensors: opening, reading, time stamps, counters."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tactileforge.sensors.links import Link
 
 
 class Stamper:
-    """Times of packets that arrive together: the last one now, the others a period apart.
+    """Time stamps for packets that arrive together: the last one now, the others a period apart.
 
     Args:
         period: Seconds between packets.
@@ -39,7 +39,7 @@ class Stamper:
 
 
 class StreamSensor(ABC):
-    """A sensor that sends packets over a `Link`. A driver says how to connect and what they mean.
+    """A sensor that sends packets over a `Link`; a driver connects and decodes them.
 
     Attributes:
         spec: What it gives.
@@ -70,23 +70,23 @@ class StreamSensor(ABC):
 
     @abstractmethod
     def decode(self, payload: bytes) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """Picture and raw values of one packet; see `contracts.Frame`.
+        """Image and raw values of one packet; see `contracts.Frame`.
 
         Raises:
             ValueError: The packet cannot be true; it is counted as bad.
         """
 
     def start(self, link: Link) -> None:  # noqa: B027  a driver may override it
-        """Tells the device to send. Most send by themselves."""
+        """Tells the device to send; most need no request."""
 
     def stop(self, link: Link) -> None:  # noqa: B027  a driver may override it
-        """Tells the device to stop; it may be gone already."""
+        """Tells the device to stop; it may be disconnected already."""
 
     def ready(self) -> None:  # noqa: B027  a driver may override it
-        """Is called when the device is open, to take a baseline for example."""
+        """Hook called once the device is open, for example to take a baseline."""
 
     def set_rate(self, fps: float) -> None:
-        """Says how many packets a second really come."""
+        """Sets the measured packet rate, 1/s."""
         self.spec = replace(self.spec, fps=fps)
         self._stamper.period = 1 / fps
 
@@ -136,7 +136,7 @@ class StreamSensor(ABC):
         return self._frames.popleft()
 
     def take(self, parser: Parser, data: bytes) -> None:
-        """Takes bytes that have just come; their packets are what `read` gives next."""
+        """Takes received bytes; `read` returns their packets next."""
         now = time.monotonic()
         payloads = parser.feed(data)
         for payload, taken in zip(payloads, self._stamper.stamp(len(payloads), now), strict=True):
@@ -158,7 +158,7 @@ class StreamSensor(ABC):
         return f"{self.address}: no packet within {timeout:g} s; {fix}"
 
     def close(self) -> None:
-        """Lets go of the device; a second call does nothing."""
+        """Closes the device; a second call does nothing."""
         link, self._link, self.address = self._link, None, ""
         self._frames.clear()
         if link is None:

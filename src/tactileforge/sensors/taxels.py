@@ -1,4 +1,4 @@
-"""Taxels to pixels: how an array of touch sensors becomes a picture."""
+"""Draws arrays of taxels as images."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ REST = 128
 
 
 class TaxelLayout:
-    """Where taxels lie in a picture, and how their values become its colours.
+    """Positions of taxels in an image, and the mapping of their values to colours.
 
     Red, green and blue are x, y and z. A value at the baseline is `REST`; one that is ``span``
     above or below it is 255 or 1, and so is what lies beyond. A pixel on a taxel shows that taxel;
@@ -61,7 +61,7 @@ class TaxelLayout:
     def draw(
         self, values: NDArray[np.floating], baseline: NDArray[np.floating]
     ) -> NDArray[np.uint8]:
-        """The picture of some values.
+        """Draws values as an image.
 
         Args:
             values: Float (taxels, values of each).
@@ -80,7 +80,7 @@ class TaxelLayout:
 
 
 def _weights(shape: tuple[int, int], positions: Sequence[Sequence[float]]) -> NDArray[np.float64]:
-    """What each taxel gives to each pixel, float64 (pixels, taxels); rows sum to 1."""
+    """Weight of each taxel in each pixel, float64 (pixels, taxels); rows sum to 1."""
     places = np.asarray(positions, np.float64)
     if places.ndim != 2 or places.shape[1] != 2 or not len(places):
         raise ConfigError("positions are a row and a column for each taxel: [[0, 1], ...]")

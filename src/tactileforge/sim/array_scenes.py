@@ -50,7 +50,7 @@ class Array:
         span: Force on a taxel that is full colour, and the most that it can tell, N.
         noise: Standard deviation of a taxel, N.
         bits: Of the converter, over -span to span.
-        size: Rows of the picture; None for one pixel a taxel.
+        size: Rows of the image; None for one pixel a taxel.
     """
 
     sensor: str
@@ -80,7 +80,7 @@ class Array:
             raise ConfigError(f"sim_array: size={self.size} pixels for {rows} rows of taxels")
 
     def layout(self) -> TaxelLayout:
-        """How its taxels are drawn."""
+        """Layout by which its taxels are drawn as an image."""
         rows, columns = self.shape
         channels = (0, 1, 2) if self.axes == 3 else (0,)
         if self.size is None or self.size == rows:
@@ -97,8 +97,8 @@ class Array:
         step = 2 * self.span / (2**self.bits - 1)
         noisy = forces + chance.normal(0, self.noise, forces.shape)
         steps = np.rint(noisy.clip(-self.span, self.span) / step)
-        found: NDArray[np.float32] = (steps * step).astype(np.float32)
-        return found
+        quantised: NDArray[np.float32] = (steps * step).astype(np.float32)
+        return quantised
 
 
 def taxel_forces(
@@ -106,7 +106,7 @@ def taxel_forces(
 ) -> NDArray[np.float64]:
     """Pressure and shear, summed over the cells of taxels.
 
-    The array lies around the middle of the picture. What presses beside it is lost. The force of a
+    The array lies around the middle of the image. What presses beside it is lost. The force of a
     point is shared among the four taxels around it, so that it moves on smoothly.
 
     Args:
@@ -130,8 +130,8 @@ def taxel_forces(
     out = np.zeros((*shape, 3))
     for place, share in _shares(row[felt], column[felt]):
         inside = ((place >= 0) & (place < shape)).all(1)
-        given = (share * force[:, felt]).T
-        np.add.at(out, tuple(place[inside].T), given[inside])
+        contributions = (share * force[:, felt]).T
+        np.add.at(out, tuple(place[inside].T), contributions[inside])
     return out.reshape(-1, 3)
 
 
@@ -148,7 +148,7 @@ def _shares(
 
 
 def play_on_array(scene: Scene, array: Array) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-    """What every taxel feels of a scene.
+    """Simulates the force on every taxel of an array over a scene.
 
     Returns:
         Forces on taxels, float64 (T, taxels, 3), and those on all of the skin, float32 (T, 3), N.
@@ -174,7 +174,7 @@ def recording(config: SimConfig, array: Array, number: int) -> shards.Packed:
     still = np.zeros((_REST, *forces.shape[1:]))
     values = array.measured(np.concatenate([still, forces]), chance)
     layout, rest = array.layout(), np.zeros(forces.shape[1:], np.float32)
-    pictures = [shards.encode_image(layout.draw(one, rest), "png") for one in values]
+    pictures = [shards.encode_image(layout.draw(frame, rest), "png") for frame in values]
     times = scene.times(FPS)
     kind = "surface" if scene.shape.index is None else "indenter"
     about = Recording(

@@ -68,7 +68,7 @@ _MANY = 4
 
 @dataclass(frozen=True, kw_only=True)
 class SimConfig:
-    """What is simulated; the same configuration gives the same bytes.
+    """Configuration of a simulated data set; equal configurations give equal bytes.
 
     Attributes:
         sensors: Types of sensors; each scene is felt by all of them.
@@ -76,15 +76,15 @@ class SimConfig:
             indenters of their own, as in the paper), ``textures``, ``all``, or names of shapes.
         motions: ``atomic`` (slides and turns), ``force_trial``, ``manipulation``, ``all``, or
             names of motions.
-        size: Rows or columns of a picture, whichever are fewer.
+        size: Rows or columns of an image, whichever are fewer.
         seconds: Mean duration of one action.
         force: Range of the largest normal force on a nominal gel, N; a shape that does not reach it
             within 1.5 mm presses as hard as it can.
         markers: Whether the gels have markers; None as their types have.
         viscosity: Relaxation time of the gels, s.
-        lag: Seconds by which pictures come later than forces, as from a real camera.
+        lag: Seconds by which images come later than forces, as from a real camera.
         seed: Another seed, other touches.
-        codec: How pictures are stored, see `data.shards.shards.CODECS`.
+        codec: How images are stored, see `data.shards.shards.CODECS`.
         randomise: How units and scenes differ, see `randomise.draw.randomised_rows`.
     """
 
@@ -132,7 +132,7 @@ class SimConfig:
         return [shape(chosen)]
 
     def moves(self, is_round: bool) -> list[str]:
-        """The motions; what is round shows no rotation."""
+        """Names of the motions; round shapes get no rotation, which nobody could see."""
         chosen = self.motions
         if isinstance(chosen, str):
             chosen = _MOTION_GROUPS.get(chosen, (chosen,))
@@ -143,7 +143,7 @@ class SimConfig:
         return seen or list(chosen)
 
     def digest(self) -> str:
-        """Names what is simulated, and the code that does it."""
+        """Digest of the configuration and of the simulator's code."""
         text = json.dumps([asdict(self), shards.VERSION], sort_keys=True) + _code()
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -177,12 +177,12 @@ def _shuffled(count: int, seed: int, place: int) -> int:
 @lru_cache
 def _code() -> str:
     """A hash of this package's files."""
-    found = hashlib.sha256()
+    digest_of_code = hashlib.sha256()
     folder = Path(str(files("tactileforge.sim")))
     for path in sorted(folder.rglob("*")):
         if path.suffix in (".py", ".json"):
-            found.update(path.read_bytes())
-    return found.hexdigest()
+            digest_of_code.update(path.read_bytes())
+    return digest_of_code.hexdigest()
 
 
 def recordings(config: SimConfig, number: int) -> list[shards.Packed]:
@@ -299,8 +299,8 @@ def _spread(
                 bar.update(new)
             for process in running:
                 if process.poll():
-                    said = process.stderr.read() if process.stderr else ""
-                    raise TactileForgeError(said.strip().rpartition("\n")[2])
+                    stderr = process.stderr.read() if process.stderr else ""
+                    raise TactileForgeError(stderr.strip().rpartition("\n")[2])
         bar.update(len(numbers) - int(bar.n))
 
 
@@ -363,12 +363,12 @@ def write_seconds(
 
 
 def _claim(config: SimConfig, folder: Path) -> None:
-    """Says in the folder what its touches are, or checks that they are these."""
+    """Records the configuration in the folder, or checks that it matches."""
     path = folder / "sim.json"
     wanted = json.loads(json.dumps(asdict(config)))
     if path.exists():
-        held = _held(path)
-        changed = [key for key in wanted if held.get(key) != wanted[key]]
+        recorded = _held(path)
+        changed = [key for key in wanted if recorded.get(key) != wanted[key]]
         if changed:
             raise ConfigError(
                 f"{folder} holds touches of another configuration (other "
@@ -387,14 +387,14 @@ def _held(path: Path) -> dict[str, Any]:
 
 def _main(config: str, folder: str, *numbers: str) -> None:
     """A process that simulates a share of the scenes."""
-    given: dict[str, Any] = {
+    keys: dict[str, Any] = {
         k: tuple(v) if isinstance(v, list) else v for k, v in json.loads(config).items()
     }
     parent = os.getppid()
     for number in numbers:
         if os.getppid() != parent:  # it was killed: nobody waits for these touches
             return
-        _write(SimConfig(**given), Path(folder), int(number))
+        _write(SimConfig(**keys), Path(folder), int(number))
 
 
 if __name__ == "__main__":

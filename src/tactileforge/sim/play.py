@@ -1,4 +1,4 @@
-"""Pictures and forces of touches on any number of sensors."""
+"""Images and forces of touches on any number of sensors."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from tactileforge.sim.scene import POINTS, SPACING, Scene, simulated_rate
 
 #: Frames that are rendered at a time.
 _CHUNK = 8
-#: Pictures are drawn with no larger pixels (mm), and then shrunk: edges are sharper than pixels.
+#: Images are drawn with no larger pixels (mm), and then shrunk: edges are sharper than pixels.
 _FINEST = 0.13
 
 
@@ -62,7 +62,7 @@ def play_scenes(
     viscosity: float = 0.0,
     device_name: str = "cpu",
 ) -> Iterator[SimFrames]:
-    """Pictures and forces of touches on several sensors at once, a few frames at a time.
+    """Simulates touches on several sensors at once, a few frames at a time.
 
     All sensors feel the same object on the same path. Contacts of all scenes and sensors that one
     solver serves are solved in one batch; each is the same, to the bit, alone or beside others.
@@ -70,9 +70,9 @@ def play_scenes(
     Args:
         scenes: The touches.
         sensors: Types of sensors, see `sensor_gels.DEVICES`.
-        size: Rows or columns of the pictures, whichever are fewer.
+        size: Rows or columns of the images, whichever are fewer.
         markers: Whether the gels have markers; None as their types have.
-        viscosity: Relaxation time of the gels, s; their forces then lead their pictures. Scenes
+        viscosity: Relaxation time of the gels, s; their forces then lead their images. Scenes
             that draw their own have at least this.
         device_name: Torch device that computes.
 
@@ -186,7 +186,7 @@ class _View:
         unit = sensor_instances.draw_instance(
             sensor, seed, (height, width), markers, scene.randomise
         )
-        # A pixel of a picture that is smaller than the sensor's is a mean of many.
+        # A pixel of an image that is smaller than the sensor's is a mean of many.
         unit = replace(unit, noise=unit.noise * min(1.0, size / FULL))
         self.place = place
         self.optics = Optics(unit, where, shrink)
@@ -212,14 +212,15 @@ class _View:
         motion, lateral = self._motion(surface, part)
         pictures = self.optics.render(dent, motion, first, drift)
         deep = F.adaptive_avg_pool2d(dent[:, None], self.cells)
-        across = torch.where(touched[:, None, None], lateral, 0.0).mT.unflatten(2, self.cells)
+        across = torch.where(touched[:, None, None], lateral, 0.0).mT
+        across = across.reshape(count, 2, *self.cells)
         moved = displacement.encode_displacement(
             torch.cat([across, deep], 1).permute(0, 2, 3, 1).cpu().numpy()
         )
         return self.codec(pictures.permute(0, 2, 3, 1).contiguous().cpu().numpy()), moved
 
     def _motion(self, surface: GelSurface, part: ContactState) -> tuple[Tensor | None, Tensor]:
-        """Displacement of markers in the picture, and of the surface at the cells; mm (K, M, 2)."""
+        """Displacement of markers in the image, and of the surface at the cells; mm (K, M, 2)."""
         markers, unit = self.optics.markers, self.optics.unit
         seen = self.centres if markers is None else torch.cat([markers.places, self.centres])
         rest = seen.expand(len(part.pose), -1, -1)

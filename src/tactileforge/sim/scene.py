@@ -1,4 +1,4 @@
-"""A touch from a seed: what touches, how it moves, and what a sensor and a hand make of it."""
+"""A touch from a seed: shape, motion, and the disturbances of sensor and hand."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Scene:
     randomise: Choice = "unit"
 
     def times(self, fps: float) -> NDArray[np.float64]:
-        """When frames are due, s."""
+        """Nominal times of the frames, s."""
         return np.arange(int(self.path.seconds * fps) + 1) / fps
 
     def poses(self, fps: float) -> NDArray[np.float64]:
@@ -105,7 +105,7 @@ class Scene:
 
 
 def simulated_rate(sensor: str) -> float:
-    """Frames per second that are simulated."""
+    """Simulated frames per second."""
     return min(spec(sensor).fps, FPS)
 
 
@@ -119,7 +119,7 @@ def draw_scene(
     randomise: Choice = "unit",
     reach: Literal["error", "clip"] = "error",
 ) -> Scene:
-    """Draws a touch: where, how deep, how tilted, how far, how fast, and how sticky.
+    """Draws a touch: place, depth, tilt, distance, speed and friction.
 
     Args:
         seed: Same seed, same touch.

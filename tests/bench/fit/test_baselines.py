@@ -24,19 +24,21 @@ def picture(seed: int = 0) -> torch.Tensor:
     """(3, 2, 3, 128, 128), smooth and different in each channel."""
     rng = np.random.default_rng(seed)
     noise = rng.normal(size=(18, 128, 128)).astype(np.float32)
-    smooth = np.stack([cv2.GaussianBlur(one, (0, 0), 3) for one in noise])
+    smooth = np.stack([cv2.GaussianBlur(channel, (0, 0), 3) for channel in noise])
     return torch.from_numpy(smooth.reshape(3, 2, 3, 128, 128))
 
 
 def test_statistics_are_those_of_numpy() -> None:
     x = picture()
-    found, last = FrameStatistics().read(x), x[:, -1].flatten(2).numpy()
-    assert found.shape == (3, 3 * (4 + 4 + 7 + 7) + 3)
-    assert np.allclose(found[:, :3], last.mean(2), atol=1e-6)
-    assert np.allclose(found[:, 3:6], last.std(2, ddof=1), atol=1e-6)
+    features, last = FrameStatistics().read(x), x[:, -1].flatten(2).numpy()
+    assert features.shape == (3, 3 * (4 + 4 + 7 + 7) + 3)
+    assert np.allclose(features[:, :3], last.mean(2), atol=1e-6)
+    assert np.allclose(features[:, 3:6], last.std(2, ddof=1), atol=1e-6)
     wanted = np.quantile(last, [0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99], axis=2)
-    assert np.allclose(found[:, 24:45].reshape(3, 3, 7), wanted.transpose(1, 2, 0), atol=1e-5)
-    assert np.allclose(found[:, -3], [np.corrcoef(one[0], one[1])[0, 1] for one in last], atol=1e-3)
+    assert np.allclose(features[:, 24:45].reshape(3, 3, 7), wanted.transpose(1, 2, 0), atol=1e-5)
+    assert np.allclose(
+        features[:, -3], [np.corrcoef(channel[0], channel[1])[0, 1] for channel in last], atol=1e-3
+    )
 
 
 @pytest.mark.parametrize(("waves", "ring"), [(1, 0), (3, 1), (10, 3), (50, 6)])
@@ -56,9 +58,9 @@ def test_hog_points_the_way_of_opencv() -> None:
     """Bins of one gradient; and blocks are those of 8 x 8 cells, with norm 1."""
     ramp = torch.arange(128.0)
     for x, bins in ((ramp.expand(128, 128), {0}), (ramp[:, None].expand(128, 128), {4, 5})):
-        found = Hog().read(x.expand(1, 2, 3, 128, 128))
-        assert found.shape == (1, 7 * 7 * 4 * 9)
-        blocks = found.reshape(9, 4, 49)
+        features = Hog().read(x.expand(1, 2, 3, 128, 128))
+        assert features.shape == (1, 7 * 7 * 4 * 9)
+        blocks = features.reshape(9, 4, 49)
         assert {int(i) for i in blocks.sum((1, 2)).topk(len(bins)).indices} == bins
         assert blocks.square().sum((0, 1)) == pytest.approx([1.0] * 49, rel=1e-5)
 
@@ -67,10 +69,10 @@ def test_the_background_is_all_that_background_sees() -> None:
     still = torch.zeros(1, 3, 64, 64, dtype=torch.uint8)
     still[0, 2, :32] = 255
     frames = torch.randint(0, 256, (1, 2, 3, 64, 64), dtype=torch.uint8)
-    _, found = BackgroundOnly()(frames, still, torch.zeros(1))
+    _, features = BackgroundOnly()(frames, still, torch.zeros(1))
     wanted = torch.zeros(3, 16, 16)
     wanted[2, :8] = 1
-    assert torch.equal(found[0], wanted.flatten())
+    assert torch.equal(features[0], wanted.flatten())
 
 
 def test_chance_sees_nothing() -> None:
@@ -88,10 +90,10 @@ def test_every_baseline_is_a_model_without_weights(word: str) -> None:
         "background": torch.full((2, 3, 60, 80), 100, dtype=torch.uint8),
         "sensor": ["digit", "a sensor that nobody knows"],
     }
-    found = subject.features(batch, (False, False), "universal")
-    assert torch.equal(found["pooled"], found["projected"])
+    features = subject.features(batch, (False, False), "universal")
+    assert torch.equal(features["pooled"], features["projected"])
     if isinstance(subject.encoder, Flat):
-        assert found["pooled"].shape == (2, subject.encoder.width)
+        assert features["pooled"].shape == (2, subject.encoder.width)
     assert not np.array_equal(
         subject.preprocessing, baseline_encoder("hog" if word != "hog" else "motion").preprocessing
     )

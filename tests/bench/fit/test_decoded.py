@@ -46,10 +46,10 @@ def test_what_is_stored_is_what_was_read(tmp_path: Path) -> None:
     first = list(decoded.store_batches(folder, len(some), loader(some, range(len(some)), store, 4)))
     again = decoded.stored_batches(folder, 4)
     assert again is not None
-    for one, other in zip(first, again, strict=True):
-        assert torch.equal(one["frames"], other["frames"])
-        assert torch.equal(one["background"], other["background"])
-        assert list(one["sensor"]) == list(other["sensor"])
+    for batch, other in zip(first, again, strict=True):
+        assert torch.equal(batch["frames"], other["frames"])
+        assert torch.equal(batch["background"], other["background"])
+        assert list(batch["sensor"]) == list(other["sensor"])
     assert sorted(path.name for path in folder.iterdir()) == [
         "background.npy",
         "frames.npy",
@@ -76,8 +76,8 @@ def test_the_next_encoder_decodes_nothing(tmp_path: Path) -> None:
     of.fingerprint  # noqa: B018  # reads a picture of each recording, once
     broken = TaskSource(of.recordings, of.sides, of.clip)
     broken.__dict__["fingerprint"] = of.fingerprint
-    for one in broken.recordings:
-        object.__setattr__(one, "frames", Broken())
+    for batch in broken.recordings:
+        object.__setattr__(batch, "frames", Broken())
     statistics = extract_features(store, baseline_encoder("statistics"), broken, places, ["pooled"])
     assert len(statistics["pooled", PLAIN]) == len(hog)
     with pytest.raises(DataError, match="gone"):

@@ -76,8 +76,8 @@ def every(of: TaskSource) -> np.ndarray:
 
 def test_they_are_those_of_the_encoder(subject: FrozenEncoder, store: FeatureStore) -> None:
     of = source()
-    found = extract_features(store, subject, of, every(of), ["tokens", "projected"])
-    tokens, projected = found["tokens", PLAIN], found["projected", PLAIN]
+    arrays = extract_features(store, subject, of, every(of), ["tokens", "projected"])
+    tokens, projected = arrays["tokens", PLAIN], arrays["projected", PLAIN]
     assert isinstance(tokens, np.memmap)
     assert tokens.shape == (len(of), 14, 192)
     assert (tokens.dtype, projected.shape) == (np.float16, (len(of), 512))
@@ -154,27 +154,27 @@ def test_a_stopped_extraction_goes_on(
     assert not list(store.folder.rglob("*.npy"))
     monkeypatch.setattr(FrozenEncoder, "features", run)
     calls.clear()
-    found = extract_features(store, subject, of, every(of), ["tokens"])
+    arrays = extract_features(store, subject, of, every(of), ["tokens"])
     assert sum(calls) == len(of) - 12
-    np.testing.assert_array_equal(found["tokens", PLAIN], whole["tokens", PLAIN])
+    np.testing.assert_array_equal(arrays["tokens", PLAIN], whole["tokens", PLAIN])
     assert [p.name for p in store.folder.rglob("*") if p.is_file()] == ["tokens.npy"]
 
 
 def test_mirror_images(subject: FrozenEncoder, store: FeatureStore) -> None:
     of = source()
-    found = extract_features(store, subject, of, every(of), ["projected"], FLIPS)
+    arrays = extract_features(store, subject, of, every(of), ["projected"], FLIPS)
     mirrored = [
         replace(
-            one,
-            frames=ArrayFrames(one.frames.read(range(12))[:, :, ::-1]),
-            no_contact=ArrayFrames(one.no_contact.read([0])[:, :, ::-1]),  # type: ignore[union-attr]
+            recording,
+            frames=ArrayFrames(recording.frames.read(range(12))[:, :, ::-1]),
+            no_contact=ArrayFrames(recording.no_contact.read([0])[:, :, ::-1]),  # type: ignore[union-attr]
         )
-        for one in of.recordings
+        for recording in of.recordings
     ]
     other = TaskSource(mirrored, of.sides, CLIP)
     wanted = extract_features(store, subject, other, every(of), ["projected"])["projected", PLAIN]
-    np.testing.assert_allclose(found["projected", (True, False)], wanted, rtol=0.02, atol=0.02)
-    assert np.abs(found["projected", PLAIN] - wanted).max() > 0.1
+    np.testing.assert_allclose(arrays["projected", (True, False)], wanted, rtol=0.02, atol=0.02)
+    assert np.abs(arrays["projected", PLAIN] - wanted).max() > 0.1
 
 
 def test_single_frames_are_averaged(store: FeatureStore) -> None:
@@ -185,7 +185,7 @@ def test_single_frames_are_averaged(store: FeatureStore) -> None:
     subject = FrozenEncoder("single", encoder, header)
     of = source()
     assert (subject.frames, subject.spacing_of(CLIP)) == (2, 0.2)
-    found = extract_features(store, subject, of, every(of), ["projected"])["projected", PLAIN]
+    arrays = extract_features(store, subject, of, every(of), ["projected"])["projected", PLAIN]
     number, last = of.index[2]
     clips = Clips(of.recordings, 2, 0.2, 0.1, (32, 32))
     clips.index = np.array([[number, last]], np.int32)
@@ -195,7 +195,7 @@ def test_single_frames_are_averaged(store: FeatureStore) -> None:
             encoder(batch["frames"][:, i : i + 1], batch["background"], torch.zeros(1).long())[1]
             for i in range(2)
         ]
-    np.testing.assert_allclose(found[2], (both[0] + both[1])[0] / 2, rtol=2e-3, atol=2e-3)
+    np.testing.assert_allclose(arrays[2], (both[0] + both[1])[0] / 2, rtol=2e-3, atol=2e-3)
 
 
 def test_clips_end_at_the_same_moments_for_all_models(subject: FrozenEncoder) -> None:
@@ -226,7 +226,7 @@ def test_clips_that_cannot_be_read_are_not_replaced(
 
     of = source()
     of.recordings[1] = replace(of.recordings[1], frames=Broken(np.zeros((12, 32, 40, 3), np.uint8)))
-    with pytest.raises(DataError, match="a bench leaves none out: r1: truncated"):
+    with pytest.raises(DataError, match="the benchmark skips none: r1: truncated"):
         extract_features(store, subject, of, every(of), ["projected"])
 
 
@@ -245,8 +245,8 @@ def test_sensors_a_model_does_not_know(subject: FrozenEncoder, store: FeatureSto
     of = source()
     with pytest.raises(ConfigError, match="unknown sensor"):
         extract_features(store, subject, of, every(of), ["projected"])
-    found = extract_features(store, subject, of, every(of), ["projected"], policy="universal")
-    assert len(found["projected", PLAIN]) == len(of)
+    arrays = extract_features(store, subject, of, every(of), ["projected"], policy="universal")
+    assert len(arrays["projected", PLAIN]) == len(of)
 
 
 def test_pixels_know_where_things_are() -> None:
@@ -264,11 +264,11 @@ def test_pixels_know_where_things_are() -> None:
 
 def test_random_weights_in_the_shape_of_a_recipe() -> None:
     words = ["scale=demo", "encoder.image_size=32"]
-    one = models.model_entry("untrained:anytouch2", words).open[0]()
+    recording = models.model_entry("untrained:anytouch2", words).open[0]()
     again = models.model_entry("untrained:anytouch2", words).open[0]()
-    assert one.weights == again.weights, "the seed is fixed"
-    assert one.facts["parameters"] == sum(p.numel() for p in one.encoder.parameters())
-    assert (one.frames, one.facts["image_size"]) == (4, "32 x 32")
-    json.dumps(one.preprocessing)
+    assert recording.weights == again.weights, "the seed is fixed"
+    assert recording.facts["parameters"] == sum(p.numel() for p in recording.encoder.parameters())
+    assert (recording.frames, recording.facts["image_size"]) == (4, "32 x 32")
+    json.dumps(recording.preprocessing)
     with pytest.raises(ConfigError, match="nosuch"):
         models.model_entry("nosuch")

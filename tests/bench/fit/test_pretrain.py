@@ -11,15 +11,15 @@ from omegaconf import OmegaConf
 from tactileforge import registry
 from tactileforge.bench.fit import pretrain
 from tactileforge.bench.fit.pretrain import PretrainJob, PretrainModel
-from tactileforge.compose import compose, settings
+from tactileforge.cli.bench import COMMANDS
+from tactileforge.compose import compose
 from tactileforge.errors import ConfigError, TactileForgeError
 
 ABLATIONS = ["no_align", "no_diff", "none"]
 
 
 def miniature() -> dict[str, Any]:
-    config = settings("bench", ["suite=[sim,public_samples]", "pretrain=miniature"])
-    return OmegaConf.to_container(config, resolve=True)  # type: ignore[return-value]
+    return COMMANDS[""].compose("bench", ["suite=[sim,public_samples]", "pretrain=miniature"])
 
 
 def test_the_miniature_is_what_the_issue_of_the_paper_is() -> None:
@@ -27,7 +27,7 @@ def test_the_miniature_is_what_the_issue_of_the_paper_is() -> None:
     config = miniature()
     models = pretrain.read_models(config["pretrain"])
     runs = pretrain.jobs(Path("x"), config["pretrain"]["words"], models)
-    assert {name for name, found in runs.items() if len(found) == 3} == {
+    assert {name for name, jobs in runs.items() if len(jobs) == 3} == {
         "anytouch2",
         "mae",
         "no_force",
@@ -48,8 +48,8 @@ def test_the_miniature_is_what_the_issue_of_the_paper_is() -> None:
     }
     assert runs.keys() == objectives.keys()
     shared = set()
-    for name, found in runs.items():
-        recipe, *words = found[0].words
+    for name, jobs in runs.items():
+        recipe, *words = jobs[0].words
         plain: Any = OmegaConf.to_container(
             compose(recipe.removeprefix("recipe="), words), resolve=True
         )
@@ -77,10 +77,10 @@ def test_the_miniature_is_what_the_issue_of_the_paper_is() -> None:
 
 def test_ablations_of_the_first_model() -> None:
     base = {"mine": PretrainModel(title="Mine", recipe="anytouch2", words=["a=1"], seeds=[3])}
-    found = pretrain.ablations("all", ABLATIONS, base)
-    assert list(found) == ["mine", "no_align", "no_diff"]
-    assert found["no_diff"].words == ["a=1", "ablation=no_diff"]
-    assert (found["no_diff"].group, found["no_diff"].seeds) == ("ablation", [3])
+    jobs = pretrain.ablations("all", ABLATIONS, base)
+    assert list(jobs) == ["mine", "no_align", "no_diff"]
+    assert jobs["no_diff"].words == ["a=1", "ablation=no_diff"]
+    assert (jobs["no_diff"].group, jobs["no_diff"].seeds) == ("ablation", [3])
     assert list(pretrain.ablations("no_diff", ABLATIONS, {})) == ["anytouch2", "no_diff"]
     with pytest.raises(ConfigError, match="did you mean 'no_diff'"):
         pretrain.ablations("no_dif", ABLATIONS, {})
@@ -176,6 +176,6 @@ def test_curves_of_a_run(tmp_path: Path) -> None:
     folder.mkdir(parents=True)
     rows = ["step,train/pixel,val/pixel,train/pixel/part,lr", "0,3.0,,1,1", "5,2.0,2.5,1,1"]
     (folder / "metrics.csv").write_text("\n".join(rows) + "\n")
-    (one,) = pretrain.curves("a", tmp_path)
-    assert (one.objective, one.step, one.train) == ("pixel", [0.0, 5.0], [3.0, 2.0])
-    assert str(one.validation) == "[nan, 2.5]"
+    (curve,) = pretrain.curves("a", tmp_path)
+    assert (curve.objective, curve.step, curve.train) == ("pixel", [0.0, 5.0], [3.0, 2.0])
+    assert str(curve.validation) == "[nan, 2.5]"

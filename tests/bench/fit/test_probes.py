@@ -157,8 +157,8 @@ def test_neighbours_vote() -> None:
     assert model.vote(known, {"class": truth}, asked)["class"].tolist() == [[0.0], [1.0]]
     vector = torch.tensor([[1.0, 0, 0], [1.0, 0, 0], [0, 0, 4.0], [0, 0, 4.0]])
     of = TargetPart("force", vector, torch.ones_like(vector), ("x", "y", "z"))
-    found = Knn(2, {"force": of}, neighbours=2).vote(known, {"force": vector}, asked)["force"]
-    torch.testing.assert_close(found, torch.tensor([[1.0, 0, 0], [0, 0, 4.0]]))
+    outcome = Knn(2, {"force": of}, neighbours=2).vote(known, {"force": vector}, asked)["force"]
+    torch.testing.assert_close(outcome, torch.tensor([[1.0, 0, 0], [0, 0, 4.0]]))
 
 
 def examples(part: TargetPart, features: torch.Tensor) -> Examples:
@@ -197,17 +197,17 @@ def test_together_is_as_alone(kind: type[Probe], part: object, shape: tuple[int,
 
     together = {(o.seed, o.lr): o for o in run([0, 1, 2], (1e-3, 3e-3))}  # type: ignore[attr-defined]
     assert len(together) == 6
-    for (seed, rate), one in together.items():
+    for (seed, rate), outcome in together.items():
         (alone,) = run([seed], (rate,))
-        assert one.train == pytest.approx(alone.train, rel=1e-3)  # type: ignore[attr-defined]
-        assert one.epoch == alone.epoch  # type: ignore[attr-defined]
+        assert outcome.train == pytest.approx(alone.train, rel=1e-3)  # type: ignore[attr-defined]
+        assert outcome.epoch == alone.epoch  # type: ignore[attr-defined]
         torch.testing.assert_close(
-            one.predicted["out"],
+            outcome.predicted["out"],
             alone.predicted["out"],
             rtol=2e-3,
             atol=2e-3,  # type: ignore[attr-defined]
         )
-    losses = {round(one.train[0], 6) for one in together.values()}
+    losses = {round(outcome.train[0], 6) for outcome in together.values()}
     assert len(losses) > 1, "seeds draw other weights"
 
 
@@ -244,9 +244,9 @@ def test_the_best_epoch_is_kept() -> None:
         return out.predicted["out"]
 
     build = lambda: Linear(16, {"out": part})  # noqa: E731
-    (found,) = train_probes(build, training, data, uses, [0], lambda _: next(scores), False)
-    assert (found.epoch, found.score) == (2, 1.0)
-    torch.testing.assert_close(found.predicted["out"], go(2))
+    (outcome,) = train_probes(build, training, data, uses, [0], lambda _: next(scores), False)
+    assert (outcome.epoch, outcome.score) == (2, 1.0)
+    torch.testing.assert_close(outcome.predicted["out"], go(2))
 
 
 def test_mirrored_examples_keep_their_truth() -> None:

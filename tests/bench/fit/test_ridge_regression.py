@@ -20,8 +20,8 @@ def solved(x: Tensor, y: Tensor, penalty: float, asked: Tensor) -> Tensor:
     design = torch.cat([torch.ones(len(x), 1), x], 1).double()
     weight = penalty * torch.eye(design.shape[1], dtype=torch.float64)
     weight[0, 0] = 0
-    found = torch.linalg.solve(design.T @ design + weight, design.T @ y.double())
-    return torch.cat([torch.ones(len(asked), 1), asked], 1).double() @ found
+    fitted = torch.linalg.solve(design.T @ design + weight, design.T @ y.double())
+    return torch.cat([torch.ones(len(asked), 1), asked], 1).double() @ fitted
 
 
 @pytest.mark.parametrize("width", [5, 60])
@@ -30,16 +30,16 @@ def test_groups_left_out_in_closed_form_are_those_left_out_by_hand(width: int, s
     x, rng = made(24, width)
     x = ridge_regression.standardise(x, x)[0].double()
     y = torch.randn(24, 2, generator=rng)
-    found = ridge_regression.fit_ridge(x @ x.T, y)
+    fitted = ridge_regression.fit_ridge(x @ x.T, y)
     groups = list(torch.arange(24).split(size))
-    for penalty in found.penalties[4::4]:
-        closed = found.left_out(penalty, groups)
+    for penalty in fitted.penalties[4::4]:
+        closed = fitted.left_out(penalty, groups)
         for places in groups:
             rest = torch.tensor([i for i in range(24) if i not in places.tolist()])
             brute = solved(x[rest], y[rest], penalty, x[places])
             assert torch.allclose(closed[places], brute, atol=1e-5)
         new = torch.randn(7, width, generator=rng).double()
-        dual = (new @ x.T).double() @ found.dual(penalty) + found.mean
+        dual = (new @ x.T).double() @ fitted.dual(penalty) + fitted.mean
         assert torch.allclose(dual, solved(x, y, penalty, new), atol=1e-5)
 
 
@@ -86,8 +86,8 @@ def test_rare_classes_count_as_much_as_common_ones() -> None:
     noise, rng = made(600, 10)
     y = (torch.rand(600, 1, generator=rng) < 0.1).float()
     x = noise + 1.0 * torch.cat([y, torch.zeros(600, 9)], 1)
-    found, truth = halves(classes(2), x, y), y[300:]
-    recall = [float((found[truth == k] == k).float().mean()) for k in (0, 1)]
+    fitted, truth = halves(classes(2), x, y), y[300:]
+    recall = [float((fitted[truth == k] == k).float().mean()) for k in (0, 1)]
     assert abs(recall[0] - recall[1]) < 0.2
     assert min(recall) > 0.55
 
@@ -97,9 +97,9 @@ def test_each_axis_has_a_penalty_of_its_own() -> None:
     plain = x[:, :1]
     y = torch.cat([plain, torch.randn(120, 1, generator=rng)], 1)
     part = TargetPart("numbers", torch.zeros(0, 2), torch.zeros(0, 2), ("signal", "noise"))
-    found = halves(part, x, y)
-    assert np.corrcoef(found[:, 0], y[60:, 0])[0, 1] > 0.3
-    assert found[:, 1].std() < 0.2, "noise is predicted by its mean"
+    fitted = halves(part, x, y)
+    assert np.corrcoef(fitted[:, 0], y[60:, 0])[0, 1] > 0.3
+    assert fitted[:, 1].std() < 0.2, "noise is predicted by its mean"
 
 
 def test_inner_folds_go_by_group() -> None:

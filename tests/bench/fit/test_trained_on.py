@@ -5,10 +5,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from omegaconf import OmegaConf
 
 from tactileforge.bench.fit.trained_on import seen, trained_on
-from tactileforge.compose import settings
+from tactileforge.compose import option
 from tactileforge.datasets.reading.splits import is_held_out
 from tactileforge.datasets.recordings import Recordings
 from tactileforge.hub.header import Header
@@ -65,7 +64,7 @@ def test_a_file_without_a_recipe_says_what_it_knows() -> None:
 @pytest.mark.realdata
 def test_training_and_the_gate_agree_on_the_slip_objects(realdata: Path) -> None:
     words = ["data=gsmini_slip", f"data.root={realdata}"]
-    node: Any = OmegaConf.to_container(settings("inspect", words).data, resolve=True)
+    node = option("data", words)
     assert seen(of(**node)) == []
     data = Recordings(node["root"], node["layouts"], node["val"])
     objects = {side: {r.object for r in data.recordings(side)} for side in ("train", "val")}

@@ -42,14 +42,14 @@ ACCURACY = {"name": "accuracy", "unit": "%", "better": "higher"}
 
 
 def task(name: str, metrics: list[dict[str, str]], **fields: Any) -> dict[str, Any]:
-    given = {"name": name, "title": name.capitalize(), "probe": "attentive", "data": "sim"}
-    given |= {"split": "by indenter", "metrics": metrics, "main": metrics[0]["name"]}
-    return given | {"selection": "validation"} | fields
+    content = {"name": name, "title": name.capitalize(), "probe": "attentive", "data": "sim"}
+    content |= {"split": "by indenter", "metrics": metrics, "main": metrics[0]["name"]}
+    return content | {"selection": "validation"} | fields
 
 
 def model(name: str, **fields: Any) -> dict[str, Any]:
-    given = {"name": name, "title": name.upper(), "group": "model", "recipe": name}
-    return given | {"sha256": "", "facts": {}} | fields
+    content = {"name": name, "title": name.upper(), "group": "model", "recipe": name}
+    return content | {"sha256": "", "facts": {}} | fields
 
 
 def cells(task: str, model: str, metric: str, *values: Any, **fields: Any) -> list[dict[str, Any]]:
@@ -83,14 +83,14 @@ def results() -> dict[str, Any]:
     }
 
 
-def write(folder: Path, given: dict[str, Any]) -> Path:
-    (folder / "results.json").write_text(json.dumps(given))
+def write(folder: Path, content: dict[str, Any]) -> Path:
+    (folder / "results.json").write_text(json.dumps(content))
     return folder
 
 
-def main(folder: Path, given: dict[str, Any]) -> dict[str, list[TableEntry]]:
-    found = read_results(write(folder, given))
-    grid = comparison_tables.main_table(found, collect_scores(found))
+def main(folder: Path, content: dict[str, Any]) -> dict[str, list[TableEntry]]:
+    loaded = read_results(write(folder, content))
+    grid = comparison_tables.main_table(loaded, collect_scores(loaded))
     assert grid
     return {row[0].text: list(row[1:]) for row in grid.rows} | {
         f"note {mark}": [TableEntry(text)] for mark, text in grid.notes
@@ -115,14 +115,14 @@ def test_interval_of_three_values_and_of_one() -> None:
 def test_difference_is_the_two_sample_t_interval() -> None:
     a, b = mean_interval([1.0, 2.0, 3.0]), mean_interval([6.0, 8.0])
     pooled = (2 * 1 + 1 * 2) / 3
-    found = difference_interval(a, b)
-    assert found.mean == -5
-    assert found.half == pytest.approx(3.182446 * math.sqrt(pooled * (1 / 3 + 1 / 2)), rel=1e-5)
-    one = mean_interval([4.0])  # one value: the variance is that of the others
-    assert difference_interval(one, a).half == pytest.approx(
+    loaded = difference_interval(a, b)
+    assert loaded.mean == -5
+    assert loaded.half == pytest.approx(3.182446 * math.sqrt(pooled * (1 / 3 + 1 / 2)), rel=1e-5)
+    single = mean_interval([4.0])  # one value: the variance is that of the others
+    assert difference_interval(single, a).half == pytest.approx(
         4.302653 * math.sqrt(1 + 1 / 3), rel=1e-5
     )
-    assert math.isnan(difference_interval(one, one).half)
+    assert math.isnan(difference_interval(single, single).half)
 
 
 def test_best_and_second_best_by_direction_with_ties() -> None:
@@ -164,9 +164,9 @@ def test_main_table_has_means_intervals_marks_and_seeds(tmp_path: Path) -> None:
 
 
 def test_a_task_selected_on_test_has_its_mark_and_note(tmp_path: Path) -> None:
-    given = results()
-    given["tasks"][0]["selection"] = "test"
-    rows = main(tmp_path, given)
+    content = results()
+    content["tasks"][0]["selection"] = "test"
+    rows = main(tmp_path, content)
     assert [entry.marks for entry in rows["A"]] == [("†",), (), ()]
     assert "test set" in rows["note †"][0].text
     write_all(tmp_path)
@@ -175,14 +175,14 @@ def test_a_task_selected_on_test_has_its_mark_and_note(tmp_path: Path) -> None:
 
 
 def test_every_cell_that_was_not_run_has_its_words(tmp_path: Path) -> None:
-    given = results()
-    given["cells"] = [c for c in given["cells"] if (c["task"], c["model"]) != ("force", "b")]
-    given["cells"] = [c for c in given["cells"] if (c["task"], c["model"]) != ("action", "a")]
-    given["not_run"] = [
+    content = results()
+    content["cells"] = [c for c in content["cells"] if (c["task"], c["model"]) != ("force", "b")]
+    content["cells"] = [c for c in content["cells"] if (c["task"], c["model"]) != ("action", "a")]
+    content["not_run"] = [
         {"task": "force", "model": "b", "reason": "sensor is unknown", "fix": "use another"},
         {"task": None, "model": "c", "reason": "no such file", "fix": "train it"},
     ]
-    rows = main(tmp_path, given)
+    rows = main(tmp_path, content)
     assert rows["B"][0] == TableEntry("not run", marks=("a",), tone="soft")
     assert rows["note a"][0].text == "Sensor is unknown. Use another."
     assert rows["A"][1].text == "not run"
@@ -197,21 +197,21 @@ def test_every_cell_that_was_not_run_has_its_words(tmp_path: Path) -> None:
 
 
 def test_what_is_no_number_is_never_printed_as_one(tmp_path: Path) -> None:
-    given = results()
-    given["cells"] += cells("action", "b", "accuracy", 0, math.nan)[1:]
-    given["cells"][3]["metrics"] = {"rmse_sum_axes": None}  # the only one of b in force
-    rows = main(tmp_path, given)
+    content = results()
+    content["cells"] += cells("action", "b", "accuracy", 0, math.nan)[1:]
+    content["cells"][3]["metrics"] = {"rmse_sum_axes": None}  # the only one of b in force
+    rows = main(tmp_path, content)
     assert rows["B"][0].text == "no number"
     assert rows["B"][1].text == "90.00"
-    told = [rows[f"note {entry.marks[0]}"][0].text for entry in rows["B"][:2]]
-    assert told == ["1 of 1 seeds gave no finite number.", "1 of 2 seeds gave no finite number."]
+    notes = [rows[f"note {entry.marks[0]}"][0].text for entry in rows["B"][:2]]
+    assert notes == ["1 of 1 seeds gave no finite number.", "1 of 2 seeds gave no finite number."]
     for path in write_all(tmp_path):
         assert "nan" not in path.read_text().lower()
 
 
 def test_ablations_are_marked_where_they_are_beyond_the_interval(tmp_path: Path) -> None:
-    found = read_results(write(tmp_path, results()))
-    grid = comparison_tables.ablation_table(found, collect_scores(found))
+    loaded = read_results(write(tmp_path, results()))
+    grid = comparison_tables.ablation_table(loaded, collect_scores(loaded))
     assert grid
     assert [row[0].text for row in grid.rows] == ["A", "A2"]
     force, action, _ = grid.rows[1][1:]
@@ -238,10 +238,10 @@ def test_signs_of_a_change(change: float, half: float, better: str, sign: str) -
 
 
 def test_an_ablation_without_its_full_model_says_so(tmp_path: Path) -> None:
-    given = results()
-    given["models"][2]["recipe"] = "other"
-    found = read_results(write(tmp_path, given))
-    grid = comparison_tables.ablation_table(found, collect_scores(found))
+    content = results()
+    content["models"][2]["recipe"] = "other"
+    loaded = read_results(write(tmp_path, content))
+    grid = comparison_tables.ablation_table(loaded, collect_scores(loaded))
     assert grid
     assert len(grid.rows) == 1
     assert grid.rows[0][1].marks == ("a",)
@@ -249,30 +249,30 @@ def test_an_ablation_without_its_full_model_says_so(tmp_path: Path) -> None:
 
 
 def test_settings_are_ranked_model_by_model(tmp_path: Path) -> None:
-    given = results()
+    content = results()
     tried = {"lr": 0.1, "heads": 4}
-    for cell in given["cells"][:3]:
+    for cell in content["cells"][:3]:
         cell["setting"] = {"lr": 0.01, "heads": 4}
-    given["cells"] += cells("force", "a", "rmse_sum_axes", 90.0, 91.0, setting=tried)
-    found = read_results(write(tmp_path, given))
-    grid = comparison_tables.settings_table(found, collect_scores(found))
+    content["cells"] += cells("force", "a", "rmse_sum_axes", 90.0, 91.0, setting=tried)
+    loaded = read_results(write(tmp_path, content))
+    grid = comparison_tables.settings_table(loaded, collect_scores(loaded))
     assert grid
     rows = [[entry.text for entry in row] for row in grid.rows]
     assert rows == [["A", "lr=0.01", "110.0 ± 24.8"], ["A", "lr=0.1", "90.5 ± 6.4"]]
     assert [row[2].rank for row in grid.rows] == ["second", "best"]
     assert grid.rows[0][2].marks == ("a",)
     assert dict(grid.notes)["a"] == "The setting of the main table."
-    assert main(tmp_path, given)["A"][0].text == "110.0 ± 24.8"
+    assert main(tmp_path, content)["A"][0].text == "110.0 ± 24.8"
 
 
 def test_details_hold_every_metric(tmp_path: Path) -> None:
-    given = results()
-    given["tasks"][1]["metrics"] = [ACCURACY, {"name": "f1", "unit": "", "better": "higher"}]
-    for cell in given["cells"]:
+    content = results()
+    content["tasks"][1]["metrics"] = [ACCURACY, {"name": "f1", "unit": "", "better": "higher"}]
+    for cell in content["cells"]:
         if cell["task"] == "action" and cell["model"] == "a":
             cell["metrics"]["f1"] = 0.5
-    found = read_results(write(tmp_path, given))
-    grid = comparison_tables.details_table(found, collect_scores(found), found.tasks[1])
+    loaded = read_results(write(tmp_path, content))
+    grid = comparison_tables.details_table(loaded, collect_scores(loaded), loaded.tasks[1])
     assert grid
     assert [entry.text for entry in grid.rows[0]] == [
         "A", "82.00 ± 4.97", "0.500 ± 0.000", "3", "0, 1, 2",
@@ -281,31 +281,31 @@ def test_details_hold_every_metric(tmp_path: Path) -> None:
 
 
 def test_published_numbers_stay_apart_and_stand_beside_ours(tmp_path: Path) -> None:
-    given = results()
-    given["tasks"][0]["title"] = "Sparsh Bench force, DIGIT"
+    content = results()
+    content["tasks"][0]["title"] = "Sparsh Bench force, DIGIT"
     rows = [
         PublishedScore("a", "Sparsh Bench force, DIGIT", "RMSE, sum of axes", 1.5, "mN", "paper"),
         PublishedScore("z", "Sparsh Bench force, DIGIT", "RMSE, sum of axes", 9.5, "mN", "paper"),
         PublishedScore("z", "Cloth", "accuracy", 42.0, "%", "paper"),
         PublishedScore("z", "Action", "accuracy", 42.0, "", "in another unit"),
     ]
-    found = read_results(write(tmp_path, given))
-    (beside,) = published.beside_tables(found, collect_scores(found), rows)
+    loaded = read_results(write(tmp_path, content))
+    (beside,) = published.beside_tables(loaded, collect_scores(loaded), rows)
     assert [[entry.text for entry in row] for row in beside.rows] == [
         ["A", "110.0 ± 24.8", "1.5", "paper"],
         ["B", "150.0", "not published", "no source"],
         ["z", "not in this bench", "9.5", "paper"],
     ]
-    assert main(tmp_path, given)["A"][0].rank == "best"  # 1.5 takes no part
+    assert main(tmp_path, content)["A"][0].rank == "best"  # 1.5 takes no part
     apart = published.published_table(rows)
     assert apart
     assert [entry.text for entry in apart.rows[1]] == ["Cloth: accuracy (%)", "not published", "42"]
 
 
 def test_published_numbers_of_the_zoo_are_those_of_the_paper() -> None:
-    found = {(row.model, row.task): row.value for row in published.published_scores()}
-    assert found["anytouch2.base", "Sparsh Bench force, DIGIT"] == 624.26
-    assert found["anytouch1.large", "Touch and Go material, GelSight"] == 80.82
+    loaded = {(row.model, row.task): row.value for row in published.published_scores()}
+    assert loaded["anytouch2.base", "Sparsh Bench force, DIGIT"] == 624.26
+    assert loaded["anytouch1.large", "Touch and Go material, GelSight"] == 80.82
 
 
 def test_csv_has_one_number_a_row(tmp_path: Path) -> None:
@@ -375,19 +375,19 @@ GONE = object()
         (["suite"], GONE, "'suite' is missing"),
         (["format"], 2, "'format' is not 1"),
         (["extra"], 1, "'extra'"),
-        (["tasks", 1, "title"], GONE, r"tasks\[1\]: field 'title' is missing"),
+        (["tasks", 1, "title"], GONE, r"tasks\[1\]: 'title' is missing"),
         (["tasks", 0, "selection"], "best", r"tasks\[0\]: selection is 'best'"),
         (["tasks", 0, "main"], "rmse", "main metric 'rmse'.*Known: rmse_sum_axes"),
         (["tasks", 0, "metrics"], [RMSE | {"better": "up"}], r"metrics\[0\]: better is 'up'"),
         (["models", 0, "group"], "x", r"models\[0\]: group is 'x'"),
-        (["models", 1, "name"], "a", "model 'a' is there 2 times"),
+        (["models", 1, "name"], "a", "model 'a' appears 2 times"),
         (["cells", 2, "task"], "forse", r"cells\[2\]: task 'forse'; did you mean 'force'"),
         (["cells", 2, "model"], "q", r"cells\[2\]: model 'q'"),
         (["cells", 2, "metrics"], {"mse": 1.0}, r"cells\[2\]: metric 'mse'"),
         (["cells", 2, "metrics"], {"rmse_sum_axes": "x"}, "metrics.rmse_sum_axes is 'x'"),
         (["cells", 2, "seed"], "x", r"cells\[2\]: seed is 'x'"),
-        (["cells", 2, "seed"], 1, "cell 'force, a, seed 1, {}' is there 2 times"),
-        (["not_run"], [{"task": "force"}], r"not_run\[0\]: field 'reason'"),
+        (["cells", 2, "seed"], 1, "cell 'force, a, seed 1, {}' appears 2 times"),
+        (["not_run"], [{"task": "force"}], r"not_run\[0\]: 'reason'"),
         (
             ["training"],
             [{"model": "a", "objective": "o", "step": [1], "train": []}],
@@ -398,9 +398,9 @@ GONE = object()
 def test_broken_results_name_the_key(
     tmp_path: Path, place: list[Any], value: Any, words: str
 ) -> None:
-    given = results()
+    content = results()
     *way, last = place
-    inner: Any = given
+    inner: Any = content
     for step in way:
         inner = inner[step]
     if value is GONE:
@@ -408,7 +408,7 @@ def test_broken_results_name_the_key(
     else:
         inner[last] = value
     with pytest.raises((ConfigError, DataError), match=words):
-        read_results(write(tmp_path, given))
+        read_results(write(tmp_path, content))
 
 
 def test_no_results_or_no_json(tmp_path: Path) -> None:

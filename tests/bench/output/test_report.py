@@ -36,13 +36,13 @@ class Page(HTMLParser):
         assert self._open == []
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        given = dict(attrs)
+        content = dict(attrs)
         self.links += [v for k, v in attrs if k in ("href", "src", "xlink:href", "action") and v]
-        self.ids += [given["id"]] if given.get("id") else []
+        self.ids += [content["id"]] if content.get("id") else []
         if tag not in VOID:
             self._open.append(tag)
         if tag == "table":
-            self._rows = self.tables[str(given["id"])] = []
+            self._rows = self.tables[str(content["id"])] = []
         elif tag == "tr":
             self._rows.append([])
         elif tag in ("td", "th"):
@@ -70,7 +70,7 @@ def bench(folder: Path, models: int = 2, tasks: int = 2, points: int = 60) -> di
     (folder / "predictions").mkdir()
     rng = np.random.default_rng(0)
     names = [f"model_{i}" for i in range(models)]
-    given: dict[str, Any] = {
+    content: dict[str, Any] = {
         "format": 1, "suite": "<sim>", "versions": {"torch": "2"}, "settings": {"epochs": 3},
         "models": [
             {"name": name, "title": f"<{name}>", "group": "model", "recipe": "", "sha256": "",
@@ -85,7 +85,7 @@ def bench(folder: Path, models: int = 2, tasks: int = 2, points: int = 60) -> di
     for i in range(tasks):
         kind = ("force", "slip")[i % 2]
         name, metric = f"{kind}{i}", METRICS[kind]
-        given["tasks"].append(
+        content["tasks"].append(
             {"name": name, "title": f"{kind} & {i}", "probe": "attentive", "data": "sim",
              "split": "by object", "metrics": [metric], "main": metric["name"],
              "selection": "validation"}
@@ -100,79 +100,81 @@ def bench(folder: Path, models: int = 2, tasks: int = 2, points: int = 60) -> di
                 arrays = {"truth": truth, "predicted": rng.integers(0, 20, points)}
                 arrays["names"] = np.array([f"class {c}" for c in range(20)])
             np.savez(folder / path, **arrays)
-            given["cells"].append(
+            content["cells"].append(
                 {"task": name, "model": model, "seed": 0, "setting": {}, "epoch": None,
                  "metrics": {metric["name"]: 300.0}, "curve": {}, "predictions": path}
             )  # fmt: skip
-    return given
+    return content
 
 
-def page(folder: Path, given: dict[str, Any]) -> tuple[Page, str]:
-    (folder / "results.json").write_text(json.dumps(given))
+def page(folder: Path, content: dict[str, Any]) -> tuple[Page, str]:
+    (folder / "results.json").write_text(json.dumps(content))
     html = write_all(folder)[-1].read_text()
     return Page(html), html
 
 
 def test_the_page_is_one_file_with_every_table_and_picture(tmp_path: Path) -> None:
-    found, html = page(tmp_path, bench(tmp_path))
-    assert not [link for link in found.links if not link.startswith(("#", "data:"))]
+    parsed, html = page(tmp_path, bench(tmp_path))
+    assert not [link for link in parsed.links if not link.startswith(("#", "data:"))]
     assert not re.findall(r"url\((?!#)|@import|<script", html)
-    assert len(found.ids) == len(set(found.ids))
-    assert set(re.findall(r"url\(#([^)]+)\)", html)) <= set(found.ids)
-    assert {"main", "details-force0", "details-slip1", "published", "encoders"} <= set(found.tables)
-    assert all(cell for rows in found.tables.values() for row in rows for cell in row)
-    assert found.tables["main"][1] == ["<model_0>", "300.0", "300.0", "1"]
+    assert len(parsed.ids) == len(set(parsed.ids))
+    assert set(re.findall(r"url\(#([^)]+)\)", html)) <= set(parsed.ids)
+    assert {"main", "details-force0", "details-slip1", "published", "encoders"} <= set(
+        parsed.tables
+    )
+    assert all(cell for rows in parsed.tables.values() for row in rows for cell in row)
+    assert parsed.tables["main"][1] == ["<model_0>", "300.0", "300.0", "1"]
     assert html.count("<svg role") == 2 * 3 + 2 + 1  # forces, confusions, a loss
-    assert found.text.count("RMSE 100 mN") == 6
-    assert found.text.count("r 1.00") == 6
-    assert "true x (N)" in found.text
-    assert "All 4 pairs of a model and a task were run." in found.text
+    assert parsed.text.count("RMSE 100 mN") == 6
+    assert parsed.text.count("r 1.00") == 6
+    assert "true x (N)" in parsed.text
+    assert "All 4 pairs of a model and a task were run." in parsed.text
 
 
 def test_losses_of_probes_are_drawn_where_they_are_known(tmp_path: Path) -> None:
-    given = bench(tmp_path)
-    _, before = page(tmp_path, given)
+    content = bench(tmp_path)
+    _, before = page(tmp_path, content)
     assert "Of the probes, by epoch" not in before
-    given["cells"][0]["curve"] = {"train": [0.4, 0.2, 0.1], "validation": [0.5, None, 0.3]}
-    given["cells"][1]["curve"] = {"train": [None, None], "validation": []}
-    found, html = page(tmp_path, given)
+    content["cells"][0]["curve"] = {"train": [0.4, 0.2, 0.1], "validation": [0.5, None, 0.3]}
+    content["cells"][1]["curve"] = {"train": [None, None], "validation": []}
+    parsed, html = page(tmp_path, content)
     assert html.count("<svg role") == before.count("<svg role") + 1
-    assert "no loss is a finite number" in found.text
+    assert "no loss is a finite number" in parsed.text
     assert "loss over epochs" in html
-    assert found.text.index("Of the probes, by epoch") > found.text.index("a panel an objective")
-    given["cells"][0]["curve"] = {"train": "falling"}
+    assert parsed.text.index("Of the probes, by epoch") > parsed.text.index("a panel an objective")
+    content["cells"][0]["curve"] = {"train": "falling"}
     with pytest.raises(ConfigError, match="curve is"):
-        page(tmp_path, given)
+        page(tmp_path, content)
 
 
 def test_what_was_not_run_is_told(tmp_path: Path) -> None:
-    given = bench(tmp_path)
-    given["cells"] = given["cells"][:1]
-    given["not_run"] = [
+    content = bench(tmp_path)
+    content["cells"] = content["cells"][:1]
+    content["not_run"] = [
         {"task": "slip1", "model": None, "reason": "the data is absent", "fix": "download <it>"},
         {"task": "cloth", "model": None, "reason": "one class", "fix": ""},
     ]
-    found, _ = page(tmp_path, given)
-    assert found.tables["main"][1:] == [
+    parsed, _ = page(tmp_path, content)
+    assert parsed.tables["main"][1:] == [
         ["<model_0>", "300.0", "not runb", "1"],
         ["<model_1>", "not runa", "not runb", "none"],
     ]
-    assert "The data is absent. Download <it>." in found.text
-    assert "Task cloth was not run. One class." in found.text
-    assert "3 of 4 pairs of a model and a task were not run" in found.text
+    assert "The data is absent. Download <it>." in parsed.text
+    assert "Task cloth was not run. One class." in parsed.text
+    assert "3 of 4 pairs of a model and a task were not run" in parsed.text
 
 
 def test_predictions_that_are_gone_or_not_finite_are_told(tmp_path: Path) -> None:
-    given = bench(tmp_path)
-    (tmp_path / given["cells"][0]["predictions"]).unlink()
-    (tmp_path / given["cells"][2]["predictions"]).write_bytes(b"PK no zip")
+    content = bench(tmp_path)
+    (tmp_path / content["cells"][0]["predictions"]).unlink()
+    (tmp_path / content["cells"][2]["predictions"]).write_bytes(b"PK no zip")
     truth = np.ones((4, 3))
     predicted = np.array([[np.nan, 1, 1]] * 3 + [[np.nan, np.inf, 1]])
-    np.savez(tmp_path / given["cells"][1]["predictions"], truth=truth, predicted=predicted)
-    found, html = page(tmp_path, given)
-    assert found.text.count("no picture.") == 2
-    assert "no prediction is a finite number" in found.text
-    assert "1 of 4 predictions are no finite number" in found.text
+    np.savez(tmp_path / content["cells"][1]["predictions"], truth=truth, predicted=predicted)
+    parsed, html = page(tmp_path, content)
+    assert parsed.text.count("no picture.") == 2
+    assert "no prediction is a finite number" in parsed.text
+    assert "1 of 4 predictions are no finite number" in parsed.text
     assert html.count("<svg role") == 2 + 1 + 1
 
 
@@ -246,7 +248,7 @@ def test_several_classifiers_of_one_task_are_read(tmp_path: Path) -> None:
     truth = np.array([[0, 1, 2], [2, 1, 0]])
     names = np.array(["-", "0", "+"])
     np.savez(tmp_path / "p.npz", truth=truth, predicted=truth, names=names)
-    found = read_predictions(tmp_path / "p.npz")
-    assert found.columns == ("x", "y", "z")
-    assert found.names == ("-", "0", "+")
-    assert found.truth.tolist() == truth.tolist()
+    parsed = read_predictions(tmp_path / "p.npz")
+    assert parsed.columns == ("x", "y", "z")
+    assert parsed.names == ("-", "0", "+")
+    assert parsed.truth.tolist() == truth.tolist()

@@ -37,30 +37,30 @@ def classes(folder: Path, name: str, right: float, seed: int, groups: int = 60) 
 def test_scores_are_those_of_the_metrics(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     truth = rng.normal(size=(50, 2)).astype(np.float32)
-    found = truth + rng.normal(0, 0.5, size=(50, 2)).astype(np.float32)
+    score = truth + rng.normal(0, 0.5, size=(50, 2)).astype(np.float32)
     units = np.array([f"b{i % 7}" for i in range(50)])
-    path = predictions(tmp_path, "r2", truth=truth, predicted=found, axes=["x", "y"], units=units)
-    wanted = 1 - ((found - truth) ** 2).sum(0) / ((truth - truth.mean(0)) ** 2).sum(0)
+    path = predictions(tmp_path, "r2", truth=truth, predicted=score, axes=["x", "y"], units=units)
+    wanted = 1 - ((score - truth) ** 2).sum(0) / ((truth - truth.mean(0)) ** 2).sum(0)
     assert compared([grouped_score(path, "r2")]).value == pytest.approx(wanted.mean(), abs=1e-6)
 
-    truth, found = rng.integers(3, size=90), rng.integers(3, size=90)
+    truth, score = rng.integers(3, size=90), rng.integers(3, size=90)
     path = predictions(
-        tmp_path, "c", truth=truth, predicted=found, names=["a", "b", "c"], units=np.arange(90) // 3
+        tmp_path, "c", truth=truth, predicted=score, names=["a", "b", "c"], units=np.arange(90) // 3
     )
-    recall = [(found[truth == k] == k).mean() for k in range(3)]
+    recall = [(score[truth == k] == k).mean() for k in range(3)]
     one = grouped_score(path, "balanced_accuracy")
     assert compared([one]).value == pytest.approx(np.mean(recall), abs=1e-12)
     assert compared([grouped_score(path, "accuracy")]).value == pytest.approx(
-        (truth == found).mean()
+        (truth == score).mean()
     )
 
 
 def test_the_interval_is_that_of_the_binomial_over_groups(tmp_path: Path) -> None:
     """Three clips of a group are all right or all wrong: there are 60 samples, not 180."""
-    one = compared([grouped_score(classes(tmp_path, "a", 0.7, 1), "accuracy")])
-    expected = 1.96 * np.sqrt(one.value * (1 - one.value) / 60)
-    assert one.high - one.value == pytest.approx(expected, rel=0.15)
-    assert one.value - one.low == pytest.approx(expected, rel=0.15)
+    score = compared([grouped_score(classes(tmp_path, "a", 0.7, 1), "accuracy")])
+    expected = 1.96 * np.sqrt(score.value * (1 - score.value) / 60)
+    assert score.high - score.value == pytest.approx(expected, rel=0.15)
+    assert score.value - score.low == pytest.approx(expected, rel=0.15)
 
 
 def test_pairs_narrow_the_difference(tmp_path: Path) -> None:
@@ -70,12 +70,12 @@ def test_pairs_narrow_the_difference(tmp_path: Path) -> None:
         arrays = dict(file)
     arrays["predicted"][:18] = arrays["truth"][:18]
     better = predictions(tmp_path, "b", **arrays)
-    own, other = grouped_score(better, "accuracy"), grouped_score(paths[0], "accuracy")
-    apart = compared([own], [other])
-    single = compared([own])
-    assert apart.value == pytest.approx(compared([own]).value - compared([other]).value)
+    tallied, other = grouped_score(better, "accuracy"), grouped_score(paths[0], "accuracy")
+    apart = compared([tallied], [other])
+    single = compared([tallied])
+    assert apart.value == pytest.approx(compared([tallied]).value - compared([other]).value)
     assert apart.high - apart.low < 0.6 * (single.high - single.low)
-    assert compared([own], [own]) == gate.GateScore(0.0, 0.0, 0.0)
+    assert compared([tallied], [tallied]) == gate.GateScore(0.0, 0.0, 0.0)
 
 
 def test_the_spread_of_random_networks_counts(tmp_path: Path) -> None:
@@ -83,9 +83,9 @@ def test_the_spread_of_random_networks_counts(tmp_path: Path) -> None:
         sums = np.full((40, 1), level)
         return GroupedScore(tuple(map(str, range(40))), sums, np.ones((40, 1)), 0.0, 1.0)
 
-    found = compared([flat(0.5)], [flat(0.3), flat(0.4), flat(0.5)])
-    assert found.value == pytest.approx(0.1)
-    assert (found.low, found.high) == pytest.approx((0.0, 0.2))
+    score = compared([flat(0.5)], [flat(0.3), flat(0.4), flat(0.5)])
+    assert score.value == pytest.approx(0.1)
+    assert (score.low, score.high) == pytest.approx((0.0, 0.2))
 
 
 def test_other_recordings_are_not_compared(tmp_path: Path) -> None:
@@ -112,15 +112,15 @@ def task(name: str) -> ResultTask:
 
 def cells(folder: Path, task: ResultTask, model: str, share: float, seed: int) -> list[Cell]:
     """Of three networks where they are random; baselines have one reading."""
-    found = []
+    score = []
     for reading in ("pooled",) if model in ("pixels", "chance") else ("pooled", "patches"):
         for number in range(3 if model.startswith("untrained") else 1):
             file = f"{task.name}-{model.replace(':', '_')}-{reading}-{number}"
             path = classes(folder, file, share, seed + number, 300)
             cell = Cell(task=task.name, model=model, seed=number, metrics={"accuracy": 100 * share})
             place = path.relative_to(folder).as_posix()
-            found.append(replace(cell, setting={"reading": reading}, predictions=place))
-    return found
+            score.append(replace(cell, setting={"reading": reading}, predictions=place))
+    return score
 
 
 def bench(folder: Path, right: float, count: int = 3) -> Results:
@@ -129,9 +129,9 @@ def bench(folder: Path, right: float, count: int = 3) -> Results:
     shares = {"m": right, "untrained:m": 0.5, "pixels": 0.6, "chance": 0.5}
     made = [
         cell
-        for i, one in enumerate(tasks)
+        for i, score in enumerate(tasks)
         for j, (model, share) in enumerate(shares.items())
-        for cell in cells(folder, one, model, share, 1000 * j + 10 * i)
+        for cell in cells(folder, score, model, share, 1000 * j + 10 * i)
     ]
     models = [ResultModel(name=name, title=name) for name in shares]
     return Results(
@@ -150,9 +150,9 @@ def bench(folder: Path, right: float, count: int = 3) -> Results:
 def test_who_is_better_passes(right: float, wins: int, tmp_path: Path) -> None:
     results = bench(tmp_path, right)
     rows = gate_table.write_gate(tmp_path, results)
-    found = gate_outcome(rows, "m")
-    assert found["passes"] == (wins > 1)
-    assert [len(found[reading]["won"]) for reading in ("pooled", "patches")] == [wins, wins]
+    score = gate_outcome(rows, "m")
+    assert score["passes"] == (wins > 1)
+    assert [len(score[reading]["won"]) for reading in ("pooled", "patches")] == [wins, wins]
     plain = json.loads((tmp_path / "gate.json").read_text())
     assert list(plain["models"]) == ["m"]
     row = next(row for row in plain["rows"] if row["model"] == "m")

@@ -47,11 +47,11 @@ def test_every_recording_has_as_many_of_each_whatever_its_length() -> None:
 def test_energy_is_the_mean_change() -> None:
     frames = np.full((6, 30, 40, 3), 100, np.uint8)
     frames[3:, :15] += 10
-    one = Recording(
+    recording = Recording(
         key="a",
         sensor="digit",
         frames=ArrayFrames(frames),
         times=np.arange(6) / 25,
         no_contact=ArrayFrames(frames[:2]),
     )
-    assert contact.contact_energy(one) == pytest.approx([0, 0, 0, 5, 5, 5])
+    assert contact.contact_energy(recording) == pytest.approx([0, 0, 0, 5, 5, 5])

@@ -33,8 +33,8 @@ def classes(truth: list[int], count: int) -> TargetPart:
     ],
 )
 def test_errors_of_force(name: str, value: float) -> None:
-    found = metrics.measure(name, force(), TRUTH + ERROR, TRUTH)
-    assert found == pytest.approx(value, rel=1e-6)
+    measured = metrics.measure(name, force(), TRUTH + ERROR, TRUTH)
+    assert measured == pytest.approx(value, rel=1e-6)
 
 
 def test_correlation_is_pearsons_and_means_the_axes() -> None:
@@ -48,9 +48,34 @@ def test_correlation_is_pearsons_and_means_the_axes() -> None:
     assert value == pytest.approx(float(torch.stack(stacked).mean()), abs=1e-5)
 
 
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 50.0])
+def test_metrics_of_force_are_the_formulas_in_float64(scale: float) -> None:
+    generator = torch.Generator().manual_seed(1)
+    truth = torch.randn(400, 3, generator=generator) * scale + torch.tensor([0.0, 1.0, 9.0])
+    predicted = truth + 0.3 * scale * torch.randn(400, 3, generator=generator)
+    x, y = predicted.double(), truth.double()
+    rmse = (x - y).square().mean(0).sqrt() * 1000
+    r2 = 1 - (x - y).square().sum(0) / (y - y.mean(0)).square().sum(0)
+    dx, dy = x - x.mean(0), y - y.mean(0)
+    pearson = (dx * dy).sum(0) / (dx.square().sum(0) * dy.square().sum(0)).sqrt()
+    expected = {
+        "rmse_sum_axes": rmse.sum(),
+        "mae_mean_axes": (x - y).abs().mean() * 1000,
+        "rmse_x": rmse[0],
+        "rmse_y": rmse[1],
+        "rmse_z": rmse[2],
+        "r2": r2.mean(),
+        "r2_z": r2[2],
+        "correlation": pearson.mean(),
+    }
+    for name, value in expected.items():
+        measured = metrics.measure(name, force(truth), predicted, truth)
+        assert measured == pytest.approx(float(value), rel=1e-6), name
+
+
 def test_batches_do_not_matter() -> None:
     predicted, truth = torch.randn(2, 9, 3)
-    for name in ("rmse_sum_axes", "mae_mean_axes", "correlation"):
+    for name in ("rmse_sum_axes", "mae_mean_axes", "correlation", "r2"):
         whole = metrics.metric_kind(name).build(force())
         whole.update(predicted, truth)
         parts = metrics.metric_kind(name).build(force())

@@ -17,18 +17,18 @@ from tactileforge.errors import ConfigError, DataError
 def recording(key: str, **known: Any) -> Recording:
     count = 10
     force = np.outer(np.arange(count), [0.1, -0.2, 1.0]).astype(np.float32)
-    given: dict[str, Any] = {"sensor": "digit", "object": "ball", "force": force} | known
+    options: dict[str, Any] = {"sensor": "digit", "object": "ball", "force": force} | known
     return Recording(
         key=key,
         frames=ArrayFrames(np.full((count, 8, 8, 3), 7, np.uint8)),
         times=np.arange(count) / 20,
         no_contact=None,
-        **given,
+        **options,
     )
 
 
-def task(target: str = "force", **given: Any) -> Task:
-    plan = SplitPlan(**{"test": {"side": "val"}, **given})
+def task(target: str = "force", **options: Any) -> Task:
+    plan = SplitPlan(**{"test": {"side": "val"}, **options})
     return Task(
         name="t",
         title="T",
@@ -48,42 +48,42 @@ def names(of: TaskSource, target: targets.Target, places: Any) -> set[str]:
     return {of.recordings[n].key for n in of.index[target.clips[places], 0]}
 
 
-def built(one: Task, of: TaskSource) -> list[tuple[set[str], set[str], set[str]]]:
-    target = targets.build_target(one, of)
+def built(planned: Task, of: TaskSource) -> list[tuple[set[str], set[str], set[str]]]:
+    target = targets.build_target(planned, of)
     return [
         (
             names(of, target, s.train),
             names(of, target, s.validation),
             names(of, target, s.test),
         )
-        for s in splits.build_splits(one, of, target)
+        for s in splits.build_splits(planned, of, target)
     ]
 
 
 def test_sides_and_a_share_by_object() -> None:
     data = [recording(f"r{i}", object=f"o{i // 2}") for i in range(10)]
     of = source(data, ["train"] * 8 + ["val"] * 2)
-    one = task(train={"side": "train"}, validation={"share": 0.25, "group": "object"})
-    ((train, validation, test),) = built(one, of)
+    planned = task(train={"side": "train"}, validation={"share": 0.25, "group": "object"})
+    ((train, validation, test),) = built(planned, of)
     assert test == {"r8", "r9"}
     assert len(validation) == 2
     assert train | validation == {f"r{i}" for i in range(8)}
     first = min(int(key[1]) for key in validation)
     assert validation == {f"r{first}", f"r{first + 1}"}, "both recordings of one object"
-    assert built(one, of) == built(one, of)
+    assert built(planned, of) == built(planned, of)
 
 
 def test_filters_combine_and_lists_are_alternatives() -> None:
     sensors = ["digit", "gelsight", "gelsight_mini"]
     data = [recording(f"{s}{i}", sensor=s, object=f"o{i}") for s in sensors for i in range(4)]
     of = source(data, ["train", "train", "train", "val"] * 3)
-    one = task(
+    planned = task(
         train={"side": "train", "sensor": ["digit", "gelsight"]},
         test={"side": "val", "sensor": "gelsight_mini"},
         validation={"share": 0.3, "group": "object"},
         unseen=["object", "sensor"],
     )
-    ((train, validation, test),) = built(one, of)
+    ((train, validation, test),) = built(planned, of)
     assert test == {"gelsight_mini3"}
     assert not any(key.startswith("gelsight_mini") for key in train | validation)
     assert len(train) == 4
@@ -95,10 +95,10 @@ def test_folds_test_everything_once_and_deal_classes_evenly() -> None:
         recording(f"r{i:02}", object=f"o{i}", labels={"hardness": float(i % 3)}) for i in range(18)
     ]
     of = source(data, ["train"] * 18)
-    one = task("label:hardness", test={}, folds=3, group="object", unseen=["object"])
-    found = built(one, of)
-    assert sorted(key for _, _, test in found for key in test) == [f"r{i:02}" for i in range(18)]
-    for train, validation, test in found:
+    planned = task("label:hardness", test={}, folds=3, group="object", unseen=["object"])
+    folds = built(planned, of)
+    assert sorted(key for _, _, test in folds for key in test) == [f"r{i:02}" for i in range(18)]
+    for train, validation, test in folds:
         assert sorted(int(key[1:]) % 3 for key in test) == [0, 0, 1, 1, 2, 2]
         assert not train & test
         assert not validation & (train | test)
@@ -109,8 +109,8 @@ def test_a_pattern_keeps_the_touches_of_all_sensors_together() -> None:
     data = [recording(f"sim/{i:06}_{s}") for i in range(6) for s in ("digit", "gelsight")]
     of = source(data, ["train"] * 12)
     group = r"re:sim/(\d+)_"
-    one = task(test={}, folds=2, group=group, validation={"share": 0.3, "group": group})
-    for uses in built(one, of):
+    planned = task(test={}, folds=2, group=group, validation={"share": 0.3, "group": group})
+    for uses in built(planned, of):
         for keys in uses:
             assert {key.partition("_")[0] for key in keys} == {
                 key.partition("_")[0] for key in keys if key.endswith("digit")
@@ -121,8 +121,8 @@ def test_parts_of_a_recording_do_not_overlap() -> None:
     data = [recording("r").part(2, 10)]
     of = source(data, ["train"], parts=4)
     assert [r.key for r in of.recordings] == [f"r[2:10][{i}:{i + 2}]" for i in (0, 2, 4, 6)]
-    one = task(test={}, folds=2, group="recording")
-    for train, validation, test in built(one, of):
+    planned = task(test={}, folds=2, group="recording")
+    for train, validation, test in built(planned, of):
         assert len(train) + len(validation) + len(test) == 4
 
 
@@ -244,15 +244,15 @@ def test_slip_in_simulation_is_the_friction_cone() -> None:
     slip = targets.build_target(task("slip"), of).parts["slip"]
     assert slip.truth[:, 0].tolist() == [0, 0, 1, 1]
     labelled = recording("b", tracks={"slip": np.array([1, 0] * 5, np.int8)})
-    found = targets.build_target(task("slip"), source([labelled], ["train"], hop=0.05)).parts[
+    folds = targets.build_target(task("slip"), source([labelled], ["train"], hop=0.05)).parts[
         "slip"
     ]
-    assert found.truth[:4, 0].tolist() == [1, 0, 1, 0]
+    assert folds.truth[:4, 0].tolist() == [1, 0, 1, 0]
 
 
 def test_clamped_targets_and_fixed_ends() -> None:
     of = source([recording("a")], ["train"], ends=[-1, -3, 0.0, 0.5])
     assert of.index[:, 1].tolist() == [9, 7, 0, 4]
     assert of.first.tolist() == [7, 5, 0, 2]
-    one = replace(task("force"), scale=[1.0, 1.0, 4.0], clamp=1.0)
-    assert targets.build_target(one, of).parts["force"].truth[:, 2].tolist() == [4, 4, 0, 4]
+    planned = replace(task("force"), scale=[1.0, 1.0, 4.0], clamp=1.0)
+    assert targets.build_target(planned, of).parts["force"].truth[:, 2].tolist() == [4, 4, 0, 4]

@@ -1,11 +1,9 @@
 """Every suite is read, names what exists, and agrees with what is published."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from omegaconf import OmegaConf
 
 from tactileforge import registry
 from tactileforge.bench.fit.resolve import choose_probe, result_task
@@ -13,7 +11,7 @@ from tactileforge.bench.output.published import published_scores
 from tactileforge.bench.tasks import metrics, splits, targets
 from tactileforge.bench.tasks.source import open_source
 from tactileforge.bench.tasks.suite import Task, parse_task
-from tactileforge.compose import settings
+from tactileforge.cli.bench import COMMANDS
 from tactileforge.datasets.reading.splits import is_held_out
 
 ROOT = Path(__file__).parents[3]
@@ -21,7 +19,7 @@ SUITES = sorted(path.stem for path in (ROOT / "conf" / "suite").glob("*.yaml"))
 
 
 def suite(name: str, *words: str) -> dict[str, Task]:
-    config: Any = OmegaConf.to_container(settings("bench", [f"suite={name}", *words]), resolve=True)
+    config = COMMANDS[""].compose("bench", [f"suite={name}", *words])
     return {key: parse_task(key, node) for key, node in config["tasks"].items()}
 
 
@@ -56,7 +54,7 @@ def test_published_settings() -> None:
 
 
 def test_suites_add_up() -> None:
-    config = settings("bench", ["suite=[sim,touchd]"])
+    config = COMMANDS[""].compose("bench", ["suite=[sim,touchd]"])
     assert list(config.suites) == ["sim", "touchd"]
     assert {"sim_force", "touchd_force_digit"} <= set(config.tasks)
 
@@ -83,8 +81,8 @@ def test_public_samples(name: str, recordings: int, tested: int | None, realdata
     source = open_source(task.data, task.sides, task.clip)
     target = targets.build_target(task, source)
     assert len({int(n) for n in source.index[target.clips, 0]}) == recordings
-    found = splits.build_splits(task, source, target)
-    count = sum(len(split.test) for split in found)
+    folds = splits.build_splits(task, source, target)
+    count = sum(len(split.test) for split in folds)
     assert count == len(target.clips), "every clip is tested once"
     if tested is not None:
         assert count == pytest.approx(tested, rel=0.03)
@@ -105,7 +103,9 @@ def test_the_gate_never_shares_a_recording_or_an_object(
         tested = np.concatenate([fold.test for fold in folds])
         assert len(set(tested.tolist())) == len(tested)
         groups = [splits.group_names(source, target, fold.test, task.split.group) for fold in folds]
-        assert sum(len(set(one)) for one in groups) == len({n for one in groups for n in one})
+        assert sum(len(set(group)) for group in groups) == len(
+            {n for group in groups for n in group}
+        )
         for fold in folds:
             known = splits.group_names(source, target, fold.train, task.split.group)
             assert not set(known) & set(
@@ -113,16 +113,16 @@ def test_the_gate_never_shares_a_recording_or_an_object(
             )
         if "octopi" in task.name or "losing" in task.name:
             objects = splits.group_names(source, target, tested, "object")
-            assert {is_held_out(one, 0.5) for one in objects} == {half == "val"}
+            assert {is_held_out(group, 0.5) for group in objects} == {half == "val"}
 
 
 def test_the_two_parts_of_the_gate_share_nothing() -> None:
     """Other halves of the objects, other layouts of the same folders."""
     for ours, theirs in (("octopi_object", "octopi_object"), ("losing_grip", "losing_grip")):
-        one, other = suite("real")[f"real_{ours}"], suite("real_held_out")[f"held_{theirs}"]
-        assert one.split.only["side"] == "train"
+        group, other = suite("real")[f"real_{ours}"], suite("real_held_out")[f"held_{theirs}"]
+        assert group.split.only["side"] == "train"
         assert other.split.only["side"] == "val"
-        assert one.data == other.data
+        assert group.data == other.data
     layouts = [
         {layout for task in suite(name).values() for layout in task.data["layouts"]}
         for name in ("real", "real_held_out")

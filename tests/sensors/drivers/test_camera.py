@@ -47,12 +47,12 @@ def read_all(sensor):
 def test_a_file_is_played_in_real_time_in_rgb(video):
     with Camera(video) as sensor:
         assert (sensor.spec.height, sensor.spec.width, sensor.spec.fps) == (48, 64, FPS)
-        start = time.monotonic()
         frames = read_all(sensor)
+        end = time.monotonic()
     seen = [blue(frame) for frame in frames]
     assert seen == sorted(set(seen))
     assert seen[-1] == 11
-    assert time.monotonic() - start >= 11 / FPS - 0.01
+    assert frames[-1].time <= end, "no frame comes before it is due"
     times = [frame.time for frame in frames]
     assert np.diff(times) == pytest.approx(np.diff(seen) / FPS, abs=1e-6)  # dropped or not
     red = frames[0].array[..., 0].mean(0)

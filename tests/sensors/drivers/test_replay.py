@@ -77,17 +77,18 @@ def test_every_frame_comes_with_the_times_of_the_video(video):
     assert np.diff([frame.time for frame in frames]) == pytest.approx([1 / FPS] * 5, abs=1e-3)
 
 
-def test_without_real_time_it_does_not_wait(video):
-    start = time.monotonic()
+def test_without_real_time_it_does_not_wait(video, monkeypatch):
+    monkeypatch.setattr(time, "sleep", lambda seconds: pytest.fail(f"slept {seconds} s"))
     frames = read_all(Replay(video, type="digit", realtime=False, fps=0.1))
-    assert time.monotonic() - start < 10
     assert frames[-1].time - frames[0].time == pytest.approx(50)
 
 
 def test_real_time_waits_until_a_frame_is_due(video):
-    start = time.monotonic()
-    frames = read_all(Replay(video, type="digit"))
-    assert time.monotonic() - start >= 5 / FPS
+    with Replay(video, type="digit") as sensor:
+        frames = []
+        while not frames or frames[-1].array.mean() < 190:
+            frames.append(sensor.read())
+            assert frames[-1].time <= time.monotonic()
     assert brightness(frames)[-1] == 5
 
 
@@ -174,7 +175,7 @@ def test_a_recording_of_a_shard_is_played_with_its_own_times_and_type(shard, key
     frames = read_all(sensor)
     assert [int(frame.array.mean()) for frame in frames] == [first + 20 * i for i in range(4)]
     assert np.diff([frame.time for frame in frames]) == pytest.approx([0.04] * 3)
-    assert frames[0].time - start < 1
+    assert start <= frames[0].time <= time.monotonic()
     assert sensor.spec == replace(spec("digit"), height=8, width=6)
 
 

@@ -74,8 +74,8 @@ def test_a_scene_of_two_meshes(tmp_path):
     path = tmp_path / "pair.glb"
     scene.export(path)
     pair = mesh_shape(path)
-    found = pair.height(np.array([-3.0, 0, 3]), np.zeros(3))
-    np.testing.assert_allclose(found, [0, DEEP, 0], atol=0.02)
+    heights = pair.height(np.array([-3.0, 0, 3]), np.zeros(3))
+    np.testing.assert_allclose(heights, [0, DEEP, 0], atol=0.02)
 
 
 def test_another_place_of_a_large_object_is_touched():
@@ -100,9 +100,9 @@ def test_clouds_from_files(tmp_path):
     points = _cloud(5000)
     np.save(tmp_path / "scan.npy", points)
     trimesh.PointCloud(points).export(tmp_path / "scan.ply")
-    one, other = (cloud_shape(tmp_path / f"scan.{kind}") for kind in ("npy", "ply"))
-    assert one.name == other.name == "scan"
-    np.testing.assert_allclose(one.height(X, ZERO), other.height(X, ZERO), atol=1e-3)
+    first, other = (cloud_shape(tmp_path / f"scan.{kind}") for kind in ("npy", "ply"))
+    assert first.name == other.name == "scan"
+    np.testing.assert_allclose(first.height(X, ZERO), other.height(X, ZERO), atol=1e-3)
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])
@@ -110,8 +110,8 @@ def test_a_picture_of_heights(tmp_path, kind):
     ramp = np.tile(np.linspace(0, np.iinfo(kind).max, 81).round().astype(kind), (61, 1))
     Image.fromarray(ramp).save(tmp_path / "ramp.png")
     known = picture_shape(tmp_path / "ramp.png", mm_per_pixel=0.1, range_mm=2.0)
-    found = known.height(np.array([4.0, 0, -4, 4.3]), np.zeros(4))
-    np.testing.assert_allclose(found, [0, 1, 2, DEEP], atol=0.01)
+    heights = known.height(np.array([4.0, 0, -4, 4.3]), np.zeros(4))
+    np.testing.assert_allclose(heights, [0, 1, 2, DEEP], atol=0.01)
     assert known.name == "ramp"
 
 

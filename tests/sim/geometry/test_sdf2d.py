@@ -61,8 +61,8 @@ def test_distances_to_a_polygon_agree_with_opencv():
     points = np.random.default_rng(0).uniform(-7, 7, (200, 2))
     contour = np.asarray(corners, dtype=np.float32)
     expected = [-cv2.pointPolygonTest(contour, tuple(map(float, p)), True) for p in points]
-    found = m.polygon(*corners)(points[:, 0], points[:, 1])
-    np.testing.assert_allclose(found, expected, atol=1e-5)
+    distances = m.polygon(*corners)(points[:, 0], points[:, 1])
+    np.testing.assert_allclose(distances, expected, atol=1e-5)
 
 
 @pytest.mark.parametrize(

@@ -179,8 +179,8 @@ def test_the_contact_area_converges_with_resolution():
 
 def test_a_ball_is_a_sphere():
     x = np.linspace(-1.9, 1.9, 21)
-    found = ball(2.0)(x, np.zeros_like(x))
-    np.testing.assert_allclose(found, 2 - np.sqrt(4 - x**2), atol=1e-12)
+    heights = ball(2.0)(x, np.zeros_like(x))
+    np.testing.assert_allclose(heights, 2 - np.sqrt(4 - x**2), atol=1e-12)
     small = shape("small_sphere").height(np.array([1.0]), np.array([0.0]))
     assert small == pytest.approx(2.2 - np.sqrt(2.2**2 - 1))
 
@@ -194,8 +194,8 @@ def test_the_edge_is_a_quarter_round_of_the_fillet():
 
 def test_a_raised_shape_stands_on_its_plate():
     height = join(extrude(circle(2)), lift(extrude(circle(5)), 1.0))
-    found = height(np.array([0.0, 3.5, 8.0]), np.zeros(3))
-    np.testing.assert_allclose(found, [0, 1, DEEP])
+    heights = height(np.array([0.0, 3.5, 8.0]), np.zeros(3))
+    np.testing.assert_allclose(heights, [0, 1, DEEP])
 
 
 def test_printed_lines_have_their_period_and_depth():

@@ -64,8 +64,8 @@ def test_half_a_turn_of_a_thread_is_half_a_pitch():
     # The two sides of the rod, a quarter turn from the top each, are half a turn apart.
     x = np.linspace(-3, 3, 1201)
     near_edge = np.full_like(x, 2.99)
-    one, other = (shape("screw_m6").height(x + s * 0.25, s * near_edge) for s in (-1, 1))
-    assert np.corrcoef(one, other)[0, 1] > 0.9
+    left, other = (shape("screw_m6").height(x + s * 0.25, s * near_edge) for s in (-1, 1))
+    assert np.corrcoef(left, other)[0, 1] > 0.9
 
 
 def test_plain_cloth_changes_sides_at_each_crossing():
@@ -108,8 +108,8 @@ def test_random_surfaces_stay_within_their_depth_and_know_no_pixels(relief):
 
 def test_another_seed_gives_another_leather():
     axis = np.linspace(-6, 6, 60)
-    one, other = (leather(1.6, 0.25, seed)(*np.meshgrid(axis, axis)) for seed in (1, 2))
-    assert np.abs(one - other).mean() > 0.02
+    first, other = (leather(1.6, 0.25, seed)(*np.meshgrid(axis, axis)) for seed in (1, 2))
+    assert np.abs(first - other).mean() > 0.02
 
 
 @pytest.mark.parametrize(

@@ -39,8 +39,8 @@ def test_hertz_over_a_decade_of_depth() -> None:
         pressure, force = press(gel, (depth - (x**2 + y**2) / (2 * radius))[None], spacing)
         hertz = 4 / 3 * plane_modulus * math.sqrt(radius) * depth**1.5
         assert float(force) == pytest.approx(hertz, rel=0.02)
-        found = math.sqrt(float((pressure > 0).sum()) * spacing**2 / math.pi)
-        assert found == pytest.approx(wanted, rel=0.03)
+        measured = math.sqrt(float((pressure > 0).sum()) * spacing**2 / math.pi)
+        assert measured == pytest.approx(wanted, rel=0.03)
 
 
 def test_flat_punch_is_sneddons() -> None:
@@ -113,8 +113,8 @@ def test_start_of_the_frame_before_changes_nothing_but_the_time() -> None:
     overlap = sphere(4.0, torch.tensor([0.8]), 48, 0.22)
     wanted = contact.press(grid, overlap, tolerance=1e-4)
     for start in (0 * wanted, 2 * wanted, wanted.roll(1, 2)):
-        found = contact.press(grid, overlap, start, tolerance=1e-4)
-        assert float(found.sum()) == pytest.approx(float(wanted.sum()), rel=2e-3)
+        pressure = contact.press(grid, overlap, start, tolerance=1e-4)
+        assert float(pressure.sum()) == pytest.approx(float(wanted.sum()), rel=2e-3)
 
 
 def test_a_start_that_leads_nowhere_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -140,9 +140,9 @@ def test_batch_equals_single() -> None:
     grid = kernel(Gel(), 32, 0.3)
     overlap = sphere(4.0, torch.tensor([0.2, 0.9, -1.0]), 32, 0.3)
     batch = contact.press(grid, overlap, tolerance=1e-4)
-    for one, alone in zip(batch, overlap, strict=True):
+    for batched, alone in zip(batch, overlap, strict=True):
         single = contact.press(grid, alone[None], tolerance=1e-4)[0]
-        assert float((one - single).abs().max()) <= 0.02 * max(float(one.max()), 1e-9)
+        assert float((batched - single).abs().max()) <= 0.02 * max(float(batched.max()), 1e-9)
 
 
 def test_failure_is_said(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -48,12 +48,12 @@ def error(made, calibration, numbers):
 
 def test_fit_finds_the_calibration_that_made_the_pictures():
     made = presses()
-    found = fit.fit_optics(made.part(slice(0, 6)))
+    fitted = fit.fit_optics(made.part(slice(0, 6)))
     contrast = (made.pictures[7] - made.background)[:, *made.crop(7)].std()
     assert contrast > 15
-    assert error(made, found, [6, 7]) < 0.15 * float(contrast)
+    assert error(made, fitted, [6, 7]) < 0.15 * float(contrast)
     # Colours shine from where they shone.
-    turn = np.subtract(found.lights, lighting.load_optics("gelsight").lights)
+    turn = np.subtract(fitted.lights, lighting.load_optics("gelsight").lights)
     assert np.cos(turn).min() > 0.9
 
 
@@ -74,8 +74,8 @@ def test_gel_takes_the_balls_shape_in_the_contact_and_flattens_outside(radius):
 def test_background_is_a_polynomial_of_the_place():
     how = lighting.load_optics("digit")
     picture = lighting.polynomial_background(how.backgrounds[1], *SIZE)
-    found = fit.fit_background(picture)
-    again = lighting.polynomial_background(found, 60, 80)
+    weights = fit.fit_background(picture)
+    again = lighting.polynomial_background(weights, 60, 80)
     expected = lighting.polynomial_background(how.backgrounds[1], 60, 80)
     torch.testing.assert_close(again, expected, atol=0.1, rtol=0)
 
@@ -110,17 +110,17 @@ def test_presses_are_read_with_and_without_annotations(tmp_path):
     rows = "file,center_x_px,center_y_px,radius_px\npress2.png,50,25,9\n"
     (tmp_path / "known.csv").write_text(rows)
     known = read_presses(tmp_path, "still.png", 0.1, "known.csv")
-    found = read_presses(tmp_path, "still.png", 0.1, pictures="press*.png", share=0.5)
+    loaded = read_presses(tmp_path, "still.png", 0.1, pictures="press*.png", share=0.5)
     assert known.background[:, 0, 0].tolist() == [150, 120, 90]  # RGB
     assert len(known) == 1
-    assert len(found) == 2
-    assert found.share == 0.5
-    assert found.circles[1].tolist() == pytest.approx(known.circles[0].tolist(), abs=1.5)
+    assert len(loaded) == 2
+    assert loaded.share == 0.5
+    assert loaded.circles[1].tolist() == pytest.approx(known.circles[0].tolist(), abs=1.5)
 
 
 def test_missing_and_broken_pictures_are_named(tmp_path):
     with pytest.raises(DataNotFoundError, match=r"still\.png does not exist"):
         read_presses(tmp_path, "still.png", 0.1)
     (tmp_path / "still.png").write_text("nothing")
-    with pytest.raises(DataError, match=r"still\.png is no picture"):
+    with pytest.raises(DataError, match=r"still\.png is not an image"):
         read_presses(tmp_path, "still.png", 0.1)

@@ -11,7 +11,7 @@ SPACING = 0.2
 
 
 def dark(markers, motion=None):
-    """How dark markers paint a white picture: (B, H, W)."""
+    """Darkness that markers paint on a white image: (B, H, W)."""
     batch = 1 if motion is None else len(motion)
     pictures = torch.full((batch, 3, *SIZE), 255.0)
     markers.paint(pictures, motion, SPACING)

@@ -21,11 +21,11 @@ pytestmark = [
 
 def psnr(presses, pictures):
     """Mean over presses of the PSNR in the crop, dB."""
-    found = []
+    ratios = []
     for i, picture in enumerate(pictures):
         wrong = (picture.float() - presses.pictures[i])[:, *presses.crop(i)]
-        found.append(10 * torch.log10(255**2 / wrong.square().mean()))
-    return float(torch.stack(found).mean())
+        ratios.append(10 * torch.log10(255**2 / wrong.square().mean()))
+    return float(torch.stack(ratios).mean())
 
 
 def rendered(presses, calibration):

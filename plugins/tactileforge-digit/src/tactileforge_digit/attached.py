@@ -1,4 +1,4 @@
-"""Which DIGITs are attached, and their firmware: what Linux says of them."""
+"""Attached DIGITs and their firmware, as listed by Linux."""
 
 from __future__ import annotations
 

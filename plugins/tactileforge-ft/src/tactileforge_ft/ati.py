@@ -50,7 +50,7 @@ def request(command: int, count: int = 0) -> bytes:
 
 @dataclass(frozen=True)
 class Settings:
-    """What the device says of itself.
+    """Settings reported by the device.
 
     Attributes:
         force: Newton of a count.

@@ -27,7 +27,7 @@ def write_request(slave: int, register: int, values: Sequence[int]) -> bytes:
 
 
 def write_reply(slave: int, register: int, count: int) -> bytes:
-    """What a device answers that has written so many values."""
+    """Expected reply to a write of some values."""
     return packet(struct.pack(">BBHH", slave, WRITE, register, count))
 
 

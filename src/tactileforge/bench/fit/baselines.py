@@ -1,4 +1,4 @@
-"""Baselines without weights: what a closed-form probe reads where there is no encoder."""
+"""Baselines without weights: fixed features of the frames in place of an encoder."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SMALL = 16
 
 
 class Flat(nn.Module):
-    """Two frames less their background, to one vector; a subclass says which.
+    """Base of fixed features: two frames less their background, to one vector.
 
     Attributes:
         frames: 2.
@@ -44,8 +44,8 @@ class Flat(nn.Module):
 
     def forward(self, frames: Tensor, background: Tensor, sensor: Tensor) -> tuple[Tensor, Tensor]:
         """(B, 1, width) and (B, width) of uint8 frames (B, 2, 3, H, W)."""
-        found = self.read(self.pixels(frames, background))
-        return found[:, None], found
+        features = self.read(self.pixels(frames, background))
+        return features[:, None], features
 
     def read(self, x: Tensor) -> Tensor:
         """(B, width) of two frames (B, 2, 3, H, W), less their background."""
@@ -56,7 +56,7 @@ class FrameStatistics(Flat):
     """Statistics of the last frame: moments, quantiles, gradients and rings of the spectrum."""
 
     def read(self, x: Tensor) -> Tensor:
-        """See the class."""
+        """(B, width): moments, quantiles, gradients and spectrum of the last frame."""
         last = x[:, -1]
         flat = last.flatten(2)
         mean, spread = flat.mean(2), flat.std(2)
@@ -74,7 +74,7 @@ class Motion(Flat):
     """Energy of the change from the background, and between the frames, of each channel."""
 
     def read(self, x: Tensor) -> Tensor:
-        """See the class."""
+        """(B, width): energies of the changes."""
         still = x[:, -1] - x[:, -1].median(dim=3, keepdim=True).values
         change = x[:, -1] - x[:, 0]
         parts = [part.flatten(2) for part in (x[:, -1], still, change)]
@@ -89,7 +89,7 @@ class Hog(Flat):
     """
 
     def read(self, x: Tensor) -> Tensor:
-        """See the class."""
+        """(B, width): normalised histograms of the last frame."""
         grey = F.pad(x[:, -1].mean(1, keepdim=True), (1, 1, 1, 1), mode="replicate")
         dx = grey[:, :, 1:-1, 2:] - grey[:, :, 1:-1, :-2]
         dy = grey[:, :, 2:, 1:-1] - grey[:, :, :-2, 1:-1]
@@ -106,22 +106,22 @@ class Hog(Flat):
 
 
 class BackgroundOnly(Flat):
-    """The frame without contact at 16 x 16: what can be known before anything is touched.
+    """The frame without contact at 16 x 16: features that exist before any contact.
 
     A task that it answers has a shortcut, as where all recordings of an object are of one hour.
     """
 
     def forward(self, frames: Tensor, background: Tensor, sensor: Tensor) -> tuple[Tensor, Tensor]:
         """(B, 1, width) and (B, width) of uint8 backgrounds (B, 3, H, W)."""
-        found = F.adaptive_avg_pool2d(background.float() / 255, _SMALL).flatten(1)
-        return found[:, None], found
+        features = F.adaptive_avg_pool2d(background.float() / 255, _SMALL).flatten(1)
+        return features[:, None], features
 
 
 class Chance(Flat):
-    """Nothing: a probe predicts the mean, or the first class."""
+    """No features: a probe predicts the mean, or the first class."""
 
     def read(self, x: Tensor) -> Tensor:
-        """See the class."""
+        """(B, 1) zeros."""
         return torch.zeros(len(x), 1, device=x.device)
 
 
@@ -131,7 +131,9 @@ def rings(x: Tensor) -> Tensor:
     across, down = (torch.fft.fftfreq(n, device=x.device) for n in (x.shape[3], x.shape[2]))
     radius = (across[None] ** 2 + down[:, None] ** 2).sqrt()
     inside = [(radius > low) & (radius <= high) for low, high in pairwise(_RINGS)]
-    return torch.stack([(power * one).sum((2, 3)) / one.sum() for one in inside], 2).add(1e-6).log()
+    return (
+        torch.stack([(power * ring).sum((2, 3)) / ring.sum() for ring in inside], 2).add(1e-6).log()
+    )
 
 
 #: Baseline by the word that names it, and its name in print.

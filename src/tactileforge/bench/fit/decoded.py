@@ -1,4 +1,4 @@
-"""Clips as encoders are shown them, decoded once: for the next encoder of the same input."""
+"""Cache of decoded clips, for the next encoder with the same input."""
 
 from __future__ import annotations
 
@@ -97,5 +97,5 @@ def _finish(folder: Path, arrays: dict[str, np.memmap], sensors: Sequence[str]) 
 
 
 def _part(folder: Path, name: str) -> Path:
-    """What this process writes, and renames when it is whole."""
+    """The temporary file of this process, renamed once it is complete."""
     return folder / f"{name}.{os.getpid()}.part"

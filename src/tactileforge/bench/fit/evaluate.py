@@ -42,7 +42,7 @@ class SourceFeatures:
 
 @dataclass(frozen=True)
 class ProbeResult:
-    """A probe that was tested, on all folds.
+    """A tested probe, over all folds.
 
     Attributes:
         outcomes: Of each fold.
@@ -58,15 +58,15 @@ class ProbeResult:
 
     @property
     def score(self) -> float:
-        """Mean over the folds of what was selected on."""
-        return sum(one.score for one in self.outcomes) / len(self.outcomes)
+        """Mean over the folds of the metric used for selection."""
+        return sum(outcome.score for outcome in self.outcomes) / len(self.outcomes)
 
     @property
     def curve(self) -> dict[str, list[float]]:
         """Losses by epoch, means over the folds."""
         losses = {
-            "train": [one.train for one in self.outcomes],
-            "validation": [one.validation for one in self.outcomes],
+            "train": [outcome.train for outcome in self.outcomes],
+            "validation": [outcome.validation for outcome in self.outcomes],
         }
         return {name: np.mean(rows, axis=0).tolist() for name, rows in losses.items()}
 
@@ -107,21 +107,21 @@ def evaluate_probe(
         select = split.test if select_on_test else split.validation
         score, uses = _scorer(prepared, select), (split.train, select, split.test)
         if features is None:
-            found = finetune.finetune_encoder(
+            fold = finetune.finetune_encoder(
                 prepared, choice, subject, store, uses, seeds, score, higher
             )
-            folds.append(found)
+            folds.append(fold)
             continue
         taps = subject.taps(choice.kind)
         examples = [_examples(prepared, tap, features, subject) for tap in taps]
         if choice.kind.trained:
-            found = train_probes(build, choice.training, examples[0], uses, seeds, score, higher)
+            fold = train_probes(build, choice.training, examples[0], uses, seeds, score, higher)
         elif issubclass(choice.kind, Ridge):
             pairs = zip(taps, examples, strict=True)
-            found = [_solve(prepared, build(), rows, split, tap) for tap, rows in pairs]
+            fold = [_solve(prepared, build(), rows, split, tap) for tap, rows in pairs]
         else:
-            found = [_vote(build(), examples[0], uses, score)]
-        folds.append(found)
+            fold = [_vote(build(), examples[0], uses, score)]
+        folds.append(fold)
     return [_result(prepared, outcomes) for outcomes in zip(*folds, strict=True)]
 
 
@@ -153,18 +153,19 @@ def _vote(
     assert isinstance(model, Knn)
     known, truth = examples.take(uses[0])
     decoded = [model.vote(known, truth, examples.take(places)[0]) for places in uses[1:]]
-    on_cpu = [{key: value.cpu() for key, value in one.items()} for one in decoded]
+    on_cpu = [{key: value.cpu() for key, value in values.items()} for values in decoded]
     return TrainedProbe(0, math.nan, on_cpu[1], score(on_cpu[0]))
 
 
 def _solve(
     prepared: PreparedTask, model: Probe, examples: Examples, split: Split, tap: str
 ) -> TrainedProbe:
-    """A closed form: training and validation clips are one, inner folds choose."""
+    """Fits in closed form on training and validation clips; inner folds choose the penalty."""
     assert isinstance(model, Ridge)
     known = np.sort(np.concatenate([split.train, split.validation]))
     plan = prepared.task.split
     groups = splits.group_names(prepared.source, prepared.target, known, plan.group)
+    # inner folds need two groups at least: take the unit of the intervals
     if len(set(groups)) == 1 and plan.unit:
         groups = splits.group_names(prepared.source, prepared.target, known, plan.unit)
     rows, truth = examples.take(known)
@@ -178,7 +179,7 @@ def _result(prepared: PreparedTask, outcomes: Sequence[TrainedProbe]) -> ProbeRe
     parts = prepared.target.parts
     test = np.concatenate([split.test for split in prepared.splits])
     predicted = {
-        name: torch.cat([one.predicted[name] for one in outcomes]) * part.scale[test]
+        name: torch.cat([outcome.predicted[name] for outcome in outcomes]) * part.scale[test]
         for name, part in parts.items()
     }
     truth = {name: part.truth[test] for name, part in parts.items()}

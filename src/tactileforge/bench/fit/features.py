@@ -36,7 +36,7 @@ Array: TypeAlias = NDArray[np.float16]
 
 @dataclass(frozen=True)
 class FeatureStore:
-    """Where features are kept, and how they are computed.
+    """Location of features on disk, and options of their extraction.
 
     Attributes:
         folder: Folder of the features of all models.
@@ -112,7 +112,7 @@ def _key(subject: FrozenEncoder, source: TaskSource, clips: NDArray[np.int64], p
 
 
 class _Extraction:
-    """One pass over the clips, which fills several arrays."""
+    """One pass over the clips that fills several arrays."""
 
     def __init__(
         self,
@@ -135,7 +135,7 @@ class _Extraction:
         self.note = next(iter(paths.values())).with_name(f"{stem}.json")
 
     def run(self) -> None:
-        """Fills the arrays, from where a pass before was stopped, and renames them."""
+        """Fills the arrays, resuming an interrupted pass, and renames them."""
         parts = {what: path.with_suffix(f".{self.note.stem}") for what, path in self.paths.items()}
         done = self._done(parts.values())
         arrays: dict[tuple[str, Flip], Array] = {}
@@ -147,9 +147,9 @@ class _Extraction:
         ) as bar:
             for number, (places, batch) in enumerate(self._batches(done), start=1):
                 for flip in flips:
-                    found = self.subject.features(batch, flip, self.policy)
+                    readings = self.subject.features(batch, flip, self.policy)
                     for what in [what for what in self.paths if what[1] == flip]:
-                        values = _half(found[what[0]], self.subject.name)
+                        values = _half(readings[what[0]], self.subject.name)
                         if what not in arrays:
                             shape = (self.total, *values.shape[1:])
                             arrays[what] = np.lib.format.open_memmap(
@@ -180,7 +180,7 @@ class _Extraction:
                 start += count
 
     def _read(self, clips: Clips, rows: range) -> Iterator[Batch]:
-        """Batches of some rows; decoded for the first encoder that wants them in this form."""
+        """Batches of some rows, decoded once for all encoders that read them in this form."""
         size, spacing = self.store.batch, self.subject.spacing_of(self.source.clip)
         folder = decoded.clip_folder(
             self.store.folder.parent / "clips", self.source, clips, spacing
@@ -218,16 +218,16 @@ def loader(clips: Clips, rows: Sequence[int], store: FeatureStore, size: int) ->
         pin_memory=torch.cuda.is_available(),
     ):
         for line, _ in batch["skipped"].values():
-            raise DataError(f"a clip cannot be read, and a bench leaves none out: {line}")
+            raise DataError(f"a clip cannot be read, and the benchmark skips none: {line}")
         yield batch
 
 
 def readers(
     subject: FrozenEncoder, source: TaskSource, clips: NDArray[np.int64]
 ) -> Iterator[tuple[Clips, NDArray[np.int64]]]:
-    """Clips as a model is shown them: of one size each, with their places among all."""
+    """Groups clips by the size a model reads them at, with their places among all."""
     index = source.index[clips]
-    shapes = [subject.size_for(one.frames.shape) for one in source.recordings]
+    shapes = [subject.size_for(recording.frames.shape) for recording in source.recordings]
     for size in dict.fromkeys(shapes[number] for number in index[:, 0]):
         places = np.flatnonzero([shapes[number] == size for number in index[:, 0]])
         frames, spacing = subject.frames, subject.spacing_of(source.clip)

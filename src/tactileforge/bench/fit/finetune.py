@@ -1,4 +1,4 @@
-"""Full fine-tuning: the encoder learns with the probe, so nothing can be computed beforehand."""
+"""Full fine-tuning: the encoder is trained with the probe, so features cannot be cached."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def finetune_encoder(
     score: Callable[[Values], float],
     higher: bool,
 ) -> list[TrainedProbe]:
-    """Trains encoder and probe, for each learning rate and seed on its own.
+    """Trains encoder and probe, separately for each learning rate and seed.
 
     Args:
         prepared: The task.
@@ -75,13 +75,13 @@ class _Run:
             choice,
             store,
         )
-        found = list(readers(subject, prepared.source, prepared.target.clips))
-        if len(found) > 1:
+        by_size = list(readers(subject, prepared.source, prepared.target.clips))
+        if len(by_size) > 1:
             raise ConfigError(
                 f"task {self.task.name}: frames have several sizes, which cannot be batched; "
                 "fine-tune on the recordings of one sensor"
             )
-        self.clips = found[0][0]
+        self.clips = by_size[0][0]
         self.subject = copy.copy(subject)
         self.subject.encoder = copy.deepcopy(subject.encoder).requires_grad_(True)
         self.tap = choice.kind.tap
@@ -98,11 +98,11 @@ class _Run:
     def train(
         self, uses: tuple[Any, Any, Any], score: Callable[[Values], float], higher: bool
     ) -> TrainedProbe:
-        training, one = self.choice.training, self.outcome
+        training, outcome = self.choice.training, self.outcome
         kind = {"adamw": torch.optim.AdamW, "adam": torch.optim.Adam}[training.optimiser]
         optimiser = kind(
             [
-                {"params": list(self.probe.parameters()), "lr": one.lr},
+                {"params": list(self.probe.parameters()), "lr": outcome.lr},
                 {"params": list(self.subject.encoder.parameters()), "lr": self.choice.finetune},
             ],
             betas=training.betas,
@@ -113,7 +113,7 @@ class _Run:
         best: dict[str, Tensor] = {}
         done = 0
         for epoch in tqdm(range(1, training.epochs + 1), desc=f"fine-tuning {self.subject.name}"):
-            rng, losses = np.random.default_rng([epoch, one.seed]), []
+            rng, losses = np.random.default_rng([epoch, outcome.seed]), []
             for places, batch in self._batches(rng.permutation(uses[0])):
                 if training.schedule == "cosine":
                     for group, rate in zip(optimiser.param_groups, rates, strict=True):
@@ -128,17 +128,17 @@ class _Run:
                 done += 1
             if not np.isfinite(losses).all():
                 raise DataError(f"the loss is not finite in epoch {epoch}; lower probe.finetune")
-            one.train.append(float(np.mean(losses)))
+            outcome.train.append(float(np.mean(losses)))
             loss_now, decoded = self._predict(uses[1])
-            one.validation.append(loss_now)
+            outcome.validation.append(loss_now)
             value = score(decoded)
-            if one.epoch < 0 or (value > one.score if higher else value < one.score):
-                one.score, one.epoch = value, epoch
+            if outcome.epoch < 0 or (value > outcome.score if higher else value < outcome.score):
+                outcome.score, outcome.epoch = value, epoch
                 best = {k: v.detach().clone() for k, v in self._module().state_dict().items()}
         if best:
             self._module().load_state_dict(best)
-        one.predicted = self._predict(uses[2])[1]
-        return one
+        outcome.predicted = self._predict(uses[2])[1]
+        return outcome
 
     def _module(self) -> torch.nn.ModuleList:
         return torch.nn.ModuleList([self.probe, self.subject.encoder])
@@ -150,12 +150,12 @@ class _Run:
 
     @torch.no_grad()
     def _predict(self, places: Any) -> tuple[float, Values]:
-        total, found = 0.0, []
+        total, batches = 0.0, []
         for some, batch in self._batches(places):
             loss, out = self._forward(some, batch, PLAIN)
             total += float(loss) * len(some) / len(places)
-            found.append({k: v.cpu() for k, v in self.probe.decode(out).items()})
-        return total, {k: torch.cat([one[k] for one in found]) for k in found[0]}
+            batches.append({k: v.cpu() for k, v in self.probe.decode(out).items()})
+        return total, {k: torch.cat([decoded[k] for decoded in batches]) for k in batches[0]}
 
     def _batches(self, places: Any) -> Any:
         size = self.choice.training.batch

@@ -1,4 +1,4 @@
-"""Encoders that are compared: models of the zoo, files, runs, and baselines that know nothing."""
+"""Encoders to compare: models of the zoo, files, runs, and untrained baselines."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ UNTRAINED = 3
 
 
 class FrozenEncoder:
-    """One frozen encoder, and how it is shown clips.
+    """One frozen encoder, and the form of its input clips.
 
     Clips are read as its training read them: what was trained here is given frames of the size of
     its input, what was imported frames as they were recorded. A model of single frames is shown
@@ -71,34 +71,34 @@ class FrozenEncoder:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """Parameters, frames, image size; what trained it, and how long, where that is known."""
+        """Parameters, frames, image size; training data and steps, where they are known."""
         height, width = self.encoder.image_size
-        found = {
+        known = {
             "parameters": sum(p.numel() for p in self.encoder.parameters()),
             "frames": self.encoder.frames,
             "image_size": f"{height} x {width}",
         }
         if not self.header.source:
-            return found
-        found |= {"trained_on": trained_on.trained_on(self.header)}
-        if told := trained_on.seen(self.header):
-            found |= {"seen_of_held_out": told}
+            return known
+        known |= {"trained_on": trained_on.trained_on(self.header)}
+        if overlap := trained_on.seen(self.header):
+            known |= {"seen_of_held_out": overlap}
         steps = self.header.source.get("steps")
-        return found if steps is None else found | {"steps": steps}
+        return known if steps is None else known | {"steps": steps}
 
     def width(self, tap: str) -> int:
-        """Size of a feature."""
-        found: int = self.encoder.projected if tap == "projected" else self.encoder.width
-        return found
+        """Width of a feature."""
+        width: int = self.encoder.projected if tap == "projected" else self.encoder.width
+        return width
 
     def taps(self, kind: type[Probe]) -> tuple[str, ...]:
-        """Features that a probe of a kind reads; of several readings, those that it has."""
+        """Names of the features that a kind of probe reads and this encoder has."""
         if not kind.readings:
             return (kind.tap,)
         return kind.readings[:1] if self.flat else kind.readings
 
     def spacing_of(self, clip: ClipSpec) -> float:
-        """Seconds between the frames that it is shown."""
+        """Seconds between the frames of its clips."""
         if self.single or clip.spread:
             return clip.span / (self.frames - 1)
         return self.header.spacing
@@ -109,17 +109,17 @@ class FrozenEncoder:
         return shape if self.native else size
 
     def unknown(self, sensors: Sequence[str]) -> list[str]:
-        """Those sensors that it does not know."""
-        found = []
+        """Those of the sensors that the encoder does not know."""
+        unknown = []
         for name in sensors:
             try:
                 self._rows([name], "error")
             except ConfigError:
-                found.append(name)
-        return found
+                unknown.append(name)
+        return unknown
 
     def features(self, batch: Batch, flip: tuple[bool, bool], policy: str) -> dict[str, Tensor]:
-        """What probes read, without gradients.
+        """Features for probes, without gradients.
 
         Returns:
             ``tokens`` (B, L, width) and ``projected`` (B, projected). ``patches`` (B, n width), the
@@ -127,10 +127,10 @@ class FrozenEncoder:
             a baseline without patches ``pooled`` is ``projected``.
         """
         with torch.inference_mode():
-            found = self.run(batch, flip, policy)
-            patches = found["tokens"][:, self.encoder.prefix :]
-            pooled = found["projected"] if self.flat else patches.float().mean(1)
-            return found | {"pooled": pooled, "patches": patches.flatten(1)}
+            taps = self.run(batch, flip, policy)
+            patches = taps["tokens"][:, self.encoder.prefix :]
+            pooled = taps["projected"] if self.flat else patches.float().mean(1)
+            return taps | {"pooled": pooled, "patches": patches.flatten(1)}
 
     def run(self, batch: Batch, flip: tuple[bool, bool], policy: str) -> dict[str, Tensor]:
         """The same, with gradients where the encoder has them.
@@ -155,8 +155,8 @@ class FrozenEncoder:
             background.repeat_interleave(count, 0),
             rows.repeat_interleave(count),
         )
-        found = {"tokens": tokens, "projected": projected}
-        return {tap: value.unflatten(0, (-1, count)).mean(1) for tap, value in found.items()}
+        taps = {"tokens": tokens, "projected": projected}
+        return {tap: value.unflatten(0, (-1, count)).mean(1) for tap, value in taps.items()}
 
     def _rows(self, sensors: Sequence[str], policy: str) -> Tensor:
         if hasattr(self.encoder, "unknown_sensor"):
@@ -248,7 +248,7 @@ def model_entry(
 
 
 def encoder_of_run(name: str, folder: Path, device: str = "cpu") -> FrozenEncoder:
-    """The encoder of a run, by way of a one-file checkpoint that is not kept."""
+    """The encoder of a run, packed into a temporary one-file checkpoint."""
     with tempfile.TemporaryDirectory() as place:
         subject = _of_file(name, pack_run(folder, Path(place) / "model.safetensors"), device)
     subject.sha256 = subject.weights
@@ -273,7 +273,7 @@ def baseline_encoder(word: str, device: str = "cpu") -> FrozenEncoder:
 
 
 def header_of(word: str, composed: Sequence[str] = ()) -> Header:
-    """What is known of a model; of a recipe without weights, what it would train."""
+    """Header of a model; for a recipe without weights, of the encoder that it would train."""
     if word.startswith(("run:", "file:")):
         return model_entry(word).open[0]().header
     name, _, tag = word.partition(".")
@@ -299,8 +299,8 @@ def _of_file(name: str, path: Path, device: str) -> FrozenEncoder:
 
 
 def _hash(encoder: torch.nn.Module) -> str:
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for key, value in sorted(encoder.state_dict().items()):
-        found.update(key.encode())
-        found.update(value.detach().cpu().contiguous().numpy().tobytes())
-    return found.hexdigest()
+        digest.update(key.encode())
+        digest.update(value.detach().cpu().contiguous().numpy().tobytes())
+    return digest.hexdigest()

@@ -1,4 +1,4 @@
-"""The baseline ``pixels``: what a probe reads without an encoder."""
+"""The baseline ``pixels``: raw pixels as features."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _SIZE, _PATCH, _SMALL = 64, 8, 16
 
 
 class PixelFeatures(nn.Module):
-    """Two frames less their background: patches with their places, and a small picture.
+    """Two frames less their background: patches with their positions, and a small image.
 
     It has no weights. Tokens are the patches of both frames, to which fixed positions are added;
     what stands for the class token are both frames at 16 x 16.

@@ -1,4 +1,4 @@
-"""Models that are trained for a bench: each run in a process of its own, skipped once finished."""
+"""Pretraining for a benchmark: each run in its own process, skipped once finished."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class PretrainJob:
 
     @property
     def finished(self) -> bool:
-        """Whether it has been trained to the end: the report comes last."""
+        """Whether training is complete: the report is written last."""
         return (self.folder / "report.html").is_file() and self.has_checkpoint
 
     @property
@@ -74,12 +74,12 @@ class PretrainJob:
 
     @property
     def failed(self) -> str:
-        """Why it failed; "" if it did not."""
+        """The error of a failed run; "" if it did not fail."""
         path = self.folder / _FAILED
         return path.read_text("utf-8") if path.is_file() else ""
 
 
-def read_models(given: Mapping[str, Any]) -> dict[str, PretrainModel]:
+def read_models(config: Mapping[str, Any]) -> dict[str, PretrainModel]:
     """The models of a configuration.
 
     Raises:
@@ -87,7 +87,7 @@ def read_models(given: Mapping[str, Any]) -> dict[str, PretrainModel]:
     """
     return {
         name: strict.build(PretrainModel, f"pretrain.models.{name}", node)
-        for name, node in (given.get("models") or {}).items()
+        for name, node in (config.get("models") or {}).items()
         if node is not None
     }
 
@@ -106,20 +106,24 @@ def ablations(
         ConfigError: An unknown ablation.
     """
     name, base = next(iter(models.items()), ("anytouch2", PretrainModel(title="AnyTouch 2")))
-    chosen = [one for one in known if one != "none"] if wanted == "all" else wanted.split(",")
-    for one in chosen:
-        if one not in known:
-            raise ConfigError(unknown("ablation", one, known))
+    chosen = (
+        [ablation for ablation in known if ablation != "none"]
+        if wanted == "all"
+        else wanted.split(",")
+    )
+    for ablation in chosen:
+        if ablation not in known:
+            raise ConfigError(unknown("ablation", ablation, known))
     return {name: base, **models} | {
-        one: models.get(one)
+        ablation: models.get(ablation)
         or PretrainModel(
-            title=one.replace("_", " "),
+            title=ablation.replace("_", " "),
             recipe=base.recipe,
-            words=[*base.words, f"ablation={one}"],
+            words=[*base.words, f"ablation={ablation}"],
             seeds=base.seeds,
             group="ablation",
         )
-        for one in chosen
+        for ablation in chosen
     }
 
 
@@ -141,7 +145,7 @@ def jobs(
 
 
 def pretrain(job: PretrainJob) -> None:
-    """Trains a run to its end; one that is finished stays, one that was stopped goes on.
+    """Trains a run to its end; skips a finished run and resumes an interrupted one.
 
     A run that fails leaves its last words in its folder, see `PretrainJob.failed`.
 
@@ -157,27 +161,27 @@ def pretrain(job: PretrainJob) -> None:
     if not job.has_checkpoint:
         words = [*job.words, f"hydra.run.dir={job.folder}"]
     print(f"tactileforge train {' '.join(words)}", flush=True)
-    status, said = _run([sys.executable, "-m", "tactileforge", "train", *words])
+    status, output = _run([sys.executable, "-m", "tactileforge", "train", *words])
     if status == 130:
         raise KeyboardInterrupt(f"stopped in {job.folder}")
     if status:
-        reason = said.strip().rpartition("error: ")[2] or f"exit status {status}"
+        reason = output.strip().rpartition("error: ")[2] or f"exit status {status}"
         write_text(job.folder / _FAILED, " ".join(reason.split()))
 
 
 def _run(command: Sequence[str]) -> tuple[int, str]:
-    """Exit status and last words of a program, whose words are shown as they come."""
-    said = b""
+    """Runs a program and shows its output; returns its exit status and the end of the output."""
+    output = b""
     with subprocess.Popen(command, stderr=subprocess.PIPE) as process:
         assert process.stderr is not None
         try:
             for chunk in iter(partial(os.read, process.stderr.fileno(), 4096), b""):
                 sys.stderr.write(chunk.decode(errors="replace"))
-                said = (said + chunk)[-_TAIL:]
+                output = (output + chunk)[-_TAIL:]
         except KeyboardInterrupt:
             process.wait()  # the terminal has told it too, and it keeps a checkpoint
             raise
-    return process.returncode, said.decode(errors="replace")
+    return process.returncode, output.decode(errors="replace")
 
 
 def _claim(job: PretrainJob) -> None:
@@ -209,7 +213,9 @@ def train_all(runs: Sequence[PretrainJob], hydra: Sequence[str] | None) -> None:
 
 def _launch(folder: Path, runs: Sequence[PretrainJob], words: Sequence[str]) -> None:
     import hydra
+    from hydra.core.global_hydra import GlobalHydra
 
+    GlobalHydra.instance().clear()  # the bench itself may be composed by it
     listed = folder / "jobs.json"
     rows = {job.name: [str(job.folder.resolve()), list(job.words)] for job in runs}
     write_text(listed, json.dumps(rows, indent=2))
@@ -226,7 +232,7 @@ def _launch(folder: Path, runs: Sequence[PretrainJob], words: Sequence[str]) -> 
 
 
 def run_job(config: DictConfig) -> None:
-    """One job of Hydra: trains the run that its list has under its name."""
+    """Trains one run of the list, as a job of Hydra."""
     rows = json.loads(Path(config.jobs).read_text("utf-8"))
     folder, words = rows[config.job]
     pretrain(PretrainJob(config.job, Path(folder), words))
@@ -235,7 +241,7 @@ def run_job(config: DictConfig) -> None:
 def pretrained_entry(
     name: str, model: PretrainModel, runs: Sequence[PretrainJob], device: str
 ) -> ModelEntry:
-    """A trained model as one that can be compared; opening it says why a run has failed."""
+    """A trained model as a row of the tables; opening it reports a failed run."""
     return ModelEntry(
         name=name,
         title=model.title,
@@ -256,13 +262,13 @@ def curves(name: str, folder: Path) -> Iterator[LossCurve]:
     """Loss curves of a run, one for each objective."""
     from tactileforge.pages.curves import read_metrics
 
-    found = read_metrics(folder)
-    for key, curve in found.items():
+    metrics = read_metrics(folder)
+    for key, curve in metrics.items():
         kind, _, objective = key.partition("/")
         if kind != "train" or "/" in objective:
             continue
         thin = curve.thinned()
-        held_out = found.get(f"val/{objective}")
+        held_out = metrics.get(f"val/{objective}")
         points = dict(zip(thin.steps.tolist(), thin.values.tolist(), strict=True))
         others = {}
         if held_out is not None:

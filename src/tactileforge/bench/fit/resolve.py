@@ -1,4 +1,4 @@
-"""A task with its data, and the probe that is chosen for it."""
+"""Resolves a task to its data and its probe."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tactileforge.errors import ConfigError, unknown
 
 @dataclass(frozen=True)
 class PreparedTask:
-    """A task whose data is at hand.
+    """A task with its opened data.
 
     Attributes:
         task: The task.
@@ -69,21 +69,21 @@ class ProbeChoice:
         return self.kind(width, target.parts, **self.options)
 
 
-def choose_probe(task: Task, given: Mapping[str, Any]) -> ProbeChoice:
-    """The probe of a task, with what was given for all tasks.
+def choose_probe(task: Task, overrides: Mapping[str, Any]) -> ProbeChoice:
+    """The probe of a task, with the overrides of all tasks.
 
     Raises:
         ConfigError: An unknown probe or option.
     """
-    node = {**task.probe, **{key: value for key, value in given.items() if value is not None}}
+    node = {**task.probe, **{key: value for key, value in overrides.items() if value is not None}}
     name = str(node.pop("name"))
     kind = probe_class(name)
     rate = float(node.pop("finetune", 0.0))
-    known = {one.name for one in fields(ProbeTraining)}
-    own = set(signature(kind).parameters) - {"width", "parts"}
+    known = {field.name for field in fields(ProbeTraining)}
+    parameters = set(signature(kind).parameters) - {"width", "parts"}
     for key in node:
-        if key not in known | own:
-            names = {*known, *own, "name", "finetune"}
+        if key not in known | parameters:
+            names = {*known, *parameters, "name", "finetune"}
             raise ConfigError(unknown(f"option of the probe of task {task.name}", key, names))
     values = {key: value for key, value in node.items() if key in known}
     if "lr" in values:
@@ -92,12 +92,12 @@ def choose_probe(task: Task, given: Mapping[str, Any]) -> ProbeChoice:
     if "betas" in values:
         values["betas"] = tuple(values["betas"])
     training = replace(kind.published, **values)
-    options = {key: value for key, value in node.items() if key in own}
+    options = {key: value for key, value in node.items() if key in parameters}
     return ProbeChoice(name=name, kind=kind, options=options, training=training, finetune=rate)
 
 
 def result_task(task: Task, choice: ProbeChoice, selection: str) -> results.ResultTask:
-    """A task as the results know it."""
+    """A task as a row of the results."""
     kinds = {name: metrics.metric_kind(name) for name in task.metrics}
     return results.ResultTask(
         name=task.name,

@@ -1,4 +1,4 @@
-"""What a model was trained on, as far as its file says, and what of it the gate holds out."""
+"""Training data that a model's file names, and its overlap with the gate's held-out data."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ def trained_on(header: Header) -> list[str]:
 
 
 def seen(header: Header) -> list[str]:
-    """What training may have seen of that which the gate holds out, sorted; best is none."""
-    found = []
-    for name, held in _sets(header.recipe.get("data") or {}):
+    """Held-out data of the gate that training may have seen, sorted; ideally none."""
+    overlap = []
+    for name, held_out in _sets(header.recipe.get("data") or {}):
         for known, share in HELD_OUT.items():
-            if known in name and held < share:
-                found.append(f"{known} (val={held:g}, not {share:g})")
-        found += [f"{kept} (held out)" for kept in KEPT if kept in name]
-    return sorted(set(found))
+            if known in name and held_out < share:
+                overlap.append(f"{known} (val={held_out:g}, not {share:g})")
+        overlap += [f"{kept} (held out)" for kept in KEPT if kept in name]
+    return sorted(set(overlap))
 
 
 def _sets(node: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
-    """Names with the share of objects that is held out; 0 where it is not held out by object."""
+    """Names of data sets with their held-out share of objects; 0 where not split by object."""
     for inner in (node.get("sources") or {}).values():
         yield from _sets(inner)
-    layouts = {name: one for name, one in (node.get("layouts") or {}).items() if one}
-    for name, one in layouts.items():
-        by_object = one.get("split") == "object"
-        files = one.get("videos") or one.get("images") or ""
+    layouts = {name: layout for name, layout in (node.get("layouts") or {}).items() if layout}
+    for name, layout in layouts.items():
+        by_object = layout.get("split") == "object"
+        files = layout.get("videos") or layout.get("images") or ""
         path = str(
-            PurePosixPath(str(one.get("path", name))) / (files if files == str(files) else "")
+            PurePosixPath(str(layout.get("path", name))) / (files if files == str(files) else "")
         )
         yield path, float(node.get("val", 0.1)) if by_object else 0.0
     if not node.get("sources") and not layouts:

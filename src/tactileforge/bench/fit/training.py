@@ -1,4 +1,4 @@
-"""Many probes trained at once, on the same batches in the same order."""
+"""Trains many probes at once, on the same batches in the same order."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Params = dict[str, Tensor]
 
 @dataclass(frozen=True)
 class Examples:
-    """Features and what they are to predict, without holding them in memory.
+    """Features and targets, mapped into memory.
 
     Attributes:
         features: Mapped arrays (m, ...), by flip.
@@ -39,7 +39,7 @@ class Examples:
     device: torch.device
 
     def take(self, places: NDArray[np.int64], flip: Flip = PLAIN) -> tuple[Tensor, Values]:
-        """Features, float32, and truth of some clips."""
+        """Features, float32, and truth of the given clips."""
         rows = torch.from_numpy(np.asarray(self.features[flip][self.rows[places]])).to(self.device)
         truth = {name: values[places].to(self.device) for name, values in self.truth[flip].items()}
         return rows.float(), truth
@@ -47,7 +47,7 @@ class Examples:
     def mirrored(
         self, places: NDArray[np.int64], rng: np.random.Generator
     ) -> tuple[Tensor, Values]:
-        """The same, each clip mirrored with a chance of one half in each direction."""
+        """Features and truth of clips, each mirrored with probability 1/2 in each direction."""
         flips = list(self.features)
         if len(flips) == 1:
             return self.take(places)
@@ -89,7 +89,7 @@ class TrainedProbe:
 
 
 class ProbeEnsemble:
-    """Probes of one kind that see the same batches.
+    """An ensemble of probes of one kind, trained on the same batches.
 
     Each member has parameters and an optimiser of its own, so it becomes what it would become
     alone; only the passes are shared.
@@ -116,8 +116,8 @@ class ProbeEnsemble:
                 "or adam, and cosine or constant"
             )
         groups = [
-            {"params": list(own.values()), "lr": rate}
-            for own, rate in zip(self.params, rates, strict=True)
+            {"params": list(params.values()), "lr": rate}
+            for params, rate in zip(self.params, rates, strict=True)
         ]
         self.optimiser = kinds[training.optimiser](
             groups, betas=training.betas, weight_decay=training.weight_decay
@@ -128,16 +128,19 @@ class ProbeEnsemble:
         self.done = 0
 
     def _stacked(self) -> Params:
-        return {name: torch.stack([own[name] for own in self.params]) for name in self.params[0]}
+        return {
+            name: torch.stack([params[name] for params in self.params]) for name in self.params[0]
+        }
 
     def step(self, rows: Tensor, truth: Values) -> Tensor:
-        """One optimiser step; the loss of each member before it."""
+        """Takes one optimiser step; returns the loss of each member before it."""
         if self.cosine:
             factor = 0.5 * (1 + math.cos(math.pi * self.done / self.steps))
             for group, rate in zip(self.optimiser.param_groups, self.rates, strict=True):
                 group["lr"] = rate * factor
         losses = self._losses(rows, truth)
         self.optimiser.zero_grad(set_to_none=True)
+        # members share no parameter, so the gradient of the sum is each member's own
         losses.sum().backward()  # type: ignore[no-untyped-call]
         self.optimiser.step()
         self.done += 1
@@ -153,7 +156,7 @@ class ProbeEnsemble:
     @torch.no_grad()
     def predict(self, examples: Examples, places: NDArray[np.int64]) -> tuple[Tensor, Values]:
         """Loss (members,) and decoded predictions (members, n, columns) of some clips."""
-        stacked, total, found = self._stacked(), torch.zeros(len(self.params)), []
+        stacked, total, batches = self._stacked(), torch.zeros(len(self.params)), []
         for some in np.split(places, range(_CHUNK, len(places), _CHUNK)):
             rows, truth = examples.take(some)
 
@@ -165,15 +168,17 @@ class ProbeEnsemble:
 
             losses, decoded = vmap(run)(stacked)
             total += losses.cpu() * len(some) / len(places)
-            found.append(decoded)
-        return total, {name: torch.cat([one[name] for one in found], 1).cpu() for name in found[0]}
+            batches.append(decoded)
+        return total, {
+            name: torch.cat([batch[name] for batch in batches], 1).cpu() for name in batches[0]
+        }
 
     def copies(self, member: int) -> Params:
-        """The parameters of a member, as they are now."""
+        """Copies of the current parameters of a member."""
         return {name: value.detach().clone() for name, value in self.params[member].items()}
 
     def restore(self, member: int, kept: Params) -> None:
-        """Takes back kept parameters."""
+        """Restores copied parameters."""
         with torch.no_grad():
             for name, value in self.params[member].items():
                 value.copy_(kept[name])
@@ -210,10 +215,10 @@ def train_probes(
     """
     train_on, select_on, test_on = uses
     outcomes = [TrainedProbe(seed, lr) for lr in training.lr for seed in seeds]
-    probes = [seeded_probe(build, one.seed).to(examples.device) for one in outcomes]
+    probes = [seeded_probe(build, outcome.seed).to(examples.device) for outcome in outcomes]
     batches = math.ceil(len(train_on) / training.batch)
     members = ProbeEnsemble(
-        probes, [one.lr for one in outcomes], training, max(1, training.epochs * batches)
+        probes, [outcome.lr for outcome in outcomes], training, max(1, training.epochs * batches)
     )
     best: list[Params] = [{} for _ in outcomes]
     for epoch in range(1, training.epochs + 1):
@@ -223,23 +228,23 @@ def train_probes(
         losses, decoded = members.predict(examples, select_on)
         if not torch.isfinite(total).all():
             raise DataError(f"the loss of a probe is not finite in epoch {epoch}; lower probe.lr")
-        for i, one in enumerate(outcomes):
-            one.train.append(float(total[i]))
-            one.validation.append(float(losses[i]))
+        for i, outcome in enumerate(outcomes):
+            outcome.train.append(float(total[i]))
+            outcome.validation.append(float(losses[i]))
             value = score({name: values[i] for name, values in decoded.items()})
-            if one.epoch < 0 or (value > one.score if higher else value < one.score):
-                one.score, one.epoch, best[i] = value, epoch, members.copies(i)
+            if outcome.epoch < 0 or (value > outcome.score if higher else value < outcome.score):
+                outcome.score, outcome.epoch, best[i] = value, epoch, members.copies(i)
     for i, kept in enumerate(best):
         if kept:
             members.restore(i, kept)
     _, decoded = members.predict(examples, test_on)
-    for i, one in enumerate(outcomes):
-        one.predicted = {name: values[i] for name, values in decoded.items()}
+    for i, outcome in enumerate(outcomes):
+        outcome.predicted = {name: values[i] for name, values in decoded.items()}
     return outcomes
 
 
 def seeded_probe(build: Callable[[], nn.Module], seed: int) -> Probe:
-    """A probe whose weights are drawn from a seed; the state of the generator is left as it was."""
+    """Builds a probe with seeded weights; the state of the generator is restored."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         probe = build()

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from numpy.typing import NDArray
@@ -42,7 +43,7 @@ def scatter(
     axis: str,
     limits: tuple[float, float],
     unit: str = "N",
-) -> str:
+) -> Markup:
     """Predicted against true values along one axis, with RMSE and r, and the line of no error.
 
     Args:
@@ -86,7 +87,7 @@ def _dots(x: NDArray[Any], y: NDArray[Any], length: float) -> PathPatch:
 
 def confusion(
     truth: NDArray[np.int64], predicted: NDArray[np.int64], names: Sequence[str]
-) -> tuple[str, NDArray[np.int64]]:
+) -> tuple[Markup, NDArray[np.int64]]:
     """Shares of each true class that are predicted as each class.
 
     Args:

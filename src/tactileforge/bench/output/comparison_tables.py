@@ -1,4 +1,4 @@
-"""The tables of our own numbers: models by tasks, ablations, settings, and every metric."""
+"""Tables of measured numbers: models by tasks, ablations, settings, and every metric."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ _MEAN = (
 class Columns:
     """Writes the columns of a table, and collects its footnotes."""
 
-    def __init__(self, results: Results, found: Scores) -> None:
+    def __init__(self, results: Results, all_scores: Scores) -> None:
         self.results = results
-        self.found = found
+        self.all_scores = all_scores
         self.notes = Notes()
 
     def head(self, task: ResultTask) -> ColumnHead:
@@ -50,8 +50,8 @@ class Columns:
         return metric_head(task.metric(), task.title)
 
     def score(self, task: ResultTask, model: ResultModel) -> SeedScores | None:
-        """What the setting of the main table gave."""
-        return main_score(self.found, task, model)
+        """The score of the main setting."""
+        return main_score(self.all_scores, task, model)
 
     def column(self, task: ResultTask, models: Sequence[ResultModel]) -> list[TableEntry]:
         """Scores of models, the best marked."""
@@ -63,7 +63,7 @@ class Columns:
         """Scores in one task, the best marked; words where there are none."""
         known = [score.interval() if score else None for _, score in rows]
         digits = digits_of(known)
-        marks = ranks([one.mean if one else None for one in known], task.metric().better, digits)
+        marks = ranks([row.mean if row else None for row in known], task.metric().better, digits)
         return [
             TableEntry(plus_minus(interval, digits), mark, self.marks(score))
             if score and interval
@@ -74,22 +74,22 @@ class Columns:
     def marks(self, score: SeedScores, metric: str = "") -> tuple[str, ...]:
         """Footnotes of a score."""
         task = score.task
-        told = words(self.results, task.name, score.model.name)
+        reasons = words(self.results, task.name, score.model.name)
         numbers = score.interval(metric)
         lost = len(score.cells) - (len(numbers.values) if numbers else 0)
         if lost:
-            told = [*told, f"{lost} of {len(score.cells)} seeds gave no finite number."]
-        own = (self.notes.own(DAGGER, _TEST),) if task.selection == "test" else ()
-        return (*own, *map(self.notes.letter, told))
+            reasons = [*reasons, f"{lost} of {len(score.cells)} seeds gave no finite number."]
+        selection_note = (self.notes.own(DAGGER, _TEST),) if task.selection == "test" else ()
+        return (*selection_note, *map(self.notes.letter, reasons))
 
     def without(
         self, task: ResultTask, model: ResultModel, score: SeedScores | None, metric: str = ""
     ) -> TableEntry:
-        """The entry where there is no number."""
+        """An entry without a number, with its reason as a footnote."""
         if score:
             return TableEntry("no number", marks=self.marks(score, metric), tone="soft")
-        told = missing(self.results, task.name, model.name)
-        return TableEntry("not run", marks=tuple(map(self.notes.letter, told)), tone="soft")
+        reasons = missing(self.results, task.name, model.name)
+        return TableEntry("not run", marks=tuple(map(self.notes.letter, reasons)), tone="soft")
 
 
 def metric_head(metric: ResultMetric, title: str = "") -> ColumnHead:
@@ -101,7 +101,7 @@ def metric_head(metric: ResultMetric, title: str = "") -> ColumnHead:
 
 def digits_of(intervals: Sequence[Interval | None]) -> int:
     """Digits after the point for a column."""
-    return decimals(one.mean for one in intervals if one)
+    return decimals(interval.mean for interval in intervals if interval)
 
 
 def main_models(results: Results) -> list[ResultModel]:
@@ -109,12 +109,12 @@ def main_models(results: Results) -> list[ResultModel]:
     return [model for model in results.models if model.group == "model"]
 
 
-def main_table(results: Results, found: Scores) -> Table | None:
+def main_table(results: Results, all_scores: Scores) -> Table | None:
     """Models by tasks, in the main metric of each; None where there is no model or no task."""
     models = main_models(results)
     if not models or not results.tasks:
         return None
-    table, names = Columns(results, found), titles(results)
+    table, names = Columns(results, all_scores), titles(results)
     columns = [table.column(task, models) for task in results.tasks]
     return Table(
         name="main",
@@ -132,18 +132,18 @@ def main_table(results: Results, found: Scores) -> Table | None:
 def _other_tasks(results: Results) -> list[tuple[str, str]]:
     """Tasks that did not run and have no column."""
     listed = {"", *(task.name for task in results.tasks)}
-    rest = (one for one in results.not_run if one.task not in listed)
-    return [("‡", f"Task {one.task} was not run. {sentences(one)}") for one in rest]
+    rest = (skipped for skipped in results.not_run if skipped.task not in listed)
+    return [("‡", f"Task {skipped.task} was not run. {sentences(skipped)}") for skipped in rest]
 
 
 def _seeds(table: Columns, model: ResultModel) -> str:
-    found = [table.score(task, model) for task in table.results.tasks]
-    counts = sorted({len(score.cells) for score in found if score})
+    row = [table.score(task, model) for task in table.results.tasks]
+    counts = sorted({len(score.cells) for score in row if score})
     return " to ".join(str(count) for count in dict.fromkeys((*counts[:1], *counts[-1:]))) or "none"
 
 
-def ablation_table(results: Results, found: Scores) -> Table | None:
-    """Each ablation against its full model; None where there is none."""
+def ablation_table(results: Results, all_scores: Scores) -> Table | None:
+    """Each ablation against its full model; None without ablations."""
     ablations = [model for model in results.models if model.group == "ablation"]
     if not ablations or not results.tasks:
         return None
@@ -153,7 +153,7 @@ def ablation_table(results: Results, found: Scores) -> Table | None:
     for full in fulls:
         ordered += [(full, None), *(pair for pair in pairs if pair[1] == full)]
     ordered += [pair for pair in pairs if pair[1] is None]
-    table, names = Columns(results, found), titles(results)
+    table, names = Columns(results, all_scores), titles(results)
     columns = [_ablation_column(table, task, ordered) for task in results.tasks]
     caption = (
         "After the mean the difference to the full model ± its 95 % interval (pooled variance, "
@@ -184,7 +184,7 @@ def _ablation_column(
         if score is None or interval is None:
             entries.append(table.without(task, model, score))
             continue
-        own, marks = plus_minus(interval, digits), table.marks(score)
+        value_text, marks = plus_minus(interval, digits), table.marks(score)
         base = table.score(task, full) if full else None
         against = base.interval() if base else None
         if against is None:
@@ -193,18 +193,18 @@ def _ablation_column(
                     *marks,
                     table.notes.letter("The full model has no number to compare with."),
                 )
-            entries.append(TableEntry(own, marks=marks))
+            entries.append(TableEntry(value_text, marks=marks))
             continue
         change = difference_interval(interval, against)
         sign, tone = comparison_mark(change, task.metric().better)
-        own = plus_minus(Interval(interval.mean, math.nan, ()), digits)
+        value_text = plus_minus(Interval(interval.mean, math.nan, ()), digits)
         below = f"{plus_minus(change, digits, signed=True)} {sign}".rstrip()
-        entries.append(TableEntry(own, marks=marks, tone=tone, below=below))
+        entries.append(TableEntry(value_text, marks=marks, tone=tone, below=below))
     return entries
 
 
 def comparison_mark(change: Interval, better: str) -> tuple[str, Tone]:
-    """The sign of a difference, and its tone: filled where it is beyond its interval."""
+    """The sign of a difference, and its tone: filled where it exceeds its interval."""
     if change.mean == 0:
         return "", ""
     worse = (change.mean > 0) == (better == "lower")
@@ -213,12 +213,12 @@ def comparison_mark(change: Interval, better: str) -> tuple[str, Tone]:
     return ("▽" if worse else "△"), ""
 
 
-def settings_table(results: Results, found: Scores) -> Table | None:
-    """Models by the settings that were tried; None where each has one."""
-    tried = {key: some for key, some in found.items() if len(some) > 1}
+def settings_table(results: Results, all_scores: Scores) -> Table | None:
+    """Models by settings; None where each has only one."""
+    tried = {key: some for key, some in all_scores.items() if len(some) > 1}
     if not tried:
         return None
-    table, names = Columns(results, found), titles(results)
+    table, names = Columns(results, all_scores), titles(results)
     tasks = [task for task in results.tasks if any(key[0] == task.name for key in tried)]
     rows: list[tuple[ResultModel, dict[str, Any]]] = []
     for model in results.models:
@@ -256,13 +256,14 @@ def _settings_column(
     """One task; the best are marked model by model."""
     entries: list[TableEntry] = []
     for model in dict.fromkeys(model.name for model, _ in rows):
-        scores = table.found.get((task.name, model), [])
-        own = [(m, setting) for m, setting in rows if m.name == model]
-        found = [
-            (m, next((s for s in scores if dict(s.setting) == setting), None)) for m, setting in own
+        scores = table.all_scores.get((task.name, model), [])
+        settings = [(m, setting) for m, setting in rows if m.name == model]
+        scored = [
+            (m, next((s for s in scores if dict(s.setting) == setting), None))
+            for m, setting in settings
         ]
-        written = table.column_of(task, found)
-        for (_, score), entry in zip(found, written, strict=True):
+        written = table.column_of(task, scored)
+        for (_, score), entry in zip(scored, written, strict=True):
             if score is None and scores:
                 entry = TableEntry("not tried", tone="soft")
             elif score is not None and score is scores[0]:
@@ -273,17 +274,17 @@ def _settings_column(
 
 
 def _words_of(setting: dict[str, Any], rows: Sequence[tuple[ResultModel, dict[str, Any]]]) -> str:
-    """The options that are not the same in all rows."""
+    """The options that differ between rows."""
     every = [other for _, other in rows]
     differing = [key for key in setting if any(o.get(key) != setting[key] for o in every)]
     return ", ".join(f"{key}={setting[key]}" for key in differing) or "as published"
 
 
-def details_table(results: Results, found: Scores, task: ResultTask) -> Table | None:
+def details_table(results: Results, all_scores: Scores, task: ResultTask) -> Table | None:
     """Every metric of one task; None where there is no model."""
     if not results.models:
         return None
-    table, names = Columns(results, found), titles(results)
+    table, names = Columns(results, all_scores), titles(results)
     scores = [table.score(task, model) for model in results.models]
     columns = []
     for metric in task.metrics:
@@ -291,10 +292,10 @@ def details_table(results: Results, found: Scores, task: ResultTask) -> Table | 
         digits = digits_of(known)
         columns.append(
             [
-                TableEntry(plus_minus(one, digits), marks=table.marks(score, metric.name))
-                if score and one
+                TableEntry(plus_minus(interval, digits), marks=table.marks(score, metric.name))
+                if score and interval
                 else table.without(task, model, score, metric.name)
-                for model, score, one in zip(results.models, scores, known, strict=True)
+                for model, score, interval in zip(results.models, scores, known, strict=True)
             ]
         )
     return Table(

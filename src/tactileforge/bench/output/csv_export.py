@@ -1,4 +1,4 @@
-"""Every number of a bench in one CSV file, one a row."""
+"""Exports every number of a benchmark as CSV, one per row."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def long_form(results: Results, found: Scores, rows: Sequence[PublishedScore]) -> str:
-    """The text of the file.
+def long_form(results: Results, all_scores: Scores, rows: Sequence[PublishedScore]) -> str:
+    """The results as CSV text, one number per row.
 
     ``origin`` is ``ours`` or ``published``. Where ``mean`` is empty, ``note`` says why.
     """
@@ -29,12 +29,14 @@ def long_form(results: Results, found: Scores, rows: Sequence[PublishedScore]) -
     writer.writeheader()
     for task in results.tasks:
         for model in results.models:
-            writer.writerows(_ours(results, found, task, model))
+            writer.writerows(_ours(results, all_scores, task, model))
     listed = {task.name for task in results.tasks}
-    for one in results.not_run:
-        if one.task and one.task not in listed:
-            note = f"not run: {sentences(one)}"
-            writer.writerow({"task": one.task, "model": one.model, "origin": "ours", "note": note})
+    for skipped in results.not_run:
+        if skipped.task and skipped.task not in listed:
+            note = f"not run: {sentences(skipped)}"
+            writer.writerow(
+                {"task": skipped.task, "model": skipped.model, "origin": "ours", "note": note}
+            )
     for row in rows:
         writer.writerow(
             {
@@ -51,9 +53,9 @@ def long_form(results: Results, found: Scores, rows: Sequence[PublishedScore]) -
 
 
 def _ours(
-    results: Results, found: Scores, task: ResultTask, model: ResultModel
+    results: Results, all_scores: Scores, task: ResultTask, model: ResultModel
 ) -> Iterator[dict[str, object]]:
-    known = found.get((task.name, model.name), [])
+    known = all_scores.get((task.name, model.name), [])
     about = " ".join(words(results, task.name, model.name))
     for score in known:
         for metric in task.metrics:

@@ -22,27 +22,27 @@ _CAPTION = (
 
 
 def write_gate(folder: Path, results: Results) -> list[GateRow]:
-    """Writes ``gate.json``; nothing where no probe is in closed form."""
-    found = gate.compute_gate(folder, results)
-    if found:
-        plain = gate.gate_to_plain(found, results)
+    """Writes ``gate.json``, unless no probe is in closed form."""
+    rows = gate.compute_gate(folder, results)
+    if rows:
+        plain = gate.gate_to_plain(rows, results)
         write_text(folder / gate.FILE, json.dumps(plain, indent=1, allow_nan=False) + "\n")
-    return found
+    return rows
 
 
-def gate_table(found: Sequence[GateRow], results: Results) -> Table | None:
-    """The table; None where there is nothing in it."""
-    if not found:
+def gate_table(gate_rows: Sequence[GateRow], results: Results) -> Table | None:
+    """The table of the release gate; None if it is empty."""
+    if not gate_rows:
         return None
     names = titles(results)
-    keys = list(dict.fromkeys((row.model, row.reading) for row in found))
-    known = {(row.model, row.reading, row.task): row for row in found}
+    keys = list(dict.fromkeys((row.model, row.reading) for row in gate_rows))
+    known = {(row.model, row.reading, row.task): row for row in gate_rows}
     rows = []
     for model, reading in keys:
-        own = [known.get((model, reading, task.name)) for task in results.tasks]
-        entries = [_entry(row) if row else TableEntry("not run", tone="soft") for row in own]
+        cells = [known.get((model, reading, task.name)) for task in results.tasks]
+        entries = [_entry(row) if row else TableEntry("not run", tone="soft") for row in cells]
         rows.append(
-            [TableEntry(names[model]), TableEntry(reading), *entries, TableEntry(_won(own))]
+            [TableEntry(names[model]), TableEntry(reading), *entries, TableEntry(_won(cells))]
         )
     heads = [ColumnHead(task.title, task.main) for task in results.tasks]
     return Table(
@@ -58,15 +58,15 @@ def _entry(row: GateRow) -> TableEntry:
     below = [f"{name[0]} {_signed(row.above[name])}" for name in gate.AGAINST if name in row.above]
     lost = any(row.above[name].high < 0 for name in gate.AGAINST if name in row.above)
     sign = " ▲" if row.beats else " ▼" if lost else ""
-    one = row.score
-    text = f"{fixed(one.value, 3)} [{fixed(one.low, 2)}, {fixed(one.high, 2)}]{sign}"
+    score = row.score
+    text = f"{fixed(score.value, 3)} [{fixed(score.low, 2)}, {fixed(score.high, 2)}]{sign}"
     return TableEntry(
         text, below=", ".join(below), tone="good" if row.beats else "bad" if lost else ""
     )
 
 
-def _signed(one: GateScore) -> str:
-    return f"{fixed(one.value, 3, signed=True)} (> {fixed(one.low, 2, signed=True)})"
+def _signed(score: GateScore) -> str:
+    return f"{fixed(score.value, 3, signed=True)} (> {fixed(score.low, 2, signed=True)})"
 
 
 def _won(rows: Sequence[GateRow | None]) -> str:

@@ -1,4 +1,4 @@
-"""A table as such: what its entries say and how they are marked, before it is Markdown or LaTeX."""
+"""Tables independent of format: entries and their marks, before Markdown, LaTeX or HTML."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ class TableEntry:
 
     @property
     def line(self) -> str:
-        """All of it in one line."""
+        """Title and metric in one line."""
         return f"{self.text} ({self.below})" if self.below else self.text
 
 
 @dataclass(frozen=True)
 class ColumnHead:
-    """The head of a column: its name, and in what it is measured."""
+    """The head of a column: its name, and its metric and unit."""
 
     text: str
     below: str = ""
@@ -99,7 +99,7 @@ class Notes:
 
 
 def decimals(values: Iterable[float]) -> int:
-    """Digits after the point that give the largest value four digits, three at most.
+    """Decimals that give the largest value four digits, three at most.
 
     Example:
         >>> decimals([0.5]), decimals([3.0, 42.31]), decimals([80.83, 1051.03])
@@ -110,7 +110,7 @@ def decimals(values: Iterable[float]) -> int:
 
 
 def fixed(value: float, digits: int, signed: bool = False) -> str:
-    """A finite number with so many digits after the point."""
+    """Formats a finite number with fixed decimals."""
     rounded = round(value, digits) + 0.0
     return f"{rounded:{'+' if signed else ''}.{digits}f}".replace("-", MINUS)
 
@@ -124,7 +124,7 @@ def plus_minus(interval: Interval, digits: int, signed: bool = False) -> str:
 
 
 def ranks(values: Sequence[float | None], better: str, digits: int) -> list[Rank]:
-    """Marks the best and the second best of a column, as they are printed.
+    """Marks the best and the second best of a column, compared as printed.
 
     Equal values share a mark. Nothing is marked where fewer than two have a value.
     """

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from html import escape
 from pathlib import Path
 
 import numpy as np
+from markupsafe import Markup
 
 from tactileforge.bench.output.charts import NAMED, POINTS, confusion, scatter
 from tactileforge.bench.results.predictions import Predictions, read_predictions
@@ -15,22 +15,23 @@ from tactileforge.bench.results.scores import Scores, main_score, titles
 from tactileforge.errors import DataError
 from tactileforge.pages.curves import Curve
 from tactileforge.pages.figures import curve_figure
-from tactileforge.pages.page import Section, legend, panel, panels, paragraph
+from tactileforge.pages.page import Section, details, heading, legend, panel, panels, paragraph
+from tactileforge.pages.templating import joined
 
 _CURVE = 200
 
 
 def draw_figures(folder: Path, results: Results, found: Scores) -> list[Section]:
     """Scatter of forces, confusion matrices, and loss curves; only what there is."""
-    scatters, confusions = "", ""
+    scatters, confusions = Markup(), Markup()
     for task in results.tasks:
         readings, trouble = _read(folder, results, found, task)
         values = {name: one for name, one in readings.items() if not one.names}
         classes = {name: one for name, one in readings.items() if one.names}
         if values:
-            scatters += _folded(task.title, _scatters(task, values) + trouble, is_open=not scatters)
+            scatters += details(task.title, _scatters(task, values) + trouble, is_open=not scatters)
         if classes or (trouble and not values):
-            confusions += _folded(
+            confusions += details(
                 task.title, _confusions(classes) + trouble, is_open=not confusions
             )
     parts = []
@@ -54,14 +55,9 @@ def draw_figures(folder: Path, results: Results, found: Scores) -> list[Section]
     return parts
 
 
-def _folded(title: str, body: str, is_open: bool) -> str:
-    shown = " open" if is_open else ""
-    return f"<details{shown}><summary>{escape(title)}</summary>{body}</details>"
-
-
 def _read(
     folder: Path, results: Results, found: Scores, task: ResultTask
-) -> tuple[dict[str, Predictions], str]:
+) -> tuple[dict[str, Predictions], Markup]:
     """Predictions of one task by title of the model, and words on those that are not there."""
     names, readings, trouble = titles(results), {}, []
     for model in results.models:
@@ -74,14 +70,14 @@ def _read(
             trouble.append(f"{names[model.name]}: no picture. {error}")
             continue
         readings[names[model.name]] = one
-    return readings, "".join(paragraph(words, soft=True) for words in trouble)
+    return readings, joined(paragraph(words, soft=True) for words in trouble)
 
 
-def _scatters(task: ResultTask, values: Mapping[str, Predictions]) -> str:
+def _scatters(task: ResultTask, values: Mapping[str, Predictions]) -> Markup:
     """A row of panels for each model, one for each axis."""
     limits = _limits(list(values.values()))
     usual = "N" if any(metric.unit == "mN" for metric in task.metrics) else ""
-    body = ""
+    body = Markup()
     for name, one in values.items():
         drawings = []
         for i, axis in enumerate(one.columns):
@@ -96,7 +92,7 @@ def _scatters(task: ResultTask, values: Mapping[str, Predictions]) -> str:
             lost = int((~finite).sum())
             below = f"{lost} of {len(finite)} predictions are no finite number" if lost else ""
             drawings.append(panel(axis, drawing, below))
-        body += f"<h3>{escape(name)}</h3>{panels(drawings)}"
+        body += heading(name) + panels(drawings)
     return body
 
 
@@ -113,7 +109,7 @@ def _limits(readings: Sequence[Predictions]) -> dict[str, tuple[float, float]]:
     return limits
 
 
-def _confusions(classes: Mapping[str, Predictions]) -> str:
+def _confusions(classes: Mapping[str, Predictions]) -> Markup:
     drawings = []
     widest = 0
     for name, one in classes.items():
@@ -125,27 +121,28 @@ def _confusions(classes: Mapping[str, Predictions]) -> str:
             drawings.append(panel(title, drawing, below))
             widest = max(widest, len(counts))
     words = f"{widest} classes: their names are left out." if widest > NAMED else ""
-    return panels(drawings, wide=widest > 8) + (paragraph(words, soft=True) if words else "")
+    note = paragraph(words, soft=True) if words else Markup()
+    return panels(drawings, wide=widest > 8) + note
 
 
-def _trainings(results: Results) -> str:
+def _trainings(results: Results) -> Markup:
     names = titles(results)
     by_model: dict[str, list[LossCurve]] = {}
     for one in results.training:
         by_model.setdefault(one.model, []).append(one)
     if not by_model:
-        return ""
+        return Markup()
     body = paragraph(
         "In pre-training, of the models that were trained for this bench; a panel an objective."
     )
     for i, (model, some) in enumerate(by_model.items()):
         drawings = panels(_loss(one.objective, one.step, one.train, one.validation) for one in some)
-        body += _folded(names[model], drawings, is_open=i == 0)
+        body += details(names[model], drawings, is_open=i == 0)
     return body
 
 
-def _probes(results: Results, found: Scores) -> str:
-    names, body = titles(results), ""
+def _probes(results: Results, found: Scores) -> Markup:
+    names, body = titles(results), Markup()
     for task in results.tasks:
         drawings = []
         for model in results.models:
@@ -157,9 +154,9 @@ def _probes(results: Results, found: Scores) -> str:
                     _loss(names[model.name], epochs, train, curve.get("validation", []), "epoch")
                 )
         if drawings:
-            body += _folded(task.title, panels(drawings), is_open=False)
+            body += details(task.title, panels(drawings), is_open=False)
     words = "Of the probes, by epoch; of several seeds the first is shown."
-    return paragraph(words) + body if body else ""
+    return paragraph(words) + body if body else body
 
 
 def _loss(
@@ -168,7 +165,7 @@ def _loss(
     train: Sequence[float],
     validation: Sequence[float],
     unit: str = "step",
-) -> str:
+) -> Markup:
     first, second = _curve(steps, train), _curve(steps, validation)
     if first is None and second is None:
         return panel(title, "", "no loss is a finite number")

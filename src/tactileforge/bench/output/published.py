@@ -1,4 +1,4 @@
-"""Numbers that others published, from the cards of the zoo; kept apart from our own."""
+"""Published numbers of the cards of the zoo, kept apart from measured ones."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class PublishedScore:
 
 
 def published_scores() -> list[PublishedScore]:
-    """What others measured, of all cards, in the order of their names."""
+    """Published numbers of all cards, in the order of their names."""
     return [
         PublishedScore(f"{card.name}.{r.model}", r.task, r.metric, r.value, r.unit, r.source)
         for card in map(cards.read_card, cards.card_names())
@@ -45,7 +45,7 @@ def published_scores() -> list[PublishedScore]:
 
 
 def same_name(ours: str, theirs: str) -> bool:
-    """Whether two names mean the same: letters and digits count, and neither case nor ``of``.
+    """Whether two names are equal up to case, punctuation and the word ``of``.
 
     Example:
         >>> same_name("rmse_sum_axes", "RMSE, sum of axes")
@@ -91,7 +91,7 @@ _NONE = TableEntry("not published", tone="soft")
 def published_for_task(
     task: ResultTask, rows: Sequence[PublishedScore]
 ) -> list[tuple[PublishedScore, str]]:
-    """What was published for the same task and one of its metrics, with our name of the metric."""
+    """Published numbers for the same task and one of its metrics, with our name of the metric."""
     return [
         (row, metric.name)
         for row in rows
@@ -101,14 +101,16 @@ def published_for_task(
     ]
 
 
-def beside_tables(results: Results, found: Scores, rows: Sequence[PublishedScore]) -> list[Table]:
-    """Our numbers beside published ones: a table for each task and metric that both have."""
+def beside_tables(
+    results: Results, all_scores: Scores, rows: Sequence[PublishedScore]
+) -> list[Table]:
+    """Measured beside published numbers: a table for each task and metric that both have."""
     grids = []
     for task in results.tasks:
         pairs = published_for_task(task, rows)
         for metric in dict.fromkeys(name for _, name in pairs):
             theirs = {row.model: row for row, name in pairs if name == metric}
-            grid = _beside(Columns(results, found), task, metric, theirs)
+            grid = _beside(Columns(results, all_scores), task, metric, theirs)
             grids += [grid] if grid else []
     return grids
 
@@ -116,7 +118,7 @@ def beside_tables(results: Results, found: Scores, rows: Sequence[PublishedScore
 def _beside(
     table: Columns, task: ResultTask, metric: str, theirs: dict[str, PublishedScore]
 ) -> Table | None:
-    """None where we have no number."""
+    """A table of measured beside published numbers; None without a measured one."""
     models = {model.name: model for model in main_models(table.results)}
     scores = {name: table.score(task, model) for name, model in models.items()}
     ours = {name: score.interval(metric) if score else None for name, score in scores.items()}
@@ -125,10 +127,10 @@ def _beside(
     digits, names = digits_of(list(ours.values())), titles(table.results)
     entries = []
     for name in dict.fromkeys((*models, *theirs)):
-        score, own, other = scores.get(name), ours.get(name), theirs.get(name)
+        score, interval, other = scores.get(name), ours.get(name), theirs.get(name)
         left = TableEntry("not in this bench", tone="soft")
-        if score and own:
-            left = TableEntry(plus_minus(own, digits), marks=table.marks(score, metric))
+        if score and interval:
+            left = TableEntry(plus_minus(interval, digits), marks=table.marks(score, metric))
         elif name in models:
             left = table.without(task, models[name], score, metric)
         right = TableEntry(f"{other.value:g}") if other else _NONE

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Sequence
-from html import escape
+
+from markupsafe import Markup
 
 from tactileforge.bench.output.grid import ColumnHead, Table, TableEntry
+from tactileforge.pages.templating import piece
 
 _TEX = {
     "\\": r"\textbackslash{}",
@@ -121,51 +122,6 @@ def _latex_entry(entry: TableEntry) -> str:
     return f"{text}\\textsuperscript{{{marks}}}" if marks else text
 
 
-def render_html(grid: Table, heading: bool = False) -> str:
+def render_html(grid: Table, heading: bool = False) -> Markup:
     """The table, with its caption above and its footnotes below."""
-    name = escape(grid.name)
-    title = f"<h3>{escape(grid.title)}</h3>" if heading else ""
-    caption = f'<p class="soft" id="{name}-note">{escape(grid.caption)}</p>'
-    head = "".join(
-        _html_head(one, i, entry.tone == "text")
-        for i, (one, entry) in enumerate(zip(grid.head, grid.rows[0], strict=True))
-    )
-    body = "".join(f"<tr>{_html_row(row)}</tr>" for row in grid.rows)
-    notes = "".join(
-        f'<p class="soft"><sup{_FLAT}>{escape(mark)}</sup> {escape(text)}</p>'
-        for mark, text in grid.notes
-    )
-    return (
-        f'{title}{caption}<div class="scroll" tabindex="0"><table id="{name}" '
-        f'aria-describedby="{name}-note"><thead><tr>{head}</tr></thead><tbody>{body}</tbody>'
-        f"</table></div>{notes}"
-    )
-
-
-_STICKY = (
-    "position:sticky;left:0;background:var(--paper);white-space:normal;min-width:min(9rem,30vw)"
-)
-_FLAT = ' style="line-height:0"'
-
-
-def _html_head(head: ColumnHead, number: int, is_text: bool) -> str:
-    below = f'<br><span style="font-weight:400">{escape(head.below)}</span>' if head.below else ""
-    style = f"{_STICKY};z-index:1" if number == 0 else "white-space:normal;min-width:5rem"
-    kind = ' class="text"' if is_text else ""
-    return f'<th scope="col"{kind} style="{style}">{escape(head.text)}{below}</th>'
-
-
-def _html_row(row: Sequence[TableEntry]) -> str:
-    first, *rest = row
-    return f'<th scope="row" style="{_STICKY}">{_html_entry(first)}</th>' + "".join(
-        f"<td{f' class={entry.tone}' if entry.tone else ''}>{_html_entry(entry)}</td>"
-        for entry in rest
-    )
-
-
-def _html_entry(entry: TableEntry) -> str:
-    text = escape(entry.text)
-    text = {"best": f"<strong>{text}</strong>", "second": f"<u>{text}</u>"}.get(entry.rank, text)
-    marks = ",".join(map(escape, entry.marks))
-    text += f"<sup{_FLAT}>{marks}</sup>" if marks else ""
-    return f"{text}<br>{escape(entry.below)}" if entry.below else text
+    return piece("grid", grid, heading)

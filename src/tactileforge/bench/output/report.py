@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from html import escape
 from pathlib import Path
 from typing import Any
+
+from markupsafe import Markup
 
 from tactileforge.bench.output import comparison_tables, published
 from tactileforge.bench.output.grid import ColumnHead, Table, TableEntry
@@ -16,7 +17,8 @@ from tactileforge.bench.output.render import render_html
 from tactileforge.bench.results.intervals import difference_interval
 from tactileforge.bench.results.results import Results, ResultTask
 from tactileforge.bench.results.scores import Scores, titles
-from tactileforge.pages.page import Section, page, paragraph
+from tactileforge.pages.page import Section, details, facts, page, paragraph, preformatted, verdict
+from tactileforge.pages.templating import joined
 
 
 def bench_page(
@@ -48,7 +50,7 @@ def bench_page(
     return page(f"Touch encoders compared: {results.suite}", _top(results, found), parts)
 
 
-def _top(results: Results, found: Scores) -> str:
+def _top(results: Results, found: Scores) -> Markup:
     seeds = sorted({cell.seed for cell in results.cells})
     about = {
         "Suite": results.suite,
@@ -62,14 +64,8 @@ def _top(results: Results, found: Scores) -> str:
             if key in results.versions
         ),
     }
-    cells = "".join(
-        f"<div><dt>{key}</dt><dd>{escape(value)}</dd></div>"
-        for key, value in about.items()
-        if value
-    )
     lines = [*_leaders(results, found), _ran(results, found), *_warnings(results, found)]
-    items = "".join(f'<li class="{kind}">{escape(text)}</li>' for kind, text in lines)
-    return f'<dl>{cells}</dl><ul class="verdict">{items}</ul>'
+    return facts(about) + verdict(lines)
 
 
 def _leaders(results: Results, found: Scores) -> list[tuple[str, str]]:
@@ -140,25 +136,22 @@ def _details(results: Results, found: Scores) -> Section:
     for task in results.tasks:
         grid = comparison_tables.details_table(results, found, task)
         inner = render_html(grid) if grid else paragraph("There is no model.")
-        body += f"<details><summary>{escape(task.title)}</summary>{inner}</details>"
+        body += details(task.title, inner)
     return Section("details", "All metrics", body)
 
 
 def _published(results: Results, found: Scores, rows: Sequence[PublishedScore]) -> list[Section]:
-    body = ""
+    body = Markup()
     for beside in published.beside_tables(results, found, rows):
         body += render_html(beside, heading=True)
     every = published.published_table(rows)
     if every:
-        body += (
-            f"<details><summary>{escape(every.title)}: all of the zoo</summary>"
-            f"{render_html(every)}</details>"
-        )
+        body += details(f"{every.title}: all of the zoo", render_html(every))
     return [Section("theirs", "Published", body)] if body else []
 
 
 def _about(results: Results) -> Section:
-    body = "".join(
+    body = joined(
         render_html(grid, heading=True) for grid in (_tasks(results), _models(results)) if grid
     )
     for title, values in (
@@ -167,8 +160,7 @@ def _about(results: Results) -> Section:
     ):
         text = "\n".join(f"{key}: {_plain(value)}" for key, value in values.items())
         if text:
-            inner = f"<pre>{escape(text)}</pre>"
-            body += f"<details><summary>{title}</summary>{inner}</details>"
+            body += details(title, preformatted(text))
     return Section("about", "What was run", body)
 
 

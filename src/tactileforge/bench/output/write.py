@@ -1,4 +1,4 @@
-"""Writes what a bench found: tables for reading and for papers, every number, and a page.
+"""Writes the results of a benchmark: tables as Markdown and LaTeX, a CSV file, and a page.
 
 A number is the mean over seeds with its 95 % interval. What was not run says so, and why.
 """
@@ -37,15 +37,15 @@ def write_all(folder: Path) -> list[Path]:
         ConfigError: A key of it is missing, unknown or of another type.
     """
     results = read_results(folder)
-    found = collect_scores(results)
+    all_scores = collect_scores(results)
     rows = published.published_scores()
     gate = gate_table.gate_table(gate_table.write_gate(folder, results), results)
-    grids = tables(results, found, rows, gate)
+    grids = tables(results, all_scores, rows, gate)
     texts = {
         "table.md": "\n".join(map(render.render_markdown, grids)),
         "table.tex": _LATEX_HEAD + "\n".join(map(render.render_latex, grids)),
-        "table.csv": long_form(results, found, rows),
-        "report.html": bench_page(folder, results, found, rows, gate),
+        "table.csv": long_form(results, all_scores, rows),
+        "report.html": bench_page(folder, results, all_scores, rows, gate),
     }
     for name, text in texts.items():
         write_text(folder / name, text)
@@ -53,15 +53,15 @@ def write_all(folder: Path) -> list[Path]:
 
 
 def tables(
-    results: Results, found: Scores, rows: list[PublishedScore], gate: Table | None = None
+    results: Results, all_scores: Scores, rows: list[PublishedScore], gate: Table | None = None
 ) -> list[Table]:
-    """The tables, our own first; only those that have something to say."""
+    """All tables that are not empty, measured numbers first."""
     grids = [
         gate,
-        comparison_tables.main_table(results, found),
-        comparison_tables.ablation_table(results, found),
-        comparison_tables.settings_table(results, found),
-        *published.beside_tables(results, found, rows),
+        comparison_tables.main_table(results, all_scores),
+        comparison_tables.ablation_table(results, all_scores),
+        comparison_tables.settings_table(results, all_scores),
+        *published.beside_tables(results, all_scores, rows),
         published.published_table(rows),
     ]
     return [grid for grid in grids if grid]

@@ -1,4 +1,4 @@
-"""The release gate: is a model better than random weights and than raw pixels, beyond the interval?
+"""The release gate: compares a model with random weights and raw pixels, beyond the interval.
 
 Every test clip is scored, clips of one recording (or object) are drawn together, with replacement,
 and differences are taken within a draw: the paired bootstrap over groups, by percentiles. Of random
@@ -32,7 +32,7 @@ Sums = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class GroupedScore:
-    """A score as sums over groups, so that drawing groups again is a product of matrices.
+    """A score as sums over groups, so that the bootstrap over groups is a matrix product.
 
     The score is ``start + sign * mean_k(top_k / bottom_k)``, tops and bottoms summed over groups.
 
@@ -51,12 +51,13 @@ class GroupedScore:
     sign: float
 
     def scores(self, counts: Sums) -> Sums:
-        """The score of each draw, (draws,), of how often each group was drawn, (draws, groups)."""
+        """Scores (draws,) from the number of times each group was drawn, (draws, groups)."""
         top, bottom = counts @ self.top, counts @ self.bottom
+        # a draw may miss a class entirely: its recall is left out of the mean
         there = bottom > 0
         share = np.divide(top, bottom, out=np.zeros_like(top), where=there)
-        found: Sums = self.start + self.sign * share.sum(1) / np.maximum(there.sum(1), 1)
-        return found
+        scores: Sums = self.start + self.sign * share.sum(1) / np.maximum(there.sum(1), 1)
+        return scores
 
 
 def grouped_score(path: Path, metric: str) -> GroupedScore:
@@ -69,17 +70,21 @@ def grouped_score(path: Path, metric: str) -> GroupedScore:
     Raises:
         DataError: The file does not say which clips belong together, or the metric is another.
     """
-    found = read_predictions(path)
+    predictions = read_predictions(path)
     with np.load(path, allow_pickle=False) as file:
         if "units" not in file.files:
             raise DataError(f"{path}: array 'units' is missing; run the bench again")
         names, of = np.unique(file["units"], return_inverse=True)
     if metric == "r2":
-        truth, error = found.truth.astype(float), (found.predicted - found.truth).astype(float)
+        # deviations are from the mean of all clips, not of a draw: else they do not sum over groups
+        truth = predictions.truth.astype(float)
+        error = (predictions.predicted - predictions.truth).astype(float)
         parts = error**2, (truth - truth.mean(0)) ** 2
     elif metric in ("accuracy", "balanced_accuracy"):
-        right = (found.truth == found.predicted).astype(float)
-        classes = found.truth[:, :1] == np.unique(found.truth) if metric != "accuracy" else [[True]]
+        # one column per class gives the mean recall, one column for all the accuracy
+        right = (predictions.truth == predictions.predicted).astype(float)
+        per_class = predictions.truth[:, :1] == np.unique(predictions.truth)
+        classes = per_class if metric != "accuracy" else [[True]]
         parts = right * classes, np.ones_like(right) * classes
     else:
         raise DataError(f"{path}: the gate knows accuracy, balanced_accuracy and r2, not {metric}")
@@ -105,40 +110,42 @@ class GateScore:
     high: float
 
 
-def compared(own: Sequence[GroupedScore], other: Sequence[GroupedScore] = ()) -> GateScore:
-    """The mean of some networks, or what it is above that of others.
+def compared(tallies: Sequence[GroupedScore], others: Sequence[GroupedScore] = ()) -> GateScore:
+    """Mean score of some networks, or its difference to that of others, by the bootstrap.
 
     Args:
-        own: A tally each.
-        other: Alike; none to give the score itself.
+        tallies: A tally each.
+        others: Alike; none to give the score itself.
 
     Raises:
         DataError: They were not tested on the same groups.
     """
-    every = [*own, *other]
+    every = [*tallies, *others]
     groups = every[0].groups
-    if any(one.groups != groups for one in every):
+    if any(network.groups != groups for network in every):
         raise DataError("models were tested on other recordings; run the bench again, all at once")
     rng = np.random.default_rng(_SEED)
+    # the same draws of groups for all networks: the test is paired
     counts = rng.multinomial(len(groups), np.full(len(groups), 1 / len(groups)), DRAWS)
     all_once = np.ones((1, len(groups)))
 
     def drawn(networks: Sequence[GroupedScore]) -> Sums:
-        table = np.stack([one.scores(counts.astype(float)) for one in networks])
+        table = np.stack([network.scores(counts.astype(float)) for network in networks])
+        # networks are drawn too, so that the interval covers the spread of seeds
         chosen = rng.integers(len(networks), size=(len(networks), DRAWS))
-        found: Sums = np.take_along_axis(table, chosen, axis=0).mean(0)
-        return found
+        means: Sums = np.take_along_axis(table, chosen, axis=0).mean(0)
+        return means
 
-    values = drawn(own) - drawn(other) if other else drawn(own)
-    mean = np.mean([one.scores(all_once) for one in own])
-    mean -= np.mean([one.scores(all_once) for one in other]) if other else 0.0
+    values = drawn(tallies) - drawn(others) if others else drawn(tallies)
+    mean = np.mean([network.scores(all_once) for network in tallies])
+    mean -= np.mean([network.scores(all_once) for network in others]) if others else 0.0
     low, high = np.quantile(values, (0.025, 0.975))
     return GateScore(float(mean), float(low), float(high))
 
 
 @dataclass(frozen=True)
 class GateRow:
-    """A model in a task, by one reading of its features.
+    """A model in a task, with one kind of features.
 
     Attributes:
         task: Name of the task.
@@ -156,39 +163,39 @@ class GateRow:
 
     @property
     def beats(self) -> bool:
-        """Whether it is better than random weights and than pixels, both beyond the interval."""
+        """Whether it beats random weights and pixels, both beyond the interval."""
         return all(name in self.above and self.above[name].low > 0 for name in AGAINST)
 
 
 def compute_gate(folder: Path, results: Results) -> list[GateRow]:
-    """Every model in every task, in each reading.
+    """Rows of the gate: every model in every task, with each kind of features.
 
     Args:
         folder: Of a bench.
         results: What it left.
     """
-    found = []
+    gate_rows = []
     for task in results.tasks:
         cells = _cells(folder, results, task)
         for model in results.models:
             for reading in dict.fromkeys(key[1] for key in cells if key[0] == model.name):
-                own = cells[model.name, reading]
+                networks = cells[model.name, reading]
                 above = {
-                    name: compared(own, other)
+                    name: compared(networks, other)
                     for name, other in _others(cells, model, reading).items()
                 }
-                found.append(GateRow(task.name, model.name, reading, compared(own), above))
-    return found
+                gate_rows.append(GateRow(task.name, model.name, reading, compared(networks), above))
+    return gate_rows
 
 
 def _cells(
     folder: Path, results: Results, task: ResultTask
 ) -> dict[tuple[str, str], list[GroupedScore]]:
-    found: dict[tuple[str, str], list[GroupedScore]] = {}
+    tallies: dict[tuple[str, str], list[GroupedScore]] = {}
     for cell in results.cells:
         if cell.task == task.name and (reading := str(cell.setting.get("reading", ""))):
-            found.setdefault((cell.model, reading), []).append(_of(folder, cell, task))
-    return found
+            tallies.setdefault((cell.model, reading), []).append(_of(folder, cell, task))
+    return tallies
 
 
 def _of(folder: Path, cell: Cell, task: ResultTask) -> GroupedScore:
@@ -198,34 +205,34 @@ def _of(folder: Path, cell: Cell, task: ResultTask) -> GroupedScore:
 def _others(
     cells: Mapping[tuple[str, str], list[GroupedScore]], model: ResultModel, reading: str
 ) -> dict[str, list[GroupedScore]]:
-    """What a model is compared with; baselines have one reading for both."""
+    """Tallies of the baselines of a model; baselines have one kind of features for both."""
     if is_baseline(model.name):
         return {}
     random = cells.get((f"untrained:{model.name}", reading))
-    found = {"random": random} if random else {}
+    others = {"random": random} if random else {}
     for name in _BASELINES:
         if (name, "pooled") in cells:
-            found[name] = cells[name, "pooled"]
-    return found
+            others[name] = cells[name, "pooled"]
+    return others
 
 
 def is_baseline(name: str) -> bool:
-    """Whether nothing was trained behind a row."""
+    """Whether the model of a row is untrained."""
     return name in _BASELINES or name.startswith("untrained:")
 
 
-def gate_outcome(found: Sequence[GateRow], model: str) -> dict[str, Any]:
-    """Tasks that a model wins in each reading, and whether those are the majority in both."""
-    out: dict[str, Any] = {"passes": bool(found)}
+def gate_outcome(gate_rows: Sequence[GateRow], model: str) -> dict[str, Any]:
+    """Tasks won with each kind of features, and whether they are the majority in both."""
+    out: dict[str, Any] = {"passes": bool(gate_rows)}
     for reading in ("pooled", "patches"):
-        own = [row for row in found if row.model == model and row.reading == reading]
-        won = [row.task for row in own if row.beats]
-        out[reading] = {"tasks": len(own), "won": won}
-        out["passes"] &= 2 * len(won) > len(own)
+        readings = [row for row in gate_rows if row.model == model and row.reading == reading]
+        won = [row.task for row in readings if row.beats]
+        out[reading] = {"tasks": len(readings), "won": won}
+        out["passes"] &= 2 * len(won) > len(readings)
     return out
 
 
-def gate_to_plain(found: Sequence[GateRow], results: Results) -> dict[str, Any]:
+def gate_to_plain(gate_rows: Sequence[GateRow], results: Results) -> dict[str, Any]:
     """The gate as plain data, for ``gate.json`` and for cards."""
     models = [model for model in results.models if not is_baseline(model.name)]
     return {
@@ -233,19 +240,19 @@ def gate_to_plain(found: Sequence[GateRow], results: Results) -> dict[str, Any]:
         "versions": dict(results.versions),
         "tasks": {task.name: {"title": task.title, "metric": task.main} for task in results.tasks},
         "models": {
-            model.name: gate_outcome(found, model.name)
+            model.name: gate_outcome(gate_rows, model.name)
             | {key: model.facts.get(key, []) for key in ("trained_on", "seen_of_held_out")}
             | {"sha256": model.sha256}
             for model in models
         },
         "rows": [
             {"task": row.task, "model": row.model, "reading": row.reading, **_score(row.score)}
-            | {"above": {name: _score(one) for name, one in row.above.items()}}
+            | {"above": {name: _score(difference) for name, difference in row.above.items()}}
             | ({"beats": row.beats} if row.above else {})
-            for row in found
+            for row in gate_rows
         ],
     }
 
 
-def _score(one: GateScore) -> dict[str, float]:
-    return {key: round(getattr(one, key), 4) for key in ("value", "low", "high")}
+def _score(score: GateScore) -> dict[str, float]:
+    return {key: round(getattr(score, key), 4) for key in ("value", "low", "high")}

@@ -13,7 +13,7 @@ LEVEL = 0.95
 
 @dataclass(frozen=True)
 class Interval:
-    """A mean, and how far the true one may be from it.
+    """A mean and the half-width of its 95 % interval.
 
     Attributes:
         mean: The mean.
@@ -56,7 +56,7 @@ def difference_interval(a: Interval, b: Interval) -> Interval:
 
 @cache
 def student_t(freedom: int) -> float:
-    """The t that 95 % of Student's distribution lie within, on both sides of 0.
+    """Two-sided 95 % quantile of Student's t distribution.
 
     By bisection of the closed form for whole degrees of freedom (Abramowitz and Stegun, 26.7.3 and
     26.7.4).
@@ -69,7 +69,7 @@ def student_t(freedom: int) -> float:
 
 
 def _within(angle: float, freedom: int) -> float:
-    """Chance that ``|t| < sqrt(freedom) * tan(angle)``."""
+    """Probability that ``|t| < sqrt(freedom) * tan(angle)``."""
     sine, cosine = math.sin(angle), math.cos(angle)
     odd = freedom % 2
     term = cosine if odd else 1.0

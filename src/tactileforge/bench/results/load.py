@@ -1,4 +1,4 @@
-"""``results.json``, read strictly."""
+"""Loads ``results.json`` strictly."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _CHOICES = {
 
 
 def read_results(folder: Path) -> Results:
-    """Reads ``results.json`` of a bench.
+    """Reads ``results.json`` of a benchmark.
 
     Raises:
         DataNotFoundError: There is none in the folder.
@@ -44,49 +44,53 @@ def read_results(folder: Path) -> Results:
     if not path.is_file():
         raise DataNotFoundError(f"{folder}: no {FILE} there; give the folder of a bench")
     try:
-        given = strict.mapping(str(path), json.loads(path.read_text("utf-8")))
+        content = strict.mapping(str(path), json.loads(path.read_text("utf-8")))
     except ValueError as error:
         raise DataError(f"{path}: not JSON ({error}); run the bench again") from error
-    if given.pop("format", None) != FORMAT:
+    if content.pop("format", None) != FORMAT:
         raise DataError(
             f"{path}: 'format' is not {FORMAT}; use the version of tactileforge that wrote it"
         )
-    results = _build(path, given)
+    results = _build(path, content)
     _check(path, results)
     return results
 
 
-def read_cell(where: str, given: Any) -> Cell:
+def read_cell(where: str, content: Any) -> Cell:
     """One cell, from plain data.
 
     Args:
         where: Its place, for messages.
-        given: As in ``results.json``.
+        content: As in ``results.json``.
 
     Raises:
         DataError: A number is none.
         ConfigError: A key is missing, unknown or of another type.
     """
-    cell = _row(where, "cells", given)
+    cell = _row(where, "cells", content)
     assert isinstance(cell, Cell)
     return cell
 
 
-def _build(path: Path, given: dict[str, Any]) -> Results:
+def _build(path: Path, content: dict[str, Any]) -> Results:
     for key in _LISTS:
-        value = given.get(key, [] if key in _OPTIONAL else None)
+        value = content.get(key, [] if key in _OPTIONAL else None)
         if not isinstance(value, list):
             raise DataError(f"{path}: {key!r} is missing, or is not a list")
-        given[key] = [_row(f"{path}, {key}[{i}]", key, row) for i, row in enumerate(value)]
-    known = {model.name for model in given["models"]}
-    absent = dict.fromkeys(one.model for one in given["not_run"] if one.model not in {"", *known})
-    given["models"] += [ResultModel(name=name, title=name) for name in absent]
-    return strict.build(Results, str(path), given)
+        content[key] = [_row(f"{path}, {key}[{i}]", key, row) for i, row in enumerate(value)]
+    known = {model.name for model in content["models"]}
+    absent = dict.fromkeys(
+        skipped.model for skipped in content["not_run"] if skipped.model not in {"", *known}
+    )
+    content["models"] += [ResultModel(name=name, title=name) for name in absent]
+    return strict.build(Results, str(path), content)
 
 
-def _row(where: str, key: str, given: Any) -> Any:
-    """One entry of a list; null stands for a default, as ``epoch`` of a probe without epochs."""
-    row = {name: value for name, value in strict.mapping(where, given).items() if value is not None}
+def _row(where: str, key: str, content: Any) -> Any:
+    """Builds one entry of a list; null means the default, as for ``epoch`` of a closed form."""
+    row = {
+        name: value for name, value in strict.mapping(where, content).items() if value is not None
+    }
     for name, allowed in _CHOICES.items():
         if name in row and row[name] not in allowed:
             raise DataError(f"{where}: {name} is {row[name]!r}, not one of {', '.join(allowed)}")
@@ -121,7 +125,7 @@ def _row(where: str, key: str, given: Any) -> Any:
 
 
 def _numbers(where: str, values: Any) -> Any:
-    """The numbers of a list; anything else is left to the check of types."""
+    """Numbers of a list as floats; anything else is left to the type check."""
     if not isinstance(values, list):
         return values
     return [_number(where, value) for value in values]
@@ -136,7 +140,7 @@ def _number(where: str, value: Any) -> float:
 
 
 def _check(path: Path, results: Results) -> None:
-    """What types do not say."""
+    """Validates what the types cannot express."""
     tasks = {task.name: task for task in results.tasks}
     models = {model.name for model in results.models}
     _once(f"{path}: task", [task.name for task in results.tasks])
@@ -158,9 +162,9 @@ def _check(path: Path, results: Results) -> None:
             for cell in results.cells
         ],
     )
-    for i, one in enumerate(results.training):
-        _known(f"{path}, training[{i}]: model", one.model, models)
-        if len(one.train) != len(one.step) or len(one.validation) not in (0, len(one.step)):
+    for i, curve in enumerate(results.training):
+        _known(f"{path}, training[{i}]: model", curve.model, models)
+        if len(curve.train) != len(curve.step) or len(curve.validation) not in (0, len(curve.step)):
             raise DataError(
                 f"{path}, training[{i}]: train and validation need one value for each step"
             )
@@ -174,4 +178,4 @@ def _known(what: str, name: str, names: Iterable[str]) -> None:
 def _once(what: str, names: Iterable[str]) -> None:
     for name, count in Counter(names).items():
         if count > 1:
-            raise DataError(f"{what} {name!r} is there {count} times; keep one")
+            raise DataError(f"{what} {name!r} appears {count} times; keep one")

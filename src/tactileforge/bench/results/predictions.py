@@ -1,4 +1,4 @@
-"""What probes predicted on the test set, as the bench kept it."""
+"""Predictions of probes on the test set, as stored by the benchmark."""
 
 from __future__ import annotations
 

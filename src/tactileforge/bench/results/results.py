@@ -1,4 +1,4 @@
-"""What a bench leaves."""
+"""Data classes of the results of a benchmark."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ FORMAT = 1
 
 @dataclass(frozen=True, kw_only=True)
 class ResultMetric:
-    """What is measured.
+    """A metric of a task.
 
     Attributes:
         name: Its name, e.g. ``rmse_sum_axes``.
@@ -55,7 +55,7 @@ class ResultTask:
 
 @dataclass(frozen=True, kw_only=True)
 class ResultModel:
-    """One encoder that is compared.
+    """One compared encoder.
 
     Attributes:
         name: The word users type.
@@ -76,7 +76,7 @@ class ResultModel:
 
 @dataclass(frozen=True, kw_only=True)
 class Cell:
-    """One probe that was trained and tested.
+    """One trained and tested probe.
 
     Attributes:
         task: Name of a task.
@@ -102,7 +102,7 @@ class Cell:
 
 @dataclass(frozen=True, kw_only=True)
 class LossCurve:
-    """The loss of one objective of a model that was trained for the bench.
+    """Loss curve of one objective of a model pretrained for the benchmark.
 
     Attributes:
         model: Name of a model.
@@ -121,7 +121,7 @@ class LossCurve:
 
 @dataclass(frozen=True, kw_only=True)
 class NotRun:
-    """Something that was not run.
+    """A task, model or cell that was not run, with the reason.
 
     Attributes:
         reason: Why.
@@ -136,13 +136,13 @@ class NotRun:
     model: str = ""
 
     def covers(self, task: str, model: str) -> bool:
-        """Whether it says so of that cell."""
+        """Whether it applies to the given task and model."""
         return self.task in ("", task) and self.model in ("", model)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Results:
-    """All of a bench.
+    """All results of a benchmark.
 
     Attributes:
         suite: Its name.

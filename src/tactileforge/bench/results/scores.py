@@ -1,4 +1,4 @@
-"""What the seeds of a bench gave together."""
+"""Scores over the seeds of a benchmark."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class SeedScores:
         return self.cells[0].setting
 
     def interval(self, metric: str = "") -> Interval | None:
-        """Mean and interval of the seeds that gave a number; None if none did.
+        """Mean and interval over the seeds with a finite number; None without any.
 
         Args:
             metric: Its name; the main one of the task by default.
@@ -49,7 +49,7 @@ Scores = dict[tuple[str, str], list[SeedScores]]
 
 
 def collect_scores(results: Results) -> Scores:
-    """Puts the seeds of each task, model and setting together."""
+    """Groups the cells by task, model and setting."""
     tasks = {task.name: task for task in results.tasks}
     models = {model.name: model for model in results.models}
     parts: dict[tuple[str, str], dict[str, list[Cell]]] = {}
@@ -65,35 +65,35 @@ def collect_scores(results: Results) -> Scores:
     }
 
 
-def main_score(found: Scores, task: ResultTask, model: ResultModel) -> SeedScores | None:
-    """What the setting of the main table gave."""
-    return next(iter(found.get((task.name, model.name), [])), None)
+def main_score(all_scores: Scores, task: ResultTask, model: ResultModel) -> SeedScores | None:
+    """The score of the main setting."""
+    return next(iter(all_scores.get((task.name, model.name), [])), None)
 
 
 def words(results: Results, task: str, model: str) -> list[str]:
-    """Why a cell, or a part of it, was not run, and what to do."""
-    return [sentences(one) for one in results.not_run if one.covers(task, model)]
+    """Reasons, with fixes, for a cell that was not run in whole or in part."""
+    return [sentences(skipped) for skipped in results.not_run if skipped.covers(task, model)]
 
 
-def sentences(one: NotRun) -> str:
+def sentences(skipped: NotRun) -> str:
     """Reason and fix, each as a sentence."""
-    parts = (part.strip().rstrip(".") for part in (one.reason, one.fix))
+    parts = (part.strip().rstrip(".") for part in (skipped.reason, skipped.fix))
     return " ".join(f"{part[0].upper()}{part[1:]}." for part in parts if part)
 
 
 def missing(results: Results, task: str, model: str) -> list[str]:
-    """The words for a cell without result: never none."""
+    """Reasons for a cell without result, never empty."""
     return words(results, task, model) or [_NO_RESULT]
 
 
 def full_model(results: Results, ablation: ResultModel) -> ResultModel | None:
-    """The model that an ablation leaves something out of: the first of the same recipe."""
+    """The full model of an ablation: the first of the same recipe."""
     same = (m for m in results.models if m.group == "model" and m.recipe == ablation.recipe)
     return next(same, None)
 
 
 def titles(results: Results) -> dict[str, str]:
-    """What to call each model: its title, and its name where two have one title."""
+    """Display title of each model; with its name where two models share a title."""
     every = [model.title for model in results.models]
     return {
         model.name: model.title

@@ -1,4 +1,4 @@
-"""Writes the folder of a bench: ``results.json`` after every cell, and what was predicted."""
+"""Writes the folder of a benchmark: ``results.json`` after every cell, and predictions."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _PACKAGES = ("tactileforge", "torch", "torchmetrics", "numpy")
 
 
 class Writer:
-    """The results of a bench; those that a stopped one has left, and still hold, are kept.
+    """Writer of results; keeps valid results of an interrupted benchmark.
 
     Args:
         folder: Where they go.
@@ -65,10 +65,10 @@ class Writer:
     def _read(self) -> dict[str, tuple[str, list[Cell]]]:
         path = self.folder / _MEASURED
         try:
-            found = json.loads(path.read_text("utf-8"))
+            rows = json.loads(path.read_text("utf-8"))
             return {
                 what: (row["key"], [read_cell(str(path), cell) for cell in row["cells"]])
-                for what, row in found.items()
+                for what, row in rows.items()
             }
         except (OSError, TactileForgeError, ValueError, TypeError, KeyError, AttributeError):
             return {}  # none yet, or of another format: everything is measured again
@@ -82,7 +82,7 @@ class Writer:
         self.results.training.extend(curves)
 
     def kept(self, task: str, model: str, key: str) -> bool:
-        """Takes over the cells of a task and model, where they were measured under this key."""
+        """Keeps the stored cells of a task and model if they were measured under this key."""
         before, cells = self._measured.get(f"{task} {model}", ("", []))
         there = all((self.folder / cell.predictions).is_file() for cell in cells)
         if not cells or not there or before != key:
@@ -97,14 +97,14 @@ class Writer:
         self.write()
 
     def not_run(self, reason: str, task: str = "", model: str = "", fix: str = "") -> None:
-        """Adds what was not run, and writes the file."""
+        """Adds a skipped task, model or cell, and writes the file."""
         row = NotRun(reason=reason, fix=fix, task=task, model=model)
         if row not in self.results.not_run:
             self.results.not_run.append(row)
         self.write()
 
     def write(self) -> None:
-        """Writes the file whole, or not at all."""
+        """Writes the file atomically."""
         plain = {"format": FORMAT} | asdict(self.results)
         for row in plain["not_run"]:
             row |= {name: row[name] or None for name in ("task", "model")}
@@ -124,7 +124,7 @@ class Writer:
         truth: Any,
         units: Sequence[str],
     ) -> Cell:
-        """Keeps what was predicted; gives the cell that knows where."""
+        """Stores predictions; returns the cell with their path."""
         words = [cell.task, cell.model, *map(str, cell.setting.values()), str(cell.seed)]
         file = ".".join(re.sub(r"[^\w-]+", "_", word) for word in words)
         path = self.folder / "predictions" / f"{file}.npz"

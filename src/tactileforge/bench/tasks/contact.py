@@ -1,4 +1,4 @@
-"""When a grasped object is lost, as far as the pictures tell."""
+"""Estimates from the images when a grasped object is lost."""
 
 from __future__ import annotations
 
@@ -29,21 +29,22 @@ def contact_energy(recording: Recording) -> NDArray[np.float64]:
     assert recording.no_contact is not None
     still = recording.no_contact.read(range(len(recording.no_contact)))
     background = _small(np.median(still, axis=0).astype(np.uint8))
-    found = []
+    means = []
     for start in range(0, len(recording.frames), _CHUNK):
         rows = range(start, min(start + _CHUNK, len(recording.frames)))
-        found += [np.abs(_small(f) - background).mean() for f in recording.frames.read(rows)]
-    return np.array(found)
+        means += [np.abs(_small(f) - background).mean() for f in recording.frames.read(rows)]
+    return np.array(means)
 
 
 def last_contact(change: NDArray[np.float64]) -> tuple[int, int] | None:
-    """The first and last frame of the last contact.
+    """First and last frame of the last contact.
 
     None where the recording ends in contact, or never has any.
 
     Args:
         change: See `contact_energy`.
     """
+    # a high percentile stands for the firm grasp: the maximum may be one bad frame
     bound = _NOISE + _SHARE * max(float(np.percentile(change, 80)) - _NOISE, 0.0)
     there = np.flatnonzero(change > bound)
     if not len(there) or there[-1] >= len(change) - _AFTER:

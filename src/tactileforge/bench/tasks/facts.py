@@ -1,4 +1,4 @@
-"""What is known of a recording, by name: what splits go by."""
+"""Facts of a recording by name, for splits and filters."""
 
 from __future__ import annotations
 
@@ -11,37 +11,37 @@ from tactileforge.errors import ConfigError
 
 
 def recording_fact(source: TaskSource, number: int, name: str) -> str:
-    """What is known of a recording; see `suite.SplitPlan`.
+    """Looks up a fact of a recording by name; see `suite.SplitPlan`.
 
     Raises:
         ConfigError: Nothing is known by that name.
     """
-    one = source.recordings[number]
+    recording = source.recordings[number]
     known = {
         "side": source.sides[number],
-        "sensor": one.sensor,
-        "object": one.object or "",
-        "recording": one.key,
-        "tier": str(one.tier),
+        "sensor": recording.sensor,
+        "object": recording.object or "",
+        "recording": recording.key,
+        "tier": str(recording.tier),
     }
     if name.startswith("re:"):
-        found = re.search(name[3:], one.key)
-        if not found:
-            raise ConfigError(f"split: {name!r} finds nothing in the key {one.key!r}")
-        return found[found.lastindex or 0]
+        match = re.search(name[3:], recording.key)
+        if not match:
+            raise ConfigError(f"split: {name!r} does not match the key {recording.key!r}")
+        return match[match.lastindex or 0]
     if name in known:
         return known[name]
-    value = one.labels.get(name)
+    value = recording.labels.get(name)
     if value is None:
-        have = ", ".join([*known, *one.labels])
-        raise ConfigError(f"split: recording {one.key!r} has no {name!r} (it has: {have})")
+        have = ", ".join([*known, *recording.labels])
+        raise ConfigError(f"split: recording {recording.key!r} has no {name!r} (it has: {have})")
     return value if isinstance(value, str) else f"{value:g}"
 
 
 def matches_filter(source: TaskSource, number: int, chosen: Mapping[str, Any]) -> bool:
     """Whether a recording has the facts that a filter names; see `suite.SplitPlan`."""
     for name, wanted in chosen.items():
-        values = {str(one) for one in (wanted if isinstance(wanted, list) else [wanted])}
+        values = {str(value) for value in (wanted if isinstance(wanted, list) else [wanted])}
         if recording_fact(source, number, name) not in values:
             return False
     return True

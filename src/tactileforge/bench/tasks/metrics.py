@@ -6,14 +6,17 @@ over samples and axes of the root of each squared error.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from operator import itemgetter
 
 import torch
 from torch import Tensor
-from torchmetrics import Metric
+from torchmetrics import MeanMetric, Metric
 from torchmetrics.classification import BinaryF1Score, MulticlassAccuracy, MulticlassF1Score
+from torchmetrics.regression import MeanAbsoluteError, MeanSquaredError, PearsonCorrCoef
 
 from tactileforge.bench.tasks.targets import TargetPart
 from tactileforge.errors import ConfigError, DataError, unknown
@@ -22,96 +25,64 @@ from tactileforge.errors import ConfigError, DataError, unknown
 _MN = 1000.0
 
 
-class AxisErrors(Metric):
-    """Sums over samples that metrics of vectors are made of; forces in newton.
+class PerAxis(Metric):
+    """A metric of each axis of a vector, in float64, reduced to one number.
 
     Args:
-        axes: Number of axes.
-    """
-
-    full_state_update = False
-    squared: Tensor
-    absolute: Tensor
-    distance: Tensor
-    count: Tensor
-
-    def __init__(self, axes: int = 3) -> None:
-        super().__init__()
-        self.add_state("squared", torch.zeros(axes, dtype=torch.float64), dist_reduce_fx="sum")
-        self.add_state("absolute", torch.zeros(axes, dtype=torch.float64), dist_reduce_fx="sum")
-        self.add_state("distance", torch.zeros((), dtype=torch.float64), dist_reduce_fx="sum")
-        self.add_state("count", torch.zeros((), dtype=torch.float64), dist_reduce_fx="sum")
-
-    def update(self, predicted: Tensor, truth: Tensor) -> None:
-        """Adds samples, (n, axes)."""
-        error = predicted.double() - truth.double()
-        self.squared += (error**2).sum(0)
-        self.absolute += error.abs().sum(0)
-        self.distance += error.norm(dim=1).sum()
-        self.count += len(error)
-
-    def axes(self) -> Tensor:
-        """Root mean squared error of each axis."""
-        return (self.squared / self.count).sqrt()
-
-    def compute(self) -> Tensor:
-        """Root mean squared error of each axis, as it came."""
-        return self.axes()
-
-
-class RmseSumAxes(AxisErrors):
-    """Root mean squared error of each axis, summed over the axes, mN (AnyTouch 2).
+        metric: Of torchmetrics, with one output per axis.
+        reduce: From the values of the axes, (axes,), to one number.
 
     Example:
         >>> import torch
-        >>> metric = RmseSumAxes()
+        >>> metric = PerAxis(MeanSquaredError(squared=False, num_outputs=3), torch.sum)
         >>> metric.update(torch.tensor([[1.0, 0.0, 2.0]]), torch.zeros(1, 3))
         >>> metric.compute().item()
-        3000.0
+        3.0
     """
 
-    def compute(self) -> Tensor:
-        """See the class."""
-        return self.axes().sum() * _MN
+    full_state_update = False
 
-
-class MaeMeanAxes(AxisErrors):
-    """Mean absolute error over samples and axes, mN (what Sparsh calls RMSE)."""
-
-    def compute(self) -> Tensor:
-        """See the class."""
-        return (self.absolute / self.count).mean() * _MN
-
-
-class RmseAxis(AxisErrors):
-    """Root mean squared error of one axis, mN.
-
-    Args:
-        axis: 0 for x, 1 for y, 2 for z.
-    """
-
-    def __init__(self, axis: int) -> None:
+    def __init__(self, metric: Metric, reduce: Callable[[Tensor], Tensor]) -> None:
         super().__init__()
-        self.axis = axis
+        self.metric = metric.set_dtype(torch.float64)
+        self.reduce = reduce
+
+    def update(self, predicted: Tensor, truth: Tensor) -> None:
+        """Adds samples, (n, axes)."""
+        self.metric.update(predicted.double(), truth.double())
 
     def compute(self) -> Tensor:
-        """See the class."""
-        return self.axes()[self.axis] * _MN
+        """The reduced value."""
+        with warnings.catch_warnings():
+            # torchmetrics warns of a constant axis; `measure` raises an error with the fix
+            warnings.simplefilter("ignore")
+            return self.reduce(self.metric.compute())
 
 
-class Distance(AxisErrors):
+class Distance(Metric):
     """Mean distance in the image, percent of its width."""
 
+    full_state_update = False
+
     def __init__(self) -> None:
-        super().__init__(2)
+        super().__init__()
+        self.mean = MeanMetric(nan_strategy="disable").set_dtype(torch.float64)
+
+    def update(self, predicted: Tensor, truth: Tensor) -> None:
+        """Adds samples, (n, 2)."""
+        self.mean.update((predicted.double() - truth.double()).norm(dim=1))
 
     def compute(self) -> Tensor:
-        """See the class."""
-        return self.distance / self.count * 100
+        """The mean distance, percent."""
+        percent: Tensor = self.mean.compute() * 100
+        return percent
 
 
 class R2(Metric):
-    """Coefficient of determination of each axis, mean over the axes.
+    """Coefficient of determination of each axis, mean over the axes; NaN for a constant axis.
+
+    `torchmetrics.R2Score` is no substitute: it takes sums of squares below 1e-4 for 0, which small
+    forces in newton reach, and then gives 0 or 1.
 
     Args:
         axes: Number of axes.
@@ -132,38 +103,10 @@ class R2(Metric):
         self.moments += torch.stack([torch.ones_like(y), y, y * y, error**2]).sum(1)
 
     def compute(self) -> Tensor:
-        """See the class."""
+        """The mean over the axes, or the value of one."""
         n, y, yy, ee = self.moments
-        found: Tensor = 1 - ee / (yy - y * y / n)
-        return found.mean() if self.axis < 0 else found[self.axis]
-
-
-class Correlation(Metric):
-    """Pearson's correlation of each axis, mean over the axes; NaN where the truth stands still.
-
-    Args:
-        axes: Number of axes.
-    """
-
-    full_state_update = False
-    moments: Tensor
-
-    def __init__(self, axes: int = 3) -> None:
-        super().__init__()
-        self.add_state("moments", torch.zeros(6, axes, dtype=torch.float64), dist_reduce_fx="sum")
-
-    def update(self, predicted: Tensor, truth: Tensor) -> None:
-        """Adds samples, (n, axes)."""
-        x, y = predicted.double(), truth.double()
-        self.moments += torch.stack([torch.ones_like(x), x, y, x * x, y * y, x * y]).sum(1)
-
-    def compute(self) -> Tensor:
-        """See the class."""
-        n, x, y, xx, yy, xy = self.moments
-        covariance = xy - x * y / n
-        spread: Tensor = ((xx - x * x / n) * (yy - y * y / n)).sqrt()
-        found: Tensor = (covariance / spread).mean()
-        return found
+        scores: Tensor = 1 - ee / (yy - y * y / n)
+        return scores.mean() if self.axis < 0 else scores[self.axis]
 
 
 class Percent(Metric):
@@ -184,7 +127,7 @@ class Percent(Metric):
         self.metric.update(predicted.flatten().long(), truth.flatten().long())
 
     def compute(self) -> Tensor:
-        """See the class."""
+        """The value, percent."""
         out: Tensor = self.metric.compute() * 100
         return out
 
@@ -202,6 +145,22 @@ def _f1(part: TargetPart) -> Metric:
     if len(part.names) == 2:
         return Percent(BinaryF1Score())
     return Percent(MulticlassF1Score(len(part.names), average="macro"))
+
+
+def _rmse(reduce: Callable[[Tensor], Tensor]) -> Metric:
+    """Root mean squared errors of force, mN, reduced over the axes."""
+    rmse = MeanSquaredError(squared=False, num_outputs=3)
+    return PerAxis(rmse, lambda axes: reduce(axes) * _MN)
+
+
+def _mae_mean_axes() -> Metric:
+    """Mean absolute error of force over samples and axes, mN."""
+    return PerAxis(MeanAbsoluteError(num_outputs=3), lambda axes: axes.mean() * _MN)
+
+
+def _correlation() -> Metric:
+    """Pearson's correlation of each axis, mean over the axes; NaN for a constant axis."""
+    return PerAxis(PearsonCorrCoef(num_outputs=3), torch.mean)
 
 
 @dataclass(frozen=True)
@@ -227,11 +186,11 @@ METRICS: dict[str, MetricKind] = {
     "accuracy": MetricKind(("classes",), "%", "higher", _accuracy),
     "balanced_accuracy": MetricKind(("classes",), "%", "higher", _balanced),
     "f1": MetricKind(("classes",), "%", "higher", _f1),
-    "rmse_sum_axes": MetricKind(("force",), "mN", "lower", lambda _: RmseSumAxes()),
-    "mae_mean_axes": MetricKind(("force",), "mN", "lower", lambda _: MaeMeanAxes()),
+    "rmse_sum_axes": MetricKind(("force",), "mN", "lower", lambda _: _rmse(torch.sum)),
+    "mae_mean_axes": MetricKind(("force",), "mN", "lower", lambda _: _mae_mean_axes()),
     **{
         f"rmse_{name}": MetricKind(
-            ("force",), "mN", "lower", partial(lambda axis, _: RmseAxis(axis), axis)
+            ("force",), "mN", "lower", partial(lambda axis, _: _rmse(itemgetter(axis)), axis)
         )
         for axis, name in enumerate("xyz")
     },
@@ -242,7 +201,7 @@ METRICS: dict[str, MetricKind] = {
         )
         for axis, name in enumerate("xyz")
     },
-    "correlation": MetricKind(("force",), "", "higher", lambda _: Correlation()),
+    "correlation": MetricKind(("force",), "", "higher", lambda _: _correlation()),
     "distance": MetricKind(("place",), "% of width", "lower", lambda _: Distance()),
 }
 

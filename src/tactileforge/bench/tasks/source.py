@@ -1,4 +1,4 @@
-"""The clips of a task: recordings of a data set, and the moments that are shown."""
+"""Clips of a task: recordings of a data set, and their frame indices."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _SMALL = (8, 8)
 
 
 class TaskSource:
-    """Recordings with the side they are of, and an index of clips that all models share.
+    """Recordings with their sides of the data set, and an index of clips shared by all models.
 
     Args:
         recordings: What to cut.
@@ -40,7 +40,9 @@ class TaskSource:
     def __init__(self, recordings: list[Recording], sides: list[str], clip: ClipSpec) -> None:
         if clip.parts > 1:
             sides = [side for side in sides for _ in range(clip.parts)]
-            recordings = [part for one in recordings for part in _parts(one, clip.parts)]
+            recordings = [
+                part for recording in recordings for part in _parts(recording, clip.parts)
+            ]
         self.recordings = recordings
         self.sides = sides
         self.clip = clip
@@ -55,14 +57,14 @@ class TaskSource:
 
     @cached_property
     def fingerprint(self) -> str:
-        """Changes with what the clips show: names, places, and a picture of each recording."""
-        found = hashlib.sha256(np.ascontiguousarray(self.index).tobytes())
-        for one in self.recordings:
-            found.update(f"{one.key} {one.sensor} {one.frames.shape}".encode())
-            found.update(one.frames.read([len(one.frames) // 2]).tobytes())
-            if one.no_contact is not None:
-                found.update(one.no_contact.read([0]).tobytes())
-        return found.hexdigest()
+        """Hash of the clips: names, indices, and one image of each recording."""
+        digest = hashlib.sha256(np.ascontiguousarray(self.index).tobytes())
+        for recording in self.recordings:
+            digest.update(f"{recording.key} {recording.sensor} {recording.frames.shape}".encode())
+            digest.update(recording.frames.read([len(recording.frames) // 2]).tobytes())
+            if recording.no_contact is not None:
+                digest.update(recording.no_contact.read([0]).tobytes())
+        return digest.hexdigest()
 
 
 def open_source(data: Mapping[str, Any], sides: tuple[str, ...], clip: ClipSpec) -> TaskSource:
@@ -82,13 +84,13 @@ def open_source(data: Mapping[str, Any], sides: tuple[str, ...], clip: ClipSpec)
     recordings: list[Recording] = []
     of: list[str] = []
     for side in sides:
-        found = list(dataset.recordings(side))
-        recordings += found
-        of += [side] * len(found)
+        opened = list(dataset.recordings(side))
+        recordings += opened
+        of += [side] * len(opened)
     if dataset.skipped:
         raise DataError(
-            f"{len(dataset.skipped)} recordings cannot be read, and a bench leaves none out; the "
-            f"first: {dataset.skipped[0]}"
+            f"{len(dataset.skipped)} recordings cannot be read, and the benchmark skips none; "
+            f"the first: {dataset.skipped[0]}"
         )
     if not recordings:
         raise DataError(f"data {data.get('name') or data.get('preset')}: no recording in {sides}")
@@ -96,25 +98,22 @@ def open_source(data: Mapping[str, Any], sides: tuple[str, ...], clip: ClipSpec)
 
 
 def _node(data: Mapping[str, Any]) -> dict[str, Any]:
-    """The plugin's node; that of a preset keeps only the layouts asked for."""
+    """The plugin's configuration; a preset keeps only the requested layouts."""
     node = dict(data)
     preset = node.pop("preset", None)
     if preset is None:
         return node
-    from omegaconf import OmegaConf
-
-    from tactileforge.compose import settings
+    from tactileforge.compose import option
 
     layouts = node.pop("layouts", None)
     words = [f"data.{key}={value}" for key, value in node.items()]
-    config = settings("inspect", [f"data={preset}", *words]).data
-    found: dict[str, Any] = OmegaConf.to_container(config, resolve=True)  # type: ignore[assignment]
+    options = option("data", [f"data={preset}", *words])
     if layouts is not None:
         for name in layouts:
-            if name not in found["layouts"]:
-                raise ConfigError(unknown(f"layout of {preset}", name, found["layouts"]))
-        found["layouts"] = {name: found["layouts"][name] for name in layouts}
-    return found
+            if name not in options["layouts"]:
+                raise ConfigError(unknown(f"layout of {preset}", name, options["layouts"]))
+        options["layouts"] = {name: options["layouts"][name] for name in layouts}
+    return options
 
 
 def _parts(recording: Recording, count: int) -> list[Recording]:
@@ -125,8 +124,8 @@ def _parts(recording: Recording, count: int) -> list[Recording]:
 
 def _fixed(recordings: list[Recording], ends: list[Any]) -> NDArray[np.int32]:
     rows = []
-    for number, one in enumerate(recordings):
-        count = len(one.times)
+    for number, recording in enumerate(recordings):
+        count = len(recording.times)
         places = [
             round(end * (count - 1)) if isinstance(end, float) else end + count * (end < 0)
             for end in ends

@@ -1,4 +1,4 @@
-"""Who trains, who selects, who tests; and the proof that they are not the same."""
+"""Train, validation and test splits, and leakage checks."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def build_splits(task: Task, source: TaskSource, target: Target) -> list[Split]:
 def group_names(
     source: TaskSource, target: Target, places: NDArray[np.int64], fact_name: str
 ) -> list[str]:
-    """The fact of the recording of each clip, by places in the clips of a target."""
+    """A fact of the recording of each clip, by places in the clips of a target."""
     numbers = source.index[target.clips[places], 0].tolist()
     known = {number: recording_fact(source, number, fact_name) for number in set(numbers)}
     return [known[number] for number in numbers]
@@ -83,11 +83,12 @@ def check_leakage(
     validation: Sequence[int],
     test: Sequence[int],
 ) -> None:
-    """Raises a ConfigError where two uses share frames, or a fact that has to be unseen."""
+    """Leakage check: raises a ConfigError where two splits share frames or an unseen fact."""
     uses = {"train": train, "validation": validation, "test": test}
     spans = [
         (*_span(source.recordings[n].key), use) for use, chosen in uses.items() for n in chosen
     ]
+    # spans of a recording sorted by start: an overlap is with the one that reaches farthest so far
     spans.sort()
     reach: dict[str, tuple[float, str]] = {}
     for key, start, stop, use in spans:
@@ -109,7 +110,7 @@ def check_leakage(
 
 
 def _span(key: str) -> tuple[str, float, float]:
-    """A recording without its parts, and the frames of it."""
+    """Key of the whole recording, and the range of frames of this part."""
     start, stop = 0, float("inf")
     for part in _PART.finditer(key):
         start, stop = start + int(part[1]), start + int(part[2])
@@ -117,34 +118,36 @@ def _span(key: str) -> tuple[str, float, float]:
 
 
 def _strata(numbers: Sequence[int], of: NDArray[np.int64], target: Target) -> dict[int, int]:
-    """The class of each recording all of whose clips have the same; else -1."""
+    """Stratum of each recording: its class if all clips agree, else -1."""
     names = target.names
     if names is None:
         return dict.fromkeys(numbers, -1)
-    found = {}
+    strata = {}
     for number in numbers:
         classes = set(names[of == number].tolist())
-        found[number] = classes.pop() if len(classes) == 1 else -1
-    return found
+        strata[number] = classes.pop() if len(classes) == 1 else -1
+    return strata
 
 
 def _ordered(names: Mapping[int, str], stratum: Mapping[int, int]) -> dict[int, list[str]]:
-    """Groups by stratum, in an order that only their names decide."""
+    """Groups by stratum, in an order that depends only on their names."""
     strata: dict[str, set[int]] = {}
     for number, name in names.items():
         strata.setdefault(name, set()).add(stratum[number])
-    found: dict[int, list[str]] = {}
+    by_stratum: dict[int, list[str]] = {}
+    # by hash: neighbours in name, often of one session, are spread; equal on every machine
     for name in sorted(strata, key=lambda name: hashlib.sha256(name.encode()).digest()):
         only = strata[name].pop() if len(strata[name]) == 1 else -1
-        found.setdefault(only, []).append(name)
-    return dict(sorted(found.items()))
+        by_stratum.setdefault(only, []).append(name)
+    return dict(sorted(by_stratum.items()))
 
 
 def _folds(names: Mapping[int, str], stratum: Mapping[int, int], folds: int) -> dict[str, int]:
-    """Deals groups to folds, stratum by stratum."""
+    """Assigns groups to stratified folds."""
     dealt = [name for group in _ordered(names, stratum).values() for name in group]
     if len(dealt) < folds:
         raise ConfigError(f"{folds} folds of {len(dealt)} groups; give split.folds fewer")
+    # in turn along the strata: folds differ by one group at most, in size and nearly so in classes
     return {name: i % folds for i, name in enumerate(dealt)}
 
 
@@ -161,8 +164,9 @@ def _validation(
     names = {n: recording_fact(source, n, group) for n in rest}
     taken: set[str] = set()
     groups = list(_ordered(names, stratum).values())
-    for found in groups:
-        taken.update(found[: int(share * len(found) + 0.5)])
+    for members in groups:
+        taken.update(members[: int(share * len(members) + 0.5)])
+    # a small share can round to no group in every stratum, but one is needed to select on
     if not taken and groups and len(names) > 1:
         taken.add(max(groups, key=len)[0])
     return [n for n in rest if names[n] in taken]

@@ -1,4 +1,4 @@
-"""What a suite asks for: tasks, read strictly from its configuration."""
+"""Tasks of a suite, read strictly from its configuration."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tactileforge.errors import ConfigError, unknown
 
 @dataclass(frozen=True, kw_only=True)
 class ClipSpec:
-    """Where clips are cut; the same for every model, so that all are tested on the same moments.
+    """Placement of clips in time, the same for every model.
 
     Attributes:
         span: Seconds from the first to the last frame. Models cut their own frames back from the
@@ -34,7 +34,7 @@ class ClipSpec:
 
 @dataclass(frozen=True, kw_only=True)
 class SplitPlan:
-    """Which recordings train, select and test.
+    """Filters that assign recordings to training, validation and test.
 
     A filter names facts and the values they may have: ``{side: train, sensor: [digit]}``. Facts are
     ``side`` (of the data set), ``sensor``, ``object``, ``recording``, ``tier``, any label, and
@@ -100,25 +100,25 @@ class Task:
 
     @property
     def sides(self) -> tuple[str, ...]:
-        """Sides of the data set that the split speaks of; both usual ones if of none."""
+        """Sides of the data set named by the split; train and val by default."""
         named: list[str] = []
         for chosen in (self.split.only, self.split.train, self.split.test, self.split.validation):
             named += _values(chosen.get("side", []))
         return tuple(dict.fromkeys(named)) or ("train", "val")
 
 
-def _values(given: Any) -> list[str]:
-    return [str(one) for one in (given if isinstance(given, list) else [given])]
+def _values(wanted: Any) -> list[str]:
+    return [str(value) for value in (wanted if isinstance(wanted, list) else [wanted])]
 
 
-def parse_task(name: str, given: Mapping[str, Any]) -> Task:
+def parse_task(name: str, config: Mapping[str, Any]) -> Task:
     """A task from plain data.
 
     Raises:
         ConfigError: A key is unknown, missing, or of another type; names it.
     """
     where = f"tasks.{name}"
-    values = dict(given)
+    values = dict(config)
     clip = strict.build(ClipSpec, f"{where}.clip", values.pop("clip", {}))
     split = strict.build(SplitPlan, f"{where}.split", values.pop("split", None) or {})
     known = [key for key in Task.__dataclass_fields__ if key != "name"]

@@ -1,4 +1,4 @@
-"""What clips are to predict: labels of recordings become numbers."""
+"""Prediction targets of clips, from labels of recordings."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _NUMBERS = "numbers:"
 
 @dataclass(frozen=True)
 class TargetPart:
-    """One thing that is predicted.
+    """One predicted quantity.
 
     Attributes:
         kind: ``classes``, ``force`` (N), ``place`` (shares of the width of the image), or
@@ -46,17 +46,17 @@ class TargetPart:
 
     @property
     def outputs(self) -> int:
-        """Numbers that a probe gives for it."""
+        """Number of outputs of a probe."""
         columns = self.truth.shape[1]
         return columns * len(self.names) if self.kind == "classes" else columns
 
     @property
     def normalised(self) -> Tensor:
-        """The truth as a probe learns it."""
+        """The truth in normalised units."""
         return self.truth / self.scale
 
     def flipped(self, horizontal: bool, vertical: bool) -> TargetPart:
-        """The truth of mirrored clips."""
+        """The truth for mirrored clips."""
         if not (horizontal or vertical):
             return self
         if self.kind in ("place", "numbers"):
@@ -77,7 +77,7 @@ class TargetPart:
 
 @dataclass(frozen=True)
 class Target:
-    """What the clips of a source are to predict.
+    """Prediction targets of the clips of a source.
 
     Attributes:
         parts: By name; all have the same length.
@@ -93,8 +93,8 @@ class Target:
         part = next(iter(self.parts.values()))
         if part.kind != "classes" or part.truth.shape[1] != 1:
             return None
-        found: NDArray[np.int64] = part.truth[:, 0].long().numpy()
-        return found
+        classes: NDArray[np.int64] = part.truth[:, 0].long().numpy()
+        return classes
 
 
 def build_target(task: Task, source: TaskSource) -> Target:
@@ -132,13 +132,13 @@ def build_target(task: Task, source: TaskSource) -> Target:
 
 
 def _partial(parts: dict[str, TargetPart]) -> str:
-    """Which axes of a force are known, where some are, and clips with all of them are none."""
+    """Part of an error: the known axes of a force, where no clip has all of them."""
     for part in parts.values():
         known = part.truth.isfinite().any(0).tolist()
         if part.kind == "force" and any(known):
-            told = [name for name, there in zip(part.names, known, strict=True) if there]
+            axes = [name for name, there in zip(part.names, known, strict=True) if there]
             return (
-                f" along all of {', '.join(part.names)} (it has {', '.join(told)}); a benchmark of "
+                f" along all of {', '.join(part.names)} (it has {', '.join(axes)}); a benchmark of "
                 "forces needs all axes in one clip"
             )
     return ""
@@ -163,11 +163,13 @@ def _classes(
     value: Callable[[Recording, int, int], str | None],
     names: tuple[str, ...] = (),
 ) -> TargetPart:
-    found = _each(source, value)
-    known = names or tuple(sorted({str(one) for one in found if one is not None}))
+    values = _each(source, value)
+    known = names or tuple(sorted({str(label) for label in values if label is not None}))
     place = {name: i for i, name in enumerate(known)}
-    truth = torch.tensor([[place[str(one)] if one is not None else torch.nan] for one in found])
-    return TargetPart("classes", truth.float(), torch.ones(len(found), 1), known)
+    truth = torch.tensor(
+        [[place[str(label)] if label is not None else torch.nan] for label in values]
+    )
+    return TargetPart("classes", truth.float(), torch.ones(len(values), 1), known)
 
 
 def _label(recording: Recording, name: str) -> str | None:
@@ -187,15 +189,15 @@ def _newton(task: Task, source: TaskSource, change: bool) -> TargetPart:
         force = recording.force
         if force is None:
             return np.full(3, np.nan, np.float32)
-        found: NDArray[np.float32] = force[last] - force[first] if change else force[last]
-        return found
+        newton: NDArray[np.float32] = force[last] - force[first] if change else force[last]
+        return newton
 
     truth = np.array(_each(source, value), np.float32).reshape(-1, 3)
     return TargetPart("force", torch.from_numpy(truth), _scale(task, source), ("x", "y", "z"))
 
 
 def _slips(recording: Recording, first: int, last: int) -> str | None:
-    """As labelled; in simulation whether shear has reached the friction cone."""
+    """Slip labels; in simulation whether shear has reached the friction cone."""
     slip = recording.tracks.get("slip")
     if slip is not None:
         return ("stick", "slip")[int(slip[last] > 0)]
@@ -204,6 +206,7 @@ def _slips(recording: Recording, first: int, last: int) -> str | None:
         return None
     from tactileforge.sim.mechanics.sensor_gels import sensor_gel
 
+    # Coulomb: the contact slips where |(x, y)| reaches friction * z
     x, y, z = (float(value) for value in force[last])
     bound = sensor_gel(recording.sensor).touched(float(grip)).friction * z
     return ("stick", "slip")[int(z > _TOUCH_N and np.hypot(x, y) >= _CONE * bound)]
@@ -233,19 +236,19 @@ def _pose(task: Task, source: TaskSource) -> dict[str, TargetPart]:
 def _place(task: Task, source: TaskSource) -> dict[str, TargetPart]:
     def value(recording: Recording, first: int, last: int) -> list[float]:
         place = [recording.labels.get(f"center_{axis}_px", np.nan) for axis in "xy"]
-        return [float(one) / recording.frames.shape[1] for one in place]
+        return [float(coordinate) / recording.frames.shape[1] for coordinate in place]
 
     truth = torch.tensor(np.array(_each(source, value), np.float32).reshape(-1, 2))
     return {"place": TargetPart("place", truth, torch.ones_like(truth), ("x", "y"))}
 
 
 def _numbers(source: TaskSource, columns: list[str]) -> TargetPart:
-    """Labels as numbers; ``_px`` in a name stands for pixels, which are counted in widths."""
+    """Numeric labels; those in pixels (``_px``) become shares of the image width."""
 
     def value(recording: Recording, first: int, last: int) -> list[float]:
-        found = [float(recording.labels.get(name, np.nan)) for name in columns]
+        row = [float(recording.labels.get(name, np.nan)) for name in columns]
         width = recording.frames.shape[1]
-        return [x / width if "_px" in n else x for x, n in zip(found, columns, strict=True)]
+        return [x / width if "_px" in n else x for x, n in zip(row, columns, strict=True)]
 
     truth = torch.tensor(np.array(_each(source, value), np.float32).reshape(-1, len(columns)))
     return TargetPart("numbers", truth, torch.ones_like(truth), tuple(columns))
@@ -259,14 +262,14 @@ def _time(task: Task, source: TaskSource) -> dict[str, TargetPart]:
 
 
 def _losing(task: Task, source: TaskSource) -> dict[str, TargetPart]:
-    """Whether a grasped object is held, or about to be lost; recordings that are used alone."""
-    held = {
-        number: contact.last_contact(contact.contact_energy(one))
-        for number, one in enumerate(source.recordings)
+    """Whether a grasped object is held, or about to be lost; of the recordings in use."""
+    grasps = {
+        number: contact.last_contact(contact.contact_energy(recording))
+        for number, recording in enumerate(source.recordings)
         if matches_filter(source, number, task.split.only)
     }
     states = iter(
-        contact.contact_state(held.get(number), last, source.recordings[number].times)
+        contact.contact_state(grasps.get(number), last, source.recordings[number].times)
         for number, last in source.index.tolist()
     )
     return {"losing": _classes(source, lambda *_: next(states), ("held", "losing"))}

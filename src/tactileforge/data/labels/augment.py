@@ -113,9 +113,9 @@ class Augment(nn.Module):
             flipped = batch["flip"][:, axis, None, None, None, None]
             clip = torch.where(flipped, clip.flip(dim), clip)
         if self.jitter is not None:
-            moved: Any = self.jitter(clip.float() / 255)
-            clip = (moved * 255).round().clamp(0, 255).to(torch.uint8)
-        moved = {"background": clip[:, 0], "frames": clip[:, 1:]}
+            jittered: Any = self.jitter(clip.float() / 255)
+            clip = (jittered * 255).round().clamp(0, 255).to(torch.uint8)
+        moved: Batch = {"background": clip[:, 0], "frames": clip[:, 1:]}
         if "surface" in batch:
             moved["surface"] = _mirrored(batch["surface"], batch["flip"])
         return batch | moved

@@ -1,4 +1,4 @@
-"""Any camera that OpenCV opens: UVC devices, network streams, and video files in place of them."""
+"""Cameras supported by OpenCV: UVC devices, network streams, and video files."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _MANUAL = 1
 
 
 class Camera:
-    """A camera.
+    """A camera read by OpenCV.
 
     What is asked for is checked: a camera that gives another resolution, or does not know a
     control, is an error. A driver of a known sensor subclasses it, gives what is known to
@@ -116,7 +116,7 @@ class Camera:
         return [one.path for one in chosen or matching(device, there)]
 
     def open(self) -> None:
-        """Claims the camera, and sets what is asked for.
+        """Opens the camera, and sets the requested controls.
 
         Raises:
             SensorError: It is absent, busy, several fit, or it does not do what is asked for.
@@ -213,7 +213,7 @@ class Camera:
             )
 
     def _specified(self, size: tuple[int, int], fps: float | None) -> SensorSpec:
-        """The spec of frames that are so large before they are prepared."""
+        """Spec of the prepared frames, from their size as captured."""
         height, width = self.prepare(np.zeros((*size, 3), np.uint8)).shape[:2]
         return replace(self.spec, height=height, width=width, fps=fps or self.spec.fps)
 
@@ -247,7 +247,7 @@ class Camera:
         return Frame(array=self.prepare(cv2.cvtColor(frame, cv2.COLOR_BGR2RGB)), time=taken)
 
     def _grab(self, capture: Any) -> float:
-        """Waits for the next frame of a device; when it was taken."""
+        """Waits for the next frame of a device; returns its time."""
         start = time.monotonic()
         good = capture.grab()
         now = time.monotonic()
@@ -260,7 +260,7 @@ class Camera:
         return driver if self._last < driver <= now < driver + _AT_ONCE else now
 
     def _play(self, capture: Any, end: float) -> float:
-        """Waits until a frame of a file is due, and skips those that are past."""
+        """Waits until a frame of a file is due, and skips late ones."""
         period = 1 / self.spec.fps
         if self._start + self._next * period > end:
             time.sleep(max(0.0, end - time.monotonic()))
@@ -295,7 +295,7 @@ class Camera:
         return np.ascontiguousarray(frame)
 
     def close(self) -> None:
-        """Lets go of the camera; a second call does nothing."""
+        """Releases the camera; a second call does nothing."""
         capture, self._capture, self.address = self._capture, None, ""
         if capture is not None:
             capture.release()
@@ -309,7 +309,7 @@ class Camera:
 
 
 def open_capture(source: str, backend: int) -> Any:
-    """OpenCV's capture of a device, file or URL, without a word from OpenCV."""
+    """OpenCV's capture of a device, file or URL, without OpenCV's log messages."""
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(0)
     try:

@@ -1,4 +1,4 @@
-"""Wrench sensors: six numbers over a serial port or the network; the base of their drivers."""
+"""Base of wrench sensor drivers: six numbers over a serial port or the network."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _LINKS = ("serial", "udp", "tcp")
 
 
 class ForceTorque(StreamSensor):
-    """Forces and torques.
+    """A wrench sensor: forces and torques.
 
     A driver of a known device subclasses it, gives what is known to ``super().__init__``, and
     overrides `start`, `wrench` or `new_parser` where its protocol asks for more.
@@ -145,7 +145,7 @@ class ForceTorque(StreamSensor):
         return np.array(struct.unpack(self.payload, payload)[-6:], np.float64) * self.scale
 
     def decode(self, payload: bytes) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """No picture, and the wrench."""
+        """An empty image, and the wrench."""
         found = self.wrench(payload).astype(np.float32)
         if not np.isfinite(found).all():
             raise ValueError("a wrench that is not finite")

@@ -1,4 +1,4 @@
-"""A sensor that replays a file, so that everything live works without hardware."""
+"""A sensor that replays a file, for live use without hardware."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ class Replay:
         self._start = time.monotonic()
 
     def _source(self) -> tuple[Frames, NDArray[np.float64] | None]:
-        """Its frames, and their times if it has any."""
+        """Frames of the file, and their times if it has any."""
         path = Path(self.path)
         if not self.path:
             raise ConfigError(
@@ -147,14 +147,14 @@ class Replay:
         return Frame(array=self._frames.read([index % count])[0], time=self._due(index))
 
     def _due(self, index: int) -> float:
-        """When a frame is due, in monotonic seconds; rounds follow each other one frame apart."""
+        """Due time of a frame, monotonic seconds; repetitions are one frame period apart."""
         count = len(self._times)
         step = float(self._times[-1]) / (count - 1) if count > 1 else 1 / self.spec.fps
         rounds, place = divmod(index, count)
         return self._start + rounds * (float(self._times[-1]) + step) + float(self._times[place])
 
     def _wait(self, timeout: float) -> None:
-        """Skips frames that are past, and waits for the next."""
+        """Skips late frames, and waits for the next."""
         now = time.monotonic()
         last = None if self.loop else len(self._times) - 1
         while (last is None or self._next < last) and self._due(self._next + 1) <= now:
@@ -166,7 +166,7 @@ class Replay:
         time.sleep(max(0.0, wait))
 
     def close(self) -> None:
-        """Lets go of the file; a second call does nothing."""
+        """Closes the file; a second call does nothing."""
         self._frames = None
 
     def __enter__(self) -> Replay:
@@ -178,6 +178,6 @@ class Replay:
 
 
 def _by_number(file: Path) -> list[tuple[bool, int, str]]:
-    """Sorts ``2.png`` before ``10.png``."""
+    """Sort key that puts ``2.png`` before ``10.png``."""
     parts = re.findall(r"\d+|\D+", file.name)
     return [(part.isdigit(), int(part) if part.isdigit() else 0, part) for part in parts]

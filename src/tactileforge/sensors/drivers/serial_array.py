@@ -1,4 +1,4 @@
-"""Arrays of taxels on a serial port, described by options; the base of drivers for known ones."""
+"""Taxel arrays on a serial port, described by options; base of specific drivers."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ class SerialArray(StreamSensor):
         self.rest: NDArray[np.float32] = np.zeros((self.layout.taxels, values), np.float32)
 
     def plausible(self, payload: bytes) -> bool:
-        """Whether a payload can be true: its values are finite. A driver may ask for more."""
+        """Whether a payload is plausible: its values are finite. A driver may check more."""
         return bool(np.isfinite(self.unpack(payload)).all())
 
     def unpack(self, payload: bytes) -> NDArray[np.float32]:
@@ -164,13 +164,13 @@ class SerialArray(StreamSensor):
         self._frames.clear()  # they were drawn without it
 
     def decode(self, payload: bytes) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """Picture and values of a packet."""
+        """Image and raw values of a packet."""
         values = self.unpack(payload)
         return self.layout.draw(values, self.rest), values
 
 
 def _checked(payload: str, taxels: int, values: int, channels: Sequence[int]) -> int:
-    """Bytes of the payload, if it holds the values of all taxels."""
+    """Size of the payload in bytes, checked against the number of taxels."""
     size, count = measured(payload)
     if count != taxels * values:
         raise ConfigError(

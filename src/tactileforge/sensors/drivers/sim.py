@@ -1,4 +1,4 @@
-"""A simulated finger that is always touching something, so that everything live works."""
+"""A simulated tactile sensor in continual contact, for live use without hardware."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _LATE = 0.1
 
 
 class SimSensor:
-    """Touches from a seed, one after the other, without end.
+    """An endless sequence of simulated touches from a seed.
 
     In real time a frame comes when it is due; where nobody reads in time, or the machine is too
     slow, none comes meanwhile, and the touch goes on later. Otherwise frames come as fast as they
@@ -76,7 +76,7 @@ class SimSensor:
         self._fps, self._start, self._next = known.fps, 0.0, 0
 
     def discover(self) -> list[str]:
-        """Its one address: there is always one attached."""
+        """Its only address: a simulated sensor is always attached."""
         return [f"sim:{self.spec.name}"]
 
     def open(self) -> None:
@@ -151,7 +151,7 @@ class SimSensor:
 
 
 def _rested(frames: Iterator[_Shown], number: int) -> Iterator[_Shown]:
-    """So many frames without contact, then the others."""
+    """Prepends frames without contact."""
     clear: list[_Shown] = []
     for shown in frames:
         clear.append(shown)

@@ -1,4 +1,4 @@
-"""A simulated wrench sensor, so that recording with forces works without hardware."""
+"""A simulated wrench sensor, for recording forces without hardware."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tactileforge.sensors.drivers.force_torque import NO_PICTURE
 
 
 class SimWrench:
-    """A press once in a ``period``: normal force ``newton`` (1 - cos) / 2, and shear of a fifth.
+    """One press per ``period``: normal force ``newton`` (1 - cos) / 2, and shear of a fifth.
 
     It runs in real time. Samples that nobody has read yet come late and are not lost, as they wait
     in the buffer of a serial port.
@@ -53,7 +53,7 @@ class SimWrench:
         self._next = 0
 
     def discover(self) -> list[str]:
-        """Its one address: there is always one attached."""
+        """Its only address: a simulated sensor is always attached."""
         return ["sim_wrench"]
 
     def open(self) -> None:
@@ -79,7 +79,7 @@ class SimWrench:
         return Frame(array=NO_PICTURE, time=due, raw=self.wrench(due - self.start))
 
     def wrench(self, seconds: float) -> NDArray[np.float32]:
-        """What it shows so many seconds after it was opened, float32 (6,), N and N m."""
+        """The wrench at a time in seconds after opening, float32 (6,), N and N m."""
         normal = self.newton * (1 - math.cos(2 * math.pi * seconds / self.period)) / 2
         shear = 0.2 * normal
         forces = np.array([shear, 0.0, normal]) + self.bias

@@ -1,4 +1,4 @@
-"""Which cameras are attached: what Linux says of them, without opening one."""
+"""Attached cameras, as listed by Linux, without opening them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SYSTEM = Path("/sys/class/video4linux")
 
 @dataclass(frozen=True)
 class VideoDevice:
-    """A camera that is attached.
+    """An attached camera.
 
     Attributes:
         path: For example ``/dev/video0``.
@@ -30,7 +30,7 @@ class VideoDevice:
 
 
 def video_devices(system: Path | None = None) -> list[VideoDevice]:
-    """The cameras that are attached, by number; nodes that only carry metadata are left out.
+    """Attached cameras by number, without metadata-only nodes.
 
     Args:
         system: Folder that lists them; None for that of this machine.
@@ -56,7 +56,7 @@ def _text(path: Path) -> str:
 
 
 def matching(words: str, devices: list[VideoDevice]) -> list[VideoDevice]:
-    """Those that ``usb:VENDOR:PRODUCT``, ``serial:NUMBER`` or ``name:PART`` describes.
+    """Cameras that match ``usb:VENDOR:PRODUCT``, ``serial:NUMBER`` or ``name:PART``.
 
     Args:
         words: The description; what it does not begin with is matched with nothing.
@@ -74,13 +74,13 @@ def matching(words: str, devices: list[VideoDevice]) -> list[VideoDevice]:
 
 
 def attached_cameras() -> str:
-    """The cameras that are attached, for an error."""
+    """Lists the attached cameras, for an error."""
     found = ", ".join(f"{one.path} {one.name}" for one in video_devices())
     return f" (attached: {found or 'none'})"
 
 
 def why_not(source: str) -> str:
-    """Why OpenCV cannot open a device, file or URL, and what to do about it."""
+    """Explains why OpenCV cannot open a device, file or URL, with the fix."""
     path = Path(source)
     if path.is_file():
         return f"{source}: not a video that can be read"

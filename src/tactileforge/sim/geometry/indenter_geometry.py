@@ -1,4 +1,4 @@
-"""What touches the gel: height maps that know no pixels, made of outlines and profiles.
+"""Indenter geometry: resolution-free height maps from outlines and profiles.
 
 A height is a function of ``x`` (right) and ``y`` (down), both in mm: the height in mm above the
 lowest plane of the shape, 0 where the tip touches first, `DEEP` where there is no material.

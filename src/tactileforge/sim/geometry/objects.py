@@ -1,4 +1,4 @@
-"""Any object as a shape: a mesh, a point cloud, or a picture of heights.
+"""Any object as a shape: a mesh, a point cloud, or a height image.
 
 An object touches the gel with its upper side: it is seen along its own -z axis, its x to the right
 and its y up, and only what lies within `REACH` of the place that is touched.
@@ -25,7 +25,7 @@ _SAMPLES = 2_000_000
 
 
 class Mesh(Protocol):
-    """What a mesh must have, as one of ``trimesh`` does."""
+    """Interface of a triangle mesh, as ``trimesh`` has it."""
 
     vertices: Any
     faces: Any
@@ -56,10 +56,10 @@ def mesh_shape(
     mesh, name = _loaded(source, name)
     faces = np.asarray(getattr(mesh, "faces", ()), dtype=np.int64).reshape(-1, 3)
     if not len(faces):
-        raise DataError(f"{name}: the mesh has no faces; a cloud of points is for cloud_shape")
+        raise DataError(f"{name}: the mesh has no faces; read a point cloud with cloud_shape")
     points = _placed(np.asarray(mesh.vertices), name, mm_per_unit, at, spacing_mm)
     if faces.min() < 0 or faces.max() >= len(points):
-        raise DataError(f"{name}: a face names a vertex beyond the {len(points)} that there are")
+        raise DataError(f"{name}: a face refers to a vertex beyond the {len(points)} of the mesh")
     return _shape(name, _rasterised(points[faces], spacing_mm), spacing_mm)
 
 
@@ -109,18 +109,18 @@ def cloud_shape(
 def picture_shape(
     path: str | Path, mm_per_pixel: float, range_mm: float, name: str | None = None
 ) -> Shape:
-    """A grey picture of heights as a shape: white touches first, black lies ``range_mm`` below.
+    """A grey height image as a shape: white touches first, black lies ``range_mm`` below.
 
     Args:
-        path: A grey picture, 8 or 16 bit.
+        path: A grey image, 8 or 16 bit.
         mm_per_pixel: Width of a pixel.
         range_mm: Height of white above black.
         name: Name of the shape; the file's where it is not given.
 
     Raises:
         DataNotFoundError: There is no such file.
-        DataError: The file is no picture, or is not grey.
-        ConfigError: A size that is not above 0, or a picture of too few pixels.
+        DataError: The file is no image, or is not grey.
+        ConfigError: A size that is not above 0, or an image of too few pixels.
     """
     path = _existing(path)
     if not mm_per_pixel > 0 or not range_mm > 0:
@@ -129,12 +129,12 @@ def picture_shape(
             "above 0"
         )
     try:
-        with open_picture(path) as opened:
+        with open_picture(str(path)) as opened:
             mode, grey = opened.mode, np.asarray(opened)
     except (OSError, SyntaxError, ValueError) as error:
-        raise DataError(f"{path}: not a picture that can be read: {error}") from error
+        raise DataError(f"{path}: not a readable image: {error}") from error
     if grey.ndim != 2 or grey.dtype not in (np.uint8, np.uint16):
-        raise DataError(f"{path}: a picture of mode {mode}; save it as grey, 8 or 16 bit")
+        raise DataError(f"{path}: an image of mode {mode}; save it as grey, 8 or 16 bit")
     if min(grey.shape) < CELLS:
         raise ConfigError(
             f"{path}: {grey.shape[1]} x {grey.shape[0]} pixels; the limit is {CELLS:g} each way"
@@ -183,7 +183,7 @@ def _placed(
 ) -> Array:
     """Points in mm about the place that is touched, y downwards."""
     if raw.ndim != 2 or raw.shape[1] != 3 or not len(raw):
-        raise DataError(f"{name}: points of shape {raw.shape}; needed is (N, 3) with N above 0")
+        raise DataError(f"{name}: points of shape {raw.shape}; give (N, 3) with N above 0")
     if not np.issubdtype(raw.dtype, np.number) or not np.isfinite(raw).all():
         raise DataError(f"{name}: {_bad_rows(raw)} of {len(raw)} points are not finite numbers")
     if not mm_per_unit > 0 or not spacing_mm > 0:

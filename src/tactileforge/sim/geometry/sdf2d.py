@@ -1,7 +1,7 @@
 """Flat outlines as signed distances: how far a point is from the edge, in mm, negative inside.
 
 An outline is a function of ``x`` (right) and ``y`` (down), both arrays in mm. Sizes are in mm,
-angles in degrees, positive angles clockwise in the picture. Outlines know no pixels, so they are
+angles in degrees, positive angles clockwise in the image. Outlines know no pixels, so they are
 sharp at any resolution.
 """
 
@@ -143,7 +143,7 @@ def wavy(radius: float, wave: float, count: int) -> SDF:
 
 
 def union(*masks: SDF) -> SDF:
-    """What lies in any of the outlines."""
+    """The union of outlines."""
     return lambda x, y: reduce(np.minimum, (mask(x, y) for mask in masks))
 
 
@@ -153,7 +153,7 @@ def minus(mask: SDF, *holes: SDF) -> SDF:
 
 
 def both(*masks: SDF) -> SDF:
-    """What lies in all of the outlines."""
+    """The intersection of outlines."""
     return lambda x, y: reduce(np.maximum, (mask(x, y) for mask in masks))
 
 

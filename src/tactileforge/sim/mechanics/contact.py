@@ -2,7 +2,10 @@
 
 Pressure is nowhere negative; where it acts, surface and object touch; elsewhere the object does not
 enter the gel. The constrained conjugate gradients are those of Polonsky and Keer, "A numerical
-method for solving rough contact problems" (Wear 231, 1999), for a prescribed depth.
+method for solving rough contact problems" (Wear 231, 1999), for a prescribed depth: the approach of
+the bodies is known, so no mean is subtracted to balance a load. Letters as there: p is
+the pressure, u = K p the displacement, g the gap, t the conjugate direction, r = K t, G the sum of
+g^2 over the contact, tau the step length.
 """
 
 from __future__ import annotations
@@ -22,7 +25,7 @@ _RARELY = 8
 
 
 class NotConverged(TactileForgeError):
-    """A contact that the solver did not settle; the message says which of the batch and how far."""
+    """A contact that did not converge; the message gives its place in the batch and misfit."""
 
 
 def press(
@@ -67,7 +70,7 @@ def press(
 
 
 def is_check_step(count: int, device: torch.device) -> bool:
-    """Whether a loop asks at this step if it may stop."""
+    """Whether a solver checks for convergence at this step."""
     return (count + 1) % _LOOK.get(device.type, _RARELY) == 0
 
 
@@ -76,44 +79,48 @@ def _settle(
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Pressure, misfit as a share of the depth (B,), and whether a contact has settled (B,)."""
     depth = overlap.amax((1, 2)).clamp(min=0)
-    # Where it does not touch, the answer is 0, and needs no steps.
+    # An object clear of the gel has pressure 0: it is settled at once, whatever the tolerance.
     limit = torch.where(depth > 0, tolerance * depth, torch.inf)
     touching = (depth > 0)[:, None, None]
     pressure = torch.where(touching, _first(kernel, overlap, start, soft), 0.0)
-    misfit = _yielding(kernel, pressure, soft) - overlap
-    direction = torch.zeros_like(pressure)
-    before = torch.zeros_like(depth)
+    gap = _yielding(kernel, pressure, soft) - overlap  # g: 0 in contact, > 0 where clear
+    t = torch.zeros_like(pressure)
+    previous = torch.zeros_like(depth)  # G of the step before; 0 restarts from steepest descent
     for count in range(_STEPS):
         active = pressure > 0
-        residual = torch.where(active, misfit, 0.0)
-        clear = torch.where(touching, misfit, 0.0)
+        residual = torch.where(active, gap, 0.0)
+        clear = torch.where(touching, gap, 0.0)
         worst = torch.maximum(residual.abs().amax((1, 2)), (-clear).amax((1, 2)))
         settled = worst <= limit
         if is_check_step(count, overlap.device) and bool(settled.all()):
             break
-        square = _dot(residual, residual)
-        share = torch.where(before > 0, square / before.clamp(min=1e-30), 0.0)
-        direction = torch.where(active, residual + share[:, None, None] * direction, 0.0)
-        yielding = _yielding(kernel, direction, soft)
-        length = _dot(residual, direction) / _dot(direction, yielding).clamp(min=1e-30)
-        stepped = (pressure - length[:, None, None] * direction).clamp(min=0)
-        # Points that the object enters join the contact, and the directions start anew.
-        joins = (stepped == 0) & (misfit < 0) & touching
-        stepped = torch.where(joins, stepped - length[:, None, None] * misfit, stepped)
+        squares = _dot(residual, residual)  # G
+        ratio = torch.where(previous > 0, squares / previous.clamp(min=1e-30), 0.0)
+        t = torch.where(active, residual + ratio[:, None, None] * t, 0.0)  # g + delta G/G_old t
+        r = _yielding(kernel, t, soft)
+        tau = _dot(residual, t) / _dot(t, r).clamp(min=1e-30)
+        stepped = (pressure - tau[:, None, None] * t).clamp(min=0)
+        # Free points that the object enters (I_ol) join the contact by a step along g. The old
+        # direction is conjugate on the old contact only, so a changed contact drops it (delta = 0).
+        joins = (stepped == 0) & (gap < 0) & touching
+        stepped = torch.where(joins, stepped - tau[:, None, None] * gap, stepped)
         stepped = stepped.clamp(min=0)
         changed = joins.flatten(1).any(1) | ((stepped == 0) & active).flatten(1).any(1)
-        before = torch.where(changed, 0.0, square)
+        previous = torch.where(changed, 0.0, squares)
+        # A settled contact is frozen: its pressure must not depend on the rest of the batch.
         pressure = torch.where(settled[:, None, None], pressure, stepped)
-        misfit = _yielding(kernel, pressure, soft) - overlap
+        gap = _yielding(kernel, pressure, soft) - overlap
     return pressure, worst / depth.clamp(min=1e-9), settled
 
 
 def _first(kernel: Kernel, overlap: Tensor, start: Tensor | None, soft: Tensor | None) -> Tensor:
-    """A first guess: the start, or a bed of springs as stiff as the gel under a patch."""
+    """Initial guess: the start, or a bed of springs as stiff as the gel under a patch."""
     stiff = kernel.normal.max() if soft is None else kernel.normal.max() + soft
     guess = overlap.clamp(min=0) / stiff
     if start is None:
         return guess
+    # Pressure of the frame before is kept only where there is still overlap: elsewhere it could
+    # only be taken away again, step by step.
     kept = torch.where(overlap > 0, start, 0.0)
     return torch.where((kept > 0).flatten(1).any(1)[:, None, None], kept, guess)
 

@@ -1,8 +1,8 @@
 """Tangential contact: shear traction under Coulomb friction, with sticking core and slipping rim.
 
-Where shear is below friction times pressure, the gel follows the object; where it has reached that
-bound, the gel slips, and shear points along the slip. The shear of the frame before is kept: the
-path of the object matters.
+Where shear q is below friction times pressure, mu p, the gel follows the object; where it has
+reached that bound, the gel slips, and q points along the slip. The shear of the frame before is
+kept: the path of the object matters.
 """
 
 from __future__ import annotations
@@ -28,8 +28,10 @@ def shear(
 ) -> Tensor:
     """Shear traction of the object on the gel after a small motion of the object.
 
-    It minimises a convex energy, within a disc at every point, by projected gradients with the step
-    lengths of Barzilai and Borwein (IMA J. Numer. Anal. 8, 1988).
+    It minimises the convex energy f(q) = (q - q0) K (q - q0) / 2 - q d, where q0 is the shear
+    before, K the gel's tangential compliance and d the object's motion, within the disc
+    |q| <= mu p at every point, by projected gradients with the step lengths alpha of Barzilai and
+    Borwein, "Two-point step size gradient methods" (IMA J. Numer. Anal. 8, 1988).
 
     Args:
         kernel: The gel on its grid.
@@ -48,25 +50,29 @@ def shear(
     limit = bound[:, None]
     inside = limit > 0
     now = limit_traction(before if start is None else start, limit)
+    # The gradient g = K (q - q0) - d is the slip: gel minus object, 0 where they stick.
     slip = torch.where(inside, kernel.drag(now - before) - motion, 0.0)
-    length = (4 / kernel.tangent[0].max()).expand(len(now), 1, 1, 1)
+    alpha = (4 / kernel.tangent[0].max()).expand(len(now), 1, 1, 1)
     for count in range(_STEPS):
-        after = limit_traction(now - length * slip, limit)
-        change = after - now
-        misfit = (change.abs() / length).amax((1, 2, 3))
+        after = limit_traction(now - alpha * slip, limit)
+        dx = after - now
+        # The projected gradient, mm: it vanishes where the gel sticks, and where slip pushes
+        # against the bound.
+        misfit = (dx.abs() / alpha).amax((1, 2, 3))
         settled = misfit <= tolerance
         if is_check_step(count, now.device) and bool(settled.all()):
             return after
         kept = settled[:, None, None, None]
         slipped = torch.where(inside, kernel.drag(after - before) - motion, 0.0)
-        bend = slipped - slip
-        mixed = _dot(change, bend).clamp(min=1e-20)
-        # The long step and the short one in turn.
-        step = mixed / _dot(bend, bend).clamp(min=1e-20)
+        dg = slipped - slip
+        dx_dg = _dot(dx, dg).clamp(min=1e-20)
+        # The short step <dx,dg>/<dg,dg> and the long one <dx,dx>/<dx,dg> in turn: the short one
+        # damps stiff waves, the long one moves soft ones.
+        step = dx_dg / _dot(dg, dg).clamp(min=1e-20)
         if count % 2:
-            step = _dot(change, change) / mixed
-        # What has settled repeats its last step, whatever the others do.
-        length = torch.where(kept, length, step.clamp(1e-4, 1e4)[:, None, None, None])
+            step = _dot(dx, dx) / dx_dg
+        # A settled contact repeats its last step, whatever the others of the batch do.
+        alpha = torch.where(kept, alpha, step.clamp(1e-4, 1e4)[:, None, None, None])
         now, slip = torch.where(kept, now, after), torch.where(kept, slip, slipped)
     raise NotConverged(
         f"shear of contact {int(misfit.argmax())} of {len(now)} did not settle in {_STEPS} steps: "

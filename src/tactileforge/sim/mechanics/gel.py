@@ -1,6 +1,7 @@
 """The gel: an elastic layer bonded to a rigid back, and how its surface yields to traction.
 
 Source: K. L. Johnson, *Contact Mechanics* (1985); the half-space is the limit of a thick layer.
+Letters: E and nu are the moduli, G = E / (2 (1 + nu)), h the thickness, q a wave number, k = q h.
 """
 
 from __future__ import annotations
@@ -63,7 +64,7 @@ class Gel:
         return self.modulus / (2 * (1 + self.poisson))
 
     def rest(self, x: Tensor, y: Tensor) -> Tensor:
-        """How far the surface at rest lies below its apex, mm, at places in mm from the centre."""
+        """Depth of the surface at rest below its apex, mm, at places in mm from the centre."""
         if self.dome is None:
             return torch.zeros_like(x)
         return (x**2 + y**2) / (2 * self.dome)
@@ -97,19 +98,23 @@ def compliance(gel: Gel, wave: Tensor) -> Compliance:
         Four tensors of the shape of ``wave``, mm/MPa.
     """
     nu, shear, h = gel.poisson, gel.shear_modulus, gel.thickness
-    still = wave == 0
-    q = torch.where(still, 1.0, wave)
+    uniform = wave == 0
+    q = torch.where(uniform, 1.0, wave)
+    # cosh overflows for short waves; beyond this the layer is a half-space, (1 - nu) / (G q).
     k = (q * h).clamp(max=_THICK)
-    kappa = 3 - 4 * nu
-    below = 2 * kappa * torch.cosh(2 * k) + 4 * k**2 + 1 + kappa**2
+    kappa = 3 - 4 * nu  # Kolosov's constant in plane strain
+    denominator = 2 * kappa * torch.cosh(2 * k) + 4 * k**2 + 1 + kappa**2
     sinh = 2 * kappa * torch.sinh(2 * k)
     mixed = 2 * kappa * (kappa - 1) * (torch.cosh(2 * k) - 1) - 8 * k**2
+    # A uniform pressure meets the confined modulus 2 G (1 - nu) / (1 - 2 nu); a uniform shear, G.
     confined = h * (1 - 2 * nu) / (2 * shear * (1 - nu))
+    half_space = (1 - nu) / (shear * q)
     return Compliance(
-        normal=torch.where(still, confined, (1 - nu) / (shear * q) * (sinh - 4 * k) / below),
-        along=torch.where(still, h / shear, (1 - nu) / (shear * q) * (sinh + 4 * k) / below),
-        across=torch.where(still, h / shear, torch.tanh(k) / (shear * q)),
-        coupling=torch.where(still, 0.0, mixed / (4 * shear * q * below)),
+        normal=torch.where(uniform, confined, half_space * (sinh - 4 * k) / denominator),
+        along=torch.where(uniform, h / shear, half_space * (sinh + 4 * k) / denominator),
+        # Shear across the wave is antiplane, and knows no Poisson's ratio.
+        across=torch.where(uniform, h / shear, torch.tanh(k) / (shear * q)),
+        coupling=torch.where(uniform, 0.0, mixed / (4 * shear * q * denominator)),
     )
 
 
@@ -198,7 +203,8 @@ def _kernel(
     thickness: float, modulus: float, poisson: float, points: int, spacing: float, device: str
 ) -> Kernel:
     gel = Gel(thickness=thickness, modulus=modulus, poisson=poisson)
-    # The answer to a point load on a plate so large that its neighbours do not matter, cut to size.
+    # The response to a point load on a plate so large that its periodic images do not matter, cut
+    # to size: sampled on the small grid itself, the spectrum would let the images overlap.
     large = 2 * points
     while large * spacing < 16 * thickness and large < _LARGEST:
         large *= 2
@@ -208,8 +214,10 @@ def _kernel(
     x, y = (q / wave.clamp(min=1e-12) for q in (qx, qy))
     of = compliance(gel, wave)
     more = of.along - of.across
+    # In axes of the wave compliance is diagonal (along, across); n n^T turns it into x and y.
     even = torch.stack([of.normal, of.across + more * x**2, more * x * y, of.across + more * y**2])
     even = _cut(even.to(torch.complex128), points).real
+    # Coupling is odd in the wave vector: times i, its response in space is real.
     odd = _cut(1j * torch.stack([of.coupling * x, of.coupling * y]), points).imag
     normal, tangent = even[0], even[1:]
     return Kernel(

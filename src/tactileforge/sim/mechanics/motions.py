@@ -1,4 +1,4 @@
-"""Motions of an object against a gel: where it is, frame by frame, and which action that is."""
+"""Motions of an object against a gel: its pose frame by frame, and the action labels."""
 
 from __future__ import annotations
 
@@ -61,12 +61,12 @@ class Sway:
 
 @dataclass(frozen=True)
 class Path:
-    """Where an object is, at any time; between its knots it starts and stops smoothly.
+    """Pose of an object at any time; between its knots it starts and stops smoothly.
 
     Attributes:
         times: float64 (K,), seconds, strictly increasing; the first is 0.
-        poses: float64 (K, 6): x and y (mm, from the centre of the picture, right and down), angle
-            (rad, clockwise in the picture), depth (mm beyond the first touch), tilt along x and
+        poses: float64 (K, 6): x and y (mm, from the centre of the image, right and down), angle
+            (rad, clockwise in the image), depth (mm beyond the first touch), tilt along x and
             along y (slope).
         actions: One for each phase, that is K - 1; ``stay`` is none.
         sway: How the path is left; None for a machine.
@@ -112,8 +112,8 @@ class Path:
         return replace(self, poses=self.poses * sign, actions=actions, sway=sway)
 
     def _phase(self, times: NDArray[np.float64]) -> NDArray[np.intp]:
-        found = np.searchsorted(self.times, times, side="right") - 1
-        return np.clip(found, 0, len(self.actions) - 1)
+        segment = np.searchsorted(self.times, times, side="right") - 1
+        return np.clip(segment, 0, len(self.actions) - 1)
 
 
 @dataclass(frozen=True, kw_only=True)

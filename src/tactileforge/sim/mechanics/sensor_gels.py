@@ -19,7 +19,7 @@ FPS = 30.0
 
 @dataclass(frozen=True)
 class SensorGel:
-    """What a sensor is to the object that presses on it.
+    """Mechanical side of a sensor: its gel, as the pressing object meets it.
 
     Attributes:
         gel: Its gel; the friction of a touch is drawn from the range.

@@ -1,4 +1,4 @@
-"""The gel's surface under a contact: where it lies, and where its markers go."""
+"""The gel's surface under a contact: its depth, and the displacement of its markers."""
 
 from __future__ import annotations
 
@@ -63,17 +63,20 @@ class GelSurface:
         spectrum = spectrum + self.kernel.lifted(self._spectrum(shear))[:, None]
         spectrum = spectrum * self.smooth
         n = self.n
+        # Zeros at the high frequencies interpolate between the solver's points without bias.
         wide = torch.zeros(
             (*spectrum.shape[:2], 4 * n, 2 * n + 1), dtype=spectrum.dtype, device=spectrum.device
         )
         wide[..., :n, :n], wide[..., -n:, :n] = spectrum[..., :n, :n], spectrum[..., -n:, :n]
         depth = 4 * torch.fft.irfft2(wide, s=(4 * n, 4 * n))
+        # 0 at the rim, 1 where all neighbours touch: at the rim the solver's points cannot tell
+        # contact from gap, so there the object only pushes the gel, and never pulls it up.
         inside = F.avg_pool2d((pressure > 0).float(), 3, 1, 1)
         soft = pressure if bool((contact.give > 0).any()) else None
         return Fields(depth, (3 * inside - 2).clamp(min=0), soft)
 
     def picture(self, fields: Fields, contact: ContactState, places: Tensor) -> Tensor:
-        """The depth of the surface at places of pictures.
+        """The depth of the surface at places of images.
 
         Args:
             fields: Of `fields`.
@@ -99,14 +102,14 @@ class GelSurface:
         return depth.add_(filled).add_(more.clamp_(min=0))
 
     def lateral(self, contact: ContactState, places: Tensor) -> Tensor:
-        """How far points of the surface move sideways.
+        """Lateral displacement of points of the surface.
 
         Args:
             contact: The moment.
-            places: float32 (B, M, 2), x and y at rest, mm from the centre of the picture.
+            places: float32 (B, M, 2), x and y at rest, mm from the centre of the image.
 
         Returns:
-            float32 (B, M, 2), mm along x and y of the picture.
+            float32 (B, M, 2), mm along x and y of the image.
         """
         pressure, shear = contact.strain[:, :1], contact.strain[:, 1:]
         moved = self.kernel.dragged(self._spectrum(shear))
@@ -115,13 +118,14 @@ class GelSurface:
         field = torch.fft.irfft2(moved, s=(2 * n, 2 * n))
         there = torch.stack(_unplaced(places[:, None], contact.pose), -1) / self.spacing
         out = F.grid_sample(field, there / n, align_corners=False)[:, :, 0]
+        # The field is in the frame of the object; markers move in that of the image.
         angle = contact.pose[:, 2, None]
         cos, sin = torch.cos(angle), torch.sin(angle)
         x, y = out.unbind(1)
         return torch.stack([cos * x - sin * y, sin * x + cos * y], -1)
 
     def _spectrum(self, field: Tensor) -> Tensor:
-        """Of a field in the middle of a grid of twice its width."""
+        """Fourier transform of a field, centred on a zero-padded grid of twice its width."""
         edge = self.n // 2
         out: Tensor = torch.fft.rfft2(F.pad(field, (edge,) * 4))
         return out
@@ -133,7 +137,7 @@ def _sample(field: Tensor, there: Tensor, padding: str = "zeros") -> Tensor:
 
 
 def _unplaced(places: Tensor, pose: Tensor) -> tuple[Tensor, Tensor]:
-    """Places (..., H, W, 2) in the picture as x and y (B, H, W) in the frames of the objects."""
+    """Places (..., H, W, 2) in the image as x and y (B, H, W) in the frames of the objects."""
     x, y = places.unbind(-1)
     left, top, angle = pose[:, :3, None, None].unbind(1)
     x, y = x - left, y - top

@@ -33,12 +33,12 @@ class ContactState:
         pose: float32 (B, 6), see `motions.Path`.
         pressure: float32 (B, n, n), MPa.
         shear: float32 (B, 2, n, n), of the object on the gel, MPa.
-        force: float32 (B, 3), of the object on the gel, N; x and y of the picture, z into the gel.
-        torque: float32 (B,), about the axis of the object, N mm, clockwise in the picture.
+        force: float32 (B, 3), of the object on the gel, N; x and y of the image, z into the gel.
+        torque: float32 (B,), about the axis of the object, N mm, clockwise in the image.
         strain: float32 (B, 3, n, n), pressure and shear that deform the gel, over the modulus.
         depth: float32 (B,), mm that the lowest plane of the object lies beyond the gel's apex.
         bend: float32 (B,), 1/mm, the gel at rest lies ``bend`` times the squared distance from the
-            centre of the picture below its apex.
+            centre of the image below its apex.
         give: float32 (B,), mm by which the object yields for a unit of ``strain``.
     """
 
@@ -128,7 +128,7 @@ class _Laws:
 
 @dataclass(frozen=True)
 class _State:
-    """Where a batch is: tractions over the modulus, and the steps that led there."""
+    """State of a batch: tractions over the modulus, and the steps that led there."""
 
     pose: Tensor | None
     pressure: Tensor
@@ -144,7 +144,7 @@ class _State:
         )
 
     def next(self, laws: _Laws, overlap: _Overlap, pose: Tensor) -> _State:
-        """The next frame.
+        """Solves the next frame.
 
         Pressure and shear act on each other's displacements: pressure is solved over the surface
         that the shear of the frame before has tilted, shear with what pressure spreads, and then
@@ -174,7 +174,7 @@ class _State:
 
 
 class _Overlap:
-    """How far objects enter undeformed gels, in the frames of the objects."""
+    """Overlap of objects with undeformed gels, in the frames of the objects."""
 
     def __init__(self, heights: Tensor, spacing: float, gels: Sequence[Gel], poses: Tensor) -> None:
         n = heights.shape[-1]
@@ -212,7 +212,7 @@ class _Overlap:
         return next((w for w in _WINDOWS if need <= w <= n and (n - w) % 2 == 0), n)
 
     def cropped(self, window: int) -> _Overlap:
-        """The same on the middle ``window`` points a side."""
+        """The same laws on the middle ``window`` points a side."""
         edge = (len(self.x) - window) // 2
         middle = slice(edge, edge + window)
         out = object.__new__(_Overlap)
@@ -264,7 +264,7 @@ def _contact(
 
 
 def _placed(x: Tensor, y: Tensor, pose: Tensor) -> tuple[Tensor, Tensor]:
-    """Places in the picture (mm) of points of objects."""
+    """Places in the image (mm) of points of objects."""
     left, top, angle = pose[:, :3, None, None].unbind(1)
     cos, sin = torch.cos(angle), torch.sin(angle)
     return left + cos * x - sin * y, top + sin * x + cos * y
@@ -286,7 +286,7 @@ def window(heights: Tensor, spacing: float, poses: Tensor, domes: Sequence[float
 
 
 def _rotated(vectors: Tensor, angle: Tensor) -> Tensor:
-    """Vectors (B, 2, ...) turned clockwise in the picture."""
+    """Vectors (B, 2, ...) turned clockwise in the image."""
     cos, sin = (part[:, None, None] for part in (torch.cos(angle), torch.sin(angle)))
     x, y = vectors.unbind(1)
     return torch.stack([cos * x - sin * y, sin * x + cos * y], 1)

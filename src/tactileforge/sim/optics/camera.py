@@ -1,4 +1,4 @@
-"""The camera behind the gel: focus, exposure, tone curve, noise, and what a codec leaves."""
+"""The camera behind the gel: focus, exposure, tone curve, noise and codec."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ import torch.nn.functional as F
 from numpy.typing import NDArray
 from torch import Tensor
 
-#: Rows or columns, whichever are fewer, of the picture that `CameraModel.blur` counts pixels of.
+#: Rows or columns, whichever are fewer, of the image that `CameraModel.blur` counts pixels of.
 FULL = 240
 #: Lowest JPEG quality that is used.
 _WORST = 10
-#: Pictures from one that a video codes whole to the next.
+#: Images from one that a video codes whole to the next.
 _KEY = 15
 
 
@@ -25,12 +25,12 @@ class CameraModel:
     """Camera of a unit, which turns light into numbers.
 
     Attributes:
-        blur: Deviation of its focus, pixels of a picture of `FULL` rows or columns.
+        blur: Deviation of its focus, pixels of an image of `FULL` rows or columns.
         exposure: Factor on all light.
         gamma: Exponent of the tone curve; 1 leaves grey levels as the calibration has them.
-        distortion: Share by which a corner of the picture is displaced outwards.
-        jpeg: JPEG quality that is missing to 100, at full size; 0 stores pictures as they are.
-        mpeg: The same of the change from the picture before; 0 for none.
+        distortion: Share by which a corner of the image is displaced outwards.
+        jpeg: JPEG quality that is missing to 100, at full size; 0 stores images as they are.
+        mpeg: The same of the change from the image before; 0 for none.
     """
 
     blur: float = 0.0
@@ -49,7 +49,7 @@ class CameraModel:
         return grid * (1 + self.distortion * grid.square().sum(-1, keepdim=True) / corner)
 
     def seen(self, places: Tensor, height: int, width: int, spacing: float) -> Tensor:
-        """Places of the gel as an undistorted picture would show them, mm; undoes `places`."""
+        """Places of the gel as an undistorted image would show them, mm; undoes `places`."""
         corner = (width**2 + height**2) * (spacing / 2) ** 2
         out = places
         for _ in range(3):
@@ -66,13 +66,13 @@ class CameraModel:
 
 
 class Lens:
-    """Blurs a picture that was drawn finer, and shrinks it to its size.
+    """Blurs an image that was drawn finer, and shrinks it to its size.
 
     Args:
-        blur: Deviation of a Gaussian, pixels of the fine picture; beyond the border, the picture is
+        blur: Deviation of a Gaussian, pixels of the fine image; beyond the border, the image is
             as at the border.
-        shrink: Fine pixels to a pixel, along rows and columns; they divide the picture.
-        device: Where pictures are.
+        shrink: Fine pixels to a pixel, along rows and columns; they divide the image.
+        device: Where images are.
     """
 
     def __init__(self, blur: float, shrink: int, device: str | torch.device = "cpu") -> None:
@@ -96,15 +96,15 @@ class Lens:
 
 
 class Codec:
-    """Compresses the pictures of one film, in their order, as a camera or a video file does.
+    """Compresses the images of one film, in their order, as a camera or a video file does.
 
-    JPEG codes each picture. MPEG, which takes its place where a unit has both, codes the change
-    from the picture before as that was decoded, in the same blocks of cosines; motion between
-    pictures is not compensated.
+    JPEG codes each image. MPEG, which takes its place where a unit has both, codes the change
+    from the image before as that was decoded, in the same blocks of cosines; motion between
+    images is not compensated.
 
     Args:
         camera: How much is lost.
-        shrink: Pixels of the sensor to a pixel: what is lost in blocks of a full picture is small
+        shrink: Pixels of the sensor to a pixel: what is lost in blocks of a full image is small
             in one that was shrunk.
     """
 
@@ -117,7 +117,7 @@ class Codec:
         self._count = 0
 
     def __call__(self, pictures: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """The next pictures (K, H, W, 3), RGB, as they are decoded."""
+        """The next images (K, H, W, 3), RGB, as they are decoded."""
         if self.jpeg is None and self.mpeg is None:
             return pictures
         return np.stack([self._next(picture) for picture in pictures])
@@ -136,7 +136,7 @@ class Codec:
 
 
 def _coded(picture: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
-    """A picture (H, W, 3), RGB, as JPEG gives it back."""
+    """An image (H, W, 3), RGB, after JPEG compression."""
     _, code = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
     decoded = cv2.imdecode(code, cv2.IMREAD_COLOR)
     assert decoded is not None  # it was coded here

@@ -1,6 +1,6 @@
-"""What the light of a tactile sensor reacts to: features of the gel's surface.
+"""Features of the gel's surface that the light of a tactile sensor responds to.
 
-Powers of the surface's normal at the picture's resolution; and on a coarse grid what happens to
+Powers of the surface's normal at the image's resolution; and on a coarse grid what happens to
 light on its way through the gel: it scatters (slopes and bulges of the blurred dent) and is blocked
 (shadows). All features are 0 where nothing is pressed.
 """
@@ -32,7 +32,7 @@ def exponents(degree: int) -> list[tuple[int, int]]:
 
 
 def places(height: int, width: int, degree: int) -> Tensor:
-    """The polynomials x^i y^j of the place in a picture, x and y from -1 to 1.
+    """The polynomials x^i y^j of the place in an image, x and y from -1 to 1.
 
     Returns:
         float32 (P, H, W), in the order of `exponents`.
@@ -80,7 +80,7 @@ class Coarse:
         """Prepares the grid.
 
         Args:
-            size: Height and width of the picture.
+            size: Height and width of the image.
             spacing: mm per pixel.
             lights: Where each light is, seen from the centre: rad, clockwise from the right.
             device: Where the dents live.
@@ -103,20 +103,20 @@ class Coarse:
     def __call__(self, dent: Tensor) -> Tensor:
         """The features of dents (B, H, W) in mm: (B, K, h, w)."""
         sharp = F.interpolate(dent[:, None], self.size, mode="area")[:, 0]
-        found = []
+        maps = []
         before = sharp
         for rows, columns in zip(self._rows, self._columns, strict=True):
             blurred = rows @ sharp @ columns
-            found += [blurred @ self._right, self._down @ blurred, before - blurred]
+            maps += [blurred @ self._right, self._down @ blurred, before - blurred]
             before = blurred
-        return torch.stack(found + [self._shadow(sharp, path) for path in self._paths], 1)
+        return torch.stack(maps + [self._shadow(sharp, path) for path in self._paths], 1)
 
     def enlarge(self, field: Tensor) -> Tensor:
-        """A field (..., h, w) of the grid at the picture's resolution, (..., H, W)."""
+        """A field (..., h, w) of the grid at the image's resolution, (..., H, W)."""
         return self._taller @ (field @ self._wider)
 
     def _shadow(self, sharp: Tensor, path: list[tuple[int, int, float]]) -> Tensor:
-        """How dark the surface is in the shadow of a light, 0 to 1."""
+        """Darkness of the surface in the shadow of a light, 0 to 1."""
         height, width = self.size
         margin = max(max(abs(y), abs(x)) for y, x, _ in path)
         wide = F.pad(sharp[:, None], (margin,) * 4, mode="replicate")[:, 0]

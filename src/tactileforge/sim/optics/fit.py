@@ -1,4 +1,4 @@
-"""Fits calibrations on real pictures of balls pressed into a gel.
+"""Fits calibrations on real images of balls pressed into a gel.
 
 The gel's surface in each press is known (see `presses`). What is left is linear: grey levels from
 features of the surface and the place.
@@ -28,7 +28,7 @@ _GROUND = 6
 
 
 def press_features(presses: Presses, lights: Sequence[float]) -> list[Tensor]:
-    """All features of each press at the picture's resolution, float32 (K, H, W)."""
+    """All features of each press at the image's resolution, float32 (K, H, W)."""
     coarse = Coarse(presses.size, presses.spacing, lights)
     out = []
     for number in range(len(presses)):
@@ -40,13 +40,13 @@ def press_features(presses: Presses, lights: Sequence[float]) -> list[Tensor]:
 
 
 def fit_weights(
-    presses: Presses, found: Sequence[Tensor], degree: int, ridge: float = _RIDGE
+    presses: Presses, maps: Sequence[Tensor], degree: int, ridge: float = _RIDGE
 ) -> Tensor:
-    """Least-squares weights from features and places to the change of the picture.
+    """Least-squares weights from features and places to the change of the image.
 
     Args:
         presses: N presses.
-        found: N times float32 (K, H, W), their features.
+        maps: N times float32 (K, H, W), their features.
         degree: Of the polynomials of the place.
         ridge: What a weight costs, as a share of what its largest effect costs in every pixel.
 
@@ -54,10 +54,10 @@ def fit_weights(
         float32 (K, P, 3).
     """
     ground = places(*presses.size, degree)
-    terms = len(found[0]) * len(ground)
+    terms = len(maps[0]) * len(ground)
     left, right = torch.zeros(terms, terms).double(), torch.zeros(terms, 3).double()
-    largest, pixels = torch.zeros(len(found[0])).double(), 0
-    for number, feature in enumerate(found):
+    largest, pixels = torch.zeros(len(maps[0])).double(), 0
+    for number, feature in enumerate(maps):
         rows, columns = presses.crop(number, _AROUND)
         change = presses.pictures[number, :, rows, columns] - presses.background[:, rows, columns]
         seen = feature[:, rows, columns][..., ::2, ::2].flatten(1)
@@ -67,8 +67,8 @@ def fit_weights(
         right += matrix @ change[:, ::2, ::2].flatten(1).T.double()
         largest = torch.maximum(largest, seen.double().square().amax(1))
         pixels += seen.shape[1]
-    # What the presses did not reach, steep slopes and corners of the picture, stays tame: a weight
-    # costs by what it does where its feature is largest, and all over the picture.
+    # What the presses did not reach, steep slopes and corners of the image, stays tame: a weight
+    # costs by what it does where its feature is largest, and all over the image.
     order = torch.tensor([i + j for i, j in POWERS])[: len(largest)]
     largest[: len(order)] = presses.steepest ** (2.0 * order)
     cost = ground.square().mean((1, 2)).double() * _PLACE
@@ -86,9 +86,9 @@ def fit_optics(presses: Presses) -> OpticalCalibration:
     slopes = [feature[:2] for feature in press_features(presses, ())]
     weights = fit_weights(presses, slopes, 0, 0)[:, 0]
     lights = tuple(torch.atan2(-weights[1], -weights[0]).tolist()) if presses.shadows else ()
-    found = press_features(presses, lights)
-    weights = fit_weights(presses, found, DEGREE)
-    peak = torch.stack([feature[len(POWERS) :].abs().amax((1, 2)) for feature in found]).amax(0)
+    maps = press_features(presses, lights)
+    weights = fit_weights(presses, maps, DEGREE)
+    peak = torch.stack([feature[len(POWERS) :].abs().amax((1, 2)) for feature in maps]).amax(0)
     return OpticalCalibration(
         fine=weights[: len(POWERS)],
         coarse=weights[len(POWERS) :],
@@ -103,12 +103,12 @@ def fit_optics(presses: Presses) -> OpticalCalibration:
 def fit_background(picture: Tensor) -> Tensor:
     """A background (3, H, W) as polynomials of the place, float32 (Q, 3)."""
     ground = places(picture.shape[1], picture.shape[2], _GROUND).flatten(1)[:, ::7]
-    found: Tensor = torch.linalg.lstsq(ground.T, picture.flatten(1)[:, ::7].T).solution
-    return found
+    weights: Tensor = torch.linalg.lstsq(ground.T, picture.flatten(1)[:, ::7].T).solution
+    return weights
 
 
 def camera_noise(presses: Presses) -> float:
-    """Standard deviation of the camera's noise: what neighbouring pixels do not share."""
+    """Standard deviation of the camera's noise, from what neighbouring pixels do not share."""
     change = presses.pictures.float() - presses.background
     rough = change - F.avg_pool2d(change, 3, 1, 1)
     return float(rough.abs().median()) * 1.4826 * math.sqrt(9 / 8 / 2)
@@ -116,7 +116,7 @@ def camera_noise(presses: Presses) -> float:
 
 def save_optics(calibration: OpticalCalibration, path: Path, source: str) -> None:
     """Writes a calibration as JSON, with where its numbers come from."""
-    held = {
+    fields = {
         "source": source,
         "noise": round(calibration.noise, 3),
         "lights": [round(light, 4) for light in calibration.lights],
@@ -126,7 +126,7 @@ def save_optics(calibration: OpticalCalibration, path: Path, source: str) -> Non
         "coarse": _short(calibration.coarse),
         "backgrounds": _short(calibration.backgrounds),
     }
-    path.write_text(json.dumps(held, indent=1).replace(",\n      ", ", ") + "\n")
+    path.write_text(json.dumps(fields, indent=1).replace(",\n      ", ", ") + "\n")
 
 
 def _short(values: Tensor) -> object:

@@ -1,4 +1,4 @@
-"""How the picture of a sensor answers to the surface of its gel: calibrations.
+"""Optical calibrations: the response of a sensor's image to the surface of its gel.
 
 Those that ship are fitted on real presses of balls (see `fit`); `lamp_calibration` makes one from
 lamps.
@@ -25,7 +25,7 @@ DEGREE = 2
 
 @dataclass(frozen=True)
 class OpticalCalibration:
-    """How a sensor's picture answers to the surface of its gel. It holds for any picture size.
+    """Response of a sensor's image to the surface of its gel, at any image size.
 
     Attributes:
         fine: float32 (len(POWERS), P, 3), grey levels for each feature of the normal, polynomial
@@ -35,7 +35,7 @@ class OpticalCalibration:
             has not seen more.
         steepest: See `features.normals`.
         lights: Where the lights are that cast shadows, rad, clockwise from the right.
-        backgrounds: float32 (N, Q, 3), pictures with no contact as polynomials of the place.
+        backgrounds: float32 (N, Q, 3), images with no contact as polynomials of the place.
         noise: Standard deviation of the camera's noise, grey levels.
     """
 
@@ -66,7 +66,7 @@ class OpticalCalibration:
         """The calibration of a sensor whose light of each colour comes from another direction.
 
         Args:
-            angles: Of R, G, B: rad, clockwise in the picture.
+            angles: Of R, G, B: rad, clockwise in the image.
         """
         fine = torch.stack(
             [
@@ -88,11 +88,11 @@ class OpticalCalibration:
         return replace(self, fine=fine, coarse=coarse)
 
     def contrasted(self, gain: float) -> OpticalCalibration:
-        """The calibration of a sensor whose picture changes so many times as much."""
+        """The calibration of a sensor whose image changes by a factor more."""
         return replace(self, fine=gain * self.fine, coarse=gain * self.coarse)
 
     def coloured(self, mixing: Tensor) -> OpticalCalibration:
-        """The same surface seen through other colours: channels are mixed by a matrix (3, 3)."""
+        """The calibration of a sensor with other colours: channels are mixed by a matrix (3, 3)."""
         return replace(self, fine=self.fine @ mixing.T, coarse=self.coarse @ mixing.T)
 
 
@@ -135,8 +135,10 @@ def load_optics(name: str) -> OpticalCalibration:
 
 def optics_names() -> list[str]:
     """The calibrations that ship with the package."""
-    found = (files("tactileforge.sim") / "calibration").iterdir()
-    return sorted(item.name.removesuffix(".json") for item in found if item.name.endswith(".json"))
+    entries = (files("tactileforge.sim") / "calibration").iterdir()
+    return sorted(
+        item.name.removesuffix(".json") for item in entries if item.name.endswith(".json")
+    )
 
 
 @lru_cache
@@ -146,15 +148,15 @@ def _load(name: str) -> OpticalCalibration:
 
 def parse_optics(text: str) -> OpticalCalibration:
     """A calibration from what `fit.save` wrote."""
-    held = json.loads(text)
+    data = json.loads(text)
     return OpticalCalibration(
-        fine=torch.tensor(held["fine"]),
-        coarse=torch.tensor(held["coarse"]),
-        limits=torch.tensor(held["limits"]),
-        steepest=held["steepest"],
-        lights=tuple(held["lights"]),
-        backgrounds=torch.tensor(held["backgrounds"]),
-        noise=held["noise"],
+        fine=torch.tensor(data["fine"]),
+        coarse=torch.tensor(data["coarse"]),
+        limits=torch.tensor(data["limits"]),
+        steepest=data["steepest"],
+        lights=tuple(data["lights"]),
+        backgrounds=torch.tensor(data["backgrounds"]),
+        noise=data["noise"],
     )
 
 
@@ -163,10 +165,10 @@ class Lamp:
     """A light at the side of the gel.
 
     Attributes:
-        azimuth: Where it is, rad, clockwise from the right of the picture.
+        azimuth: Where it is, rad, clockwise from the right of the image.
         elevation: How steeply it shines onto the gel at rest, rad.
         colour: Grey levels it adds to R, G, B of a surface that faces it.
-        fall: Share by which it is weaker at the centre than at its edge of the picture.
+        fall: Share by which it is weaker at the centre than at its edge of the image.
         shadow: Share of its light that is missing in its shadow.
     """
 
@@ -185,7 +187,7 @@ def lamp_calibration(
     Args:
         lamps: The lights.
         base: R, G, B of the light that comes from everywhere.
-        dim: Share of the background that is missing in the middle of the picture's sides.
+        dim: Share of the background that is missing in the middle of the image's sides.
         noise: Standard deviation of the camera's noise, grey levels.
     """
     grid = torch.linspace(-0.95, 0.95, 39, dtype=torch.float64)

@@ -17,10 +17,10 @@ class Markers:
     """Discs printed on a gel.
 
     Attributes:
-        places: float32 (M, 2), x and y at rest, mm from the centre of the picture.
+        places: float32 (M, 2), x and y at rest, mm from the centre of the image.
         radii: float32 (M,), mm.
         colour: R, G, B in grey levels.
-        opacity: Share of the picture's light that a marker blocks.
+        opacity: Share of the image's light that a marker blocks.
     """
 
     places: Tensor
@@ -33,7 +33,7 @@ class Markers:
         return replace(self, places=self.places.to(device), radii=self.radii.to(device))
 
     def paint(self, pictures: Tensor, motion: Tensor | None, spacing: float) -> None:
-        """Paints the markers over pictures, in place.
+        """Paints the markers over images, in place.
 
         Args:
             pictures: float32 (B, 3, H, W), grey levels.
@@ -53,7 +53,7 @@ class Markers:
         pictures.lerp_(colour.expand_as(pictures), cover.expand_as(pictures))
 
     def _moved(self, motion: Tensor | None, height: int, width: int, spacing: float) -> Tensor:
-        """Where the markers are, (B, M, 2) or (1, M, 2), mm."""
+        """Positions of the markers, (B, M, 2) or (1, M, 2), mm."""
         if motion is None:
             return self.places[None]
         if motion.shape[1:] == self.places.shape:
@@ -71,13 +71,13 @@ class Markers:
 
 
 def coverage(centres: Tensor, radii: Tensor, height: int, width: int) -> Tensor:
-    """How much of each pixel discs cover, with smooth edges.
+    """Share of each pixel that discs cover, with smooth edges.
 
     Args:
         centres: float32 (B, M, 2), x and y in pixels; (0, 0) is the middle of the first pixel.
         radii: float32 (M,), pixels.
-        height: Of the picture, pixels.
-        width: Of the picture, pixels.
+        height: Of the image, pixels.
+        width: Of the image, pixels.
 
     Returns:
         float32 (B, H, W), 0 to 1.

@@ -1,4 +1,4 @@
-"""Real pictures of balls pressed into a gel: what calibrations are fitted on.
+"""Real images of balls pressed into a gel, to fit calibrations on.
 
 The circle of the contact is known, or found; the gel's surface around a ball of known radius
 follows from the same contact mechanics that the simulator uses.
@@ -31,10 +31,10 @@ CROP = 1.6
 
 @dataclass(frozen=True)
 class Presses:
-    """Pictures of a ball pressed into one sensor.
+    """Images of a ball pressed into one sensor.
 
     Attributes:
-        background: float32 (3, H, W), the picture with no contact, RGB grey levels.
+        background: float32 (3, H, W), the image with no contact, RGB grey levels.
         pictures: uint8 (N, 3, H, W).
         circles: float32 (N, 3), centre x, centre y and radius of the contacts, pixels.
         spacing: mm per pixel.
@@ -60,7 +60,7 @@ class Presses:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Height and width of the pictures."""
+        """Height and width of the images."""
         return self.background.shape[1], self.background.shape[2]
 
     def part(self, which: slice) -> Presses:
@@ -122,22 +122,22 @@ def _ball_presses(ball: float, thickness: float) -> list[tuple[float, Array]]:
     layer = kernel(Gel(thickness=thickness, poisson=0.49), _POINTS, _SPACING)
     rings = (far / _SPACING).round().long().clamp(max=_POINTS // 2).flatten()
     count = torch.bincount(rings)
-    found: list[tuple[float, Array]] = []
+    profiles: list[tuple[float, Array]] = []
     pressure = None
     for depth in np.arange(_STEP, 1.8 * ball, _STEP):
         pressure = contact.press(layer, (float(depth) - height)[None], pressure)
         radius = math.sqrt(float((pressure > 0).sum()) / math.pi) * _SPACING
-        if found and radius < found[-1][0] + 1e-3:
+        if profiles and radius < profiles[-1][0] + 1e-3:
             break
         total = torch.bincount(rings, weights=layer.press(pressure).flatten())
-        found.append((radius, (total / count)[:-1].numpy()))
-    return found
+        profiles.append((radius, (total / count)[:-1].numpy()))
+    return profiles
 
 
 def find_circle(
     picture: Tensor, background: Tensor, share: float = 0.3
 ) -> tuple[float, float, float]:
-    """The contact in a picture: the disc as large as the largest region that changed.
+    """The contact in an image: the disc as large as the largest region that changed.
 
     Args:
         picture: (3, H, W), grey levels.
@@ -167,17 +167,17 @@ def read_presses(
     """Reads presses from a folder.
 
     Args:
-        folder: Holds the pictures.
-        background: Name of the picture with no contact.
+        folder: Holds the images.
+        background: Name of the image with no contact.
         spacing: mm per pixel.
         annotations: Name of a CSV file with the columns file, center_x_px, center_y_px, radius_px;
-            None to find the circles in the pictures.
+            None to find the circles in the images.
         pictures: Which files are presses, where there are no annotations.
         about: More of the `Presses`.
 
     Raises:
         DataNotFoundError: A file does not exist.
-        DataError: A file is no picture.
+        DataError: A file is no image.
     """
     still = read_picture(folder / background).float()
     if annotations is None:
@@ -237,15 +237,15 @@ def read_known(name: str, data: Path) -> Presses:
 
 
 def read_picture(path: Path) -> Tensor:
-    """A picture, uint8 (3, H, W), RGB.
+    """Reads an image, uint8 (3, H, W), RGB.
 
     Raises:
         DataNotFoundError: The file does not exist.
-        DataError: It is no picture.
+        DataError: It is no image.
     """
     if not path.is_file():
         raise DataNotFoundError(f"{path} does not exist; give the folder of the ball presses")
     picture = cv2.imread(str(path))
     if picture is None:
-        raise DataError(f"{path} is no picture")
+        raise DataError(f"{path} is not an image")
     return torch.from_numpy(picture[..., ::-1].copy()).permute(2, 0, 1)

@@ -1,7 +1,7 @@
-"""From the surface of the gel to the picture that the sensor's camera takes.
+"""Renders the image that a sensor's camera takes of the surface of its gel.
 
 The change of each channel from the background is a weighted sum of features of the dent (see
-`features`), and the weights are polynomials of the place in the picture (see `lighting`). The
+`features`), and the weights are polynomials of the place in the image (see `lighting`). The
 camera then blurs and shrinks what was drawn, and adds its tone and noise (see `camera`).
 """
 
@@ -24,7 +24,7 @@ _MARGIN = 64
 
 
 class Optics:
-    """The pictures of one unit of a sensor.
+    """Images of one unit of a sensor.
 
     Example:
         >>> import torch
@@ -40,9 +40,9 @@ class Optics:
         """Prepares maps of the weights.
 
         Args:
-            unit: The unit of a sensor, drawn with ``shrink`` times the size of its pictures.
-            device: Where the dents will be, and the pictures are made.
-            shrink: Pixels of a dent to a pixel of the picture, along rows and columns.
+            unit: The unit of a sensor, drawn with ``shrink`` times the size of its images.
+            device: Where the dents will be, and the images are made.
+            shrink: Pixels of a dent to a pixel of the image, along rows and columns.
         """
         self.unit = unit
         self.size = height, width = unit.background.shape[1], unit.background.shape[2]
@@ -70,7 +70,7 @@ class Optics:
         first: int | None = None,
         drift: Tensor | None = None,
     ) -> Tensor:
-        """Pictures of dents.
+        """Renders images of dents.
 
         Args:
             dent: float32 (B, H, W), the gel's surface in mm into the gel, 0 at rest.
@@ -83,11 +83,11 @@ class Optics:
             uint8 (B, 3, H, W), RGB; rows and columns are fewer by ``shrink``.
 
         Raises:
-            ConfigError: The dent has not the size of the unit's picture.
+            ConfigError: The dent has not the size of the unit's image.
         """
         if dent.shape[1:] != self.size:
             raise ConfigError(
-                f"dents are {tuple(dent.shape[1:])} pixels, but the unit's pictures {self.size};"
+                f"dents are {tuple(dent.shape[1:])} pixels, but the unit's images are {self.size};"
                 " draw the unit with that size"
             )
         pictures = torch.empty(len(dent), 3, *self.shown, dtype=torch.uint8, device=dent.device)
@@ -111,7 +111,7 @@ class Optics:
         return out
 
     def _film(self, light: Tensor, first: int | None) -> Tensor:
-        """Picture that the camera makes of light, float32 (B, 3, H, W)."""
+        """Image that the camera makes of light, float32 (B, 3, H, W)."""
         out = self.unit.camera.tone(self.lens(light)) + 0.5
         if first is not None:
             for number, picture in enumerate(out, first):
@@ -120,13 +120,13 @@ class Optics:
         return out.clamp_(0, 255)
 
     def _scattered(self, dent: Tensor) -> Tensor:
-        """What the coarse features change, (B, 3, H, W)."""
-        found = self._coarse(dent).clamp(-self._limits, self._limits)
-        change = torch.einsum("bkhw,kchw->bchw", found, self._smooth)
+        """Change by the coarse features, (B, 3, H, W)."""
+        coarse = self._coarse(dent).clamp(-self._limits, self._limits)
+        change = torch.einsum("bkhw,kchw->bchw", coarse, self._smooth)
         return self._coarse.enlarge(change)
 
     def _shade(self, dent: Tensor, out: Tensor) -> None:
-        """Adds what the normals change."""
+        """Adds the change by the normals."""
         x, y = (
             n.flatten(1) for n in normals(dent, self.unit.spacing, self.unit.calibration.steepest)
         )

@@ -1,4 +1,4 @@
-"""A small picture of a shape on a table, as a camera beside the sensor might take it."""
+"""A small camera image of a shape on a table, as beside the sensor."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ _Image: TypeAlias = NDArray[np.float32]
 def render_scene_image(shape: Shape, size: int, seed: int) -> NDArray[np.uint8]:
     """Draws a shape: its touching side up, tilted, lit, in its own colour, on a random table.
 
-    The same shape, size and seed give the same picture.
+    The same shape, size and seed give the same image.
 
     Args:
         shape: What is seen.
-        size: Rows and columns of the picture, at least 16.
+        size: Rows and columns of the image, at least 16.
         seed: Of pose, light and table.
 
     Returns:
         uint8 (size, size, 3), RGB.
 
     Raises:
-        ConfigError: The picture is too small.
+        ConfigError: The image is too small.
     """
     if size < _SMALLEST:
         raise ConfigError(f"a view of {size} x {size} pixels; the limit is {_SMALLEST}")
@@ -92,7 +92,7 @@ def _direction(angle: float) -> _Image:
 
 
 def _pose(turned: float, zoom: float, middle: NDArray[np.float64], size: int) -> _Image:
-    """The matrix that turns and zooms a picture about its middle, and moves it."""
+    """The matrix that turns and zooms an image about its middle, and moves it."""
     cosine, sine = zoom * np.cos(turned), zoom * np.sin(turned)
     turn = np.asarray([[cosine, -sine], [sine, cosine]])
     moved = middle - turn @ np.full(2, size / 2)

@@ -29,8 +29,8 @@ class SensorInstance:
     Attributes:
         sensor: Type of the sensor.
         seed: Draws the unit, and the noise of its frames.
-        background: float32 (3, H, W), grey levels of the picture with no contact.
-        calibration: How the picture answers to the gel's surface.
+        background: float32 (3, H, W), grey levels of the image with no contact.
+        calibration: How the image answers to the gel's surface.
         spacing: mm per pixel.
         noise: Standard deviation of the camera's noise, grey levels.
         markers: The dots of its gel, if it has any.
@@ -49,7 +49,7 @@ class SensorInstance:
 
 @dataclass(frozen=True)
 class InstanceStyle:
-    """What the units of a type have in common.
+    """Properties that the units of a sensor type share.
 
     Attributes:
         calibrations: Names of those that ship; a unit has one of them.
@@ -57,7 +57,7 @@ class InstanceStyle:
         base: Its light from everywhere, R, G, B.
         dim: See `lighting.lamp_calibration`.
         markers: Whether its gel has markers, unless told otherwise.
-        height_mm: What the picture shows from top to bottom; None takes it from the spec.
+        height_mm: What the image shows from top to bottom; None takes it from the spec.
         level: Mean R, G, B of a background where the camera balances colours itself; None leaves
             them to the lights.
         clouds: How uneven the light is, grey levels.
@@ -127,7 +127,7 @@ def draw_instance(
     Args:
         sensor: One of `STYLES`.
         seed: Not negative.
-        size: Height and width of its pictures; None for those of the sensor.
+        size: Height and width of its images; None for those of the sensor.
         markers: Whether its gel has markers; None as the type has.
         randomise: How it differs from others, see `randomise.draw.randomised_rows`.
 
@@ -163,7 +163,7 @@ def draw_instance(
 
 
 def pixel_spacing(sensor: str, height: int) -> float:
-    """Width of a pixel, mm, of a picture with so many rows, of the sensor's type."""
+    """Width of a pixel, mm, of an image with so many rows, of the sensor's type."""
     known = STYLES[sensor].height_mm or (SPECS[sensor].area_mm or (0.0,))[0]
     return known / height
 

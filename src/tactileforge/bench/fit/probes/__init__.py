@@ -1,4 +1,4 @@
-"""Probes by name: what is trained on the features of an encoder.
+"""Probes by name: small models trained on the features of an encoder.
 
 A new probe is a file here with a subclass of `base.Probe`, and a line in `PROBES`.
 """
@@ -32,5 +32,5 @@ def probe_class(name: str) -> type[Probe]:
     if name not in PROBES:
         raise ConfigError(unknown("probe", name, PROBES))
     module, _, kind = PROBES[name].partition(":")
-    found: type[Probe] = getattr(import_module(f"{__name__}.{module}"), kind)
-    return found
+    probe_class: type[Probe] = getattr(import_module(f"{__name__}.{module}"), kind)
+    return probe_class

@@ -1,4 +1,4 @@
-"""The probe ``attentive``: one learned query reads all tokens (Cloth)."""
+"""The probe ``attentive``: attention pooling with one learned query (Cloth)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tactileforge.errors import ConfigError
 
 
 class Pooler(AttentivePooler):
-    """`AttentivePooler` with one query, as published, in the order that costs least.
+    """`AttentivePooler` with one query, as published, in the cheapest order of operations.
 
     The query does not depend on the tokens, so it is taken through the key projection instead of
     every token, and the value projection is applied to what was read: 2 L W^2 multiplications
@@ -65,7 +65,7 @@ class Pooler(AttentivePooler):
 
 
 class Attentive(Probe):
-    """A pooler, and one linear layer a part.
+    """A pooler, and one linear layer per part.
 
     Source: AnyTouch 2's published probe of Cloth.
 

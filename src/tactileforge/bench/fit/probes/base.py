@@ -1,4 +1,4 @@
-"""What a probe is."""
+"""The interface of a probe."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Values: TypeAlias = dict[str, Tensor]
 
 @dataclass(frozen=True, kw_only=True)
 class ProbeTraining:
-    """How a probe is trained.
+    """Training options of a probe.
 
     Attributes:
         epochs: Passes over the training clips.
@@ -40,7 +40,7 @@ class ProbeTraining:
 
 
 class Probe(nn.Module):
-    """Features to predictions; a subclass builds its layers and says how it is trained.
+    """Maps features to predictions; a subclass builds its layers and sets its training.
 
     It is trained in a batch with others of its kind (``torch.func.vmap``), so its forward may not
     depend on values of its input, and has no buffers.
@@ -98,5 +98,5 @@ class Probe(nn.Module):
 
 
 def class_scores(part: TargetPart, out: Tensor) -> Tensor:
-    """Outputs for classes as (B, columns, classes)."""
+    """Logits of classes, (B, columns, classes)."""
     return out.reshape(len(out), -1, len(part.names))

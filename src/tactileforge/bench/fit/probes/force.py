@@ -1,4 +1,4 @@
-"""The probes ``force`` and ``sparsh_force``: a pooler and two layers give three numbers."""
+"""The probes ``force`` and ``sparsh_force``: a pooler and two layers with three outputs."""
 
 from __future__ import annotations
 
@@ -62,5 +62,5 @@ class SparshForce(Force):
 
 
 def mlp(width: int, outputs: int, activation: type[nn.Module] = nn.ReLU) -> nn.Sequential:
-    """Two layers, the first a quarter as wide as what they read."""
+    """Two layers, the first a quarter as wide as its input."""
     return nn.Sequential(nn.Linear(width, width // 4), activation(), nn.Linear(width // 4, outputs))

@@ -1,4 +1,4 @@
-"""The probe ``knn``: the nearest training clips vote; nothing is trained."""
+"""The probe ``knn``: a vote of the nearest training clips, without training."""
 
 from __future__ import annotations
 
@@ -48,13 +48,13 @@ class Knn(Probe):
             truth: (m, columns), class indices or normalised vectors.
             asked: (n, width).
         """
-        known, found = F.normalize(known, dim=1), []
+        known, batches = F.normalize(known, dim=1), []
         for some in torch.split(asked, _CHUNK):
             near = (F.normalize(some, dim=1) @ known.T).topk(min(self.neighbours, len(known)))
             weight = (near.values / self.temperature).softmax(1)[..., None, None]
             chosen = {name: values[near.indices] for name, values in truth.items()}
-            found.append({name: self._count(name, chosen[name], weight) for name in self.parts})
-        return {name: torch.cat([one[name] for one in found]) for name in self.parts}
+            batches.append({name: self._count(name, chosen[name], weight) for name in self.parts})
+        return {name: torch.cat([batch[name] for batch in batches]) for name in self.parts}
 
     def _count(self, name: str, values: Tensor, weight: Tensor) -> Tensor:
         part = self.parts[name]

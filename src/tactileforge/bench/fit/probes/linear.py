@@ -13,7 +13,7 @@ from tactileforge.bench.tasks.targets import TargetPart
 
 
 class Linear(Probe):
-    """One linear layer a part; two classes have one logit and binary cross-entropy.
+    """One linear layer per part; two classes have one logit and binary cross-entropy.
 
     Source: AnyTouch 2's published probe of Touch and Go.
 
@@ -40,5 +40,5 @@ class Linear(Probe):
 
 
 def _is_binary(part: TargetPart) -> bool:
-    """Its logit against 0: their cross-entropy is the binary one."""
+    """Whether the part has two classes: one logit against 0, so cross-entropy is the binary one."""
     return part.kind == "classes" and part.outputs == 2

@@ -37,9 +37,9 @@ class Pose(Attentive):
     def loss_of(self, part: TargetPart, out: Tensor, truth: Tensor) -> Tensor:
         """Mean of the weighted cross-entropies of the columns."""
         name = next(key for key, value in self.parts.items() if value is part)
-        weights, found = self.weights[name].to(out.device), class_scores(part, out)
+        weights, logits = self.weights[name].to(out.device), class_scores(part, out)
         losses = [
-            F.cross_entropy(found[:, i], truth[:, i].long(), weight=weight)
+            F.cross_entropy(logits[:, i], truth[:, i].long(), weight=weight)
             for i, weight in enumerate(weights)
         ]
         return torch.stack(losses).mean()
@@ -48,6 +48,6 @@ class Pose(Attentive):
 def _weights(part: TargetPart) -> Tensor:
     """(columns, classes)."""
     count = len(part.names)
-    found = [column.long().bincount(minlength=count) for column in part.truth.T]
-    rare = [len(part.truth) / (count * counts.clamp(min=1)) for counts in found]
+    histograms = [column.long().bincount(minlength=count) for column in part.truth.T]
+    rare = [len(part.truth) / (count * counts.clamp(min=1)) for counts in histograms]
     return torch.stack(rare).clamp(max=10)

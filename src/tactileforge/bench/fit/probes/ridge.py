@@ -15,7 +15,7 @@ from tactileforge.bench.tasks.targets import TargetPart
 
 
 class Ridge(Probe):
-    """Ridge on standardised features; nothing is drawn, and nothing but the penalty is chosen.
+    """Ridge regression on standardised features, deterministic; only the penalty is chosen.
 
     The penalty is that of the best predictions of training samples whose group is left out, in
     closed form: of each column alone where it is a number, of the classes together by balanced
@@ -34,7 +34,7 @@ class Ridge(Probe):
     def solve(
         self, known: Tensor, truth: Values, groups: Sequence[str], asked: Tensor
     ) -> tuple[Values, Values]:
-        """Predictions of the training samples, each without its group, and of others.
+        """Leave-group-out predictions of the training samples, and predictions of new ones.
 
         Args:
             known: (n, d), features of the training samples.
@@ -48,22 +48,22 @@ class Ridge(Probe):
         inner: Values = {}
         outer: Values = {}
         for name, part in self.parts.items():
-            found = ridge_regression.fit_ridge(gram, _coded(part, truth[name]))
-            tried = [found.left_out(penalty, places) for penalty in found.penalties]
+            fit = ridge_regression.fit_ridge(gram, _coded(part, truth[name]))
+            tried = [fit.left_out(penalty, places) for penalty in fit.penalties]
             best = _best(part, torch.stack(tried), truth[name])
             inner[name] = _decoded(part, _chosen(tried, best))
             used = sorted(set(best.tolist()))
-            far = [cross @ found.dual(found.penalties[i]) + found.mean for i in used]
+            far = [cross @ fit.dual(fit.penalties[i]) + fit.mean for i in used]
             where = torch.tensor([used.index(i) for i in best.tolist()])
             outer[name] = _decoded(part, _chosen(far, where))
         return inner, outer
 
 
 def _places(groups: Sequence[str]) -> list[Tensor]:
-    found: dict[str, list[int]] = {}
+    by_group: dict[str, list[int]] = {}
     for place, name in enumerate(groups):
-        found.setdefault(name, []).append(place)
-    return [torch.tensor(places) for places in found.values()]
+        by_group.setdefault(name, []).append(place)
+    return [torch.tensor(places) for places in by_group.values()]
 
 
 def _coded(part: TargetPart, truth: Tensor) -> Tensor:
@@ -74,15 +74,15 @@ def _coded(part: TargetPart, truth: Tensor) -> Tensor:
     return (coded / coded.mean(0).clamp(min=1 / len(truth))).flatten(1)
 
 
-def _decoded(part: TargetPart, found: Tensor) -> Tensor:
+def _decoded(part: TargetPart, values: Tensor) -> Tensor:
     """Class indices, or normalised vectors, float32 (n, columns)."""
     if part.kind != "classes":
-        return found.float()
-    return found.reshape(len(found), -1, len(part.names)).argmax(-1).float()
+        return values.float()
+    return values.reshape(len(values), -1, len(part.names)).argmax(-1).float()
 
 
 def _best(part: TargetPart, tried: Tensor, truth: Tensor) -> Tensor:
-    """Which penalty each column of the regression takes, int64 (k,).
+    """Index of the best penalty of each column of the regression, int64 (k,).
 
     Args:
         part: What is predicted.
@@ -91,7 +91,7 @@ def _best(part: TargetPart, tried: Tensor, truth: Tensor) -> Tensor:
     """
     if part.kind != "classes":
         return (tried - truth).square().mean(1).argmin(0)
-    right = torch.stack([_decoded(part, one) == truth for one in tried]).double()
+    right = torch.stack([_decoded(part, values) == truth for values in tried]).double()
     weight = 1 / torch.bincount(truth.flatten().long(), minlength=len(part.names)).clamp(min=1)
     score = (right * weight[truth.long()]).sum((1, 2))
     # of equals the largest penalty
@@ -100,6 +100,6 @@ def _best(part: TargetPart, tried: Tensor, truth: Tensor) -> Tensor:
 
 
 def _chosen(rows: Sequence[Tensor], best: Tensor) -> Tensor:
-    """Each column from the row that it takes, (n, k)."""
+    """Gathers each column from its chosen row, (n, k)."""
     stacked = torch.stack(list(rows))
     return stacked[best, :, torch.arange(len(best))].T

@@ -16,7 +16,7 @@ _STILL = 1e-6
 
 @dataclass(frozen=True)
 class DualRidge:
-    """Ridge on all penalties at once, in its dual form; the intercept carries no penalty.
+    """Ridge regression at all penalties at once, in its dual form; the intercept is not penalised.
 
     With the centred Gram matrix ``G = U diag(s) U'`` the fitted values are ``H y``, ``H = 1/n + U
     diag(s / (s + penalty)) U'``, and the residuals of a group that is left out are ``(I - H_gg)^-1
@@ -36,7 +36,7 @@ class DualRidge:
 
     @property
     def penalties(self) -> list[float]:
-        """Penalties that are tried."""
+        """Candidate penalties."""
         scale = float(self.values.mean().clamp(min=1e-12))
         return [share * scale for share in PENALTIES]
 
@@ -45,13 +45,14 @@ class DualRidge:
         return self.vectors @ ((self.vectors.T @ self.truth) / (self.values + penalty)[:, None])
 
     def left_out(self, penalty: float, groups: Sequence[Tensor]) -> Tensor:
-        """What each sample is predicted to be by a fit without its group, (n, k).
+        """Leave-group-out predictions: each sample by a fit without its group, (n, k).
 
         Args:
             penalty: On the squared weights.
             groups: int64 places of the samples of each group; together all of them.
         """
         share = self.values / (self.values + penalty)
+        # 1 / n is the hat matrix of the intercept, so leaving a group out refits the mean as well
         hat = (self.vectors * share) @ self.vectors.T + 1 / len(self.truth)
         residual = self.truth - hat @ self.truth
         out = torch.empty_like(self.truth)
@@ -62,13 +63,14 @@ class DualRidge:
 
 
 def standardise(known: Tensor, asked: Tensor) -> tuple[Tensor, Tensor]:
-    """Features of mean 0 and deviation 1 on what is known; those that stand still become 0.
+    """Features of mean 0 and deviation 1 on the training samples; constant features become 0.
 
     Args:
         known: float32 (n, d), training samples.
         asked: float32 (m, d).
     """
     mean, spread = known.mean(0), known.std(0, correction=0)
+    # scaling a constant feature to deviation 1 would amplify rounding errors
     still = spread <= _STILL * spread.max().clamp(min=1e-12)
     factor = torch.where(still, 0.0, 1 / spread.clamp(min=1e-12))
     return (known - mean) * factor, (asked - mean) * factor

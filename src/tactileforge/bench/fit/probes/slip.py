@@ -1,4 +1,4 @@
-"""The probe ``slip``: does it slip, and how has the force changed (Sparsh, task T2)."""
+"""The probe ``slip``: classifies slip and regresses the change of force (Sparsh, task T2)."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Slip(Probe):
         )
 
     def loss_of(self, part: TargetPart, out: Tensor, truth: Tensor) -> Tensor:
-        """Classes are weighted."""
+        """The loss of one part, with weighted classes."""
         if part.kind != "classes":
             return super().loss_of(part, out, truth)
         weights = torch.tensor(self.weights, device=out.device)

@@ -1,99 +1,100 @@
-"""``tactileforge plugins list | check | new``."""
+"""Lists and checks plugins, and starts your own."""
 
 from __future__ import annotations
 
-import argparse
 import json
 import keyword
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field
 from importlib.resources import files
 from inspect import Parameter
 from pathlib import Path
 from typing import Any
 
 from tactileforge import registry
+from tactileforge.cli._command import Command
 from tactileforge.errors import ConfigError, PluginError, SensorError, unknown
 
 _KINDS = [kind.removesuffix("s") for kind in registry.KINDS]
 
 
-def main(argv: Sequence[str]) -> int:
-    """Runs the verb.
+@dataclass(frozen=True, kw_only=True)
+class _List:
+    """How they are listed.
 
-    Args:
-        argv: The words after ``tactileforge plugins``.
-
-    Returns:
-        The exit code: 1 if a check failed, else 0.
-
-    Raises:
-        PluginError: A name that is not installed.
-        ConfigError: Options that do not fit, or a package that exists already.
-        SensorError: Attached sensors are to be checked, and none is attached.
+    Attributes:
+        json: Whether it is for programs.
     """
-    parser = _parser()
-    words, rest = parser.parse_known_args(argv)
-    if words.action == "check":
-        # argparse leaves words after a flag
-        return _check([*words.words, *rest], words.kind, words.attached)
-    if rest:
-        parser.error(f"unknown words: {' '.join(rest)}")
-    if words.action == "new":
-        return _new(words.kind, words.name, words.out)
-    return _list(words.json)
+
+    json: bool = False
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        "tactileforge plugins", description="Plugins: see, check, make."
-    )
-    actions = parser.add_subparsers(dest="action", required=True)
-    show = actions.add_parser("list", help="what is installed; imports none of it")
-    show.add_argument("--json", action="store_true", help="for programs")
-    check = actions.add_parser("check", help="the conformance suite")
-    check.add_argument("words", nargs="*", metavar="NAME | key=value", help="names; options of one")
-    check.add_argument("--kind", choices=_KINDS, help="only this kind")
-    check.add_argument("--attached", action="store_true", help="each sensor that is attached")
-    new = actions.add_parser("new", help="write a package to start from")
-    new.add_argument("kind", choices=sorted(_FILES))
-    new.add_argument("name", help="the word users will type, snake_case")
-    new.add_argument(
-        "--out", type=Path, default=Path(), help="folder to write it in (default: here)"
-    )
-    return parser
+@dataclass(frozen=True, kw_only=True)
+class _Check:
+    """What is checked.
+
+    Attributes:
+        names: Plugins; none for all.
+        kind: Only this kind: sensor, dataset, encoder, head or objective.
+        attached: Whether each sensor that is attached is checked.
+        options: Other keys are options of the one plugin that is named.
+    """
+
+    names: list[str] = field(default_factory=list)
+    kind: str | None = None
+    attached: bool = False
+    options: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.kind not in (None, *_KINDS):
+            raise ConfigError(unknown("kind", str(self.kind), _KINDS))
 
 
-def _list(as_json: bool) -> int:
+@dataclass(frozen=True, kw_only=True)
+class _New:
+    """What is written.
+
+    Attributes:
+        kind: sensor, dataset or objective.
+        name: The word users will type, snake_case.
+        out: Folder to write it in.
+    """
+
+    kind: str
+    name: str
+    out: str = "."
+
+    def __post_init__(self) -> None:
+        if self.kind not in _FILES:
+            raise ConfigError(unknown("kind", self.kind, _FILES))
+
+
+def _list(keys: _List, _: dict[str, Any]) -> None:
+    """Installed plugins; imports none of them."""
     rows = [asdict(plugin) for plugin in registry.list_plugins()]
     for row in rows:
         row["kind"] = row["kind"].removesuffix("s")
-    if as_json:
+    if keys.json:
         print(json.dumps(rows, indent=2))
-        return 0
+        return
     columns = ("name", "kind", "distribution", "version", "status")
     table = [columns, *(tuple(str(row[column]) for column in columns) for row in rows)]
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     for line in table:
         print("  ".join(map(str.ljust, line, widths)).rstrip())
-    return 0
 
 
-def _check(words: Sequence[str], kind: str | None, attached: bool) -> int:
-    from omegaconf import OmegaConf
-
+def _check(keys: _Check, _: dict[str, Any]) -> int:
+    """The conformance suite, on all plugins or on those named."""
     from tactileforge.testing import check
 
-    names = [word for word in words if "=" not in word]
-    settings = [word for word in words if "=" in word]
-    plugins = _chosen(names, kind)
-    if settings and len(plugins) != 1:
+    plugins, options, attached = _chosen(keys.names, keys.kind), keys.options, keys.attached
+    if options and len(plugins) != 1:
         raise ConfigError(
-            f"{settings[0]} is an option of one plugin, and {len(plugins)} are checked: "
+            f"{next(iter(options))}= is an option of one plugin, and {len(plugins)} are checked: "
             "name one, and its --kind"
         )
-    options: Any = OmegaConf.to_container(OmegaConf.from_dotlist(settings))
     runs = _attached(plugins, options) if attached else [(*plugin, options) for plugin in plugins]
     counts = dict.fromkeys(("ran", "failed", "expected", "skipped"), 0)
     for plugin_kind, name, given in runs:
@@ -153,7 +154,9 @@ _FILES = {
 _NAMES = {"sensor": "dummy", "dataset": "dummy_presses", "objective": "contact_area"}
 
 
-def _new(kind: str, name: str, out: Path) -> int:
+def _new(keys: _New, _: dict[str, Any]) -> None:
+    """Writes a package to start from."""
+    kind, name, out = keys.kind, keys.name, Path(keys.out)
     class_name = _camel(name)
     if not re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", name) or keyword.iskeyword(class_name):
         raise ConfigError(f"{name!r} is no name for a plugin: use snake_case, e.g. my_{kind}")
@@ -180,7 +183,6 @@ def _new(kind: str, name: str, out: Path) -> int:
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_text(pattern.sub(lambda match: words[match[0]], text), "utf-8")
     print(f"wrote {folder}\nnext: pip install -e {folder} && tactileforge plugins check {name}")
-    return 0
 
 
 def _camel(name: str) -> str:
@@ -201,3 +203,10 @@ def _sections_of(kind: str, text: str) -> str:
     ]
     about_others = re.compile("|".join(heads), re.MULTILINE)
     return "".join(section for section in sections if not about_others.match(section))
+
+
+COMMANDS = {
+    "list": Command(run=_list, keys=_List),
+    "check": Command(run=_check, keys=_Check, bare=("names",), others="options"),
+    "new": Command(run=_new, keys=_New, bare=("kind", "name")),
+}

@@ -1,11 +1,10 @@
-"""``tactileforge record``."""
+"""Records sensors, forces and a camera, as shards."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
-from tactileforge import settings
+from tactileforge.cli._command import Command
 from tactileforge.record.options import RecordOptions
 from tactileforge.record.record import record
 from tactileforge.record.status import RecordStatus, RecordSummary
@@ -14,35 +13,21 @@ from tactileforge.sensors.status import of_drops
 from tactileforge.signals import stopped_by_signals
 
 
-def main(argv: Sequence[str]) -> int:
-    """Runs the verb.
+def _record(keys: RecordOptions, config: dict[str, Any]) -> None:
+    """Records sensors, forces and a camera together (docs/record.md).
 
-    Args:
-        argv: The words after ``tactileforge record``.
-
-    Returns:
-        The exit code.
-
-    Raises:
-        TactileForgeError: Something is wrong; says the fix.
+    Options of a sensor are sensor.NAME.option=value, and so are those of force and camera:
+    force.option=value. A second sensor of one kind: +sensor@sensor.second=NAME
     """
-    if argv in (["--help"], ["-h"]):
-        print(settings.text("record"))
-        return 0
-    from tactileforge.compose import plain
-
-    config = plain("record", argv)
-    options = RecordOptions.of(config)
     sensors, force, camera = build_sensors(config)
     status = RecordStatus()
     with stopped_by_signals() as stop:
         try:
-            found = record(options, sensors, force, camera, stop, _say(status), status)
+            found = record(keys, sensors, force, camera, stop, _say(status), status)
         finally:
             status.end()
     print(_told(found))
-    print(f"look at it: tactileforge data inspect data=shards data.root={options.out}")
-    return 0
+    print(f"look at it: tactileforge data inspect data=shards data.root={keys.out}")
 
 
 def _say(status: RecordStatus) -> Any:
@@ -60,3 +45,7 @@ def _told(found: RecordSummary) -> str:
         f"{takes}, {found.seconds:.1f} s, {found.bytes / 1e6:.1f} MB; frames: {frames}; "
         f"dropped: {of_drops(found.reasons)}"
     )
+
+
+_SENSORS = {"sensor": "???", "force": None, "camera": None}
+COMMANDS = {"": Command(run=_record, keys=RecordOptions, groups=_SENSORS)}

@@ -1,0 +1,136 @@
+"""The command line: a verb, and ``key=value`` for everything else. A verb is a file of this folder.
+
+The first line of such a file is its line of ``tactileforge --help``; its ``COMMANDS`` are what the
+verb does, by action (``pack`` of ``data pack``; "" for a verb without actions). Files that begin
+with ``_`` are what verbs share: `_command` runs them, `_words` reads what was typed.
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tactileforge.errors import ConfigError, TactileForgeError, unknown
+
+if TYPE_CHECKING:
+    from tactileforge.cli._command import Command
+
+_EXAMPLES = """\
+  tactileforge train scale=demo                                   a small model on simulated touch
+  tactileforge train recipe=anytouch2 data=recordings data.root=DIR
+  tactileforge train -m seed=0,1 scale=demo                       two runs, one after the other
+  tactileforge train resume=RUN                                   go on with a run that was stopped
+"""
+
+_HABITS = """\
+Every verb takes key=value (--key value is the same), and
+  --help              its keys, what each means, and the plugins that are installed
+  --cfg job           what would be used, without doing it
+  --explain KEY       where the value of a key comes from
+  -m key=1,2          once for each value
+  --config-dir DIR    options of your own, as DIR/GROUP/NAME.yaml; hydra.searchpath=[...] too
+Completion, in bash: complete -o nospace -C 'tactileforge --complete' tactileforge
+"""
+
+
+def main() -> None:
+    """Entry point of ``tactileforge``; exits with 1 for an error and 130 when stopped."""
+    sys.exit(run(sys.argv[1:]))
+
+
+def run(argv: Sequence[str]) -> int:
+    """Runs one command and gives its exit status."""
+    verb, *rest = argv or ["--help"]
+    try:
+        if verb in ("-h", "--help", "help"):
+            print(usage())
+            return 0
+        if verb == "--version":
+            from tactileforge import __version__
+
+            print(__version__)
+            return 0
+        if verb == "--complete":
+            from tactileforge.cli._complete import complete
+
+            print("\n".join(complete()))
+            return 0
+        return dispatch(verb, rest)
+    except TactileForgeError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt as stop:
+        said = str(stop) or "stopped"
+        again = "" if "go on with" in said else "; go on with: the same command again"
+        print(f"{said}{again}", file=sys.stderr)
+        return 130
+
+
+def dispatch(verb: str, rest: Sequence[str]) -> int:
+    """Runs one command and gives its exit status.
+
+    Raises:
+        TactileForgeError: Something is wrong; says the fix.
+    """
+    from tactileforge.cli import _command
+
+    known = commands(verb)
+    action = ""
+    if "" not in known:
+        action, *rest = rest or ["--help"]
+        if action in ("-h", "--help"):
+            print(actions(verb, known))
+            return 0
+        if action not in known:
+            raise ConfigError(unknown(f"action of tactileforge {verb}", action, known))
+    elif rest[:1] and rest[0] in known:
+        action, *rest = rest
+    return _command.run(f"{verb} {action}".strip(), known[action], rest)
+
+
+def verbs() -> dict[str, str]:
+    """What each verb does, by name; imports none of them."""
+    files = sorted(Path(__file__).parent.glob("[a-z]*.py"))
+    docs = {file.stem: ast.get_docstring(ast.parse(file.read_text("utf-8"))) for file in files}
+    return {name: (doc or "").splitlines()[0] for name, doc in docs.items()}
+
+
+def commands(verb: str) -> Mapping[str, Command]:
+    """The commands of a verb, by action.
+
+    Raises:
+        ConfigError: There is no such verb; names the nearest.
+    """
+    known = verbs()
+    if verb not in known:
+        raise ConfigError(unknown("verb", verb, known, "tactileforge --help says what each does"))
+    found: Mapping[str, Command] = import_module(f"tactileforge.cli.{verb}").COMMANDS
+    return found
+
+
+def actions(verb: str, known: Mapping[str, Command]) -> str:
+    """A line for each action of a verb."""
+    rows = [f"  tactileforge {verb} {name:<10} {command.about}" for name, command in known.items()]
+    return "\n".join([verbs()[verb], "", *rows, "", f"tactileforge {verb} ACTION --help: its keys"])
+
+
+def usage() -> str:
+    """A line for each verb, and for what all of them share; with the plugins that are installed."""
+    from tactileforge import registry
+
+    rows = [f"  {name:<10} {about}" for name, about in verbs().items()]
+    plugins = [f"  {kind:<10} {', '.join(registry.names(kind))}" for kind in registry.KINDS]
+    return "\n".join(
+        [
+            "tactileforge: train, compare and run encoders of touch\n",
+            "tactileforge VERB [key=value ...]\n",
+            *rows,
+            f"\n{_HABITS}\nInstalled plugins:",
+            *plugins,
+            f"\n{_EXAMPLES}",
+        ]
+    )

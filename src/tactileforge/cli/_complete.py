@@ -1,0 +1,44 @@
+"""Completion for shells: ``complete -o nospace -C 'tactileforge --complete' tactileforge``."""
+
+from __future__ import annotations
+
+import os
+
+from tactileforge import strict
+from tactileforge.cli._options import options
+from tactileforge.errors import ConfigError
+
+
+def complete(line: str | None = None) -> list[str]:
+    """What may be typed next.
+
+    Args:
+        line: What was typed; None for ``$COMP_LINE``, up to ``$COMP_POINT``.
+    """
+    from tactileforge.cli import commands, verbs
+    from tactileforge.cli._help import _groups
+
+    if line is None:
+        line = os.environ.get("COMP_LINE", "")[
+            : int(os.environ.get("COMP_POINT", "0") or 0) or None
+        ]
+    _, *words = line.split(" ")
+    *before, word = words or [""]
+    if not before:
+        return [f"{verb} " for verb in verbs() if verb.startswith(word)]
+    try:
+        known = commands(before[0])
+    except ConfigError:
+        return []
+    if len(before) == 1 and "" not in known:
+        return [f"{action} " for action in known if action.startswith(word)]
+    command = known.get("") or known.get(before[1])
+    if command is None:
+        return []
+    groups = dict(command.groups) or (_groups(command.yaml) if command.yaml else {})
+    group, equals, start = word.partition("=")
+    if equals:  # the shell completes what follows "=" by itself
+        start = start.lstrip("[").rpartition(",")[2]
+        return [name for name in options(group) if name.startswith(start)]
+    keys = [*groups, *(strict.node(command.keys) if command.keys else {})]
+    return [f"{key}=" for key in keys if key.startswith(word)]

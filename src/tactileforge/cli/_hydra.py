@@ -1,0 +1,133 @@
+"""Commands that Hydra composes or runs, and its errors in one line."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from hydra.errors import HydraException
+from omegaconf import DictConfig
+from omegaconf.errors import OmegaConfBaseException
+
+from tactileforge.cli._options import options
+from tactileforge.errors import ConfigError, TactileForgeError, nearest, unknown
+
+if TYPE_CHECKING:
+    from tactileforge.cli._command import Command, Result
+    from tactileforge.cli._words import Words
+
+
+def run(verb: str, command: Command, words: Words) -> Result:
+    """Runs a command as a Hydra application: once, or once for each value that ``-m`` is given.
+
+    Raises:
+        TactileForgeError: Something is wrong; says the fix.
+    """
+    import hydra
+    from hydra.core.hydra_config import HydraConfig
+
+    from tactileforge.compose import plain, register
+
+    register()
+    os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # its errors are raised, and told here
+    typed = sys.argv
+    results: list[Result] = []
+    ended: list[BaseException] = []  # Hydra would print an account of its own
+
+    def task(config: DictConfig) -> Result:
+        alone = HydraConfig.get().mode is not hydra.types.RunMode.MULTIRUN
+        # processes that Lightning starts for DDP repeat the command, or this job of it
+        jobs = [] if alone else [typed[0], *verb.split(), *HydraConfig.get().overrides.task]
+        sys.argv = typed if alone else jobs
+        try:
+            given = plain(command.finish(config) if command.finish else config)
+            results.append(command.run(command.build(given), given))
+            return results[-1]
+        except TactileForgeError as error:
+            if not alone:
+                raise  # the sweep has to know
+            ended.append(error)
+            return None
+
+    name = command.declare(verb)
+    sys.argv = ["tactileforge", *words.flags, *words.overrides]
+    try:
+        with told(verb, command, words.overrides):
+            hydra.main(version_base="1.3", config_path="pkg://tactileforge.conf", config_name=name)(
+                task
+            )()
+    finally:
+        sys.argv = typed
+    if ended:
+        raise ended[0]
+    return results[-1] if results else None
+
+
+@contextmanager
+def told(verb: str, command: Command, overrides: Sequence[str]) -> Iterator[None]:
+    """Turns what Hydra and OmegaConf raise into a ConfigError of one line.
+
+    Args:
+        verb: As it is typed.
+        command: Whose configuration is composed.
+        overrides: ``key=value`` words.
+
+    Raises:
+        ConfigError: See there.
+    """
+    try:
+        yield
+    except (HydraException, OmegaConfBaseException) as error:
+        said = _told(command.name(verb), f"{error}\n{error.__cause__ or ''}", overrides)
+        raise ConfigError(said) from error
+
+
+def _told(name: str, said: str, overrides: Sequence[str]) -> str:
+    if found := re.search(r"Could not override '(.+?)'\.? ?(No match in the defaults list)?", said):
+        key = found[1].removesuffix("@_global_")
+        return _unknown_key(name, key, overrides)
+    if found := re.search(r"Could not find '([\w/]+)/(.+?)'", said):
+        return unknown(found[1], found[2], options(found[1]))
+    if found := re.search(r"You must specify '(\w+)'", said):
+        return f"give {found[1]}=NAME; Known: {', '.join(options(found[1]))}"
+    if found := re.search(r"LexerNoViableAltException: (.*)", said):
+        return f"{found[1]}: not key=value; quote values with special characters: 'key=\"value\"'"
+    return re.sub(r"\s*\n\s*", "; ", said.partition("\nprimary config")[0].strip()).strip("; ")
+
+
+def _unknown_key(name: str, key: str, overrides: Sequence[str]) -> str:
+    """Says that a key is unknown, and the nearest beside it or with that name elsewhere."""
+    from tactileforge.compose import composed
+
+    chosen = [word for word in overrides if _chooses(word)]
+    try:
+        config = composed(name, chosen)
+    except HydraException:
+        config = composed(name)
+    known = sorted(_keys(config))
+    parent, _, last = key.rpartition(".")
+    while parent and parent not in known:
+        parent = parent.rpartition(".")[0]
+    beside = [one for one in known if one.rpartition(".")[0] == parent]
+    near = nearest(key, beside)
+    if near == ".":
+        near = nearest(key, [one for one in known if one.rpartition(".")[2] == last] or known)
+    where = f" Known in {parent}" if parent else " Known"
+    names = ", ".join(one.rpartition(".")[2] for one in beside)
+    return f"unknown key {key!r}{near}{where}: {names}. A key that is new: +{key}=..."
+
+
+def _chooses(word: str) -> bool:
+    return "." not in word.partition("=")[0].partition("@")[0]
+
+
+def _keys(config: Any, prefix: str = "") -> Iterator[str]:
+    if not isinstance(config, DictConfig) or config._is_none() or config._is_missing():
+        return
+    for key in config:
+        yield f"{prefix}{key}"
+        yield from _keys(config._get_node(key), f"{prefix}{key}.")

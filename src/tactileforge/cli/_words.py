@@ -1,0 +1,128 @@
+"""What was typed: flags of Hydra, ``key=value``, and words that stand for a key's value."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import UnionType
+from typing import Any, Union, get_args, get_origin
+
+from tactileforge.errors import ConfigError
+
+#: Flags that Hydra answers, and whether a word follows.
+_FLAGS = {
+    **dict.fromkeys(("-m", "--multirun", "--resolve", "-r", "--hydra-help", "--run"), False),
+    **dict.fromkeys(("--cfg", "-c", "--config-dir", "-cd", "--package", "-p"), True),
+    **dict.fromkeys(("--info", "-i", "--experimental-rerun"), True),
+}
+#: Keys that are Hydra's own, and what adds or takes a key away.
+_OF_HYDRA = re.compile(r"hydra[./]|[+~]")
+
+
+@dataclass
+class Words:
+    """What was typed after a verb.
+
+    Attributes:
+        flags: Of Hydra, with what follows them.
+        overrides: ``key=value``, as typed.
+        bare: Other words.
+        help: Whether help is asked for.
+        explain: A key whose value is to be explained; "" for none.
+    """
+
+    flags: list[str] = field(default_factory=list)
+    overrides: list[str] = field(default_factory=list)
+    bare: list[str] = field(default_factory=list)
+    help: bool = False
+    explain: str = ""
+
+    @property
+    def asks_hydra(self) -> bool:
+        """Whether only Hydra can answer."""
+        return bool(self.flags) or any(_OF_HYDRA.match(word) for word in self.overrides)
+
+
+def read(argv: Sequence[str]) -> Words:
+    """Sorts what was typed.
+
+    ``--key value`` and ``--key=value`` are ``key=value``, and ``--key`` alone is ``key=true``.
+
+    Raises:
+        ConfigError: A flag that nobody knows, or that lacks its value.
+    """
+    words, rest = Words(), list(argv)
+    while rest:
+        word = rest.pop(0)
+        name, equals, value = word.partition("=")
+        if word in ("-h", "--help"):
+            words.help = True
+        elif name in ("--explain", *_FLAGS) and (name == "--explain" or _FLAGS[name]):
+            if not equals and not rest:
+                raise ConfigError(f"{word} needs a value")
+            value = value if equals else rest.pop(0)
+            if name == "--explain":
+                words.explain = value
+            else:
+                words.flags += [name, value]
+        elif word in _FLAGS:
+            words.flags.append(word)
+        elif re.fullmatch(r"--[a-z]\w*", name):
+            if not equals:
+                value = rest.pop(0) if rest and not re.match(r"-|\w+=", rest[0]) else "true"
+            words.overrides.append(f"{name[2:]}={value}")
+        elif word.startswith("-"):
+            raise ConfigError(f"unknown flag {word}; --help shows keys and flags")
+        elif re.match(r"~|[+]{0,2}[\w@.:/]+=", word):
+            words.overrides.append(word)
+        else:
+            words.bare.append(word)
+    return words
+
+
+def fill(words: Words, keys: Sequence[str], several: bool, verb: str) -> dict[str, Any]:
+    """The values that bare words give to the keys that take them, in order.
+
+    Args:
+        words: What was typed.
+        keys: Those that take bare words.
+        several: Whether the last one takes all that are left.
+        verb: For errors.
+
+    Raises:
+        ConfigError: A word too many.
+    """
+    rest = list(words.bare)
+    given: dict[str, Any] = {}
+    for key in keys[:-1] if several else keys:
+        if rest and not any(word.startswith(f"{key}=") for word in words.overrides):
+            given[key] = rest.pop(0)
+    if several and rest:
+        given[keys[-1]], rest = rest, []
+    if rest:
+        raise ConfigError(f"{rest[0]!r} is not key=value; tactileforge {verb} --help lists keys")
+    return given
+
+
+def values(words: Sequence[str], hints: Mapping[str, Any]) -> dict[str, Any]:
+    """What ``key=value`` words give, as the types of their keys want it; values are YAML."""
+    pairs = [word.partition("=")[::2] for word in words]
+    return {key: _value(key, text, hints.get(key, Any)) for key, text in pairs}
+
+
+def _value(key: str, text: str, hint: Any) -> Any:
+    kinds = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+    if text == "null" and type(None) in kinds:
+        return None
+    if set(kinds) <= {str, type(None)}:
+        return text
+    import yaml
+
+    try:
+        value = yaml.safe_load(text)
+        return float(value) if float in kinds and isinstance(value, str) else value
+    except yaml.YAMLError as error:
+        raise ConfigError(f"{key}={text}: not a value ({' '.join(str(error).split())})") from error
+    except ValueError:
+        return text

@@ -1,0 +1,191 @@
+"""Compares encoders: tasks by models."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tactileforge.cli._command import Command
+from tactileforge.errors import ConfigError, unknown
+
+if TYPE_CHECKING:
+    from tactileforge.bench.results.write import Writer
+    from tactileforge.bench.run import Bench
+
+#: Exit status where something was not run.
+NOT_RUN = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Probe:
+    """Options of all probes; None leaves those of the task.
+
+    Attributes:
+        name: Of the probe.
+        epochs: How many.
+        lr: Rate, or several: validation chooses.
+        batch: Clips of a step.
+        finetune: Learning rate of the encoder, where that is trained too.
+    """
+
+    name: str | None = None
+    epochs: int | None = None
+    lr: float | list[float] | None = None
+    batch: int | None = None
+    finetune: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Bench:
+    """What is compared.
+
+    Attributes:
+        model: Names of the zoo, file:PATH, run:FOLDER, untrained:WORD (random weights in the shape
+            of one of these, of a recipe, or of a model that is trained here), or a baseline without
+            encoder: pixels, statistics, motion, hog, background, chance.
+        task: Names of tasks of the suites; None for all.
+        seeds: Probes of each cell; a model that was trained several times takes turns.
+        selection: What the best epoch is chosen on: validation, or test as some papers do (every
+            table says so).
+        probe: Options of all probes.
+        untrained: Overrides with which a recipe is composed for untrained:RECIPE.
+        ablation: Parts that the first model is trained without, each in turn; ``all``, or some.
+        jobs: Words for Hydra, whose jobs the trainings then are: [hydra/launcher=ray]; None trains
+            one after another.
+        out: Folder of the results; None for runs/bench/SUITE. A bench that was stopped goes on
+            there.
+        cache: Folder of the features; None for $TACTILEFORGE_CACHE, or the user's cache.
+        batch: Clips that are encoded at once.
+        workers: Processes that read them.
+        device: Where; ``auto`` for an accelerator, if there is one.
+        baselines: What is measured beside every model, and compared with it as the release gate
+            does (suites real and real_held_out).
+        suites: Titles of the suites, by name; suite=NAME gives them.
+        tasks: Of the suites; suite=NAME gives them.
+    """
+
+    model: list[str] | str = field(default_factory=list)
+    task: list[str] | str | None = None
+    seeds: int = 3
+    selection: str = "validation"
+    probe: _Probe = field(default_factory=_Probe)
+    untrained: list[str] = field(default_factory=list)
+    ablation: list[str] | str | None = None
+    jobs: list[str] | None = None
+    out: str | None = None
+    cache: str | None = None
+    batch: int = 32
+    workers: int = 2
+    device: str = "auto"
+    baselines: list[str] = field(default_factory=list)
+    suites: dict[str, str] = field(default_factory=dict)
+    tasks: dict[str, Any] = field(default_factory=dict)
+
+
+def _bench(_: _Bench, config: dict[str, Any]) -> int:
+    """Compares encoders; suites say on what (docs/bench.md)."""
+    for key in ("model", "task"):
+        config[key] = [config[key]] if isinstance(config[key], str) else config[key]
+    from tactileforge.bench.fit import models, pretrain
+    from tactileforge.bench.run import write_outputs
+
+    trained = pretrain.read_models(config["pretrain"])
+    if config["ablation"]:
+        chosen = config["ablation"]
+        words = chosen if isinstance(chosen, str) else ",".join(chosen)
+        trained = pretrain.ablations(words, _ablations(), trained)
+    if not config["model"] and not trained:
+        raise ConfigError("no model: give model=[NAME,...]; tactileforge zoo list has names")
+    suite = "+".join(config["suites"])
+    folder = Path(config["out"] or Path("runs") / "bench" / suite)
+    words = config["pretrain"]["words"]
+    runs = pretrain.jobs(Path(config["pretrain"]["folder"] or folder / "train"), words, trained)
+    folders = {name: jobs[0].folder for name, jobs in runs.items()}
+    device = _device(config["device"])
+    # mistakes are named before data is read, and overlaps before anything is trained
+    beside = _beside(config["model"], trained, config["baselines"])
+    known = [models.model_entry(word, config["untrained"], device, folders) for word in beside]
+    bench = _opened(config, suite, folder, {"pretrain": " ".join(words)} if trained else {})
+    pretrain.train_all([job for found in runs.values() for job in found], config["jobs"])
+    for name, model in trained.items():
+        if runs[name][0].finished:
+            bench.writer.training(list(pretrain.curves(name, runs[name][0].folder)))
+        bench.run(pretrain.pretrained_entry(name, model, runs[name], device))
+    for entry in known:
+        bench.run(entry)
+    bench.writer.write()
+    print(write_outputs(folder))
+    return _report(bench.writer)
+
+
+def _opened(config: dict[str, Any], suite: str, folder: Path, facts: dict[str, str]) -> Bench:
+    """Opens the data of all tasks."""
+    from tactileforge.bench.fit.features import FeatureStore
+    from tactileforge.bench.fit.resolve import choose_probe, result_task
+    from tactileforge.bench.results.write import Writer
+    from tactileforge.bench.run import Bench, BenchOptions
+    from tactileforge.bench.tasks.suite import parse_task
+    from tactileforge.files import cache_folder
+
+    chosen = [parse_task(name, node) for name, node in _tasks(config).items()]
+    options = BenchOptions(
+        seeds=config["seeds"], selection=config["selection"], probe=config["probe"]
+    )
+    rows = [
+        result_task(task, choose_probe(task, options.probe), options.selection) for task in chosen
+    ]
+    settings = {"seeds": options.seeds, "selection": options.selection, **facts}
+    settings |= {f"probe.{k}": v for k, v in config["probe"].items() if v is not None}
+    writer = Writer(folder, suite, settings, rows)
+    store = FeatureStore(
+        cache_folder(config["cache"]) / "features", config["workers"], config["batch"]
+    )
+    return Bench(chosen, store, writer, options)
+
+
+def _device(device: str) -> str:
+    import torch
+
+    if device != "auto":
+        return device
+    return "cuda" if torch.cuda.is_available() else "cpu"
+
+
+def _report(writer: Writer) -> int:
+    print(f"report: {writer.folder / 'report.html'}")
+    for row in writer.results.not_run:
+        where = ", ".join(filter(None, (row.task, row.model)))
+        print(f"not run: {where}: {row.reason} {row.fix}".rstrip())
+    return NOT_RUN if writer.results.not_run else 0
+
+
+def _beside(named: Sequence[str], trained: Iterable[str], baselines: Sequence[str]) -> list[str]:
+    """Models, followed by the baselines and each model with random weights."""
+    if not baselines:
+        return list(named)
+    from tactileforge.bench.fit.baselines import BASELINES
+
+    models = [word for word in (*trained, *named) if word not in BASELINES]
+    random = [f"untrained:{word}" for word in models if not word.startswith("untrained:")]
+    return list(dict.fromkeys([*named, *random, *baselines]))
+
+
+def _tasks(config: dict[str, Any]) -> dict[str, Any]:
+    tasks: dict[str, Any] = config["tasks"]
+    wanted = config["task"] or list(tasks)
+    for name in wanted:
+        if name not in tasks:
+            raise ConfigError(unknown("task", name, tasks))
+    return {name: tasks[name] for name in wanted if tasks[name] is not None}
+
+
+def _ablations() -> list[str]:
+    folder = files("tactileforge.zoo") / "ablation"
+    return sorted(item.name.removesuffix(".yaml") for item in folder.iterdir())
+
+
+_SUITES = {"suite": "sim", "pretrain": "none"}
+COMMANDS = {"": Command(run=_bench, keys=_Bench, groups=_SUITES, groups_last=True)}

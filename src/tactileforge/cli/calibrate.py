@@ -1,0 +1,86 @@
+"""Finds light, scale and force of one sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tactileforge import registry
+from tactileforge.calibration.calibrate import CalibrateOptions, CalibrationResult, calibrate
+from tactileforge.calibration.file import load_calibration
+from tactileforge.cli._command import Command
+from tactileforge.contracts import Dataset, Recording
+from tactileforge.errors import ConfigError
+from tactileforge.files import write_text
+
+if TYPE_CHECKING:
+    from tactileforge.hub.model import Model
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Calibrate(CalibrateOptions):
+    """A calibration of one unit.
+
+    Attributes:
+        out: The calibration, FILE.yaml; its page is beside it.
+        model: A model with a force head, NAME.TAG or file:PATH, whose forces are fitted to this
+            unit.
+        reference: Calibration of another unit, to whose colours this one is balanced.
+    """
+
+    out: str
+    model: str | None = None
+    reference: str | None = None
+
+
+def _calibrate(keys: _Calibrate, config: dict[str, Any]) -> None:
+    """Finds light, scale and force of one unit; a page shows how well forces fit."""
+    out = Path(keys.out)
+    if out.suffix not in (".yaml", ".yml"):
+        raise ConfigError(f"out={out}: give the name of a file, for example digit.yaml")
+    reference = load_calibration(keys.reference) if keys.reference else None
+    dataset = registry.build("datasets", config["data"])
+    model = load_model(keys.model) if keys.model else None
+    result = calibrate(_recordings(dataset), keys, reference, model)
+
+    from tactileforge.calibration.page import calibration_page
+
+    result.calibration.save(out)
+    write_text(out.with_suffix(".html"), calibration_page(result))
+    print(_told(result))
+    for line in [*result.notes, *dataset.skipped]:
+        print(f"note: {line}")
+    print(f"calibration: {out}\npage: {out.with_suffix('.html')}")
+
+
+def load_model(name: str) -> Model:
+    """The model of a name; see `tactileforge.load`."""
+    import tactileforge
+
+    return tactileforge.load(name)
+
+
+def _recordings(dataset: Dataset) -> Iterator[Recording]:
+    for split in ("train", "val"):
+        yield from dataset.recordings(split)
+
+
+def _told(result: CalibrationResult) -> str:
+    calibration = result.calibration
+    lines = [f"{calibration.sensor} {calibration.unit}".strip()]
+    if calibration.light is not None:
+        lines.append(f"balance of red, green, blue: {calibration.light.balance}")
+    if calibration.mm_per_pixel is not None:
+        lines.append(f"mm per pixel: {calibration.mm_per_pixel:.4g} ({result.scale})")
+    if calibration.force is not None:
+        lines += [
+            f"force {name}: error {axis.rmse:.3g} N, R2 {axis.r2:.3f}, on presses not seen"
+            + ("" if axis.before is None else f" (before: {axis.before:.3g} N)")
+            for name, axis in calibration.force.axes.items()
+        ]
+    return "\n".join(lines)
+
+
+COMMANDS = {"": Command(run=_calibrate, keys=_Calibrate, groups={"data": "???"})}

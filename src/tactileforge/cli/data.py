@@ -1,0 +1,123 @@
+"""Inspects, filters and packs a data set, and writes it in LeRobot's format."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from tactileforge import packing, registry
+from tactileforge.cli._command import Command
+from tactileforge.contracts import Dataset
+from tactileforge.lerobot.write import LeRobotOptions as LeRobotOptions
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Pack:
+    """Recordings to shards.
+
+    Attributes:
+        out: Folder of the shards; a run that was stopped goes on there.
+        pack: How.
+    """
+
+    out: str
+    pack: packing.PackOptions = field(default_factory=packing.PackOptions)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Filter:
+    """What would be kept.
+
+    Attributes:
+        out: The page.
+        recordings: How many recordings are looked at.
+        frames: How many frames of each.
+        pack: As of ``data pack``.
+    """
+
+    out: str = "filter.html"
+    recordings: int = 24
+    frames: int = 300
+    pack: packing.PackOptions = field(default_factory=packing.PackOptions)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Inspect:
+    """A data set, before training on it.
+
+    Attributes:
+        out: The page.
+        recordings: Recordings whose pixels are looked at; all are counted.
+    """
+
+    out: str = "inspect.html"
+    recordings: int = 400
+
+
+@dataclass(frozen=True, kw_only=True)
+class _LeRobot:
+    """Touch as a LeRobot data set.
+
+    Attributes:
+        out: Folder of the data set; it must not exist.
+        lerobot: How.
+    """
+
+    out: str
+    lerobot: LeRobotOptions = field(default_factory=LeRobotOptions)
+
+
+def _data(config: dict[str, Any]) -> tuple[Dataset, str]:
+    node = config["data"]
+    return registry.build("datasets", node), node["name"]
+
+
+def _pack(keys: _Pack, config: dict[str, Any]) -> None:
+    """Packs recordings into shards (docs/packing.md)."""
+    dataset, name = _data(config)
+    print(packing.summary(packing.pack(dataset, name, Path(keys.out), keys.pack)))
+    print(f"train on them: tactileforge train data=shards data.root={keys.out}")
+
+
+def _filter(keys: _Filter, config: dict[str, Any]) -> None:
+    """Writes a page that shows what data pack would keep."""
+    from tactileforge.packing.preview import preview
+
+    dataset, name = _data(config)
+    out = Path(keys.out)
+    print(f"page: {preview(dataset, name, out, keys.pack, keys.recordings, keys.frames)}")
+
+
+def _inspect(keys: _Inspect, config: dict[str, Any]) -> None:
+    """Writes a page that shows a data set before training on it."""
+    from tactileforge.inspection import inspect
+
+    print(inspect(*_data(config), Path(keys.out), keys.recordings))
+    print(f"page: {keys.out}")
+
+
+def _lerobot(keys: _LeRobot, config: dict[str, Any]) -> None:
+    """Writes touch as a LeRobot data set, format v3; data=lerobot reads one (docs/lerobot.md)."""
+    from tactileforge.lerobot.write import write_dataset
+
+    dataset, _ = _data(config)
+    splits = ("train", "val")
+    recordings = (one for split in splits for one in dataset.recordings(split))
+    found = write_dataset(recordings, Path(keys.out), keys.lerobot)
+    lost = ", ".join(f"{device} {count}" for device, count in found.dropped.items() if count)
+    print(
+        f"{found.episodes} episodes, {found.rows} rows at {found.fps} per second; frames that no "
+        f"row shows: {lost or 'none'}"
+    )
+    print(f"features: {', '.join(found.features)}")
+    print(f"LeRobot reads it: LeRobotDataset('local/touch', root='{keys.out}')")
+
+
+_DATA = {"data": "???"}
+COMMANDS = {
+    "inspect": Command(run=_inspect, keys=_Inspect, groups=_DATA),
+    "filter": Command(run=_filter, keys=_Filter, groups=_DATA),
+    "pack": Command(run=_pack, keys=_Pack, groups=_DATA),
+    "lerobot": Command(run=_lerobot, keys=_LeRobot, groups=_DATA),
+}

@@ -1,0 +1,59 @@
+"""Writes a model as one file that runs elsewhere: ONNX, or torch.export."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tactileforge.cli._command import Command
+
+_SUFFIXES = {"onnx": ".onnx", "torch_export": ".pt2"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Export:
+    """A model as one file.
+
+    Attributes:
+        model: A name of ``tactileforge zoo list``, or file:PATH.
+        format: ``onnx``, or ``torch_export`` for torch.export.load.
+        out: The file; None for the model's name in this folder.
+        size: Height and width of the frames, for example [240,320]; None for any.
+        int8: Whether weights of linear layers become int8 (onnx only); the error is printed and
+            kept in the file.
+        tolerance: Largest difference between the outputs of the file and of the module.
+    """
+
+    model: str
+    format: str = "onnx"
+    out: str | None = None
+    size: int | list[int] | None = None
+    int8: bool = False
+    tolerance: float = 1e-4
+
+
+def _export(keys: _Export, _: dict[str, Any]) -> None:
+    """Writes a model as one file, preprocessing inside (docs/export.md)."""
+    from tactileforge.export.write import export
+
+    model = keys.model
+    stem = Path(model.removeprefix("file:")).stem if model.startswith("file:") else model
+    done = export(
+        model,
+        keys.out or f"{stem}{_SUFFIXES.get(keys.format, '')}",
+        format=keys.format,  # type: ignore[arg-type]
+        size=[keys.size] if isinstance(keys.size, int) else keys.size,
+        int8=keys.int8,
+        tolerance=keys.tolerance,
+    )
+    megabytes = Path(done.path).stat().st_size / 1e6
+    print(f"{done.path}: {megabytes:.1f} MB, differs from the module by {done.error:.2g} at most")
+    if done.int8:
+        print(
+            f"int8: cls differs by {done.int8['relative']:.2%} of its length, cosine at least "
+            f"{done.int8['cosine']:.5f}"
+        )
+
+
+COMMANDS = {"": Command(run=_export, keys=_Export)}

@@ -1,0 +1,90 @@
+"""Shows touch as it happens: contact, force, slip, a page."""
+
+from __future__ import annotations
+
+import os
+import sys
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from tactileforge.cli._command import Command
+from tactileforge.live.publish import JsonLines, Publisher, build_publishers
+from tactileforge.live.session import LiveOptions, LiveSession, run_session
+from tactileforge.live.status_line import LiveStatus
+from tactileforge.sensors.opening import build_sensors as built_sensors
+from tactileforge.signals import stopped_by_signals
+
+if TYPE_CHECKING:
+    from tactileforge.hub.model import Model
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Live(LiveOptions):
+    """What is shown, and to whom.
+
+    Attributes:
+        model: NAME.TAG of the zoo or file:PATH; None shows pictures and contact alone. Forces need
+            a model with a force head: ``tactileforge zoo pack RUN`` keeps the one of a run.
+        device: Where the model computes.
+        threads: How many threads it may take; None for torch's choice.
+        page: Whether there is a page at 127.0.0.1, for this machine alone.
+        port: Its port, 0 for any.
+        json: Whether readings go to standard output, as newline JSON.
+        publish: Publishers that plugins bring: [zmq], or {zmq: {address: tcp://127.0.0.1:5556}}.
+    """
+
+    model: str | None = None
+    device: str = "cpu"
+    threads: int | None = None
+    page: bool = True
+    port: int = 0
+    json: bool = False
+    publish: list[str] | dict[str, Any] = field(default_factory=list)
+
+
+def _live(keys: _Live, config: dict[str, Any]) -> None:
+    """Shows touch as it happens (docs/live.md).
+
+    Options of a sensor are sensor.NAME.option=value; several: sensor=[digit,gelsight_mini]
+    """
+    sensors, _, _ = built_sensors(config)
+    publishers: list[Publisher] = build_publishers(keys.publish)
+    if keys.json:
+        publishers.append(JsonLines())
+    status = LiveStatus()
+
+    def say(line: str) -> None:
+        status.end()
+        print(line, file=sys.stderr if keys.json else sys.stdout, flush=True)
+
+    with ExitStack() as stack:
+        view = stack.enter_context(LiveSession(sensors, _model(keys), keys))
+        stop = stack.enter_context(stopped_by_signals())
+        stack.callback(status.end)
+        if keys.page:
+            from tactileforge.live.server import LivePage
+
+            page = stack.enter_context(LivePage(view, keys.port))
+            say(f"page: {page.url}")
+        try:
+            run_session(view, publishers, stop, say, status.tell)
+        except BrokenPipeError:  # whoever read standard output has had enough
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        status.end()
+        say(status.summary(view))
+
+
+def _model(keys: _Live) -> Model | None:
+    if keys.threads:
+        import torch
+
+        torch.set_num_threads(keys.threads)
+    if not keys.model:
+        return None
+    from tactileforge.hub.loading import load
+
+    return load(keys.model, device=keys.device)
+
+
+COMMANDS = {"": Command(run=_live, keys=_Live, groups={"sensor": "???"})}

@@ -1,0 +1,112 @@
+"""Simulates touch, as shards; and compares it with real touch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from tactileforge import registry
+from tactileforge.cli._command import Command
+from tactileforge.files import write_text
+from tactileforge.reality.compare import CompareOptions, Side, compare_reality
+from tactileforge.sim.generate import SimConfig, write_seconds
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Sim:
+    """Simulated touches, as shards that ``data=shards`` reads.
+
+    Attributes:
+        out: Folder of the shards.
+        sensors: Types of sensors; each touch is felt by all of them.
+        indenters: ``few`` (twelve for pretraining), ``pretrain`` (all 61), ``bench`` (validation
+            has indenters of its own), ``textures``, ``all``, or names of shapes.
+        motions: ``atomic``, ``force_trial``, ``manipulation``, ``all``, or names of motions.
+        seconds: How much touch to make, for each sensor.
+        val: Share of it that is for validation.
+        size: Rows or columns of a picture, whichever are fewer.
+        action_seconds: Mean duration of one action.
+        force: Lowest and highest of the largest normal forces, N.
+        markers: Whether the gels have markers; None as their types have.
+        viscosity: Relaxation time of the gels, s: forces then lead pictures.
+        lag: Seconds by which pictures come later than forces, as from a real camera.
+        randomise: How units of a sensor, and touches, differ: ``none``, ``unit``, ``all``, or names
+            of rows (docs/simulator.md).
+        seed: Another seed, other touches.
+        codec: How pictures are stored: jpg (quality 95), or without loss png or webp.
+        processes: Processes that simulate; None for one a core.
+    """
+
+    out: str
+    sensors: tuple[str, ...] = ("digit", "gelsight", "gelsight_mini")
+    indenters: str | tuple[str, ...] = "pretrain"
+    motions: str | tuple[str, ...] = "atomic"
+    seconds: float = 60.0
+    val: float = 0.1
+    size: int = 240
+    action_seconds: float = 0.6
+    force: tuple[float, float] = (0.5, 8.0)
+    markers: bool | None = None
+    viscosity: float = 0.0
+    lag: float = 0.0
+    randomise: str | tuple[str, ...] = "all"
+    seed: int = 0
+    codec: str = "jpg"
+    processes: int | None = None
+
+
+def _sim(keys: _Sim, _: dict[str, Any]) -> None:
+    """Simulates touch, as shards that data=shards reads."""
+    own = {name: value for name, value in vars(keys).items() if name in _SIMULATED}
+    config = SimConfig(**{**own, "seconds": keys.action_seconds})
+    folder = Path(keys.out)
+    train, val = write_seconds(config, folder, keys.seconds, keys.val, keys.processes)
+    print(f"{train} touches for training and {val} for validation: {folder}")
+    print(f"train on them: tactileforge train data=shards data.root={folder}")
+
+
+_SIMULATED = {spec.name for spec in fields(SimConfig)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Compare(CompareOptions):
+    """A page with simulated and real touches side by side.
+
+    Attributes:
+        out: The page.
+    """
+
+    out: str = "compare.html"
+
+
+def _compare(keys: _Compare, config: dict[str, Any]) -> None:
+    """Writes a page with simulated and real touches side by side."""
+    dataset = registry.build("datasets", config["data"])
+    sides = compare_reality(dataset, keys)
+
+    from tactileforge.reality.page import reality_page
+
+    write_text(Path(keys.out), reality_page(config["data"]["name"], sides))
+    for sensor, side in sides.items():
+        print(_told(sensor, side))
+    for line in dataset.skipped:
+        print(f"note: {line}")
+    print(f"page: {keys.out}")
+
+
+def _told(sensor: str, side: Side) -> str:
+    """The nearest real source by each number."""
+    lines = [f"{sensor}: {len(side.simulated.looks)} simulated touches"]
+    for source, found in side.apart.items():
+        numbers = ", ".join(
+            f"{name} {value:.2g}" for name, value in found.items() if value == value
+        )
+        lines.append(f"  to {source}: {numbers}")
+    return "\n".join(lines)
+
+
+COMMANDS = {
+    "": Command(run=_sim, keys=_Sim),
+    "compare": Command(run=_compare, keys=_Compare, groups={"data": "???"}),
+}

@@ -1,0 +1,73 @@
+"""Trains a recipe, and goes on with a run that was stopped."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+from tactileforge.cli._command import Command
+from tactileforge.errors import ConfigError, TactileForgeError
+
+#: What Hydra leaves in a folder before a run begins, and the run's own lock.
+_EMPTY = {".hydra", ".lock", "train.log"}
+
+
+def _train(_: None, config: dict[str, Any]) -> float:
+    """Trains a recipe; a run that was stopped goes on with resume=RUN."""
+    from tactileforge.callbacks import checkpoints
+    from tactileforge.train import metric, train
+
+    folder = _folder()
+    if config.get("resume"):
+        config = _of_run(config["resume"])
+    try:
+        return metric(train(config, folder), config.get("optimized_metric"))
+    except KeyboardInterrupt as stop:
+        kept = (folder / checkpoints.LAST).is_file()
+        again = f"tactileforge train resume={folder}" if kept else "the same command again"
+        raise KeyboardInterrupt(f"{stop or 'stopped'}; go on with: {again}") from stop
+    except TactileForgeError:
+        if folder.is_dir() and {item.name for item in folder.iterdir()} <= _EMPTY:
+            shutil.rmtree(folder)  # a start that fails leaves nothing
+        raise
+
+
+def _folder() -> Path:
+    """Where the run is kept: Hydra's own folder for it, or for this job of a sweep."""
+    from hydra.core.hydra_config import HydraConfig
+    from hydra.types import RunMode
+
+    hydra = HydraConfig.get()
+    return Path(hydra.runtime.output_dir if hydra.mode is RunMode.MULTIRUN else hydra.run.dir)
+
+
+def _prepare(overrides: list[str]) -> list[str]:
+    """A resumed run stays in its folder; nothing else may be given with it."""
+    folders = [word.partition("=")[2] for word in overrides if word.startswith("resume=")]
+    if not folders or folders[-1] in ("", "null"):
+        return overrides
+    given = [word for word in overrides if not word.startswith(("resume=", "hydra."))]
+    if given:
+        raise ConfigError(
+            f"resume= goes on with the same run, so {' '.join(given)} cannot be given with it; "
+            "init= starts a new run from its weights"
+        )
+    _of_run(folders[-1])  # before Hydra makes a folder
+    return [*overrides, f"hydra.run.dir={folders[-1]}", "hydra.output_subdir=null"]
+
+
+def _of_run(folder: str) -> dict[str, Any]:
+    """The configuration of the run in a folder, to go on with it."""
+    from tactileforge.run_folder import read_config
+
+    return {**read_config(Path(folder)), "resume": folder}
+
+
+def _finish(config: Any) -> Any:
+    from tactileforge.compose import finish
+
+    return finish(config)
+
+
+COMMANDS = {"": Command(run=_train, yaml="train", prepare=_prepare, finish=_finish)}

@@ -1,0 +1,197 @@
+"""Lists, shows, fetches and packs models, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tactileforge.cli._command import Command
+from tactileforge.errors import ConfigError
+from tactileforge.files import sha256
+from tactileforge.hub import cards, gates, store
+from tactileforge.hub.table import align_columns, describe_clip, gate_rows, zoo_page
+
+
+@dataclass(frozen=True, kw_only=True)
+class _List:
+    """Which models, and how.
+
+    Attributes:
+        pattern: NAME* for some of them.
+        markdown: Whether it is the page docs/zoo.md.
+    """
+
+    pattern: str = "*"
+    markdown: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Show:
+    """Which card.
+
+    Attributes:
+        model: NAME or NAME.TAG.
+    """
+
+    model: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Get:
+    """Which weights.
+
+    Attributes:
+        model: NAME or NAME.TAG.
+        file: Your download, as its authors publish it (``--from FILE``); None fetches it.
+    """
+
+    model: str
+    file: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Pack:
+    """A run's encoder as one file.
+
+    Attributes:
+        run: Folder of the run.
+        out: The file; None for model.safetensors in the run.
+        dtype: In which numbers are kept: float32 or float16.
+        name: Of the model.
+        licence: SPDX identifier of the weights.
+        encoder: ``trained`` or ``slow``; None for the slow copy where the run has one.
+        gate: Folders of benches, with commas between them, whose release gate goes into the card.
+    """
+
+    run: str
+    out: str | None = None
+    dtype: str = "float32"
+    name: str = ""
+    licence: str = cards.NO_LICENCE
+    encoder: str | None = None
+    gate: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Gate:
+    """What the release gate measured.
+
+    Attributes:
+        model: NAME.TAG.
+        benches: Folders of benches.
+    """
+
+    model: str
+    benches: list[str]
+
+
+def _list(keys: _List, _: dict[str, Any]) -> None:
+    """The models, and whether their weights are here."""
+    if keys.markdown:
+        print(zoo_page(), end="")
+        return
+    rows = [("name", "title", "licence", "weights")]
+    for name, card, weight in cards.list_cards(keys.pattern):
+        licence = weight.licence if weight else card.licence
+        rows.append((name, card.title, licence, _state(card, weight)))
+    if len(rows) == 1:
+        raise ConfigError(f"no model matches {keys.pattern!r}; see them all: tactileforge zoo list")
+    print(align_columns(rows))
+
+
+def _state(card: cards.Card, weight: cards.Weight | None) -> str:
+    if weight is None:
+        return "none"
+    here = weight.kind != "shipped" and store.is_available(card, weight)
+    return f"{weight.kind}{' (here)' * here}"
+
+
+def _show(keys: _Show, _: dict[str, Any]) -> None:
+    """The card of a model."""
+    name, _, tag = keys.model.partition(".")
+    card = cards.read_card(name)
+    weights = [card.weight(tag)] if tag else card.weights
+    facts = [
+        ("licence", card.licence),
+        ("paper", card.paper),
+        ("code", card.code or "none"),
+        ("sensors", ", ".join(card.sensors) or "none"),
+        ("data", ", ".join(card.data)),
+        ("clip", describe_clip(card, weights[0] if weights else None)),
+        ("recipe", f"tactileforge train recipe={name}" if card.recipe else "none: importer only"),
+    ]
+    print(f"{card.title} ({name})\n\n{align_columns(facts)}\n")
+    rows = [("weights", "kind", "licence", "MB", "from")]
+    for weight in weights:
+        size = f"{weight.bytes / 1e6:.1f}" if weight.bytes else "-"
+        origin = weight.file or weight.url or weight.source + " (gated)" * weight.gated
+        rows.append((weight.tag, _state(card, weight), weight.licence, size, origin))
+    print(align_columns(rows) if weights else "No weights.")
+    results = [r for r in card.results if not tag or r.model == tag]
+    if results:
+        table = [("model", "task", "metric", "value", "source")]
+        table += [(r.model, r.task, r.metric, f"{r.value:g} {r.unit}", r.source) for r in results]
+        print(f"\n{align_columns(table)}")
+    for weight in weights:
+        if gate := gate_rows(card, weight):
+            print(f"\n{weight.tag}, release gate: {gates.gate_verdict(card.gate(weight))}")
+            print(align_columns(gate))
+    print(f"\n{card.text}")
+
+
+def _get(keys: _Get, _: dict[str, Any]) -> None:
+    """Fetches the weights of a model, or imports your download."""
+    if keys.file is None:
+        path = store.fetch_weights(*cards.find_card(keys.model))
+    else:
+        from tactileforge.hub.pack import import_published
+
+        path = import_published(keys.model, Path(keys.file))
+    print(f'{path}\nload it: tactileforge.load("{keys.model}")')
+
+
+def _pack(keys: _Pack, _: dict[str, Any]) -> None:
+    """Makes one file of a run's encoder."""
+    from tactileforge.hub.pack import pack_run
+
+    given: dict[str, Any] = {**vars(keys)}
+    run, benches = Path(given.pop("run")), given.pop("gate").split(",")
+    path = pack_run(run, **given)
+    if any(benches):
+        folders = [Path(word) for word in benches if word]
+        _put(keys.name, folders, [f"run:{run}", f"file:{path}"])
+        tag = keys.name.partition(".")[2]
+        gates.stamp_card(_card(keys.name), tag, sha256(path), path.stat().st_size)
+    print(f"{path}: {path.stat().st_size / 1e6:.1f} MB, sha256 {sha256(path)}")
+    print(f'load it: tactileforge.load("file:{path}")')
+
+
+def _gate(keys: _Gate, _: dict[str, Any]) -> None:
+    """Writes what the release gate measured into the card."""
+    card, weight = cards.find_card(keys.model)
+    words = [f"{card.name}.{weight.tag}", f"file:{cards.zoo_folder() / weight.file}"]
+    _put(words[0], [Path(bench) for bench in keys.benches], words, weight.sha256)
+
+
+def _put(model: str, benches: Sequence[Path], words: Sequence[str], sha256: str = "") -> None:
+    """Writes the gate of a model into its card."""
+    card, weight = cards.find_card(model)
+    path = _card(card.name)
+    rows = [row for bench in benches for row in gates.read_gates(bench, weight.tag, words, sha256)]
+    gates.write_gates(path, rows)
+    print(f"{path}: {gates.gate_verdict(rows)}")
+
+
+def _card(model: str) -> Path:
+    return Path(str(cards.zoo_folder() / "recipe" / f"{model.partition('.')[0]}.md"))
+
+
+COMMANDS = {
+    "list": Command(run=_list, keys=_List, bare=("pattern",)),
+    "show": Command(run=_show, keys=_Show, bare=("model",)),
+    "get": Command(run=_get, keys=_Get, bare=("model",), also={"from": "file"}),
+    "pack": Command(run=_pack, keys=_Pack, bare=("run",)),
+    "gate": Command(run=_gate, keys=_Gate, bare=("model", "benches")),
+}

@@ -1,0 +1,43 @@
+"""Templates of the pages: Jinja2, with autoescape, from the files beside this module."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import cache
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+
+@cache
+def environment() -> Environment:
+    """The environment of the templates; text is escaped unless it is `Markup`."""
+    return Environment(
+        loader=PackageLoader("tactileforge.pages"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+
+
+def piece(name: str, *values: Any) -> Markup:
+    """Renders a macro of ``pieces.html``.
+
+    Args:
+        name: Of the macro.
+        values: Its arguments.
+    """
+    return Markup(getattr(_pieces(), name)(*values))
+
+
+@cache
+def _pieces() -> Any:
+    return environment().get_template("pieces.html").module
+
+
+def joined(parts: Iterable[str]) -> Markup:
+    """Parts of a page one after the other; what is plain text is escaped."""
+    return Markup().join(parts)
