@@ -143,7 +143,7 @@ def shares(presses: Presses, out: Path, options: PackOptions) -> dict[str, float
 
 
 def frames_of(presses: Presses) -> int:
-    """How many frames there are."""
+    """Number of frames."""
     return sum(len(one.frames) for one in presses.found)
 
 
