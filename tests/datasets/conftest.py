@@ -1,5 +1,4 @@
 from collections.abc import Callable, Iterable
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +8,6 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from tactileforge.contracts import Frames
 from tactileforge.testing import check
 
 MakeVideo = Callable[..., Path]
@@ -69,32 +67,6 @@ def make_images(make_image: MakeVideo) -> Callable[..., None]:
     def make(pattern: str, numbers: Iterable[int], size: tuple[int, int] = (24, 32)) -> None:
         for i in numbers:
             make_image(pattern.format(i), i, size)
-
-    return make
-
-
-@pytest.fixture
-def levels() -> Callable[[Frames | None], list[int]]:
-    """Reads frames and gives the numbers that they show."""
-
-    def read(frames: Frames | None) -> list[int]:
-        assert frames is not None
-        return [round(float(frame.mean()) / 7) for frame in frames.read(range(len(frames)))]
-
-    return read
-
-
-@pytest.fixture
-def encoded() -> Callable[..., bytes]:
-    """A PNG with room to spare, of grey level 7 i, or of a colour."""
-
-    def make(i: int, size: tuple[int, int] = (24, 32), colour: Any = None) -> bytes:
-        picture = _picture(i, size)
-        if colour is not None:
-            picture[:] = colour
-        buffer = BytesIO()
-        Image.fromarray(picture).save(buffer, "PNG")
-        return buffer.getvalue() + bytes(300)  # readers of images stop at the end of the PNG
 
     return make
 
