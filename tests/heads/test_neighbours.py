@@ -58,7 +58,7 @@ def learned(relative: Relative) -> tuple[TactileViT, PixelHead]:
 
 
 def beside(patches: Tensor, features: MaskedFeatures) -> Tensor:
-    """What lies left, right, above and below of every masked patch: (rows, numbers and a 1).
+    """Left, right, upper and lower neighbours of every masked patch: (rows, numbers and a 1).
 
     A hidden or missing neighbour is zeros; a number each says whether it is seen.
     """
@@ -87,7 +87,7 @@ def explained(answer: Tensor, true: Tensor) -> float:
 
 @torch.no_grad()
 def of_ridge(encoder: TactileViT) -> float:
-    """What ridge explains of new touches, with the penalty that suits these very touches best."""
+    """Variance of new touches explained by ridge, with the penalty that suits them best."""
     torch.manual_seed(1)
     sides, true = seen_and_true(encoder, STEPS * CLIPS)
     new_sides, new_true = seen_and_true(encoder, 1000)
