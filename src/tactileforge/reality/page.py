@@ -216,7 +216,7 @@ _ROWS: dict[str, Callable[[Profile], str]] = {
     "stored as": lambda profile: f"text|{', '.join(profile.stored) or 'pixels'}",
     "log10 power, .06-.12, -.2, -.3, -.5": _bands,
     "noise (grey levels)": _of("noise"),
-    "contact (% of the picture)": _of("area", 100),
+    "contact (% of the image)": _of("area", 100),
     "contrast in contact (grey levels)": _of("contrast"),
     "detail in contact (grey levels)": _of("inside"),
     "detail outside (grey levels)": _of("outside"),

@@ -153,7 +153,7 @@ def _introduction(embedding: Embedding, shares: NDArray[np.float64]) -> Markup:
         f"Projected class tokens of {count} clips of {len(set(embedding.recordings))} recordings "
         f"on their first two principal axes; outliers are drawn at the edge.{faint} The map shows "
         f"{percent(float(shares[:2].sum()))} of the variance, which is spread over about "
-        f"{used:.1f} of {size} dimensions: trust the numbers below it more than the picture."
+        f"{used:.1f} of {size} dimensions: trust the numbers below it more than the map."
     )
 
 

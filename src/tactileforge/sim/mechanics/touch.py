@@ -160,7 +160,7 @@ class _State:
         felt = self._felt(pressure, laws)
         if not bool((felt > 0).any()):
             return _State(pose, pressure, felt, torch.zeros_like(before), pressure.sum((1, 2)))
-        # Pressure pushes the gel outwards by itself: only the rest of the motion has to be sheared.
+        # Pressure alone pushes the gel outwards: only the rest of the motion has to be sheared.
         motion = overlap.motion(old, pose) - solver.spread(pressure - self.pressure)
         shear = friction.shear(solver, laws.mu[:, None, None] * felt, before, motion)
         pressure = contact.press(solver, entered - solver.lift(shear), pressure, give=laws.give)
@@ -171,7 +171,7 @@ class _State:
 
     def _felt(self, pressure: Tensor, laws: _Laws) -> Tensor:
         """The pressure with its viscous part, which resists the change of the load."""
-        # Kelvin-Voigt: p (1 + tau F'/F), with tau F' over one frame; ``viscosity`` is tau in frames.
+        # Kelvin-Voigt: p (1 + tau F'/F), where ``viscosity`` is tau in frames.
         normal = pressure.sum((1, 2))
         faster = (normal - self.normal) / normal.clamp(min=1e-12) * laws.viscosity
         return pressure * (1 + faster).clamp(min=0)[:, None, None]
