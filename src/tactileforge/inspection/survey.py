@@ -106,7 +106,7 @@ def survey(dataset: Dataset, limit: int, progress: bool) -> Survey:
 
     Args:
         dataset: The data set.
-        limit: How many recordings to look at.
+        limit: Number of recordings to decode.
         progress: Whether to show progress bars.
 
     Raises:

@@ -45,7 +45,7 @@ class Score:
 
     Attributes:
         accuracy: Mean over classes.
-        chance: That of a guess.
+        chance: Accuracy of a guess.
         clips: Clips asked for.
         classes: Classes they have.
     """
@@ -61,7 +61,7 @@ def embedding_of(data: TouchData, looks: dict[str, Look]) -> Embedding:
 
     Args:
         data: The data of the run.
-        looks: What was seen, by split: ``train`` and ``val``.
+        looks: Embedded clips by split, ``train`` and ``val``.
     """
     recordings: list[str] = []
     labels: dict[str, list[str]] = {"sensor": [], "object": [], "action": []}

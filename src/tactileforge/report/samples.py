@@ -109,7 +109,7 @@ def look(module: TouchModule, clips: Clips, which: Sequence[int], skipped: Skipp
 
     Args:
         module: The trained module.
-        clips: Where the clips come from.
+        clips: The split that the clips belong to.
         which: Clips to embed.
         skipped: Recordings that could not be read.
     """
@@ -173,7 +173,7 @@ def explained(
 
     Args:
         module: The trained module.
-        clips: Where the clips come from.
+        clips: The split that the clips belong to.
         which: Clips to reconstruct.
         keys: Objectives whose heads predict `heads.decoder.Reconstruction`.
     """
@@ -197,7 +197,7 @@ def read_forces(
 
     Args:
         module: The trained module.
-        clips: Where the clips come from.
+        clips: The split that the clips belong to.
         which: Clips to read.
         key: The objective; its head predicts `heads.force.Forces`.
     """

@@ -81,7 +81,7 @@ def contacts(
         gels: One of each touch; thickness and Poisson's ratio are the same for all.
         poses: float32 (B, T, 6), see `motions.Path`.
         fps: Frames per second of each touch.
-        name: What errors call the touch.
+        name: Name of the touch in errors.
         softness: mm/MPa by which each object yields where it is pressed; None for rigid ones.
         window: Points a side of the part of the grid that is solved; None takes the smallest that
             holds every contact of the batch.
