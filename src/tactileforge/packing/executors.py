@@ -35,9 +35,9 @@ def execute(jobs: Sequence[ShardJob], executor: str, processes: int | None, tick
     Closing the iterator stops the work.
 
     Args:
-        jobs: What to make.
+        jobs: The shards to make.
         executor: One of `options.EXECUTORS`.
-        processes: How many work at a time; None for one a core.
+        processes: Number of processes; None for one per core.
         tick: Is told of the progress.
 
     Raises:

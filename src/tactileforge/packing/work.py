@@ -41,13 +41,13 @@ class ShardJob:
     """The recordings and options of one shard.
 
     Attributes:
-        number: Which of the run.
+        number: Number of the shard in the run.
         path: The shard.
         split: ``train`` or ``val``.
-        recordings: What goes in, in order.
-        frames: How many frames they have.
+        recordings: Its recordings, in order.
+        frames: Number of their frames.
         digest: Names the recordings and what is done with them.
-        options: How they are packed.
+        options: Options of packing.
     """
 
     number: int
@@ -66,7 +66,7 @@ class ShardNote:
     Attributes:
         digest: Of the job that made it.
         entry: For the index; None where nothing was left to pack.
-        statistics: What it holds.
+        statistics: Statistics of its recordings.
     """
 
     digest: str
@@ -133,7 +133,7 @@ def make_shard(
     """Makes a shard, and writes its note.
 
     Args:
-        job: What to make.
+        job: The shard to make.
         tick: Is told the job's number, and how many frames of it are done.
 
     Raises:
