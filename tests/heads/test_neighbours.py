@@ -1,5 +1,6 @@
 """The masked decoder against ridge regression on the patches beside the masked one."""
 
+import pytest
 import torch
 from torch import Tensor
 from torch.nn import functional as F
@@ -107,6 +108,7 @@ def of_decoder(encoder: TactileViT, head: PixelHead) -> float:
     return explained(made.predicted, made.target)
 
 
+@pytest.mark.slow
 def test_the_decoder_beats_ridge_on_the_neighbours() -> None:
     """On new touches, both having seen as many; with absolute places alone it does not."""
     near, far = learned("neighbours"), learned("none")
