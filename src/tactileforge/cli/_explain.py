@@ -31,7 +31,7 @@ def explain(name: str, key: str, overrides: Sequence[str]) -> str:
     if not rows:
         parent = key.rpartition(".")[0]
         node = OmegaConf.select(config, parent) if parent else config
-        known = [f"{parent}.{one}".lstrip(".") for one in node or ()]
+        known = [f"{parent}.{one!s}".lstrip(".") for one in node or ()]
         raise ConfigError(unknown("key", key, known))
     width = max(len(place) for place, _ in rows)
     lines = [f"  {place:<{width}}  {value}" for place, value in rows]
