@@ -30,11 +30,11 @@ class SensorError(TactileForgeError):
     """A device is absent, busy or unplugged, or does not send what it should."""
 
 
-def nearest(name: str, known: Iterable[str]) -> str:
+def nearest_name(name: str, known: Iterable[str]) -> str:
     """What follows an unknown name in an error: the nearest that is known, or a full stop.
 
     Example:
-        >>> nearest("trian", ["train", "report"])
+        >>> nearest_name("trian", ["train", "report"])
         "; did you mean 'train'?"
     """
     near = get_close_matches(name, list(known), n=1)
@@ -49,5 +49,7 @@ def unknown(what: str, name: str, known: Iterable[str], fix: str = "") -> str:
         "unknown sensor 'digitt'; did you mean 'digit'? Known: digit, gelsight"
     """
     names = sorted(known)
-    text = f"unknown {what} {name!r}{nearest(name, names)} Known: {', '.join(names) or '(none)'}"
+    text = (
+        f"unknown {what} {name!r}{nearest_name(name, names)} Known: {', '.join(names) or '(none)'}"
+    )
     return f"{text}. {fix}" if fix else text

@@ -113,12 +113,12 @@ def packed_job(job: ShardJob) -> bytes:
 
 
 def run_packed(job: bytes, tick: Callable[[int, int], None]) -> ShardNote:
-    """`run_job`, of a job that comes from another process."""
+    """`make_shard`, of a job that comes from another process."""
     try:
         found: ShardJob = pickle.loads(job)
     except (pickle.UnpicklingError, AttributeError, ImportError, TypeError) as error:
         raise DataError(_NO_PICKLE.format("a shard", error)) from error
-    return run_job(found, tick)
+    return make_shard(found, tick)
 
 
 _NO_PICKLE = (
@@ -127,7 +127,7 @@ _NO_PICKLE = (
 )
 
 
-def run_job(
+def make_shard(
     job: ShardJob, tick: Callable[[int, int], None] = lambda number, frames: None
 ) -> ShardNote:
     """Makes a shard, and notes what it is.
