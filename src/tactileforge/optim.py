@@ -3,10 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import nn
+
+
+@dataclass(frozen=True, kw_only=True)
+class OptimOptions:
+    """The keys of ``optim``.
+
+    Attributes:
+        lr: Learning rate, after the warm-up.
+        weight_decay: Of matrices.
+        betas: Of AdamW.
+        warmup: Share of the run in which the learning rate rises.
+        clip: Largest norm of the gradient; None for any.
+    """
+
+    lr: float
+    weight_decay: float
+    betas: tuple[float, float]
+    warmup: float
+    clip: float | None = None
 
 
 def optimiser(

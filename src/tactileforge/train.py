@@ -8,6 +8,8 @@ import sys
 import warnings
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
+from importlib.util import find_spec
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +19,14 @@ from lightning.pytorch.callbacks import Timer
 from lightning.pytorch.loggers import CSVLogger, Logger
 from omegaconf import DictConfig, OmegaConf
 
-from tactileforge import curriculum, registry, run_folder
+from tactileforge import curriculum, registry, run_folder, strict
 from tactileforge.assemble import build_data, with_sensors
 from tactileforge.callbacks import checkpoints
 from tactileforge.callbacks.progress import Progress
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.files import sealed, write_text
 from tactileforge.module import TouchModule
+from tactileforge.optim import OptimOptions
 from tactileforge.provenance import commit
 
 log = logging.getLogger(__name__)
@@ -72,6 +75,7 @@ def train(config: DictConfig | dict[str, Any], folder: Path) -> TouchModule:
 
 def _train(plain: dict[str, Any], folder: Path, resume: Path | None) -> TouchModule:
     L.seed_everything(plain["seed"], verbose=False)
+    _check(plain)
     # Mistakes are named before data is made or read; the length of the run is not known yet.
     weights = {key: node["weight"] for key, node in plain["objective"].items()}
     curriculum.from_config(plain["curriculum"], weights, total=sys.maxsize, epoch=1)
@@ -128,6 +132,32 @@ def _plain(config: DictConfig) -> dict[str, Any]:
     return OmegaConf.to_container(config, resolve=True)  # type: ignore[return-value]
 
 
+#: Packages that a logger needs one of.
+_LOGGERS = {"csv": (), "tensorboard": ("tensorboard", "tensorboardX"), "wandb": ("wandb",)}
+_LOGGERS |= {"mlflow": ("mlflow",)}
+
+
+def _check(config: Mapping[str, Any]) -> None:
+    """Names a mistake in ``optim``, ``trainer`` or ``logger`` before data is made or read.
+
+    Raises:
+        ConfigError: See there.
+    """
+    strict.build(OptimOptions, "optim", config["optim"])
+    known = {*signature(L.Trainer).parameters, "save_every"}
+    for key, value in config["trainer"].items():
+        if key not in known:
+            raise ConfigError(unknown("key of trainer", key, known))
+        whole = key.startswith(("max_", "save_", "log_every", "accumulate", "num_nodes"))
+        if whole and not (value is None or isinstance(value, int)):
+            raise ConfigError(f"trainer.{key}={value}: give a whole number")
+    name = config["logger"]["name"]
+    if name not in _LOGGERS:
+        raise ConfigError(f"unknown logger {name!r}: csv, tensorboard, wandb or mlflow")
+    if _LOGGERS[name] and not any(find_spec(package) for package in _LOGGERS[name]):
+        raise ConfigError(f"logger={name} is not installed: pip install 'tactileforge[{name}]'")
+
+
 def build_trainer(
     config: Mapping[str, Any], folder: Path
 ) -> tuple[L.Trainer, checkpoints.Checkpoints]:
@@ -139,8 +169,7 @@ def build_trainer(
     if options["strategy"] == "auto" and options["devices"] not in (1, "1", "auto"):
         # an objective that starts late, or meets no label on one rank, leaves parameters unused
         options["strategy"] = "ddp_find_unused_parameters_true"
-    trainer = L.Trainer(
-        **options,
+    own: dict[str, Any] = dict(
         default_root_dir=folder,
         logger=build_loggers(config["logger"], folder),
         callbacks=[saver, Progress(), Timer()],  # the report says how long it took
@@ -153,7 +182,10 @@ def build_trainer(
         num_sanity_val_steps=0,
         deterministic=True if not torch.cuda.is_available() else "warn",
     )
-    return trainer, saver
+    try:
+        return L.Trainer(**options, **own), saver
+    except (TypeError, ValueError) as error:  # also what Lightning itself raises for them
+        raise ConfigError(f"trainer: {error}") from error
 
 
 def build_loggers(config: Mapping[str, Any], folder: Path) -> list[Logger]:
@@ -172,8 +204,6 @@ def build_loggers(config: Mapping[str, Any], folder: Path) -> list[Logger]:
         from lightning.pytorch.loggers import MLFlowLogger
 
         loggers.append(MLFlowLogger(project, save_dir=str(folder / "mlflow")))
-    elif name != "csv":
-        raise ConfigError(f"unknown logger {name!r}: csv, tensorboard, wandb or mlflow")
     return loggers
 
 

@@ -486,7 +486,7 @@ def test_what_the_command_refuses(capsys, tmp_path):
 
     for words, message in (
         (["sensor=[digitt]", f"out={tmp_path}"], "unknown sensor 'digitt'"),
-        ([f"out={tmp_path}"], "You must specify 'sensor'"),
+        ([f"out={tmp_path}"], "give sensor=NAME"),
         (["sensor=sim"], "give out=..."),
         (["sensor=sim_wrench", f"out={tmp_path}"], "choose it with force=sim_wrench"),
     ):

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hydra.errors import HydraException
@@ -48,6 +50,7 @@ def run(verb: str, command: Command, words: Words) -> Result:
             results.append(command.run(command.build(given), given))
             return results[-1]
         except TactileForgeError as error:
+            _forget(HydraConfig.get())
             if not alone:
                 raise  # the sweep has to know
             ended.append(error)
@@ -65,6 +68,18 @@ def run(verb: str, command: Command, words: Words) -> Result:
     if ended:
         raise ended[0]
     return results[-1] if results else None
+
+
+#: What there is in a folder before a run begins: what Hydra writes, and the run's own lock.
+_BEFORE = {".hydra", ".lock", "train.log"}
+
+
+def _forget(hydra: Any) -> None:
+    """Removes the folder of a start that has failed: nothing is in it but what Hydra wrote."""
+    folder = Path(hydra.runtime.output_dir)
+    begun = hydra.output_subdir is None or not folder.is_dir()
+    if not begun and {item.name for item in folder.iterdir()} <= _BEFORE:
+        shutil.rmtree(folder)
 
 
 @contextmanager
@@ -129,5 +144,5 @@ def _keys(config: Any, prefix: str = "") -> Iterator[str]:
     if not isinstance(config, DictConfig) or config._is_none() or config._is_missing():
         return
     for key in config:
-        yield f"{prefix}{key}"
-        yield from _keys(config._get_node(key), f"{prefix}{key}.")
+        yield f"{prefix}{key!s}"
+        yield from _keys(config._get_node(key), f"{prefix}{key!s}.")

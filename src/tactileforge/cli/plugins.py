@@ -102,7 +102,7 @@ def _check(keys: _Check, _: dict[str, Any]) -> int:
         print(" ".join([plugin_kind.removesuffix("s"), name, *address]), flush=True)
         for result in check(plugin_kind, name, **given):
             counts[result.status] += 1
-            first, *_ = result.detail.splitlines() or [""]
+            first = (result.detail.splitlines() or [""])[0]
             print(f"  {result.status:<9}{result.name}{': ' * bool(first)}{first}")
     print(", ".join(f"{count} {status}" for status, count in counts.items()))
     return 1 if counts["failed"] else 0

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 from typing import Any
 
 from tactileforge.cli._command import Command
-from tactileforge.errors import ConfigError, TactileForgeError
-
-#: What Hydra leaves in a folder before a run begins, and the run's own lock.
-_EMPTY = {".hydra", ".lock", "train.log"}
+from tactileforge.errors import ConfigError
 
 
 def _train(_: None, config: dict[str, Any]) -> float:
@@ -27,10 +23,6 @@ def _train(_: None, config: dict[str, Any]) -> float:
         kept = (folder / checkpoints.LAST).is_file()
         again = f"tactileforge train resume={folder}" if kept else "the same command again"
         raise KeyboardInterrupt(f"{stop or 'stopped'}; go on with: {again}") from stop
-    except TactileForgeError:
-        if folder.is_dir() and {item.name for item in folder.iterdir()} <= _EMPTY:
-            shutil.rmtree(folder)  # a start that fails leaves nothing
-        raise
 
 
 def _folder() -> Path:

@@ -110,9 +110,9 @@ def _state(card: cards.Card, weight: cards.Weight | None) -> str:
 
 def _show(keys: _Show, _: dict[str, Any]) -> None:
     """The card of a model."""
-    name, _, tag = keys.model.partition(".")
+    name, dot, tag = keys.model.partition(".")
     card = cards.read_card(name)
-    weights = [card.weight(tag)] if tag else card.weights
+    weights = [card.weight(tag)] if dot else card.weights
     facts = [
         ("licence", card.licence),
         ("paper", card.paper),

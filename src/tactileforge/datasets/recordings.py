@@ -43,7 +43,7 @@ class Recordings:
     """
 
     def __init__(
-        self, root: str = ".", layouts: Mapping[str, Any] | None = None, val: float = 0.1
+        self, root: str, layouts: Mapping[str, Any] | None = None, val: float = 0.1
     ) -> None:
         if not 0 <= val < 1:
             raise ConfigError(f"val is {val}; give the share that is held out, 0 or more, below 1")

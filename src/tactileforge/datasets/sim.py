@@ -31,7 +31,7 @@ class Sim:
             has indenters of its own), ``textures``, ``all``, or names of shapes.
         motions: ``atomic``, ``force_trial``, ``manipulation``, ``all``, or names of motions.
         size: Rows or columns of a frame, whichever are fewer.
-        seconds: Mean duration of one action.
+        action_seconds: Mean duration of one action.
         force: Lowest and highest of the largest normal forces, N.
         markers: Whether the gels have markers; None as their types have.
         viscosity: Relaxation time of the gels, s; forces then lead images.
@@ -56,7 +56,7 @@ class Sim:
         indenters: str | Sequence[str] = "few",
         motions: str | Sequence[str] = "atomic",
         size: int = 112,
-        seconds: float = 0.6,
+        action_seconds: float = 0.6,
         force: Sequence[float] = (0.5, 8.0),
         markers: bool | None = None,
         viscosity: float = 0.0,
@@ -76,7 +76,7 @@ class Sim:
             "indenters": indenters if isinstance(indenters, str) else tuple(indenters),
             "motions": motions if isinstance(motions, str) else tuple(motions),
             "size": size,
-            "seconds": seconds,
+            "seconds": action_seconds,
             "force": tuple(force),
             "markers": markers,
             "viscosity": viscosity,

@@ -39,7 +39,7 @@ class SimArray:
         size: Rows of the image; None for one pixel a taxel.
         indenters: As those of ``sim``.
         motions: As those of ``sim``.
-        seconds: Mean duration of one action.
+        action_seconds: Mean duration of one action.
         force: Lowest and highest of the largest normal forces, N.
         seed: Another seed, other touches.
         cache: Folder that keeps them; None for ``$TACTILEFORGE_CACHE``, or the user's cache.
@@ -65,7 +65,7 @@ class SimArray:
         size: int | None = 16,
         indenters: str | Sequence[str] = "few",
         motions: str | Sequence[str] = "atomic",
-        seconds: float = 0.6,
+        action_seconds: float = 0.6,
         force: Sequence[float] = (0.5, 8.0),
         seed: int = 0,
         cache: str | None = None,
@@ -79,7 +79,7 @@ class SimArray:
         self.sensor, self.shape, self.pitch, self.axes = sensor, tuple(shape), pitch, axes
         self.span, self.noise, self.bits, self.size = span, noise, bits, size
         self.indenters, self.motions = indenters, motions
-        self.seconds, self.force, self.seed = seconds, tuple(force), seed
+        self.action_seconds, self.force, self.seed = action_seconds, tuple(force), seed
         self.cache, self.processes = cache, processes
         self.skipped: list[str] = []
 
@@ -122,7 +122,7 @@ class SimArray:
             indenters=plain(self.indenters),
             motions=plain(self.motions),
             size=64,
-            seconds=self.seconds,
+            seconds=self.action_seconds,
             force=self.force,  # type: ignore[arg-type]
             markers=None,
             viscosity=0.0,

@@ -36,7 +36,7 @@ def test_pages_are_written(words: list[str], page: str, tmp_path: Path) -> None:
     [
         (["pakc"], "unknown action of tactileforge data 'pakc'; did you mean 'pack'"),
         (["pack", "data=sim"], "give out=..."),
-        (["pack", "out=x"], "You must specify 'data'"),
+        (["pack", "out=x"], "give data=NAME"),
         (["pack", "data=simm", "out=x"], "simm"),
         (["pack", *SIM, "out=x", "pack.codec=bmp"], "unknown pack.codec 'bmp'"),
         (["inspect", "data=shards", "data.root=nowhere"], "nowhere: neither index.json nor"),

@@ -15,7 +15,7 @@ from tactileforge.errors import ConfigError, PluginError, SensorError
 
 main = partial(dispatch, "plugins")
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 
 TOYS = """
 from tactileforge.contracts import SensorSpec

@@ -1,0 +1,75 @@
+"""``--explain KEY``: each place that gives a key a value, in order; the last one wins."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from hydra import initialize_config_module
+from hydra.core.global_hydra import GlobalHydra
+from hydra.types import RunMode
+from omegaconf import DictConfig, OmegaConf
+
+from tactileforge.compose import composed, register
+from tactileforge.errors import ConfigError, unknown
+
+
+def explain(name: str, key: str, overrides: Sequence[str]) -> str:
+    """The places that give a key its value, and what it is in the end.
+
+    Args:
+        name: Of the configuration.
+        key: Such as ``objective.force.weight``.
+        overrides: ``key=value`` words.
+
+    Raises:
+        ConfigError: The configuration has no such key.
+        HydraException: An override that does not fit.
+    """
+    config = composed(name, overrides)
+    rows = [*_files(name, key, overrides), *_typed(key, overrides)]
+    if not rows:
+        parent = key.rpartition(".")[0]
+        node = OmegaConf.select(config, parent) if parent else config
+        known = [f"{parent}.{one!s}".lstrip(".") for one in node or ()]
+        raise ConfigError(unknown("key", key, known))
+    width = max(len(place) for place, _ in rows)
+    lines = [f"  {place:<{width}}  {value}" for place, value in rows]
+    final = _shown(OmegaConf.select(config, key, throw_on_missing=False))
+    return "\n".join([f"{key} = {final}", *lines, "  (the last one wins)"])
+
+
+def _files(name: str, key: str, overrides: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Files and plugins of the defaults list that have the key, in the order they are merged."""
+    register()
+    GlobalHydra.instance().clear()
+    with initialize_config_module("tactileforge.conf", version_base="1.3"):
+        hydra = GlobalHydra.instance().hydra
+        assert hydra is not None
+        loader: Any = hydra.config_loader
+        found = loader.compute_defaults_list(name, [*overrides], RunMode.RUN)
+        for default in found.defaults:
+            if default.config_path is None or default.config_path.startswith("hydra"):
+                continue
+            config = loader._load_single_config(default, loader.repository).config
+            if OmegaConf.is_config(config) and _has(config, key):
+                value = OmegaConf.select(config, key, throw_on_missing=False)
+                yield f"{default.config_path}.yaml", _shown(value)
+
+
+def _has(config: Any, key: str) -> bool:
+    missing = object()
+    return OmegaConf.select(config, key, default=missing, throw_on_missing=False) is not missing
+
+
+def _typed(key: str, overrides: Sequence[str]) -> Iterator[tuple[str, str]]:
+    for word in overrides:
+        name, _, value = word.partition("=")
+        if name.lstrip("+") == key:
+            yield "command line", value
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, DictConfig):
+        return str(OmegaConf.to_container(value))
+    return "null" if value is None else str(value)

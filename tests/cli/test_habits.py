@@ -1,0 +1,168 @@
+"""The same habits on every verb, and what wins over what."""
+
+import os
+from pathlib import Path
+
+import pytest
+import yaml
+
+from tactileforge import cli
+from tactileforge.cli._complete import complete
+from tactileforge.compose import compose
+
+SMALL = ["scale=demo", "debug=steps", "data.scenes=3", "data.val=1", "data.size=32"]
+SMALL += ["encoder.image_size=32", "batch.size=4", "objective=[pixel]"]
+
+
+def said(capsys: pytest.CaptureFixture[str], *words: str) -> str:
+    assert cli.run(words) == 0
+    return capsys.readouterr().out
+
+
+def error_of(capsys: pytest.CaptureFixture[str], *words: str) -> str:
+    assert cli.run(words) == 1
+    err = capsys.readouterr().err
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1, "one line"
+    return err
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def test_every_command_has_help_that_says_each_key(capsys: pytest.CaptureFixture[str]) -> None:
+    assert set(cli.verbs()) >= {"train", "sim", "data", "zoo", "plugins", "record", "live", "bench"}
+    for verb in cli.verbs():
+        for action, command in cli.commands(verb).items():
+            out = said(capsys, *filter(None, (verb, action)), "--help")
+            assert command.about
+            assert command.about in out
+            keys = command.keys.__dataclass_fields__ if command.keys else ()
+            for key in keys:
+                before, _, _ = out.partition(f"\n{key}:")
+                assert before != out, key
+                assert before.rpartition("\n")[2].startswith("#"), (
+                    f"{verb} {action}: {key} has no meaning"
+                )
+
+
+@pytest.mark.parametrize(
+    ("words", "value"),
+    [
+        (["train", "scale=demo"], ["trainer", "max_steps", 350]),
+        (["data", "inspect", "data=sim"], ["recordings", 400]),
+        (["zoo", "list"], ["pattern", "*"]),
+        (["sim", "out=x"], ["action_seconds", 0.6]),
+        (["record", "sensor=sim", "out=x"], ["background", "seconds", 1.0]),
+    ],
+)
+def test_cfg_job_prints_what_would_be_used(
+    words: list[str], value: list[object], capsys: pytest.CaptureFixture[str]
+) -> None:
+    node = yaml.safe_load(said(capsys, *words, "--cfg", "job"))
+    for key in value[:-1]:
+        node = node[key]
+    assert node == value[-1]
+    assert not os.listdir()
+
+
+def test_multirun_of_a_verb_without_plugins(capsys: pytest.CaptureFixture[str]) -> None:
+    out = said(capsys, "zoo", "show", "-m", "model=mae,clip")
+    assert "(mae)" in out
+    assert "(clip)" in out
+
+
+@pytest.mark.slow
+def test_multirun_trains_each_in_a_folder_of_its_own() -> None:
+    from tactileforge.callbacks.checkpoints import read_checkpoint
+
+    assert cli.run(["train", "-m", "seed=0,1", *SMALL]) == 0
+    (sweep,) = Path("runs/sweeps").iterdir()
+    assert {p.name for p in sweep.iterdir()} == {"0", "1", "multirun.yaml"}
+    for number in range(2):
+        assert yaml.safe_load((sweep / str(number) / "config.yaml").read_text())["seed"] == number
+        assert (sweep / str(number) / "report.html").is_file()
+    first, second = (read_checkpoint(sweep / str(number))["state_dict"] for number in range(2))
+    assert any((first[key] != second[key]).any() for key in first)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["trian"], "did you mean 'train'"),
+        (["train", "trainer.max_step=3"], "did you mean 'trainer.max_steps'"),
+        (["train", "trainr.max_steps=3"], "did you mean 'trainer.max_steps'"),
+        (["train", "data=recordings"], "give data.root=..."),
+        (["train", "data=public_samples"], "give data.root=..."),
+        (["train", *SMALL, "optim.lr=abc"], "optim.lr is 'abc', which is not of type float"),
+        (["train", *SMALL, "+trainer.foo=1"], "unknown key of trainer 'foo'"),
+        (["train", *SMALL, "logger=wandb"], "pip install 'tactileforge[wandb]'"),
+        (["train", "resume=nope"], "give the folder of a run"),
+        (["sim", "out=x", "sise=3"], "did you mean 'size'"),
+        (["sim", "out=x", "size=big"], "size is 'big', which is not of type int"),
+        (["data", "pack", "data=sim", "out=x", "pack.codek=png"], "did you mean 'pack.codec'"),
+        (["export", "x", "model=y"], "'x' is not key=value"),
+        (["zoo", "list", "--markdwn"], "did you mean 'markdown'"),
+    ],
+)
+def test_mistakes_are_one_line_and_leave_nothing(
+    words: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert message in error_of(capsys, *words)
+    assert not [item for item in Path().rglob("*") if item.is_file()]
+
+
+def test_an_explicit_curriculum_wins_over_a_scale() -> None:
+    constant = compose("anytouch2", ["curriculum=constant", "scale=demo"]).curriculum
+    assert not constant.objective
+    assert constant.universal.high == 0.0
+    assert compose("anytouch2", ["scale=demo"]).curriculum.objective.force.start == 0.1
+    assert compose("anytouch2", ["scale=tiny"]).curriculum.objective.align.start == 0.2
+    assert compose("anytouch2", []).curriculum.objective.align.start == 0.75
+
+
+DERIVED = "# @package _global_\ndefaults: [anytouch2, _self_]\nobjective: {force: {weight: 0.3}}\n"
+
+
+def test_a_recipe_of_ones_own_wins_over_a_scale(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("mine/recipe").mkdir(parents=True)
+    Path("mine/recipe/soft.yaml").write_text(DERIVED)
+    for where in (
+        ["--config-dir", "mine"],
+        [f"hydra.searchpath=[file://{Path('mine').resolve()}]"],
+    ):
+        out = said(capsys, "train", *where, "recipe=soft", "scale=demo", "--cfg", "job")
+        config = yaml.safe_load(out)
+        assert config["objective"]["force"]["weight"] == 0.3
+        assert config["objective"]["match"]["weight"] == 0.1, "of the scale"
+        assert config["encoder"]["norm_in"] is False, "tuned for the recipe that it derives from"
+
+
+def test_explain_says_where_a_value_is_from(capsys: pytest.CaptureFixture[str]) -> None:
+    key = "objective.force.weight"
+    first, *rows = said(capsys, "train", "scale=demo", f"{key}=2", "--explain", key).splitlines()
+    assert first == f"{key} = 2"
+    assert [row.split() for row in rows[:-1]] == [
+        ["objective/force.yaml", "1.0"],
+        ["recipe/anytouch2.yaml", "0.1"],
+        ["scale/demo.yaml", "1.0"],
+        ["command", "line", "2"],
+    ]
+    assert "did you mean" in error_of(capsys, "train", "--explain", "objective.force.wieght")
+
+
+@pytest.mark.parametrize(
+    ("line", "found"),
+    [
+        ("tactileforge tr", ["train "]),
+        ("tactileforge data p", ["pack "]),
+        ("tactileforge train scale=d", ["demo"]),
+        ("tactileforge train objective=[pixel,for", ["force"]),
+        ("tactileforge data pack data=ycb", ["ycb_slide"]),
+        ("tactileforge record qua", ["quality="]),
+    ],
+)
+def test_completion(line: str, found: list[str]) -> None:
+    assert complete(line) == found
