@@ -44,7 +44,7 @@ def clips(args: argparse.Namespace, names: list[str], count: int, seed: int) -> 
         indenters=names,
         motions=MOTIONS,
         size=SIDE,
-        seconds=0.6,
+        action_seconds=0.6,
         force=(1.0, 8.0),
         markers=False,
         randomise=args.randomise,

@@ -38,14 +38,14 @@ def encode_displacement(displacement: NDArray[np.float32]) -> NDArray[np.uint8]:
     """
     share = displacement / np.asarray(RANGE_MM, np.float32)
     root = np.sign(share) * np.sqrt(np.abs(share))
-    return np.rint(NONE + 127 * root.clip(-1, 1)).astype(np.uint8)
+    image: NDArray[np.uint8] = np.rint(NONE + 127 * root.clip(-1, 1)).astype(np.uint8)
+    return image
 
 
 def decode_displacement(image: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Decodes an image of `encode_displacement`: displacements, mm, float32 (..., 3)."""
     root = (image.astype(np.float32) - NONE) / 127
-    out: NDArray[np.float32] = np.sign(root) * root**2 * np.asarray(RANGE_MM, np.float32)
-    return out
+    return (np.sign(root) * root**2 * np.asarray(RANGE_MM)).astype(np.float32)
 
 
 def mirror_displacement(images: Tensor, axis: int) -> Tensor:
