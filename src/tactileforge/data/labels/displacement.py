@@ -45,7 +45,8 @@ def encode_displacement(displacement: NDArray[np.float32]) -> NDArray[np.uint8]:
 def decode_displacement(image: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Decodes an image of `encode_displacement`: displacements, mm, float32 (..., 3)."""
     root = (image.astype(np.float32) - NONE) / 127
-    return (np.sign(root) * root**2 * np.asarray(RANGE_MM)).astype(np.float32)
+    out: NDArray[np.float32] = (np.sign(root) * root**2 * np.asarray(RANGE_MM)).astype(np.float32)
+    return out
 
 
 def mirror_displacement(images: Tensor, axis: int) -> Tensor:
