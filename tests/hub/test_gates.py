@@ -206,7 +206,7 @@ def test_packing_writes_the_card(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     (tmp_path / "recipe" / "a.md").write_text(card())
     out = tmp_path / "out.safetensors"
     monkeypatch.setattr(cards, "zoo_folder", lambda: tmp_path)
-    monkeypatch.setattr(pack, "pack_run", lambda run, name: out.write_bytes(b"123") and out)
+    monkeypatch.setattr(pack, "pack_run", lambda run, **options: out.write_bytes(b"123") and out)
     for cached in (cards.card_names, cards.read_card):
         cached.cache_clear()
     try:
