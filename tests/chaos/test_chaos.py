@@ -343,8 +343,13 @@ def raises(error: BaseException) -> Callable[[Frame], Frame]:
     return fault
 
 
-def hang(*_: object) -> Any:
-    time.sleep(60)
+#: Ends what hangs.
+RELEASE = threading.Event()
+
+
+def hang(*given: Any) -> Any:
+    RELEASE.wait(60)
+    return given[0] if given else None
 
 
 FAULTS: dict[str, Callable[[Frame], Frame]] = {
@@ -366,7 +371,7 @@ def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("_quick")
 def test_sensors_that_misbehave() -> None:
-    named = 0
+    named, started = 0, []
     for what, fault in FAULTS.items():
         one = Capture("a", Faulty(fault), lambda frame: None, reconnect=0.2, silence=0.2)  # type: ignore[arg-type]
         one.start()
@@ -376,12 +381,15 @@ def test_sensors_that_misbehave() -> None:
             one.watch()
             time.sleep(0.01)
         assert isinstance(one.error, SensorError)
-        one._stop.set()
+        started.append(one)
         named += 1
     for what in ("open()", "close()"):
         with pytest.raises(SensorError, match="left behind"):
             within(0.1, f"a: {what}", hang)
         named += 1
+    RELEASE.set()
+    for one in started:
+        one.stop()
     note("ways in which a sensor may die", named, f"{named} named, 0 in silence")
 
 
