@@ -88,7 +88,7 @@ def side_by_side(
 
 
 def ratio(times: dict[str, dict[str, float]], ours: str, theirs: str) -> float:
-    """How many times as fast as ``theirs`` we are, by medians; above 1 is faster."""
+    """Speed-up over ``theirs``, by medians; above 1 is faster."""
     return round(times[theirs]["median_s"] / times[ours]["median_s"], 3)
 
 

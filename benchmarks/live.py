@@ -112,7 +112,7 @@ def random_model(name: str) -> Model:
 
 
 def look(url: str, stop: threading.Event) -> None:
-    """What a browser asks for."""
+    """Requests of a browser."""
     while not stop.wait(0.05):
         for what in ("state", "frame/camera", "difference/camera"):
             with urllib.request.urlopen(url + what, timeout=10) as answer:

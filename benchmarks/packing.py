@@ -95,7 +95,7 @@ class Clock:
 def ours(presses: Presses, out: Path, options: PackOptions) -> None:
     """One shard, checksums and index entry included."""
     (job,) = plan_pack(presses, out, options).jobs
-    work.run_job(job)
+    work.make_shard(job)
 
 
 def plain(presses: Presses, out: Path) -> None:
@@ -143,7 +143,7 @@ def shares(presses: Presses, out: Path, options: PackOptions) -> dict[str, float
 
 
 def frames_of(presses: Presses) -> int:
-    """How many frames there are."""
+    """Number of frames."""
     return sum(len(one.frames) for one in presses.found)
 
 

@@ -113,7 +113,7 @@ def lag(response: NDArray[np.float64], normal: NDArray[np.float64]) -> tuple[int
 
 
 def responses() -> dict[str, object]:
-    """How pictures answer to force: simulated beside measured (one trial a sensor)."""
+    """Response of images to force: simulated beside measured (one trial per sensor)."""
     out: dict[str, object] = {}
     figure = Figure(figsize=(9, 3.4), layout="constrained")
     for axes, sensor in zip(figure.subplots(1, 2), TRIALS, strict=True):

@@ -3,14 +3,17 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
+from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 
 from tactileforge import registry
-from tactileforge.contracts import Batch, Frame, SensorSpec
+from tactileforge.contracts import Batch, Frame, Frames, SensorSpec
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import TactileForgeError
 
@@ -67,6 +70,30 @@ def batch() -> Batch:
         "group": torch.tensor([0, 0, 1, 1, 2, 2, 3, 3]),
         "skipped": {},
     }
+
+
+@pytest.fixture
+def levels() -> Callable[[Frames | None], list[int]]:
+    """Reads frames and gives the numbers that they show."""
+
+    def read(frames: Frames | None) -> list[int]:
+        assert frames is not None
+        return [round(float(frame.mean()) / 7) for frame in frames.read(range(len(frames)))]
+
+    return read
+
+
+@pytest.fixture
+def encoded() -> Callable[..., bytes]:
+    """A PNG with room to spare, of grey level 7 i, or of a colour."""
+
+    def make(i: int, size: tuple[int, int] = (24, 32), colour: Any = None) -> bytes:
+        image = np.full((*size, 3), min(7 * i, 255) if colour is None else colour, np.uint8)
+        buffer = BytesIO()
+        Image.fromarray(image).save(buffer, "PNG")
+        return buffer.getvalue() + bytes(300)  # readers of images stop at the end of the PNG
+
+    return make
 
 
 @pytest.fixture(scope="session")

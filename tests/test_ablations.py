@@ -48,6 +48,7 @@ def test_every_ablation_is_tested() -> None:
     assert {path.stem for path in ZOO.glob("*.yaml")} == OBJECTIVES.keys() | DATA.keys()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(OBJECTIVES.keys() - {"none"}))
 def test_what_is_left_trains_two_steps(name: str, tmp_path: Path) -> None:
     overrides = [f"ablation={name}", "scale=demo", "debug=steps", "encoder.image_size=32"]

@@ -22,12 +22,12 @@ def plain(recipe: str, *overrides: str) -> dict[str, Any]:
 @pytest.mark.parametrize("recipe", RECIPES)
 def test_an_outline_has_the_sizes_and_no_weights(recipe: str) -> None:
     node = plain(recipe, "scale=demo")["encoder"]
-    found, whole = outline(node), registry.build("encoders", node)
+    built, whole = outline(node), registry.build("encoders", node)
     for name in ("width", "projected", "frames", "image_size", "tube", "patch", "grid", "sensors"):
-        assert getattr(found, name) == getattr(whole, name)
+        assert getattr(built, name) == getattr(whole, name)
     shapes = {key: value.shape for key, value in whole.state_dict().items()}
-    assert {key: value.shape for key, value in found.state_dict().items()} == shapes
-    assert all(parameter.is_meta for parameter in found.parameters())
+    assert {key: value.shape for key, value in built.state_dict().items()} == shapes
+    assert all(parameter.is_meta for parameter in built.parameters())
 
 
 def test_an_encoder_that_computes_in_its_constructor_is_built(
@@ -55,5 +55,5 @@ def test_first_weights_depend_on_the_seed_and_not_on_the_data() -> None:
     expected = registry.build("encoders", config["encoder"]).state_dict()
     torch.manual_seed(3)
     node = with_sensors(config["encoder"], build_data(config))
-    found = registry.build("encoders", node).state_dict()
-    assert all(torch.equal(found[key], value) for key, value in expected.items())
+    state = registry.build("encoders", node).state_dict()
+    assert all(torch.equal(state[key], value) for key, value in expected.items())

@@ -99,11 +99,11 @@ def test_clipping_each_objective() -> None:
 
 @pytest.mark.parametrize("name", ["gradnorm", "uncertainty", "clip"])
 def test_a_balance_goes_on_from_its_state(name: str) -> None:
-    def steps(one: balance.FixedWeights, first: int, last: int) -> None:
+    def steps(weights_of: balance.FixedWeights, first: int, last: int) -> None:
         shared = Shared()
         for step in range(first, last):
             slopes = {"a": 2 / (1 + step), "b": 3.0}
-            one(losses(shared, **slopes), {"a": 1.0, "b": 1.0}, step, shared)
+            weights_of(losses(shared, **slopes), {"a": 1.0, "b": 1.0}, step, shared)
 
     whole, half, other = (balance.build_balance({"name": name}, ["a", "b"]) for _ in range(3))
     steps(whole, 0, 40)

@@ -8,6 +8,8 @@ from tactileforge import cli
 from tactileforge.datasets.sim import Sim
 from tactileforge.packing import PackOptions, pack
 
+pytestmark = pytest.mark.slow
+
 SMALL = ["train", "scale=demo", "debug=steps", "encoder.image_size=32", "batch.workers=1"]
 SMALL += ["objective=[pixel]", "batch.size=8", "data=shards", "trainer.max_steps=6"]
 

@@ -37,12 +37,12 @@ def gradients(out: Path, processes: int, *words: str) -> dict[str, torch.Tensor]
     return torch.load(out, weights_only=True)
 
 
-def differing(found: dict[str, torch.Tensor], right: dict[str, torch.Tensor]) -> list[str]:
+def differing(tensors: dict[str, torch.Tensor], right: dict[str, torch.Tensor]) -> list[str]:
     """Tensors whose largest error is more than rounding, beside the tensor's largest value."""
     return [
         key
         for key, value in right.items()
-        if (found[key] - value).abs().max() > RELATIVE * value.abs().max() + ABSOLUTE
+        if (tensors[key] - value).abs().max() > RELATIVE * value.abs().max() + ABSOLUTE
     ]
 
 

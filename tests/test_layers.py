@@ -15,7 +15,7 @@ ROW = re.compile(r"^\| `([a-z_.]+)` \|.*\| ((?:`[a-z_.]+` ?)*)\|$", re.M)
 
 @cache
 def page() -> dict[str, frozenset[str]]:
-    """What each package may import, in the order of the page."""
+    """Imports that the page allows each package, in its order."""
     text = (
         (ROOT / "docs" / "design.md").read_text().split("## Map")[1].split("Beside the package")[0]
     )
@@ -46,7 +46,7 @@ def imports(node: ast.AST) -> Iterator[str]:
 
 @cache
 def code() -> dict[str, frozenset[str]]:
-    """What each package imports."""
+    """Imports of each package."""
     found: dict[str, set[str]] = {}
     for path in (SOURCE / "tactileforge").rglob("*.py"):
         module = ".".join(path.relative_to(SOURCE).with_suffix("").parts)

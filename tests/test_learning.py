@@ -37,7 +37,7 @@ def test_mae_fills_in_patches_better_than_the_gel_at_rest_would(tmp_path: Path) 
 
 
 def test_vjepa_predicts_the_features_of_this_touch(tmp_path: Path) -> None:
-    """What it predicts is nearer to this clip than another clip, or the mean of all, is."""
+    """The prediction is nearer to this clip than are another clip and the mean of all."""
     module, _ = learn("vjepa", tmp_path)
     batch = next(iter(module.trainer.datamodule.val_dataloader()))
     with torch.no_grad():

@@ -84,9 +84,9 @@ def test_samples_without_a_label_change_nothing(module: TouchModule, batch: Batc
     }
     for name in ("force", "align"):
         torch.manual_seed(0)
-        one = module.losses(batch, {name: 1.0})[0]
+        loss = module.losses(batch, {name: 1.0})[0]
         torch.manual_seed(0)
-        assert module.losses(changed, {name: 1.0})[0].item() == one.item() > 0
+        assert module.losses(changed, {name: 1.0})[0].item() == loss.item() > 0
     bare = batch | {
         "force_valid": nothing[:, None].expand(8, 3),
         "image_valid": nothing,

@@ -85,9 +85,9 @@ def test_their_sensors_are_built_and_are_what_they_say(known):
     ours = {plugin.name for plugin in registry.list_plugins() if plugin.distribution in names}
     assert ours == set(SENSORS)
     for name, (kind, shape) in SENSORS.items():
-        found = registry.build("sensors", {"name": name}).spec
-        assert (found.kind, (found.height, found.width)) == (kind, shape)
-        assert spec(found.name).name == found.name  # data sets and encoders look it up
+        spec_built = registry.build("sensors", {"name": name}).spec
+        assert (spec_built.kind, (spec_built.height, spec_built.width)) == (kind, shape)
+        assert spec(spec_built.name).name == spec_built.name  # data sets and encoders look it up
 
 
 @pytest.mark.slow

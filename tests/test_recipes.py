@@ -19,6 +19,7 @@ ZOO = Path(__file__).parents[1] / "zoo" / "recipe"
 RECIPES = sorted(path.stem for path in ZOO.glob("*.yaml"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("recipe", RECIPES)
 def test_two_steps(recipe: str, tmp_path: Path) -> None:
     overrides = ["scale=demo", "debug=steps", "encoder.image_size=32", "batch.size=8"]

@@ -1,4 +1,4 @@
-"""From a finished configuration to the data of a run, and the encoder that fits it."""
+"""Builds the data of a run from a finished configuration, and the encoder that fits it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ log = logging.getLogger(__name__)
 
 
 def build_data(config: Mapping[str, Any]) -> TouchData:
-    """The data of a run, indexed, and checked against what the objectives need."""
+    """Builds the data of a run: indexed, and checked against the needs of the objectives."""
     node = dict(config["data"])
     max_bad = node.pop("max_bad")
     dataset = registry.build("datasets", node)
@@ -46,7 +46,7 @@ def build_data(config: Mapping[str, Any]) -> TouchData:
 
 
 def outline(node: Mapping[str, Any]) -> Any:
-    """An encoder that knows its sizes and its sensors, but has no weights: it costs little.
+    """Encoder on the meta device: it knows its sizes and sensors, but has no weights.
 
     Random numbers that come after it are what they would be without it. An encoder whose
     constructor computes with its tensors cannot do without weights, and is built with them.
@@ -61,7 +61,7 @@ def outline(node: Mapping[str, Any]) -> Any:
 
 
 def with_sensors(config: Mapping[str, Any], data: TouchData) -> dict[str, Any]:
-    """The encoder's configuration with a row for every sensor of the data.
+    """Returns the encoder's configuration with a row for every sensor of the data.
 
     Sensors that the encoder does not know yet take the free rows in alphabetical order, and the
     resolved configuration says so.

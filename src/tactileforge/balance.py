@@ -1,4 +1,4 @@
-"""Objectives weighed by what reaches the encoder.
+"""Balances objectives by their gradients on the encoder.
 
 The curriculum says how much each objective is to count; a balance multiplies that by a factor. Its
 state are buffers, so a resumed run goes on with it, and it is the same on every rank.
@@ -72,7 +72,7 @@ class FixedWeights(nn.Module):
     def update(
         self, losses: Tensor, awake: Tensor, weights: Mapping[str, float], step: int
     ) -> None:
-        """Changes the factors; here they stay 1.
+        """Updates the factors; here they stay 1.
 
         Args:
             losses: float (K,), of the joint batch; 0 for what is not computed or meets no label.
@@ -128,7 +128,7 @@ class GradClip(FixedWeights):
 
 
 class GradNorm(FixedWeights):
-    """Factors that make the objectives' gradients on the encoder alike.
+    """Factors that equalise the norms of the objectives' gradients on the encoder.
 
     An objective whose loss has fallen less than the others' is given more: with loss ratio
     ``r = (L / L first) / mean(L / L first)`` the norm of ``factor * gradient`` goes as
@@ -182,6 +182,8 @@ class GradNorm(FixedWeights):
         self.loss.copy_(torch.where(met, moved, self.loss))
         known = awake & (self.norm > 0) & (self.first > 0)
         count = known.sum().clamp(min=1)
+        # Chen et al.: ratio is L~_i = L_i / L_i(0), rate r_i = L~_i / mean(L~); the norm wanted of
+        # w_i G_i is mean(G) r_i^alpha, so log w_i = alpha log r_i - log G_i up to a constant
         ratio = torch.where(known, self.loss / self.first.clamp(min=1e-12), 0.0)
         rate = ratio / (ratio.sum() / count).clamp(min=1e-12)
         wanted = self.alpha * rate.clamp(min=1e-6).log() - self.norm.clamp(min=1e-12).log()
@@ -191,7 +193,7 @@ class GradNorm(FixedWeights):
 
 
 class Uncertainty(FixedWeights):
-    """Factors ``exp(-s)``, where ``s`` follows what is left of each loss.
+    """Factors ``exp(-s)``, where ``s`` follows the size of each loss.
 
     Minimises ``exp(-s) * L + s`` over ``s`` by gradient descent, beside the network: where it
     settles, each objective's loss counts 1. Source: Kendall, Gal and Cipolla 2018, equation 10,
@@ -218,6 +220,7 @@ class Uncertainty(FixedWeights):
         self, losses: Tensor, awake: Tensor, weights: Mapping[str, float], step: int
     ) -> None:
         """See `FixedWeights.update`; a step without labels leaves its factor as it is."""
+        # Kendall et al.: s = log sigma^2; d/ds (exp(-s) L + s) = 1 - exp(-s) L
         log = self.factor.log()
         moved = log + self.rate * (1 - self.factor * losses)
         limit = math.log(self.bound)
@@ -253,7 +256,7 @@ BALANCES: dict[str, type[FixedWeights]] = {
 
 
 def build_balance(config: Mapping[str, Any] | None, keys: Sequence[str]) -> FixedWeights:
-    """The balance of a configuration: its ``name``, and the options of that class.
+    """Builds the balance of a configuration: its ``name``, and the options of that class.
 
     Raises:
         ConfigError: An unknown name or option, or a value that does not fit.

@@ -25,7 +25,7 @@ A batch is a plain dict:
 | `action` | int64 (B,) | index into `ACTIONS`; -1 unknown |
 | `object` | int64 (B,) | identity across sensors; -1 unknown |
 | `text` | list of B strings | "" where there is none |
-| `image` | uint8 (B, 3, h, w), `image_valid` bool (B,) | paired camera view |
+| `image` | uint8 (B, 3, h, w), `image_valid` bool (B,) | paired camera image |
 | `surface` | uint8 (B, T, 3, 32, 32), `surface_valid` bool (B,) | see `data.labels.displacement` |
 | `group` | int64 (B,) | samples with one non-negative group were drawn together for matching |
 
@@ -111,7 +111,7 @@ class SensorSpec:
 
 
 class Frames(Protocol):
-    """Lazy frames of one recording: nothing is decoded before it is asked for."""
+    """Lazy frames of one recording: decoded only when they are read."""
 
     def __len__(self) -> int:
         """The number of frames."""
@@ -139,7 +139,7 @@ class Frames(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Recording:
-    """One continuous touch by one sensor. It keeps everything that the source had.
+    """One continuous touch by one sensor, with everything that its source provides.
 
     Attributes:
         key: Unique within its data set.
@@ -153,7 +153,7 @@ class Recording:
         action: int64 (T,), index into `ACTIONS`, -1 unknown.
         object: Name of what is touched, the same for every sensor that touches it.
         text: Caption; ``{action}`` in it stands for the action of the clip.
-        image: Paired camera view.
+        image: Paired camera image.
         image_times: float64, seconds on the clock of ``times``, ascending, one for each view; None
             where they are spread evenly over the recording.
         surface: Displacement of the gel's surface, an image a frame; see `displacement`.
@@ -274,7 +274,7 @@ class Sensor(Protocol):
         ...
 
     def read(self, timeout: float = 1.0) -> Frame:
-        """The next unseen frame.
+        """Returns the next unread frame.
 
         Raises:
             TactileForgeError: The sensor is not open.
@@ -295,7 +295,7 @@ class Sensor(Protocol):
 
 @runtime_checkable
 class Dataset(Protocol):
-    """A reader: yields recordings, and says what they carry.
+    """A reader: yields recordings, and declares their labels.
 
     ``provides`` holds batch keys: of `force`, `action`, `object`, `text`, `image`.
     ``skipped`` grows as `recordings` meets files it cannot read: one line each, which names the
@@ -438,9 +438,9 @@ class Head(Protocol):
 
 @runtime_checkable
 class AfterStep(Protocol):
-    """A head or objective that changes from step to step otherwise than by its gradient.
+    """A head or objective with state that is updated after each step, such as an EMA.
 
-    Having the method is enough. What it changes (slow copies, temperatures) are buffers or frozen
+    Having the method is enough. What it changes (EMA copies, temperatures) are buffers or frozen
     parameters, so that checkpoints keep them and a resumed run goes on with them.
     """
 
@@ -475,7 +475,7 @@ class Prepared(Protocol):
 
 @runtime_checkable
 class Scored(Protocol):
-    """An objective with scores of a whole split that are no means over its batches, such as R2."""
+    """An objective with scores of a whole split that are not means over batches, such as R2."""
 
     def sums(self, prediction: Any, batch: Batch) -> Tensor:
         """Sums of one batch that add up over batches and ranks; float64 of any shape."""

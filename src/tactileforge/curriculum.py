@@ -1,4 +1,4 @@
-"""The curriculum: a pure function from the step to the weight of each objective. No torch.
+"""The curriculum: a pure function from the step to the weight of each objective, without torch.
 
 Paper, section Training Recipe: ``weight(i) = max(0, i - start) / (total - start) * max`` for align,
 match and force; pixel and diff are constant; the chance of the universal sensor token rises

@@ -50,11 +50,11 @@ def full(error: OSError) -> str:
     return f"{where}the disk is full ({error.strerror}); make room, and go on"
 
 
-def nearest(name: str, known: Iterable[str]) -> str:
-    """What follows an unknown name in an error: the nearest that is known, or a full stop.
+def nearest_name(name: str, known: Iterable[str]) -> str:
+    """Ending of an error on an unknown name: the nearest known name, or a full stop.
 
     Example:
-        >>> nearest("trian", ["train", "report"])
+        >>> nearest_name("trian", ["train", "report"])
         "; did you mean 'train'?"
     """
     near = get_close_matches(name, list(known), n=1)
@@ -69,5 +69,7 @@ def unknown(what: str, name: str, known: Iterable[str], fix: str = "") -> str:
         "unknown sensor 'digitt'; did you mean 'digit'? Known: digit, gelsight"
     """
     names = sorted(known)
-    text = f"unknown {what} {name!r}{nearest(name, names)} Known: {', '.join(names) or '(none)'}"
+    text = (
+        f"unknown {what} {name!r}{nearest_name(name, names)} Known: {', '.join(names) or '(none)'}"
+    )
     return f"{text}. {fix}" if fix else text

@@ -1,4 +1,4 @@
-"""Labels that objectives meet while they are trained: counted, and missed out loud."""
+"""Counts the labels that objectives meet in training, and warns where there are none."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class Labels:
 
 
 def known(batch: Batch, needs: AbstractSet[str]) -> list[bool]:
-    """Whether each clip has a label of every need, on the host.
+    """Whether each clip has every label that is needed, on the host.
 
     Args:
         batch: See `tactileforge.contracts`.

@@ -158,7 +158,7 @@ class TouchModule(L.LightningModule):
         return total, logs_of(terms)
 
     def on_before_batch_transfer(self, batch: Batch, dataloader_idx: int) -> Batch:
-        """Host side: flips are drawn, labels and captions follow."""
+        """Draws flips on the host, and updates labels and captions."""
         if self.trainer.training:
             self._reseed(self._batch_number() + 1, self.global_rank + 1)
             if self.augment:
@@ -198,7 +198,7 @@ class TouchModule(L.LightningModule):
             self._follow(0)
 
     def optimizer_step(self, *args: Any, **kwargs: Any) -> None:
-        """One step of the optimiser; what follows the encoder goes along."""
+        """Takes one optimiser step, then updates the EMA copies."""
         super().optimizer_step(*args, **kwargs)
         self._follow(self.global_step + 1)
 
@@ -247,7 +247,7 @@ class TouchModule(L.LightningModule):
         self.labels.counts = {key: dict(count) for key, count in checkpoint["labels"].items()}
 
     def skip(self, skipped: Mapping[str, tuple[str, int]]) -> None:
-        """Notes what could not be read.
+        """Notes recordings that could not be read.
 
         Args:
             skipped: Like `skipped`.
@@ -296,6 +296,6 @@ class TouchModule(L.LightningModule):
 
 
 def log_interval(trainer: L.Trainer) -> int:
-    """Steps between two logged ones."""
+    """Number of steps between logged ones."""
     every: int = trainer.log_every_n_steps  # type: ignore[attr-defined]
     return every

@@ -1,4 +1,4 @@
-"""The parts of a module, from a finished configuration; and what objectives make of a batch."""
+"""Builds the parts of a module from a finished configuration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The commit that made a result."""
+"""Provenance: the commit that made a result."""
 
 from __future__ import annotations
 

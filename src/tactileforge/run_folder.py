@@ -1,4 +1,4 @@
-"""The folder of a run belongs to one run: locked while it is written, and never shared."""
+"""Run folders: one run each, locked while written."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _SEAL = "# sha256 (remove this line where you change the file): "
 
 
 def identity() -> str:
-    """A name for a new run, that no other run has: 16 hexadecimal digits."""
+    """Draws a unique name for a new run: 16 hexadecimal digits."""
     return secrets.token_hex(8)
 
 
@@ -37,7 +37,7 @@ def write_config(folder: Path, plain: Mapping[str, Any]) -> None:
 
 
 def read_config(folder: Path) -> dict[str, Any]:
-    """The configuration of a run; nothing in it is looked up or interpolated.
+    """Reads the configuration of a run; nothing in it is interpolated.
 
     Raises:
         DataNotFoundError: There is none.
@@ -63,7 +63,7 @@ def read_config(folder: Path) -> dict[str, Any]:
 
 
 def read_versions(folder: Path) -> dict[str, Any]:
-    """What ``versions.json`` of a run says; nothing where it is absent.
+    """Reads ``versions.json`` of a run; empty where it is absent.
 
     Raises:
         DataError: It is damaged.
@@ -81,7 +81,7 @@ def _sha256(text: str) -> str:
 
 @contextmanager
 def claimed(folder: Path, resumes: bool) -> Iterator[None]:
-    """Holds the folder of a run, until it is left or the process ends.
+    """Locks the folder of a run until the context is left or the process ends.
 
     Processes of one run share its folder: the first of them (rank 0) holds it.
 

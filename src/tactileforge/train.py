@@ -35,14 +35,14 @@ _PACKAGES = ("tactileforge", "torch", "lightning", "hydra-core", "kornia", "nump
 _EXPECTED = (
     r".*isinstance\(treespec, LeafSpec\).*",
     r"You have overridden `on_before_batch_transfer`.*",
-    r"Found \d+ module\(s\) in eval mode at the start of training.*",  # frozen towers, slow copies
+    r"Found \d+ module\(s\) in eval mode at the start of training.*",  # frozen towers, EMA copies
     r"The number of training batches .* is smaller than the logging interval.*",
     r"The '\w+_dataloader' does not have many workers.*",
 )
 
 
 def train(config: DictConfig | dict[str, Any], folder: Path) -> TouchModule:
-    """Trains, and leaves a report.
+    """Trains, and writes a report.
 
     In ``folder``: ``config.yaml`` (resolved), ``versions.json``, ``metrics/*/metrics.csv``,
     ``checkpoints/last.ckpt`` and ``report.html``.

@@ -1,4 +1,4 @@
-"""Text and pictures that come with data: read as plain values, within limits, and nothing run.
+"""Text and images from data sets: read as plain values, within limits, without running code.
 
 A name in braces (``${...}``) stays the text it is: it is never looked up, so that nothing of this
 machine (its environment, its other files) gets into what is made of the data.
@@ -44,20 +44,20 @@ _Loader.add_implicit_resolver(
 
 
 class _Dumper(yaml.SafeDumper):
-    """Quotes what `_Loader` would not read as text."""
+    """Quotes strings that `_Loader` would not read as text."""
 
 
 _Dumper.yaml_implicit_resolvers = _Loader.yaml_implicit_resolvers
 
 
 def dump_yaml(plain: Any, **options: Any) -> str:
-    """The YAML of plain values, which `load_yaml` reads back; keys stay in their order."""
+    """Writes plain values as YAML that `load_yaml` reads back; keys keep their order."""
     text: str = yaml.dump(plain, Dumper=_Dumper, sort_keys=False, allow_unicode=True, **options)
     return text
 
 
 def load_yaml(text: str) -> Any:
-    """The values of a YAML text.
+    """Reads the values of a YAML text.
 
     Raises:
         ValueError: It is no YAML, has a key twice, or is larger or nested deeper than any of ours.
@@ -92,7 +92,7 @@ def _size(node: Any, known: dict[int, int]) -> int:
 
 
 def load_json(text: str | bytes) -> Any:
-    """The values of a JSON text.
+    """Reads the values of a JSON text.
 
     Raises:
         ValueError: It is no JSON, or nested deeper than any of ours.
@@ -104,7 +104,7 @@ def load_json(text: str | bytes) -> Any:
 
 
 def open_picture(file: str | Path | IO[bytes]) -> Image.Image:
-    """Opens a picture for Pillow, its header read and its size within limits.
+    """Opens an image with Pillow; its size must be within limits.
 
     Raises:
         OSError: It cannot be read.

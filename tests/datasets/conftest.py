@@ -1,5 +1,4 @@
 from collections.abc import Callable, Iterable
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +8,6 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from tactileforge.contracts import Frames
 from tactileforge.testing import check
 
 MakeVideo = Callable[..., Path]
@@ -74,38 +72,12 @@ def make_images(make_image: MakeVideo) -> Callable[..., None]:
 
 
 @pytest.fixture
-def levels() -> Callable[[Frames | None], list[int]]:
-    """Reads frames and gives the numbers that they show."""
-
-    def read(frames: Frames | None) -> list[int]:
-        assert frames is not None
-        return [round(float(one.mean()) / 7) for one in frames.read(range(len(frames)))]
-
-    return read
-
-
-@pytest.fixture
-def encoded() -> Callable[..., bytes]:
-    """A PNG with room to spare, of grey level 7 i, or of a colour."""
-
-    def make(i: int, size: tuple[int, int] = (24, 32), colour: Any = None) -> bytes:
-        picture = _picture(i, size)
-        if colour is not None:
-            picture[:] = colour
-        buffer = BytesIO()
-        Image.fromarray(picture).save(buffer, "PNG")
-        return buffer.getvalue() + bytes(300)  # readers of images stop at the end of the PNG
-
-    return make
-
-
-@pytest.fixture
 def conforms() -> Callable[..., None]:
     """Runs the conformance suite on a data set and its options."""
 
     def run(dataset: type, **options: Any) -> None:
         results = check("dataset", dataset, **options)
-        assert [one for one in results if one.status == "failed"] == []
-        assert sum(one.status == "ran" for one in results) >= 8
+        assert [result for result in results if result.status == "failed"] == []
+        assert sum(result.status == "ran" for result in results) >= 8
 
     return run

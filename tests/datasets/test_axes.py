@@ -47,12 +47,12 @@ def sparsh(tmp_path: Path, encoded: Make) -> Path:
         folder.mkdir(parents=True)
         images = [encoded(i) for i in range(10)]
         (folder / "dataset_digit_00.pkl").write_bytes(pickle.dumps(images))
-        one = {
+        trajectory = {
             "indexes": np.arange(2, 10),
             "forces": np.linspace([0, 0, 0], [0.3, -0.2, 2.0 * sign], 8),
             "slip_label": np.zeros(8, int),
         }
-        labels = {"in_contact": [0, 0] + [1] * 8, "trajectories": {0: one}}
+        labels = {"in_contact": [0, 0] + [1] * 8, "trajectories": {0: trajectory}}
         (folder / "dataset_slip_forces.pkl").write_bytes(pickle.dumps(labels))
     return tmp_path
 
@@ -96,18 +96,18 @@ def force_readers(
 
 
 def with_force(dataset: Dataset) -> Iterator[Recording]:
-    return (one for one in dataset.recordings("train") if one.force is not None)
+    return (recording for recording in dataset.recordings("train") if recording.force is not None)
 
 
 def test_pressing_is_positive_in_every_reader(force_readers: dict[str, Dataset]) -> None:
     for name, dataset in force_readers.items():
-        found = list(with_force(dataset))
-        assert found, name
-        for one in found:
-            assert one.force is not None
-            assert one.force.shape == (len(one.frames), 3)
-            assert one.force[:, 2].min() >= 0, one.key
-            assert 0.5 < one.force[:, 2].max() < 20, f"{one.key}: newton"
+        recordings = list(with_force(dataset))
+        assert recordings, name
+        for recording in recordings:
+            assert recording.force is not None
+            assert recording.force.shape == (len(recording.frames), 3)
+            assert recording.force[:, 2].min() >= 0, recording.key
+            assert 0.5 < recording.force[:, 2].max() < 20, f"{recording.key}: newton"
 
 
 def test_no_reader_of_forces_is_left_out(force_readers: dict[str, Dataset]) -> None:
@@ -130,8 +130,8 @@ def test_no_reader_of_forces_is_left_out(force_readers: dict[str, Dataset]) -> N
     [("slide_right", 0, 1), ("slide_left", 0, -1), ("slide_down", 1, 1), ("slide_up", 1, -1)],
 )
 def test_simulated_shear_points_where_the_object_goes(motion: str, axis: int, sign: int) -> None:
-    (one,) = simulated(motion).recordings("train")
-    assert one.force is not None
-    assert one.action is not None
-    sliding = one.force[one.action == ACTIONS.index(motion)].mean(axis=0)
+    (recording,) = simulated(motion).recordings("train")
+    assert recording.force is not None
+    assert recording.action is not None
+    sliding = recording.force[recording.action == ACTIONS.index(motion)].mean(axis=0)
     assert sign * sliding[axis] > 3 * abs(sliding[1 - axis])

@@ -22,17 +22,17 @@ def motion_and_force(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Motion of the imprint (n, 2) in pixels right and down, shear (n, 2), and its change."""
     layout = OmegaConf.to_container(OmegaConf.load(CONFIG).data.layouts[name]) | {"split": "train"}
-    (one,) = Recordings(str(realdata), {name: layout}).recordings("train")
-    assert one.force is not None
-    assert one.no_contact is not None
-    grey = one.frames.read(range(len(one.frames))).astype(np.float32).mean(axis=-1)
-    still = np.median(one.no_contact.read(range(3)).astype(np.float32).mean(axis=-1), axis=0)
-    pressed = np.nan_to_num(one.force[:, 2]) > PRESSED
+    (recording,) = Recordings(str(realdata), {name: layout}).recordings("train")
+    assert recording.force is not None
+    assert recording.no_contact is not None
+    grey = recording.frames.read(range(len(recording.frames))).astype(np.float32).mean(axis=-1)
+    still = np.median(recording.no_contact.read(range(3)).astype(np.float32).mean(axis=-1), axis=0)
+    pressed = np.nan_to_num(recording.force[:, 2]) > PRESSED
     rows = np.flatnonzero(pressed[:-STEP] & pressed[STEP:])
     window = cv2.createHanningWindow(grey.shape[:0:-1], cv2.CV_32F)
     moved = [cv2.phaseCorrelate(grey[i] - still, grey[i + STEP] - still, window)[0] for i in rows]
-    change = one.force[rows + STEP] - one.force[rows]
-    return np.array(moved), one.force[rows + STEP // 2, :2], change[:, :2]
+    change = recording.force[rows + STEP] - recording.force[rows]
+    return np.array(moved), recording.force[rows + STEP // 2, :2], change[:, :2]
 
 
 @pytest.mark.parametrize("name", ["touchd_force_gelsight_mini", "touchd_force_digit"])

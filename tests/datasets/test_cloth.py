@@ -33,10 +33,10 @@ def root(tmp_path: Path, make_images: Make, write: Make) -> Path:
 
 
 def test_grasps(root: Path, levels: Make) -> None:
-    one, other = Cloth(str(root), val=0).recordings("train")
-    assert (one.key, other.key, one.object) == ("cloth/7/0", "cloth/7/1", "cloth_7")
-    assert (levels(one.frames), levels(one.no_contact)) == ([1, 2, 3, 4, 5, 6], [1])
-    assert (one.labels["class"], one.labels["attribute_3"]) == (13, 3)
+    first, other = Cloth(str(root), val=0).recordings("train")
+    assert (first.key, other.key, first.object) == ("cloth/7/0", "cloth/7/1", "cloth_7")
+    assert (levels(first.frames), levels(first.no_contact)) == ([1, 2, 3, 4, 5, 6], [1])
+    assert (first.labels["class"], first.labels["attribute_3"]) == (13, 3)
 
 
 @pytest.mark.parametrize(
@@ -49,7 +49,7 @@ def test_grasps(root: Path, levels: Make) -> None:
     ],
 )
 def test_splits(root: Path, split: str, side: str, want: list[str]) -> None:
-    assert [one.key for one in Cloth(str(root), split, val=0).recordings(side)] == want
+    assert [recording.key for recording in Cloth(str(root), split, val=0).recordings(side)] == want
 
 
 def test_defects(root: Path, write: Make) -> None:

@@ -23,12 +23,12 @@ def root(tmp_path: Path, make_image: Make, write: Make) -> Path:
 
 def test_grasps(root: Path, levels: Make) -> None:
     data = Feel(str(root), val=0)
-    one, other, mug = data.recordings("train")
-    assert (one.key, other.key) == ("feel/3d_printed_screw/0_A", "feel/3d_printed_screw/0_B")
-    assert (levels(one.frames), levels(other.frames)) == ([0, 1, 2], [10, 11, 12])
+    first, other, mug = data.recordings("train")
+    assert (first.key, other.key) == ("feel/3d_printed_screw/0_A", "feel/3d_printed_screw/0_B")
+    assert (levels(first.frames), levels(other.frames)) == ([0, 1, 2], [10, 11, 12])
     assert levels(other.no_contact) == [10], "before the grasp"
-    assert levels(one.image) == [20, 21, 22]
-    assert one.labels == {"is_gripping": 1.0, "finger": "A"}
+    assert levels(first.image) == [20, 21, 22]
+    assert first.labels == {"is_gripping": 1.0, "finger": "A"}
     assert (mug.object, mug.image, mug.labels["is_gripping"]) == ("mug", None, 0)
     (line,) = data.skipped
     assert "mug/touch_before/4_B.png: no such file" in line

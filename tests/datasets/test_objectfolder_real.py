@@ -21,18 +21,24 @@ def root(tmp_path: Path, make_images: Make, write: Make) -> Path:
 
 
 def test_recordings(root: Path, levels: Make) -> None:
-    found = {one.key: one for one in ObjectFolderReal(str(root), val=0).recordings("train")}
-    assert sorted(found) == [f"objectfolder_real/{place}" for place in ("1/0", "1/1", "2/0")]
-    one = found["objectfolder_real/1/0"]
-    assert levels(one.frames) == list(range(11)), "by number: 10 after 9"
-    assert (levels(one.no_contact), levels(one.image)) == ([0], [4, 9])
-    assert (one.object, one.sensor) == ("objectfolder_1", "gelslim")
-    assert found["objectfolder_real/2/0"].image is None, "its view is not there"
+    by_key = {
+        recording.key: recording
+        for recording in ObjectFolderReal(str(root), val=0).recordings("train")
+    }
+    assert sorted(by_key) == [f"objectfolder_real/{place}" for place in ("1/0", "1/1", "2/0")]
+    recording = by_key["objectfolder_real/1/0"]
+    assert levels(recording.frames) == list(range(11)), "by number: 10 after 9"
+    assert (levels(recording.no_contact), levels(recording.image)) == ([0], [4, 9])
+    assert (recording.object, recording.sensor) == ("objectfolder_1", "gelslim")
+    assert by_key["objectfolder_real/2/0"].image is None, "its view is not there"
 
 
 def test_without_the_index_there_are_no_views(root: Path) -> None:
     (root / "contact_text_obj.csv").unlink()
-    assert all(one.image is None for one in ObjectFolderReal(str(root), val=0).recordings("train"))
+    assert all(
+        recording.image is None
+        for recording in ObjectFolderReal(str(root), val=0).recordings("train")
+    )
 
 
 def test_a_damaged_recording_is_named(root: Path) -> None:

@@ -42,25 +42,29 @@ def root(tmp_path: Path, write: Make) -> Path:
 
 def test_videos_and_ranks(root: Path, levels: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(root)
-    found = {one.key: one for one in Octopi(str(root), val=0).recordings("train")}
-    names = [key.removeprefix("octopi/") for key in found]
+    by_key = {
+        recording.key: recording for recording in Octopi(str(root), val=0).recordings("train")
+    }
+    names = [key.removeprefix("octopi/") for key in by_key]
     want = ["cup_0", "leather_book_2", "leather_book_10", "orange_0", "pear_0", "pen_0"]
     assert names == want, "2 before 10"
-    book = found["octopi/leather_book_2"]
+    book = by_key["octopi/leather_book_2"]
     assert (book.object, book.sensor, book.tier) == ("leather_book", "gelsight_mini", 4)
     assert book.text == "{action} leather book, hard, smooth"
     assert book.labels == {"hardness": 2.0, "roughness": 0.0}
     assert levels(book.no_contact) == [0, 1, 2]
     np.testing.assert_allclose(book.times, np.arange(8) / 25)
-    assert found["octopi/pen_0"].text == "{action} pen", "there is no word for rank 9"
+    assert by_key["octopi/pen_0"].text == "{action} pen", "there is no word for rank 9"
     assert not (root / "executed").exists(), "constants are read, not run"
 
 
 def test_the_official_split(root: Path) -> None:
     data = Octopi(str(root), split="octopi-official", val=0.5)
-    sides = {side: {one.object for one in data.recordings(side)} for side in ("train", "val")}
+    sides = {
+        side: {recording.object for recording in data.recordings(side)} for side in ("train", "val")
+    }
     assert sides == {"train": {"leather_book", "cup"}, "val": {"pen"}}
-    assert {one.object for one in data.recordings("test")} == {"orange"}
+    assert {recording.object for recording in data.recordings("test")} == {"orange"}
     (root / "utils/constants.py").unlink()
     with pytest.raises(DataNotFoundError, match=r"no list of objects in .*constants\.py"):
         list(data.recordings("train"))
@@ -70,12 +74,14 @@ def test_defects(root: Path, write: Make, levels: Make) -> None:
     video(root / "dataset/sponge.mov", 3)
     write("dataset/pen_1.mov", "no video")
     data = Octopi(str(root), val=0)
-    found = {one.object: one for one in data.recordings("train")}
-    assert levels(found["sponge"].no_contact) == [0], "three frames, two of them left to learn from"
+    by_object = {recording.object: recording for recording in data.recordings("train")}
+    assert levels(by_object["sponge"].no_contact) == [0], (
+        "three frames, two of them left to learn from"
+    )
     assert len(data.skipped) == 1
     assert "pen_1.mov" in data.skipped[0]
     write("utils/constants.py", "HARDNESS_RANK = load()")
-    with pytest.raises(DataError, match=r"constants\.py: HARDNESS_RANK is no literal"):
+    with pytest.raises(DataError, match=r"constants\.py: HARDNESS_RANK is not a literal"):
         list(data.recordings("train"))
 
 
@@ -88,14 +94,18 @@ def test_real_videos(realdata: Path, conforms: Make) -> None:
     folder = realdata / "octopi_physiclear"
     data = Octopi(str(folder))
     sides = {side: list(data.recordings(side)) for side in ("train", "val")}
-    found = sides["train"] + sides["val"]
+    recordings = sides["train"] + sides["val"]
     assert data.skipped == []
-    assert (len(found), len({one.object for one in found})) == (240, 80)
-    assert not {one.object for one in sides["train"]} & {one.object for one in sides["val"]}
-    assert {one.frames.shape for one in found} == {(240, 320)}
-    rates = Counter(round(1 / float(np.median(np.diff(one.times)))) for one in found)
+    assert (len(recordings), len({recording.object for recording in recordings})) == (240, 80)
+    assert not {recording.object for recording in sides["train"]} & {
+        recording.object for recording in sides["val"]
+    }
+    assert {recording.frames.shape for recording in recordings} == {(240, 320)}
+    rates = Counter(
+        round(1 / float(np.median(np.diff(recording.times)))) for recording in recordings
+    )
     assert set(rates) == {10, 25}
-    (foil,) = (one for one in found if one.key == "octopi/aluminium_foil_0")
+    (foil,) = (recording for recording in recordings if recording.key == "octopi/aluminium_foil_0")
     still = np.median(foil.no_contact.read(range(3)), axis=0) if foil.no_contact else None
     change = np.abs(foil.frames.read([1, len(foil.frames) // 2]) - still).mean(axis=(1, 2, 3))
     assert change[1] > 3 * change[0], "the first frames are without contact"

@@ -35,16 +35,30 @@ def test_videos(tmp_path: Path, make_video: MakeFile) -> None:
     for name in ("b/10.avi", "b/9.avi", "a.avi"):
         make_video(name, count=12, fps=20)
     more = {"source": "us", "licence": "MIT", "tier": 4, "videos": "**/*.avi"}
-    found = read(tmp_path, **VIDEO | more)
-    assert [one.key for one in found] == ["a/a.avi", "a/b/9.avi", "a/b/10.avi"], "natural order"
-    one = found[0]
-    assert (one.sensor, one.source, one.licence, one.tier) == ("digit", "us", "MIT", 4)
-    assert (len(one.frames), one.frames.shape) == (12, (32, 48))
-    np.testing.assert_allclose(one.times, np.arange(12) / 20)
-    assert levels(one.frames) == list(range(12))
-    assert levels(one.no_contact) == [0, 1, 2]
-    assert one.force is one.action is one.object is one.text is one.image is None
-    assert levels(pickle.loads(pickle.dumps(one)).frames) == list(range(12))
+    recordings = read(tmp_path, **VIDEO | more)
+    assert [recording.key for recording in recordings] == ["a/a.avi", "a/b/9.avi", "a/b/10.avi"], (
+        "natural order"
+    )
+    recording = recordings[0]
+    assert (recording.sensor, recording.source, recording.licence, recording.tier) == (
+        "digit",
+        "us",
+        "MIT",
+        4,
+    )
+    assert (len(recording.frames), recording.frames.shape) == (12, (32, 48))
+    np.testing.assert_allclose(recording.times, np.arange(12) / 20)
+    assert levels(recording.frames) == list(range(12))
+    assert levels(recording.no_contact) == [0, 1, 2]
+    assert (
+        recording.force
+        is recording.action
+        is recording.object
+        is recording.text
+        is recording.image
+        is None
+    )
+    assert levels(pickle.loads(pickle.dumps(recording)).frames) == list(range(12))
 
 
 def test_fps_overrides_a_video(tmp_path: Path, make_video: MakeFile) -> None:
@@ -56,11 +70,11 @@ def test_images_that_are_touches(tmp_path: Path, make_image: MakeFile) -> None:
     for i in (10, 2, 1):
         make_image(f"{i}.png", i)
     make_image("still.png", 30)
-    found = read(tmp_path, **IMAGES | {"background": {"file": "still.png"}})
-    assert [one.key for one in found] == ["a/1.png", "a/2.png", "a/10.png"]
-    assert [levels(one.frames) for one in found] == [[1], [2], [10]]
-    assert levels(found[0].no_contact) == [30], "the background itself is no touch"
-    assert found[0].times.tolist() == [0]
+    recordings = read(tmp_path, **IMAGES | {"background": {"file": "still.png"}})
+    assert [recording.key for recording in recordings] == ["a/1.png", "a/2.png", "a/10.png"]
+    assert [levels(recording.frames) for recording in recordings] == [[1], [2], [10]]
+    assert levels(recordings[0].no_contact) == [30], "the background itself is no touch"
+    assert recordings[0].times.tolist() == [0]
 
 
 def test_image_sequences(tmp_path: Path, make_image: MakeFile) -> None:
@@ -69,10 +83,10 @@ def test_image_sequences(tmp_path: Path, make_image: MakeFile) -> None:
             make_image(f"{folder}/f{i}.png", i)
         make_image(f"{folder}/f3/0.png", 0)
     layout = IMAGES | {"images": "**/*.png", "each": "sequence", "fps": 25}
-    found = {one.key: one for one in read(tmp_path, **layout)}
-    assert sorted(found) == ["a/x", "a/x/f3", "a/y", "a/y/f3"]
-    assert levels(found["a/x"].frames) == list(range(11))
-    np.testing.assert_allclose(found["a/x"].times, np.arange(11) / 25)
+    by_key = {recording.key: recording for recording in read(tmp_path, **layout)}
+    assert sorted(by_key) == ["a/x", "a/x/f3", "a/y", "a/y/f3"]
+    assert levels(by_key["a/x"].frames) == list(range(11))
+    np.testing.assert_allclose(by_key["a/x"].times, np.arange(11) / 25)
 
 
 @pytest.mark.parametrize(
@@ -124,8 +138,8 @@ def test_a_background_for_each_file(tmp_path: Path, make_image: MakeFile) -> Non
         make_image(f"{i}/touch.png", i)
         make_image(f"{i}/still.png", 10 * i)
     layout = {"images": "*/touch.png", "background": {"file": "{folder}/still.png"}}
-    found = read(tmp_path, **IMAGES | layout)
-    assert [levels(one.no_contact) for one in found] == [[10], [20]]
+    recordings = read(tmp_path, **IMAGES | layout)
+    assert [levels(recording.no_contact) for recording in recordings] == [[10], [20]]
 
 
 def test_crops_are_recordings_of_their_own(
@@ -179,7 +193,7 @@ def test_the_sensor_may_be_a_column(tmp_path: Path, make_video: MakeFile, write:
         make_video(name, count=4)
     labels = VIDEO | {"labels": {"file": "l.csv"}, "sensor": "{with}"}
     write("l.csv", "file,with\na.avi,gelsight\nb.avi,digit\n")
-    assert [one.sensor for one in read(tmp_path, **labels)] == ["gelsight", "digit"]
+    assert [recording.sensor for recording in read(tmp_path, **labels)] == ["gelsight", "digit"]
     write("l.csv", "file,with\na.avi,gelsight\nb.avi,digitt\n")
     with pytest.raises(ConfigError, match=r"l\.csv, row 3: unknown sensor 'digitt'.*'digit'"):
         read(tmp_path, **labels)
@@ -201,11 +215,11 @@ FORCE = {"file": "{stem}.csv", "columns": ["x", "y", "z"], "sign": [1, 1, -1]}
 def test_force_and_its_actions(tmp_path: Path, make_video: MakeFile, write: MakeFile) -> None:
     make_video("a.avi", count=60)
     write("a.csv", "x,y,z\n" + "".join(f"0,0,{-0.1 * i}\n" for i in range(60)))
-    (one,) = read(tmp_path, **VIDEO | {"force": FORCE})
-    assert one.force is not None
-    assert one.action is not None
-    np.testing.assert_allclose(one.force[:, 2], 0.1 * np.arange(60), rtol=1e-6)
-    assert set(one.action[10:]) == {ACTIONS.index("press")}
+    (recording,) = read(tmp_path, **VIDEO | {"force": FORCE})
+    assert recording.force is not None
+    assert recording.action is not None
+    np.testing.assert_allclose(recording.force[:, 2], 0.1 * np.arange(60), rtol=1e-6)
+    assert set(recording.action[10:]) == {ACTIONS.index("press")}
     (silent,) = read(tmp_path, **VIDEO | {"force": FORCE, "action": "none"})
     assert silent.action is None
     with pytest.raises(DataNotFoundError, match=r"gone\.csv: no such CSV"):
@@ -215,7 +229,7 @@ def test_force_and_its_actions(tmp_path: Path, make_video: MakeFile, write: Make
 def test_nan_forces_are_an_error(tmp_path: Path, make_video: MakeFile, write: MakeFile) -> None:
     make_video("a.avi", count=4)
     write("a.csv", "x,y,z\n0,0,1\n0,nan,1\n")
-    with pytest.raises(DataError, match=r"a\.csv, row 3, column 'y': 'nan' is no finite number"):
+    with pytest.raises(DataError, match=r"a\.csv, row 3, column 'y': 'nan' is not a finite number"):
         read(tmp_path, **VIDEO | {"force": FORCE})
 
 
@@ -224,9 +238,9 @@ def test_actions(tmp_path: Path, make_video: MakeFile, write: MakeFile) -> None:
     press, leave = ACTIONS.index("press"), ACTIONS.index("leave")
 
     def actions(given: object) -> list[int]:
-        (one,) = read(tmp_path, **VIDEO | {"action": given})
-        assert one.action is not None
-        return one.action.tolist()
+        (recording,) = read(tmp_path, **VIDEO | {"action": given})
+        assert recording.action is not None
+        return recording.action.tolist()
 
     assert actions("press") == [press] * 5
     ranges = [{"frames": [0, 2], "action": "press"}, {"frames": [4, 5], "action": "leave"}]
@@ -258,7 +272,7 @@ def test_a_corrupt_recording_is_left_out_and_listed(tmp_path: Path, make_video: 
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     data = Recordings(str(tmp_path), {"a": VIDEO}, val=0)
     for _ in range(2):
-        assert [one.key for one in data.recordings("train")] == ["a/0.avi", "a/2.avi"]
+        assert [recording.key for recording in data.recordings("train")] == ["a/0.avi", "a/2.avi"]
     (line,) = data.skipped
     assert "1.avi" in line
     assert "truncated" in line
@@ -270,7 +284,7 @@ def test_a_recording_that_is_all_background_is_left_out(
     make_video("a.avi", count=3)
     make_video("b.avi", count=4)
     data = Recordings(str(tmp_path), {"a": VIDEO}, val=0)
-    assert [one.key for one in data.recordings("train")] == ["a/b.avi"]
+    assert [recording.key for recording in data.recordings("train")] == ["a/b.avi"]
     assert "a.avi: 3 frames, all of them background" in data.skipped[0]
 
 
@@ -281,7 +295,7 @@ def test_sizes_that_differ_inside_a_sequence(tmp_path: Path, make_image: MakeFil
     make_image("y/2.png", size=(30, 48))
     layout = IMAGES | {"images": "*/*.png", "each": "sequence", "fps": 25}
     data = Recordings(str(tmp_path), {"a": layout}, val=0)
-    assert [one.key for one in data.recordings("train")] == ["a/x"]
+    assert [recording.key for recording in data.recordings("train")] == ["a/x"]
     assert "one size" in data.skipped[0]
 
 
@@ -324,7 +338,7 @@ def test_a_layout_that_ships_with_the_data(
     )
     data = Recordings(str(tmp_path), val=0)
     assert data.provides == {"object"}
-    assert [one.key for one in data.recordings("train")] == ["x/a.avi"]
+    assert [recording.key for recording in data.recordings("train")] == ["x/a.avi"]
     write("tactileforge.yaml", "layout: {}")
     with pytest.raises(ConfigError, match=r"tactileforge\.yaml: layouts is missing"):
         list(Recordings(str(tmp_path)).recordings("train"))
@@ -341,8 +355,8 @@ def test_a_file_that_came_with_the_data_is_not_interpolated(
     make_video("a.avi", count=4)
     layout = "{videos: '*.avi', sensor: digit, background: none, source: '${oc.env:SECRET}'}"
     (tmp_path / "tactileforge.yaml").write_text(f"layouts: {{a: {layout}}}")
-    (found,) = Recordings(str(tmp_path), val=0).recordings("train")
-    assert found.source == "${oc.env:SECRET}"
+    (recording,) = Recordings(str(tmp_path), val=0).recordings("train")
+    assert recording.source == "${oc.env:SECRET}"
 
 
 def test_a_layout_of_aliases_without_end_is_an_error(tmp_path: Path) -> None:
@@ -420,4 +434,4 @@ def test_conformance(tmp_path: Path, make_video: MakeFile) -> None:
         make_video(f"{i}.avi", count=60)
     layouts = {"a": VIDEO | {"split": "time", "object": "cup"}}
     results = check("dataset", "recordings", root=str(tmp_path), layouts=layouts)
-    assert {one.name: one.detail for one in results if one.status != "ran"} == {}
+    assert {result.name: result.detail for result in results if result.status != "ran"} == {}

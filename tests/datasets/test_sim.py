@@ -32,39 +32,44 @@ def digest(folder: Path) -> dict[str, str]:
 def test_conformance() -> None:
     assert isinstance(Sim(), Dataset)
     results = check("dataset", Sim(**SMALL))
-    assert [one for one in results if one.status == "failed"] == []
+    assert [result for result in results if result.status == "failed"] == []
 
 
 def test_what_matching_needs_is_there(touches: list[Recording]) -> None:
-    assert len({one.key for one in touches}) == 36
+    assert len({recording.key for recording in touches}) == 36
     for trio in zip(*[iter(touches)] * 3, strict=True):
-        assert [one.sensor for one in trio] == ["digit", "gelsight", "gelsight_mini"]
-        assert len({one.object for one in trio}) == 1
-    assert len({one.object for one in touches}) == 12
-    seen = {ACTIONS[i] for one in touches if one.action is not None for i in set(one.action) - {-1}}
+        assert [recording.sensor for recording in trio] == ["digit", "gelsight", "gelsight_mini"]
+        assert len({recording.object for recording in trio}) == 1
+    assert len({recording.object for recording in touches}) == 12
+    seen = {
+        ACTIONS[i]
+        for recording in touches
+        if recording.action is not None
+        for i in set(recording.action) - {-1}
+    }
     assert {"press", "leave", "slide_left"} < seen
 
 
 def test_a_recording_has_everything(touches: list[Recording]) -> None:
-    one = touches[2]
-    assert one.sensor == "gelsight_mini"
-    np.testing.assert_allclose(np.diff(one.times), 1 / 18)
-    assert one.frames.shape == (48, 64)
-    assert one.force is not None
-    assert one.force.shape == (len(one.times), 3) == (len(one.frames), 3)
-    assert one.image is not None
-    assert one.image.read([0]).shape == (1, 48, 48, 3)
-    assert one.text is not None
-    assert one.text.startswith("{action} a ")
-    assert one.tier == 3
-    assert one.licence == "CC0-1.0"
+    recording = touches[2]
+    assert recording.sensor == "gelsight_mini"
+    np.testing.assert_allclose(np.diff(recording.times), 1 / 18)
+    assert recording.frames.shape == (48, 64)
+    assert recording.force is not None
+    assert recording.force.shape == (len(recording.times), 3) == (len(recording.frames), 3)
+    assert recording.image is not None
+    assert recording.image.read([0]).shape == (1, 48, 48, 3)
+    assert recording.text is not None
+    assert recording.text.startswith("{action} a ")
+    assert recording.tier == 3
+    assert recording.licence == "CC0-1.0"
     assert touches[0].frames.shape == (64, 48)
 
 
 def test_forces_obey_coulomb(touches: list[Recording]) -> None:
-    for one in touches:
-        assert one.force is not None
-        shear, normal = np.linalg.norm(one.force[:, :2], axis=1), one.force[:, 2]
+    for recording in touches:
+        assert recording.force is not None
+        shear, normal = np.linalg.norm(recording.force[:, :2], axis=1), recording.force[:, 2]
         assert (normal >= 0).all()
         assert (
             0.1 < normal.max() < 20
@@ -75,27 +80,27 @@ def test_forces_obey_coulomb(touches: list[Recording]) -> None:
 
 def test_actions_agree_with_those_read_from_the_force(touches: list[Recording]) -> None:
     same = both = 0
-    for one in touches:
-        assert one.force is not None
-        assert one.action is not None
-        if any(i >= ACTIONS.index("rotate_cw") for i in one.action):
+    for recording in touches:
+        assert recording.force is not None
+        assert recording.action is not None
+        if any(i >= ACTIONS.index("rotate_cw") for i in recording.action):
             continue
-        read = label_actions(one.times, one.force)
-        known = (read >= 0) & (one.action >= 0)
+        read = label_actions(recording.times, recording.force)
+        known = (read >= 0) & (recording.action >= 0)
         both += int(known.sum())
-        same += int((read == one.action)[known].sum())
+        same += int((read == recording.action)[known].sum())
     assert both > 200
     assert same / both > 0.85
 
 
 def test_pictures_change_with_contact_and_only_then() -> None:
-    for one in Sim(scenes=2, val=0, size=48, randomise="none").recordings("train"):
-        assert one.force is not None
-        pictures = one.frames.read(range(len(one.frames))).astype(int)
+    for recording in Sim(scenes=2, val=0, size=48, randomise="none").recordings("train"):
+        assert recording.force is not None
+        pictures = recording.frames.read(range(len(recording.frames))).astype(int)
         change = np.abs(pictures - pictures[0]).mean((1, 2, 3))
-        free = one.force[:, 2] == 0
+        free = recording.force[:, 2] == 0
         assert change[free].max() < 3
-        assert change[one.force[:, 2].argmax()] > 1.1 * change[free].max()
+        assert change[recording.force[:, 2].argmax()] > 1.1 * change[free].max()
 
 
 def test_the_same_numbers_give_the_same_bytes_however_they_are_made(tmp_path: Path) -> None:

@@ -82,34 +82,34 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 def test_taxels_sum_to_the_exact_force_and_are_what_is_drawn(cache: str) -> None:
     data = SimArray(scenes=2, val=1, cache=cache, size=None, **QUICK)
-    one, other = data.recordings("train")
-    assert one.sensor == "serial_array"
-    taxels = one.tracks["taxels"]
-    assert taxels.shape == (len(one.frames), 64, 3)
-    assert one.force[:, 2].max() > 0.4
+    first, other = data.recordings("train")
+    assert first.sensor == "serial_array"
+    taxels = first.tracks["taxels"]
+    assert taxels.shape == (len(first.frames), 64, 3)
+    assert first.force[:, 2].max() > 0.4
     noise = data.noise * 8 + 64**0.5 * data.span / 1023  # of 64 taxels: noise and rounding
-    assert np.abs(taxels.sum(1) - one.force).max() < 5 * noise
-    shown = one.frames.read(range(len(one.frames))).reshape(-1, 64, 3) - float(REST)
+    assert np.abs(taxels.sum(1) - first.force).max() < 5 * noise
+    shown = first.frames.read(range(len(first.frames))).reshape(-1, 64, 3) - float(REST)
     np.testing.assert_allclose(shown / 127 * data.span, taxels, atol=0.51 * data.span / 127)
-    assert len(one.no_contact) == 5
-    assert np.abs(one.no_contact.read(range(5)).astype(int) - REST).max() <= 2
-    assert set(one.action[one.action >= 0]) <= set(range(len(ACTIONS)))
+    assert len(first.no_contact) == 5
+    assert np.abs(first.no_contact.read(range(5)).astype(int) - REST).max() <= 2
+    assert set(first.action[first.action >= 0]) <= set(range(len(ACTIONS)))
     again = next(
         iter(SimArray(scenes=2, val=1, cache=cache, size=None, **QUICK).recordings("train"))
     )
-    np.testing.assert_array_equal(again.frames.read([9]), one.frames.read([9]))
+    np.testing.assert_array_equal(again.frames.read([9]), first.frames.read([9]))
     (held_out,) = data.recordings("val")
-    assert len({one.key, other.key, held_out.key}) == 3
+    assert len({first.key, other.key, held_out.key}) == 3
 
 
 def test_one_axis_and_larger_pictures(cache: str) -> None:
     data = SimArray(scenes=1, val=0, cache=cache, axes=1, shape=(4, 6), size=16, **QUICK)
-    (one,) = data.recordings("train")
-    assert one.frames.shape == (16, 24)
-    seen = one.frames.read(range(len(one.frames)))
+    (recording,) = data.recordings("train")
+    assert recording.frames.shape == (16, 24)
+    seen = recording.frames.read(range(len(recording.frames)))
     assert (seen[..., :2] == REST).all()
     assert seen[..., 2].max() > REST + 3
-    assert one.tracks["taxels"].shape[1:] == (24, 1)
+    assert recording.tracks["taxels"].shape[1:] == (24, 1)
 
 
 @pytest.mark.parametrize(

@@ -59,9 +59,9 @@ def test_trajectories(tmp_path: Path, batch: Make, levels: Make) -> None:
 
 def test_pressing_is_positive(tmp_path: Path, batch: Make) -> None:
     batch("sphere/batch_1", sign=-1)
-    for one in SparshForce(str(tmp_path), val=0).recordings("train"):
-        assert one.force is not None
-        np.testing.assert_allclose(one.force[-1], [0.5, -0.5, 2])
+    for recording in SparshForce(str(tmp_path), val=0).recordings("train"):
+        assert recording.force is not None
+        np.testing.assert_allclose(recording.force[-1], [0.5, -0.5, 2])
 
 
 @pytest.mark.parametrize(
@@ -77,13 +77,15 @@ def test_channels_and_orientation(
     tmp_path: Path, batch: Make, sensor: str, name: str, is_rgb: bool
 ) -> None:
     batch(name, sensor.split("_")[0], colour=(10, 20, 200))
-    one = next(iter(SparshForce(str(tmp_path), sensor, "all", val=0).recordings("train")))
-    assert one.sensor == sensor
-    assert one.frames.shape == ((32, 24) if sensor == "digit" else (24, 32)), "DIGIT lies on a side"
+    recording = next(iter(SparshForce(str(tmp_path), sensor, "all", val=0).recordings("train")))
+    assert recording.sensor == sensor
+    assert recording.frames.shape == ((32, 24) if sensor == "digit" else (24, 32)), (
+        "DIGIT lies on a side"
+    )
     want = [10, 20, 200] if is_rgb else [200, 20, 10]
-    assert one.frames.read([0])[0, 3, 3].tolist() == want
-    assert one.no_contact is not None
-    assert one.no_contact.read([0])[0, 3, 3].tolist() == want
+    assert recording.frames.read([0])[0, 3, 3].tolist() == want
+    assert recording.no_contact is not None
+    assert recording.no_contact.read([0])[0, 3, 3].tolist() == want
 
 
 def test_splits(tmp_path: Path, batch: Make) -> None:
@@ -99,7 +101,7 @@ def test_splits(tmp_path: Path, batch: Make) -> None:
     for split in ("sparsh-official", "anytouch2-port"):
         data = SparshForce(str(tmp_path), split=split, val=0)
         for side in ("train", "test"):
-            keys = [one.key.split("/", 1)[1] for one in data.recordings(side)]
+            keys = [recording.key.split("/", 1)[1] for recording in data.recordings(side)]
             found[split, side] = {key.rpartition("/")[0] for key in keys}
     assert found == {
         ("sparsh-official", "train"): {"sphere/batch_1", "flat/batch_2"},
@@ -117,7 +119,7 @@ def test_a_batch_that_would_run_something_is_left_out(tmp_path: Path, batch: Mak
     (batch("sharp/batch_1") / "dataset_slip_forces.pkl").write_bytes(bad)
     (batch("flat/batch_2") / "dataset_digit_01.pkl").write_bytes(bad)
     data = SparshForce(str(tmp_path), val=0)
-    assert {one.object for one in data.recordings("train")} == {"sparsh_sphere"}
+    assert {recording.object for recording in data.recordings("train")} == {"sparsh_sphere"}
     assert len(data.skipped) == 2
     assert all("it asks for os.system" in line for line in data.skipped)
 
@@ -136,9 +138,9 @@ def test_damage_is_named(tmp_path: Path, batch: Make) -> None:
     path = batch("sharp/batch_1") / "dataset_slip_forces.pkl"
     path.write_bytes(pickle.dumps(labels))
     data = SparshForce(str(tmp_path), val=0)
-    found = {one.key: one for one in data.recordings("train")}
-    assert sorted(found) == ["sparsh_force/sharp/batch_1/3", "sparsh_force/sphere/batch_1/0"]
-    assert found["sparsh_force/sharp/batch_1/3"].no_contact is None, "always in contact"
+    by_key = {recording.key: recording for recording in data.recordings("train")}
+    assert sorted(by_key) == ["sparsh_force/sharp/batch_1/3", "sparsh_force/sphere/batch_1/0"]
+    assert by_key["sparsh_force/sharp/batch_1/3"].no_contact is None, "always in contact"
     assert len(data.skipped) == 4
     assert "20 images of digit, but dataset_slip_forces.pkl names image 20" in data.skipped[-1]
     path.write_bytes(pickle.dumps([1]))

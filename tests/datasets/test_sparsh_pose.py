@@ -29,12 +29,12 @@ def root(tmp_path: Path, encoded: Make, make_image: Make) -> Path:
 
 
 def test_bags(root: Path, levels: Make) -> None:
-    _, one = SparshPose(str(root), val=0).recordings("train")
-    assert (one.key, one.object) == ("sparsh_pose/train/sugar/bag_00", "sugar")
-    assert len(one.frames) == 7, "two images have no pose"
-    assert one.frames.read([3])[0, 0, 0].tolist() == [200, 20, 13], "stored blue first"
-    assert levels(one.no_contact) == [30]
-    np.testing.assert_array_equal(one.tracks["relative_pose"][4], 5 * np.eye(4))
+    _, recording = SparshPose(str(root), val=0).recordings("train")
+    assert (recording.key, recording.object) == ("sparsh_pose/train/sugar/bag_00", "sugar")
+    assert len(recording.frames) == 7, "two images have no pose"
+    assert recording.frames.read([3])[0, 0, 0].tolist() == [200, 20, 13], "stored blue first"
+    assert levels(recording.no_contact) == [30]
+    np.testing.assert_array_equal(recording.tracks["relative_pose"][4], 5 * np.eye(4))
     (test,) = SparshPose(str(root)).recordings("test")
     assert test.key == "sparsh_pose/test/sugar/bag_00"
 
@@ -53,7 +53,10 @@ def test_another_finger_and_damage(root: Path, encoded: Make) -> None:
 
 def test_without_backgrounds(root: Path) -> None:
     (root / "bgs/digit_ring.png").unlink()
-    assert all(one.no_contact is None for one in SparshPose(str(root), val=0).recordings("train"))
+    assert all(
+        recording.no_contact is None
+        for recording in SparshPose(str(root), val=0).recordings("train")
+    )
 
 
 def test_conformance(root: Path, conforms: Make) -> None:

@@ -20,12 +20,16 @@ def root(tmp_path: Path, make_images: Make, write: Make) -> Path:
 
 
 def test_presses(root: Path, levels: Make) -> None:
-    one, other = Ssvtp(str(root), val=0).recordings("train")
-    assert (one.key, other.key) == ("ssvtp/2", "ssvtp/10")
-    assert (levels(one.frames), levels(one.image), one.text) == ([2], [2], "fabric, ridged, soft")
-    assert one.no_contact is None
+    first, other = Ssvtp(str(root), val=0).recordings("train")
+    assert (first.key, other.key) == ("ssvtp/2", "ssvtp/10")
+    assert (levels(first.frames), levels(first.image), first.text) == (
+        [2],
+        [2],
+        "fabric, ridged, soft",
+    )
+    assert first.no_contact is None
     assert other.text is None
-    assert one.times.tolist() == [0]
+    assert first.times.tolist() == [0]
 
 
 def test_the_list_of_the_authors_is_the_test(root: Path) -> None:
@@ -33,7 +37,7 @@ def test_the_list_of_the_authors_is_the_test(root: Path) -> None:
     assert test.key == "ssvtp/3"
     assert test.image is None, "press 3 was not photographed"
     everything = Ssvtp(str(root), split="all", val=0).recordings("train")
-    assert [one.key for one in everything] == ["ssvtp/2", "ssvtp/3", "ssvtp/10"]
+    assert [recording.key for recording in everything] == ["ssvtp/2", "ssvtp/3", "ssvtp/10"]
 
 
 def test_conformance(root: Path, conforms: Make) -> None:

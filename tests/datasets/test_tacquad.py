@@ -24,26 +24,34 @@ def root(tmp_path: Path, make_images: Make, write: Make) -> Path:
 
 
 def test_contacts(root: Path, levels: Make) -> None:
-    found = {one.key: one for one in TacQuad(str(root), val=0).recordings("train")}
-    assert len(found) == 9
-    one = found["tacquad/indoor/0_cup/gelsight"]
-    assert (one.sensor, one.object, one.text) == ("gelsight_mini", "indoor/0_cup", "{action} cup")
-    assert levels(one.frames) == [4, 5, 6, 7, 8, 9], "both ends are contact"
-    assert levels(one.no_contact) == [0, 1, 2]
-    np.testing.assert_allclose(np.diff(one.times), 1 / 18)
-    digit = found["tacquad/indoor/0_cup/digit"]
+    by_key = {
+        recording.key: recording for recording in TacQuad(str(root), val=0).recordings("train")
+    }
+    assert len(by_key) == 9
+    recording = by_key["tacquad/indoor/0_cup/gelsight"]
+    assert (recording.sensor, recording.object, recording.text) == (
+        "gelsight_mini",
+        "indoor/0_cup",
+        "{action} cup",
+    )
+    assert levels(recording.frames) == [4, 5, 6, 7, 8, 9], "both ends are contact"
+    assert levels(recording.no_contact) == [0, 1, 2]
+    np.testing.assert_allclose(np.diff(recording.times), 1 / 18)
+    digit = by_key["tacquad/indoor/0_cup/digit"]
     assert digit.no_contact is None, "the contact begins with the first frame"
-    assert digit.object == one.object, "one object for all sensors"
+    assert digit.object == recording.object, "one object for all sensors"
     assert levels(digit.image) == [t * 6 // 12 for t in range(12)]
-    assert one.image is None
-    assert found["tacquad/outdoor/0_tree_bark/duragel"].text == "{action} tree bark"
+    assert recording.image is None
+    assert by_key["tacquad/outdoor/0_tree_bark/duragel"].text == "{action} tree bark"
 
 
 def test_the_item_with_two_names(root: Path, levels: Make) -> None:
-    found = {one.key: one for one in TacQuad(str(root), val=0).recordings("train")}
-    one = found["tacquad/indoor/1_shuttlecock/digit"]
-    assert (one.object, one.text) == ("indoor/1_shuttlecock", "{action} shuttlecock")
-    assert levels(one.frames) == [4, 5, 6, 7, 8, 9]
+    by_key = {
+        recording.key: recording for recording in TacQuad(str(root), val=0).recordings("train")
+    }
+    recording = by_key["tacquad/indoor/1_shuttlecock/digit"]
+    assert (recording.object, recording.text) == ("indoor/1_shuttlecock", "{action} shuttlecock")
+    assert levels(recording.frames) == [4, 5, 6, 7, 8, 9]
     (root / "data_indoor/shuttlecock").rename(root / "data_indoor/yumaoqiu")
     assert len(list(TacQuad(str(root), val=0).recordings("train"))) == 9
 
@@ -61,7 +69,7 @@ def test_an_item_without_a_folder_is_named(root: Path, write: Make) -> None:
 
 def test_a_share_of_the_items_is_held_out(root: Path, write: Make, make_images: Make) -> None:
     sides = {
-        side: {one.object for one in TacQuad(str(root), val=0.5).recordings(side)}
+        side: {recording.object for recording in TacQuad(str(root), val=0.5).recordings(side)}
         for side in ("train", "val")
     }
     assert not sides["train"] & sides["val"], "an item is on one side with all its sensors"

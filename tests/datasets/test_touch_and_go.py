@@ -40,8 +40,8 @@ def test_runs_of_one_label_are_recordings(root: Path, levels: Make) -> None:
 
 def test_a_gap_in_the_numbers_ends_a_run(root: Path, write: Make) -> None:
     write("label.txt", rows(range(2, 4), 5) + rows(range(6, 9), 5))
-    found = list(TouchAndGo(str(root), val=0).recordings("train"))
-    assert [len(one.frames) for one in found] == [2, 3]
+    recordings = list(TouchAndGo(str(root), val=0).recordings("train"))
+    assert [len(recording.frames) for recording in recordings] == [2, 3]
 
 
 def test_the_lists_of_anytouch2_name_the_background(root: Path, write: Make, levels: Make) -> None:
@@ -57,8 +57,8 @@ def test_the_lists_of_anytouch2_name_the_background(root: Path, write: Make, lev
 def test_five_materials_are_soft(root: Path, write: Make) -> None:
     assert [MATERIALS.index(name) for name in SOFT] == [7, 8, 9, 11, 13]
     write("label.txt", rows(range(2, 6), 5) + rows(range(6, 9), 9))
-    found = TouchAndGo(str(root), val=0).recordings("train")
-    assert [one.labels["hardness"] for one in found] == ["hard", "soft"]
+    recordings = TouchAndGo(str(root), val=0).recordings("train")
+    assert [recording.labels["hardness"] for recording in recordings] == ["hard", "soft"]
 
 
 def test_rough_lists_have_classes_and_no_caption(root: Path, write: Make) -> None:
@@ -66,8 +66,8 @@ def test_rough_lists_have_classes_and_no_caption(root: Path, write: Make) -> Non
     write("test_rough.txt", rows(range(4, 6), 0))
     data = TouchAndGo(str(root), split="tag-rough", val=0)
     assert data.provides == {"image"}
-    (one,) = data.recordings("train")
-    assert (one.labels, one.text) == ({"rough": 1.0}, None)
+    (recording,) = data.recordings("train")
+    assert (recording.labels, recording.text) == ({"rough": 1.0}, None)
 
 
 def test_damage(root: Path, write: Make) -> None:

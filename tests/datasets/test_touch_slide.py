@@ -34,7 +34,9 @@ def test_a_pickle_that_would_run_something_is_left_out(root: Path) -> None:
     (root / "bread/dataset_1.pkl").write_bytes(b"\x80\x02cos\nsystem\nX\x04\x00\x00\x00true\x85R.")
     (root / "corn/dataset_0.pkl").write_bytes(pickle.dumps({"frames": []}))
     data = TouchSlide(str(root), val=0)
-    assert [one.key for one in data.recordings("train")] == ["touch_slide/bread/dataset_0"]
+    assert [recording.key for recording in data.recordings("train")] == [
+        "touch_slide/bread/dataset_0"
+    ]
     assert "dataset_1.pkl: not read: it asks for os.system" in data.skipped[0]
     assert "a dict, where a list of images belongs" in data.skipped[1]
 

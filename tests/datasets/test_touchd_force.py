@@ -27,15 +27,22 @@ def root(tmp_path: Path, make_images: Make, write: Make) -> Path:
 
 
 def test_sessions(root: Path, levels: Make) -> None:
-    found = {one.key: one for one in TouchdForce(str(root), "all", val=0).recordings("train")}
-    assert len(found) == 6, "biotip is no image, and the others have no labels"
-    one = found["touchd_force/obj006_speed1/digit"]
-    assert levels(one.frames) == list(range(2, 12))
-    assert levels(one.no_contact) == [1]
-    np.testing.assert_allclose(one.times, np.arange(10) / 30)
-    assert (one.object, one.labels["indenter"], one.tier) == ("touchd_indenter_6", 6, 1)
-    mini = found["touchd_force/obj006_speed1/gelsight"]
-    assert (mini.sensor, mini.object) == ("gelsight_mini", one.object)
+    by_key = {
+        recording.key: recording
+        for recording in TouchdForce(str(root), "all", val=0).recordings("train")
+    }
+    assert len(by_key) == 6, "biotip is not an image, and the others have no labels"
+    recording = by_key["touchd_force/obj006_speed1/digit"]
+    assert levels(recording.frames) == list(range(2, 12))
+    assert levels(recording.no_contact) == [1]
+    np.testing.assert_allclose(recording.times, np.arange(10) / 30)
+    assert (recording.object, recording.labels["indenter"], recording.tier) == (
+        "touchd_indenter_6",
+        6,
+        1,
+    )
+    mini = by_key["touchd_force/obj006_speed1/gelsight"]
+    assert (mini.sensor, mini.object) == ("gelsight_mini", recording.object)
     assert levels(mini.frames) == list(range(2, 12)), "in order, also where the index is not"
     np.testing.assert_allclose(np.diff(mini.times), 1 / 18)
 
@@ -51,10 +58,12 @@ def test_axes(root: Path) -> None:
     }
     for (sensor, axes), want in cases.items():
         data = TouchdForce(str(root), "all", val=0, axes=axes)
-        one = next(one for one in data.recordings("train") if one.key.endswith(sensor))
-        assert one.force is not None
-        np.testing.assert_allclose(one.force, i * want, rtol=1e-6)
-        assert (one.action is None) == (axes == "source") == ("action" not in data.provides)
+        recording = next(
+            recording for recording in data.recordings("train") if recording.key.endswith(sensor)
+        )
+        assert recording.force is not None
+        np.testing.assert_allclose(recording.force, i * want, rtol=1e-6)
+        assert (recording.action is None) == (axes == "source") == ("action" not in data.provides)
     data = TouchdForce(str(root), "all", val=0)
     pressed = next(iter(data.recordings("train"))).action
     assert pressed is not None
@@ -69,11 +78,11 @@ def test_axes(root: Path) -> None:
 )
 def test_named_splits(root: Path, split: str, train: set[int], test: set[int]) -> None:
     data = TouchdForce(str(root), split, val=0)
-    found = {
-        side: {one.labels["indenter"] for one in data.recordings(side)}
+    by_split = {
+        side: {recording.labels["indenter"] for recording in data.recordings(side)}
         for side in ("train", "test")
     }
-    assert found == {"train": train, "test": test}
+    assert by_split == {"train": train, "test": test}
 
 
 def test_defects(root: Path, levels: Make) -> None:
@@ -83,10 +92,10 @@ def test_defects(root: Path, levels: Make) -> None:
     (root / "other").rename(root / "obj018_speed1/obj018_speed1")
     (root / "obj030_speed1/digit/image_5.png").unlink()
     data = TouchdForce(str(root), "all", val=0)
-    found = {one.key.split("/", 1)[1]: one for one in data.recordings("train")}
-    assert found["obj006_speed1/digit"].no_contact is None, "the background is missing"
-    assert levels(found["obj018_speed1/digit"].no_contact) == [1], "unzipped one folder deeper"
-    assert "obj030_speed1/digit" not in found
+    by_key = {recording.key.split("/", 1)[1]: recording for recording in data.recordings("train")}
+    assert by_key["obj006_speed1/digit"].no_contact is None, "the background is missing"
+    assert levels(by_key["obj018_speed1/digit"].no_contact) == [1], "unzipped one folder deeper"
+    assert "obj030_speed1/digit" not in by_key
     (line,) = data.skipped
     assert "obj030_speed1/digit/image_5.png: no such file" in line
 

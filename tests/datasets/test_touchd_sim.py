@@ -24,12 +24,12 @@ def root(tmp_path: Path, make_images: Make, make_image: Make) -> Path:
 
 def test_motions(root: Path, levels: Make) -> None:
     data = TouchdSim(str(root), val=0)
-    one, other = data.recordings("train")
-    assert (one.sensor, other.sensor, one.object) == ("digit", "gelsight_mini", "blue_cup")
-    assert levels(one.frames) == list(range(12)), "the background is no frame"
-    assert (levels(one.no_contact), other.no_contact) == ([30], None)
-    assert one.text == "{action} blue cup"
-    for found, name in ((one, "rotate_cw"), (other, "slide_left")):
+    first, other = data.recordings("train")
+    assert (first.sensor, other.sensor, first.object) == ("digit", "gelsight_mini", "blue_cup")
+    assert levels(first.frames) == list(range(12)), "the background is no frame"
+    assert (levels(first.no_contact), other.no_contact) == ([30], None)
+    assert first.text == "{action} blue cup"
+    for found, name in ((first, "rotate_cw"), (other, "slide_left")):
         assert found.action is not None
         assert set(found.action) == {ACTIONS.index(name)}
     (line,) = data.skipped

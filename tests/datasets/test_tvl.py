@@ -29,13 +29,15 @@ def root(tmp_path: Path, make_images: Make, make_image: Make, write: Make) -> Pa
 
 
 def test_runs_of_one_caption(root: Path, levels: Make) -> None:
-    found = list(Tvl(str(root), val=0).recordings("train"))
-    assert [levels(one.frames) for one in found] == [[4, 5], [9, 10], [11]], "9 before 10"
-    assert [one.text for one in found] == ["smooth, hard", "smooth, hard", "soft"]
-    assert found[0].key == "tvl/data1/rec_1/train_4"
-    assert levels(found[1].no_contact) == [20]
-    assert found[1].image is not None
-    assert found[1].image.shape == (60, 80)
+    recordings = list(Tvl(str(root), val=0).recordings("train"))
+    assert [levels(recording.frames) for recording in recordings] == [[4, 5], [9, 10], [11]], (
+        "9 before 10"
+    )
+    assert [recording.text for recording in recordings] == ["smooth, hard", "smooth, hard", "soft"]
+    assert recordings[0].key == "tvl/data1/rec_1/train_4"
+    assert levels(recordings[1].no_contact) == [20]
+    assert recordings[1].image is not None
+    assert recordings[1].image.shape == (60, 80)
 
 
 def test_a_missing_background_is_that_of_the_part(root: Path, levels: Make) -> None:
@@ -51,11 +53,11 @@ def test_swapped_folders(root: Path, levels: Make) -> None:
     (folder / "tactile").rename(folder / "other")
     (folder / "vision").rename(folder / "tactile")
     (folder / "other").rename(folder / "vision")
-    one = next(iter(Tvl(str(root), val=0).recordings("train")))
-    assert one.frames.shape == (24, 32)
-    assert one.image is not None
-    assert one.image.shape == (60, 80)
-    assert levels(one.frames) == levels(one.image) == [4, 5]
+    recording = next(iter(Tvl(str(root), val=0).recordings("train")))
+    assert recording.frames.shape == (24, 32)
+    assert recording.image is not None
+    assert recording.image.shape == (60, 80)
+    assert levels(recording.frames) == levels(recording.image) == [4, 5]
 
 
 def test_without_captions(root: Path, write: Make, levels: Make) -> None:
@@ -64,8 +66,8 @@ def test_without_captions(root: Path, write: Make, levels: Make) -> None:
     names = [f"{i}-0.03.jpg" for i in (1, 2, 3)]
     lists = {k: [f"rec_1/{k}/{name}" for name in names] for k in ("tactile", "vision")}
     write("hct/data1/contact.json", json.dumps(lists))
-    (one,) = Tvl(str(root), split="all", val=0).recordings("train")
-    assert (levels(one.frames), one.text) == ([1, 2, 3], None)
+    (recording,) = Tvl(str(root), split="all", val=0).recordings("train")
+    assert (levels(recording.frames), recording.text) == ([1, 2, 3], None)
     write("hct/data1/contact.json", json.dumps({"tactile": ["rec_1/tactile/1-0.03.jpg"]}))
     with pytest.raises(DataError, match=r"contact\.json: not lists of equal length"):
         list(Tvl(str(root)).recordings("train"))

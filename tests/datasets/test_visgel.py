@@ -18,12 +18,12 @@ def root(tmp_path: Path, make_images: Make) -> Path:
 
 
 def test_sequences(root: Path, levels: Make) -> None:
-    one, other = VisGel(str(root), val=0, fps=60).recordings("train")
-    assert (one.key, other.key) == ("visgel/object_1/rec_2", "visgel/rec_3")
-    assert levels(one.frames) == list(range(6))
-    assert one.times[-1] == pytest.approx(5 / 60)
-    assert levels(one.no_contact) == [0]
-    assert levels(one.image) == [0, 0, 2, 2, 4, 4], "three views of six touches"
+    first, other = VisGel(str(root), val=0, fps=60).recordings("train")
+    assert (first.key, other.key) == ("visgel/object_1/rec_2", "visgel/rec_3")
+    assert levels(first.frames) == list(range(6))
+    assert first.times[-1] == pytest.approx(5 / 60)
+    assert levels(first.no_contact) == [0]
+    assert levels(first.image) == [0, 0, 2, 2, 4, 4], "three views of six touches"
     assert other.image is None
 
 
@@ -31,7 +31,7 @@ def test_a_damaged_sequence_is_named(root: Path) -> None:
     (root / "images/touch/rec_3/frame0001.jpg").write_bytes(b"no image")
     (root / "images/touch/rec_3/._frame0002.jpg").write_bytes(b"left by a file browser")
     data = VisGel(str(root), val=0)
-    assert [one.key for one in data.recordings("train")] == ["visgel/object_1/rec_2"]
+    assert [recording.key for recording in data.recordings("train")] == ["visgel/object_1/rec_2"]
     (line,) = data.skipped
     assert "frame0001.jpg" in line
 

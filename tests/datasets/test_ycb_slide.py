@@ -20,20 +20,20 @@ def root(tmp_path: Path, make_images: Make) -> Path:
 
 
 def test_recordings(root: Path, levels: Make) -> None:
-    one, other = YcbSlide(str(root), val=0).recordings("train")
-    assert one.key == "ycb_slide/035_power_drill/dataset_0"
-    assert (one.object, one.sensor, one.tier) == ("035_power_drill", "digit", 4)
-    assert levels(one.frames) == list(range(9))
-    assert levels(one.no_contact) == list(range(9)), "the median over the recording"
-    assert levels(one.image) == [0, 1, 2, 3], "the camera has fewer frames, all are kept"
+    first, other = YcbSlide(str(root), val=0).recordings("train")
+    assert first.key == "ycb_slide/035_power_drill/dataset_0"
+    assert (first.object, first.sensor, first.tier) == ("035_power_drill", "digit", 4)
+    assert levels(first.frames) == list(range(9))
+    assert levels(first.no_contact) == list(range(9)), "the median over the recording"
+    assert levels(first.image) == [0, 1, 2, 3], "the camera has fewer frames, all are kept"
     assert other.image is None
-    assert levels(one.part(6, 9).image) == [2, 3, 3]
+    assert levels(first.part(6, 9).image) == [2, 3, 3]
 
 
 def test_the_backgrounds_of_sparsh(root: Path, make_image: Make, levels: Make) -> None:
     make_image("real/bgs/bg_0.jpg", 25, (24, 32))
-    one = next(iter(YcbSlide(str(root), val=0).recordings("train")))
-    assert levels(one.no_contact) == [25]
+    recording = next(iter(YcbSlide(str(root), val=0).recordings("train")))
+    assert levels(recording.no_contact) == [25]
     make_image("real/bgs/bg_0.jpg", 25, (30, 32))
     data = YcbSlide(str(root), val=0)
     with pytest.raises(DataError, match="no recording of ycb_slide for train"):

@@ -286,9 +286,9 @@ def test_openclip_is_the_same_network_in_other_names(published: ModuleType) -> N
     for ours, other in pairs.items():
         for kind in ("weight", "bias"):
             hf[f"{tower}.{ours}.{kind}"] = theirs[f"visual.{other}.{kind}"]
-    one, two = convert(theirs), convert(hf)
-    assert one.encoder_config == two.encoder_config
-    assert all(torch.equal(one.state[key], two.state[key]) for key in two.state)
+    first, two = convert(theirs), convert(hf)
+    assert first.encoder_config == two.encoder_config
+    assert all(torch.equal(first.state[key], two.state[key]) for key in two.state)
 
 
 def test_unitouch_is_torchs_attention_on_two_equal_frames(published: ModuleType) -> None:

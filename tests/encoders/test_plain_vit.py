@@ -99,8 +99,8 @@ def test_each_sample_goes_through_the_stem_of_its_sensor() -> None:
             }
             own.load_state_dict(state)
             own.pixels.mean, own.pixels.std = encoder.pixels.mean[row], encoder.pixels.std[row]
-            one = {key: value[i : i + 1] for key, value in mixed.items()}
-            torch.testing.assert_close(own.views(one).full.cls[0], together[i])
+            single = {key: value[i : i + 1] for key, value in mixed.items()}
+            torch.testing.assert_close(own.views(single).full.cls[0], together[i])
 
 
 def test_a_sensor_without_a_stem_is_an_error_and_one_stem_takes_all() -> None:

@@ -27,8 +27,8 @@ class Bomb:
         return os.system, (f"touch {self.path}",)
 
 
-def same(found: dict[str, torch.Tensor]) -> bool:
-    return found.keys() == STATE.keys() and all(torch.equal(found[k], STATE[k]) for k in STATE)
+def same(tensors: dict[str, torch.Tensor]) -> bool:
+    return tensors.keys() == STATE.keys() and all(torch.equal(tensors[k], STATE[k]) for k in STATE)
 
 
 @pytest.mark.parametrize(

@@ -137,6 +137,7 @@ def test_torch_export(vit: TactileViT, tmp_path: Path) -> None:
             assert torch.equal(mine, theirs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(48, 80), (90, 70)])
 @pytest.mark.parametrize("format", ["onnx", "torch_export"])
 def test_other_preprocessing(tmp_path: Path, format: Any, size: tuple[int, int]) -> None:
@@ -189,6 +190,7 @@ def test_resizing_is_torchs(tmp_path: Path) -> None:
         assert np.abs(outputs - Resize()(x).numpy()).max() < 6e-6, size
 
 
+@pytest.mark.slow
 def test_int8(vit: TactileViT, checkpoint: Path, tmp_path: Path) -> None:
     size = (48, 64)
     float_file = export(checkpoint, tmp_path / "float.onnx", size=size)

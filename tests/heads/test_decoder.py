@@ -11,7 +11,7 @@ from tactileforge.heads.decoder import MaskedDecoder
 
 @pytest.mark.parametrize("relative", ["none", "neighbours"])
 def test_tokens_lie_at_their_places(batch: Batch, relative: Relative) -> None:
-    """What the transformer reads, token by token, and which of what it gives are predicted."""
+    """Input of the transformer, token by token, and the outputs that are predictions."""
     torch.manual_seed(0)
     encoder = TactileViT("tiny", frames=4, image_size=64, depth=1)
     decoder = MaskedDecoder(encoder, 32, 1, 4, relative=relative)

@@ -78,14 +78,14 @@ def test_heads_follow_the_encoder(build: type, encoder: TactileViT) -> None:
 def test_the_targets_are_those_of_the_whole_clip(encoder: TactileViT, batch: Batch) -> None:
     head = JepaHead(encoder, 64, 1, 2)
     views = encoder.views(batch)
-    found = head(views, batch).target
-    assert found.shape == (8, 2, 3, 192)
+    prediction = head(views, batch).target
+    assert prediction.shape == (8, 2, 3, 192)
     for b in range(8):
         for slot in range(2):
             for m, position in enumerate(views.masked.masked[b].tolist()):
                 token = views.full.tokens[b, views.full.prefix + 4 * slot + position]
                 norm = (token - token.mean()) / token.std(correction=0)
-                torch.testing.assert_close(found[b, slot, m], norm, atol=1e-3, rtol=0)
+                torch.testing.assert_close(prediction[b, slot, m], norm, atol=1e-3, rtol=0)
 
 
 def test_the_centre_follows_the_teacher(encoder: TactileViT, batch: Batch) -> None:

@@ -1,5 +1,6 @@
 """The masked decoder against ridge regression on the patches beside the masked one."""
 
+import pytest
 import torch
 from torch import Tensor
 from torch.nn import functional as F
@@ -58,7 +59,7 @@ def learned(relative: Relative) -> tuple[TactileViT, PixelHead]:
 
 
 def beside(patches: Tensor, features: MaskedFeatures) -> Tensor:
-    """What lies left, right, above and below of every masked patch: (rows, numbers and a 1).
+    """Left, right, upper and lower neighbours of every masked patch: (rows, numbers and a 1).
 
     A hidden or missing neighbour is zeros; a number each says whether it is seen.
     """
@@ -87,7 +88,7 @@ def explained(answer: Tensor, true: Tensor) -> float:
 
 @torch.no_grad()
 def of_ridge(encoder: TactileViT) -> float:
-    """What ridge explains of new touches, with the penalty that suits these very touches best."""
+    """Variance of new touches explained by ridge, with the penalty that suits them best."""
     torch.manual_seed(1)
     sides, true = seen_and_true(encoder, STEPS * CLIPS)
     new_sides, new_true = seen_and_true(encoder, 1000)
@@ -107,6 +108,7 @@ def of_decoder(encoder: TactileViT, head: PixelHead) -> float:
     return explained(made.predicted, made.target)
 
 
+@pytest.mark.slow
 def test_the_decoder_beats_ridge_on_the_neighbours() -> None:
     """On new touches, both having seen as many; with absolute places alone it does not."""
     near, far = learned("neighbours"), learned("none")

@@ -22,10 +22,10 @@ def test_a_token_moves_its_own_patch_alone() -> None:
     tokens = torch.zeros(1, encoder.prefix + slots * rows * columns, encoder.width)
     slot, row, column = 1, 2, 3
     tokens[0, encoder.prefix + (slot * rows + row) * columns + column] = 1.0
-    found = head(
+    prediction = head(
         SimpleNamespace(full=Features(tokens, tokens[:, 0], encoder.prefix, encoder.grid)), {}
     )
-    moved = (found[0] != 0).any(1)
+    moved = (prediction[0] != 0).any(1)
     want = torch.zeros_like(moved)
     size = displacement.SHAPE[0] // rows
     want[2:4, row * size : (row + 1) * size, column * size : (column + 1) * size] = True
@@ -54,10 +54,10 @@ def test_scores_are_r2_of_all_batches(batch: Batch) -> None:
         objective.sums(said[rows], {key: batch[key][rows] for key in ("surface", "surface_valid")})
         for rows in (slice(0, 4), slice(4, 8))
     ]
-    found = objective.scores(halves[0] + halves[1])
+    scores = objective.scores(halves[0] + halves[1])
     known = batch["surface_valid"]
     for i, axis in enumerate("xyz"):
         x, y = said[known][:, :, i].double(), true[known][:, :, i].double()
         want = 1 - ((x - y) ** 2).sum() / ((y - y.mean()) ** 2).sum()
-        assert found[f"r2_{axis}"] == pytest.approx(want.item(), rel=1e-9)
+        assert scores[f"r2_{axis}"] == pytest.approx(want.item(), rel=1e-9)
     assert objective.scores(torch.zeros(4, 3, dtype=torch.float64)) == {}

@@ -150,7 +150,7 @@ def test_writing_again_replaces_and_keeps_the_rest(tmp_path: Path) -> None:
 
 
 def bench(folder: Path, name: str = "a.small", sha: str = SHA, **above: Any) -> Path:
-    """What a bench leaves."""
+    """Writes the outputs of a bench."""
     score = {"value": 0.2, "low": 0.1, "high": 0.3}
     above = above or {"random": score, "pixels": score | {"low": -0.1}}
     folder.mkdir(exist_ok=True)

@@ -122,7 +122,7 @@ def test_another_number_of_frames_has_no_head(file: Path) -> None:
 
 @pytest.fixture
 def run(vit: TactileViT, head: ForceHead, tmp_path: Path) -> Path:
-    """What `pack` reads of the folder of a run."""
+    """Files of a run that `pack` reads."""
     config = {
         "encoder": NODE,
         "batch": {"spacing": 0.05},

@@ -26,6 +26,7 @@ def test_it_works_without_a_network_and_is_small(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_it_reads_the_normal_force_of_touches_it_never_saw() -> None:
     """Force trials of the bench's indenters, by units and hands that it was not trained on."""
     touches = Sim(scenes=4, val=0, indenters="bench", motions="force_trial", seed=5)

@@ -75,7 +75,7 @@ def test_the_page_is_whole_and_needs_no_network(touch: Touch, listed: Any, tmp_p
     assert findings.seconds == pytest.approx(24)
     assert not any(findings.counts.values())
     assert "No recording is suspicious" in text
-    assert "Pictures and forces fit in time in 8 recordings" in text
+    assert "Images and forces fit in time in 8 recordings" in text
     # Frame and difference of each on the sheets; 8 frames and differences of each strip.
     assert text.count("<img") == 8 * 2 + 8 * 2 * 8
     assert written(listed(train, [touch(20)]), tmp_path / "again.html")[1] == text

@@ -231,7 +231,7 @@ def test_what_cannot_be_written_is_named(tmp_path: Path) -> None:
         (
             [replace(touch(0), labels=labels), replace(apart, labels=labels)],
             LeRobotOptions(),
-            "share no time",
+            "do not overlap in time",
         ),
     ):
         with pytest.raises(DataError, match=message):
@@ -255,10 +255,10 @@ def test_damage_is_named(tmp_path: Path) -> None:
     write_dataset([touch(0), touch(1)], root, LeRobotOptions())
     info = (root / folder.INFO).read_text()
     for old, new, message in (
-        ('"v3.0"', '"v2.1"', "format v2.1, but v3 is read"),
-        ('"fps": 30', '"fps": "x"', "not what LeRobot writes"),
+        ('"v3.0"', '"v2.1"', "format v2.1, but only v3 can be read"),
+        ('"fps": 30', '"fps": "x"', "not a LeRobot info file"),
         ('"fps": 30,', '"fps": 0,', "fps=0"),
-        ("{", "", "not what LeRobot writes"),
+        ("{", "", "not a LeRobot info file"),
     ):
         (root / folder.INFO).write_text(info.replace(old, new, 1))
         with pytest.raises(DataError, match=message):

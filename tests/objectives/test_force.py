@@ -167,9 +167,9 @@ def test_a_mean_readout_is_linear_in_the_mean_of_the_patches(
     head = ForceHead(encoder, readout="mean")
     views = encoder.views(batch)
     patches = views.full.tokens[:, encoder.prefix :].mean(1)
-    found = head(views, batch)
+    prediction = head(views, batch)
     want = patches @ head.force.linear.weight.T + head.force.linear.bias
-    torch.testing.assert_close(found.force, want.view(8, 3, 3))
+    torch.testing.assert_close(prediction.force, want.view(8, 3, 3))
     assert head.hidden(views).shape == (8, 3, encoder.width)
     with pytest.raises(ConfigError, match="readout=attention"):
         ForceHead(encoder, readout="mean", difference=True)

@@ -53,14 +53,14 @@ def test_normed_patches_are_those_of_mae(encoder: TactileViT, batch: Batch) -> N
     torch.manual_seed(0)
     head = PixelHead(encoder, 64, 1, 2, norm_pix=True)
     views = encoder.views(batch)
-    found = head(views, batch)
+    prediction = head(views, batch)
     raw = head.decoder.frames(head.decoder(views.masked))
     errors = []
-    for clip, true in zip(raw.flatten(0, 2), found.target.flatten(0, 2), strict=True):
+    for clip, true in zip(raw.flatten(0, 2), prediction.target.flatten(0, 2), strict=True):
         mean = true.sum() / len(true)
         variance = (true - mean).square().sum() / (len(true) - 1)
         errors.append((clip - (true - mean) / (variance + 1e-6).sqrt()).square().mean())
-    loss, _ = Pixel()(found, batch)
+    loss, _ = Pixel()(prediction, batch)
     torch.testing.assert_close(loss, torch.stack(errors).mean())
 
 

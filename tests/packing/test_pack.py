@@ -257,7 +257,7 @@ def test_options_that_cannot_be_are_named() -> None:
     for given, words in (
         ({"codec": "jpeg"}, "unknown pack.codec 'jpeg'; did you mean 'jpg'"),
         ({"executor": "slurm"}, "unknown pack.executor 'slurm'"),
-        ({"codec": "png", "quality": 90}, "quality=90: only jpg has one"),
+        ({"codec": "png", "quality": 90}, "quality=90: only jpg has a quality"),
         ({"quality": 0}, "quality=0: only jpg has a quality, from 1 to 100"),
         ({"size": 0}, "pack.size is 0; give 1 or more"),
         ({"shard_frames": 0}, "pack.shard_frames is 0"),

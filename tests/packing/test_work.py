@@ -12,7 +12,7 @@ from tactileforge.data.shards import shards
 from tactileforge.errors import DataError
 from tactileforge.packing import PackOptions
 from tactileforge.packing.plan import plan_pack
-from tactileforge.packing.work import ShardNote, packed_job, run_job
+from tactileforge.packing.work import ShardNote, make_shard, packed_job
 
 
 @pytest.fixture
@@ -95,7 +95,7 @@ def test_every_kind_gives_the_same_shard(tmp_path: Path, pixels: np.ndarray) -> 
         out = tmp_path / str(number)
         (job,) = plan_pack(OneTouch(frames), out, PackOptions(codec="png")).jobs  # type: ignore[arg-type]
         ticks: list[tuple[int, int]] = []
-        note = run_job(job, lambda number, done, ticks=ticks: ticks.append((number, done)))
+        note = make_shard(job, lambda number, done, ticks=ticks: ticks.append((number, done)))
         assert ticks[-1] == (0, 6)
         again = ShardNote.of(job)
         assert again is not None
@@ -124,6 +124,6 @@ def test_an_error_in_a_reader_names_the_recording(tmp_path: Path) -> None:
         OneTouch(Broken(np.zeros((2, 4, 4, 3), np.uint8))), tmp_path, PackOptions()
     ).jobs  # type: ignore[arg-type]
     with pytest.raises(ZeroDivisionError) as caught:
-        run_job(job)
+        make_shard(job)
     assert caught.value.__notes__ == [f"while packing a for {job.path}"]
     assert not list(tmp_path.iterdir())

@@ -47,7 +47,7 @@ def only(options, split="train"):
 
 
 def number_of(sensor, picture):
-    """Which frame of a scripted sensor a picture is."""
+    """Frame number of an image of a scripted sensor."""
     return next(n for n in range(sensor.count) if np.array_equal(sensor.picture(n), picture))
 
 

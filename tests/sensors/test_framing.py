@@ -104,7 +104,7 @@ def test_however_a_stream_is_cut_the_same_packets_come(name, data):
 
 @pytest.mark.parametrize("name", FRAMINGS)
 def test_packets_between_noise_are_all_found(name):
-    """What is not lost itself, nor beside a loss where nothing else proves it, comes."""
+    """Every packet arrives that is intact and not beside an ambiguous loss."""
     framing = FRAMINGS[name]
     sent = payloads_of(name, 40)
     stream = b"".join(packet(framing, payload) for payload in sent)

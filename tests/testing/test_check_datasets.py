@@ -45,10 +45,10 @@ class Presses:
 
 def test_good_dataset_passes(failed, statuses):
     assert not failed("dataset", Presses)
-    found = statuses("dataset", Presses())
-    assert "failed" not in found.values()
-    assert found["missing data names the folder and the fix"] == "skipped"
-    assert found["plot gives a figure"] == "ran"
+    status_by_name = statuses("dataset", Presses())
+    assert "failed" not in status_by_name.values()
+    assert status_by_name["missing data names the folder and the fix"] == "skipped"
+    assert status_by_name["plot gives a figure"] == "ran"
 
 
 def presses(**changes):
@@ -163,9 +163,9 @@ MISSING = "missing data names the folder and the fix"
     ],
 )
 def test_broken_dataset(failed, plugin, name, detail):
-    found = failed("dataset", plugin)
-    assert set(found) == {name}
-    assert detail in found[name]
+    failures = failed("dataset", plugin)
+    assert set(failures) == {name}
+    assert detail in failures[name]
 
 
 def test_parts_of_one_recording_may_be_shared_out(failed):
@@ -173,6 +173,6 @@ def test_parts_of_one_recording_may_be_shared_out(failed):
 
 
 def test_a_dataset_whose_data_is_elsewhere_is_skipped(statuses):
-    found = statuses("dataset", Presses, root="/nowhere")
-    assert found["recordings are whole"] == "skipped"
-    assert found[MISSING] == "ran"
+    status_by_name = statuses("dataset", Presses, root="/nowhere")
+    assert status_by_name["recordings are whole"] == "skipped"
+    assert status_by_name[MISSING] == "ran"

@@ -60,11 +60,11 @@ class SmallDinoHead(DinoHead):
     ],
 )
 def test_built_in_objectives(statuses, name, head):
-    found = statuses("objective", name, head=head)
+    status_by_name = statuses("objective", name, head=head)
     unlabelled = {"unlabelled samples change nothing", "missing key is named"}
-    skipped = {name for name, status in found.items() if status == "skipped"}
+    skipped = {name for name, status in status_by_name.items() if status == "skipped"}
     assert skipped == (unlabelled if name in ("pixel", "diff", "jepa", "dino") else set())
-    assert set(found.values()) <= {"ran", "skipped"}
+    assert set(status_by_name.values()) <= {"ran", "skipped"}
 
 
 class Push(nn.Module):

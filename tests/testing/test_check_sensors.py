@@ -49,9 +49,9 @@ class Good:
 
 
 def test_good_sensor_passes(statuses):
-    found = statuses("sensor", Good)
-    assert set(found.values()) == {"ran", "skipped"}
-    skipped = {name for name, status in found.items() if status == "skipped"}
+    status_by_name = statuses("sensor", Good)
+    assert set(status_by_name.values()) == {"ran", "skipped"}
+    skipped = {name for name, status in status_by_name.items() if status == "skipped"}
     assert skipped == {"name is snake case", "module imports no vendor sdk"}
 
 
@@ -182,9 +182,9 @@ class WrenchWithPicture(GoodWrench):
     ],
 )
 def test_frames_that_are_not_of_their_kind(failed, plugin, message):
-    found = failed("sensor", plugin)
-    assert set(found) == {"frames are as specified"}
-    assert message in found["frames are as specified"]
+    failures = failed("sensor", plugin)
+    assert set(failures) == {"frames are as specified"}
+    assert message in failures["frames are as specified"]
 
 
 @pytest.mark.parametrize(
@@ -219,10 +219,10 @@ class Attached(NeedsHardware):
 
 
 def test_without_hardware_the_rest_is_still_checked(statuses):
-    found = statuses("sensor", NeedsHardware)
-    assert found["read before open raises"] == "ran"
-    assert found["frames are as specified"] == "skipped"
-    assert "failed" not in found.values()
+    status_by_name = statuses("sensor", NeedsHardware)
+    assert status_by_name["read before open raises"] == "ran"
+    assert status_by_name["frames are as specified"] == "skipped"
+    assert "failed" not in status_by_name.values()
 
 
 def test_a_device_that_is_attached_has_to_open(failed):

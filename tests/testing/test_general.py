@@ -21,11 +21,15 @@ class Plain:
 
 
 def test_good_class_passes(statuses):
-    found = statuses("sensor", Plain)
-    assert found["name is snake case"] == found["module imports no vendor sdk"] == "skipped"
-    assert found["parameters are explicit"] == "ran"
-    assert found["defaults are plain data"] == "ran"
-    assert found["constructing does no io"] == "ran"
+    status_by_name = statuses("sensor", Plain)
+    assert (
+        status_by_name["name is snake case"]
+        == status_by_name["module imports no vendor sdk"]
+        == "skipped"
+    )
+    assert status_by_name["parameters are explicit"] == "ran"
+    assert status_by_name["defaults are plain data"] == "ran"
+    assert status_by_name["constructing does no io"] == "ran"
 
 
 class StarArguments(Plain):
@@ -136,9 +140,9 @@ def test_vendor_sdk_at_top_level(failed, installed, request, helper, said):
         f"{package}/device.py": SENSOR_MODULE.format(package=package),
     }
     installed("acme", f"[tactileforge.sensors]\nacme = {package}.device:Sensor", modules)
-    found = failed("sensor", "acme").get("module imports no vendor sdk")
-    assert (found is None) == (said is None)
-    assert said is None or f"imports {said!r} at top level" in found
+    failures = failed("sensor", "acme").get("module imports no vendor sdk")
+    assert (failures is None) == (said is None)
+    assert said is None or f"imports {said!r} at top level" in failures
 
 
 def test_name_is_snake_case(failed, installed):

@@ -32,15 +32,15 @@ class CalibrateOptions:
     """The keys of conf/calibrate.yaml, but those that name data and files.
 
     Attributes:
-        device: Which sensor, where the data hold several: the label ``device``, or the type.
-        unit: Which unit, by the label ``unit``.
-        fit: What forces are fitted to: ``auto``, ``none``, ``pictures``, ``taxels``, ``head``, or a
+        device: Sensor, where the data hold several: the label ``device``, or the type.
+        unit: Unit, by the label ``unit``.
+        fit: Features for the forces: ``auto``, ``none``, ``pictures``, ``taxels``, ``head``, or a
             track.
-        axes: Which axes of the force.
+        axes: Axes of the force.
         max_lag: Longest time by which images may come later than forces, s; 0 looks for none.
         punch_mm: Diameter of a flat round punch that presses in the recordings whose ``object`` is
             ``punch``, or in all where none is called so.
-        mm_per_pixel: What it is, where it is known.
+        mm_per_pixel: The scale, where it is known.
         frames: Most frames that are looked at.
     """
 
@@ -74,11 +74,11 @@ class CalibrationResult:
     """A calibration, and the fits and images behind it.
 
     Attributes:
-        calibration: What the file holds.
+        calibration: Content of the file.
         fits: The fit of each axis.
         still: uint8 (H, W, 3), the background; None for an array.
-        scale: Where mm per pixel come from, in words.
-        notes: What a user should know, one line each.
+        scale: Source of the scale, in words.
+        notes: Warnings for the user, one line each.
     """
 
     calibration: Calibration

@@ -45,7 +45,7 @@ def force_features(
         recording: The touch.
         kind: ``pictures``, ``taxels``, ``head``, or the name of a track.
         noise: Change of a pixel that counts as contact, grey levels.
-        model: Whose head, of the kind ``head``.
+        model: Model whose head is read, of the kind ``head``.
 
     Raises:
         DataError: It has no background, or no such track.

@@ -33,7 +33,7 @@ class Light:
 
     Attributes:
         colour: Mean red, green and blue, grey levels.
-        balance: What each colour is multiplied by to be that of the reference; of a unit without a
+        balance: Factors that give each colour the level of the reference; of a unit without a
             reference, to make the three means equal.
         grid: Mean colours of 3 x 4 parts of the image, grey levels.
     """
@@ -99,7 +99,7 @@ class Calibration:
 
     Attributes:
         sensor: Type of the sensor.
-        unit: Which one: the address or serial number that its recordings carry.
+        unit: Address or serial number that its recordings carry.
         made: From what, and when.
         light: The picture without contact.
         mm_per_pixel: Of a picture of ``size``; None where it is not known.
@@ -148,7 +148,7 @@ class Calibration:
 
         Args:
             recording: Of this unit.
-            model: That the forces were fitted to, where they were fitted to one.
+            model: The model that the forces were fitted to, if any.
 
         Raises:
             ConfigError: It is of another type of sensor, no force was calibrated, or the model is

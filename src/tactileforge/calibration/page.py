@@ -56,7 +56,7 @@ def _force(result: CalibrationResult) -> Section:
     rest = ("R\N{SUPERSCRIPT TWO}", "range (N)", "frames", "text|fitted to")
     head = ("axis", *before, "error (N)", *rest)
     text = f"Fitted to {'what a model reads' if with_model else force.of} by least squares"
-    text += f", pictures {1000 * force.lag:.0f} ms after forces." if force.lag else "."
+    text += f", images {1000 * force.lag:.0f} ms after forces." if force.lag else "."
     text += " Each frame is predicted by a fit that has not seen its press; colours are folds."
     if with_model:
         text += " Before: the error of the model as it is, drawn faintly."

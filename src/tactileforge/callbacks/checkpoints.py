@@ -1,4 +1,4 @@
-"""Checkpoints that survive: written beside and renamed, read without executing anything."""
+"""Crash-safe checkpoints: written under another name and renamed, read without executing code."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ class Checkpoints(Callback):
         batch: Any,
         batch_idx: int,
     ) -> None:
-        """Saves when it is time."""
+        """Saves every so many steps."""
         stepped = (trainer.fit_loop.total_batch_idx + 1) % trainer.accumulate_grad_batches == 0
         stop = trainer.strategy.reduce_boolean_decision(self.interrupted, all=False)
         if stepped and (stop or trainer.global_step % self.every == 0):
@@ -126,7 +126,7 @@ class Checkpoints(Callback):
             self.interrupted = trainer.should_stop = True
 
     def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Saves the end of the run, and stops listening."""
+        """Saves at the end of the run, and stops listening."""
         if not self.interrupted:
             trainer.save_checkpoint(self.path)
         self._release()
@@ -166,7 +166,7 @@ def _size(trainer: L.Trainer) -> int:
 
 
 def find_checkpoint(path: str | Path) -> Path:
-    """The checkpoint of a run folder, or the file itself.
+    """Finds the checkpoint of a run folder, or returns the file itself.
 
     Raises:
         DataNotFoundError: There is none; says what to give.
@@ -257,7 +257,7 @@ def read_checkpoint(path: str | Path) -> dict[str, Any]:
 
 
 def initialise(module: nn.Module, state: Mapping[str, torch.Tensor]) -> str:
-    """Starts a module from the weights of another run; everything of the encoder must fit.
+    """Initialises a module from the weights of another run; the whole encoder must match.
 
     Heads and objectives are taken where name and shape agree, because the new run may have others;
     how they were balanced is not.

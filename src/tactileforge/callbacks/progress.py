@@ -12,7 +12,7 @@ from tactileforge.module import log_interval
 
 
 class Progress(Callback):
-    """Steps done and to do, time left, and the losses of the objectives that are awake.
+    """Progress bar with steps, remaining time, and the losses of the active objectives.
 
     Losses are shown as they were last logged, so no step waits for them.
     """
@@ -21,7 +21,7 @@ class Progress(Callback):
         self.bar: tqdm[Any] | None = None
 
     def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Draws the bar, from the step at which the run goes on."""
+        """Draws the bar, starting at the step from which the run continues."""
         if trainer.is_global_zero:
             total = int(trainer.estimated_stepping_batches)
             self.bar = tqdm(total=total, initial=trainer.global_step, desc="train", unit="step")
@@ -34,7 +34,7 @@ class Progress(Callback):
         batch: Any,
         batch_idx: int,
     ) -> None:
-        """Moves the bar."""
+        """Advances the bar."""
         if self.bar is None:
             return
         if trainer.global_step % log_interval(trainer) == 0:

@@ -14,7 +14,7 @@ from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from tactileforge.cli._options import options
-from tactileforge.errors import ConfigError, TactileForgeError, nearest, unknown
+from tactileforge.errors import ConfigError, TactileForgeError, nearest_name, unknown
 
 if TYPE_CHECKING:
     from tactileforge.cli._command import Command, Result
@@ -113,9 +113,9 @@ def _unknown_key(name: str, key: str, overrides: Sequence[str]) -> str:
     while parent and parent not in known:
         parent = parent.rpartition(".")[0]
     beside = [one for one in known if one.rpartition(".")[0] == parent]
-    near = nearest(key, beside)
+    near = nearest_name(key, beside)
     if near == ".":
-        near = nearest(key, [one for one in known if one.rpartition(".")[2] == last] or known)
+        near = nearest_name(key, [one for one in known if one.rpartition(".")[2] == last] or known)
     where = f" Known in {parent}" if parent else " Known"
     names = ", ".join(one.rpartition(".")[2] for one in beside)
     return f"unknown key {key!r}{near}{where}: {names}. A key that is new: +{key}=..."

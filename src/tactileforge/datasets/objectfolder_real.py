@@ -21,7 +21,7 @@ from tactileforge.datasets.reading.published import (
 class ObjectFolderReal(PublishedDataset):
     """ObjectFolder Real: a folder ``gelsight`` is a recording, its first frame the background.
 
-    The names of the camera views are not those of the touches: `contact_text_obj.csv` of TacQuad
+    The names of the camera images are not those of the touches: `contact_text_obj.csv` of TacQuad
     pairs them (touch, vision, number of a text). Without it, recordings have no view.
 
     Args:
@@ -78,7 +78,7 @@ class ObjectFolderReal(PublishedDataset):
 
 
 def _views(tactile: Path) -> dict[Path, list[Path]]:
-    """The camera views of each folder of touches, in the order of its frames."""
+    """The camera images of each folder of touches, in the order of its frames."""
     pairs: dict[Path, dict[int, Path]] = defaultdict(dict)
     index = tactile.parent / "contact_text_obj.csv"
     if index.is_file():

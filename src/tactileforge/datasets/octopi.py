@@ -104,7 +104,8 @@ def _constants(root: Path) -> dict[str, Any]:
                 try:
                     constants[name] = ast.literal_eval(node.value)
                 except ValueError as error:
-                    raise DataError(f"{path}: {name} is no literal; download it again") from error
+                    text = f"{path}: {name} is not a literal; download it again"
+                    raise DataError(text) from error
     return constants
 
 

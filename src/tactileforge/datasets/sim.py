@@ -34,8 +34,8 @@ class Sim:
         seconds: Mean duration of one action.
         force: Lowest and highest of the largest normal forces, N.
         markers: Whether the gels have markers; None as their types have.
-        viscosity: Relaxation time of the gels, s; forces then lead pictures.
-        lag: Seconds by which pictures come later than forces, as from a real camera.
+        viscosity: Relaxation time of the gels, s; forces then lead images.
+        lag: Seconds by which images come later than forces, as from a real camera.
         randomise: How units of a sensor, and touches, differ: ``none``, ``unit``, ``all``, or names
             of rows, see `sim.randomise.table.TABLE`.
         seed: Another seed, other touches.

@@ -36,7 +36,7 @@ class SimArray:
         span: Force on a taxel that is full colour, N; it tells no more.
         noise: Standard deviation of a taxel, N.
         bits: Of the converter.
-        size: Rows of the picture; None for one pixel a taxel.
+        size: Rows of the image; None for one pixel a taxel.
         indenters: As those of ``sim``.
         motions: As those of ``sim``.
         seconds: Mean duration of one action.

@@ -132,6 +132,6 @@ class TouchdForce(PublishedDataset):
                 f"three forces ({error}); download it again"
             ) from error
         if not len(force) or not np.isfinite(force).all():
-            raise DataError(f"{self.root}, {key}: no forces, or forces that are no numbers")
+            raise DataError(f"{self.root}, {key}: no forces, or forces that are not numbers")
         columns, signs = _AXES[sensor] if self.axes == "image" else _SOURCE_AXES
         return sorted(rows), force[:, columns] * np.array(signs, np.float32)

@@ -1,4 +1,4 @@
-"""A small image tower for the paired camera view: trained from scratch, nothing to download."""
+"""A small image tower for the paired camera image: trained from scratch, nothing to download."""
 
 from __future__ import annotations
 

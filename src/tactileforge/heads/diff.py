@@ -10,7 +10,7 @@ from tactileforge.heads.decoder import MaskedDecoder, Reconstruction, masked_pat
 
 
 class DiffHead(nn.Module):
-    """Predicts how frames 2..T of the masked tubes differ from frame 1.
+    """Predicts the differences of frames 2..T of the masked tubes from frame 1.
 
     Args:
         encoder: The touch encoder (given by the framework).

@@ -1,4 +1,4 @@
-"""The head of self-distillation."""
+"""The head of self-distillation (DINO)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Distilled:
 
     Attributes:
         student: float (B, K), of the masked view.
-        teacher: float (B, K), of the whole clip by the slow copies, less the centre; no gradient.
+        teacher: float (B, K), of the whole clip by the EMA copies, less the centre; no gradient.
     """
 
     student: Tensor
@@ -61,7 +61,7 @@ class DinoHead(nn.Module):
         prototypes: Their number (K).
         hidden: Width of the two hidden layers.
         bottleneck: Width of the space of the prototypes.
-        momentum: Share of the slow copies that a first step keeps; it rises linearly to 1.
+        momentum: Share of the EMA copies that a first step keeps; it rises linearly to 1.
         centring: Share of the centre that a batch keeps.
     """
 
@@ -85,7 +85,8 @@ class DinoHead(nn.Module):
         self.seen: Tensor
 
     def after_step(self, encoder: Encoder, step: int, total: int) -> None:
-        """The centre moves towards the last batch; see `contracts.AfterStep`."""
+        """Moves the centre towards the last batch; see `contracts.AfterStep`."""
+        # Caron et al., equation 4: c <- m c + (1 - m) mean(teacher), over all ranks
         self.centre.lerp_(self.seen, 1 - self.centring)
         self.teacher.after_step(self.student, step, total)
         self.target.after_step(encoder, step, total)

@@ -1,4 +1,4 @@
-"""The head that reads forces and their changes from touch."""
+"""The head that predicts forces and their changes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The head that predicts the features of masked tubes."""
+"""The head that predicts features of masked tubes (JEPA)."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Latents:
 class JepaHead(nn.Module):
     """A predictor on the visible tokens, and an EMA of the encoder that sees everything.
 
-    Source: V-JEPA (Bardes et al. 2024, section 3). The slow copy never takes the universal sensor
+    Source: V-JEPA (Bardes et al. 2024, section 3). The EMA never takes the universal sensor
     tokens.
 
     Args:
@@ -38,7 +38,7 @@ class JepaHead(nn.Module):
         width: Width of the predictor.
         depth: Blocks.
         heads: Attention heads.
-        momentum: Share of the slow copy that a first step keeps; it rises linearly to 1.
+        momentum: Share of the EMA that a first step keeps; it rises linearly to 1.
         relative: Bias of the predictor's attention by offset, see `MaskedDecoder`.
     """
 

@@ -25,7 +25,7 @@ class PixelHead(nn.Module):
         norm: Whether the decoder has a last norm, see `MaskedDecoder`.
         norm_pix: Whether the decoder predicts patches less their mean and over their deviation
             (He et al. 2022, MAE, section 4.1). How bright a patch is, which reads force, is then
-            not learned; pictures are drawn with the true mean and deviation.
+            not learned; images are drawn with the true mean and deviation.
     """
 
     def __init__(

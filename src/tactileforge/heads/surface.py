@@ -1,4 +1,4 @@
-"""The head that reads how the gel's surface is displaced."""
+"""The head that predicts the displacement of the gel's surface."""
 
 from __future__ import annotations
 

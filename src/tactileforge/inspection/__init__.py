@@ -26,13 +26,13 @@ def inspect(
 
     Args:
         dataset: The data set; its splits ``train`` and ``val`` are read.
-        name: What the page calls it.
+        name: Name on the page.
         path: The page, one HTML file that needs no network. It appears once it is whole.
-        limit: How many recordings are looked at.
+        limit: Number of recordings to decode.
         progress: Whether to show progress bars.
 
     Returns:
-        What was found; printed, it is a summary of a few lines.
+        The findings; printed, they are a summary of a few lines.
 
     Raises:
         ConfigError: Fewer than one recording would be looked at.

@@ -48,14 +48,14 @@ REASONS = {
     ),
     "never_in_contact": Reason(
         "Never in contact",
-        f"In no frame that was looked at does the strongest 1 % of the picture differ by "
+        f"In no frame that was looked at does the strongest 1 % of the image differ by "
         f"{NO_CONTACT:g} grey levels from the background. There is nothing to learn from.",
         "grey levels",
         worst=-1,
     ),
     "background_changed": Reason(
         "The background has changed",
-        f"Even in the frame of least change, half of the picture differs by {NEW_GROUND:g} grey "
+        f"Even in the frame of least change, half of the image differs by {NEW_GROUND:g} grey "
         "levels or more: the light or exposure is another one, or the background is that of "
         "another sensor. Stills, and flat objects that cover the gel, can look like that too.",
         "grey levels",
@@ -72,8 +72,8 @@ REASONS = {
         "s",
     ),
     "lag": Reason(
-        "Pictures and forces do not fit in time",
-        f"By cross-correlation of the normal force with the change of the picture, by more than "
+        "Images and forces do not fit in time",
+        f"By cross-correlation of the normal force with the change of the image, by more than "
         f"{LAG:g} s and {LAG_FRAMES:g} frames. Shift the forces (layouts have lag_s).",
         "s",
     ),
@@ -128,12 +128,12 @@ def check_pixels(recording: Recording, seen: FrameStats) -> Iterator[Suspicion]:
                 "never_in_contact", seen.contact, f"differs by {seen.contact:.2g} grey levels"
             )
         if seen.ground > NEW_GROUND:
-            words = f"half of the picture differs by {seen.ground:.2g} grey levels"
+            words = f"half of the image differs by {seen.ground:.2g} grey levels"
             yield Suspicion("background_changed", seen.ground, words)
     if seen.saturated > SATURATED:
         yield Suspicion("saturated", seen.saturated, f"{percent(seen.saturated)} of the pixels")
     if seen.frozen > FROZEN:
-        yield Suspicion("frozen", seen.frozen, f"the same picture for {seen.frozen:.3g} s")
+        yield Suspicion("frozen", seen.frozen, f"the same image for {seen.frozen:.3g} s")
 
 
 def check_lag(recording: Recording, lag: Lag) -> Iterator[Suspicion]:
@@ -142,7 +142,7 @@ def check_lag(recording: Recording, lag: Lag) -> Iterator[Suspicion]:
     step = float(np.median(np.diff(recording.times)))
     if is_sure(lag) and late > max(LAG, LAG_FRAMES * step):
         side = "after" if lag.seconds > 0 else "before"
-        words = f"pictures come {late:.2g} s {side} forces (correlation {lag.correlation:.2g})"
+        words = f"images come {late:.2g} s {side} forces (correlation {lag.correlation:.2g})"
         yield Suspicion("lag", late, words)
 
 

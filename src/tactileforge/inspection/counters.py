@@ -54,7 +54,7 @@ class Histogram:
     """Counts of values around 0; bins double in width when a value lies beyond them.
 
     Args:
-        reach: Where the outermost bins end at first.
+        reach: End of the outermost bins at first.
     """
 
     def __init__(self, reach: float = 1.0) -> None:
@@ -106,7 +106,7 @@ class RecordingSample:
     number of recordings is. The same recordings in the same order give the same sample.
 
     Args:
-        limit: How many are wanted.
+        limit: Size of the sample.
     """
 
     def __init__(self, limit: int) -> None:

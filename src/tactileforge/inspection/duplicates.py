@@ -29,7 +29,7 @@ def similar_pairs(looks: Sequence[FrameStats]) -> list[tuple[int, int, float]]:
     Recordings that are never in contact look alike, and are left out.
 
     Args:
-        looks: What the recordings show.
+        looks: The decoded frames of recordings.
 
     Returns:
         Two numbers of recordings, and by how many grey levels all but 0.5 % of their images

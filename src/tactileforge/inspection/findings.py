@@ -13,8 +13,8 @@ class Reason:
     """A reason to distrust a recording.
 
     Attributes:
-        title: What is wrong, for a heading.
-        why: What it does to training, and what is measured.
+        title: The problem, as a heading.
+        why: Its effect on training, and the measure.
         unit: Of the measured number.
         worst: 1 where larger numbers are worse, -1 where smaller ones are.
     """

@@ -40,7 +40,7 @@ class FrameStats:
         rows: int64 (n,), which frames, evenly spread.
         shape: Height and width of a frame.
         change: float64 (n,), mean difference of each frame.
-        contact: What the strongest 1 % of the image differs by, in the frame of largest change,
+        contact: Change of the strongest 1 % of the image, in the frame of largest change,
             noise smoothed away.
         ground: Median difference in the frame of least change.
         saturated: Share of pixels with a channel at 0 or 255, in the worst frame.
@@ -75,7 +75,7 @@ def frame_stats(recording: Recording, strip: bool = False) -> FrameStats:
     """Decodes at most `FRAMES` frames and the background.
 
     Args:
-        recording: What to look at.
+        recording: The recording.
         strip: Whether to keep frames over time.
 
     Raises:
@@ -124,7 +124,7 @@ def changes(recording: Recording, rows: Sequence[int]) -> NDArray[np.float64]:
     """Mean difference of each of some frames from the background, or else from the first of them.
 
     Args:
-        recording: What to look at.
+        recording: The recording.
         rows: Frame numbers.
 
     Raises:

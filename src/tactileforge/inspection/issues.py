@@ -68,7 +68,7 @@ def _verdict(survey: Scan) -> Iterator[tuple[str, str]]:
     telling = sum(is_sure(lag) for _, lag in survey.lags)
     if telling and not result.counts["lag"]:
         tested = _count(telling, "recording")
-        yield "good", f"Pictures and forces fit in time in {tested} whose lag can be told."
+        yield "good", f"Images and forces fit in time in {tested} whose lag can be told."
     for count, words in (
         (len(result.duplicates), "group of recordings with the same pixels"),
         (len(result.similar), "pair of recordings that are nearly the same"),
@@ -106,7 +106,7 @@ def duplicates_section(survey: Scan) -> Section:
             for i, j, level in survey.similar[:_SHOWN]
         ]
         note = (
-            f"{_count(len(survey.similar), 'pair')}, closest first: small pictures at the same "
+            f"{_count(len(survey.similar), 'pair')}, closest first: small images at the same "
             "places in time, all but 0.5 % of which differ by less than what is said."
         )
         body += heading("Nearly the same") + paragraph(note, soft=True) + cards(pairs, 15)

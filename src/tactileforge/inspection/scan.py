@@ -118,7 +118,7 @@ def scan_dataset(dataset: Dataset, limit: int, progress: bool) -> Scan:
 
     Args:
         dataset: The data set.
-        limit: How many recordings to look at.
+        limit: Number of recordings to decode.
         progress: Whether to show progress bars.
 
     Raises:

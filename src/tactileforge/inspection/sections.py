@@ -187,8 +187,8 @@ def _lags(survey: Scan) -> Markup:
     ]
     head = ("Sensor", "text|recording", "lag (ms)", "correlation", "prominence")
     words = (
-        "By how much pictures come after forces, from all frames of a few recordings: the normal "
-        "force is correlated with the change of the picture. Where the correlation, or its "
+        "Lag of images behind forces, from all frames of a few recordings: the normal "
+        "force is correlated with the change of the image. Where the correlation, or its "
         f"prominence over other lags, is below {LAG_CORRELATION:g} or {LAG_PROMINENCE:g}, the "
         "recording does not tell."
     )

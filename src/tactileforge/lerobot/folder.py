@@ -16,7 +16,7 @@ DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 VIDEO = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
 EPISODES = "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 INFO, STATS, TASKS = "meta/info.json", "meta/stats.json", "meta/tasks.parquet"
-#: What LeRobot has no place for: background, object, labels and so on of each recording.
+#: Touch metadata beside LeRobot's: background, object, labels and so on of each recording.
 TOUCH = "meta/tactileforge.json"
 #: Version of that file.
 TOUCH_VERSION = 1

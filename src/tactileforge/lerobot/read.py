@@ -30,7 +30,7 @@ class TouchFeature:
         images: Name of the feature.
         sensor: Type of the sensor.
         force: Name of the feature that holds its force, "" where there is none.
-        columns: Which of its columns are x, y and z.
+        columns: Numbers of its columns x, y and z.
     """
 
     images: str

@@ -43,9 +43,9 @@ class LeRobotOptions:
     Attributes:
         fps: Rows per second, a whole number; None for the rate of the fastest sensor of the first
             episode.
-        devices: Which sensors, by the label ``device`` or the type; None for all.
+        devices: Sensors, by the label ``device`` or the type; None for all.
         images: ``video``; ``png``, without loss, in the parquet files; or ``auto``: arrays as png.
-        robot: What LeRobot calls ``robot_type``.
+        robot: LeRobot's ``robot_type``.
         data_mb: Size from which a new parquet file is begun.
         video_mb: Size from which a new video is begun.
     """
@@ -69,7 +69,7 @@ class LeRobotSummary:
     """Summary of the written data set.
 
     Attributes:
-        episodes: How many.
+        episodes: Number of episodes.
         rows: Of all.
         fps: Rows per second.
         dropped: Frames that no row shows, by device.

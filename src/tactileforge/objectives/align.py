@@ -1,4 +1,4 @@
-"""Touch is aligned with camera images and with text."""
+"""Aligns touch with camera images and with text (contrastive, InfoNCE)."""
 
 from __future__ import annotations
 

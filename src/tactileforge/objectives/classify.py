@@ -1,4 +1,4 @@
-"""Clips are classified by the object that is touched."""
+"""Classifies clips by the touched object."""
 
 from __future__ import annotations
 

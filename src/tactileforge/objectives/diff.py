@@ -1,4 +1,4 @@
-"""Masked frame differences are reconstructed."""
+"""Reconstructs masked frame differences."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A masked clip is sorted among prototypes as the whole clip is."""
+"""Self-distillation (DINO): the student on a masked clip matches the teacher on the whole."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Dino(nn.Module):
         self.teacher_temperature: Tensor
 
     def after_step(self, encoder: Encoder, step: int, total: int) -> None:
-        """The teacher's temperature rises; see `contracts.AfterStep`."""
+        """Raises the teacher's temperature; see `contracts.AfterStep`."""
         share = min(1.0, step / max(1.0, self.warmup * total))
         self.teacher_temperature.fill_(self.low + share * (self.high - self.low))
 
@@ -57,5 +57,6 @@ class Dino(nn.Module):
         student = F.log_softmax(prediction.student / self.temperature, dim=-1)
         loss = F.kl_div(student, teacher, reduction="batchmean", log_target=True)
         share = teacher.exp()
+        # H(mean p) - mean H(p): 0 if all clips take one prototype, or spread over all alike
         entropy = torch.special.entr(torch.cat([share, share.mean(0, keepdim=True)])).sum(-1)
         return loss, {"information": entropy[-1] - entropy[:-1].mean()}

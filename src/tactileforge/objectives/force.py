@@ -1,4 +1,4 @@
-"""Forces and their changes are predicted."""
+"""Predicts forces and their changes."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ class Force(nn.Module):
             count, true, square, predicted, predicted_square, error = sums[:, i].tolist()
             if not count or (i < 2 and not self.shear):
                 continue
-            variance = square / count - (true / count) ** 2
+            variance = square / count - (true / count) ** 2  # E[y^2] - E[y]^2, in float64
             if variance > 1e-12:
                 scores[f"r2_{axis}"] = 1 - error / count / variance
             spread = max(predicted_square / count - (predicted / count) ** 2, 0.0)

@@ -1,4 +1,4 @@
-"""Features of masked tubes are predicted."""
+"""Predicts features of masked tubes (JEPA)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tactileforge.heads.jepa import Latents
 class Jepa(nn.Module):
     """Mean absolute error between predicted and true features of masked tubes.
 
-    ``mean |predicted - norm(target)|``, where the target is a slow copy of the encoder that sees
+    ``mean |predicted - norm(target)|``, where the target is an EMA of the encoder that sees
     the whole clip, and ``norm`` a layer norm without weights. It logs the standard deviation over
     the batch of the clips' mean targets, averaged over channels: near 0 the encoder has collapsed.
     Source: V-JEPA (Bardes et al. 2024, equation 1); Sparsh, section Method.

@@ -1,4 +1,4 @@
-"""Clips are told apart by object, across sensors, and by action."""
+"""Matches clips by object, across sensors, and by action."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Masked frames are reconstructed."""
+"""Reconstructs masked frames (masked autoencoder)."""
 
 from __future__ import annotations
 

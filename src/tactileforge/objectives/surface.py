@@ -1,4 +1,4 @@
-"""The displacement of the gel's surface is predicted."""
+"""Predicts the displacement of the gel's surface."""
 
 from __future__ import annotations
 

@@ -37,10 +37,10 @@ def pack(dataset: Dataset, name: str, out: Path, options: PackOptions | None = N
     goes on when it is called again: shards that are whole are not made anew.
 
     Args:
-        dataset: What to pack; splits ``train`` and ``val``.
+        dataset: The data set; splits ``train`` and ``val``.
         name: Its name.
         out: Folder of the shards; only one run at a time may write there.
-        options: How to pack; see there for the defaults.
+        options: Options of packing, with their defaults.
 
     Raises:
         ConfigError: The folder holds shards of other data or options.

@@ -19,7 +19,7 @@ from typing import Any, TypeAlias
 import cv2
 
 from tactileforge.errors import ConfigError, TactileForgeError
-from tactileforge.packing.work import ShardJob, ShardNote, packed_job, run_job, run_packed
+from tactileforge.packing.work import ShardJob, ShardNote, make_shard, packed_job, run_packed
 
 #: Is told the number of a job, and how many frames of it are done.
 Tick: TypeAlias = Callable[[int, int], None]
@@ -35,9 +35,9 @@ def execute(jobs: Sequence[ShardJob], executor: str, processes: int | None, tick
     Closing the iterator stops the work.
 
     Args:
-        jobs: What to make.
+        jobs: The shards to make.
         executor: One of `options.EXECUTORS`.
-        processes: How many work at a time; None for one a core.
+        processes: Number of processes; None for one per core.
         tick: Is told of the progress.
 
     Raises:
@@ -53,7 +53,7 @@ def execute(jobs: Sequence[ShardJob], executor: str, processes: int | None, tick
 
 def _here(jobs: Sequence[ShardJob], tick: Tick) -> Made:
     for job in jobs:
-        yield job, run_job(job, tick)
+        yield job, make_shard(job, tick)
 
 
 def _local(jobs: Sequence[ShardJob], count: int, tick: Tick) -> Made:
@@ -166,4 +166,4 @@ def _on_ray(jobs: Sequence[ShardJob], processes: int | None, tick: Tick) -> Made
 
 def _task(job: ShardJob) -> ShardNote:
     cv2.setNumThreads(1)
-    return run_job(job)
+    return make_shard(job)

@@ -77,7 +77,7 @@ def reach(times: NDArray[np.float64], span: float) -> float:
 
     Args:
         times: float64 (T,), s, strictly increasing.
-        span: How many they should be.
+        span: Wanted length of a clip, s.
 
     Example:
         >>> round(reach(np.arange(9) / 30, 0.2), 3), round(reach(np.arange(9) / 5, 0.2), 3)

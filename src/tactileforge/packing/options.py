@@ -51,7 +51,7 @@ class PackOptions:
     """Options of packing.
 
     Attributes:
-        codec: How images are stored, see `data.shards.shards.CODECS`.
+        codec: Codec of the images, see `data.shards.shards.CODECS`.
         quality: Of jpg, 1 to 100; None for 95.
         size: Rows or columns of an image, whichever are fewer; smaller images, and all where it
             is None, stay as they are.
@@ -59,7 +59,7 @@ class PackOptions:
         processes: Processes that pack; None for one a core.
         executor: One of `EXECUTORS`.
         max_bad: Share of the recordings that may be damaged, at least one; more are an error.
-        filter: Which frames are kept.
+        filter: Filter of frames.
 
     Raises:
         ConfigError: A value is none that can be.

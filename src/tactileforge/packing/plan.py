@@ -28,8 +28,8 @@ class PackPlan:
 
     Attributes:
         jobs: One a shard.
-        skipped: What the reader could not open, a line each, by split.
-        recordings: How many are to be packed.
+        skipped: Recordings that the reader could not open, a line each, by split.
+        recordings: Number of recordings to pack.
         digest: Names all recordings and what is done with them.
     """
 
@@ -48,7 +48,7 @@ def plan_pack(dataset: Dataset, out: Path, options: PackOptions) -> PackPlan:
     """Sorts the recordings of a data set, and deals them to shards.
 
     Args:
-        dataset: What to pack.
+        dataset: The data set.
         out: Folder of the shards.
         options: How.
 
@@ -81,11 +81,11 @@ def plan_pack(dataset: Dataset, out: Path, options: PackOptions) -> PackPlan:
 def deal(recordings: Sequence[Recording], frames: int) -> Iterator[list[Recording]]:
     """Groups recordings into shards of about ``frames`` frames.
 
-    What one object felt stays together, unless that alone is more.
+    Touches of one object stay together, unless they alone are more.
 
     Args:
         recordings: In the order of `sort_recordings`.
-        frames: How many a shard may have; a longer recording has one of its own.
+        frames: Largest number in a shard; a longer recording has a shard of its own.
     """
     shard: list[Recording] = []
     count = 0

@@ -80,11 +80,11 @@ def preview(
     """Writes a page that shows what a filter would keep; nothing is packed.
 
     Args:
-        dataset: What would be packed.
+        dataset: The data set to pack.
         name: Its name.
         path: The page.
         options: Their filter is shown; without a threshold the page suggests some.
-        recordings: How many are looked at, spread evenly over the data of each sensor.
+        recordings: Number of recordings to decode, spread evenly over the data of each sensor.
         frames: Frames of each that are looked at, from its middle.
 
     Returns:

@@ -29,7 +29,7 @@ class PackStatistics:
     Attributes:
         recordings: Recordings that were packed.
         frames: Frames that were packed.
-        seconds: How long the recordings last.
+        seconds: Duration of the recordings.
         bytes: Size of the shards.
         sensors: Frames of each sensor.
         actions: Frames of each action; ``unknown`` where the label is missing.

@@ -41,13 +41,13 @@ class ShardJob:
     """The recordings and options of one shard.
 
     Attributes:
-        number: Which of the run.
+        number: Number of the shard in the run.
         path: The shard.
         split: ``train`` or ``val``.
-        recordings: What goes in, in order.
-        frames: How many frames they have.
+        recordings: Its recordings, in order.
+        frames: Number of their frames.
         digest: Names the recordings and what is done with them.
-        options: How they are packed.
+        options: Options of packing.
     """
 
     number: int
@@ -66,7 +66,7 @@ class ShardNote:
     Attributes:
         digest: Of the job that made it.
         entry: For the index; None where nothing was left to pack.
-        statistics: What it holds.
+        statistics: Statistics of its recordings.
     """
 
     digest: str
@@ -113,12 +113,12 @@ def packed_job(job: ShardJob) -> bytes:
 
 
 def run_packed(job: bytes, tick: Callable[[int, int], None]) -> ShardNote:
-    """`run_job`, of a job that comes from another process."""
+    """`make_shard`, of a job that comes from another process."""
     try:
         unpickled: ShardJob = pickle.loads(job)
     except (pickle.UnpicklingError, AttributeError, ImportError, TypeError) as error:
         raise DataError(_NO_PICKLE.format("a shard", error)) from error
-    return run_job(unpickled, tick)
+    return make_shard(unpickled, tick)
 
 
 _NO_PICKLE = (
@@ -127,13 +127,13 @@ _NO_PICKLE = (
 )
 
 
-def run_job(
+def make_shard(
     job: ShardJob, tick: Callable[[int, int], None] = lambda number, frames: None
 ) -> ShardNote:
     """Makes a shard, and writes its note.
 
     Args:
-        job: What to make.
+        job: The shard to make.
         tick: Is told the job's number, and how many frames of it are done.
 
     Raises:

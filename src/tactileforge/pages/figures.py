@@ -81,12 +81,12 @@ def curve_figure(
     """A value in training and validation over the steps of a run.
 
     Args:
-        label: What the value is.
+        label: Name of the value.
         last_step: End of the axis.
         train: A line.
         val: Points, joined.
         weight: Weight of the objective, a shaded area on an axis of its own.
-        unit: What a step is.
+        unit: Name of a step.
     """
     with drawing(4.2, 2.4) as (figure, axes):
         if weight is not None:
@@ -108,7 +108,7 @@ def lines_figure(label: str, last_step: int, lines: Mapping[str, Curve]) -> Mark
     """Several values over the steps of a run, each in the colour of its place.
 
     Args:
-        label: What the values are.
+        label: Name of the values.
         last_step: End of the axis.
         lines: By name.
     """

@@ -136,9 +136,9 @@ def legend(names: Mapping[int, str], line: str = "", area: str = "", ink: str = 
 
     Args:
         names: By the number of the class; -1 is grey.
-        line: What a line in the colour of the text stands for.
-        area: What a shaded area stands for.
-        ink: What points in the colour of the text stand for; first.
+        line: Meaning of a line in the colour of the text.
+        area: Meaning of a shaded area.
+        ink: Meaning of points in the colour of the text; first.
     """
     keys = [("o", "currentColor", ink)] * bool(ink)
     keys += [

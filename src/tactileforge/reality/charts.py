@@ -28,7 +28,7 @@ def spectra_chart(profiles: Sequence[Profile]) -> Markup:
             level = np.median(np.log10(np.maximum(power, 1e-9) / low), axis=0)
             axes.plot(measures.RINGS, level, color=_colour(number), linewidth=_width(number))
         axes.set(xlabel="cycles per pixel", ylabel="log10 of power", xlim=(0, 0.5))
-        return svg(figure, "power of the change picture over frequency, simulated and real")
+        return svg(figure, "power of the difference image over frequency, simulated and real")
 
 
 def touches_chart(profiles: Sequence[Profile]) -> Markup:
@@ -41,7 +41,7 @@ def touches_chart(profiles: Sequence[Profile]) -> Markup:
         for number, profile in reversed(list(enumerate(profiles))):
             style = {"color": _colour(number), "markersize": 4, "markeredgewidth": 0}
             axes.plot(100 * profile.of("area"), profile.of("contrast"), "o", alpha=0.7, **style)
-        axes.set(xscale="log", xlabel="contact, share of the picture (%)")
+        axes.set(xscale="log", xlabel="contact, share of the image (%)")
         axes.set(yscale="log", ylabel="change in contact (grey levels)")
         for axis in (axes.xaxis, axes.yaxis):
             axis.set_major_locator(LogLocator(subs=(1, 2, 5)))

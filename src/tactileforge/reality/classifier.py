@@ -96,7 +96,7 @@ def _convolutions(inputs: int) -> nn.Module:
     return nn.Sequential(*layers, nn.AdaptiveAvgPool2d(1), nn.Flatten(), nn.Linear(32, 1))
 
 
-#: What a classifier is shown, and what it is.
+#: Inputs of each classifier, and its network.
 VIEWS: dict[str, tuple[Callable[[Array], Array], Callable[[int], nn.Module]]] = {
     "colour": (patch_colours, _perceptron),
     "spectrum": (patch_spectra, _perceptron),

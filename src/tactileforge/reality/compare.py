@@ -17,7 +17,7 @@ from tactileforge.sim.mechanics.sensor_gels import DEVICES
 
 #: Sources of one sensor that are told apart by the folder of their keys; more go by `source`.
 _SOURCES = 8
-#: What simulated touches are called.
+#: Name of the simulated touches.
 SIMULATED = "simulated"
 
 
@@ -100,7 +100,7 @@ def compare_reality(
 
     Args:
         dataset: Real touches; the splits ``train`` and ``val`` are read.
-        options: What is compared.
+        options: Sensors and numbers of touches.
         progress: Whether to show progress bars.
 
     Returns:

@@ -32,7 +32,7 @@ from tactileforge.reality.touches import StrongestTouch
 
 #: Grey levels of the amplified difference for one of the change; the same everywhere.
 _GAIN = 4.0
-#: How many times the distance between real sources is far.
+#: Ratio to the distance between real sources from which on a distance is far.
 _FAR = 1.5
 _METHOD = """
 A touch is the frame that differs most from the picture without contact, and its change is the
@@ -59,7 +59,7 @@ def reality_page(name: str, sides: Mapping[str, Side]) -> str:
     """The page, as HTML.
 
     Args:
-        name: What the data set is called.
+        name: Name of the data set.
         sides: By type of sensor, see `compare.compare`.
     """
     verdicts = verdict(_verdict(sensor, side) for sensor, side in sides.items())
@@ -211,12 +211,12 @@ def _middle_of(values: Array) -> str:
     return number(float(np.median(known))) if len(known) else NONE
 
 
-#: What is told of a source, by its row.
+#: Rows of the table of numbers: a function of the profile each.
 _ROWS: dict[str, Callable[[Profile], str]] = {
     "stored as": lambda profile: f"text|{', '.join(profile.stored) or 'pixels'}",
     "log10 power, .06-.12, -.2, -.3, -.5": _bands,
     "noise (grey levels)": _of("noise"),
-    "contact (% of the picture)": _of("area", 100),
+    "contact (% of the image)": _of("area", 100),
     "contrast in contact (grey levels)": _of("contrast"),
     "detail in contact (grey levels)": _of("inside"),
     "detail outside (grey levels)": _of("outside"),

@@ -63,7 +63,7 @@ def simulated(config: SimConfig, scenes: range, progress: bool = False) -> Itera
     All frames before the first contact are its background.
 
     Args:
-        config: What is simulated.
+        config: The simulated scenes.
         scenes: Numbers of the scenes.
         progress: Whether to show a progress bar.
 

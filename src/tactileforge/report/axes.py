@@ -17,7 +17,7 @@ class AxisScore:
 
     Attributes:
         mae: Mean absolute error, mN.
-        median: That of always giving the median of the training clips, mN.
+        median: MAE of always giving the median of the training clips, mN.
         correlation: Of measured and predicted; NaN where one of them does not vary.
         r2: Share of the variance that is explained; NaN where the force does not vary.
         measured: Deviation of what was measured, mN.

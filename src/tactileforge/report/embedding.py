@@ -45,7 +45,7 @@ class NeighbourScore:
 
     Attributes:
         accuracy: Mean over classes.
-        chance: That of a guess.
+        chance: Accuracy of a guess.
         clips: Clips asked for.
         classes: Classes they have.
     """
@@ -61,7 +61,7 @@ def embedding_of(data: TouchData, looks: dict[str, ClipSample]) -> Embedding:
 
     Args:
         data: The data of the run.
-        looks: What was seen, by split: ``train`` and ``val``.
+        looks: Embedded clips by split, ``train`` and ``val``.
     """
     recordings: list[str] = []
     labels: dict[str, list[str]] = {"sensor": [], "object": [], "action": []}
@@ -153,7 +153,7 @@ def _introduction(embedding: Embedding, shares: NDArray[np.float64]) -> Markup:
         f"Projected class tokens of {count} clips of {len(set(embedding.recordings))} recordings "
         f"on their first two principal axes; outliers are drawn at the edge.{faint} The map shows "
         f"{percent(float(shares[:2].sum()))} of the variance, which is spread over about "
-        f"{used:.1f} of {size} dimensions: trust the numbers below it more than the picture."
+        f"{used:.1f} of {size} dimensions: trust the numbers below it more than the map."
     )
 
 

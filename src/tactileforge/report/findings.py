@@ -25,14 +25,14 @@ class RunFindings:
     """Outputs of a module that the report shows.
 
     Attributes:
-        split: Where the clips that are shown come from: ``val``, or ``train`` without validation.
+        split: Split of the clips that are shown: ``val``, or ``train`` without validation.
         clips: The clips of that split.
-        shown: Which of them are shown.
+        shown: Numbers of those that are shown.
         strips: Their images.
         explained: Share of the variance of hidden pixels that is explained, by kind.
         forces: One for each head that predicts force.
         embedding: Of both splits.
-        scores: What nearest neighbours tell, by kind.
+        scores: Scores of nearest neighbours, by kind.
         skipped: Recordings that could not be read, one line each.
     """
 

@@ -122,7 +122,7 @@ def forces_section(
     Args:
         results: Of each head that predicts force.
         data: The data of the run.
-        curves: What was logged.
+        curves: Logged values.
         last_step: End of the run.
     """
     name, title = "force", "Force"

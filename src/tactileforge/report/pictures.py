@@ -68,7 +68,7 @@ def strips_of(
         encoder: Made the patches.
         patches: float (B, slots, N, 3 * tube * patch * patch).
         predictions: Reconstructions of the batch.
-        row: Which clip of the batch.
+        row: Number of the clip in the batch.
     """
     frames = _framewise(patches[row], encoder.tube)
     count = frames.shape[1]

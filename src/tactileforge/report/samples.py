@@ -111,7 +111,7 @@ def embed_clips(
 
     Args:
         module: The trained module.
-        clips: Where the clips come from.
+        clips: The split that the clips belong to.
         which: Clips to embed.
         skipped: Recordings that could not be read.
     """
@@ -175,7 +175,7 @@ def explained(
 
     Args:
         module: The trained module.
-        clips: Where the clips come from.
+        clips: The split that the clips belong to.
         which: Clips to reconstruct.
         keys: Objectives whose heads predict `heads.decoder.Reconstruction`.
     """
@@ -199,7 +199,7 @@ def read_forces(
 
     Args:
         module: The trained module.
-        clips: Where the clips come from.
+        clips: The split that the clips belong to.
         which: Clips to read.
         key: The objective; its head predicts `heads.force.Forces`.
     """

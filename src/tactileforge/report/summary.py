@@ -34,7 +34,7 @@ _HEAD = (
 )
 
 
-def facts(
+def run_facts(
     config: Mapping[str, Any],
     module: TouchModule,
     data: TouchData,

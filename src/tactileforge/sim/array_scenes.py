@@ -213,9 +213,9 @@ def write_array_scenes(
     """Writes the scenes that are not there yet, one shard each.
 
     Args:
-        config: What is simulated.
-        array: What feels it.
-        folder: Where the shards go.
+        config: The simulated scenes.
+        array: The taxel array.
+        folder: Folder of the shards.
         numbers: Numbers of scenes; validation starts at `sim.generate.FIRST_VAL`.
         processes: Processes that simulate; None for one a core.
     """

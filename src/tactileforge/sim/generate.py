@@ -53,7 +53,7 @@ FEW = (
 )
 #: Validation has numbers of its own: it does not change with the number of scenes.
 FIRST_VAL = 300_000
-#: What a group of motions stands for.
+#: Motions of a group.
 _MOTION_GROUPS = {
     "atomic": tuple(name for name in MOTIONS if name.startswith(("slide", "rotate"))),
     "force_trial": ("force_trial",),
@@ -84,8 +84,8 @@ class SimConfig:
         viscosity: Relaxation time of the gels, s.
         lag: Seconds by which images come later than forces, as from a real camera.
         seed: Another seed, other touches.
-        codec: How images are stored, see `data.shards.shards.CODECS`.
-        randomise: How units and scenes differ, see `randomise.draw.randomised_rows`.
+        codec: Codec of the images, see `data.shards.shards.CODECS`.
+        randomise: Differences between units and scenes, see `randomise.draw.randomised_rows`.
     """
 
     sensors: tuple[str, ...]
@@ -262,8 +262,8 @@ def write_scenes(
     """Writes the scenes that are not there yet; a killed run goes on where it was.
 
     Args:
-        config: What is simulated.
-        folder: Where the shards go.
+        config: The simulated scenes.
+        folder: Folder of the shards.
         numbers: Numbers of scenes.
         processes: Processes that simulate; None for one a core.
     """
@@ -336,8 +336,8 @@ def write_seconds(
     """Writes so many scenes that each sensor has so many seconds of touch.
 
     Args:
-        config: What is simulated.
-        folder: Where the shards go.
+        config: The simulated scenes.
+        folder: Folder of the shards.
         seconds: Touch of each sensor, s.
         val: Share of the scenes that is for validation.
         processes: Processes that simulate; None for one a core.

@@ -51,12 +51,12 @@ class Scene:
 
     Attributes:
         seed: Draws the units of the sensors and their noise, and names the touch in errors.
-        shape: What touches.
-        path: How it moves.
+        shape: The object.
+        path: Its motion.
         motion: Name of the motion.
         grip: From slippery (0) to sticky (1).
         unit: Draws the units of the sensors instead of the seed, if given.
-        randomise: How units and scenes differ, see `randomise.draw.randomised_rows`.
+        randomise: Differences between units and scenes, see `randomise.draw.randomised_rows`.
     """
 
     seed: int
@@ -123,12 +123,12 @@ def draw_scene(
 
     Args:
         seed: Same seed, same touch.
-        shape: What touches.
+        shape: The object.
         motion: One of `motions.MOTIONS`.
         force: Range of the largest normal force, N; the depth that gives it on a flat gel like the
             Mini's is looked up. What a shape reaches between 0.05 and 1.5 mm bounds the range.
         seconds: Mean duration of one action.
-        randomise: How units and scenes differ, see `randomise.draw.randomised_rows`.
+        randomise: Differences between units and scenes, see `randomise.draw.randomised_rows`.
         reach: Whether a shape that does not reach the range is an error, or presses as near to it
             as it can.
 

@@ -1,4 +1,4 @@
-"""The conformance suite: does a plugin keep the contract of its kind?
+"""The conformance suite: checks a plugin against the contract of its kind.
 
 Plugin authors call it in their own tests, and ``tactileforge plugins check`` on the command line::
 

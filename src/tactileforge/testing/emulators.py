@@ -1,4 +1,4 @@
-"""Devices that are not there: they speak a protocol over a pseudo-terminal or a loopback socket.
+"""Emulated devices: they speak a protocol over a pseudo-terminal or a loopback socket.
 
 Authors of plugins test their drivers with them, with the faults that real lines have::
 
@@ -160,7 +160,7 @@ class PtyDevice(_Device):
         os.symlink(os.ttyname(theirs), self.port)
 
     def disconnect(self) -> None:
-        """Plugs it out: the port is gone, and who has it open gets an error."""
+        """Unplugs the device: the port is gone, and a driver that has it open gets an error."""
         self.halt()
         if self._ours >= 0:
             Path(self.port).unlink(missing_ok=True)
@@ -185,7 +185,7 @@ class PtyDevice(_Device):
         return bytes(self.received)
 
     def close(self) -> None:
-        """Plugs it out for good."""
+        """Unplugs the device for good."""
         self.disconnect()
         self._folder.cleanup()
 

@@ -1,4 +1,4 @@
-"""What the baselines without weights read, against independent computations."""
+"""Baselines without weights against independent computations."""
 
 import math
 

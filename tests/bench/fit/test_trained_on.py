@@ -1,4 +1,4 @@
-"""What a model was trained on, against what the gate holds out."""
+"""Training data of a model against the data that the gate holds out."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Who trains and who tests; overlaps and single classes are found."""
+"""Splits: overlaps and single classes are errors."""
 
 from dataclasses import replace
 from typing import Any

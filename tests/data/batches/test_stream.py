@@ -72,19 +72,23 @@ def pack(dataset: Memory, folder: Path, size: int, codec: str = "png") -> Path:
         splits[split] = []
         for number, start in enumerate(range(0, len(ordered), size)):
             path = folder / f"{split}-{number:06d}.tar"
-            shards.write_shard(path, [packed(one, codec) for one in ordered[start : start + size]])
+            shards.write_shard(
+                path, [packed(recording, codec) for recording in ordered[start : start + size]]
+            )
             splits[split].append(IndexEntry.of(path))
     Index("memory", splits, sorted=True).save(folder)
     return folder
 
 
-def packed(one: Recording, codec: str) -> shards.Packed:
+def packed(recording: Recording, codec: str) -> shards.Packed:
     def encoded(frames: Any) -> list[bytes]:
         every = frames.read(range(len(frames))) if frames is not None else []
         return [shards.encode_image(picture, codec) for picture in every]
 
-    pictures = (encoded(frames) for frames in (one.frames, one.no_contact, one.image))
-    return shards.Packed(shards.describe_recording(one), codec, *pictures)
+    pictures = (
+        encoded(frames) for frames in (recording.frames, recording.no_contact, recording.image)
+    )
+    return shards.Packed(shards.describe_recording(recording), codec, *pictures)
 
 
 def touch(dataset: Any, **options: Any) -> TouchData:
@@ -94,10 +98,10 @@ def touch(dataset: Any, **options: Any) -> TouchData:
     return data
 
 
-def same(one: dict[str, Any], other: dict[str, Any]) -> bool:
-    return one.keys() == other.keys() and all(
+def same(first: dict[str, Any], other: dict[str, Any]) -> bool:
+    return first.keys() == other.keys() and all(
         torch.equal(value, other[key]) if isinstance(value, torch.Tensor) else value == other[key]
-        for key, value in one.items()
+        for key, value in first.items()
     )
 
 
@@ -306,11 +310,11 @@ def test_objects_of_two_data_sets_are_told_apart_and_actions_are_not() -> None:
 
 
 def keys(stream: Stream, number: int) -> list[str]:
-    found = []
+    keys_found = []
     for track, items in zip(stream.tracks, stream.items(number), strict=True):
         assert isinstance(track, FullSource)
-        found += [track.clips.recordings[track.clips.index[clip, 0]].key for clip, _ in items]
-    return found
+        keys_found += [track.clips.recordings[track.clips.index[clip, 0]].key for clip, _ in items]
+    return keys_found
 
 
 def test_weights_of_a_mixture_change_its_portions() -> None:
@@ -328,9 +332,9 @@ def test_weights_of_a_mixture_change_its_portions() -> None:
 def test_small_shards_give_the_batches_of_the_data_they_were_packed_from(tmp_path: Path) -> None:
     loose = Memory(24)
     tight = Shards(str(pack(loose, tmp_path, size=5)))
-    one, other = touch(loose, match=0.5).stream(), touch(tight, match=0.5).stream()
-    assert len(one) == len(other)
-    assert all(same(one[number], other[number]) for number in range(2 * len(one)))
+    first, other = touch(loose, match=0.5).stream(), touch(tight, match=0.5).stream()
+    assert len(first) == len(other)
+    assert all(same(first[number], other[number]) for number in range(2 * len(first)))
 
 
 def test_large_shards_are_read_by_workers_as_by_none(tmp_path: Path) -> None:
@@ -418,9 +422,11 @@ def test_shards_that_were_swapped_are_refused(tmp_path: Path, split: str) -> Non
     swapped = first.read_bytes(), last.read_bytes()
     last.write_bytes(swapped[0])
     first.write_bytes(swapped[1])
-    keys = {one.key for one in shards.read_shard(last if split == "train" else first)}
+    keys = {recording.key for recording in shards.read_shard(last if split == "train" else first)}
     data = Shards(str(folder))
-    assert not keys & {one.key for one in data.recordings("val" if split == "train" else "train")}
+    assert not keys & {
+        recording.key for recording in data.recordings("val" if split == "train" else "train")
+    }
     assert "damaged, or another shard" in data.skipped[0]
 
 
@@ -460,8 +466,8 @@ def test_one_key_twice_in_a_source_that_is_not_sorted_comes_once() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"file": "../train-000000.tar"}, "no name of a shard"),
-        ({"file": "pipe:rm -rf x"}, "no name of a shard"),
+        ({"file": "../train-000000.tar"}, "not the name of a shard"),
+        ({"file": "pipe:rm -rf x"}, "not the name of a shard"),
         ({"bytes": "many"}, "invalid literal"),
         ({"holds": 3}, "not iterable"),
         ({"holds": [{"sensor": "digit"}]}, "KeyError"),

@@ -55,22 +55,22 @@ def inner(truth: NDArray[np.int64], margin: int = 4) -> NDArray[np.bool_]:
 @pytest.mark.parametrize("fps", [18.0, 30.0, 60.0])
 def test_known_truth(fps: float) -> None:
     times, force, truth = trial(fps)
-    found = label_actions(times, force)
-    assert found.dtype == np.int64
-    assert segments(found) == [PRESS, RIGHT, LEFT, DOWN, UP, LEAVE]
+    actions = label_actions(times, force)
+    assert actions.dtype == np.int64
+    assert segments(actions) == [PRESS, RIGHT, LEFT, DOWN, UP, LEAVE]
     sure = inner(truth, margin=round(0.15 * fps))
-    np.testing.assert_array_equal(found[sure], truth[sure])
+    np.testing.assert_array_equal(actions[sure], truth[sure])
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_noise(seed: int) -> None:
     times, force, truth = trial()
     noisy = force + np.random.default_rng(seed).normal(0, 0.06, force.shape)
-    found = label_actions(times, noisy)
-    labelled = found >= 0
-    assert (found[labelled & inner(truth)] == truth[labelled & inner(truth)]).mean() > 0.98
+    actions = label_actions(times, noisy)
+    labelled = actions >= 0
+    assert (actions[labelled & inner(truth)] == truth[labelled & inner(truth)]).mean() > 0.98
     moving = (truth >= 0) & inner(truth)
-    assert (found[moving] == truth[moving]).mean() > 0.9
+    assert (actions[moving] == truth[moving]).mean() > 0.9
 
 
 def test_noise_alone_has_no_action() -> None:
@@ -83,19 +83,19 @@ def test_noise_alone_has_no_action() -> None:
 def test_mirrored_forces_have_mirrored_actions_exactly() -> None:
     times, force, _ = trial()
     noisy = force + np.random.default_rng(3).normal(0, 0.05, force.shape)
-    found = label_actions(times, noisy)
+    actions = label_actions(times, noisy)
     for axis, pair in ((0, (LEFT, RIGHT)), (1, (UP, DOWN))):
         sign = np.ones(3)
         sign[axis] = -1
-        want = found.copy()
-        want[found == pair[0]], want[found == pair[1]] = pair[1], pair[0]
+        want = actions.copy()
+        want[actions == pair[0]], want[actions == pair[1]] = pair[1], pair[0]
         np.testing.assert_array_equal(label_actions(times, noisy * sign), want)
 
 
 def test_scale_and_start_of_time_do_not_matter() -> None:
     times, force, _ = trial()
-    found = label_actions(times, force)
-    np.testing.assert_array_equal(label_actions(times + 64, force * 4), found)
+    actions = label_actions(times, force)
+    np.testing.assert_array_equal(label_actions(times + 64, force * 4), actions)
 
 
 def test_between_two_axes_is_ambiguous() -> None:
@@ -118,11 +118,11 @@ def test_missing_forces() -> None:
     times, force, truth = trial()
     force[40:55] = np.nan
     force[100, 1] = np.nan
-    found = label_actions(times, force)
-    assert (found[40:55] == -1).all()
-    assert found[100] == -1
-    sure = inner(truth) & (found >= 0)
-    np.testing.assert_array_equal(found[sure], truth[sure])
+    actions = label_actions(times, force)
+    assert (actions[40:55] == -1).all()
+    assert actions[100] == -1
+    sure = inner(truth) & (actions >= 0)
+    np.testing.assert_array_equal(actions[sure], truth[sure])
     assert (label_actions(times, np.full_like(force, np.nan)) == -1).all()
 
 
@@ -146,12 +146,12 @@ def test_public_trials(
     """One trial each: press, slides to four sides and back, lift."""
     with (realdata / "touchd_force_demo" / f"{name}_force.csv").open() as file:
         rows = [[float(row[key]) for key in columns] for row in csv.DictReader(file)]
-    found = label_actions(np.arange(len(rows)) / FPS, np.array(rows) * sign)
-    order = segments(found)
+    actions = label_actions(np.arange(len(rows)) / FPS, np.array(rows) * sign)
+    order = segments(actions)
     assert (order[0], order[-1]) == (PRESS, LEAVE)
     assert {LEFT, RIGHT, UP, DOWN} <= set(order)
     assert not set(order) & {ACTIONS.index("rotate_cw"), ACTIONS.index("rotate_ccw")}
-    long = [action for action in order if (found == action).sum() > 20]
+    long = [action for action in order if (actions == action).sum() > 20]
     remaining = iter(long)
     assert all(action in remaining for action in slides), f"{slides} in this order within {long}"
-    assert 0.4 < (found >= 0).mean() < 0.8
+    assert 0.4 < (actions >= 0).mean() < 0.8

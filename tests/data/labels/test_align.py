@@ -61,9 +61,9 @@ def test_noise_missing_labels_and_an_uneven_clock_do_not_hide_it() -> None:
     force[rng.choice(150, 30, replace=False)] = np.nan
     force[:6] = np.nan
     change = pressing(times - 0.1) + rng.normal(0, 0.2, 150)
-    found = estimate_lag(times, force, change)
-    assert found.seconds == pytest.approx(0.1, abs=0.02)
-    assert found.correlation > 0.9
+    lag = estimate_lag(times, force, change)
+    assert lag.seconds == pytest.approx(0.1, abs=0.02)
+    assert lag.correlation > 0.9
 
 
 def test_across_a_gap_nothing_is_correlated() -> None:
@@ -83,15 +83,15 @@ def test_the_sign_of_the_force_does_not_matter() -> None:
 def test_a_ramp_fits_at_every_lag() -> None:
     times = np.arange(0, 3, 1 / 30)
     ramp = np.stack([0 * times, 0 * times, times], axis=1)
-    found = estimate_lag(times, ramp, 2 * times - 0.2)
-    assert found.correlation == pytest.approx(1)
-    assert found.prominence == pytest.approx(0, abs=1e-9)
+    lag = estimate_lag(times, ramp, 2 * times - 0.2)
+    assert lag.correlation == pytest.approx(1)
+    assert lag.prominence == pytest.approx(0, abs=1e-9)
 
 
 def test_a_lag_beyond_the_search_is_not_prominent() -> None:
-    found = estimate_lag(*shifted(0.45, 30), reach=0.2)
-    assert abs(found.seconds) <= 0.2
-    assert found.prominence < 0.01
+    lag = estimate_lag(*shifted(0.45, 30), reach=0.2)
+    assert abs(lag.seconds) <= 0.2
+    assert lag.prominence < 0.01
 
 
 @pytest.mark.parametrize("case", ["still force", "still picture", "no labels", "short", "no time"])
@@ -107,8 +107,8 @@ def test_nothing_that_moves_gives_nan(case: str) -> None:
         times, force, change = times[:7], force[:7], change[:7]
     else:
         times[50] = times[49]
-    found = estimate_lag(times, force, change)
-    assert all(map(math.isnan, (found.seconds, found.correlation, found.prominence)))
+    lag = estimate_lag(times, force, change)
+    assert all(map(math.isnan, (lag.seconds, lag.correlation, lag.prominence)))
 
 
 def test_lengths_have_to_agree() -> None:
@@ -123,9 +123,11 @@ def demo(realdata: Path, name: str, lag_s: float | None) -> tuple[Recording, Lag
     layout["split"] = "train"
     if lag_s is not None:
         layout["force"]["lag_s"] = lag_s
-    (one,) = Recordings(str(realdata), {name: layout}).recordings("train")
-    assert one.force is not None
-    return one, estimate_lag(one.times, one.force, changes(one, range(len(one.frames))))
+    (recording,) = Recordings(str(realdata), {name: layout}).recordings("train")
+    assert recording.force is not None
+    return recording, estimate_lag(
+        recording.times, recording.force, changes(recording, range(len(recording.frames)))
+    )
 
 
 @pytest.mark.realdata

@@ -130,5 +130,5 @@ def test_the_surface_is_mirrored_with_the_pixels(axis: int) -> None:
     augment = Augment(*chances)
     labels = {"action": torch.tensor([0]), "force": torch.zeros(1, 4, 3)}
     batch = augment.labels(labels | {"group": torch.tensor([-1])})
-    found = augment(batch | {"frames": frames, "background": frames[:, 0], "surface": given})
-    assert torch.equal(found["surface"], want)
+    result = augment(batch | {"frames": frames, "background": frames[:, 0], "surface": given})
+    assert torch.equal(result["surface"], want)

@@ -16,11 +16,11 @@ MOVED = arrays(np.float32, (5, 6, 3), elements=st.floats(-0.5, 0.5, width=32))
 
 @given(MOVED)
 def test_decode_is_within_half_a_level_of_what_was_encoded(moved: np.ndarray) -> None:
-    found = displacement.decode_displacement(displacement.encode_displacement(moved))
+    result = displacement.decode_displacement(displacement.encode_displacement(moved))
     # half a level of the root r is 1/254 of it: 2 r / 254 of the range, and (1/254)**2 at 0
     share = np.sqrt(np.abs(moved) / displacement.RANGE_MM)
     bound = np.asarray(displacement.RANGE_MM) * (2 * share + 1 / 254) / 254
-    assert (np.abs(found - moved) <= bound + 1e-6).all()
+    assert (np.abs(result - moved) <= bound + 1e-6).all()
 
 
 def test_encode_clips_at_the_range() -> None:

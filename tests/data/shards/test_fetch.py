@@ -74,7 +74,7 @@ def served(packed: Path) -> Iterator[tuple[str, list[str]]]:
 
 
 def values(data: Shards) -> list[int]:
-    return [int(one.frames.read([1])[0, 0, 0, 0]) for one in data.recordings("train")]
+    return [int(recording.frames.read([1])[0, 0, 0, 0]) for recording in data.recordings("train")]
 
 
 def test_shards_behind_a_url_are_fetched_once(
@@ -104,7 +104,7 @@ def test_a_shard_is_fetched_when_its_window_opens(
 def test_a_cache_is_kept_within_its_limit(served: tuple[str, list[str]], tmp_path: Path) -> None:
     url, _ = served
     data = Shards(url, cache=str(tmp_path / "cache"), cache_gb=25e-6)  # two shards of 10 kB
-    assert [one.key for one in data.recordings("train")] == ["r0", "r1", "r2"]
+    assert [recording.key for recording in data.recordings("train")] == ["r0", "r1", "r2"]
     held = [path.name for path in (tmp_path / "cache").rglob("*.tar")]
     assert sorted(held) == ["train-000001.tar", "train-000002.tar"]
 

@@ -149,8 +149,8 @@ def test_a_shard_written_with_nan_is_still_read(touch: Recording, tmp_path: Path
     stated = {key: value for key, value in about.items() if key != "crc32"}
     about["crc32"] = zlib.crc32(json.dumps(stated, sort_keys=True).encode())
     assert "NaN" in json.dumps(about)
-    found = shards._head(json.dumps(about).encode(), "a.tar")
-    np.testing.assert_array_equal(shards._track(found["tracks"]["slip"]), values)
+    prediction = shards._head(json.dumps(about).encode(), "a.tar")
+    np.testing.assert_array_equal(shards._track(prediction["tracks"]["slip"]), values)
 
 
 @pytest.mark.parametrize("what", ["force", "times", "track"])
@@ -208,13 +208,16 @@ def test_a_stopped_write_leaves_no_shard(touch: Recording, tmp_path: Path) -> No
 def _three(touch: Recording, path: Path) -> list[Recording]:
     """A shard of three recordings, called 0, 1, 2."""
     touches = [replace(touch, key=str(number)) for number in range(3)]
-    shards.write_shard(path, [packed(one) for one in touches])
+    shards.write_shard(path, [packed(recording) for recording in touches])
     return touches
 
 
 def _kept(path: Path) -> tuple[list[str], list[str]]:
     said: list[str] = []
-    kept = [one.key for one in shards.read_shard(path, lambda error: said.append(str(error)))]
+    kept = [
+        recording.key
+        for recording in shards.read_shard(path, lambda error: said.append(str(error)))
+    ]
     return kept, said
 
 
@@ -272,8 +275,10 @@ def test_a_picture_that_is_not_there_is_named(touch: Recording, tmp_path: Path) 
         for member in tar:
             if member.name != "000001.background.0001.png":
                 out.addfile(member, tar.extractfile(member))
-    found = {one.key: one for one in shards.read_shard(other, lambda error: None)}
-    background = found["1"].no_contact
+    by_key = {
+        recording.key: recording for recording in shards.read_shard(other, lambda error: None)
+    }
+    background = by_key["1"].no_contact
     assert background is not None
     with pytest.raises(DataError, match=r"000001\.background\.0001\.png of .* is not there"):
         background.read([1])

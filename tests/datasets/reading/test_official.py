@@ -26,7 +26,7 @@ def test_sides() -> None:
 def test_no_value_is_on_two_sides() -> None:
     splits = [TOUCHD_BENCH, TOUCHD_PRETRAIN]
     for by_sensor in (FORCE_SPLITS, SLIP_SPLITS):
-        splits += [split for one in by_sensor.values() for split in one]
+        splits += [split for splits_of_sensor in by_sensor.values() for split in splits_of_sensor]
     for split in splits:
         train = split.train or frozenset()
         assert not train & split.test, split

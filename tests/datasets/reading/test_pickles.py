@@ -45,21 +45,24 @@ def test_plain_data(tmp_path: Path, protocol: int) -> None:
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 def test_arrays(tmp_path: Path, protocol: int) -> None:
-    found = load_pickle(dump(tmp_path / "a.pkl", [*ARRAYS, ARRAYS[0], np.float64(2.5)], protocol))
-    for got, want in zip(found, [*ARRAYS, ARRAYS[0], np.float64(2.5)], strict=True):
+    content = load_pickle(dump(tmp_path / "a.pkl", [*ARRAYS, ARRAYS[0], np.float64(2.5)], protocol))
+    for got, want in zip(content, [*ARRAYS, ARRAYS[0], np.float64(2.5)], strict=True):
         assert got.dtype == want.dtype
         np.testing.assert_array_equal(got, want)
-    assert found[0] is found[len(ARRAYS)]
+    assert content[0] is content[len(ARRAYS)]
 
 
 @pytest.mark.parametrize("protocol", range(3, pickle.HIGHEST_PROTOCOL + 1))
 def test_long_bytes_stay_in_the_file(tmp_path: Path, protocol: int) -> None:
     texts = [bytes([i]) * size for i, size in enumerate((10, 255, 256, 70_000, 300))]
-    found = load_pickle(dump(tmp_path / "a.pkl", {"images": [*texts, texts[3]]}, protocol))[
+    content = load_pickle(dump(tmp_path / "a.pkl", {"images": [*texts, texts[3]]}, protocol))[
         "images"
     ]
-    assert [type(one) for one in found] == [bytes, bytes, Blob, Blob, Blob, Blob]
-    assert [one.read() if isinstance(one, Blob) else one for one in found] == [*texts, texts[3]]
+    assert [type(item) for item in content] == [bytes, bytes, Blob, Blob, Blob, Blob]
+    assert [item.read() if isinstance(item, Blob) else item for item in content] == [
+        *texts,
+        texts[3],
+    ]
 
 
 class Malicious:

@@ -1,4 +1,4 @@
-"""What holds for every reader of a published data set."""
+"""Invariants of every reader of a published data set."""
 
 import inspect
 import tomllib

@@ -17,7 +17,7 @@ LAYOUT = {"images": "*.png", "each": "touch", "sensor": "digit", "background": "
 
 def keys(root: Path, side: str, **more: Any) -> set[str]:
     data = Recordings(str(root), {"a": LAYOUT | more}, val=0.3)
-    return {one.key for one in data.recordings(side)}
+    return {recording.key for recording in data.recordings(side)}
 
 
 def test_the_share_is_held_out() -> None:
@@ -85,8 +85,12 @@ def whole(count: int) -> Recording:
     )
 
 
-def frames_of(found: list[Recording]) -> list[int]:
-    return [int(i) for one in found for i in one.frames.read(range(len(one.frames)))[:, 0, 0, 0]]
+def frames_of(recordings: list[Recording]) -> list[int]:
+    return [
+        int(i)
+        for recording in recordings
+        for i in recording.frames.read(range(len(recording.frames)))[:, 0, 0, 0]
+    ]
 
 
 @pytest.mark.parametrize("count", [1, 4, 60, 250])
@@ -96,19 +100,19 @@ def test_by_time_no_frame_is_shared_or_lost(count: int, share: float) -> None:
     val = list(split_parts(whole(count), share, "val"))
     assert sorted(frames_of(train) + frames_of(val)) == list(range(count))
     np.testing.assert_allclose(len(frames_of(val)), share * count, atol=1 + 0.02 * count)
-    assert len({one.key for one in train + val}) == len(train + val)
-    for one in train + val:
-        assert one.action is not None
-        assert frames_of([one]) == one.action.tolist()
-        np.testing.assert_allclose(one.times, one.action / 30)
+    assert len({recording.key for recording in train + val}) == len(train + val)
+    for recording in train + val:
+        assert recording.action is not None
+        assert frames_of([recording]) == recording.action.tolist()
+        np.testing.assert_allclose(recording.times, recording.action / 30)
 
 
 def test_by_time_blocks_are_spread_evenly() -> None:
     val = list(split_parts(whole(250), 0.3, "val"))
-    starts = [float(one.times[0]) for one in val]
+    starts = [float(recording.times[0]) for recording in val]
     assert len(val) == 5
     assert np.ptp(np.diff(starts)) < 0.04
-    assert {len(one.frames) for one in val} == {15}
+    assert {len(recording.frames) for recording in val} == {15}
     assert starts[0] > 10 / 30, "training has the beginning too"
 
 
@@ -117,7 +121,7 @@ def test_by_time_of_a_video(tmp_path: Path, make_video: MakeFile) -> None:
     layout = {"videos": "*.avi", "sensor": "digit", "background": {"first": 3}, "split": "time"}
     data = Recordings(str(tmp_path), {"a": layout}, val=0.2)
     train, val = list(data.recordings("train")), list(data.recordings("val"))
-    assert [one.key for one in train] == ["a/a.avi[0:24]", "a/a.avi[36:60]"]
-    assert [one.key for one in val] == ["a/a.avi[24:36]"]
+    assert [recording.key for recording in train] == ["a/a.avi[0:24]", "a/a.avi[36:60]"]
+    assert [recording.key for recording in val] == ["a/a.avi[24:36]"]
     assert val[0].no_contact is not None
     assert len(val[0].no_contact) == 3, "parts keep the background of the whole"

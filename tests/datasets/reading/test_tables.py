@@ -106,10 +106,10 @@ def test_images_lag_the_force(tmp_path: Path, write: Write) -> None:
     [
         (
             "1,nan,0,0",
-            r"f\.csv, row 3, column 'fx': 'nan' is no finite number; leave the cell empty",
+            r"f\.csv, row 3, column 'fx': 'nan' is not a finite number; leave the cell empty",
         ),
-        ("1,0,inf,0", r"row 3, column 'fy': 'inf' is no finite number"),
-        ("1,0,0,much", r"row 3, column 'fz': 'much' is no finite number"),
+        ("1,0,inf,0", r"row 3, column 'fy': 'inf' is not a finite number"),
+        ("1,0,0,much", r"row 3, column 'fz': 'much' is not a finite number"),
         ("5,0,0,0", r"f\.csv, row 3: frame 5 does not exist, the recording has 0 to 4"),
         ("-1,0,0,0", "row 3: frame -1 does not exist"),
         ("1.5,0,0,0", r"row 3: frame '1\.5' is not a whole number"),

@@ -311,7 +311,7 @@ def test_read_needs_an_open_camera():
 
 @pytest.fixture
 def system(tmp_path):
-    """What Linux lists of a DIGIT with two nodes, and of a GelSight Mini."""
+    """Linux device entries of a DIGIT with two nodes, and of a GelSight Mini."""
     usb = tmp_path / "usb"
     for port, vendor, product, serial in (
         ("1-1", "2833", "0209", "D20123"),

@@ -118,7 +118,7 @@ def test_a_picture_of_heights(tmp_path, kind):
 @pytest.mark.parametrize(
     ("points", "says"),
     [
-        (np.zeros((0, 3)), r"shape \(0, 3\); needed is \(N, 3\)"),
+        (np.zeros((0, 3)), r"shape \(0, 3\); give \(N, 3\)"),
         (np.zeros((50, 2)), r"shape \(50, 2\)"),
         (np.full((50, 3), np.nan), "50 of 50 points are not finite"),
         (np.full((50, 3), "a"), "not finite numbers"),
@@ -188,10 +188,10 @@ def test_pictures_that_are_none(tmp_path):
     with pytest.raises(ConfigError, match="mm_per_pixel is 0"):
         picture_shape(path, 0, 1)
     path.write_bytes(b"no picture")
-    with pytest.raises(DataError, match="not a picture"):
+    with pytest.raises(DataError, match="not a readable image"):
         picture_shape(path, 0.1, 1)
     noise = np.random.default_rng(0).integers(0, 255, (90, 90), dtype=np.uint8)
     Image.fromarray(noise).save(path)
     path.write_bytes(path.read_bytes()[:3000])
-    with pytest.raises(DataError, match="not a picture"):
+    with pytest.raises(DataError, match="not a readable image"):
         picture_shape(path, 0.1, 1)

@@ -1,4 +1,4 @@
-"""Recordings to clips: an index of what can be cut, and the cutting."""
+"""Cuts recordings into clips: an index of the clips, and their decoding."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _AVERAGE = 1.5
 
 
 class Clips(Dataset[dict[str, Any]]):
-    """Every clip that can be cut from some recordings.
+    """All clips that can be cut from a set of recordings.
 
     A clip is cut by time: ``frames`` frames, ``spacing`` seconds apart, rounded to whole frames of
     the recording (every second frame at 30 Hz and every frame at 18 Hz for 1/15 s). Clips that
@@ -45,7 +45,7 @@ class Clips(Dataset[dict[str, Any]]):
         spacing: Seconds between them.
         hop: Seconds between the ends of neighbouring clips; at least one frame.
         size: Height and width the frames are resized to.
-        image_size: Height and width the camera view is resized to.
+        image_size: Height and width the camera image is resized to.
         cache_mb: Megabytes of resized frames kept in each process.
 
     Attributes:
@@ -204,7 +204,7 @@ class Clips(Dataset[dict[str, Any]]):
 
 
 class _Cache:
-    """The arrays used last, up to a number of bytes."""
+    """Least-recently-used cache of arrays, up to a number of bytes."""
 
     def __init__(self, limit: int) -> None:
         self.limit = limit
@@ -250,7 +250,7 @@ def _view(recording: Recording, row: int) -> int:
 
 
 def object_id(name: str | None) -> int:
-    """A number that stands for an object wherever it is met; -1 for none."""
+    """Hash of an object's name, the same in every process; -1 for none."""
     if name is None:
         return -1
     digest = hashlib.blake2b(name.encode("utf-8", "surrogatepass"), digest_size=8).digest()
@@ -258,7 +258,7 @@ def object_id(name: str | None) -> int:
 
 
 def resize_frame(frame: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
-    """A picture (H, W, 3) of another size, the way a model is shown those it is trained on."""
+    """Resizes an image (H, W, 3) in the same way as in training."""
     if frame.shape[:2] == size:
         return np.ascontiguousarray(frame)
     shrinks = min(frame.shape[0] / size[0], frame.shape[1] / size[1]) >= 1
@@ -269,17 +269,17 @@ def resize_frame(frame: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.
 
 
 def _tensor(array: NDArray[np.uint8]) -> torch.Tensor:
-    """(..., H, W, 3) to (..., 3, H, W)."""
+    """Tensor (..., 3, H, W) of an array (..., H, W, 3)."""
     return torch.from_numpy(np.moveaxis(array, -1, -3))
 
 
 def collate(rows: Sequence[dict[str, Any]]) -> Batch:
-    """Rows of `Clips` to a batch: tensors are stacked, numbers become tensors, names stay lists."""
+    """Collates rows of `Clips`: tensors are stacked, numbers become tensors, names stay lists."""
     batch: Batch = {}
     for key, first in rows[0].items():
         values = [row[key] for row in rows]
         if isinstance(first, torch.Tensor) and first.dtype == torch.uint8:
-            # pictures keep the order they have in memory, channels last: no transposition here
+            # images keep the order they have in memory, channels last: no transposition here
             batch[key] = torch.stack([v.movedim(-3, -1) for v in values]).movedim(-1, -3)
         elif isinstance(first, torch.Tensor):
             batch[key] = torch.stack(values)

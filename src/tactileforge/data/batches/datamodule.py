@@ -1,4 +1,4 @@
-"""Everything between a data set and the batches of a run."""
+"""Data module: from a data set to the batches of a run."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _FEW = 20
 
 
 class Loader(DataLoader[Batch]):
-    """A loader that a run can resume from at any step.
+    """Data loader that can be resumed at any step.
 
     Its place is that of the run (see `stream.BatchIndexSampler`); what it keeps is what may not
     change in between.
@@ -298,7 +298,7 @@ class TouchData(L.LightningDataModule):
 
 
 def _first(source: Source, limit: int | None) -> list[int]:
-    """The first parts of a source that together have so many recordings, or all."""
+    """Numbers of the first parts of a source that together have so many recordings, or all."""
     chosen: list[int] = []
     total = 0
     for number, part in enumerate(source.parts):
@@ -314,6 +314,6 @@ def _as_it_is(batch: T) -> T:
 
 
 def start_worker(_: int) -> None:
-    """Ctrl-C reaches every process of a terminal; the run, not its readers, answers it."""
+    """Ignores Ctrl-C in a worker: it reaches every process of a terminal, the run handles it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     cv2.setNumThreads(0)

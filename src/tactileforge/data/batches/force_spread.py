@@ -19,7 +19,7 @@ def force_spread(clips: Clips) -> NDArray[np.float32]:
     window over the recordings that are at hand: it is the same on every rank.
 
     Args:
-        clips: The clips of training; no picture is read.
+        clips: The clips of training; no image is read.
 
     Returns:
         float32 (2, 3): force and change along x, y and z, in units of the sensors' force scales; 1

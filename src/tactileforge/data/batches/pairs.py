@@ -1,4 +1,4 @@
-"""Pairs of clips for matching."""
+"""Sampler of pairs of clips for matching."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Item: TypeAlias = tuple[int, int]
 
 
 class Pairs:
-    """Pairs of clips for matching: one object by two sensors, or one action.
+    """Samples pairs of clips for matching: one object by two sensors, or one action.
 
     Args:
         objects: int64 (n,), object of each clip; -1 unknown.
@@ -35,12 +35,14 @@ class Pairs:
         return bool(self._by_sensor or self._by_action)
 
     def draw(self, count: int, rng: np.random.Generator) -> list[Item]:
-        """``count`` pairs, by object and by action in turn; each is one group."""
+        """Draws ``count`` pairs, by object and by action in turn; each is one group."""
         items: list[Item] = []
         for group in range(count):
+            # in turn, so that neither kind of pair depends on how common the other is
             of_object = bool(self._by_sensor) and (group % 2 == 0 or not self._by_action)
             if of_object:
                 shares = self._by_sensor[rng.integers(len(self._by_sensor))]
+                # sensors first, then clips: a sensor with many clips is not favoured
                 two = rng.choice(len(shares), 2, replace=False)
                 pair = [rng.choice(shares[i]) for i in two]
             else:
@@ -51,9 +53,9 @@ class Pairs:
 
 
 def _groups(values: NDArray[Any]) -> list[NDArray[np.int64]]:
-    """Places of each value that is not negative, by ascending value."""
+    """Indices of each non-negative value, by ascending value."""
     order = np.argsort(values, kind="stable")
-    order = order[values[order] >= 0]
+    order = order[values[order] >= 0]  # -1 is unknown, and matches nothing
     if not len(order):
         return []
     return np.split(order, np.flatnonzero(np.diff(values[order])) + 1)

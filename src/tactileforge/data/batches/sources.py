@@ -29,13 +29,13 @@ class Part(Protocol):
         ...
 
     def open(self, bad: Bad) -> Iterable[Recording]:
-        """Opens them; decodes nothing. What cannot be opened is left out, and ``bad`` is told."""
+        """Opens the recordings without decoding; unreadable ones are reported to ``bad``."""
         ...
 
 
 @dataclass(frozen=True)
 class Source:
-    """One of the places that clips are drawn from.
+    """A source of recordings, in parts.
 
     Attributes:
         name: For messages; "" where there is but one.
@@ -51,7 +51,7 @@ class Source:
     weight: float | None = None
 
     def open(self, which: Iterable[int], bad: Bad) -> list[Recording]:
-        """The recordings of some parts, in the order of `index.sort_key`; one key comes once."""
+        """Opens recordings of some parts in the order of `index.sort_key`; one key comes once."""
         by_key: dict[str, Recording] = {}
         for number in which:
             for recording in self.parts[number].open(bad):
@@ -70,16 +70,16 @@ class Source:
 
 @runtime_checkable
 class Sharded(Protocol):
-    """A data set that need not be opened as a whole (see `contracts.Dataset`)."""
+    """A data set that can be opened shard by shard (see `contracts.Dataset`)."""
 
     def sources(self, split: str) -> list[Source]:
-        """The sources of a split; nothing but indices is read."""
+        """Returns the sources of a split; only indices are read."""
         ...
 
 
 @dataclass(frozen=True)
 class InMemory:
-    """The part that a data set is whose recordings are all at hand."""
+    """A whole data set as one part, its recordings in memory."""
 
     content: Sequence[Recording]
     seconds: float
@@ -90,12 +90,12 @@ class InMemory:
         return len(self.content)
 
     def open(self, bad: Bad) -> Sequence[Recording]:
-        """All of them."""
+        """All recordings."""
         return self.content
 
 
 def sources_of(dataset: Dataset, split: str) -> list[Source]:
-    """The sources of a data set; one that is not in parts is one source of one part.
+    """Returns the sources of a data set; one without parts is one source of one part.
 
     Raises:
         DataNotFoundError: Something is missing; see `contracts.Dataset.recordings`.

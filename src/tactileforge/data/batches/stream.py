@@ -49,7 +49,7 @@ class SourceDraw:
 
 
 class FullSource:
-    """A source that is sampled as a whole: an epoch is a permutation of its clips.
+    """Sampler of a whole source: an epoch is a permutation of its clips.
 
     Args:
         clips: All of its clips.
@@ -72,9 +72,11 @@ class FullSource:
 
     def draw(self, number: int, reader: WorkerId, bad: Bad) -> SourceDraw:
         """Draws the clips of batch ``number`` for a reader's rank."""
+        # ranks take consecutive slices of one endless series of permutations: no clip is drawn
+        # twice in a pass, for any number of ranks, and a batch may span two passes
         first = (number * reader.world + reader.rank) * self.count
         passes, rows = divmod(np.arange(first, first + self.count), len(self.clips))
-        for old in set(self._orders) - set(passes.tolist()):
+        for old in set(self._orders) - set(passes.tolist()):  # permutations are large: keep two
             del self._orders[old]
         picked = [self._order(int(p))[row] for p, row in zip(passes, rows, strict=True)]
         return SourceDraw(self.clips, np.array(picked, np.int64))
@@ -87,7 +89,7 @@ class FullSource:
 
 
 class WindowedSource:
-    """A source of which each reader holds a window.
+    """Sampler of a large source, of which each worker holds a window.
 
     Args:
         source: The source.
@@ -124,16 +126,17 @@ class WindowedSource:
 
     @property
     def size(self) -> float:
-        """About how many clips there are."""
+        """Estimated number of clips."""
         return float(self.clips.sum())
 
     def draw(self, number: int, reader: WorkerId, bad: Bad) -> SourceDraw:
         """Draws the clips of batch ``number`` for a reader's rank."""
-        turn, worker = divmod(number, reader.workers)
+        turn, worker = divmod(number, reader.workers)  # torch deals batches to workers in turn
         mine = (reader.rank * reader.workers + worker, reader.world * reader.workers)
         passed, place, done = self._place(turn, mine)
         clips = self._open(self._schedule(passed, *mine)[place][1], bad)
         order = np.random.default_rng([*self.seed, passed, mine[0], place]).permutation(len(clips))
+        # the window's length was estimated: where it holds fewer clips, they come again
         rows = np.arange(done * self.count, (done + 1) * self.count) % len(order)
         return SourceDraw(clips, order[rows])
 
@@ -145,7 +148,7 @@ class WindowedSource:
         return passed, place, rest - (int(ends[place - 1]) if place else 0)
 
     def _pass(self, turn: int, mine: tuple[int, int]) -> tuple[int, int]:
-        """In which pass over the source a reader's batch lies, and at which place there."""
+        """Pass over the source, and place within it, of a reader's batch."""
         starts = self._starts.setdefault(mine, [0])
         while starts[-1] <= turn:
             plan = self._schedule(len(starts) - 1, *mine)
@@ -159,6 +162,7 @@ class WindowedSource:
         if key not in self._schedules:
             if len(self._schedules) > 4:
                 self._schedules.pop(next(iter(self._schedules)))
+            # one order for all readers, dealt out: within a pass each part is read once
             order = np.random.default_rng([*self.seed, passed]).permutation(len(self.recordings))
             # with fewer parts than readers, some readers share a part
             parts = (
@@ -192,12 +196,12 @@ class WindowedSource:
 
 
 def estimate_clips(recordings: int, seconds: float, hop: float) -> float:
-    """About how many clips so much touch gives."""
+    """Estimates the number of clips of some recordings."""
     return max(recordings, seconds / hop)
 
 
 class Stream(Dataset[Batch]):
-    """Batches by number.
+    """Map-style data set of whole batches, each a pure function of its number.
 
     Args:
         tracks: What each batch draws from; their counts and ``n_pairs`` make up a batch.
@@ -275,7 +279,7 @@ class Stream(Dataset[Batch]):
 
 
 class BatchIndexSampler(Sampler[int]):
-    """Numbers of batches, from the run's present place to the end of the epoch.
+    """Sampler of batch numbers, from the run's current step to the end of the epoch.
 
     Args:
         length: Batches of an epoch.
@@ -299,7 +303,7 @@ def allocate(
     sources: Sequence[tuple[str, float, frozenset[str]]],
     shares: Mapping[str, float],
 ) -> list[int]:
-    """Clips that each source gives to every batch.
+    """Allocates the clips of every batch to the sources.
 
     Args:
         size: Clips to share out.
@@ -343,7 +347,7 @@ def allocate(
 
 
 def _apportion(count: int, weights: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Whole numbers in proportion to weights, by largest remainders."""
+    """Integers in proportion to weights, by the largest-remainder method."""
     exact = count * weights / weights.sum()
     out: NDArray[np.int64] = np.floor(exact).astype(np.int64)
     rest = np.argsort(out - exact, kind="stable")[: count - int(out.sum())]

@@ -68,5 +68,5 @@ def check_range(indices: Sequence[int], count: int, name: str) -> None:
 
 
 def size_text(shape: Sequence[int]) -> str:
-    """Width x height of a (height, width), as people say it."""
+    """Formats (height, width) as width x height."""
     return f"{shape[1]}x{shape[0]}"

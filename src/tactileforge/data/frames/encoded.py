@@ -1,4 +1,4 @@
-"""Frames that lie as encoded images, or as arrays, in a file of something else."""
+"""Frames stored as encoded images, or as arrays, inside another file."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _UNREADABLE = (OSError, SyntaxError, TypeError, ValueError)
 
 @dataclass(frozen=True, slots=True)
 class Blob:
-    """A byte string that is still in its file.
+    """A byte string that has not been read from its file.
 
     Attributes:
         path: The file.
@@ -103,8 +103,8 @@ class EncodedFrames:
         if isinstance(image, np.ndarray):
             if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
                 raise DataError(
-                    f"{self.name}, frame {i}: {image.dtype} {image.shape} is no image; frames are "
-                    "uint8 (H, W, 3)"
+                    f"{self.name}, frame {i}: {image.dtype} {image.shape} is not an image; "
+                    "frames are uint8 (H, W, 3)"
                 )
             frame = image
         else:

@@ -1,4 +1,4 @@
-"""Pictures in a shard: encoded, and read and checked where they lie."""
+"""Image codecs of shards; images are read and verified in place."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ CODECS: dict[str, list[int]] = {
     "webp": [cv2.IMWRITE_WEBP_QUALITY, 101],  # above 100: lossless
 }
 
-#: What the groups of pictures are called in a member's name, in the order they are written.
+#: What the groups of images are called in a member's name, in the order they are written.
 GROUPS = {"background": "background.", "image": "image.", "surface": "surface.", "frames": ""}
 #: Codecs of groups that lossy compression would spoil; the others have the recording's.
 _LOSSLESS = {"surface": "png"}
@@ -31,13 +31,11 @@ _LOSSLESS = {"surface": "png"}
 BLOCK = 512
 
 
-def encode_image(
-    picture: NDArray[np.uint8], codec: str = "jpg", quality: int | None = None
-) -> bytes:
-    """Encodes a picture, uint8 (H, W, 3), RGB.
+def encode_image(image: NDArray[np.uint8], codec: str = "jpg", quality: int | None = None) -> bytes:
+    """Encodes an image, uint8 (H, W, 3), RGB.
 
     Args:
-        picture: The picture.
+        image: The image.
         codec: ``jpg``, or without loss ``png`` or ``webp``.
         quality: Of JPEG, 1 to 100; 95 if not given.
 
@@ -51,14 +49,14 @@ def encode_image(
         if codec != "jpg" or not 1 <= quality <= 100:
             raise ConfigError(f"quality={quality}: only jpg has one, from 1 to 100")
         options = [cv2.IMWRITE_JPEG_QUALITY, quality]
-    done, out = cv2.imencode(f".{codec}", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), options)
+    done, out = cv2.imencode(f".{codec}", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)
     if not done:
-        raise DataError(f"a picture of {picture.shape} could not be encoded as {codec}")
+        raise DataError(f"an image of {image.shape} could not be encoded as {codec}")
     return out.tobytes()
 
 
 def member_name(group: str, number: int, codec: str) -> str:
-    """Name of a picture's member, after the number of its recording."""
+    """Name of an image's member, after the number of its recording."""
     return f"{GROUPS[group]}{number:04d}.{codec_of(group, codec)}"
 
 
@@ -67,20 +65,20 @@ def codec_of(group: str, codec: str) -> str:
     return _LOSSLESS.get(group, codec)
 
 
-def image_size(picture: bytes) -> tuple[int, int]:
-    """Height and width, from the header alone."""
-    if picture[:2] == b"\xff\xd8":  # JPEG: go from segment to segment to the start of frame
+def image_size(data: bytes) -> tuple[int, int]:
+    """Reads height and width from the header alone."""
+    if data[:2] == b"\xff\xd8":  # JPEG: go from segment to segment to the start of frame
         place = 2
-        while len(segment := picture[place : place + 9]) == 9:
+        while len(segment := data[place : place + 9]) == 9:
             if 0xC0 <= segment[1] <= 0xCF and segment[1] not in (0xC4, 0xC8, 0xCC):
                 return int.from_bytes(segment[5:7]), int.from_bytes(segment[7:9])
             place += 2 + int.from_bytes(segment[2:4])
-    with open_picture(io.BytesIO(picture)) as opened:
+    with open_picture(io.BytesIO(data)) as opened:
         return opened.height, opened.width
 
 
 class PackedFrames:
-    """Pictures in a shard, read and checked where they lie.
+    """Images of a shard, read and verified in place.
 
     Args:
         name: Of the recording, for messages.
@@ -90,7 +88,7 @@ class PackedFrames:
         codec: One of `CODECS`, of the recording.
         shape: Height and width.
         starts: int64 (n,), where the header of each member begins.
-        sizes: int64 (n,), bytes of each picture.
+        sizes: int64 (n,), bytes of each image.
         crcs: uint32 (n,), CRC-32 of each.
     """
 
@@ -120,7 +118,7 @@ class PackedFrames:
         return len(self.sizes)
 
     def encoded(self, i: int) -> bytes:
-        """The bytes of one picture.
+        """The bytes of one image.
 
         Raises:
             DataError: They are not where the JSON says, or are damaged.
@@ -157,18 +155,18 @@ class PackedFrames:
             )
         return picture
 
-    def _decoded(self, picture: bytes, i: int) -> NDArray[np.uint8]:
+    def _decoded(self, data: bytes, i: int) -> NDArray[np.uint8]:
         shape = self.shape
         try:
-            shape = image_size(picture)  # before anything of that size is allocated
+            shape = image_size(data)  # before anything of that size is allocated
         except (OSError, ValueError, SyntaxError) as error:
-            raise DataError(f"{self.name}, {self.group} {i}: no picture ({error})") from error
+            raise DataError(f"{self.name}, {self.group} {i}: not an image ({error})") from error
         if shape != self.shape:
             raise DataError(
                 f"{self.name}, {self.group} {i}: {size_text(shape)} pixels, where "
                 f"{size_text(self.shape)} are stated; pack it again"
             )
-        frame = cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR_RGB)
+        frame = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB)
         if frame is None:
             raise DataError(f"{self.name}, {self.group} {i}: cannot be decoded; pack it again")
         out: NDArray[np.uint8] = frame

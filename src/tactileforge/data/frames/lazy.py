@@ -1,4 +1,4 @@
-"""Lazy frames of videos, image files and arrays: nothing is decoded before it is asked for."""
+"""Lazy frames of image files and arrays, decoded only when they are read."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class ImageFrames(Cropped):
 
 
 class ArrayFrames:
-    """Frames that are in memory already.
+    """Frames of an array in memory.
 
     Args:
         array: uint8 (T, H, W, 3), RGB.

@@ -1,4 +1,4 @@
-"""Frames of a video: exact, lazy, and safe in forked and threaded readers."""
+"""Frames of a video: exact, lazy, and safe in forked and threaded workers."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ class _Index:
         return before >= 0 and int(self.keys[before]) > at + 1
 
     def number(self, seconds: float) -> int | None:
-        """The frame that has this time in the file."""
+        """Number of the frame with this time in the file; None where there is none."""
         seconds -= self.start
         i = int(np.searchsorted(self.times, seconds - 5e-4))
         is_there = i < len(self.times) and abs(float(self.times[i]) - seconds) < 5e-4
@@ -114,7 +114,7 @@ class _Index:
 
 
 class _Cursor:
-    """An open video that knows which frame it stands on."""
+    """An open video with its current frame number."""
 
     def __init__(self, path: str, index: _Index) -> None:
         self.path = path
@@ -129,7 +129,7 @@ class _Cursor:
         self.seekable = len(self.index.keys) > 0 and self._number() == 0
 
     def _number(self) -> int | None:
-        """Number of the frame that it stands on, by its time."""
+        """Number of the current frame, by its time."""
         return self.index.number(self.capture.get(cv2.CAP_PROP_POS_MSEC) / 1000)
 
     def frame(self, wanted: int) -> NDArray[np.uint8]:
@@ -149,7 +149,7 @@ class _Cursor:
         return out
 
     def _seek(self, wanted: int) -> bool:
-        """Lands on the frame or before it; false where that cannot be proven."""
+        """Seeks to the frame or before it; false where that cannot be verified."""
         if not self.seekable:
             return False
         seconds = self.index.start + float(self.index.times[wanted])
@@ -197,7 +197,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def _open(path: str) -> Any:
-    """Opens a video without a word from OpenCV: errors are raised here."""
+    """Opens a video silently: errors are raised, not printed by OpenCV."""
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(0)
     try:

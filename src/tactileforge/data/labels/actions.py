@@ -29,7 +29,7 @@ _LABELS = np.array([[ACTIONS.index(name) for name in pair] for pair in _NAMES])
 
 
 def label_actions(times: NDArray[np.float64], force: NDArray[np.floating]) -> NDArray[np.int64]:
-    """Labels each frame with what the forces do around it.
+    """Labels each frame by the change of the forces around it.
 
     A rate of change is fitted to 0.3 s of each component. A frame is labelled if there is contact
     (5 % of the largest normal force), if the rate is clear (15 % of the largest force in a second,
@@ -64,7 +64,7 @@ def _label(
 ) -> NDArray[np.int64]:
     level, rate, error = _fit(times, force)
     speed = np.linalg.norm(rate, axis=1)
-    axis = np.abs(rate).argmax(axis=1)
+    axis = np.abs(rate).argmax(axis=1)  # the action is named by the fastest component
     along = np.take_along_axis(rate, axis[:, None], axis=1)[:, 0]
     noise = np.take_along_axis(error, axis[:, None], axis=1)[:, 0]
     clear = (np.abs(along) > np.maximum(_RATE * largest, _NOISE * noise)) & (
@@ -90,13 +90,14 @@ def _fit(
         out: NDArray[np.float64] = total[last] - total[first]
         return out
 
-    clock = times[:, None] - times[0]
+    clock = times[:, None] - times[0]  # sums of squares lose digits where times are large
     count = (last - first)[:, None].astype(np.float64)
     mean_time, mean = window(clock) / count, window(force) / count
     spread = window(clock**2) - count * mean_time**2
     slope = (window(clock * force) - count * mean_time * mean) / spread
     level = mean + slope * (clock - mean_time)
-    # Second differences see the noise, not the motion; their variance is six times its variance.
+    # Second differences see the noise, not the motion: their variance is 1 + 4 + 1 times its
+    # variance, and 0.6745 is the median of |x| of a standard normal.
     bends = np.abs(np.diff(force, n=2, axis=0))
     sigma = np.median(bends, axis=0) / (0.6745 * np.sqrt(6.0))
     return level, slope, sigma / np.sqrt(spread)

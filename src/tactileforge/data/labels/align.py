@@ -1,4 +1,4 @@
-"""Modalities in time: nearest frames of two clocks, and how late pictures are behind forces."""
+"""Temporal alignment: nearest frames of two clocks, and the lag of images behind forces."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _STILL = 1e-6
 
 @dataclass(frozen=True)
 class Lag:
-    """By how much pictures come after forces, and how sure that is.
+    """Lag of images behind forces, with its confidence.
 
     Attributes:
-        seconds: Positive where pictures are late; NaN where nothing moves.
+        seconds: Positive where images are late; NaN where nothing moves.
         correlation: Of the two signals at that lag, -1 to 1; NaN where nothing moves.
         prominence: How far the correlation falls on both sides of that lag within the search. Near
             0 other lags explain the signals as well (a ramp, or a peak at the end of the search).
@@ -34,7 +34,7 @@ class Lag:
 
 
 def nearest(times: ArrayLike, at: ArrayLike) -> NDArray[np.int64]:
-    """For each time in ``at``, which of ``times`` is nearest; of two equally near, the earlier.
+    """Index of the nearest of ``times`` for each time in ``at``; the earlier of two equally near.
 
     Args:
         times: (n,), seconds, ascending; at least one.
@@ -65,9 +65,9 @@ def estimate_lag(
     change: NDArray[np.floating],
     reach: float = 0.5,
 ) -> Lag:
-    """Seconds by which pictures come after forces, by cross-correlation.
+    """Estimates the lag of images behind forces, s, by cross-correlation.
 
-    The size of the normal force, which makes the imprint, is correlated with how much the picture
+    The size of the normal force, which makes the imprint, is correlated with how much the image
     differs from the background, at every shift of whole frames within ``reach``; a parabola through
     the best three gives the fraction of a frame. (Measured on two recordings of known lag: shear
     added to the normal force, or rates of change, are off by 20 ms to 100 ms.) Of a recording with
@@ -80,7 +80,7 @@ def estimate_lag(
         reach: Largest lag that is looked for, s, either way.
 
     Returns:
-        The lag; all NaN where force or picture do not move, labels are too few, or times do not
+        The lag; all NaN where force or image do not move, labels are too few, or times do not
         increase.
 
     Raises:
@@ -94,6 +94,7 @@ def estimate_lag(
     if len(times) < _LEAST_SHARED or not (steps > 0).all():
         return _NO_LAG
     period = float(np.median(steps))
+    # correlation needs one clock: a gap would be bridged by values that were never measured
     stretches = np.split(np.arange(len(times)), np.flatnonzero(steps > _GAP * period) + 1)
     longest = max(stretches, key=len)
     times, force, change = times[longest], force[longest], change[longest]
@@ -106,6 +107,7 @@ def estimate_lag(
     if not np.isfinite(correlations).any():
         return _NO_LAG
     best = int(np.nanargmax(correlations))
+    # prominence: a ramp correlates at every shift, so the peak has to fall off on both sides
     sides = correlations[: best + 1], correlations[best:]
     fall = correlations[best] - max(float(np.nanmin(side)) for side in sides)
     seconds = (shifts[best] + _vertex(correlations, best)) * period
@@ -118,7 +120,7 @@ _NO_LAG = Lag(np.nan, np.nan, np.nan)
 def _resampled(
     clock: NDArray[np.float64], times: NDArray[np.float64], values: NDArray[np.floating]
 ) -> NDArray[np.float64]:
-    """Values at the ticks of a clock; NaN beside a NaN."""
+    """Interpolates values at the ticks of a clock; NaN beside a NaN."""
     known = np.isfinite(values)
     out = np.interp(clock, times, np.where(known, values, 0.0))
     out[np.interp(clock, times, known.astype(float)) < 1 - 1e-9] = np.nan
@@ -126,7 +128,7 @@ def _resampled(
 
 
 def _correlation(pressed: NDArray[np.float64], seen: NDArray[np.float64], shift: int) -> float:
-    """Of force and pictures ``shift`` ticks later; NaN where one of them does not move."""
+    """Correlation of force and images ``shift`` ticks later; NaN where either is constant."""
     count = len(pressed) - abs(shift)
     a = pressed[max(0, -shift) :][:count]
     b = seen[max(0, shift) :][:count]

@@ -1,4 +1,4 @@
-"""Augmentation that keeps labels true: a mirrored touch has a mirrored force.
+"""Augmentation that keeps labels consistent: a mirrored touch has a mirrored force.
 
 Which clips are flipped is drawn on the host, where labels and captions are changed with them; the
 pixels follow on the device.
@@ -41,7 +41,7 @@ def _swap(pairs: tuple[tuple[str, str], ...]) -> Tensor:
 
 
 def flip_labels(batch: Batch, horizontal: Tensor, vertical: Tensor) -> None:
-    """Changes forces and actions of flipped clips, in place.
+    """Flips forces and actions of flipped clips, in place.
 
     A horizontal flip negates the x shear and swaps left with right, a vertical one negates the y
     shear and swaps up with down; either swaps clockwise with counter-clockwise.
@@ -60,7 +60,7 @@ def flip_labels(batch: Batch, horizontal: Tensor, vertical: Tensor) -> None:
 
 
 def fill_captions(batch: Batch) -> None:
-    """Puts the phrase of the clip's action where a caption says ``{action}``, in place."""
+    """Replaces ``{action}`` in captions by the phrase of the clip's action, in place."""
     actions = [ACTIONS[i] if i >= 0 else "" for i in batch["action"].tolist()]
     batch["text"] = [
         text.replace("{action}", PHRASES[action])
@@ -92,7 +92,7 @@ class Augment(nn.Module):
             )
 
     def labels(self, batch: Batch) -> Batch:
-        """Draws the flips, on the host, and changes the labels with them.
+        """Draws the flips on the host, and flips the labels accordingly.
 
         Clips of one matching group are flipped alike: a pair of one action stays one. Adds
         ``flip``, bool (B, 2): horizontal, vertical.
@@ -107,7 +107,7 @@ class Augment(nn.Module):
 
     @torch.no_grad()
     def forward(self, batch: Batch) -> Batch:
-        """Changes the pixels, on the device; frames and background stay uint8."""
+        """Flips and jitters the pixels on the device; frames and background stay uint8."""
         clip = torch.cat([batch["background"][:, None], batch["frames"]], dim=1)
         for axis, dim in ((0, -1), (1, -2)):
             flipped = batch["flip"][:, axis, None, None, None, None]

@@ -22,13 +22,13 @@ SHAPE = (SIZE, SIZE)
 
 
 def grid_shape(height: int, width: int) -> tuple[int, int]:
-    """Rows and columns of the image that belongs to a frame of so many pixels."""
+    """Rows and columns of the displacement image of a frame."""
     short = min(height, width)
     return round(height * SIZE / short), round(width * SIZE / short)
 
 
 def encode_displacement(displacement: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Codes displacements as an image.
+    """Encodes displacements as an image.
 
     Args:
         displacement: float32 (..., 3), mm along x and y of the image, and z into the gel.
@@ -42,14 +42,14 @@ def encode_displacement(displacement: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 
 def decode_displacement(image: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Displacements of an image of `encode_displacement`, mm, float32 (..., 3)."""
+    """Decodes an image of `encode_displacement`: displacements, mm, float32 (..., 3)."""
     root = (image.astype(np.float32) - NONE) / 127
     out: NDArray[np.float32] = np.sign(root) * root**2 * np.asarray(RANGE_MM, np.float32)
     return out
 
 
 def mirror_displacement(images: Tensor, axis: int) -> Tensor:
-    """Images of mirrored touches: displacement along the axis changes its sign.
+    """Mirrors displacement images: displacement along the axis changes its sign.
 
     Args:
         images: uint8 (..., 3, H, W).

@@ -1,4 +1,4 @@
-"""Files of a folder that may be anywhere: on this machine, or behind any URL webdataset opens."""
+"""Fetches files of a folder: on this machine, or behind any URL that webdataset opens."""
 
 from __future__ import annotations
 

@@ -85,7 +85,7 @@ class IndexEntry:
             ValueError: The file's name is a path.
         """
         if not _FILE.fullmatch(row["file"]):
-            raise ValueError(f"{row['file']!r} is no name of a shard")
+            raise ValueError(f"{row['file']!r} is not the name of a shard")
         holds = Summary.from_json(row["holds"])
         return cls(row["file"], int(row["bytes"]), row["sha256"], row["first"], row["last"], holds)
 

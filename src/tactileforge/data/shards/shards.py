@@ -1,9 +1,9 @@
 """Shards: plain tar files of recordings, that any tool can read (`docs/shards.md`).
 
-A recording is ``KEY.json`` (all but the pictures), ``KEY.background.0000.jpg`` and on,
+A recording is ``KEY.json`` (all but the images), ``KEY.background.0000.jpg`` and on,
 ``KEY.image.0000.jpg`` and on, ``KEY.surface.0000.png`` and on, and ``KEY.0000.jpg`` and on. The
-JSON says how large each picture is and its checksum, so a shard is opened by reading its JSON
-alone, and pictures are read, and checked, where they lie.
+JSON says how large each image is and its checksum, so a shard is opened by reading its JSON
+alone, and images are read, and checked, where they lie.
 """
 
 from __future__ import annotations
@@ -51,27 +51,27 @@ __all__ = [
 VERSION = 3
 
 _JSON = re.compile(r"\d{6,}\.json")
-#: A JSON of more bytes, and a picture of more pixels, are none of ours.
+#: Largest JSON that is read, bytes.
 _MAX_JSON = 1 << 26
-#: Bytes of a picture; more are none of ours.
+#: Largest image that is read, bytes.
 _MAX_PICTURE = 1 << 28
 #: Types that a track may have.
 _DTYPES = frozenset({"bool", *(f"{kind}{8 * n}" for kind in ("int", "uint") for n in (1, 2, 4, 8))})
 _DTYPES |= {"float16", "float32", "float64"}
-#: What plain data that is none of ours may raise where it is read.
+#: Errors that foreign plain data may raise where it is read.
 _WRONG = (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
 
 
 @dataclass(frozen=True)
 class Packed:
-    """A recording whose pictures are encoded.
+    """A recording whose images are encoded.
 
     Attributes:
         head: All else, as plain data.
         codec: One of `CODECS`.
         frames: Encoded frames.
         background: Encoded frames without contact; [] where there are none.
-        image: Encoded camera views; [] where there are none.
+        image: Encoded camera images; [] where there are none.
         surface: Encoded displacements of the surface, PNG; [] where there are none.
     """
 
@@ -84,7 +84,7 @@ class Packed:
 
 
 def describe_recording(recording: Recording) -> dict[str, Any]:
-    """All of a recording but its pictures, as plain data."""
+    """All of a recording but its images, as plain data."""
     force = None
     if recording.force is not None:
         rows = _plain(recording.force.astype(float))
@@ -181,7 +181,7 @@ def _raise(error: DataError) -> None:
 
 
 def read_shard(path: Path, bad: Callable[[DataError], None] = _raise) -> Iterator[Recording]:
-    """The recordings of a shard; no picture is read.
+    """The recordings of a shard; no image is read.
 
     Args:
         path: The file.
@@ -207,16 +207,17 @@ def _scan(file: BinaryIO, path: Path, bad: Callable[[DataError], None]) -> Itera
         except DataError:
             if place == pictures:
                 raise
-            place = pictures  # the pictures are not what was stated: go from member to member
+            place = pictures  # the images are not what was stated: go from member to member
             continue
         if member is None:
             break
         name, length = member
         start, place = place + BLOCK, place + BLOCK + _padded(length)
         pictures = place
-        if not _JSON.fullmatch(name):  # after a damaged description, its pictures follow
+        if not _JSON.fullmatch(name):  # after a damaged description, its images follow
             if ".." in name or name.startswith("/"):
-                bad(DataError(f"{path}: a member is called {name!r}; this is no shard of ours"))
+                text = f"{path}: a member is called {name!r}; this is not a tactileforge shard"
+                bad(DataError(text))
             continue
         if length > _MAX_JSON:
             bad(DataError(f"{path}:{name}: a description of {length} bytes; pack it again"))

@@ -155,7 +155,7 @@ class SparshTrajectories(PublishedDataset):
         if not count or (np.diff(rows) <= 0).any() or not np.isfinite(force[:count]).all():
             raise DataError(
                 f"{batch.folder / _LABELS}: trajectory {key} is empty, not in order, or has forces "
-                "that are no numbers; download it again"
+                "that are not numbers; download it again"
             )
         contact = batch.labels[0]
         free = np.flatnonzero(~contact[: len(batch.images)])[:1]

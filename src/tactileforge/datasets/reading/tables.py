@@ -215,7 +215,9 @@ def _number(cell: str, where: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise DataError(f"{where}: {cell!r} is no finite number; leave the cell empty for no label")
+        raise DataError(
+            f"{where}: {cell!r} is not a finite number; leave the cell empty for no label"
+        )
     return value
 
 

@@ -106,7 +106,7 @@ def weave(pitch: float, depth: float, over: Pattern) -> Height:
 
     Args:
         pitch: Distance of two yarns, mm.
-        depth: How far a yarn dives, mm.
+        depth: Depth by which a yarn dives, mm.
         over: Column, row -> 1 where the upright yarn is on top, else 0.
     """
 

@@ -129,7 +129,7 @@ def picture_shape(
             "above 0"
         )
     try:
-        with open_picture(str(path)) as opened:
+        with open_picture(path) as opened:
             mode, grey = opened.mode, np.asarray(opened)
     except (OSError, SyntaxError, ValueError) as error:
         raise DataError(f"{path}: not a readable image: {error}") from error

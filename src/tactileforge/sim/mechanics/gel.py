@@ -188,7 +188,7 @@ def kernel(gel: Gel, points: int, spacing: float, device: str = "cpu") -> Kernel
         gel: The layer.
         points: Points a side.
         spacing: mm.
-        device: Where the tensors live.
+        device: Device of the tensors.
 
     Raises:
         ConfigError: The grid has no points or no spacing.

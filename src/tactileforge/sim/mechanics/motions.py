@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tactileforge.contracts import ACTIONS
 from tactileforge.errors import ConfigError, unknown
 
-#: What a phase of a path can be: an action, or to stay.
+#: Phases of a path: an action, or to stay.
 _STAY = "stay"
 #: Direction of each action: x, y (of its length, mm), angle (of its turn, rad), depth.
 _WAYS = {
@@ -69,7 +69,7 @@ class Path:
             (rad, clockwise in the image), depth (mm beyond the first touch), tilt along x and
             along y (slope).
         actions: One for each phase, that is K - 1; ``stay`` is none.
-        sway: How the path is left; None for a machine.
+        sway: Deviations of a hand from the path; None for a machine.
     """
 
     times: NDArray[np.float64]
@@ -219,7 +219,7 @@ def manipulation(start: Sequence[float], speeds: Speeds, rng: np.random.Generato
 
 Motion = Callable[[Sequence[float], Speeds, np.random.Generator], Path]
 
-#: What a scene can be asked to do, by name.
+#: Motions of a scene, by name.
 MOTIONS: dict[str, Motion] = {
     **{a: lambda start, speeds, _, a=a: atomic(a, start, speeds) for a in ACTIONS},  # type: ignore[misc]
     "force_trial": lambda start, speeds, _: force_trial(start, speeds),

@@ -81,7 +81,7 @@ def contacts(
         gels: One of each touch; thickness and Poisson's ratio are the same for all.
         poses: float32 (B, T, 6), see `motions.Path`.
         fps: Frames per second of each touch.
-        name: What errors call the touch.
+        name: Name of the touch in errors.
         softness: mm/MPa by which each object yields where it is pressed; None for rigid ones.
         window: Points a side of the part of the grid that is solved; None takes the smallest that
             holds every contact of the batch.
@@ -153,21 +153,25 @@ class _State:
         solver = laws.solver
         old = pose if self.pose is None else self.pose
         entered = overlap(pose)
+        # Fields are kept in the frames of the objects: a turn of the object turns the old shear.
         before = _rotated(self.shear, old[:, 2] - pose[:, 2])
         tilted = entered - solver.lift(before)
         pressure = contact.press(solver, tilted, self.pressure, _FIRST, laws.give)
         felt = self._felt(pressure, laws)
         if not bool((felt > 0).any()):
             return _State(pose, pressure, felt, torch.zeros_like(before), pressure.sum((1, 2)))
+        # Pressure alone pushes the gel outwards: only the rest of the motion has to be sheared.
         motion = overlap.motion(old, pose) - solver.spread(pressure - self.pressure)
         shear = friction.shear(solver, laws.mu[:, None, None] * felt, before, motion)
         pressure = contact.press(solver, entered - solver.lift(shear), pressure, give=laws.give)
         felt = self._felt(pressure, laws)
+        # The last pressure moved the bound |q| <= mu p, and Coulomb's law must hold in the result.
         shear = friction.limit_traction(shear, laws.mu[:, None, None, None] * felt[:, None])
         return _State(pose, pressure, felt, shear, pressure.sum((1, 2)))
 
     def _felt(self, pressure: Tensor, laws: _Laws) -> Tensor:
         """The pressure with its viscous part, which resists the change of the load."""
+        # Kelvin-Voigt: p (1 + tau F'/F), where ``viscosity`` is tau in frames.
         normal = pressure.sum((1, 2))
         faster = (normal - self.normal) / normal.clamp(min=1e-12) * laws.viscosity
         return pressure * (1 + faster).clamp(min=0)[:, None, None]

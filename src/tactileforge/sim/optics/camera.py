@@ -72,7 +72,7 @@ class Lens:
         blur: Deviation of a Gaussian, pixels of the fine image; beyond the border, the image is
             as at the border.
         shrink: Fine pixels to a pixel, along rows and columns; they divide the image.
-        device: Where images are.
+        device: Device of the images.
     """
 
     def __init__(self, blur: float, shrink: int, device: str | torch.device = "cpu") -> None:
@@ -103,7 +103,7 @@ class Codec:
     images is not compensated.
 
     Args:
-        camera: How much is lost.
+        camera: Strength of the compression.
         shrink: Pixels of the sensor to a pixel: what is lost in blocks of a full image is small
             in one that was shrunk.
     """

@@ -82,8 +82,8 @@ class Coarse:
         Args:
             size: Height and width of the image.
             spacing: mm per pixel.
-            lights: Where each light is, seen from the centre: rad, clockwise from the right.
-            device: Where the dents live.
+            lights: Direction of each light, seen from the centre: rad, clockwise from the right.
+            device: Device of the dents.
         """
         shrink = max(1, round(CELL / spacing))
         height, width = (math.ceil(n / shrink) for n in size)

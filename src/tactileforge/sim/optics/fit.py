@@ -48,7 +48,7 @@ def fit_weights(
         presses: N presses.
         maps: N times float32 (K, H, W), their features.
         degree: Of the polynomials of the place.
-        ridge: What a weight costs, as a share of what its largest effect costs in every pixel.
+        ridge: Penalty of a weight, as a share of that of its largest effect in every pixel.
 
     Returns:
         float32 (K, P, 3).

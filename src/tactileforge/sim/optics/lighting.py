@@ -34,7 +34,7 @@ class OpticalCalibration:
         limits: float32 (3 len(BLURS) + lights,), where coarse features saturate: the calibration
             has not seen more.
         steepest: See `features.normals`.
-        lights: Where the lights are that cast shadows, rad, clockwise from the right.
+        lights: Directions of the lights that cast shadows, rad, clockwise from the right.
         backgrounds: float32 (N, Q, 3), images with no contact as polynomials of the place.
         noise: Standard deviation of the camera's noise, grey levels.
     """
@@ -165,8 +165,8 @@ class Lamp:
     """A light at the side of the gel.
 
     Attributes:
-        azimuth: Where it is, rad, clockwise from the right of the image.
-        elevation: How steeply it shines onto the gel at rest, rad.
+        azimuth: Direction, rad, clockwise from the right of the image.
+        elevation: Angle of its light to the gel at rest, rad.
         colour: Grey levels it adds to R, G, B of a surface that faces it.
         fall: Share by which it is weaker at the centre than at its edge of the image.
         shadow: Share of its light that is missing in its shadow.

@@ -172,7 +172,7 @@ def read_presses(
         spacing: mm per pixel.
         annotations: Name of a CSV file with the columns file, center_x_px, center_y_px, radius_px;
             None to find the circles in the images.
-        pictures: Which files are presses, where there are no annotations.
+        pictures: Pattern of the files of presses, where there are no annotations.
         about: More of the `Presses`.
 
     Raises:
@@ -192,7 +192,7 @@ def read_presses(
     return Presses(still, shots, torch.tensor(circles), spacing, **about)
 
 
-#: Where the presses lie that the shipped calibrations are fitted on, and what is known of them.
+#: Folders of the presses that the shipped calibrations are fitted on, and their known facts.
 #: Of the Mini's, the annotated circles miss the contact by up to a third of their radius: circles
 #: are found. Its colours saturate on slopes that are gentle for the others.
 KNOWN: dict[str, tuple[str, str, dict[str, Any]]] = {

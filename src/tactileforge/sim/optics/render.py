@@ -41,7 +41,7 @@ class Optics:
 
         Args:
             unit: The unit of a sensor, drawn with ``shrink`` times the size of its images.
-            device: Where the dents will be, and the images are made.
+            device: Device of the dents and the images.
             shrink: Pixels of a dent to a pixel of the image, along rows and columns.
         """
         self.unit = unit

@@ -28,7 +28,7 @@ def render_scene_image(shape: Shape, size: int, seed: int) -> NDArray[np.uint8]:
     The same shape, size and seed give the same image.
 
     Args:
-        shape: What is seen.
+        shape: The object.
         size: Rows and columns of the image, at least 16.
         seed: Of pose, light and table.
 

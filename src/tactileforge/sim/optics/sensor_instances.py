@@ -30,7 +30,7 @@ class SensorInstance:
         sensor: Type of the sensor.
         seed: Draws the unit, and the noise of its frames.
         background: float32 (3, H, W), grey levels of the image with no contact.
-        calibration: How the image answers to the gel's surface.
+        calibration: Response of the image to the gel's surface.
         spacing: mm per pixel.
         noise: Standard deviation of the camera's noise, grey levels.
         markers: The dots of its gel, if it has any.
@@ -57,10 +57,10 @@ class InstanceStyle:
         base: Its light from everywhere, R, G, B.
         dim: See `lighting.lamp_calibration`.
         markers: Whether its gel has markers, unless told otherwise.
-        height_mm: What the image shows from top to bottom; None takes it from the spec.
+        height_mm: Height of the field of view; None takes it from the spec.
         level: Mean R, G, B of a background where the camera balances colours itself; None leaves
             them to the lights.
-        clouds: How uneven the light is, grey levels.
+        clouds: Unevenness of the light, grey levels.
         wear: Mean number of scratches, and of specks of dust.
     """
 
@@ -129,7 +129,7 @@ def draw_instance(
         seed: Not negative.
         size: Height and width of its images; None for those of the sensor.
         markers: Whether its gel has markers; None as the type has.
-        randomise: How it differs from others, see `randomise.draw.randomised_rows`.
+        randomise: Its differences from others, see `randomise.draw.randomised_rows`.
 
     Raises:
         ConfigError: The sensor is unknown, or has no gel with markers.

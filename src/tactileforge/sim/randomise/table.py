@@ -26,11 +26,11 @@ class RandomisedQuantity:
     Attributes:
         name: The word users type.
         scope: Whether it is drawn for a unit of a sensor or for a scene.
-        what: What it is, with its unit.
+        what: Description, with its unit.
         low: Lowest value.
         high: Highest value.
         neutral: The value where it is not randomised.
-        source: Where the range comes from.
+        source: Source of the range.
         log: Whether the logarithm is spread evenly.
         share: Chance that it differs at all; else it is neutral.
         sensors: Ranges of sensors of their own.
