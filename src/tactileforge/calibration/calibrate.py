@@ -29,7 +29,7 @@ _LEAST_R2 = 0.2
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """The keys of conf/calibrate.yaml, but those that name data and files.
+    """The keys of ``tactileforge calibrate``, but those that name data and files.
 
     Attributes:
         device: Which sensor, where the data hold several: the label ``device``, or the type.
