@@ -28,8 +28,8 @@ _LEAST_R2 = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
-class CalibrateOptions:
-    """The keys of conf/calibrate.yaml, but those that name data and files.
+class Options:
+    """The keys of ``tactileforge calibrate``, but those that name data and files.
 
     Attributes:
         device: Sensor, where the data hold several: the label ``device``, or the type.

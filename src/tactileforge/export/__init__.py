@@ -4,7 +4,7 @@
 - `export.program`: the graph, by ``torch.export``; clips to compare it with the module
 - `export.onnx_file`: the graph as ONNX; weights as int8
 - `export.write`: from a model to a file that was run and compared
-- `export.verb`: ``tactileforge export``
+- ``tactileforge export`` lies in `cli.export`
 """
 
 from __future__ import annotations
