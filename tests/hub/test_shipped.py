@@ -27,17 +27,17 @@ def test_it_works_without_a_network_and_is_small(
 
 
 @pytest.mark.slow
-def test_it_reads_the_normal_force_of_touches_it_never_saw() -> None:
+def test_it_reads_forces_of_touches_it_never_saw() -> None:
     """Force trials of the bench's indenters, by units and hands that it was not trained on."""
     touches = Sim(scenes=4, val=0, indenters="bench", motions="force_trial", seed=5)
-    clips = Clips(touches.recordings("train"), 4, 1 / 15, 0.2, (64, 64))
+    clips = Clips(touches.recordings("train"), 4, 1 / 15, 0.2, (128, 128))
     rows = [clips[i] for i in range(len(clips))]
     frames, background = (np.stack([row[key] for row in rows]) for key in ("frames", "background"))
     model = tactileforge.load("anytouch2.tiny")
     with pytest.warns(UserWarning, match="was calibrated for this model"):
-        estimated = model.force(frames, background, [row["sensor"] for row in rows])[
-            :, -1, 2
-        ].numpy()
-    true = np.array([row["force"][-1, 2] for row in rows])
-    assert np.corrcoef(estimated, true)[0, 1] > 0.8
-    assert np.abs(estimated - true).mean() < 0.6 * np.abs(true - np.median(true)).mean()
+        estimated = model.force(frames, background, [row["sensor"] for row in rows])[:, -1]
+    true = np.array([row["force"][-1].numpy() for row in rows])
+    for axis, least in enumerate((0.7, 0.7, 0.8)):
+        assert np.corrcoef(estimated[:, axis], true[:, axis])[0, 1] > least
+    errors = np.abs(estimated.numpy() - true).mean(0)
+    assert (errors < 0.75 * np.abs(true - np.median(true, 0)).mean(0)).all()

@@ -28,7 +28,7 @@ _LEAST_R2 = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
+class CalibrateOptions:
     """The keys of ``tactileforge calibrate``, but those that name data and files.
 
     Attributes:
