@@ -182,6 +182,39 @@ class Recording:
     tier: int = 5
     licence: str = ""
 
+    @property
+    def period(self) -> float:
+        """Median time between frames, s; 0 where there is one frame."""
+        return float(np.median(np.diff(self.times))) if len(self.times) > 1 else 0.0
+
+    def background(self) -> NDArray[np.uint8] | None:
+        """Decodes the frames without contact: their median, uint8 (H, W, 3); None without any.
+
+        Raises:
+            DataError: A frame cannot be decoded.
+        """
+        if self.no_contact is None:
+            return None
+        frames = self.no_contact.read(range(len(self.no_contact)))
+        return frames[0] if len(frames) == 1 else np.median(frames, axis=0).astype(np.uint8)
+
+    def select(self, rows: Sequence[int]) -> Recording:
+        """Some frames with all that is known per frame; background and camera views stay.
+
+        Args:
+            rows: Frame numbers, ascending.
+        """
+        rows = list(rows)
+        return replace(
+            self,
+            frames=FrameSubset(self.frames, rows),
+            times=self.times[rows],
+            force=None if self.force is None else self.force[rows],
+            action=None if self.action is None else self.action[rows],
+            surface=None if self.surface is None else FrameSubset(self.surface, rows),
+            tracks={name: values[rows] for name, values in self.tracks.items()},
+        )
+
     def part(self, start: int, stop: int) -> Recording:
         """The frames ``start..stop - 1`` as a recording of their own, with the same background."""
         rows = range(start, stop)
@@ -189,17 +222,7 @@ class Recording:
         if image is not None and self.image_times is None:
             paired = [i * len(image) // len(self.frames) for i in rows]
             image = FrameSubset(image, paired)
-        return replace(
-            self,
-            key=f"{self.key}[{start}:{stop}]",
-            frames=FrameSubset(self.frames, list(rows)),
-            times=self.times[start:stop],
-            force=None if self.force is None else self.force[start:stop],
-            action=None if self.action is None else self.action[start:stop],
-            image=image,
-            surface=None if self.surface is None else FrameSubset(self.surface, list(rows)),
-            tracks={name: values[start:stop] for name, values in self.tracks.items()},
-        )
+        return replace(self.select(rows), key=f"{self.key}[{start}:{stop}]", image=image)
 
 
 @dataclass(frozen=True)

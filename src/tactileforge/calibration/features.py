@@ -136,8 +136,7 @@ def _read_by(model: Model, recording: Recording) -> Iterator[dict[str, NDArray[n
     """Features of a model for the last frame of the clips that end at each frame."""
     rest, size = median_background(recording).round().astype(np.uint8), model.encoder.image_size
     rest = resize_frame(rest, size) if model.recipe else rest
-    period = float(np.median(np.diff(recording.times))) if len(recording.times) > 1 else 1.0
-    stride = max(1, round(model.spacing / period))
+    stride = max(1, round(model.spacing / (recording.period or 1.0)))
     back = np.arange(model.frames - 1, -1, -1) * stride
     for start in range(0, len(recording.frames), _CHUNK):
         ends = np.arange(start, min(start + _CHUNK, len(recording.frames)))

@@ -139,7 +139,7 @@ def check_pixels(recording: Recording, seen: FrameStats) -> Iterator[Suspicion]:
 def check_lag(recording: Recording, lag: Lag) -> Iterator[Suspicion]:
     """Checks of the estimated lag of images behind forces."""
     late = abs(lag.seconds)
-    step = float(np.median(np.diff(recording.times)))
+    step = recording.period
     if is_sure(lag) and late > max(LAG, LAG_FRAMES * step):
         side = "after" if lag.seconds > 0 else "before"
         words = f"images come {late:.2g} s {side} forces (correlation {lag.correlation:.2g})"

@@ -164,7 +164,7 @@ class Counters:
             self.stills += 1
             total.stills += 1
             return
-        rate = 1 / float(np.median(np.diff(recording.times)))
+        rate = 1 / recording.period
         total.slowest = float(np.fmin(total.slowest, rate))
         total.fastest = float(np.fmax(total.fastest, rate))
         place = np.searchsorted(DURATIONS, seconds, side="right") - 1

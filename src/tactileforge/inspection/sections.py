@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-import numpy as np
 from markupsafe import Markup
 
 from tactileforge.contracts import ACTIONS, LABELS
@@ -130,7 +129,7 @@ def _strip(seen: ScannedRecording) -> Markup:
     body = strip(images, len(seen.look.strip))
     if recording.force is not None or recording.action is not None:
         body += charts.force_curve(recording, recording.times[seen.look.strip_rows].tolist())
-    rate = 1 / float(np.median(np.diff(recording.times)))
+    rate = 1 / recording.period
     seconds = float(recording.times[-1] - recording.times[0])
     below = f"{recording.key} · {len(recording.frames)} frames, {seconds:.3g} s, {rate:.3g} Hz"
     if recording.text:

@@ -53,11 +53,7 @@ def episode_rate(recordings: Iterable[Recording]) -> int:
     Raises:
         DataError: None has two frames.
     """
-    steps = [
-        float(np.median(np.diff(recording.times)))
-        for recording in recordings
-        if len(recording.times) > 1
-    ]
+    steps = [recording.period for recording in recordings if len(recording.times) > 1]
     if not steps:
         raise DataError("a recording of one frame has no rate: give fps=...")
     return max(1, round(1 / min(steps)))

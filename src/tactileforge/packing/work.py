@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.contracts import Frames, FrameSubset, Recording
+from tactileforge.contracts import Frames, Recording
 from tactileforge.data.shards import shards
 from tactileforge.data.shards.index import IndexEntry
 from tactileforge.errors import DataError
@@ -295,15 +295,7 @@ def _with_rows(whole: Recording, rows: Sequence[int]) -> Recording:
     seen = whole.image_times
     if whole.image is not None and seen is None and len(whole.image) > 1:
         seen = _view_times(whole.times, len(whole.image))
-    return replace(
-        whole,
-        times=whole.times[rows],
-        force=None if whole.force is None else whole.force[rows],
-        action=None if whole.action is None else whole.action[rows],
-        image_times=seen,
-        surface=None if whole.surface is None else FrameSubset(whole.surface, rows),
-        tracks={name: values[rows] for name, values in whole.tracks.items()},
-    )
+    return replace(whole.select(rows), image_times=seen)
 
 
 def _view_times(times: NDArray[np.float64], count: int) -> NDArray[np.float64]:

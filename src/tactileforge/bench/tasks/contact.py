@@ -26,9 +26,9 @@ def contact_energy(recording: Recording) -> NDArray[np.float64]:
     Args:
         recording: One with frames without contact.
     """
-    assert recording.no_contact is not None
-    still = recording.no_contact.read(range(len(recording.no_contact)))
-    background = _small(np.median(still, axis=0).astype(np.uint8))
+    rest = recording.background()
+    assert rest is not None
+    background = _small(rest)
     means = []
     for start in range(0, len(recording.frames), _CHUNK):
         rows = range(start, min(start + _CHUNK, len(recording.frames)))

@@ -177,17 +177,16 @@ class Clips(Dataset[dict[str, Any]]):
         recording = self.recordings[number]
         background = self._cache.get(("background", number))
         if background is None:
-            if recording.no_contact is None:
+            rest = recording.background()
+            if rest is None:
                 background = np.full((*self.size, 3), NEUTRAL_BACKGROUND, np.uint8)
+            elif rest.shape[:2] != tuple(recording.frames.shape):
+                raise DataError(
+                    f"{recording.key}: the background is {rest.shape[:2]}, the frames are "
+                    f"{recording.frames.shape}; give a background of the same size"
+                )
             else:
-                if recording.no_contact.shape != recording.frames.shape:
-                    raise DataError(
-                        f"{recording.key}: the background is {recording.no_contact.shape}, the "
-                        f"frames are {recording.frames.shape}; give a background of the same size"
-                    )
-                still = recording.no_contact.read(range(len(recording.no_contact)))
-                median = still[0] if len(still) == 1 else np.median(still, axis=0).astype(np.uint8)
-                background = resize_frame(median, self.size)
+                background = resize_frame(rest, self.size)
             self._cache.put(("background", number), background)
         return background
 

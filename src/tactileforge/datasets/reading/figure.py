@@ -29,9 +29,8 @@ def plot(recording: Recording) -> Figure:
     rows = np.unique(np.linspace(0, count - 1, min(_SHOWN, count)).round().astype(int))
     frames = recording.frames.read(rows.tolist())
     strips = {"frames": frames}
-    if recording.no_contact is not None:
-        still = recording.no_contact.read(range(len(recording.no_contact)))
-        change = frames.astype(np.int16) - np.median(still, axis=0).astype(np.int16)
+    if (background := recording.background()) is not None:
+        change = frames.astype(np.int16) - background.astype(np.int16)
         strips["minus background"] = np.clip(128 + change, 0, 255).astype(np.uint8)
     curves = [name for name in ("force", "action") if getattr(recording, name) is not None]
     heights = [1.0] * len(strips) + [1.2] * len(curves)
