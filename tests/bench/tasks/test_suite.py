@@ -55,8 +55,8 @@ def test_published_settings() -> None:
 
 def test_suites_add_up() -> None:
     config = COMMANDS[""].compose("bench", ["suite=[sim,touchd]"])
-    assert list(config.suites) == ["sim", "touchd"]
-    assert {"sim_force", "touchd_force_digit"} <= set(config.tasks)
+    assert list(config["suites"]) == ["sim", "touchd"]
+    assert {"sim_force", "touchd_force_digit"} <= set(config["tasks"])
 
 
 def test_transfer_never_shows_the_third_sensor() -> None:
