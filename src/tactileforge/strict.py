@@ -185,7 +185,7 @@ def _plain(value: Any) -> Any:
 
 
 def meanings(kind: type[Any]) -> dict[str, str]:
-    """What the docstring of a dataclass says of each field, in one line."""
+    """Descriptions of fields, from the docstring of their dataclass; one line each."""
     found: dict[str, str] = {}
     for base in reversed([base for base in kind.__mro__ if is_dataclass(base)]):
         _, _, text = inspect.cleandoc(base.__doc__ or "").partition("Attributes:\n")

@@ -11,7 +11,7 @@ from tactileforge.datasets.sim import Sim
 from tactileforge.hub import cards
 
 
-@pytest.mark.parametrize("name", ["anytouch2.tiny", "mae.tiny-sim"])
+@pytest.mark.parametrize("name", ["anytouch2.tiny", "mae.tiny"])
 def test_it_works_without_a_network_and_is_small(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -98,7 +98,7 @@ def dispatch(verb: str, rest: Sequence[str]) -> int:
 
 
 def verbs() -> dict[str, str]:
-    """What each verb does, by name; imports none of them."""
+    """Summaries of the verbs, by name; imports none of them."""
     files = sorted(Path(__file__).parent.glob("[a-z]*.py"))
     docs = {file.stem: ast.get_docstring(ast.parse(file.read_text("utf-8"))) for file in files}
     return {name: (doc or "").splitlines()[0] for name, doc in docs.items()}

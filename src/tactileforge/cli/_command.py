@@ -53,7 +53,7 @@ class Command:
 
     @property
     def about(self) -> str:
-        """What it does, in a line."""
+        """Summary of the verb, in a line."""
         return (getdoc(self.run) or "").partition("\n")[0]
 
     def name(self, verb: str) -> str:

@@ -10,7 +10,7 @@ from tactileforge.errors import ConfigError
 
 
 def complete(line: str | None = None) -> list[str]:
-    """What may be typed next.
+    """Words that may come next.
 
     Args:
         line: What was typed; None for ``$COMP_LINE``, up to ``$COMP_POINT``.

@@ -52,6 +52,6 @@ def _groups(name: str) -> dict[str, str]:
 
 
 def _after_defaults(name: str) -> str:
-    """What a YAML says after its defaults list, but for what is Hydra's."""
+    """Text of a YAML after its defaults list, without Hydra's own keys."""
     text = _yaml(name).partition("  - _self_\n")[2]
     return text.partition("\nhydra:")[0].strip()

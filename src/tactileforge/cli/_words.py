@@ -1,4 +1,4 @@
-"""What was typed: flags of Hydra, ``key=value``, and words that stand for a key's value."""
+"""Words of a command line: flags of Hydra, ``key=value``, and words that stand for a key's value."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _OF_HYDRA = re.compile(r"hydra[./]|[+~]")
 
 @dataclass
 class Words:
-    """What was typed after a verb.
+    """Words after a verb.
 
     Attributes:
         flags: Of Hydra, with what follows them.
@@ -106,7 +106,7 @@ def fill(words: Words, keys: Sequence[str], several: bool, verb: str) -> dict[st
 
 
 def values(words: Sequence[str], hints: Mapping[str, Any]) -> dict[str, Any]:
-    """What ``key=value`` words give, as the types of their keys want it; values are YAML."""
+    """Values of ``key=value`` words, in the types of their keys; values are YAML."""
     pairs = [word.partition("=")[::2] for word in words]
     return {key: _value(key, text, hints.get(key, Any)) for key, text in pairs}
 

@@ -40,7 +40,7 @@ class _Probe:
 
 @dataclass(frozen=True, kw_only=True)
 class _Bench:
-    """What is compared.
+    """Keys of ``bench``.
 
     Attributes:
         model: Names of the zoo, file:PATH, run:FOLDER, untrained:WORD (random weights in the shape

@@ -27,7 +27,7 @@ class _Pack:
 
 @dataclass(frozen=True, kw_only=True)
 class _Filter:
-    """What would be kept.
+    """Keys of ``data filter``.
 
     Attributes:
         out: The page.

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class _Live(LiveOptions):
-    """What is shown, and to whom.
+    """Keys of ``live``.
 
     Attributes:
         model: NAME.TAG of the zoo or file:PATH; None shows pictures and contact alone. Forces need

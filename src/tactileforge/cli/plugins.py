@@ -21,7 +21,7 @@ _KINDS = [kind.removesuffix("s") for kind in registry.KINDS]
 
 @dataclass(frozen=True, kw_only=True)
 class _List:
-    """How they are listed.
+    """Keys of ``plugins list``.
 
     Attributes:
         json: Whether it is for programs.
@@ -32,7 +32,7 @@ class _List:
 
 @dataclass(frozen=True, kw_only=True)
 class _Check:
-    """What is checked.
+    """Keys of ``plugins check``.
 
     Attributes:
         names: Plugins; none for all.
@@ -53,7 +53,7 @@ class _Check:
 
 @dataclass(frozen=True, kw_only=True)
 class _New:
-    """What is written.
+    """Keys of ``plugins new``.
 
     Attributes:
         kind: sensor, dataset or objective.

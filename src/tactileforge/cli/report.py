@@ -11,7 +11,7 @@ from tactileforge.cli._command import Command
 
 @dataclass(frozen=True, kw_only=True)
 class _Report:
-    """What is reported.
+    """Keys of ``report``.
 
     Attributes:
         run: Folder of a run.

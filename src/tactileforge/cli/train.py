@@ -26,7 +26,7 @@ def _train(_: None, config: dict[str, Any]) -> float:
 
 
 def _folder() -> Path:
-    """Where the run is kept: Hydra's own folder for it, or for this job of a sweep."""
+    """Folder of the run: Hydra's own folder for it, or for this job of a sweep."""
     from hydra.core.hydra_config import HydraConfig
     from hydra.types import RunMode
 

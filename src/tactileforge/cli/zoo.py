@@ -16,7 +16,7 @@ from tactileforge.hub.table import align_columns, describe_clip, gate_rows, zoo_
 
 @dataclass(frozen=True, kw_only=True)
 class _List:
-    """Which models, and how.
+    """Keys of ``zoo list``.
 
     Attributes:
         pattern: NAME* for some of them.
@@ -29,7 +29,7 @@ class _List:
 
 @dataclass(frozen=True, kw_only=True)
 class _Show:
-    """Which card.
+    """Keys of ``zoo show``.
 
     Attributes:
         model: NAME or NAME.TAG.
@@ -40,7 +40,7 @@ class _Show:
 
 @dataclass(frozen=True, kw_only=True)
 class _Get:
-    """Which weights.
+    """Keys of ``zoo get``.
 
     Attributes:
         model: NAME or NAME.TAG.
@@ -76,7 +76,7 @@ class _Pack:
 
 @dataclass(frozen=True, kw_only=True)
 class _Gate:
-    """What the release gate measured.
+    """Keys of ``zoo gate``.
 
     Attributes:
         model: NAME.TAG.

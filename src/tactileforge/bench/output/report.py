@@ -69,7 +69,7 @@ def _top(results: Results, found: Scores) -> Markup:
 
 
 def _leaders(results: Results, found: Scores) -> list[tuple[str, str]]:
-    """Which models are first, and in which tasks that is beyond the interval to the second."""
+    """Best models by task, and the tasks in which the lead exceeds the interval."""
     first: dict[str, list[str]] = {}
     clear = compared = 0
     for task in results.tasks:

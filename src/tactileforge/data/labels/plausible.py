@@ -41,7 +41,7 @@ def impossible_row(force: ArrayLike, sensor: str) -> int | None:
 
 
 def impossible(recording: Recording) -> str:
-    """What a recording says that cannot be true, as a line that names it; "" for nothing."""
+    """Names an impossible label of a recording in one line; "" where there is none."""
     if recording.force is None:
         return ""
     row = impossible_row(recording.force, recording.sensor)

@@ -277,7 +277,7 @@ def _matches(folder: Path, pattern: str) -> tuple[list[Path], list[Path]]:
 
 
 def _kind(path: Path) -> str:
-    """What stands where a file should."""
+    """Content found where a file should be."""
     if path.is_symlink() and not path.exists():
         return "a link to nothing"
     return "a folder" if path.is_dir() else "a pipe, socket or device"
