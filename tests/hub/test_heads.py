@@ -11,9 +11,11 @@ from safetensors.torch import load_file, save_file
 
 import tactileforge
 from tactileforge.callbacks.checkpoints import LAST, AtomicCheckpointIO
+from tactileforge.data.labels.displacement import decode_displacement
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataError, PluginError
 from tactileforge.heads.force import ForceHead
+from tactileforge.heads.surface import SurfaceHead
 from tactileforge.hub import pack
 from tactileforge.hub.files import make_header, open_model, save_checkpoint
 from tactileforge.sensors.specs import spec
@@ -57,6 +59,36 @@ def test_forces_are_those_of_the_head_in_newton(
     both = model.readings(frames, "first", ["digit", "digit"])
     assert torch.allclose(both.vector, model.encode(frames, "first", "digit"), atol=1e-5)
     assert not any(p.requires_grad for p in model.heads["force"].parameters())
+
+
+def test_the_surface_is_that_of_the_head_in_mm(vit: TactileViT, tmp_path: Path) -> None:
+    torch.manual_seed(3)
+    head = SurfaceHead(vit).eval()
+    torch.nn.init.normal_(head.linear.weight, std=0.3)
+    heads = {"surface": {"node": {"name": "surface"}}}
+    header = make_header(vit, NODE, licence="MIT", spacing=0.05, heads=heads)
+    save_checkpoint(tmp_path / "a.safetensors", vit, header, heads={"surface": head})
+    model = tactileforge.load(tmp_path / "a.safetensors")
+    frames = clips(2)
+    batch = torch.from_numpy(frames).movedim(-1, -3)
+    views = vit.views({"frames": batch, "background": batch[:, 0], "sensor": ["digit", "digit"]})
+    with torch.no_grad():
+        coded = head(views, {}).clamp(-1, 1)
+    surface = model.surface(frames, "first", "digit")
+    assert surface.shape == (2, 4, 3, 32, 32)
+    image = torch.round(128 + 127 * coded).to(torch.uint8).movedim(2, -1).numpy()
+    inside = (coded.abs() < 1).all(2, keepdim=True).movedim(2, -1).numpy()
+    expected = decode_displacement(image)
+    error = np.abs(surface.movedim(2, -1).numpy() - expected)[np.broadcast_to(inside, image.shape)]
+    assert error.max() < 0.017  # half a level at 2 mm
+    assert torch.equal(model.surface(frames[1], "first", "digit"), surface[1])
+    with pytest.raises(ConfigError, match="no force head"):
+        model.force(frames, "first", "digit")
+
+
+def test_a_file_without_a_surface_head_says_so(file: Path) -> None:
+    with pytest.raises(ConfigError, match="no surface head"):
+        tactileforge.load(file).surface(clips(1), "first", "digit")
 
 
 def test_no_scale_no_newton(file: Path) -> None:

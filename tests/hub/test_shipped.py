@@ -1,12 +1,15 @@
 """The models that come with the package."""
 
+import csv
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 import tactileforge
 from tactileforge.data.batches.clips import Clips
+from tactileforge.data.labels.displacement import decode_displacement
 from tactileforge.datasets.sim import Sim
 from tactileforge.hub import cards
 
@@ -27,7 +30,7 @@ def test_it_works_without_a_network_and_is_small(
 
 
 @pytest.mark.slow
-def test_it_reads_forces_of_touches_it_never_saw() -> None:
+def test_it_reads_forces_and_surfaces_of_touches_it_never_saw() -> None:
     """Force trials of the bench's indenters, by units and hands that it was not trained on."""
     touches = Sim(scenes=4, val=0, indenters="bench", motions="force_trial", seed=5)
     clips = Clips(touches.recordings("train"), 4, 1 / 15, 0.2, (128, 128))
@@ -40,4 +43,27 @@ def test_it_reads_forces_of_touches_it_never_saw() -> None:
     for axis, least in enumerate((0.7, 0.7, 0.8)):
         assert np.corrcoef(estimated[:, axis], true[:, axis])[0, 1] > least
     errors = np.abs(estimated.numpy() - true).mean(0)
+    surface = model.surface(frames, background, [row["sensor"] for row in rows])[:, -1].numpy()
+    coded = np.stack([row["surface"][-1].movedim(0, -1).numpy() for row in rows])
+    moved = np.moveaxis(decode_displacement(coded), -1, 1)
+    for axis in range(3):
+        assert np.corrcoef(surface[:, axis].ravel(), moved[:, axis].ravel())[0, 1] > 0.7
     assert (errors < 0.75 * np.abs(true - np.median(true, 0)).mean(0)).all()
+
+
+@pytest.mark.realdata
+def test_the_deepest_place_is_where_a_real_ball_presses(realdata: Path) -> None:
+    """Circles were drawn by hand on images of a lab GelSight; none of its images was trained on."""
+    folder = realdata / "fots_ball_press"
+    with (folder / "gelsight_annotations.csv").open() as file:
+        circles = list(csv.DictReader(file))
+    frames = np.stack([cv2.imread(str(folder / c["file"]), cv2.IMREAD_COLOR_RGB) for c in circles])
+    background = cv2.imread(str(folder / "gelsight_background.png"), cv2.IMREAD_COLOR_RGB)
+    model = tactileforge.load("anytouch2.tiny")
+    surface = model.surface(np.repeat(frames[:, None], 4, 1), background, "gelsight")
+    weight = surface[:, -1, 2].clamp(min=0).square().numpy()
+    rows, columns = np.indices(weight.shape[1:])
+    for places, key in ((columns, "center_x_px"), (rows, "center_y_px")):
+        centres = (weight * places).sum((1, 2)) / weight.sum((1, 2))
+        true = [float(circle[key]) for circle in circles]
+        assert np.corrcoef(centres, true)[0, 1] > 0.9

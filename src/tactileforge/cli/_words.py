@@ -1,4 +1,4 @@
-"""Words of a command line: flags of Hydra, ``key=value``, and words that stand for a key's value."""
+"""Words of a command line: flags of Hydra, ``key=value``, and words for a key's value."""
 
 from __future__ import annotations
 

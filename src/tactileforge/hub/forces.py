@@ -69,13 +69,24 @@ def calibration_inputs(
         projected: Float (B, projected).
         scale: See `scales`.
     """
-    views = SimpleNamespace(full=Features(tokens, projected, encoder.prefix, encoder.grid))
+    views = views_of(encoder, tokens, projected)
     newton = head(views, {}).force.float() * scale
     columns = dict(zip(AXES, newton.unbind(-1), strict=True))
     if hasattr(head, "hidden"):
         hidden = head.hidden(views).float().unbind(-1)
         columns |= {f"hidden{i}": column for i, column in enumerate(hidden)}
     return columns
+
+
+def views_of(encoder: Any, tokens: Tensor, projected: Tensor) -> Any:
+    """Views, for heads, of an encoder's pass that is done: the full one.
+
+    Args:
+        encoder: The touch encoder.
+        tokens: Float (B, L, width).
+        projected: Float (B, projected).
+    """
+    return SimpleNamespace(full=Features(tokens, projected, encoder.prefix, encoder.grid))
 
 
 def fingerprint(parts: Iterable[nn.Module]) -> str:

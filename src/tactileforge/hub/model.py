@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from tactileforge.contracts import Frames
+from tactileforge.data.labels.displacement import displacement_mm
 from tactileforge.encoders.backbone import Backbone
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.hub import forces
@@ -47,7 +48,7 @@ class Model:
         header: Of its file.
         card: Of the zoo, where it has one.
         device: Where it computes.
-        heads: Those of its file, by name; `force` and `readings` use ``force``.
+        heads: Those of its file, by name; `force` and `readings` use ``force``, `surface` its own.
 
     Attributes:
         encoder: The ``torch.nn.Module``.
@@ -224,6 +225,45 @@ class Model:
                 stacklevel=2,
             )
         return force
+
+    def surface(
+        self,
+        frames: Images,
+        background: Images | str | None = None,
+        sensor: str | Sequence[str] | None = None,
+        *,
+        unknown_sensor: Policy = "error",
+    ) -> Tensor:
+        """The displacement of the gel's surface in each frame of each clip, as it is estimated.
+
+        It was learned from simulated gels; see the card for how well real ones are read.
+
+        Args:
+            frames: See `encode`.
+            background: See `encode`.
+            sensor: See `encode`.
+            unknown_sensor: See `encode`.
+
+        Returns:
+            float32 (T, 3, 32, 32), or (B, T, 3, 32, 32) for a batch, mm along x and y of the image
+            and z into the gel; the 32 rows and columns span the frame.
+
+        Raises:
+            ConfigError: The file has no surface head; see `encode`.
+            DataError: See `encode`.
+        """
+        if "surface" not in self.heads:
+            raise ConfigError(
+                f"{self!r} has no surface head: pack a run whose objectives include surface "
+                "(tactileforge zoo pack RUN)"
+            )
+        x, still, single = self._prepare(frames, background)
+        rows = self._rows(self._names(sensor, len(x)), unknown_sensor)
+        with torch.no_grad():
+            out = self._taps(True, x, still, rows)
+            views = forces.views_of(self.encoder, out["tokens"], out["projected"])
+            surface = displacement_mm(self.heads["surface"](views, {}).float())
+        return surface[0] if single else surface
 
     def readings(
         self,

@@ -19,7 +19,7 @@ from tactileforge.provenance import commit
 from tactileforge.sensors.specs import spec
 
 #: Heads that are of use without an objective, and what `Model` reads with them.
-KEPT_HEADS = ("force",)
+KEPT_HEADS = ("force", "surface")
 
 
 def pack_run(
@@ -31,7 +31,7 @@ def pack_run(
     licence: str = cards.NO_LICENCE,
     encoder: Literal["trained", "slow"] | None = None,
 ) -> Path:
-    """Makes a one-file checkpoint of a run's encoder, with its force head if it has one.
+    """Makes a one-file checkpoint of a run's encoder, with its force and surface heads.
 
     V-JEPA and DINO are published and evaluated by the slow copy of the encoder, which the
     objective's head keeps (`heads.ema.EMA`), so that is what is packed where there is one.
@@ -78,12 +78,15 @@ def pack_run(
         data={"name": config["data"]["name"], "licences": kept.get("licences", [])},
         recipe=_without_folders(config),
         source={"steps": checkpoint["global_step"], "encoder": kind},
-        heads={
-            name: {"node": config["head"][name], "scale": _scales(built.sensors)} for name in heads
-        },
+        heads={name: _entry(name, config["head"][name], built.sensors) for name in heads},
     )
     files.save_checkpoint(path, built, header, dtype, heads)
     return path
+
+
+def _entry(name: str, node: Mapping[str, Any], sensors: Mapping[str, int]) -> dict[str, Any]:
+    entry: dict[str, Any] = {"node": node}
+    return entry | {"scale": _scales(sensors)} if name == "force" else entry
 
 
 def _heads(
