@@ -82,7 +82,8 @@ def test_two_sensors_forces_and_a_camera_on_one_clock(scripted, options):
     assert np.diff(times) == pytest.approx(1 / 200, abs=1e-9)
     assert wrenches.shape == (len(times), 6)
     for one in taken.values():
-        inside = np.isfinite(one.force[:, 2])
+        # the sample after the last one kept may have told the force of the last frame
+        inside = np.isfinite(one.force[:, 2]) & (one.times <= times[-1])
         want = np.interp(one.times[inside], times, wrenches[:, 2])
         assert one.force[inside, 2] == pytest.approx(want, abs=1e-5)
         assert one.tracks["wrench"][inside, 0] == pytest.approx(one.force[inside, 0])
