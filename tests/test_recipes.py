@@ -117,13 +117,13 @@ def test_what_follows_the_encoder_starts_with_it_and_goes_along(
 ) -> None:
     """The run's own weights, step by step, give its slow copy by the closed form."""
     seen: list[tuple[int, int, torch.Tensor]] = []
-    follow = JepaHead.follow
+    follow = JepaHead.after_step
 
     def note(head: JepaHead, encoder: PlainViT, step: int, total: int) -> None:
         seen.append((step, total, encoder.norm_out.bias.detach().clone()))
         follow(head, encoder, step, total)
 
-    monkeypatch.setattr(JepaHead, "follow", note)
+    monkeypatch.setattr(JepaHead, "after_step", note)
     overrides = ["scale=demo", "debug=steps", "encoder.image_size=32", "batch.size=8"]
     overrides += ["data.scenes=3", "data.val=1", "data.size=32", "head.jepa.momentum=0.5"]
     module = train(compose("vjepa", [*overrides, "optim.lr=0.1", "optim.warmup=1.0"]), tmp_path)

@@ -315,8 +315,8 @@ def test_options_of_probes(data: Any, tmp_path: Path) -> None:
         (["model=[anytouch3.base]", "task=[sim_force]"], "anytouch2"),
         (["task=[sim_force]"], "no model: give model="),
         (["model=[pixels]", "selection=best"], "validation or test"),
-        (["model=[pixels]", "jobz=[hydra/launcher=ray]"], "did you mean 'jobs'"),
-        (["model=[pixels]", "ablation=no_dif"], "did you mean 'no_diff'"),
+        (["model=[pixels]", 'jobz=["hydra/launcher=ray"]'], "did you mean 'jobs'"),
+        (["model=[pixels]", "ablations=no_dif"], "did you mean 'no_diff'"),
     ],
 )
 def test_mistakes_on_the_command_line(

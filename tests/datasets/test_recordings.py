@@ -412,7 +412,7 @@ def test_constructing_reads_nothing_and_checks_what_it_can(tmp_path: Path) -> No
     with pytest.raises(ConfigError, match="layout 'a', key sensor: unknown sensor 'digits'"):
         Recordings(str(tmp_path / "gone"), {"a": VIDEO | {"sensor": "digits"}})
     with pytest.raises(ConfigError, match="val is 1"):
-        Recordings(val=1)
+        Recordings(str(tmp_path), val=1)
     with pytest.raises(ConfigError, match="unknown split 'test'"):
         list(data.recordings("test"))
 

@@ -18,7 +18,7 @@ from tactileforge.sim.scene import POINTS, SPACING
 from tactileforge.testing import check
 from tactileforge.train import train
 
-QUICK = {"indenters": "small_sphere", "seconds": 0.2, "processes": 1}
+QUICK = {"indenters": "small_sphere", "action_seconds": 0.2, "processes": 1}
 
 
 def contact(

@@ -204,10 +204,10 @@ def test_a_kill_while_packing_leaves_the_file_as_it_was(checkpoint: Path) -> Non
     before = checkpoint.read_bytes()
     code = (
         "import os, sys, time; from pathlib import Path; from dataclasses import replace\n"
-        "from tactileforge.hub.files import open_encoder, save\n"
+        "from tactileforge.hub.files import open_encoder, save_checkpoint\n"
         "path = Path(sys.argv[1]); encoder, header = open_encoder(path)\n"
         "os.fsync = lambda number: (print('written', flush=True), time.sleep(60))\n"
-        "save(path, encoder, replace(header, name='new'))\n"
+        "save_checkpoint(path, encoder, replace(header, name='new'))\n"
     )
     command = [sys.executable, "-c", code, str(checkpoint)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:

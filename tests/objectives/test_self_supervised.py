@@ -119,7 +119,7 @@ def test_one_batch_is_overfitted_without_collapse(name: str) -> None:
             tokens = F.layer_norm(encoder.views(batch).full.tokens, [encoder.width])
             spread.append(tokens.mean(1).std(0, correction=0).mean().item())
         for part in (head, objective):
-            if hasattr(part, "follow"):
+            if hasattr(part, "after_step"):
                 part.after_step(encoder, step + 1, 60)
     print(name, losses[::11], spread[::11])
     assert losses[-1] <= share * losses[0]

@@ -262,11 +262,11 @@ def test_options_that_cannot_be_are_named() -> None:
         ({"size": 0}, "pack.size is 0; give 1 or more"),
         ({"shard_frames": 0}, "pack.shard_frames is 0"),
         ({"processes": -1}, "pack.processes is -1"),
-        ({"max_bad": 2}, "pack.max_bad is 2; give a share"),
+        ({"max_bad": 2}, "pack.max_bad is 2.0; give a share"),
         ({"max_bad": "all"}, "pack.max_bad is 'all', which is not of type float"),
         ({"sizes": 3}, "unknown key of pack 'sizes'; did you mean 'size'"),
         ({"filter": {"laplac": 3}}, "unknown key of pack.filter 'laplac'; did you mean 'laplacian"),
-        ({"filter": {"laplacian": 0}}, "laplacian is 0; give more than 0, or null"),
+        ({"filter": {"laplacian": 0}}, "laplacian is 0.0; give more than 0, or null"),
         ({"filter": {"laplacian": {"digit": -1}}}, "laplacian digit is -1"),
         ({"filter": {"every": -1}}, "every is -1"),
     ):

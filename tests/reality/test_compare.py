@@ -155,7 +155,7 @@ def test_the_page_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["out=x"], "You must specify 'data'"),
+        (["out=x"], "give data=NAME"),
         ([*SIM, "sensors=[gelsihgt]"], "did you mean 'gelsight'"),
         ([*SIM, "scenes=0"], "give 1 or more"),
         ([*SIM, "scens=1"], "scens"),

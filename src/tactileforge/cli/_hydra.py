@@ -118,7 +118,8 @@ def _unknown_key(name: str, key: str, overrides: Sequence[str]) -> str:
     """Says that a key is unknown, and the nearest beside it or with that name elsewhere."""
     from tactileforge.compose import composed
 
-    chosen = [word for word in overrides if _chooses(word)]
+    typed = {word.partition("=")[0].lstrip("+~"): word for word in overrides}
+    chosen = [word for option, word in typed.items() if option != key and _chooses(word)]
     try:
         config = composed(name, chosen)
     except HydraException:

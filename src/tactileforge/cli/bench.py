@@ -52,7 +52,7 @@ class _Bench:
             table says so).
         probe: Options of all probes.
         untrained: Overrides with which a recipe is composed for untrained:RECIPE.
-        ablation: Parts that the first model is trained without, each in turn; ``all``, or some.
+        ablations: Parts that the first model is trained without, each in turn; ``all``, or some.
         jobs: Words for Hydra, whose jobs the trainings then are: [hydra/launcher=ray]; None trains
             one after another.
         out: Folder of the results; None for runs/bench/SUITE. A bench that was stopped goes on
@@ -73,7 +73,7 @@ class _Bench:
     selection: str = "validation"
     probe: _Probe = field(default_factory=_Probe)
     untrained: list[str] = field(default_factory=list)
-    ablation: list[str] | str | None = None
+    ablations: list[str] | str | None = None
     jobs: list[str] | None = None
     out: str | None = None
     cache: str | None = None
@@ -93,8 +93,8 @@ def _bench(_: _Bench, config: dict[str, Any]) -> int:
     from tactileforge.bench.run import write_outputs
 
     trained = pretrain.read_models(config["pretrain"])
-    if config["ablation"]:
-        chosen = config["ablation"]
+    if config["ablations"]:
+        chosen = config["ablations"]
         words = chosen if isinstance(chosen, str) else ",".join(chosen)
         trained = pretrain.ablations(words, _ablations(), trained)
     if not config["model"] and not trained:

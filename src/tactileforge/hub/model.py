@@ -479,7 +479,7 @@ def _takes_any_sensor(encoder: Any) -> bool:
     """Whether it ignores the sensor type."""
     if not encoder.sensors:
         return True
-    if not hasattr(encoder, "rows"):
+    if not hasattr(encoder, "sensor_ids"):
         return False
     try:
         encoder.sensor_ids([""])

@@ -67,7 +67,7 @@ def test_a_template_with_an_unknown_column() -> None:
 
 def test_force_with_gaps(tmp_path: Path, write: Write) -> None:
     path = write("f.csv", "frame,fz,fx,fy,note\n0,1,2,3,\n3,4,5,6,x\n1,,7,8,\n")
-    force = read_force(FORCE, path, TIMES)
+    force = read_force(FORCE, path, TIMES, "digit")
     assert force.dtype == np.float32
     nan = [np.nan] * 3
     np.testing.assert_array_equal(force, [[2, 3, 1], [7, 8, np.nan], nan, [5, 6, 4], nan])
@@ -77,27 +77,27 @@ def test_force_along_one_axis(tmp_path: Path, write: Write) -> None:
     """Most grippers and load cells measure the normal force alone."""
     path = write("f.csv", 'fz\n-1\n-2\n""\n-4\n-5\n')
     table = FrameTable("f.csv", None, ("", "", "fz"), (1, 1, -1), lag_s=0.1)
-    force = read_force(table, path, TIMES)
+    force = read_force(table, path, TIMES, "digit")
     assert np.isnan(force[:, :2]).all()
     np.testing.assert_array_equal(force[:, 2], [np.nan, 1, 2, np.nan, 4])
     with pytest.raises(DataError, match=r"row 5: an empty line is before it"):
-        read_force(table, write("f.csv", "fz\n-1\n-2\n\n-4\n-5\n"), TIMES)
+        read_force(table, write("f.csv", "fz\n-1\n-2\n\n-4\n-5\n"), TIMES, "digit")
 
 
 def test_force_axes_and_signs(tmp_path: Path, write: Write) -> None:
     path = write("f.csv", "fx,fy,fz\n" + "1,2,-3\n" * 5)
     table = FrameTable("f.csv", None, ("fy", "fx", "fz"), (1, -1, -1))
-    np.testing.assert_array_equal(read_force(table, path, TIMES), [[2, -1, 3]] * 5)
+    np.testing.assert_array_equal(read_force(table, path, TIMES, "digit"), [[2, -1, 3]] * 5)
 
 
 def test_images_lag_the_force(tmp_path: Path, write: Write) -> None:
     cells = "".join(f"{i},{10 * i},0,{i}\n" if i != 2 else "2,,,\n" for i in range(5))
     path = write("f.csv", "frame,fx,fy,fz\n" + cells)
     whole = FrameTable("f.csv", "frame", ("fx", "fy", "fz"), lag_s=0.1)
-    got = read_force(whole, path, TIMES)[:, 0]
+    got = read_force(whole, path, TIMES, "digit")[:, 0]
     np.testing.assert_array_equal(got, [np.nan, 0, 10, np.nan, 30])
     half = FrameTable("f.csv", "frame", ("fx", "fy", "fz"), lag_s=0.05)
-    got = read_force(half, path, TIMES)[:, 0]
+    got = read_force(half, path, TIMES, "digit")[:, 0]
     np.testing.assert_allclose(got, [np.nan, 5, np.nan, np.nan, 35], rtol=1e-6)
 
 
@@ -121,13 +121,13 @@ def test_force_that_contradicts_the_frames(
 ) -> None:
     path = write("f.csv", f"frame,fx,fy,fz\n0,0,0,0\n{row}\n")
     with pytest.raises(DataError, match=message):
-        read_force(FORCE, path, TIMES)
+        read_force(FORCE, path, TIMES, "digit")
 
 
 def test_force_without_a_frame_column_counts_its_rows(tmp_path: Path, write: Write) -> None:
     path = write("f.csv", "fx,fy,fz\n" + "0,0,1\n" * 6)
     with pytest.raises(DataError, match="row 7: frame 5 does not exist"):
-        read_force(FrameTable("f.csv", None, ("fx", "fy", "fz")), path, TIMES)
+        read_force(FrameTable("f.csv", None, ("fx", "fy", "fz")), path, TIMES, "digit")
 
 
 def test_actions_per_frame(tmp_path: Path, write: Write) -> None:

@@ -161,7 +161,7 @@ class FrozenEncoder:
     def _rows(self, sensors: Sequence[str], policy: str) -> Tensor:
         if hasattr(self.encoder, "unknown_sensor"):
             self.encoder.unknown_sensor = policy
-        if hasattr(self.encoder, "rows"):
+        if hasattr(self.encoder, "sensor_ids"):
             rows: Tensor = self.encoder.sensor_ids(sensors)
             return rows
         known = self.encoder.sensors
