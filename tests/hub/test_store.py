@@ -202,7 +202,7 @@ def test_a_kill_during_a_download_leaves_nothing_broken(
     server.pause_at = len(server.data) // 2
     code = (
         "import sys, pathlib; from tactileforge.hub import cards\n"
-        "folder = pathlib.Path(sys.argv[1]); cards.zoo = lambda: folder\n"
+        "folder = pathlib.Path(sys.argv[1]); cards.zoo_folder = lambda: folder\n"
         "import tactileforge; tactileforge.load('thing')\n"
     )
     with subprocess.Popen([sys.executable, "-c", code, str(tmp_path / "zoo")]) as process:

@@ -385,7 +385,7 @@ def test_skipped_recordings_are_listed(write: Write, monkeypatch: pytest.MonkeyP
     first = next(iter(dataset.recordings("val"))).frames.read([0])[0, 0, 0, 0]
     monkeypatch.setattr(ArrayFrames, "read", broken)
     page = write(dataset, "objective=[pixel]")
-    assert "Skipped recordings: 2a.mp4: truncatedb.mp4: damaged" in page.text
+    assert "Skipped recordings: 2a.mp4: truncatedval/<0>: b.mp4: damaged" in page.text
     assert "2 recordings could not be read" in page.text
 
 
