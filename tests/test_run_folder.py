@@ -149,7 +149,9 @@ def test_a_full_disk_in_training_is_one_line_and_leaves_nothing_half(tmp_path: P
     folder = tmp_path / "full"
     done = limited(size // 2, *words, f"hydra.run.dir={folder}")
     assert done.returncode == 1
-    assert [line for line in done.stderr.splitlines() if line.startswith("error: ")]
+    (line,) = [line for line in done.stderr.splitlines() if "error: " in line]
+    assert "last.ckpt: the checkpoint cannot be written" in line
+    assert "Make room, then go on" in line
     assert "Traceback" not in done.stderr
     assert not (folder / LAST).exists()
     assert not list(folder.rglob("*.part"))
