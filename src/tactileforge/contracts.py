@@ -196,7 +196,8 @@ class Recording:
         if self.no_contact is None:
             return None
         frames = self.no_contact.read(range(len(self.no_contact)))
-        return frames[0] if len(frames) == 1 else np.median(frames, axis=0).astype(np.uint8)
+        median: NDArray[np.uint8] = np.median(frames, axis=0).astype(np.uint8)
+        return median
 
     def select(self, rows: Sequence[int]) -> Recording:
         """Some frames with all that is known per frame; background and camera views stay.
