@@ -18,6 +18,7 @@ from tactileforge import registry
 from tactileforge.errors import ConfigError, DataError, PluginError
 from tactileforge.files import new_part
 from tactileforge.hub.header import FORMAT, Header, read_header
+from tactileforge.hub.positions import changed_options, rebuild_encoder
 
 #: Arguments that name files or places on a network.
 _PLACES = frozenset({"path", "root", "file", "folder", "url", "repo", "port"})
@@ -125,14 +126,17 @@ def open_encoder(path: str | Path, frames: int | None = None) -> tuple[Any, Head
 
 
 def open_model(
-    path: str | Path, frames: int | None = None
+    path: str | Path,
+    frames: int | None = None,
+    image_size: int | tuple[int, int] | None = None,
 ) -> tuple[Any, dict[str, nn.Module], Header]:
     """Builds the encoder and the heads of a one-file checkpoint and loads all weights.
 
     Args:
         path: The file.
         frames: Another number of frames: learned positions are interpolated over time. Heads are
-            made for one number of frames, and are left out then.
+            made for one number of frames and one size, and are left out then.
+        image_size: Another height and width: learned positions are interpolated over the image.
 
     Returns:
         The encoder, float32, in eval mode, on the CPU; its heads by name, likewise; the header.
@@ -140,7 +144,7 @@ def open_model(
     Raises:
         DataError: See `header.read_header`; or its tensors are not those of the encoder.
         PluginError: The encoder's plugin is not installed; says what to install.
-        ConfigError: The encoder takes no other number of frames.
+        ConfigError: The encoder takes no other number of frames, or size.
     """
     path = Path(path)
     header = read_header(path)
@@ -149,20 +153,17 @@ def open_model(
     node = dict(header.encoder)
     with torch.random.fork_rng(devices=[]):  # the numbers drawn here are replaced
         encoder = registry.build("encoders", node)
-        other = frames is not None and frames != encoder.frames
-        if other:
-            before = encoder
-            encoder = _with_frames(node, before.frames, frames)
     try:
         state = load_file(path)
     except SafetensorError as error:
         raise DataError(f"{path}: damaged: {error}; fetch or write it again") from error
+    other = changed_options(encoder, frames, image_size)
     heads = {} if other else _open_heads(path, header, encoder, state)
     state = {key: x for key, x in state.items() if not _is_of_head(key, header)}
-    if other:
-        fill_weights(before, state, str(path))
-        state = _over_time(before, encoder)
     fill_weights(encoder, state, str(path))
+    if other:
+        with torch.random.fork_rng(devices=[]):
+            encoder = rebuild_encoder(node, encoder, other)
     encoder.requires_grad_(False)
     return encoder.eval(), heads, header
 
@@ -275,33 +276,3 @@ def _check_total(path: Path, header: Header) -> None:
             f"{path}: the model it describes has {needs:,} numbers, and the file "
             f"{path.stat().st_size:,} bytes; fetch it again"
         )
-
-
-def _with_frames(node: dict[str, Any], before: int, frames: int | None) -> Any:
-    if "frames" not in registry.parameters(registry.get("encoders", node["name"])):
-        raise ConfigError(
-            f"frames={frames}: the encoder {node['name']!r} takes {before} frames and no other "
-            "number; leave frames out"
-        )
-    return registry.build("encoders", node | {"frames": frames})
-
-
-def _over_time(before: Any, after: Any) -> dict[str, Tensor]:
-    """The state for another number of slots: learned positions are interpolated linearly."""
-    wanted: Mapping[str, Tensor] = after.state_dict()
-    cells = before.grid[1] * before.grid[2]
-    state: dict[str, Tensor] = before.state_dict()
-    changed: dict[str, Tensor] = {}
-    for key, value in state.items():
-        if key not in wanted or wanted[key].shape == value.shape:
-            continue
-        head = len(value) - before.grid[0] * cells
-        length = head + after.grid[0] * cells
-        if value.ndim != 2 or head < 0 or len(wanted[key]) != length:
-            raise ConfigError(f"{key}: cannot be interpolated over time; leave frames out")
-        table = value[head:].view(before.grid[0], cells, -1).permute(1, 2, 0)
-        table = nn.functional.interpolate(table, after.grid[0], mode="linear")
-        changed[key] = torch.cat([value[:head], table.permute(2, 0, 1).flatten(0, 1)])
-    if not changed:
-        raise ConfigError("the encoder has no learned positions over time; leave frames out")
-    return state | changed

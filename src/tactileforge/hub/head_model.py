@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import torch
@@ -24,6 +23,8 @@ if TYPE_CHECKING:
 
 class HeadModel(FeatureModel):
     """The part of `hub.model.Model` that reads heads; see there for arguments and attributes."""
+
+    _fingerprint = ""
 
     def force(
         self,
@@ -184,10 +185,16 @@ class HeadModel(FeatureModel):
         """Force scale of each clip; None without a force head, or without the scale of a sensor."""
         return forces.scales(self.header.heads["force"], names) if "force" in self.heads else None
 
-    @cached_property
+    @property
     def fingerprint(self) -> str:
         """Hash of its weights, 16 hexadecimal digits; ties a calibration to its model."""
+        if self._fingerprint:
+            return self._fingerprint
         return forces.fingerprint([self.encoder, *(self.heads[key] for key in sorted(self.heads))])
+
+    def keep_fingerprint(self) -> None:
+        """Keeps the hash of the weights of now: a rounded copy is calibrated as its original is."""
+        self._fingerprint = self.fingerprint
 
     def _readable(self, tokens: Tensor, projected: Tensor, scale: Tensor) -> dict[str, Tensor]:
         head, scale = self.heads["force"], scale.to(tokens.device)
