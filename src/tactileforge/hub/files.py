@@ -40,6 +40,25 @@ def make_header(
         known: Further fields of `Header`.
     """
     plugin = next((p for p in registry.list_plugins() if _is(p, node["name"])), None)
+    return Header(
+        **{"name": "", "dtype": "float32", **known},
+        format=FORMAT,
+        encoder=dict(node),
+        package=plugin.distribution if plugin else "",
+        package_version=plugin.version if plugin else "",
+        sensors=dict(encoder.sensors),
+        input=describe_input(encoder),
+        spacing=float(spacing),
+        licence=licence,
+    )
+
+
+def describe_input(encoder: Any) -> dict[str, Any]:
+    """What goes into an encoder, and what it does to the pixels, as plain data.
+
+    Args:
+        encoder: A touch encoder; see `encoders.preprocess.Preprocess`.
+    """
     size: Any = encoder.image_size
     facts: dict[str, Any] = {
         "pixels": "uint8 RGB, oldest frame first",
@@ -50,17 +69,7 @@ def make_header(
     for name in ("offset", "fit", "filter", "mean", "std"):
         value = getattr(steps, name, None)
         facts[name] = value.squeeze().tolist() if isinstance(value, Tensor) else value
-    return Header(
-        **{"name": "", "dtype": "float32", **known},
-        format=FORMAT,
-        encoder=dict(node),
-        package=plugin.distribution if plugin else "",
-        package_version=plugin.version if plugin else "",
-        sensors=dict(encoder.sensors),
-        input=facts,
-        spacing=float(spacing),
-        licence=licence,
-    )
+    return facts
 
 
 def _is(plugin: registry.PluginInfo, name: str) -> bool:

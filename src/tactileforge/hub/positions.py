@@ -93,7 +93,7 @@ def _resample(
     if old[0] != new[0]:
         flat = table.flatten(1, 2).permute(1, 2, 0)
         flat = F.interpolate(flat, new[0], mode="linear")
-        table = flat.permute(2, 0, 1).unflatten(1, old[1:])
+        table = flat.permute(2, 0, 1).reshape(new[0], *old[1:], -1)
     if old[1:] != new[1:]:
         image = F.interpolate(table.permute(0, 3, 1, 2), new[1:], mode="bicubic")
         table = image.permute(0, 2, 3, 1)

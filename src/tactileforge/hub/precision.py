@@ -45,5 +45,5 @@ def set_precision(model: Model, dtype: str) -> None:
 def has_bfloat16_units(device: torch.device) -> bool:
     """Whether a device multiplies matrices of bfloat16 faster than of float32."""
     if device.type == "cuda":
-        return torch.cuda.is_bf16_supported(including_emulation=False)
-    return device.type == "cpu" and torch.cpu._is_amx_tile_supported()
+        return bool(torch.cuda.is_bf16_supported(including_emulation=False))
+    return device.type == "cpu" and bool(torch.cpu._is_amx_tile_supported())
