@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -283,6 +284,11 @@ def test_a_published_file_becomes_a_model_of_the_zoo(
     assert tactileforge.load("anytouch2.base-2f").spacing == pytest.approx(0.2)
 
     anytouch2_file(file, frames=4)  # other numbers: the file before is removed, and no other
+    assert main(["get", "anytouch2", "--from", str(file)]) == 0
+    names = {path.name for path in store.weights_folder().iterdir()}
+    assert len(names) == 6  # the file before, and a mark beside it
+    [mark] = store.weights_folder().glob("*.old")
+    os.utime(mark, (time.time() - 7200,) * 2)
     assert main(["get", "anytouch2", "--from", str(file)]) == 0
     assert len(list(store.weights_folder().iterdir())) == 4
     assert (

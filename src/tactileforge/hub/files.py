@@ -10,18 +10,20 @@ from pathlib import Path
 from typing import Any, Literal
 
 import torch
-from safetensors import SafetensorError
+from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
 from tactileforge import registry
 from tactileforge.errors import ConfigError, DataError, PluginError
-from tactileforge.files import new_part
+from tactileforge.files import new_part, writing
 from tactileforge.hub.header import FORMAT, Header, read_header
 from tactileforge.hub.positions import changed_options, rebuild_encoder
 
 #: Arguments that name files or places on a network.
 _PLACES = frozenset({"path", "root", "file", "folder", "url", "repo", "port"})
+#: Arguments that count modules, each of which has a tensor at least.
+_STACKS = frozenset({"depth", "stem_depth", "stems"})
 #: Largest number among the arguments of a model.
 _LARGEST = 8192
 DTYPES = {"float32": torch.float32, "float16": torch.float16}
@@ -116,8 +118,11 @@ def save_checkpoint(
         state[name] = kept.clone(memory_format=torch.contiguous_format)
     path = Path(path)
     metadata = replace(header, dtype=dtype).metadata()
-    with new_part(path) as part:
+    with writing(path), new_part(path) as part:
+        part.touch()
+        mode = part.stat().st_mode  # what the umask gives; safetensors makes files of its own
         save_file(state, part, metadata=metadata)
+        part.chmod(mode)
         with part.open("rb+") as file:
             os.fsync(file.fileno())
         part.replace(path)
@@ -200,7 +205,8 @@ def fill_weights(encoder: nn.Module, state: Mapping[str, Tensor], where: str) ->
     """Loads a state strictly; the module keeps its dtypes.
 
     Raises:
-        DataError: Tensors are missing, left over or of another shape; lists them.
+        DataError: Tensors are missing, left over, of another shape, or hold numbers that are not
+            finite; lists them.
     """
     own = encoder.state_dict()
     wrong = {
@@ -211,6 +217,9 @@ def fill_weights(encoder: nn.Module, state: Mapping[str, Tensor], where: str) ->
             for key in sorted(own.keys() & state.keys())
             if own[key].shape != state[key].shape
         ],
+        "not finite": sorted(
+            key for key, x in state.items() if x.is_floating_point() and not x.isfinite().all()
+        ),
     }
     if any(wrong.values()):
         lines = [
@@ -244,12 +253,19 @@ def check_nodes(path: Path, header: Header) -> None:
             model, or the plugin reads files where it is built; or the model is larger than the
             file.
     """
+    with safe_open(path, "pt") as file:
+        tensors = len(file.keys())
     for kind, node in [
         ("encoders", header.encoder),
         *(("heads", entry["node"]) for entry in header.heads.values()),
     ]:
         for key, value in node.items():
             _check_argument(path, f"{node['name']}.{key}", value)
+            if key in _STACKS and isinstance(value, int) and value > tensors:
+                raise DataError(
+                    f"{path}: {node['name']}.{key} is {value}, and the file has {tensors} tensors; "
+                    "fetch it again"
+                )
         plugin = registry.get(kind, node["name"])
         if "constructing does no io" in getattr(plugin, "expected_failures", {}):
             raise DataError(
@@ -277,9 +293,13 @@ def _check_total(path: Path, header: Header) -> None:
     try:
         with torch.device("meta"), torch.random.fork_rng(devices=[]):
             shell = registry.build("encoders", header.encoder)
+            parts = [shell] + [
+                registry.build("heads", entry["node"], encoder=shell)
+                for entry in header.heads.values()
+            ]
     except (NotImplementedError, RuntimeError):  # a plugin that needs its numbers where it is built
         return
-    needs = sum(x.numel() for x in shell.state_dict().values())
+    needs = sum(x.numel() for part in parts for x in part.state_dict().values())
     if needs > path.stat().st_size:  # a byte a number, at least
         raise DataError(
             f"{path}: the model it describes has {needs:,} numbers, and the file "

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from tactileforge import registry, run_folder
 from tactileforge.callbacks import checkpoints
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
-from tactileforge.files import new_part, sha256
+from tactileforge.files import new_part, sha256, writing
 from tactileforge.hub import cards, files, store
 from tactileforge.provenance import commit
 from tactileforge.sensors.specs import spec
@@ -180,7 +180,8 @@ def import_published(model: str, source: str | Path) -> Path:
         data={"name": ", ".join(card.data), "licences": []},
         source={"file": source.name, "sha256": digest, "layout": converted.name},
     )
-    with new_part(store.weights_folder() / f"{full}.safetensors") as part:
+    target = store.weights_folder() / f"{full}.safetensors"
+    with writing(target), new_part(target) as part:
         files.save_checkpoint(part, encoder, header)
         return store.keep_import(card, weight, part, source.name, digest)
 
