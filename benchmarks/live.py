@@ -140,8 +140,8 @@ def run(model: Model, seconds: float, with_page: bool) -> dict[str, float]:
             if reading is not None:
                 assert reading.force is not None
                 latencies.append(reading.latency)
-        finger = view.fingers["camera"]
-        counts = {"readings": finger.stream.done, "skipped": finger.stream.skipped, "lost": camera.lost}
+        stream = view.fingers["camera"].stream
+        counts = {"readings": stream.done, "skipped": stream.skipped, "lost": camera.lost}
     milli = 1000 * np.array(latencies)
     p50, p99 = np.percentile(milli, [50, 99])
     return {

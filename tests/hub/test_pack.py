@@ -197,7 +197,7 @@ def test_a_failed_import_keeps_the_one_before(
         raise OSError("no space left on device")
 
     monkeypatch.setattr(Path, "write_text", full)
-    with pytest.raises(OSError, match="no space"):
+    with pytest.raises(DataError, match="cannot be written .no space left on device"):
         pack.import_published("press", download)
     monkeypatch.undo()
     monkeypatch.setenv("TACTILEFORGE_CACHE", str(download.parent / "cache"))

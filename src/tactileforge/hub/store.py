@@ -191,7 +191,7 @@ def _download(card: Card, weight: Weight, target: Path) -> None:
             else:
                 _from_url(f"{card.name}.{weight.tag}", weight, part)
         except (OSError, HTTPException) as error:  # OSError: URLError, time-outs
-            if full(error):
+            if isinstance(error, OSError) and full(error):
                 raise
             terms = "; its authors ask for terms to be accepted there" if weight.gated else ""
             raise DataNotFoundError(
