@@ -22,7 +22,7 @@ from tactileforge.encoders import published
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.files import sha256
-from tactileforge.hub import pack, store
+from tactileforge.hub import cards, pack, store
 from tactileforge.hub.header import read_header
 from tactileforge.train import train
 
@@ -197,7 +197,7 @@ def test_a_failed_import_keeps_the_one_before(
         raise OSError("no space left on device")
 
     monkeypatch.setattr(Path, "write_text", full)
-    with pytest.raises(DataError, match="cannot be written .no space left on device"):
+    with pytest.raises(DataError, match=r"cannot be written \(no space left on device\)"):
         pack.import_published("press", download)
     monkeypatch.undo()
     monkeypatch.setenv("TACTILEFORGE_CACHE", str(download.parent / "cache"))
@@ -260,7 +260,13 @@ def anytouch2_file(path: Path, frames: int) -> dict[str, torch.Tensor]:
 def test_a_published_file_becomes_a_model_of_the_zoo(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The real importer and the real card."""
+    """The real importer and the real card, but for the size: a miniature in place of 87 M."""
+    fixed = pack._variant
+
+    def any_size(card: cards.Card, weight: cards.Weight) -> dict[str, Any]:
+        return {k: v for k, v in fixed(card, weight).items() if k not in ("size", "depth")}
+
+    monkeypatch.setattr(pack, "_variant", any_size)
     monkeypatch.setenv("TACTILEFORGE_CACHE", str(tmp_path / "cache"))
     file = tmp_path / "checkpoint-4frames.pth"
     state = anytouch2_file(file, frames=4)
@@ -296,6 +302,30 @@ def test_a_published_file_becomes_a_model_of_the_zoo(
     )
     with pytest.raises(DataError, match=r"checkpoint-4frames.pth is .*'layout': 'clip'"):
         main(["get", "clip", "--from", str(file)])
+
+
+def test_another_architecture_is_not_imported_as_the_published_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Names and prefixes are those of AnyTouch 2: 192 wide, one block, or a table of ten rows."""
+    monkeypatch.setenv("TACTILEFORGE_CACHE", str(tmp_path / "cache"))
+    file = tmp_path / "checkpoint-4frames.pth"
+    state = anytouch2_file(file, frames=4)
+    said = r"'size': 'tiny', 'depth': 1, .*but anytouch2.base is .*'size': 'base', 'depth': 12"
+    with pytest.raises(DataError, match=said):
+        pack.import_published("anytouch2", file)
+    name = "touch_mae_model.sensor_token"
+    torch.save(state | {name: state[name][:10]}, file)
+    with pytest.raises(DataError, match=r"'sensor_rows': 10\}, but .*'sensor_rows': 20\}"):
+        pack.import_published("anytouch2", file)
+    assert not store.weights_folder().exists() or not list(store.weights_folder().iterdir())
+
+
+def test_every_card_of_published_weights_fixes_its_architecture() -> None:
+    rows = [(name, weight) for name, _, weight in cards.list_cards() if weight and weight.layout]
+    assert len(rows) >= 17
+    for name, weight in rows:
+        assert {"size", "depth"} <= weight.encoder.keys(), name
 
 
 def test_a_published_file_that_would_run_code_does_not(

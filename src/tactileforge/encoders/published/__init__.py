@@ -150,6 +150,7 @@ def convert(state: State, options: Mapping[str, Any] | None = None) -> Converted
         unused[why].append(key)
     unexpected = unused.pop(None, [])
     missing = [prefix + key for key in used - inner.keys()]
+    _refuse_other_numbers(layout, {prefix + key: inner[key] for key in used & inner.keys()})
     made = {} if missing else gather_tensors(plan, inner)
     _refuse(layout, missing, unexpected, [] if missing else _wrong(plan, made))
     has_head = {"head.pooler.query_tokens", "head.probe.2.weight"} <= state.keys()
@@ -160,6 +161,14 @@ def convert(state: State, options: Mapping[str, Any] | None = None) -> Converted
         {why: names for why, names in unused.items() if why},
         force_head(state) if has_head else None,
     )
+
+
+def _refuse_other_numbers(layout: WeightLayout, state: State) -> None:
+    """Raises a ConfigError where weights are whole or complex numbers."""
+    strange = [f"{key} ({x.dtype})" for key, x in state.items() if not x.is_floating_point()]
+    if strange:
+        names = first_names(sorted(strange))
+        raise ConfigError(f"not a {layout.title} file: weights are real numbers, not {names}")
 
 
 def _wrong(plan: ConversionPlan, made: dict[str, Tensor]) -> list[str]:
