@@ -56,6 +56,14 @@ def test_a_run_is_packed_and_loaded(run: Path, tmp_path: Path) -> None:
     assert len(header.commit.removesuffix("-dirty")) in (0, 40)
 
 
+def test_a_miniature_that_is_trained_twice_is_the_same_file(run: Path, tmp_path: Path) -> None:
+    again = tmp_path / run.name
+    small = ["encoder.image_size=32", "batch.size=4", "data.scenes=3", "data.val=1"]
+    train(compose("anytouch2", ["scale=demo", "debug=steps", "objective=[pixel]", *small]), again)
+    files = [pack.pack_run(path, tmp_path / f"{i}.bin") for i, path in enumerate((run, again))]
+    assert files[0].read_bytes() == files[1].read_bytes()
+
+
 @pytest.mark.parametrize("objective", ["jepa", "dino"])
 def test_the_slow_copy_is_what_is_packed(objective: str, tmp_path: Path) -> None:
     small = ["encoder.image_size=32", "batch.size=4", "data.scenes=3", "data.val=1"]

@@ -113,12 +113,13 @@ def _show(keys: _Show, _: dict[str, Any]) -> None:
     name, dot, tag = keys.model.partition(".")
     card = cards.read_card(name)
     weights = [card.weight(tag)] if dot else card.weights
+    sensors, data = card.trained_on(weights[0] if weights else None)
     facts = [
         ("licence", card.licence),
         ("paper", card.paper),
         ("code", card.code or "none"),
-        ("sensors", ", ".join(card.sensors) or "none"),
-        ("data", ", ".join(card.data)),
+        ("sensors", ", ".join(sensors) or "none"),
+        ("data", ", ".join(data)),
         ("clip", describe_clip(card, weights[0] if weights else None)),
         ("recipe", f"tactileforge train recipe={name}" if card.recipe else "none: importer only"),
     ]

@@ -35,7 +35,7 @@ _PROGRAMS = (
 )
 #: Types of plain values, of which the same holds.
 _PLAIN = ("bool", "bytes", "complex", "dict", "float", "frozenset", "int", "list", "object")
-_PLAIN += ("set", "str", "tuple")
+_PLAIN += ("set", "str", "tuple", "long", "unicode")
 #: What makes tensors, and nothing else: those that torch itself runs with ``weights_only``.
 _TENSORS: dict[str, Any] = {
     "collections.OrderedDict": OrderedDict,
@@ -77,6 +77,7 @@ class _Unpickler(pickle.Unpickler):
         if isinstance(value, torch.dtype | torch.layout):
             return value
         is_plain = module in ("builtins", "__builtin__") and name in _PLAIN
+        is_plain |= full in ("copyreg._reconstructor", "copy_reg._reconstructor", "_codecs.encode")
         if is_plain or full.startswith(_PROGRAMS):
             return _Leftover
         raise pickle.UnpicklingError(f"GLOBAL {full} is no tensor")
@@ -164,7 +165,7 @@ def _check_sums(path: Path) -> None:
     try:
         with zipfile.ZipFile(path) as archive:
             names, bad = archive.namelist(), archive.testzip()
-    except (zipfile.BadZipFile, OSError, EOFError, NotImplementedError) as error:
+    except (zipfile.BadZipFile, OSError, EOFError, ValueError, RuntimeError) as error:
         raise DataError(f"{path} is damaged ({error}); download it again") from error
     if bad is not None:
         raise DataError(
