@@ -45,10 +45,12 @@ class _Get:
     Attributes:
         model: NAME or NAME.TAG.
         file: Your download, as its authors publish it (``--from FILE``); None fetches it.
+        sensor: On which its force head was trained, where the file's name does not say.
     """
 
     model: str
     file: str | None = None
+    sensor: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,7 +151,7 @@ def _get(keys: _Get, _: dict[str, Any]) -> None:
     else:
         from tactileforge.hub.pack import import_published
 
-        path = import_published(keys.model, Path(keys.file))
+        path = import_published(keys.model, Path(keys.file), keys.sensor)
     print(f'{path}\nload it: tactileforge.load("{keys.model}")')
 
 

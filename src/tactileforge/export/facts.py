@@ -19,7 +19,7 @@ KEY = "tactileforge"
 OUTPUTS = {
     "tokens": "float32 (B, L, width): prefix tokens, then patches",
     "cls": "float32 (B, projected): what model.encode gives",
-    "force": "float32 (B, T - 1, 3): newton in frames 2..T; not a number without a force scale",
+    "force": "float32 (B, n, 3): newton in the n newest frames; not a number without a scale",
 }
 #: Axes of the forces of the object on the gel, see `contracts`.
 AXES_OF_FORCE = ["x: to the right of the image", "y: down the image", "z: into the gel"]

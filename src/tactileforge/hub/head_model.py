@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
 
 from tactileforge.data.labels.displacement import displacement_mm
-from tactileforge.errors import ConfigError
+from tactileforge.errors import ConfigError, unknown
 from tactileforge.hub import forces
 from tactileforge.hub.feature_model import FeatureModel
 from tactileforge.hub.forces import ModelReadings
@@ -47,7 +47,8 @@ class HeadModel(FeatureModel):
                 model=...``); an axis that it leaves out stays the model's estimate.
 
         Returns:
-            float32 (T - 1, 3), or (B, T - 1, 3) for a batch, N; axes as in `contracts`.
+            float32 (T - 1, 3), or (B, T - 1, 3) for a batch, N; axes as in `contracts`. A published
+            head gives the newest frame alone, (1, 3) or (B, 1, 3).
 
         Raises:
             ConfigError: The file has no force head, no scale for a sensor, or the calibration is of
@@ -120,6 +121,35 @@ class HeadModel(FeatureModel):
             views = forces.views_of(self.encoder, *self._pass(x, still, rows))
             surface = displacement_mm(self.heads["surface"](views, {}).float())
         return surface[0] if single else surface
+
+    def read_head(
+        self,
+        name: str,
+        frames: Images,
+        background: Images | str | None = None,
+        sensor: str | Sequence[str] | None = None,
+        *,
+        unknown_sensor: Policy = "error",
+    ) -> Any:
+        """What a head says of clips, as it comes: logits, or normalised forces.
+
+        Args:
+            name: A key of ``heads``.
+            frames: See `encode`; a batch.
+            background: See `encode`.
+            sensor: See `encode`.
+            unknown_sensor: See `encode`.
+
+        Raises:
+            ConfigError: There is no such head; see `encode`.
+            DataError: See `encode`.
+        """
+        if name not in self.heads:
+            raise ConfigError(unknown("head of the model", name, self.heads))
+        x, still, _ = self._prepare(frames, background)
+        rows = self._rows(self._names(sensor, len(x)), unknown_sensor)
+        with torch.no_grad():
+            return self.heads[name](forces.views_of(self.encoder, *self._pass(x, still, rows)), {})
 
     def readings(
         self,
