@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Frame
 from tactileforge.data.batches.clips import resize_frame
-from tactileforge.errors import ConfigError, DataError, SensorError, unknown
+from tactileforge.errors import ConfigError, DataError, SensorError
 from tactileforge.sensors.background import Background, check_background, spread_frames
 from tactileforge.sensors.health import exposure_trouble
 from tactileforge.streaming.buffer import ClipBuffer, FrameWithClip, warn_of_slow_frames
@@ -23,12 +22,17 @@ from tactileforge.streaming.contact import (
     SlipEstimator,
     SlipOptions,
 )
+from tactileforge.streaming.inputs import (
+    Image,
+    background_options,
+    checked_image,
+    known_as,
+    median_image,
+)
 
 if TYPE_CHECKING:
     from tactileforge.calibration.file import Calibration
     from tactileforge.hub.model import Model
-
-Image: TypeAlias = NDArray[np.uint8]
 
 #: Frames that are looked at for a background.
 _LOOKED_AT = 60
@@ -120,9 +124,9 @@ class TouchStream:
         self._last, self._time, self._size = 0, -math.inf, (0, 0)
         self._seen: list[Image] | None = None
         self._end = 0.0
-        self._options = _background_options(background)
+        self._options = background_options(background)
         if isinstance(background, np.ndarray):
-            self.take_background(image=_checked("background", background))
+            self.take_background(image=checked_image("background", background))
             self._size = background.shape[:2]
 
     def push(self, frame: Image, time: float) -> Prediction | None:
@@ -141,7 +145,7 @@ class TouchStream:
             SensorError: Something touches while the background is taken, or the images are black or
                 saturated.
         """
-        image = _checked("frame", frame)
+        image = checked_image("frame", frame)
         if self._size not in ((0, 0), image.shape[:2]):
             raise DataError(
                 f"frame: {image.shape[:2]} pixels, and the background and frames before it have "
@@ -268,43 +272,3 @@ class TouchStream:
             return None, vector
         x, y, z = found.force[-1].tolist()
         return (x, y, z), vector
-
-
-def median_image(images: Sequence[Image]) -> Image:
-    """The median of images, uint8 (H, W, 3)."""
-    return np.asarray(np.median(images, axis=0), np.uint8)
-
-
-def known_as(name: str, model: Model | None, unknown_sensor: str) -> str:
-    """The name by which the model knows a type of sensor.
-
-    Raises:
-        ConfigError: It does not know it, and ``unknown_sensor`` is ``error``.
-    """
-    if unknown_sensor not in ("error", "universal"):
-        raise ConfigError(f"unknown_sensor={unknown_sensor}: give error or universal")
-    if model is None or not model.sensors or name in model.sensors:
-        return name
-    has_universal = getattr(model.encoder, "universal", None) is not None
-    if unknown_sensor == "universal" and has_universal:
-        return "universal"
-    fix = "unknown_sensor=universal takes the tokens that fit no sensor, and gives no force."
-    raise ConfigError(unknown("sensor of the model", name, model.sensors, fix * has_universal))
-
-
-def _background_options(background: Image | str | Background | None) -> Background:
-    """How a background is taken that is not given as an image."""
-    if isinstance(background, str):
-        if background != "first":
-            raise ConfigError(f"background={background!r}: give an image, 'first', or a Background")
-        return Background(seconds=0.0)
-    return background if isinstance(background, Background) else Background()
-
-
-def _checked(what: str, image: Image) -> Image:
-    if not isinstance(image, np.ndarray) or image.dtype != np.uint8:
-        found = getattr(image, "dtype", type(image).__name__)
-        raise DataError(f"{what}: expected a numpy array of uint8, (H, W, 3), found {found}")
-    if image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape:
-        raise DataError(f"{what}: expected (H, W, 3), RGB, found {image.shape}")
-    return np.array(image)  # whoever gave it may write the next frame into it
