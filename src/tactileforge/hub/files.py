@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -290,15 +291,17 @@ def _check_argument(path: Path, where: str, value: Any) -> None:
 
 def _check_total(path: Path, header: Header) -> None:
     """Builds without memory, and compares with what the file has."""
-    try:
-        with torch.device("meta"), torch.random.fork_rng(devices=[]):
-            shell = registry.build("encoders", header.encoder)
-            parts = [shell] + [
-                registry.build("heads", entry["node"], encoder=shell)
-                for entry in header.heads.values()
-            ]
-    except (NotImplementedError, RuntimeError):  # a plugin that needs its numbers where it is built
-        return
+    parts: list[nn.Module] = []
+    kinds = [("encoders", header.encoder)]
+    kinds += [("heads", entry["node"]) for entry in header.heads.values()]
+    for kind, node in kinds:
+        if kind == "heads" and not parts:
+            return
+        # a plugin may need its numbers where it is built: it is not counted
+        with suppress(NotImplementedError, RuntimeError), torch.device("meta"):
+            context = {"encoder": parts[0]} if parts else {}
+            with torch.random.fork_rng(devices=[]):
+                parts.append(registry.build(kind, node, **context))
     needs = sum(x.numel() for part in parts for x in part.state_dict().values())
     if needs > path.stat().st_size:  # a byte a number, at least
         raise DataError(
