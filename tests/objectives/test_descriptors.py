@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
-from tactileforge.data.frames.lazy import ArrayFrames
 
 from tactileforge.contracts import Batch, Features, Recording
 from tactileforge.data.batches.clips import Clips, collate
+from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.labels.descriptors import GROUPS, Descriptors
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.heads.descriptors import DescribedTouch, DescriptorsHead
