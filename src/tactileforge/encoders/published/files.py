@@ -34,7 +34,17 @@ _PROGRAMS = (
     "typing.",
 )
 #: Types of plain values, of which the same holds.
-_PLAIN: tuple[str, ...] = ("bool", "bytes", "complex", "dict", "float", "frozenset", "int", "list", "object")
+_PLAIN: tuple[str, ...] = (
+    "bool",
+    "bytes",
+    "complex",
+    "dict",
+    "float",
+    "frozenset",
+    "int",
+    "list",
+    "object",
+)
 _PLAIN += ("set", "str", "tuple", "long", "unicode")
 #: What makes tensors, and nothing else: those that torch itself runs with ``weights_only``.
 _TENSORS: dict[str, Any] = {
