@@ -1,8 +1,10 @@
 """One-file checkpoints: what goes in comes out, and nothing else is accepted."""
 
+import hashlib
 import json
 import os
 import pickle
+import random
 import signal
 import subprocess
 import sys
@@ -29,6 +31,7 @@ def rewrite(path: Path, change: Callable[[dict[str, Any]], None]) -> None:
     length = int.from_bytes(path.read_bytes()[:8], "little")
     table = json.loads(path.read_bytes()[8 : 8 + length])
     header = json.loads(table["__metadata__"]["tactileforge"])
+    header.pop("sha256", None)
     change(header)
     save_file(load_file(path), path, metadata={"tactileforge": json.dumps(header)})
 
@@ -260,3 +263,30 @@ def test_a_header_leads_nowhere_and_is_bounded(
     with pytest.raises(DataError, match=said):
         tactileforge.load(checkpoint)
     assert set(built) <= {"meta"}, "nothing that takes memory was built"
+
+
+def test_a_flipped_bit_is_named(checkpoint: Path) -> None:
+    raw = checkpoint.read_bytes()
+    length = 8 + int.from_bytes(raw[:8], "little")
+    rng = random.Random(0)
+    bits = [rng.randrange(8 * length) for _ in range(300)]
+    bits += [rng.randrange(8 * length, 8 * len(raw)) for _ in range(100)]
+    place = raw.index(b'sha256\\": \\"')
+    bits += range(8 * place, 8 * (place + 80))
+    for bit in bits:
+        flipped = bytearray(raw)
+        flipped[bit // 8] ^= 1 << bit % 8
+        checkpoint.write_bytes(flipped)
+        with pytest.raises(DataError, match=checkpoint.name):
+            open_encoder(checkpoint)
+    checkpoint.write_bytes(raw)
+    open_encoder(checkpoint)
+
+
+def test_the_checksum_is_that_of_the_file_with_zeros_in_its_place(checkpoint: Path) -> None:
+    raw = checkpoint.read_bytes()
+    table = json.loads(raw[8 : 8 + int.from_bytes(raw[:8], "little")])
+    stated = json.loads(table["__metadata__"]["tactileforge"])["sha256"]
+    assert raw.count(stated.encode()) == 1
+    zeros = raw.replace(stated.encode(), b"0" * 64)
+    assert hashlib.sha256(zeros).hexdigest() == stated

@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from tactileforge import registry
 from tactileforge.errors import ConfigError, DataError, PluginError
 from tactileforge.files import new_part
-from tactileforge.hub.header import FORMAT, Header, read_header
+from tactileforge.hub.header import FORMAT, Header, read_header, seal_checkpoint
 
 #: Arguments that name files or places on a network.
 _PLACES = frozenset({"path", "root", "file", "folder", "url", "repo", "port"})
@@ -105,9 +105,10 @@ def save_checkpoint(
                 )
         state[name] = kept.clone(memory_format=torch.contiguous_format)
     path = Path(path)
-    metadata = replace(header, dtype=dtype).metadata()
+    metadata = replace(header, dtype=dtype).metadata(has_place=True)
     with new_part(path) as part:
         save_file(state, part, metadata=metadata)
+        seal_checkpoint(part)
         with part.open("rb+") as file:
             os.fsync(file.fileno())
         part.replace(path)
