@@ -5,6 +5,7 @@ import json
 import os
 import pickle
 import random
+import resource
 import signal
 import subprocess
 import sys
@@ -21,7 +22,13 @@ from safetensors.torch import load_file, save_file
 import tactileforge
 from tactileforge import registry
 from tactileforge.encoders.tactile_vit import TactileViT
-from tactileforge.errors import ConfigError, DataError, DataNotFoundError, PluginError
+from tactileforge.errors import (
+    ConfigError,
+    DataError,
+    DataNotFoundError,
+    PluginError,
+    TactileForgeError,
+)
 from tactileforge.hub.files import make_header, open_encoder, save_checkpoint
 from tactileforge.hub.header import Header, read_header
 
@@ -290,3 +297,18 @@ def test_the_checksum_is_that_of_the_file_with_zeros_in_its_place(checkpoint: Pa
     assert raw.count(stated.encode()) == 1
     zeros = raw.replace(stated.encode(), b"0" * 64)
     assert hashlib.sha256(zeros).hexdigest() == stated
+
+
+def test_a_full_disk_is_named_and_leaves_the_file_as_it_was(
+    checkpoint: Path, vit: TactileViT, header: Header
+) -> None:
+    before, limits = checkpoint.read_bytes(), resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (len(before) // 2, limits[1]))
+    try:
+        with pytest.raises(TactileForgeError, match=r"thing\.safetensors: .*make room, and go on"):
+            save_checkpoint(checkpoint, vit, header)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert checkpoint.read_bytes() == before
+    assert not list(checkpoint.parent.glob("*.part"))
+    assert not list(checkpoint.parent.glob(".*.part"))

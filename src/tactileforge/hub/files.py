@@ -15,7 +15,7 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
 from tactileforge import registry
-from tactileforge.errors import ConfigError, DataError, PluginError
+from tactileforge.errors import ConfigError, DataError, PluginError, TactileForgeError
 from tactileforge.files import new_part
 from tactileforge.hub.header import FORMAT, Header, read_header, seal_checkpoint
 
@@ -84,6 +84,7 @@ def save_checkpoint(
 
     Raises:
         ConfigError: An unknown type, a number that is not finite or does not fit it.
+        TactileForgeError: The disk is full, or cannot be written.
     """
     if dtype not in DTYPES:
         raise ConfigError(f"dtype={dtype}: give {' or '.join(DTYPES)}")
@@ -107,7 +108,12 @@ def save_checkpoint(
     path = Path(path)
     metadata = replace(header, dtype=dtype).metadata(has_place=True)
     with new_part(path) as part:
-        save_file(state, part, metadata=metadata)
+        try:
+            save_file(state, part, metadata=metadata)
+        except SafetensorError as error:  # a full disk, for one
+            raise TactileForgeError(
+                f"{path}: cannot be written ({error}); make room, and go on"
+            ) from error
         seal_checkpoint(part)
         with part.open("rb+") as file:
             os.fsync(file.fileno())
