@@ -27,7 +27,7 @@ import pytest
 import torch
 from tqdm import tqdm
 
-from tactileforge import run_folder
+from tactileforge import cli, run_folder
 from tactileforge.calibration.file import Axis, Calibration, ForceModel, load_calibration
 from tactileforge.callbacks import checkpoints
 from tactileforge.contracts import Frame, SensorSpec
@@ -210,11 +210,11 @@ def test_kills_while_a_checkpoint_is_written(tmp_path: Path) -> None:
 
 def test_kills_while_a_model_is_trained(tmp_path: Path) -> None:
     """Killed at any moment and resumed, again and again, it ends with the same weights."""
-    from tactileforge import cli
-
-    words = "train scale=demo encoder.image_size=32 batch.size=4 batch.workers=0 logger=none"
+    for name in ("hydra", "tactileforge.train"):
+        importlib.import_module(name)  # once for all children
+    words = "train scale=demo encoder.image_size=32 batch.size=4 batch.workers=0"
     words += " data.scenes=3 data.val=1 data.size=32 trainer.limit_val_batches=0"
-    words += " trainer.max_steps=60 trainer.save_every=3"
+    words += " trainer.max_steps=30 trainer.save_every=3"
     rng, kills, last = np.random.default_rng(6), 0, tmp_path / "killed" / checkpoints.LAST
 
     def ends(*more: str) -> None:
@@ -229,7 +229,7 @@ def test_kills_while_a_model_is_trained(tmp_path: Path) -> None:
     torch.set_num_threads(1)
     ends(*words.split(), f"hydra.run.dir={tmp_path / 'whole'}")
     command = [*words.split(), f"hydra.run.dir={tmp_path / 'killed'}"]
-    for number in range(5):
+    for number in range(3):
         before = step()
         process = FORK.Process(target=cli.run, args=(command,))
         process.start()
@@ -243,7 +243,7 @@ def test_kills_while_a_model_is_trained(tmp_path: Path) -> None:
         command = ["train", f"resume={tmp_path / 'killed'}"]
     ends(*command)
     weights = [checkpoints.read_checkpoint(tmp_path / name) for name in ("whole", "killed")]
-    assert weights[0]["global_step"] == weights[1]["global_step"] == 60
+    assert weights[0]["global_step"] == weights[1]["global_step"] == 30
     for key, value in weights[0]["state_dict"].items():
         assert torch.equal(value, weights[1]["state_dict"][key]), key
     assert not list(tmp_path.rglob("*.part"))
