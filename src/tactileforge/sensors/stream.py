@@ -55,6 +55,7 @@ class StreamSensor(ABC):
         self.address = ""
         self.parser: Parser | None = None
         self.continuity = Continuity(self.follows)
+        self._before: dict[str, int] = {}  # drops of earlier connections
         self._link: Link | None = None
         self._frames: deque[Frame] = deque()
         self._stamper = Stamper(0.0)
@@ -99,9 +100,10 @@ class StreamSensor(ABC):
 
     @property
     def drops(self) -> dict[str, int]:
-        """Packets that were dropped since it was opened, by reason, for the summary."""
+        """Packets that were dropped, by reason, also before it was opened again."""
         bad = 0 if self.parser is None else self.parser.bad
-        return {"implausible": bad, "jumped": self.continuity.jumps}
+        now = {"implausible": bad, "jumped": self.continuity.jumps}
+        return {reason: count + self._before.get(reason, 0) for reason, count in now.items()}
 
     def set_rate(self, fps: float) -> None:
         """Sets the measured packet rate, 1/s."""
@@ -122,6 +124,7 @@ class StreamSensor(ABC):
         self.close()
         link = self.connect()
         self._link, self.address = link, link.address
+        self._before = self.drops
         self.parser = self.new_parser()
         self.continuity = Continuity(self.follows)
         self._stamper = Stamper(1 / self.spec.fps)

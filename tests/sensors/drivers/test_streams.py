@@ -97,6 +97,17 @@ def test_a_device_that_is_unplugged_is_an_error_and_works_again_when_it_is_back(
         assert numbers(read_until_silent(sensor)) == list(range(50, 60))
 
 
+def test_drops_are_counted_on_when_a_device_is_opened_again(pty):
+    sensor = wrench_sensor(port=pty.port)
+    for number in (1, 2):
+        with sensor:
+            body = bytearray(wrench_packet(5))
+            body[4] ^= 1
+            pty.write(bytes(body) + wrench_packet(6))
+            assert numbers(read_until_silent(sensor)) == [6]
+        assert sensor.drops == {"implausible": number, "jumped": 0}
+
+
 def test_a_port_that_is_taken_is_an_error(pty):
     with wrench_sensor(port=pty.port) as first:
         assert first.address.startswith("/dev/pts/")
