@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
+from tactileforge.errors import DataError
 from tactileforge.untrusted import dump_yaml, load_json, load_yaml
 
 #: Seconds after which a part that nobody writes to is that of a process that was killed.
@@ -61,6 +62,29 @@ def new_part(target: Path) -> Iterator[Path]:
         yield part
     finally:
         part.unlink(missing_ok=True)
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turns what goes wrong with a disk into an error of one line, with the fix.
+
+    Args:
+        path: That is written.
+
+    Raises:
+        DataError: The disk is full or read-only, or the folder cannot be made.
+    """
+    try:
+        yield
+    except Exception as error:
+        is_disk = isinstance(error, OSError) or type(error).__name__ == "SafetensorError"
+        if not is_disk or isinstance(error, DataError):
+            raise
+        reason = (getattr(error, "strerror", None) or str(error)).splitlines()[0]
+        raise DataError(
+            f"{path}: cannot be written ({reason}); make room, or choose another place: out=, or "
+            "TACTILEFORGE_CACHE for weights that are fetched"
+        ) from error
 
 
 def sha256(path: Path) -> str:

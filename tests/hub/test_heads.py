@@ -105,7 +105,7 @@ def test_files_without_heads_are_what_they_were(checkpoint: Path) -> None:
     header = json.loads(_metadata(checkpoint))
     assert "heads" not in header
     model = tactileforge.load(checkpoint)
-    assert model.heads == {}
+    assert not model.heads
     assert model.readings(clips(1)[0], "first", "digit").force is None
     with pytest.raises(ConfigError, match="no force head: pack a run whose objectives include"):
         model.force(clips(1), "first", "digit")
@@ -188,7 +188,7 @@ def test_a_run_without_forces_has_no_head(run: Path) -> None:
     config = OmegaConf.load(run / "config.yaml")
     config.head.pop("force")
     OmegaConf.save(config, run / "config.yaml")
-    assert tactileforge.load(pack.pack_run(run)).heads == {}
+    assert not tactileforge.load(pack.pack_run(run)).heads
 
 
 def test_a_run_starts_from_encoder_and_heads_of_a_file(
