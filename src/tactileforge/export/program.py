@@ -155,8 +155,9 @@ class ProgramFile:
 
     def save(self, path: Path, text: str = "") -> None:
         """Writes the file with its metadata text."""
-        with path.open("wb") as file:
-            torch.export.save(self.program, file, extra_files={KEY: text})
+        whole = io.BytesIO()  # torch ends the process where it cannot write on
+        torch.export.save(self.program, whole, extra_files={KEY: text})
+        path.write_bytes(whole.getbuffer())
 
     def load(self, path: Path) -> Run:
         """Loads the file as a function."""

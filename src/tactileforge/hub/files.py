@@ -18,7 +18,7 @@ from torch import Tensor, nn
 from tactileforge import registry
 from tactileforge.errors import ConfigError, DataError, PluginError
 from tactileforge.files import new_part, writing
-from tactileforge.hub.header import FORMAT, Header, read_header
+from tactileforge.hub.header import FORMAT, Header, read_header, seal_checkpoint
 from tactileforge.hub.positions import changed_options, rebuild_encoder
 
 #: Arguments that name files or places on a network.
@@ -97,6 +97,7 @@ def save_checkpoint(
 
     Raises:
         ConfigError: An unknown type, a number that is not finite or does not fit it.
+        TactileForgeError: The disk is full, or cannot be written.
     """
     if dtype not in DTYPES:
         raise ConfigError(f"dtype={dtype}: give {' or '.join(DTYPES)}")
@@ -118,12 +119,13 @@ def save_checkpoint(
                 )
         state[name] = kept.clone(memory_format=torch.contiguous_format)
     path = Path(path)
-    metadata = replace(header, dtype=dtype).metadata()
+    metadata = replace(header, dtype=dtype).metadata(has_place=True)
     with writing(path), new_part(path) as part:
         part.touch()
         mode = part.stat().st_mode  # what the umask gives; safetensors makes files of its own
         save_file(state, part, metadata=metadata)
         part.chmod(mode)
+        seal_checkpoint(part)
         with part.open("rb+") as file:
             os.fsync(file.fileno())
         part.replace(path)

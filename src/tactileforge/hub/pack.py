@@ -32,7 +32,7 @@ def pack_run(
     licence: str = cards.NO_LICENCE,
     encoder: Literal["trained", "slow"] | None = None,
 ) -> Path:
-    """Makes a one-file checkpoint of a run's encoder, with those of its heads that are of use alone.
+    """Makes a one-file checkpoint of a run's encoder, with the heads of use alone.
 
     V-JEPA and DINO are published and evaluated by the slow copy of the encoder, which the
     objective's head keeps (`heads.ema.EMA`), so that is what is packed where there is one.
