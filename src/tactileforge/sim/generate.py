@@ -199,7 +199,9 @@ def recordings(config: SimConfig, number: int) -> list[shards.Packed]:
         config.size,
         markers=config.markers,
         viscosity=config.viscosity,
+        surface=True,
     ):
+        assert shots.surface is not None
         pictures[shots.sensor] += [shards.encode_image(p, config.codec) for p in shots.pictures]
         surface[shots.sensor] += [shards.encode_image(p, "png") for p in shots.surface]
         force[shots.sensor].append(shots.force)
