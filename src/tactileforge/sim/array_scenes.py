@@ -26,6 +26,7 @@ from tactileforge.sim.mechanics.gel import Gel
 from tactileforge.sim.mechanics.touch import ContactState, contacts
 from tactileforge.sim.optics.scene_camera import render_scene_image
 from tactileforge.sim.scene import POINTS, SPACING, Scene
+from tactileforge.threads import one_thread
 
 #: Frames per second that are simulated.
 FPS = 30.0
@@ -242,9 +243,5 @@ def write_array_scenes(
 
 
 def _write(config: SimConfig, array: Array, folder: Path, number: int) -> None:
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
+    with one_thread():
         shards.write_shard(path_of(folder, number), [recording(config, array, number)])
-    finally:
-        torch.set_num_threads(before)

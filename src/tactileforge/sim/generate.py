@@ -8,8 +8,8 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from importlib.resources import files
@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from tqdm import tqdm
 
@@ -35,6 +34,7 @@ from tactileforge.sim.optics.scene_camera import render_scene_image
 from tactileforge.sim.play import play_scenes
 from tactileforge.sim.randomise.draw import randomised_rows
 from tactileforge.sim.scene import Scene, draw_scene, simulated_rate
+from tactileforge.threads import one_thread
 
 #: Indenters that a small data set shows several times each.
 FEW = (
@@ -317,19 +317,8 @@ def _spread(
 
 
 def _write(config: SimConfig, folder: Path, number: int) -> None:
-    with _one_thread():
+    with one_thread():  # the bytes are those of any machine
         shards.write_shard(path_of(folder, number), recordings(config, number))
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Sums depend on the number of threads, and the bytes must not."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
 
 
 def write_seconds(

@@ -224,8 +224,7 @@ class _View:
         points = torch.cat([self.markers, self.centres])
         rest = points.expand(len(part.pose), -1, -1)
         lateral = surface.lateral(part, rest) if len(points) else rest
-        at_markers, at_cells = lateral.split([len(self.markers), len(self.centres)], 1)
-        return at_markers, at_cells
+        return lateral[:, : len(self.markers)], lateral[:, len(self.markers) :]
 
     def _motion(self, lateral: Tensor) -> Tensor | None:
         """Displacement of the markers in the image, mm, float32 (K, M, 2); None without markers."""
