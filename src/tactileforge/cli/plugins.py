@@ -116,23 +116,23 @@ def _attached(
     plugins: Sequence[tuple[str, str]], options: Mapping[str, Any]
 ) -> list[tuple[str, str, dict[str, Any]]]:
     """Each sensor that is attached, with the options that open it; and each that is broken."""
-    found = []
+    attached = []
     for kind, name in plugins:
         if kind != "sensors":
             continue
         try:
             known = registry.parameters(registry.get(kind, name))
         except PluginError:
-            found.append((kind, name, dict(options)))
+            attached.append((kind, name, dict(options)))
             continue
         if any(known[key] is Parameter.empty and key not in options for key in known):
             continue
         key = next((key for key in _ADDRESSES if key in known), "")
         for address in registry.build(kind, {"name": name, **options}).discover():
-            found.append((kind, name, {**options, key: address} if key else dict(options)))
-    if not found:
+            attached.append((kind, name, {**options, key: address} if key else dict(options)))
+    if not attached:
         raise SensorError("none of the sensors is attached: plug one in, or give its port=")
-    return found
+    return attached
 
 
 def _chosen(names: Sequence[str], kind: str | None) -> list[tuple[str, str]]:

@@ -51,15 +51,15 @@ def read_raw(path: Path) -> dict[str, Raw]:
     Raises:
         DataError: The file is no shard, or is damaged.
     """
-    found: dict[str, Raw] = {}
+    values_by_name: dict[str, Raw] = {}
     for name, content in shards.members(path):
         if match := _RAW.fullmatch(name):
             try:
                 with np.load(io.BytesIO(content), allow_pickle=False) as held:
-                    found[match["name"]] = (held["times"], held["values"])
+                    values_by_name[match["name"]] = (held["times"], held["values"])
             except (ValueError, KeyError, OSError, EOFError, BadZipFile, zlib.error) as error:
                 raise DataError(f"{path}: {name} is damaged ({error}); record it again") from error
-    return found
+    return values_by_name
 
 
 def merge_raw(paths: Sequence[Path]) -> dict[str, Raw]:

@@ -204,15 +204,15 @@ class PacketParser:
     def feed(self, data: bytes) -> list[bytes]:
         """Takes the next bytes; see `Parser.feed`."""
         self._buffer += data
-        found: list[bytes] = []
+        payloads: list[bytes] = []
         place = 0
         while True:
             place, payload = self._step(place)
             if payload is None:
                 break
-            found += payload
+            payloads += payload
         del self._buffer[:place]
-        return found
+        return payloads
 
     def _step(self, place: int) -> tuple[int, list[bytes] | None]:
         """Advances from a position: the next one and the payload there; None to wait for more."""
@@ -242,15 +242,15 @@ class PacketParser:
         """First possible start of a packet, at a position or after it."""
         mark = self.framing.header or self._before
         if self.framing.header:
-            found = self._buffer.find(mark, place)
+            found_at = self._buffer.find(mark, place)
         elif self._anchored:
             return place
         else:
-            found = self._buffer.find(mark, place)
-            self._anchored = found >= 0
-            if found >= 0:
-                return found + len(mark)
-        return found if found >= 0 else max(place, len(self._buffer) - len(mark) + 1)
+            found_at = self._buffer.find(mark, place)
+            self._anchored = found_at >= 0
+            if found_at >= 0:
+                return found_at + len(mark)
+        return found_at if found_at >= 0 else max(place, len(self._buffer) - len(mark) + 1)
 
     def _after(self) -> int:
         """Bytes between the payload and the end of a packet."""

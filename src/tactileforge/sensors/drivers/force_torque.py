@@ -146,7 +146,7 @@ class ForceTorque(StreamSensor):
 
     def decode(self, payload: bytes) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """An empty image, and the wrench."""
-        found = self.wrench(payload).astype(np.float32)
-        if not np.isfinite(found).all():
+        wrench = self.wrench(payload).astype(np.float32)
+        if not np.isfinite(wrench).all():
             raise ValueError("a wrench that is not finite")
-        return NO_PICTURE, found
+        return NO_PICTURE, wrench
