@@ -10,17 +10,12 @@ import pytest
 import torch
 
 from tactileforge.contracts import Recording
+from tactileforge.data.batches.allocate import allocate
 from tactileforge.data.batches.clips import Clips
 from tactileforge.data.batches.datamodule import TouchData
+from tactileforge.data.batches.source_samplers import FullSource, WindowedSource, WorkerId
 from tactileforge.data.batches.sources import Bad, InMemory, Source
-from tactileforge.data.batches.stream import (
-    BatchIndexSampler,
-    FullSource,
-    Stream,
-    WindowedSource,
-    WorkerId,
-    allocate,
-)
+from tactileforge.data.batches.stream import BatchIndexSampler, Stream
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards import index, shards
 from tactileforge.data.shards.index import Index, IndexEntry, sort_recordings

@@ -7,7 +7,7 @@ import time
 from collections.abc import Sequence
 
 from tactileforge.errors import SensorError
-from tactileforge.sensors.framing import CHECKSUMS
+from tactileforge.sensors.checksums import CHECKSUMS
 from tactileforge.sensors.links import Link
 
 #: "Write registers", and the mark of a reply that refuses.

@@ -9,19 +9,18 @@ from itertools import chain
 import lightning as L
 
 from tactileforge.contracts import Batch, Dataset, Recording
+from tactileforge.data.batches.allocate import allocate
 from tactileforge.data.batches.clips import Clips, Skipped
 from tactileforge.data.batches.loader import Loader
 from tactileforge.data.batches.pairs import Pairs
-from tactileforge.data.batches.sources import Source, sources_of
-from tactileforge.data.batches.stream import (
-    BatchIndexSampler,
+from tactileforge.data.batches.source_samplers import (
     FullSource,
-    Stream,
     WindowedSource,
     WorkerId,
-    allocate,
     estimate_clips,
 )
+from tactileforge.data.batches.sources import Source, sources_of
+from tactileforge.data.batches.stream import BatchIndexSampler, Stream
 from tactileforge.data.labels.augment import Augment, fill_captions
 from tactileforge.data.shards.summary import Summary
 from tactileforge.distributed import seed_step

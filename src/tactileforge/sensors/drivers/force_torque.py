@@ -41,7 +41,7 @@ class ForceTorque(StreamSensor):
         scale: What each of the six is multiplied by to be in N and N m.
         header: What a packet begins with, hexadecimal.
         footer: What it ends with, hexadecimal.
-        checksum: See `framing.CHECKSUMS`.
+        checksum: See `checksums.CHECKSUMS`.
         covers: What the checksum is of: ``packet`` (header and payload) or ``payload``.
         request: What makes the device send, hexadecimal; "" for one that sends by itself.
         farewell: What makes it stop, hexadecimal.

@@ -34,7 +34,7 @@ class SerialArray(StreamSensor):
         payload: What a packet carries, as `struct` writes it, for example ``<15f``.
         header: What it begins with, hexadecimal, for example ``aa55``.
         footer: What it ends with, hexadecimal.
-        checksum: See `framing.CHECKSUMS`.
+        checksum: See `checksums.CHECKSUMS`.
         covers: What the checksum is of: ``packet`` (header and payload) or ``payload``.
         values: Values of each taxel in the payload.
         channels: Which of them are x, y and z; one alone is z. The others are kept in ``raw``.
