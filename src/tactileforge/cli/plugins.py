@@ -72,6 +72,8 @@ class _New:
 
 def _list(keys: _List, _: dict[str, Any]) -> None:
     """Installed plugins; imports none of them."""
+    from tactileforge.hub.table import align_columns
+
     rows = [asdict(plugin) for plugin in registry.list_plugins()]
     for row in rows:
         row["kind"] = row["kind"].removesuffix("s")
@@ -80,9 +82,7 @@ def _list(keys: _List, _: dict[str, Any]) -> None:
         return
     columns = ("name", "kind", "distribution", "version", "status")
     table = [columns, *(tuple(str(row[column]) for column in columns) for row in rows)]
-    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-    for line in table:
-        print("  ".join(map(str.ljust, line, widths)).rstrip())
+    print(align_columns(table))
 
 
 def _check(keys: _Check, _: dict[str, Any]) -> int:
