@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from tactileforge import strict
 from tactileforge.contracts import Recording
 from tactileforge.errors import ConfigError, DataNotFoundError, unknown
-from tactileforge.files import write_text
-from tactileforge.untrusted import dump_yaml, load_yaml
+from tactileforge.files import sealed_yaml, unsealed_yaml, write_text
 
 if TYPE_CHECKING:
     from tactileforge.hub.model import Model
@@ -121,9 +120,9 @@ class Calibration:
     force: ForceModel | None = None
 
     def text(self) -> str:
-        """The file."""
+        """The file, with its checksum in the first line."""
         plain = {"version": VERSION} | asdict(self)
-        return dump_yaml(plain, width=100, default_flow_style=None)
+        return sealed_yaml(plain, width=100, default_flow_style=None)
 
     def save(self, path: Path) -> None:
         """Writes the file whole or not at all."""
@@ -238,10 +237,11 @@ def parse_calibration(text: str, where: str) -> Calibration:
         where: Its place, for messages.
 
     Raises:
-        ConfigError: A key is unknown, missing or of another type, or a number is not finite.
+        ConfigError: Its checksum is another, a key is unknown, missing or of another type, or a
+            number is not finite.
     """
     try:
-        content = strict.mapping(where, load_yaml(text))
+        content = strict.mapping(where, unsealed_yaml(text))
     except ValueError as error:
         raise ConfigError(f"{where}: {error}; correct it, or calibrate again") from error
     if (version := content.pop("version", None)) != VERSION:
