@@ -39,7 +39,7 @@ FORCE = {
 HARD = FORCE | {
     "title": "Hardness",
     "target": "label:hardness",
-    "probe": {"name": "linear", "epochs": 2},
+    "probe": {"name": "linear_adamw", "epochs": 2},
     "metrics": ["accuracy", "f1"],
 }
 
@@ -219,7 +219,7 @@ def test_neighbours_fine_tuning_and_flips(data: Any, tmp_path: Path) -> None:
 def test_a_fine_tuned_encoder_is_a_copy(data: Any, tmp_path: Path) -> None:
     kept = subject()
     weights = {k: v.clone() for k, v in kept.encoder.state_dict().items()}
-    tuned = HARD | {"probe": {"name": "linear", "epochs": 1, "finetune": 1e-2}}
+    tuned = HARD | {"probe": {"name": "linear_adamw", "epochs": 1, "finetune": 1e-2}}
     bench(tmp_path, {"t": tuned}, seeds=1).run(ModelEntry(name="a", title="A", open=[lambda: kept]))
     for name, value in kept.encoder.state_dict().items():
         torch.testing.assert_close(value, weights[name], rtol=0, atol=0)
@@ -370,3 +370,27 @@ def test_on_simulated_touch(
     absent = ["suite=touchd", "model=[pixels]", "data_folder=nowhere", "out=absent"]
     assert cli.run(["bench", *absent]) == 3
     assert "BAAI/ToucHD-Force" in capsys.readouterr().out
+
+
+def test_the_edge_of_the_rates_is_a_hint(data: Any, tmp_path: Path) -> None:
+    from tactileforge.bench.output.write import write_all
+    from tactileforge.bench.results.scores import collect_scores, edge_rates
+
+    rates = [1e-8, 1e-7, 1e-2]
+    tried = {"f": FORCE | {"probe": {"name": "force", "epochs": 5, "lr": rates}}}
+    bench(tmp_path / "edge", tried, seeds=1).run(tiny())
+    found = load.read_results(tmp_path / "edge")
+    (hint,) = edge_rates(found, collect_scores(found))
+    assert "rate, 0.01, is at the edge" in hint
+    assert "probe.lr=[1e-08,1e-07,0.01,0.04]" in hint
+    write_all(tmp_path / "edge")
+    assert hint in (tmp_path / "edge" / "report.html").read_text()
+    inside = {"f": FORCE | {"probe": {"name": "force", "epochs": 5, "lr": [1e-8, 1e-2, 1e9]}}}
+    bench(tmp_path / "inside", inside, seeds=1).run(tiny())
+    found = load.read_results(tmp_path / "inside")
+    assert edge_rates(found, collect_scores(found)) == []
+
+
+def test_a_probe_without_gradients_does_not_train_the_encoder(data: Any, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="probe linear is not trained by gradients"):
+        bench(tmp_path, {"t": HARD | {"probe": {"name": "linear", "finetune": 1e-5}}})

@@ -155,7 +155,13 @@ def _device(device: str) -> str:
 
 
 def _report(writer: Writer) -> int:
+    from tactileforge.bench.results.scores import collect_scores, edge_rates
+
     print(f"report: {writer.folder / 'report.html'}")
+    for head in sorted((writer.folder / "heads").glob("*")):
+        print(f"head for model.classify: {head}")
+    for hint in edge_rates(writer.results, collect_scores(writer.results)):
+        print(f"hint: {hint}")
     for row in writer.results.not_run:
         where = ", ".join(filter(None, (row.task, row.model)))
         print(f"not run: {where}: {row.reason} {row.fix}".rstrip())

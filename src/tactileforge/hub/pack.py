@@ -19,7 +19,7 @@ from tactileforge.provenance import commit
 from tactileforge.sensors.specs import spec
 
 #: Heads that are of use without an objective, and what `Model` reads with them.
-KEPT_HEADS = ("force", "surface")
+KEPT_HEADS = ("force", "surface", "classify")
 
 
 def pack_run(
@@ -31,7 +31,7 @@ def pack_run(
     licence: str = cards.NO_LICENCE,
     encoder: Literal["trained", "slow"] | None = None,
 ) -> Path:
-    """Makes a one-file checkpoint of a run's encoder, with its force and surface heads.
+    """Makes a one-file checkpoint of a run's encoder, with its force, surface and classify heads.
 
     V-JEPA and DINO are published and evaluated by the slow copy of the encoder, which the
     objective's head keeps (`heads.ema.EMA`), so that is what is packed where there is one.
