@@ -376,19 +376,23 @@ def test_the_edge_of_the_rates_is_a_hint(data: Any, tmp_path: Path) -> None:
     from tactileforge.bench.output.write import write_all
     from tactileforge.bench.results.scores import collect_scores, edge_rates
 
-    rates = [1e-8, 1e-7, 1e-2]
-    tried = {"f": FORCE | {"probe": {"name": "force", "epochs": 5, "lr": rates}}}
-    bench(tmp_path / "edge", tried, seeds=1).run(tiny())
-    found = load.read_results(tmp_path / "edge")
-    (hint,) = edge_rates(found, collect_scores(found))
-    assert "rate, 0.01, is at the edge" in hint
-    assert "probe.lr=[1e-08,1e-07,0.01,0.04]" in hint
-    write_all(tmp_path / "edge")
-    assert hint in (tmp_path / "edge" / "report.html").read_text()
-    inside = {"f": FORCE | {"probe": {"name": "force", "epochs": 5, "lr": [1e-8, 1e-2, 1e9]}}}
-    bench(tmp_path / "inside", inside, seeds=1).run(tiny())
-    found = load.read_results(tmp_path / "inside")
-    assert edge_rates(found, collect_scores(found)) == []
+    tried = {"f": FORCE | {"probe": {"name": "force", "epochs": 1, "lr": [1e-3, 1e-2, 1e-1]}}}
+    bench(tmp_path, tried, seeds=1).run(tiny())
+    found = load.read_results(tmp_path)
+
+    def hints(best: float) -> list[str]:
+        cells = sorted(found.cells, key=lambda cell: cell.setting["lr"] != best)
+        return edge_rates(found, collect_scores(replace(found, cells=cells)))
+
+    assert hints(1e-2) == []
+    (hint,) = hints(1e-1)
+    assert "rate, 0.1, is at the edge" in hint
+    assert "task=[f] probe.lr=[0.001,0.01,0.1,0.4]" in hint
+    assert "probe.lr=[0.00025,0.001,0.01,0.1]" in hints(1e-3)[0]
+    write_all(tmp_path)
+    shown = (tmp_path / "report.html").read_text()
+    best = found.cells[0].setting["lr"]
+    assert ("is at the edge of those tried" in shown) is (best != 1e-2)
 
 
 def test_a_probe_without_gradients_does_not_train_the_encoder(data: Any, tmp_path: Path) -> None:

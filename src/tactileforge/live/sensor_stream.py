@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from tactileforge.calibration.file import Calibration
 from tactileforge.contracts import Frame, Sensor
 from tactileforge.data.batches.clips import resize_frame
+from tactileforge.depth import DepthReader
 from tactileforge.errors import ConfigError, SensorError, unknown
 from tactileforge.hub.model import Model
 from tactileforge.live.buffer import ClipBuffer, FrameWithClip
@@ -51,6 +52,8 @@ class Reading:
         latency: Seconds from the frame to this reading.
         trouble: One of `health.TROUBLES`; "" for none.
         vector: The model's vector; None where it is not asked for.
+        depth: float32 (h, w), mm into the gel; None where it is not asked for, or the image is
+            invalid.
     """
 
     sensor: str
@@ -63,6 +66,7 @@ class Reading:
     latency: float
     trouble: str = ""
     vector: NDArray[np.float32] | None = None
+    depth: NDArray[np.float32] | None = None
 
     def message(self) -> dict[str, Any]:
         """The reading as plain data, for publishers."""
@@ -79,6 +83,8 @@ class Reading:
         }
         if self.trouble:
             message["trouble"] = self.trouble
+        if self.depth is not None:
+            message["depth_mm"] = round(float(self.depth.max()), 3)
         if self.vector is not None:
             message["embedding"] = [round(float(x), 5) for x in self.vector]
         return message
@@ -97,6 +103,7 @@ class SensorStream:
         reconnect: Seconds for which a sensor that is lost is waited for.
         unknown_sensor: What to do where the model does not know the sensor, see `Model.encode`.
         calibration: Of this unit, for the model's forces; see `Model.force`.
+        depth: Reads depth; None for none.
 
     Attributes:
         background: uint8 (H, W, 3), the frame without contact.
@@ -119,8 +126,9 @@ class SensorStream:
         reconnect: float = 10.0,
         unknown_sensor: str = "error",
         calibration: Calibration | None = None,
+        depth: DepthReader | None = None,
     ) -> None:
-        self.calibration = calibration
+        self.calibration, self.depth = calibration, depth
         if calibration is not None and model is not None:
             model.axes_of(calibration, [sensor.spec.name])
         self.name, self.sensor, self.model, self.wake = name, sensor, model, wake
@@ -241,6 +249,7 @@ class SensorStream:
                 vector = readings.vector.cpu().numpy() if with_vector else None
             if force is not None:
                 slip = self.slip.update(frame.time, force, contact)
+        depth = None if trouble else self._depth(frame.array)
         return Reading(
             self.name,
             shot.number,
@@ -252,7 +261,14 @@ class SensorStream:
             time.monotonic() - frame.time,
             trouble,
             vector,
+            depth,
         )
+
+    def _depth(self, image: NDArray[np.uint8]) -> NDArray[np.float32] | None:
+        if self.depth is None or image.shape != self.background.shape:
+            return None
+        found: NDArray[np.float32] = self.depth.read(image, self.background).depth.numpy()
+        return found
 
 
 def known_as(name: str, model: Model | None, unknown_sensor: str) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 
 from tactileforge.calibration.file import Calibration, load_calibration
 from tactileforge.contracts import Sensor
+from tactileforge.depth import depth_readers
 from tactileforge.errors import ConfigError, SensorError, unknown
 from tactileforge.hub.model import Model
 from tactileforge.live.contact import ContactOptions, SlipOptions
@@ -27,6 +28,8 @@ from tactileforge.sensors.opening import open_all
 _PATIENCE, _WAIT = 10.0, 0.1
 #: Readings over which latency is told: of the whole run at the end, and meanwhile.
 _KEPT, _RECENT = 20_000, 300
+#: Rows of a height map: few, so that a frame takes milliseconds.
+LIVE_ROWS = 60
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,6 +56,8 @@ class LiveOptions:
         unknown_sensor: ``error`` or ``universal``.
         reconnect: Seconds for which a sensor that is lost is waited for.
         calibration: Files of `tactileforge calibrate model=...`, by sensor, for its forces.
+        depth: Optical calibrations, by sensor, for its depth: a name that ships, or a file, as in
+            {digit: digit}. Those that ship are of another unit, so sizes are estimates.
         seconds: After which it ends; None until stopped.
         frames: Readings after which it ends; None until stopped.
     """
@@ -64,6 +69,7 @@ class LiveOptions:
     unknown_sensor: str = "error"
     reconnect: float = 10.0
     calibration: Mapping[str, str] = field(default_factory=dict)
+    depth: Mapping[str, str] = field(default_factory=dict)
     seconds: float | None = None
     frames: int | None = None
 
@@ -140,6 +146,7 @@ class LiveSession:
             ConfigError: The model does not know one, or a calibration is of another.
         """
         options, known = self.options, self._calibrations()
+        depth = depth_readers(options.depth, self.sensors, LIVE_ROWS)
         with ExitStack() as stack:
             stack.enter_context(low_latency_threads())
             open_all(self.sensors, stack)
@@ -154,6 +161,7 @@ class LiveSession:
                     options.reconnect,
                     options.unknown_sensor,
                     known.get(name),
+                    depth.get(name),
                 )
                 for name, sensor in self.sensors.items()
             }
