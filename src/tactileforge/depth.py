@@ -41,7 +41,7 @@ class DepthReader:
         sensor: Type of the sensor.
         calibration: Name of one that ships, or a file of `sim.optics.fit.save_optics`; None takes
             the one of the type.
-        rows: Rows of the height map; pictures are shrunk to it first.
+        rows: Rows of the height map, to which larger pictures are shrunk first.
         mm_per_pixel: Of a picture as the sensor gives it; None takes the sensing area of the type.
 
     Raises:
@@ -103,11 +103,12 @@ class DepthReader:
         return out
 
     def _reader(self, height: int, width: int) -> SurfaceReader:
-        size = self.rows, max(1, round(width * self.rows / height))
+        rows = min(self.rows, height)
+        size = rows, max(1, round(width * rows / height))
         if size not in self._readers:
-            known = pixel_spacing(self.sensor, self.rows)
+            known = pixel_spacing(self.sensor, rows)
             given = self.mm_per_pixel
-            spacing = known if given is None else given * height / self.rows
+            spacing = known if given is None else given * height / rows
             self._readers[size] = SurfaceReader(self.calibration, size, spacing)
         return self._readers[size]
 
