@@ -7,10 +7,14 @@ from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from typing import Any
 
+import torch
 from torch import Tensor, nn
 
 from tactileforge import registry
 from tactileforge.errors import ConfigError
+
+#: Largest number among the options of an encoder, and most weights of one.
+_LARGEST, _MOST = 8192, 20_000_000_000
 
 
 @dataclass(frozen=True)
@@ -49,6 +53,7 @@ def build_parts(
     Raises:
         ConfigError: The encoder encodes something else, or a head has nothing to align with.
     """
+    _check_size(config["encoder"])
     encoder = registry.build("encoders", config["encoder"])
     modality = getattr(encoder, "modality", "touch")
     if modality != "touch":
@@ -59,6 +64,30 @@ def build_parts(
         objectives[key] = registry.build("objectives", options)
         heads[key] = _head(key, config, provides, encoder)
     return encoder, heads, objectives
+
+
+def _check_size(node: Mapping[str, Any]) -> None:
+    """Raises a ConfigError before an encoder is built that would take minutes, or all memory."""
+    for key, value in node.items():
+        largest = max((x for x in _numbers(value)), default=0)
+        if largest > _LARGEST:
+            raise ConfigError(f"encoder.{key}={value}: at most {_LARGEST} for an encoder")
+    try:
+        with torch.device("meta"), torch.random.fork_rng(devices=[]):
+            shell = registry.build("encoders", node)
+    except (NotImplementedError, RuntimeError):  # a plugin that needs its numbers where it is built
+        return
+    needs = sum(x.numel() for x in shell.state_dict().values())
+    if needs > _MOST:
+        raise ConfigError(
+            f"encoder={node['name']} would have {needs:,} weights, and at most {_MOST:,} are "
+            "built; make encoder.size or encoder.depth smaller"
+        )
+
+
+def _numbers(value: Any) -> list[float]:
+    items = value if isinstance(value, list | tuple) else [value]
+    return [abs(x) for x in items if isinstance(x, int | float)]
 
 
 def _head(

@@ -398,3 +398,9 @@ def test_the_edge_of_the_rates_is_a_hint(data: Any, tmp_path: Path) -> None:
 def test_a_probe_without_gradients_does_not_train_the_encoder(data: Any, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="probe linear is not trained by gradients"):
         bench(tmp_path, {"t": HARD | {"probe": {"name": "linear", "finetune": 1e-5}}})
+
+
+def test_a_label_that_no_recording_has_names_the_nearest(data: Any, tmp_path: Path) -> None:
+    bench(tmp_path, {"t": HARD | {"target": "label:hardnes"}}).run(tiny())
+    ((_, _, reason),) = not_run(tmp_path)
+    assert "unknown label 'hardnes'; did you mean 'hardness'? Known: hardness" in reason

@@ -3,6 +3,8 @@
 import os
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 import yaml
 
@@ -100,6 +102,10 @@ def test_multirun_trains_each_in_a_folder_of_its_own() -> None:
         (["train", *SMALL, "+trainer.foo=1"], "unknown key of trainer 'foo'"),
         (["train", *SMALL, "logger=wandb"], "pip install 'tactileforge[wandb]'"),
         (["train", "resume=nope"], "give the folder of a run"),
+        (["train", *SMALL, "encoder.depth=1000000"], "encoder.depth=1000000: at most 8192"),
+        (["train", *SMALL, "encoder.size=large", "encoder.depth=2000"], "weights, and at most"),
+        (["bench", "model=[pixelz]"], "did you mean 'pixels'"),
+        (["bench", "model=[anytouch2.tinny,pixels]"], "tiny"),
         (["sim", "out=x", "sise=3"], "did you mean 'size'"),
         (["sim", "out=x", "size=big"], "size is 'big', which is not of type int"),
         (["data", "pack", "data=sim", "out=x", "pack.codek=png"], "did you mean 'pack.codec'"),
@@ -166,3 +172,44 @@ def test_explain_says_where_a_value_is_from(capsys: pytest.CaptureFixture[str]) 
 )
 def test_completion(line: str, found: list[str]) -> None:
     assert complete(line) == found
+
+
+def test_a_run_below_a_file_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("notes").write_text("mine")
+    for folder in ("notes", "notes/run"):
+        err = error_of(capsys, "train", *SMALL, f"hydra.run.dir={folder}")
+        assert "give another hydra.run.dir=" in err
+    assert Path("notes").read_text() == "mine"
+
+
+LAYOUT = """layouts:
+  cups: {images: "*.png", each: touch, sensor: digit, background: none, labels: {file: l.csv}%s}
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "extra", "message"),
+    [
+        ("file,name\na.png,caf\xe9\n", ', object: "{name}"', "is not UTF-8; save it as CSV UTF-8"),
+        ("file,file\na.png,b\n", "", "two columns are called 'file'"),
+        (
+            "file\na.png\n",
+            ", force: {file: f.csv, columns: [fx, fx, null]}",
+            "give each axis a column of its own",
+        ),
+    ],
+)
+def test_labels_that_cannot_be_read_are_one_line(
+    text: str, extra: str, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cv2.imwrite("a.png", np.zeros((32, 32, 3), np.uint8))
+    Path("l.csv").write_bytes(text.encode("latin1"))
+    Path("tactileforge.yaml").write_text(LAYOUT % extra)
+    err = error_of(
+        capsys, "train", "data=recordings", "data.root=.", "objective=[pixel]", *SMALL[:2]
+    )
+    assert message in err
+
+
+def test_jobs_in_the_help_are_quoted_as_a_shell_needs(capsys: pytest.CaptureFixture[str]) -> None:
+    assert """'jobs=["hydra/launcher=ray"]'""" in said(capsys, "bench", "--help")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -169,9 +170,18 @@ def _read(path: Path, needed: list[str], whole: bool = False) -> list[tuple[str,
     """Place and cells of each row of a CSV; ``whole`` if a row must not be skipped in silence."""
     if not path.is_file():
         raise DataNotFoundError(f"{path}: no such CSV; correct the layout, or add the file")
-    with path.open(newline="", encoding="utf-8-sig") as file:
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise DataError(
+            f"{path}: byte {error.start} is not UTF-8; save it as CSV UTF-8, or convert it: "
+            f"iconv -f latin1 -t utf-8 {path.name}"
+        ) from error
+    with io.StringIO(text, newline="") as file:
         reader = csv.DictReader(file, restval="", skipinitialspace=True)
         header = reader.fieldnames or []
+        if twice := [name for name in needed if list(header).count(name) > 1]:
+            raise DataError(f"{path}: two columns are called {twice[0]!r}; rename one")
         for name in needed:
             if name not in header:
                 raise ConfigError(f"{path}: {unknown('column', name, header)}")
