@@ -1,15 +1,21 @@
 """The same habits on every verb, and what wins over what."""
 
+import csv
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 import yaml
+from hydra.core.utils import JobReturn, JobStatus
+from omegaconf import OmegaConf
 
 from tactileforge import cli
 from tactileforge.cli._complete import complete
+from tactileforge.cli._sweep import SweepTable
 from tactileforge.compose import compose
 
 SMALL = ["scale=demo", "debug=steps", "data.scenes=3", "data.val=1", "data.size=32"]
@@ -88,6 +94,44 @@ def test_multirun_trains_each_in_a_folder_of_its_own() -> None:
         assert (sweep / str(number) / "report.html").is_file()
     first, second = (read_checkpoint(sweep / str(number))["state_dict"] for number in range(2))
     assert any((first[key] != second[key]).any() for key in first)
+
+
+@pytest.mark.slow
+def test_the_jobs_of_a_launcher_are_gathered_in_a_table() -> None:
+    """Two processes at once, each in a folder of its own; the smallest loss comes first."""
+    pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
+    launcher = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
+    code = "import sys; from tactileforge.cli import run; sys.exit(run(sys.argv[1:]))"
+    words = ["train", "-m", "optim.lr=1e-5,1e-2", *launcher, *SMALL]
+    done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    (sweep,) = Path("runs/sweeps").iterdir()
+    with (sweep / "sweep.csv").open() as file:
+        head, *rows = csv.reader(file)
+    assert head == ["job", "optim.lr", "validation loss"]
+    assert {row[1] for row in rows} == {"1e-05", "0.01"}
+    losses = [float(row[2]) for row in rows]
+    assert losses == sorted(losses)
+    assert "sweep:" in done.stdout
+    for job, rate, loss in rows:
+        found = yaml.safe_load((sweep / job / "config.yaml").read_text())
+        assert found["optim"]["lr"] == float(rate)
+        assert np.isfinite(float(loss))
+
+
+def test_the_table_of_a_sweep_has_what_differs(capsys: pytest.CaptureFixture[str]) -> None:
+    jobs = [("a=1 b=2", 0.5), ("a=2 b=2", float("nan")), ("a=3 b=2", 0.25)]
+    for number, (words, metric) in enumerate(jobs):
+        Path(f"s/{number}").mkdir(parents=True)
+        overrides = {"task": words.split()}
+        hydra = {"mode": "MULTIRUN", "job": {"num": number}, "overrides": overrides}
+        hydra["runtime"] = {"output_dir": f"s/{number}"}
+        job = JobReturn(_return_value=metric, status=JobStatus.COMPLETED)
+        SweepTable().on_job_end(OmegaConf.create({"hydra": hydra}), job)
+    SweepTable().on_multirun_end(OmegaConf.create({"hydra": {"sweep": {"dir": "s"}}}))
+    text = Path("s/sweep.csv").read_text().split()
+    assert text == ["job,a,validation", "loss", "2,3,0.25", "0,1,0.5", "1,2,nan"]
+    assert capsys.readouterr().out.splitlines()[1].split() == ["2", "3", "0.25"]
 
 
 @pytest.mark.parametrize(
