@@ -115,17 +115,21 @@ def metric(module: TouchModule, name: str | None = None) -> float:
     Args:
         module: After its training.
         name: As in the metrics, for example ``val/force``; None for the sum of the losses of all
-            objectives that were validated.
+            objectives that were validated, or trained where the run was too short to be validated.
 
     Raises:
         ConfigError: Nothing of that name was logged.
     """
     logged = module.trainer.callback_metrics
-    names = [name] if name else [f"val/{key}" for key in module.objectives]
-    found = [float(logged[key]) for key in names if key in logged]
-    if name and not found:
+    if name and name not in logged:
         raise ConfigError(unknown("metric", name, [key for key in logged if "/" in key]))
-    return sum(found) if found else float("nan")
+    if name:
+        return float(logged[name])
+    losses = [
+        [float(logged[f"{split}/{key}"]) for key in module.objectives if f"{split}/{key}" in logged]
+        for split in ("val", "train")
+    ]
+    return sum(losses[0] or losses[1] or [float("nan")])
 
 
 def _plain(config: DictConfig) -> dict[str, Any]:

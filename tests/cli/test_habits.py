@@ -5,6 +5,8 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -17,6 +19,8 @@ from tactileforge import cli
 from tactileforge.cli._complete import complete
 from tactileforge.cli._sweep import SweepTable
 from tactileforge.compose import compose
+from tactileforge.errors import ConfigError
+from tactileforge.train import metric
 
 SMALL = ["scale=demo", "debug=steps", "data.scenes=3", "data.val=1", "data.size=32"]
 SMALL += ["encoder.image_size=32", "batch.size=4", "objective=[pixel]"]
@@ -108,7 +112,7 @@ def test_the_jobs_of_a_launcher_are_gathered_in_a_table() -> None:
     (sweep,) = Path("runs/sweeps").iterdir()
     with (sweep / "sweep.csv").open() as file:
         head, *rows = csv.reader(file)
-    assert head == ["job", "optim.lr", "validation loss"]
+    assert head == ["job", "optim.lr", "loss"]
     assert {row[1] for row in rows} == {"1e-05", "0.01"}
     losses = [float(row[2]) for row in rows]
     assert losses == sorted(losses)
@@ -121,17 +125,32 @@ def test_the_jobs_of_a_launcher_are_gathered_in_a_table() -> None:
 
 def test_the_table_of_a_sweep_has_what_differs(capsys: pytest.CaptureFixture[str]) -> None:
     jobs = [("a=1 b=2", 0.5), ("a=2 b=2", float("nan")), ("a=3 b=2", 0.25)]
-    for number, (words, metric) in enumerate(jobs):
+    for number, (words, loss) in enumerate(jobs):
         Path(f"s/{number}").mkdir(parents=True)
         overrides = {"task": words.split()}
         hydra = {"mode": "MULTIRUN", "job": {"num": number}, "overrides": overrides}
         hydra["runtime"] = {"output_dir": f"s/{number}"}
-        job = JobReturn(_return_value=metric, status=JobStatus.COMPLETED)
+        job = JobReturn(_return_value=loss, status=JobStatus.COMPLETED)
         SweepTable().on_job_end(OmegaConf.create({"hydra": hydra}), job)
     SweepTable().on_multirun_end(OmegaConf.create({"hydra": {"sweep": {"dir": "s"}}}))
     text = Path("s/sweep.csv").read_text().split()
-    assert text == ["job,a,validation", "loss", "2,3,0.25", "0,1,0.5", "1,2,nan"]
+    assert text == ["job,a,loss", "2,3,0.25", "0,1,0.5", "1,2,nan"]
     assert capsys.readouterr().out.splitlines()[1].split() == ["2", "3", "0.25"]
+
+
+def test_the_number_of_a_job_is_that_of_validation_where_there_is_one() -> None:
+    def found(logged: dict[str, float], name: str | None = None) -> float:
+        module: Any = SimpleNamespace(
+            objectives=["pixel", "force"], trainer=SimpleNamespace(callback_metrics=logged)
+        )
+        return metric(module, name)
+
+    trained = {"train/pixel": 1.0, "train/force": 2.0}
+    assert found(trained) == 3.0, "a run that was too short to be validated"
+    assert found(trained | {"val/pixel": 0.5, "val/force": 0.25}) == 0.75
+    assert found(trained, "train/force") == 2.0
+    with pytest.raises(ConfigError, match="did you mean 'train/force'"):
+        found(trained, "train/forse")
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@ import pytest
 
 from tactileforge.errors import ConfigError
 from tactileforge.record.wrench import axes_matrix, interpolate_wrenches, rotate_wrenches
+from tactileforge.sensors.drivers.sim_wrench import SimWrench
 
 
 def test_between_samples_it_is_linear():

@@ -43,7 +43,7 @@ class SweepTable(Callback):
             return
         said = [dict(word.split("=", 1) for word in row["words"]) for row in rows]
         keys = [key for key in said[0] if len({str(words.get(key)) for words in said}) > 1]
-        name = config.get("optimized_metric") or "validation loss"
+        name = config.get("optimized_metric") or "loss"
         head = ["job", *keys, name]
         body = [
             [str(row["job"]), *(words.get(key, "") for key in keys), _number(row["metric"])]
