@@ -18,8 +18,9 @@ from tactileforge.hub import cards, files, store
 from tactileforge.provenance import commit
 from tactileforge.sensors.specs import spec
 
-#: Heads that are of use without an objective, and what `Model` reads with them.
-KEPT_HEADS = ("force", "surface", "classify")
+#: Heads that are kept: `Model` reads force, surface and classify, and a run that starts from the file goes on
+#: with all of them.
+KEPT_HEADS = ("pixel", "diff", "surface", "descriptors", "force", "classify")
 
 
 def pack_run(
@@ -31,7 +32,7 @@ def pack_run(
     licence: str = cards.NO_LICENCE,
     encoder: Literal["trained", "slow"] | None = None,
 ) -> Path:
-    """Makes a one-file checkpoint of a run's encoder, with its force, surface and classify heads.
+    """Makes a one-file checkpoint of a run's encoder, with those of its heads that are of use alone.
 
     V-JEPA and DINO are published and evaluated by the slow copy of the encoder, which the
     objective's head keeps (`heads.ema.EMA`), so that is what is packed where there is one.
