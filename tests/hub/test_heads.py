@@ -208,5 +208,5 @@ def test_training_takes_the_encoder_of_a_model_with_its_options(file: Path) -> N
     state = _start_from(plain)
     assert plain["encoder"] == NODE | {"mask_ratio": 0.3}
     assert "heads.force.force.probe.0.weight" in state
-    with pytest.raises(ConfigError, match="did you mean .tiny."):
+    with pytest.raises(ConfigError, match=r"did you mean .tiny."):
         _start_from({"init": "anytouch2.tini", "encoder": {"name": "tactile_vit"}})

@@ -18,8 +18,8 @@ from tactileforge.hub import cards, files, store
 from tactileforge.provenance import commit
 from tactileforge.sensors.specs import spec
 
-#: Heads that are kept: `Model` reads force, surface and classify, and a run that starts from the file goes on
-#: with all of them.
+#: Heads that are kept: `Model` reads force, surface and classify, and a run that starts from the
+#: file goes on with all of them.
 KEPT_HEADS = ("pixel", "diff", "surface", "descriptors", "force", "classify")
 
 
@@ -32,7 +32,7 @@ def pack_run(
     licence: str = cards.NO_LICENCE,
     encoder: Literal["trained", "slow"] | None = None,
 ) -> Path:
-    """Makes a one-file checkpoint of a run's encoder, with those of its heads that are of use alone.
+    """Makes a one-file checkpoint of a run's encoder, with the heads that are of use alone.
 
     V-JEPA and DINO are published and evaluated by the slow copy of the encoder, which the
     objective's head keeps (`heads.ema.EMA`), so that is what is packed where there is one.
