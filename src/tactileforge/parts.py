@@ -13,8 +13,8 @@ from torch import Tensor, nn
 from tactileforge import registry
 from tactileforge.errors import ConfigError
 
-#: Largest number among the options of an encoder, and most weights of one.
-_LARGEST, _MOST = 8192, 20_000_000_000
+#: Largest number among the options of an encoder, most blocks, and most weights of one.
+_LARGEST, _DEEPEST, _MOST = 8192, 256, 20_000_000_000
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,6 @@ def build_parts(
     Raises:
         ConfigError: The encoder encodes something else, or a head has nothing to align with.
     """
-    _check_size(config["encoder"])
     encoder = registry.build("encoders", config["encoder"])
     modality = getattr(encoder, "modality", "touch")
     if modality != "touch":
@@ -66,12 +65,19 @@ def build_parts(
     return encoder, heads, objectives
 
 
-def _check_size(node: Mapping[str, Any]) -> None:
-    """Raises a ConfigError before an encoder is built that would take minutes, or all memory."""
+def check_size(node: Mapping[str, Any]) -> None:
+    """Refuses an encoder that would take minutes to build, or all memory.
+
+    Args:
+        node: Of the encoder.
+
+    Raises:
+        ConfigError: An option, or the number of weights, is larger than that of any model.
+    """
     for key, value in node.items():
-        largest = max((x for x in _numbers(value)), default=0)
-        if largest > _LARGEST:
-            raise ConfigError(f"encoder.{key}={value}: at most {_LARGEST} for an encoder")
+        most = _DEEPEST if key == "depth" else _LARGEST
+        if max(_numbers(value), default=0) > most:
+            raise ConfigError(f"encoder.{key}={value}: at most {most} for an encoder")
     try:
         with torch.device("meta"), torch.random.fork_rng(devices=[]):
             shell = registry.build("encoders", node)

@@ -29,6 +29,7 @@ from tactileforge.files import sealed, write_text
 from tactileforge.hub.starting_point import starting_weights
 from tactileforge.module import TouchModule
 from tactileforge.optim import OptimOptions
+from tactileforge.parts import check_size
 from tactileforge.provenance import commit
 
 log = logging.getLogger(__name__)
@@ -168,6 +169,7 @@ def _check(config: Mapping[str, Any]) -> None:
         ConfigError: See there.
     """
     strict.build(OptimOptions, "optim", config["optim"])
+    check_size(config["encoder"])
     known = {*signature(L.Trainer).parameters, "save_every"}
     for key, value in config["trainer"].items():
         if key not in known:
