@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,8 +21,9 @@ from tactileforge.hub.forces import fingerprint
 from tactileforge.untrusted import load_json
 
 if TYPE_CHECKING:
+    from tactileforge.hub.head_model import HeadModel
     from tactileforge.hub.inputs import Images
-    from tactileforge.hub.model import Model, Policy
+    from tactileforge.hub.sensor_rows import Policy
 
 #: Version of the file, and the key of its metadata.
 FORMAT = 1
@@ -136,7 +137,7 @@ def _facts(text: str | None) -> ClassFacts:
 
 
 def classify(
-    model: Model,
+    model: HeadModel,
     frames: Images,
     background: Images | str | None,
     sensor: str | Sequence[str] | None,
@@ -160,7 +161,7 @@ def _still(image: Images, count: int) -> Images:
 
 
 def _layer(
-    model: Model, head: str | Path | ClassHead | None, names: Sequence[str] | None
+    model: HeadModel, head: str | Path | ClassHead | None, names: Sequence[str] | None
 ) -> tuple[Tensor, Tensor, tuple[str, ...]]:
     if head is None:
         return _packed(model.heads, names, repr(model))
@@ -176,7 +177,7 @@ def _layer(
 
 
 def _packed(
-    heads: Mapping[str, Any], names: Sequence[str] | None, model: str
+    heads: Any, names: Sequence[str] | None, model: str
 ) -> tuple[Tensor, Tensor, tuple[str, ...]]:
     """The rows of the head of a run for some objects."""
     if "classify" not in heads:
@@ -195,4 +196,5 @@ def _packed(
                 f"names: {other!r} and {names[place]!r} share a class of the head; train with "
                 "more head.classify.classes"
             )
-    return linear.weight[rows].detach(), linear.bias[rows].detach(), tuple(names)
+    weight, bias = linear.weight[rows].detach().float(), linear.bias[rows].detach().float()
+    return weight, bias, tuple(names)

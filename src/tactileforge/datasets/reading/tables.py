@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -171,13 +170,18 @@ def _read(path: Path, needed: list[str], whole: bool = False) -> list[tuple[str,
     if not path.is_file():
         raise DataNotFoundError(f"{path}: no such CSV; correct the layout, or add the file")
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        return _rows(path, needed, whole)
     except UnicodeDecodeError as error:
         raise DataError(
             f"{path}: byte {error.start} is not UTF-8; save it as CSV UTF-8, or convert it: "
             f"iconv -f latin1 -t utf-8 {path.name}"
         ) from error
-    with io.StringIO(text, newline="") as file:
+    except csv.Error as error:
+        raise DataError(f"{path}: not a CSV ({error}); save it as one") from error
+
+
+def _rows(path: Path, needed: list[str], whole: bool) -> list[tuple[str, dict[str, str]]]:
+    with path.open(newline="", encoding="utf-8-sig") as file:
         reader = csv.DictReader(file, restval="", skipinitialspace=True)
         header = reader.fieldnames or []
         if twice := [name for name in needed if list(header).count(name) > 1]:
