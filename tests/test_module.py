@@ -1,11 +1,13 @@
 import pytest
 import torch
 
+from tactileforge import parts
 from tactileforge.assemble import build_data
 from tactileforge.compose import compose
 from tactileforge.contracts import Batch
 from tactileforge.errors import ConfigError
 from tactileforge.module import TouchModule
+from tactileforge.parts import check_size
 
 SMALL = ["scale=demo", "encoder.image_size=32"]
 TINY_DATA = ["data.scenes=3", "data.val=1", "data.size=32"]
@@ -127,3 +129,17 @@ def test_sensors_of_the_data_get_rows_and_the_configuration_says_so() -> None:
     table = build_data(config)[1]["sensors"]
     assert table["digit"] == 4
     assert len(set(table.values())) == len(table) == 3
+
+
+def test_an_encoder_of_any_size_is_refused_before_it_is_built(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    node = {"name": "tactile_vit", "size": "tiny", "image_size": 32}
+    before = torch.random.get_rng_state()
+    check_size(node)
+    assert torch.equal(torch.random.get_rng_state(), before), "it draws nothing"
+    with pytest.raises(ConfigError, match=r"image_size=\[32, 100000\]: at most 8192"):
+        check_size(node | {"image_size": [32, 100000]})
+    monkeypatch.setattr(parts, "_MOST", 1000)
+    with pytest.raises(ConfigError, match="weights, and at most 1,000 are built"):
+        check_size(node)

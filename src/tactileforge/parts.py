@@ -7,10 +7,14 @@ from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from typing import Any
 
+import torch
 from torch import Tensor, nn
 
 from tactileforge import registry
 from tactileforge.errors import ConfigError
+
+#: Largest number among the options of an encoder, most blocks, and most weights of one.
+_LARGEST, _DEEPEST, _MOST = 8192, 256, 20_000_000_000
 
 
 @dataclass(frozen=True)
@@ -59,6 +63,37 @@ def build_parts(
         objectives[key] = registry.build("objectives", options)
         heads[key] = _head(key, config, provides, encoder)
     return encoder, heads, objectives
+
+
+def check_size(node: Mapping[str, Any]) -> None:
+    """Refuses an encoder that would take minutes to build, or all memory.
+
+    Args:
+        node: Of the encoder.
+
+    Raises:
+        ConfigError: An option, or the number of weights, is larger than that of any model.
+    """
+    for key, value in node.items():
+        most = _DEEPEST if key == "depth" else _LARGEST
+        if max(_numbers(value), default=0) > most:
+            raise ConfigError(f"encoder.{key}={value}: at most {most} for an encoder")
+    try:
+        with torch.device("meta"), torch.random.fork_rng(devices=[]):
+            shell = registry.build("encoders", node)
+    except (NotImplementedError, RuntimeError):  # a plugin that needs its numbers where it is built
+        return
+    needs = sum(x.numel() for x in shell.state_dict().values())
+    if needs > _MOST:
+        raise ConfigError(
+            f"encoder={node['name']} would have {needs:,} weights, and at most {_MOST:,} are "
+            "built; make encoder.size or encoder.depth smaller"
+        )
+
+
+def _numbers(value: Any) -> list[float]:
+    items = value if isinstance(value, list | tuple) else [value]
+    return [abs(x) for x in items if isinstance(x, int | float)]
 
 
 def _head(

@@ -113,7 +113,7 @@ def get(kind: str, name: str) -> type[Any]:
         raise PluginError(f"{claims} claim one name: uninstall one of the two packages")
     try:
         loaded: type[Any] = entries[0].load()
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # one that exits ends nothing but itself
         raise PluginError(
             f"{_describe(kind, entries[0])} cannot be loaded: {type(error).__name__}: {error}"
         ) from error

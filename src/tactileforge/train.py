@@ -30,6 +30,7 @@ from tactileforge.files import sealed, write_text
 from tactileforge.hub.starting_point import starting_weights
 from tactileforge.module import TouchModule
 from tactileforge.optim import OptimOptions
+from tactileforge.parts import check_size
 from tactileforge.provenance import commit
 
 log = logging.getLogger(__name__)
@@ -135,17 +136,21 @@ def metric(module: TouchModule, name: str | None = None) -> float:
     Args:
         module: After its training.
         name: As in the metrics, for example ``val/force``; None for the sum of the losses of all
-            objectives that were validated.
+            objectives that were validated, or trained where the run was too short to be validated.
 
     Raises:
         ConfigError: Nothing of that name was logged.
     """
     logged = module.trainer.callback_metrics
-    names = [name] if name else [f"val/{key}" for key in module.objectives]
-    found = [float(logged[key]) for key in names if key in logged]
-    if name and not found:
+    if name and name not in logged:
         raise ConfigError(unknown("metric", name, [key for key in logged if "/" in key]))
-    return sum(found) if found else float("nan")
+    if name:
+        return float(logged[name])
+    losses = [
+        [float(logged[f"{split}/{key}"]) for key in module.objectives if f"{split}/{key}" in logged]
+        for split in ("val", "train")
+    ]
+    return sum(losses[0] or losses[1] or [float("nan")])
 
 
 def _plain(config: DictConfig) -> dict[str, Any]:
@@ -164,6 +169,7 @@ def _check(config: Mapping[str, Any]) -> None:
         ConfigError: See there.
     """
     strict.build(OptimOptions, "optim", config["optim"])
+    check_size(config["encoder"])
     known = {*signature(L.Trainer).parameters, "save_every"}
     for key, value in config["trainer"].items():
         if key not in known:

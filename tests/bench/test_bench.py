@@ -39,7 +39,7 @@ FORCE = {
 HARD = FORCE | {
     "title": "Hardness",
     "target": "label:hardness",
-    "probe": {"name": "linear", "epochs": 2},
+    "probe": {"name": "linear_adamw", "epochs": 2},
     "metrics": ["accuracy", "f1"],
 }
 
@@ -219,7 +219,7 @@ def test_neighbours_fine_tuning_and_flips(data: Any, tmp_path: Path) -> None:
 def test_a_fine_tuned_encoder_is_a_copy(data: Any, tmp_path: Path) -> None:
     kept = subject()
     weights = {k: v.clone() for k, v in kept.encoder.state_dict().items()}
-    tuned = HARD | {"probe": {"name": "linear", "epochs": 1, "finetune": 1e-2}}
+    tuned = HARD | {"probe": {"name": "linear_adamw", "epochs": 1, "finetune": 1e-2}}
     bench(tmp_path, {"t": tuned}, seeds=1).run(ModelEntry(name="a", title="A", open=[lambda: kept]))
     for name, value in kept.encoder.state_dict().items():
         torch.testing.assert_close(value, weights[name], rtol=0, atol=0)
@@ -370,3 +370,37 @@ def test_on_simulated_touch(
     absent = ["suite=touchd", "model=[pixels]", "data_folder=nowhere", "out=absent"]
     assert cli.run(["bench", *absent]) == 3
     assert "BAAI/ToucHD-Force" in capsys.readouterr().out
+
+
+def test_the_edge_of_the_rates_is_a_hint(data: Any, tmp_path: Path) -> None:
+    from tactileforge.bench.output.write import write_all
+    from tactileforge.bench.results.scores import collect_scores, edge_rates
+
+    tried = {"f": FORCE | {"probe": {"name": "force", "epochs": 1, "lr": [1e-3, 1e-2, 1e-1]}}}
+    bench(tmp_path, tried, seeds=1).run(tiny())
+    found = load.read_results(tmp_path)
+
+    def hints(best: float) -> list[str]:
+        cells = sorted(found.cells, key=lambda cell: cell.setting["lr"] != best)
+        return edge_rates(found, collect_scores(replace(found, cells=cells)))
+
+    assert hints(1e-2) == []
+    (hint,) = hints(1e-1)
+    assert "rate, 0.1, is at the edge" in hint
+    assert "task=[f] probe.lr=[0.001,0.01,0.1,0.4]" in hint
+    assert "probe.lr=[0.00025,0.001,0.01,0.1]" in hints(1e-3)[0]
+    write_all(tmp_path)
+    shown = (tmp_path / "report.html").read_text()
+    best = found.cells[0].setting["lr"]
+    assert ("is at the edge of those tried" in shown) is (best != 1e-2)
+
+
+def test_a_probe_without_gradients_does_not_train_the_encoder(data: Any, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="probe linear is not trained by gradients"):
+        bench(tmp_path, {"t": HARD | {"probe": {"name": "linear", "finetune": 1e-5}}})
+
+
+def test_a_label_that_no_recording_has_names_the_nearest(data: Any, tmp_path: Path) -> None:
+    bench(tmp_path, {"t": HARD | {"target": "label:hardnes"}}).run(tiny())
+    ((_, _, reason),) = not_run(tmp_path)
+    assert "unknown label 'hardnes'; did you mean 'hardness'? Known: hardness" in reason

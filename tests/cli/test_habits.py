@@ -1,14 +1,26 @@
 """The same habits on every verb, and what wins over what."""
 
+import csv
 import os
+import subprocess
+import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 import yaml
+from hydra.core.utils import JobReturn, JobStatus
+from omegaconf import OmegaConf
 
 from tactileforge import cli
 from tactileforge.cli._complete import complete
+from tactileforge.cli._sweep import SweepTable
 from tactileforge.compose import compose
+from tactileforge.errors import ConfigError
+from tactileforge.train import metric
 
 SMALL = ["scale=demo", "debug=steps", "data.scenes=3", "data.val=1", "data.size=32"]
 SMALL += ["encoder.image_size=32", "batch.size=4", "objective=[pixel]"]
@@ -88,6 +100,59 @@ def test_multirun_trains_each_in_a_folder_of_its_own() -> None:
     assert any((first[key] != second[key]).any() for key in first)
 
 
+@pytest.mark.slow
+def test_the_jobs_of_a_launcher_are_gathered_in_a_table() -> None:
+    """Two processes at once, each in a folder of its own; the smallest loss comes first."""
+    pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
+    launcher = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
+    code = "import sys; from tactileforge.cli import run; sys.exit(run(sys.argv[1:]))"
+    words = ["train", "-m", "optim.lr=1e-5,1e-2", *launcher, *SMALL]
+    done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    (sweep,) = Path("runs/sweeps").iterdir()
+    with (sweep / "sweep.csv").open() as file:
+        head, *rows = csv.reader(file)
+    assert head == ["job", "optim.lr", "loss"]
+    assert {row[1] for row in rows} == {"1e-05", "0.01"}
+    losses = [float(row[2]) for row in rows]
+    assert losses == sorted(losses)
+    assert "sweep:" in done.stdout
+    for job, rate, loss in rows:
+        found = yaml.safe_load((sweep / job / "config.yaml").read_text())
+        assert found["optim"]["lr"] == float(rate)
+        assert np.isfinite(float(loss))
+
+
+def test_the_table_of_a_sweep_has_what_differs(capsys: pytest.CaptureFixture[str]) -> None:
+    jobs = [("a=1 b=2", 0.5), ("a=2 b=2", float("nan")), ("a=3 b=2", 0.25)]
+    for number, (words, loss) in enumerate(jobs):
+        Path(f"s/{number}").mkdir(parents=True)
+        overrides = {"task": words.split()}
+        hydra = {"mode": "MULTIRUN", "job": {"num": number}, "overrides": overrides}
+        hydra["runtime"] = {"output_dir": f"s/{number}"}
+        job = JobReturn(_return_value=loss, status=JobStatus.COMPLETED)
+        SweepTable().on_job_end(OmegaConf.create({"hydra": hydra}), job)
+    SweepTable().on_multirun_end(OmegaConf.create({"hydra": {"sweep": {"dir": "s"}}}))
+    text = Path("s/sweep.csv").read_text().split()
+    assert text == ["job,a,loss", "2,3,0.25", "0,1,0.5", "1,2,nan"]
+    assert capsys.readouterr().out.splitlines()[1].split() == ["2", "3", "0.25"]
+
+
+def test_the_number_of_a_job_is_that_of_validation_where_there_is_one() -> None:
+    def found(logged: dict[str, float], name: str | None = None) -> float:
+        module: Any = SimpleNamespace(
+            objectives=["pixel", "force"], trainer=SimpleNamespace(callback_metrics=logged)
+        )
+        return metric(module, name)
+
+    trained = {"train/pixel": 1.0, "train/force": 2.0}
+    assert found(trained) == 3.0, "a run that was too short to be validated"
+    assert found(trained | {"val/pixel": 0.5, "val/force": 0.25}) == 0.75
+    assert found(trained, "train/force") == 2.0
+    with pytest.raises(ConfigError, match="did you mean 'train/force'"):
+        found(trained, "train/forse")
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -100,6 +165,9 @@ def test_multirun_trains_each_in_a_folder_of_its_own() -> None:
         (["train", *SMALL, "+trainer.foo=1"], "unknown key of trainer 'foo'"),
         (["train", *SMALL, "logger=wandb"], "pip install 'tactileforge[wandb]'"),
         (["train", "resume=nope"], "give the folder of a run"),
+        (["train", *SMALL, "encoder.depth=100000"], "encoder.depth=100000: at most 256"),
+        (["bench", "model=[pixelz]"], "did you mean 'pixels'"),
+        (["bench", "model=[anytouch2.tinny,pixels]"], "tiny"),
         (["sim", "out=x", "sise=3"], "did you mean 'size'"),
         (["sim", "out=x", "size=big"], "size is 'big', which is not of type int"),
         (["data", "pack", "data=sim", "out=x", "pack.codek=png"], "did you mean 'pack.codec'"),
@@ -166,3 +234,44 @@ def test_explain_says_where_a_value_is_from(capsys: pytest.CaptureFixture[str]) 
 )
 def test_completion(line: str, found: list[str]) -> None:
     assert complete(line) == found
+
+
+def test_a_run_below_a_file_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("notes").write_text("mine")
+    for folder in ("notes", "notes/run"):
+        err = error_of(capsys, "train", *SMALL, f"hydra.run.dir={folder}")
+        assert "give another hydra.run.dir=" in err
+    assert Path("notes").read_text() == "mine"
+
+
+LAYOUT = """layouts:
+  cups: {images: "*.png", each: touch, sensor: digit, background: none, labels: {file: l.csv}%s}
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "extra", "message"),
+    [
+        ("file,name\na.png,caf\xe9\n", ', object: "{name}"', "is not UTF-8; save it as CSV UTF-8"),
+        ("file,file\na.png,b\n", "", "two columns are called 'file'"),
+        (
+            "file\na.png\n",
+            ", force: {file: f.csv, columns: [fx, fx, null]}",
+            "give each axis a column of its own",
+        ),
+    ],
+)
+def test_labels_that_cannot_be_read_are_one_line(
+    text: str, extra: str, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cv2.imwrite("a.png", np.zeros((32, 32, 3), np.uint8))
+    Path("l.csv").write_bytes(text.encode("latin1"))
+    Path("tactileforge.yaml").write_text(LAYOUT % extra)
+    err = error_of(
+        capsys, "train", "data=recordings", "data.root=.", "objective=[pixel]", *SMALL[:2]
+    )
+    assert message in err
+
+
+def test_jobs_in_the_help_are_quoted_as_a_shell_needs(capsys: pytest.CaptureFixture[str]) -> None:
+    assert """'jobs=["hydra/launcher=ray"]'""" in said(capsys, "bench", "--help")

@@ -203,3 +203,26 @@ def test_new_package_passes_its_own_tests_once_installed(kind, tmp_path, capsys)
     )
     assert done.returncode == 0, done.stdout
     assert " passed" in done.stdout
+
+
+def test_a_plugin_that_exits_ends_neither_the_check_nor_the_others(installed, capsys):
+    entry_points = "[tactileforge.sensors]\ngone = gone_plugins:Gone\ntoy = toy_plugins:Good"
+    source = TOYS.replace("raise NotImplementedError", "raise TactileForgeError('closed')")
+    modules = {
+        "gone_plugins.py": "import sys\nsys.exit(3)",
+        "toy_plugins.py": "from tactileforge.errors import TactileForgeError\n" + source,
+    }
+    installed("two-plugins", entry_points, modules)
+    assert main(["check", "gone", "toy"]) == 1
+    gone, toy = capsys.readouterr().out.split("sensor toy")
+    assert "cannot be loaded: SystemExit: 3" in gone
+    assert "  ran" in toy
+    assert ", " in toy.splitlines()[-1], "the sum"
+
+
+@pytest.mark.parametrize("name", ["ycb_slide", "recordings", "shards", "cloth", "lerobot"])
+def test_a_data_set_that_needs_a_folder_is_skipped_with_that_word(name, capsys):
+    assert main(["check", name, "--kind", "dataset"]) == 0
+    out = capsys.readouterr().out
+    assert "give options to check this: root=..." in out
+    assert " 0 failed" in out

@@ -76,8 +76,8 @@ def test_the_state_is_that_of_the_sensor(page):
     first = json.loads(get(page.url + "state")[0])["sensors"]["left"]
     while len(first["readings"]) < 3:
         first = json.loads(get(page.url + "state")[0])["sensors"]["left"]
-    time, force, contact, slip, _ = first["readings"][-1]
-    assert (force, slip) == (None, None)
+    time, force, contact, slip, _, deepest = first["readings"][-1]
+    assert (force, slip, deepest) == (None, None, None)
     assert contact in (False, True)
     later = json.loads(get(f"{page.url}state?after={time}")[0])["sensors"]["left"]
     assert all(reading[0] > time for reading in later["readings"])
@@ -187,4 +187,11 @@ def test_a_browser_shows_it(page, tmp_path, width):
         while look(loaded) < 2 and time.monotonic() < end:
             pass
         assert look(loaded) == 2
+        assert look("longest([[0], [0.02], [0.04], [3]])") == 0.5
+        assert look("longest([[0], [1], [2], [3]])") == 3  # one reading a second is one line
+        captions = "[...document.querySelectorAll('figcaption')].map(it => it.textContent).join()"
+        assert look(captions) == "frame,difference from the background, doubled"
+        empty = "build('right', Object.assign({}, {type: 'digit'})).root.innerText"
+        assert look(empty).count("no frame yet") == 2
+        assert look("[...cards.right.root.querySelectorAll('img')].every(it => !it.offsetWidth)")
         assert look("document.documentElement.scrollWidth") <= width

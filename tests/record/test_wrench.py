@@ -3,6 +3,7 @@ import pytest
 
 from tactileforge.errors import ConfigError
 from tactileforge.record.wrench import axes_matrix, interpolate_wrenches, rotate_wrenches
+from tactileforge.sensors.drivers.sim_wrench import SimWrench
 
 
 def test_between_samples_it_is_linear():
@@ -42,3 +43,11 @@ def test_axes_turn_forces_and_torques_alike():
 def test_axes_that_are_none(axes, message):
     with pytest.raises(ConfigError, match=message):
         axes_matrix(axes)
+
+
+def test_a_simulated_wrench_rests_while_it_is_tared():
+    wrench = SimWrench(newton=4.0, period=2.0, bias=0.5, rest=3.0)
+    for seconds in (0.0, 1.0, 3.0):
+        assert wrench.wrench(seconds)[:3] == pytest.approx(0.5)
+    assert wrench.wrench(4.0)[2] == pytest.approx(4.5)  # half a period later
+    assert min(wrench.wrench(3 + i / 10)[2] for i in range(40)) >= 0.5  # it never pulls

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from tactileforge.bench.fit import evaluate
+from tactileforge.bench.fit import class_heads, evaluate
 from tactileforge.bench.fit.evaluate import SourceFeatures
 from tactileforge.bench.fit.features import FLIPS, PLAIN, FeatureStore, extract_features
 from tactileforge.bench.fit.models import FrozenEncoder, ModelEntry
@@ -157,6 +157,7 @@ class Bench:
                 (result.outcomes[0].seed if choice.kind.trained else number, result)
                 for result in done
             ]
+        class_heads.keep_class_head(self.writer.folder, prepared, subjects[0], measured[0][1])
         rows = self._cells(entry, prepared, choice, measured)
         self.writer.cells(prepared.task.name, entry.name, self._key(prepared, subjects), rows)
 
@@ -175,7 +176,7 @@ class Bench:
         for _, result in measured:
             scores.setdefault(_name(result), []).append(sign * result.score)
         order = sorted(scores, key=lambda name: sum(scores[name]))
-        units = _units(prepared)
+        units, clips = _units(prepared), _clips(prepared)
         rows = []
         for seed, result in sorted(measured, key=lambda row: (order.index(_name(row[1])), row[0])):
             first = result.outcomes[0]
@@ -190,7 +191,7 @@ class Bench:
             )
             part = prepared.target.parts[name]
             predicted, truth = result.predicted[name], result.truth[name]
-            rows.append(self.writer.predictions(cell, name, part, predicted, truth, units))
+            rows.append(self.writer.predictions(cell, name, part, predicted, truth, units, clips))
         return rows
 
     def _is_done(
@@ -253,6 +254,13 @@ def _units(prepared: PreparedTask) -> list[str]:
     plan = prepared.task.split
     test = np.concatenate([split.test for split in prepared.splits])
     return splits.group_names(prepared.source, prepared.target, test, plan.unit or plan.group)
+
+
+def _clips(prepared: PreparedTask) -> list[str]:
+    """Recording and last frame of each test clip, in their order."""
+    test = np.concatenate([split.test for split in prepared.splits])
+    rows = prepared.source.index[prepared.target.clips[test]].tolist()
+    return [f"{prepared.source.recordings[number].key}[{last}]" for number, last in rows]
 
 
 def _setting(choice: ProbeChoice, first: TrainedProbe) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 
 from tactileforge import strict
-from tactileforge.cli._options import options
+from tactileforge.cli._options import options, yaml_groups
 from tactileforge.errors import ConfigError
 
 
@@ -16,7 +16,6 @@ def complete(line: str | None = None) -> list[str]:
         line: What was typed; None for ``$COMP_LINE``, up to ``$COMP_POINT``.
     """
     from tactileforge.cli import commands, verbs
-    from tactileforge.cli._help import _groups
 
     if line is None:
         line = os.environ.get("COMP_LINE", "")[
@@ -35,7 +34,7 @@ def complete(line: str | None = None) -> list[str]:
     command = known.get("") or known.get(before[1])
     if command is None:
         return []
-    groups = dict(command.groups) or (_groups(command.yaml) if command.yaml else {})
+    groups = dict(command.groups) or (yaml_groups(command.yaml) if command.yaml else {})
     group, equals, start = word.partition("=")
     if equals:  # the shell completes what follows "=" by itself
         start = start.lstrip("[").rpartition(",")[2]

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from importlib.resources import files
 from typing import TYPE_CHECKING
 
 from tactileforge import strict
-from tactileforge.cli._options import options
+from tactileforge.cli._options import options, yaml_groups, yaml_text
 
 if TYPE_CHECKING:
     from tactileforge.cli._command import Command
@@ -19,7 +18,7 @@ _FLAGS = """\
 def text(verb: str, command: Command) -> str:
     """All that there is to know of a command."""
     bare = "".join(f" {word.upper()}" for word in command.bare)
-    groups = dict(command.groups) or (_groups(command.yaml) if command.yaml else {})
+    groups = dict(command.groups) or (yaml_groups(command.yaml) if command.yaml else {})
     needed = "".join(f" {group}=NAME" for group, option in groups.items() if option == "???")
     lines = [f"tactileforge {verb}{bare}{needed} [key=value ...]", command.about, ""]
     for group, option in groups.items():
@@ -38,20 +37,7 @@ def _group(group: str, option: str | None) -> list[str]:
     return [*(f"# {line}" for line in known), f"{group}: {option or 'null'}", ""]
 
 
-def _yaml(name: str) -> str:
-    return (files("tactileforge.conf") / f"{name}.yaml").read_text("utf-8")
-
-
-def _groups(name: str) -> dict[str, str]:
-    """The groups in the defaults list of a YAML."""
-    import yaml
-
-    rows = yaml.safe_load(_yaml(name))["defaults"]
-    groups = {key: value for row in rows if isinstance(row, dict) for key, value in row.items()}
-    return {key: value for key, value in groups.items() if " " not in key and "/" not in key}
-
-
 def _after_defaults(name: str) -> str:
     """Text of a YAML after its defaults list, without Hydra's own keys."""
-    text = _yaml(name).partition("  - _self_\n")[2]
+    text = yaml_text(name).partition("  - _self_\n")[2]
     return text.partition("\nhydra:")[0].strip()

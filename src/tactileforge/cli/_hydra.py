@@ -63,6 +63,10 @@ def run(verb: str, command: Command, words: Words) -> Result:
             hydra.main(version_base="1.3", config_path="pkg://tactileforge.conf", config_name=name)(
                 task
             )()
+    except (FileExistsError, NotADirectoryError) as error:
+        raise ConfigError(
+            f"{error.filename}: a file is where a folder is wanted; give another hydra.run.dir="
+        ) from error
     finally:
         sys.argv = typed
     if ended:

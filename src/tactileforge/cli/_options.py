@@ -22,3 +22,17 @@ def options(group: str) -> list[str]:
             entries = [item.name for item in folder.iterdir()]
             names |= {name.removesuffix(".yaml") for name in entries if name.endswith(".yaml")}
     return sorted(names)
+
+
+def yaml_text(name: str) -> str:
+    """Text of a YAML in conf/."""
+    return (files("tactileforge.conf") / f"{name}.yaml").read_text("utf-8")
+
+
+def yaml_groups(name: str) -> dict[str, str]:
+    """The groups in the defaults list of a YAML in conf/, and the default of each."""
+    import yaml
+
+    rows = yaml.safe_load(yaml_text(name))["defaults"]
+    found = {key: value for row in rows if isinstance(row, dict) for key, value in row.items()}
+    return {key: value for key, value in found.items() if " " not in key and "/" not in key}

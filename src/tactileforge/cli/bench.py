@@ -53,8 +53,8 @@ class _Bench:
         probe: Options of all probes.
         untrained: Overrides with which a recipe is composed for untrained:RECIPE.
         ablations: Parts that the first model is trained without, each in turn; ``all``, or some.
-        jobs: Words for Hydra, whose jobs the trainings then are: [hydra/launcher=ray]; None trains
-            one after another.
+        jobs: Words for Hydra, whose jobs the trainings then are, in two pairs of quotes:
+            'jobs=["hydra/launcher=ray"]'; None trains one after another.
         out: Folder of the results; None for runs/bench/SUITE. A bench that was stopped goes on
             there.
         cache: Folder of the features; None for $TACTILEFORGE_CACHE, or the user's cache.
@@ -155,7 +155,13 @@ def _device(device: str) -> str:
 
 
 def _report(writer: Writer) -> int:
+    from tactileforge.bench.results.scores import collect_scores, edge_rates
+
     print(f"report: {writer.folder / 'report.html'}")
+    for head in sorted((writer.folder / "heads").glob("*")):
+        print(f"head for model.classify: {head}")
+    for hint in edge_rates(writer.results, collect_scores(writer.results)):
+        print(f"hint: {hint}")
     for row in writer.results.not_run:
         where = ", ".join(filter(None, (row.task, row.model)))
         print(f"not run: {where}: {row.reason} {row.fix}".rstrip())

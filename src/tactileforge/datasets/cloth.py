@@ -53,7 +53,7 @@ class Cloth(PublishedDataset):
     provides = frozenset({"object"})
 
     def __init__(
-        self, root: str = ".", split: str = "cloth-official", val: float = 0.1, fps: float = 30.0
+        self, root: str, split: str = "cloth-official", val: float = 0.1, fps: float = 30.0
     ) -> None:
         super().__init__(root, split, val)
         self.fps = fps

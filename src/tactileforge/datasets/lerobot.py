@@ -42,7 +42,7 @@ class LeRobot:
 
     def __init__(
         self,
-        root: str = ".",
+        root: str,
         touch: Sequence[str] | None = None,
         sensors: Sequence[str] = (),
         force: Sequence[str] | None = None,

@@ -44,9 +44,7 @@ class ObjectFolderReal(PublishedDataset):
   tactile/1/CONTACT/gelsight/0.png ..."""
     provides = frozenset({"object", "image"})
 
-    def __init__(
-        self, root: str = ".", split: str = "all", val: float = 0.1, fps: float = 30.0
-    ) -> None:
+    def __init__(self, root: str, split: str = "all", val: float = 0.1, fps: float = 30.0) -> None:
         super().__init__(root, split, val)
         self.fps = fps
 

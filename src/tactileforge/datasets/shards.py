@@ -39,9 +39,7 @@ class Shards:
     #: What shards may carry; what they do carry is in the index.
     provides = frozenset({"force", "action", "object", "text", "image", "surface"})
 
-    def __init__(
-        self, root: str = ".", cache: str | None = None, cache_gb: float | None = None
-    ) -> None:
+    def __init__(self, root: str, cache: str | None = None, cache_gb: float | None = None) -> None:
         self.root = root
         self.cache = cache
         self.cache_gb = cache_gb

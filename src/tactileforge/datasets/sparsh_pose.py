@@ -55,7 +55,7 @@ class SparshPose(PublishedDataset):
 
     def __init__(
         self,
-        root: str = ".",
+        root: str,
         finger: str = "ring",
         split: str = "sparsh-official",
         val: float = 0.1,

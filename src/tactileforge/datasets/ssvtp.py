@@ -42,7 +42,7 @@ class Ssvtp(PublishedDataset):
     splits = (TVL_OFFICIAL, ALL)
     provides = frozenset({"text", "image"})
 
-    def __init__(self, root: str = ".", split: str = "tvl-official", val: float = 0.1) -> None:
+    def __init__(self, root: str, split: str = "tvl-official", val: float = 0.1) -> None:
         super().__init__(root, split, val)
 
     def _items(self) -> Iterator[RecordingItem]:

@@ -55,7 +55,7 @@ class TacQuad(PublishedDataset):
     provides = frozenset({"object", "text", "image"})
 
     def __init__(
-        self, root: str = ".", split: str = "all", val: float = 0.1, fps: float | None = None
+        self, root: str, split: str = "all", val: float = 0.1, fps: float | None = None
     ) -> None:
         super().__init__(root, split, val)
         self.fps = fps

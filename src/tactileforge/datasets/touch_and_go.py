@@ -86,9 +86,7 @@ class TouchAndGo(PublishedDataset):
     splits = (ALL, TAG_MATERIAL, TAG_ROUGH, ANYTOUCH2_MATERIAL, ANYTOUCH2_ROUGH)
     provides = frozenset({"text", "image"})
 
-    def __init__(
-        self, root: str = ".", split: str = "all", val: float = 0.1, fps: float = 30.0
-    ) -> None:
+    def __init__(self, root: str, split: str = "all", val: float = 0.1, fps: float = 30.0) -> None:
         super().__init__(root, split, val)
         self.fps = fps
         if "rough" in split:

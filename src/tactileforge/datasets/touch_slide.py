@@ -61,9 +61,7 @@ class TouchSlide(PublishedDataset):
   bgs/bg_11.jpg ..."""
     provides = frozenset({"object"})
 
-    def __init__(
-        self, root: str = ".", split: str = "all", val: float = 0.1, fps: float = 30.0
-    ) -> None:
+    def __init__(self, root: str, split: str = "all", val: float = 0.1, fps: float = 30.0) -> None:
         super().__init__(root, split, val)
         self.fps = fps
 

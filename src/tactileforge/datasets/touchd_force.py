@@ -69,7 +69,7 @@ class TouchdForce(PublishedDataset):
 
     def __init__(
         self,
-        root: str = ".",
+        root: str,
         split: str = "anytouch2-pretrain",
         val: float = 0.1,
         axes: str = "image",

@@ -76,7 +76,7 @@ class Tvl(PublishedDataset):
     provides = frozenset({"text", "image"})
 
     def __init__(
-        self, root: str = ".", split: str = "tvl-official", val: float = 0.1, fps: float = 30.0
+        self, root: str, split: str = "tvl-official", val: float = 0.1, fps: float = 30.0
     ) -> None:
         super().__init__(root, split, val)
         self.fps = fps

@@ -37,9 +37,7 @@ class VisGel(PublishedDataset):
   vision/SEQUENCE/frame0000.jpg ..."""
     provides = frozenset({"image"})
 
-    def __init__(
-        self, root: str = ".", split: str = "all", val: float = 0.1, fps: float = 30.0
-    ) -> None:
+    def __init__(self, root: str, split: str = "all", val: float = 0.1, fps: float = 30.0) -> None:
         super().__init__(root, split, val)
         self.fps = fps
 

@@ -18,7 +18,10 @@ from tactileforge.hub.inputs import Images
 from tactileforge.hub.sensor_rows import Policy
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from tactileforge.calibration.file import Axis, Calibration
+    from tactileforge.hub.classify import Classes, ClassHead
 
 
 class HeadModel(FeatureModel):
@@ -121,6 +124,37 @@ class HeadModel(FeatureModel):
             views = forces.views_of(self.encoder, *self._pass(x, still, rows))
             surface = displacement_mm(self.heads["surface"](views, {}).float())
         return surface[0] if single else surface
+
+    def classify(
+        self,
+        frames: Images,
+        background: Images | str | None = None,
+        sensor: str | Sequence[str] | None = None,
+        *,
+        head: str | Path | ClassHead | None = None,
+        names: Sequence[str] | None = None,
+        unknown_sensor: Policy = "error",
+    ) -> Classes:
+        """The classes of clips, by a linear head on what `encode` gives.
+
+        Args:
+            frames: See `encode`; or one image (H, W, 3) or (3, H, W), shown as a clip that stands
+                still.
+            background: See `encode`.
+            sensor: See `encode`.
+            head: A head that the benchmark fitted to this model, ``heads/TASK.MODEL.safetensors``;
+                None takes the one of a run trained with the objective ``classify``.
+            names: Objects to choose from, for the head of a run, which keeps no names.
+            unknown_sensor: See `encode`.
+
+        Raises:
+            ConfigError: No head, or one of another model; see `encode`.
+            DataError: The file is not a head; see `encode`.
+            DataNotFoundError: There is no such file.
+        """
+        from tactileforge.hub.classify import classify
+
+        return classify(self, frames, background, sensor, head, names, unknown_sensor)
 
     def read_head(
         self,

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from tactileforge.calibration.file import Calibration
 from tactileforge.contracts import Frame, Sensor
+from tactileforge.depth import DepthReader
 from tactileforge.errors import ConfigError
 from tactileforge.hub.model import Model
 from tactileforge.sensors.background import Background
@@ -51,10 +52,13 @@ class Reading(Prediction):
     Attributes:
         sensor: Name of the sensor.
         latency: Seconds from the frame to this reading.
+        depth: float32 (h, w), mm into the gel; None where it is not asked for, or the image is
+            invalid.
     """
 
     sensor: str
     latency: float
+    depth: NDArray[np.float32] | None = None
 
     def message(self) -> dict[str, Any]:
         """The reading as plain data, for publishers."""
@@ -71,6 +75,8 @@ class Reading(Prediction):
         }
         if self.trouble:
             message["trouble"] = self.trouble
+        if self.depth is not None:
+            message["depth_mm"] = round(float(self.depth.max()), 3)
         if self.embedding is not None:
             message["embedding"] = [round(float(x), 5) for x in self.embedding]
         return message
@@ -86,6 +92,7 @@ class SensorStream:
         wake: Is notified when a frame has come.
         options: Contact, slip, and the other options of a session.
         calibration: Of this unit, for the model's forces; see `Model.force`.
+        depth: Reads depth; None for none.
 
     Attributes:
         stream: Makes predictions of the frames.
@@ -103,8 +110,9 @@ class SensorStream:
         wake: threading.Condition,
         options: StreamOptions,
         calibration: Calibration | None = None,
+        depth: DepthReader | None = None,
     ) -> None:
-        self.name, self.sensor, self.wake = name, sensor, wake
+        self.name, self.sensor, self.wake, self.depth = name, sensor, wake, depth
         self.stream = TouchStream(
             model,
             sensor.spec.name,
@@ -155,10 +163,21 @@ class SensorStream:
         prediction = self.stream.predict()
         if prediction is None:
             return None
+        depth = None if prediction.trouble else self._depth()
         latency = time.monotonic() - prediction.time
-        reading = Reading(**vars(prediction), sensor=self.name, latency=latency)
+        reading = Reading(**vars(prediction), sensor=self.name, latency=latency, depth=depth)
         self.readings.append(reading)
         return reading
+
+    def _depth(self) -> NDArray[np.float32] | None:
+        """Depth in the frame that was predicted last."""
+        shown, still = self.stream.shown, self.stream.background
+        if self.depth is None or shown is None or still is None:
+            return None
+        if shown.array.shape != still.shape:
+            return None
+        found: NDArray[np.float32] = self.depth.read(shown.array, still).depth.numpy()
+        return found
 
 
 def read_background(path: str) -> NDArray[np.uint8]:

@@ -17,13 +17,15 @@ from numpy.typing import NDArray
 
 from tactileforge.errors import ConfigError
 from tactileforge.live.page import page_html
-from tactileforge.live.sensor_stream import SensorStream
+from tactileforge.live.sensor_stream import Reading, SensorStream
 from tactileforge.live.session import LiveSession
 
 #: Pixels of the longer side of an image on the page, and of the shorter side of a small one.
 _LARGE = 480
 #: By how much differences are strengthened, to be seen.
 _GAIN = 2.0
+#: Depth below which an image of depth is not strengthened further, mm.
+_SHALLOW = 0.2
 #: Seconds after which a connection that says nothing is closed.
 _SILENCE = 10.0
 _HOST = "127.0.0.1"
@@ -103,7 +105,7 @@ class _Handler(BaseHTTPRequestHandler):
                 self.view, float(after) if after.replace(".", "", 1).isdigit() else 0.0
             )
             self._answer(200, "application/json", json.dumps(content).encode())
-        elif what in ("frame", "difference") and unquote(name) in self.view.fingers:
+        elif what in ("frame", "difference", "depth") and unquote(name) in self.view.fingers:
             self._picture(self.view.fingers[unquote(name)], what)
         else:
             self._answer(404, "text/plain", b"no such thing\n")
@@ -116,6 +118,12 @@ class _Handler(BaseHTTPRequestHandler):
         array = shown.array
         if what == "difference" and finger.stream.background is not None:
             array = difference_image(array, finger.stream.background)
+        elif what == "depth":
+            last = finger.readings[-1].depth if finger.readings else None
+            if last is None:
+                self._answer(404, "text/plain", b"no depth\n")
+                return
+            array = depth_image(last)
         self._answer(200, "image/jpeg", page_jpeg(array))
 
     def _answer(self, status: int, kind: str, body: bytes, nonce: str = "") -> None:
@@ -169,13 +177,18 @@ def _of(finger: SensorStream, after: float, now: float) -> dict[str, Any]:
         "picture": 0 if shown is None else shown.time,
         "size": [finger.sensor.spec.height, finger.sensor.spec.width],
         "scale": list(finger.sensor.spec.force_scale),
+        "depth": finger.depth is not None,
         "contact_on": finger.stream.contact.options.begin,
         "readings": [
-            [r.time, r.force, r.contact, r.slip, round(r.difference, 2)]
+            [r.time, r.force, r.contact, r.slip, round(r.difference, 2), _deepest(r)]
             for r in list(finger.readings)
             if r.time > after
         ],
     }
+
+
+def _deepest(reading: Reading) -> float | None:
+    return None if reading.depth is None else round(float(reading.depth.max()), 2)
 
 
 def difference_image(image: NDArray[np.uint8], background: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -184,6 +197,13 @@ def difference_image(image: NDArray[np.uint8], background: NDArray[np.uint8]) ->
         return image
     change = image.astype(np.float32) - background
     return np.asarray((128 + _GAIN * change).clip(0, 255), np.uint8)
+
+
+def depth_image(depth: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Depth as colours, uint8 (h, w, 3), RGB: dark for 0 mm, bright for the deepest place."""
+    shares = (depth / max(_SHALLOW, float(depth.max()))).clip(0, 1)
+    colours = cv2.applyColorMap((255 * shares).astype(np.uint8), cv2.COLORMAP_VIRIDIS)
+    return np.asarray(cv2.cvtColor(colours, cv2.COLOR_BGR2RGB), np.uint8)
 
 
 def page_jpeg(image: NDArray[np.uint8]) -> bytes:

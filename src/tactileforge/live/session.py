@@ -13,6 +13,7 @@ import numpy as np
 
 from tactileforge.calibration.file import Calibration, load_calibration
 from tactileforge.contracts import Sensor
+from tactileforge.depth import depth_readers
 from tactileforge.errors import ConfigError, SensorError, unknown
 from tactileforge.hub.model import Model
 from tactileforge.live.publish import Publisher
@@ -26,6 +27,8 @@ from tactileforge.sensors.opening import open_all
 _PATIENCE, _WAIT = 10.0, 0.1
 #: Readings over which latency is told: of the whole run at the end, and meanwhile.
 _KEPT, _RECENT = 20_000, 300
+#: Rows of a height map: few, so that a frame takes milliseconds.
+LIVE_ROWS = 60
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,12 +50,15 @@ class LiveOptions(StreamOptions):
     Attributes:
         background: How the frame without contact is taken.
         calibration: Files of `tactileforge calibrate model=...`, by sensor, for its forces.
+        depth: Optical calibrations, by sensor, for its depth: a name that ships, or a file, as in
+            {digit: digit}. Those that ship are of another unit, so sizes are estimates.
         seconds: After which it ends; None until stopped.
         frames: Readings after which it ends; None until stopped.
     """
 
     background: ShowBackground = field(default_factory=ShowBackground)
     calibration: Mapping[str, str] = field(default_factory=dict)
+    depth: Mapping[str, str] = field(default_factory=dict)
     seconds: float | None = None
     frames: int | None = None
 
@@ -129,11 +135,20 @@ class LiveSession:
             ConfigError: The model does not know one, or a calibration is of another.
         """
         options, known = self.options, self._calibrations()
+        depth = depth_readers(options.depth, self.sensors, LIVE_ROWS)
         with ExitStack() as stack:
             stack.enter_context(low_latency_threads())
             open_all(self.sensors, stack)
             self.fingers = {
-                name: SensorStream(name, sensor, self.model, self.wake, options, known.get(name))
+                name: SensorStream(
+                    name,
+                    sensor,
+                    self.model,
+                    self.wake,
+                    options,
+                    known.get(name),
+                    depth.get(name),
+                )
                 for name, sensor in self.sensors.items()
             }
             for finger in self.fingers.values():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 
@@ -24,11 +24,13 @@ class PendingFrame:
         time: Monotonic seconds.
         encoded: The picture, for each codec.
         raw: See `contracts.Frame`.
+        depth: Height map, int16 (h, w), micrometres into the gel, where it is measured.
     """
 
     time: float
     encoded: Future[dict[str, bytes]]
     raw: NDArray[np.float32] | None
+    depth: Future[NDArray[np.int16]] | None = None
 
 
 class FrameQueue:
@@ -46,6 +48,7 @@ class FrameQueue:
     Attributes:
         waiting: Frames that wait to be encoded.
         dropped: Frames dropped since `start`.
+        measure: Gives the height map of a picture; None measures none.
     """
 
     def __init__(
@@ -54,6 +57,7 @@ class FrameQueue:
         self.pool, self.codecs, self.quality = pool, tuple(codecs), quality
         self.queue, self.hold = queue, hold
         self.waiting = self.dropped = 0
+        self.measure: Callable[[NDArray[np.uint8]], NDArray[np.int16]] | None = None
         self._shots: deque[PendingFrame] = deque()
         self._lock = threading.Lock()
         self._from = self._end = math.inf
@@ -79,7 +83,8 @@ class FrameQueue:
             self.waiting += 1
         future = self.pool.submit(self.encode, frame.array)
         future.add_done_callback(self._encoded)
-        self._shots.append(PendingFrame(frame.time, future, frame.raw))
+        depth = self.pool.submit(self.measure, frame.array) if self.measure else None
+        self._shots.append(PendingFrame(frame.time, future, frame.raw, depth))
 
     def encode(self, picture: NDArray[np.uint8]) -> dict[str, bytes]:
         """Encodes an image with every codec."""

@@ -33,6 +33,8 @@ class RecordOptions:
             or by sensor: {digit: [x,-y,-z], gelsight_mini: [x,y,z]}.
         calibration: Files of `tactileforge calibrate`, by sensor, that go along as a label:
             {digit: digit.yaml}.
+        depth: Optical calibrations, by sensor, whose depth is kept as the track ``depth_um``: a
+            name that ships, or a file, as in {digit: digit}; needs a background.
         tare: Whether the wrench without contact is subtracted.
         codec: How pictures are stored: jpg, or without loss png or webp; those of arrays always
             without loss.
@@ -60,6 +62,7 @@ class RecordOptions:
     background: Background = field(default_factory=Background)
     axes: Sequence[str] | Mapping[str, Sequence[str]] = ("x", "y", "z")
     calibration: Mapping[str, str] = field(default_factory=dict)
+    depth: Mapping[str, str] = field(default_factory=dict)
     tare: bool = True
     codec: str = "jpg"
     quality: int = 95
@@ -81,6 +84,8 @@ class RecordOptions:
             raise ConfigError(f"quality={self.quality}: give 1 to 100")
         if self.tier is not None and not 1 <= self.tier <= 5:
             raise ConfigError(f"tier={self.tier}: give 1 to 5")
+        if self.depth and not self.background.seconds:
+            raise ConfigError("depth needs a background: give background.seconds above 0")
         for name in ("takes", "seconds", "segment", "queue", "workers"):
             value = getattr(self, name)
             if value is not None and not value > 0:

@@ -248,11 +248,14 @@ class _Take:
         """One sensor's part of a segment."""
         options, codec = self.options, self.rig.codec(device)
         times = np.array([shot.time for shot in shots], np.float64)
-        force, tracks = None, {}
+        force: NDArray[np.float32] | None = None
+        tracks: dict[str, NDArray[Any]] = {}
         if known is not None and self.rig.force is not None:
             wrench = interpolate_wrenches(times, *known) - self.rig.force.rest.astype(np.float32)
             tracks["wrench"] = rotate_wrenches(wrench, self.matrices[device.name])
             force = tracks["wrench"][:, :3]
+        if depths := [shot.depth.result() for shot in shots if shot.depth is not None]:
+            tracks["depth_um"] = np.stack(depths)
         action = None
         if options.action is not None:
             action = np.full(len(shots), ACTIONS.index(options.action), np.int64)

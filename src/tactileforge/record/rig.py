@@ -7,12 +7,14 @@ from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Frame, Sensor
+from tactileforge.depth import depth_readers
 from tactileforge.errors import ConfigError, SensorError
 from tactileforge.record.frame_queue import FrameQueue, WrenchBuffer
 from tactileforge.record.options import RecordOptions
@@ -25,6 +27,8 @@ from tactileforge.sensors.specs import spec
 _SLACK = 10.0
 #: Seconds in which every device must begin to send.
 _PATIENCE = 10.0
+#: Rows of the height map that is kept of a frame; the frames give finer ones.
+DEPTH_ROWS = 16
 #: Frames that are looked at for a background; more would only take memory.
 _LOOKED_AT = 60
 
@@ -101,6 +105,7 @@ class Rig:
         self.camera = None if camera is None else RigSensor("view", camera)
         if taken := sensors.keys() & {"force", "view"}:
             raise ConfigError(f"no sensor can be called {taken.pop()}: choose another name for it")
+        self._depth = depth_readers(options.depth, sensors, DEPTH_ROWS)
         self._stack = ExitStack()
 
     @property
@@ -180,6 +185,9 @@ class Rig:
                 assert isinstance(keeps, FrameQueue)
                 chosen = background.spread_frames(frames, given.frames)
                 device.background = [keeps.encode(frame)[codec] for frame in chosen]
+                if device.name in self._depth:
+                    still = np.median(chosen, axis=0).astype(np.uint8)
+                    keeps.measure = partial(self._depth[device.name].micrometres, background=still)
         if self.camera is not None:
             self.camera.seen = None
         if self.force is not None:

@@ -97,7 +97,7 @@ def run_check(check: Check, subject: CheckSubject) -> CheckResult:
         check(subject)
     except Skip as why:
         return CheckResult(name, "skipped", str(why))
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         text = str(error) if isinstance(error, Violation) else f"{type(error).__name__}: {error}"
         if reason is None:
             return CheckResult(name, "failed", text)

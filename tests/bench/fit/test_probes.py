@@ -14,6 +14,7 @@ from tactileforge.bench.fit.probes.base import Probe, ProbeTraining
 from tactileforge.bench.fit.probes.force import Force, SparshForce
 from tactileforge.bench.fit.probes.knn import Knn
 from tactileforge.bench.fit.probes.linear import Linear
+from tactileforge.bench.fit.probes.linear_adamw import LinearAdamW
 from tactileforge.bench.fit.probes.pose import Pose
 from tactileforge.bench.fit.probes.slip import Slip
 from tactileforge.bench.fit.training import Examples, ProbeEnsemble, seeded_probe, train_probes
@@ -54,16 +55,16 @@ def test_published_sizes() -> None:
     assert shapes["pooler.mlp.0.weight"] == (3072, 768)
     assert shapes["probe.force.0.weight"] == (192, 768)
     assert shapes["probe.force.2.weight"] == (3, 192)
-    linear = Linear(512, {"class": classes(20)})
+    linear = LinearAdamW(512, {"class": classes(20)})
     assert [tuple(p.shape) for p in linear.parameters()] == [(20, 512), (20,)]
-    rough = Linear(512, {"class": classes(2)})
+    rough = LinearAdamW(512, {"class": classes(2)})
     assert [tuple(p.shape) for p in rough.parameters()] == [(1, 512), (1,)]
     pose = Pose(768, {"pose": classes(11, columns=3)})
     assert pose(torch.randn(2, 5, 768))["pose"].shape == (2, 33)
 
 
 def test_published_training() -> None:
-    for kind, schedule in ((Force, "constant"), (Attentive, "cosine"), (Linear, "cosine")):
+    for kind, schedule in ((Force, "constant"), (Attentive, "cosine"), (LinearAdamW, "cosine")):
         assert kind.published == ProbeTraining(
             epochs=50,
             batch=64,
@@ -129,7 +130,7 @@ def test_losses() -> None:
     loss = model.loss({"force": error}, {"force": torch.zeros(1, 3)})
     assert float(loss) == pytest.approx(wanted, rel=1e-5)
 
-    rough = Linear(8, {"class": classes(2)})
+    rough = LinearAdamW(8, {"class": classes(2)})
     logits = torch.tensor([[0.0, 1.5], [0.0, -0.5]])
     truth = torch.tensor([[1.0], [0.0]])
     binary = nn.functional.binary_cross_entropy_with_logits(logits[:, 1:], truth)
@@ -169,8 +170,8 @@ def examples(part: TargetPart, features: torch.Tensor) -> Examples:
 
 
 KINDS = [
-    (Linear, lambda: classes(3, 24), (24, 32)),
-    (Linear, lambda: classes(2, 24), (24, 32)),
+    (LinearAdamW, lambda: classes(3, 24), (24, 32)),
+    (LinearAdamW, lambda: classes(2, 24), (24, 32)),
     (Attentive, lambda: classes(3, 24), (24, 5, 48)),
     (Force, lambda: force(24), (24, 5, 48)),
     (SparshForce, lambda: force(24), (24, 5, 48)),
@@ -238,12 +239,12 @@ def test_the_best_epoch_is_kept() -> None:
     def go(epochs: int) -> torch.Tensor:
         again = ProbeTraining(epochs=epochs, batch=4, lr=(1e-2,))
         falling = iter(range(100, 0, -1))
-        build = lambda: Linear(16, {"out": part})  # noqa: E731
+        build = lambda: LinearAdamW(16, {"out": part})  # noqa: E731
         (out,) = train_probes(build, again, data, uses, [0], lambda _: float(next(falling)), False)
         assert out.epoch == epochs
         return out.predicted["out"]
 
-    build = lambda: Linear(16, {"out": part})  # noqa: E731
+    build = lambda: LinearAdamW(16, {"out": part})  # noqa: E731
     (outcome,) = train_probes(build, training, data, uses, [0], lambda _: next(scores), False)
     assert (outcome.epoch, outcome.score) == (2, 1.0)
     torch.testing.assert_close(outcome.predicted["out"], go(2))
@@ -268,3 +269,49 @@ def test_mirrored_examples_keep_their_truth() -> None:
         assert (x[:, 0] % 10).tolist() == list(range(6))
     assert seen == {0, 1, 2, 3}
     assert all(truth[f]["out"][0, 0] == i * 10 for i, f in enumerate(FLIPS)), "nothing is changed"
+
+
+def test_linear_is_the_minimum_of_its_objective() -> None:
+    """The gradient of the penalised cross-entropy, written out, is zero at what is fitted."""
+    torch.manual_seed(0)
+    known = torch.randn(60, 5) * torch.tensor([1.0, 10.0, 0.1, 3.0, 0.0]) + 4
+    part = classes(3, 60)
+    model = Linear(5, {"out": part})
+    penalty = 0.01
+    layer = model.fit(known, {"out": part.truth}, penalty)["out"]
+    assert layer[4].abs().max() == 0, "a constant feature has no weight"
+    spread = known.double().std(0, correction=0)
+    rows = torch.cat([known.double(), torch.ones(60, 1).double()], 1)
+    error = (rows @ layer).softmax(1) - nn.functional.one_hot(part.truth[:, 0].long(), 3)
+    # weights of standardised features are those of the features, times their deviations
+    slope = rows[:, :4].T @ error / 60 + penalty * spread[:4, None] ** 2 * layer[:4]
+    assert slope.abs().max() < 1e-4
+    assert error.mean(0).abs().max() < 1e-5
+
+
+def test_linear_on_numbers_is_ridge_in_closed_form() -> None:
+    torch.manual_seed(1)
+    known, part = torch.randn(40, 6), force(40)
+    layer = Linear(6, {"out": part}).fit(known, {"out": part.truth}, 0.1)["out"]
+    mean, spread = known.double().mean(0), known.double().std(0, correction=0)
+    x, y = (known.double() - mean) / spread, part.truth.double()
+    # half the mean over 40 x 3 numbers: the penalty weighs 120 times as much
+    weight = torch.linalg.solve(x.T @ x + 0.1 * 120 * torch.eye(6), x.T @ (y - y.mean(0)))
+    torch.testing.assert_close(layer[:-1] * spread[:, None], weight, rtol=0, atol=1e-5)
+
+
+def test_linear_chooses_the_penalty_on_validation() -> None:
+    """Labels that are noise want the strongest penalty; labels that are a feature do not."""
+    rng = torch.Generator().manual_seed(2)
+    known, asked = torch.randn(80, 30, generator=rng), torch.randn(400, 30, generator=rng)
+    part = TargetPart("numbers", torch.zeros(80, 1), torch.ones(80, 1), ("n",))
+    model = Linear(30, {"out": part})
+    for signal, strong in ((0.0, True), (1.0, False)):
+        truth = signal * known[:, :1] + (1 - signal) * torch.randn(80, 1, generator=rng)
+        wanted = signal * asked[:, :1] + (1 - signal) * torch.randn(400, 1, generator=rng)
+
+        def score(values: dict[str, torch.Tensor], wanted: torch.Tensor = wanted) -> float:
+            return float((values["out"] - wanted).square().mean())
+
+        penalty, _ = model.choose(known, {"out": truth}, asked, score, higher=False)
+        assert (penalty >= 1) is strong

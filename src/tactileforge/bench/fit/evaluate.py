@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TypeAlias
 
@@ -17,6 +17,7 @@ from tactileforge.bench.fit.features import FLIPS, PLAIN, Array, FeatureStore, F
 from tactileforge.bench.fit.models import FrozenEncoder
 from tactileforge.bench.fit.probes.base import Probe, Values
 from tactileforge.bench.fit.probes.knn import Knn
+from tactileforge.bench.fit.probes.linear import Linear
 from tactileforge.bench.fit.probes.ridge import Ridge
 from tactileforge.bench.fit.resolve import PreparedTask, ProbeChoice
 from tactileforge.bench.fit.training import Examples, TrainedProbe, train_probes
@@ -49,12 +50,15 @@ class ProbeResult:
         predicted: In the units of the truth, of each part, (n, columns).
         truth: Alike.
         metrics: Values by name.
+        layer: Of a linear probe, fitted again to all clips: its penalty, and float64 (width + 1,
+            outputs) of each part.
     """
 
     outcomes: Sequence[TrainedProbe]
     predicted: Values
     truth: Values
     metrics: dict[str, float]
+    layer: tuple[float, Values] | None = None
 
     @property
     def score(self) -> float:
@@ -119,10 +123,16 @@ def evaluate_probe(
         elif issubclass(choice.kind, Ridge):
             pairs = zip(taps, examples, strict=True)
             fold = [_solve(prepared, build(), rows, split, tap) for tap, rows in pairs]
+        elif issubclass(choice.kind, Linear):
+            fold = [_converge(build(), examples[0], split, select, score, higher)]
         else:
             fold = [_vote(build(), examples[0], uses, score)]
         folds.append(fold)
-    return [_result(prepared, outcomes) for outcomes in zip(*folds, strict=True)]
+    results = [_result(prepared, outcomes) for outcomes in zip(*folds, strict=True)]
+    if features is None or not issubclass(choice.kind, Linear):
+        return results
+    layer = _layer(build(), examples[0], prepared.splits, folds)
+    return [replace(result, layer=layer) for result in results]
 
 
 def _examples(
@@ -155,6 +165,39 @@ def _vote(
     decoded = [model.vote(known, truth, examples.take(places)[0]) for places in uses[1:]]
     on_cpu = [{key: value.cpu() for key, value in values.items()} for values in decoded]
     return TrainedProbe(0, math.nan, on_cpu[1], score(on_cpu[0]))
+
+
+def _converge(
+    model: Probe,
+    examples: Examples,
+    split: Split,
+    select: NDArray[np.int64],
+    score: Callable[[Values], float],
+    higher: bool,
+) -> TrainedProbe:
+    """Fits until it has converged; the penalty is chosen first, then all known clips are used."""
+    assert isinstance(model, Linear)
+    asked = examples.take(select)[0]
+    penalty, value = model.choose(*examples.every(split.train), asked, score, higher)
+    known = np.sort(np.concatenate([split.train, split.validation]))
+    layer = model.fit(*examples.every(known), penalty)
+    predicted = model.predict(layer, examples.take(split.test)[0])
+    return TrainedProbe(0, math.nan, predicted, value, penalty=penalty)
+
+
+def _layer(
+    model: Probe,
+    examples: Examples,
+    all_splits: Sequence[Split],
+    folds: Sequence[Sequence[TrainedProbe]],
+) -> tuple[float, Values]:
+    """The layer fitted to all clips, with the median penalty of the folds."""
+    assert isinstance(model, Linear)
+    penalty = sorted(fold[0].penalty for fold in folds)[len(folds) // 2]
+    used = [
+        places for split in all_splits for places in (split.train, split.validation, split.test)
+    ]
+    return penalty, model.fit(*examples.every(np.unique(np.concatenate(used))), penalty)
 
 
 def _solve(

@@ -44,11 +44,9 @@ def finetune_encoder(
         higher: Whether a higher score is better.
 
     Raises:
-        ConfigError: The probe is not trained; or frames of several sizes cannot be batched.
+        ConfigError: Frames of several sizes cannot be batched.
         DataError: A loss is not finite, or a clip cannot be read.
     """
-    if not choice.kind.trained:
-        raise ConfigError(f"probe {choice.kind.__name__} is not trained: leave finetune out")
     outcomes = []
     for lr in choice.training.lr:
         for seed in seeds:

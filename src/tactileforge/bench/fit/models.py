@@ -20,7 +20,7 @@ from tactileforge.bench.fit.baselines import BASELINES
 from tactileforge.bench.fit.probes.base import Probe
 from tactileforge.bench.tasks.suite import ClipSpec
 from tactileforge.contracts import Batch
-from tactileforge.errors import ConfigError
+from tactileforge.errors import ConfigError, unknown
 from tactileforge.files import sha256
 from tactileforge.hub import cards, files, store
 from tactileforge.hub.header import Header
@@ -238,6 +238,10 @@ def model_entry(
     if word.startswith("file:"):
         path = Path(word.removeprefix("file:")).expanduser()
         return ModelEntry(name=word, title=path.stem, open=[lambda: _of_file(word, path, device)])
+    if word.partition(".")[0] not in cards.card_names() and "/" not in word:
+        known = [*BASELINES, *(name for name, _, row in cards.list_cards() if row)]
+        fix = "Also file:PATH, run:FOLDER, and untrained: before one of these or of a recipe"
+        raise ConfigError(unknown("model", word, known, fix))
     card, weight = cards.find_card(word)
     return ModelEntry(
         name=word,

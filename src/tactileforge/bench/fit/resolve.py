@@ -79,6 +79,11 @@ def choose_probe(task: Task, overrides: Mapping[str, Any]) -> ProbeChoice:
     name = str(node.pop("name"))
     kind = probe_class(name)
     rate = float(node.pop("finetune", 0.0))
+    if rate and not kind.trained:
+        raise ConfigError(
+            f"task {task.name}: probe {name} is not trained by gradients, so the encoder cannot be "
+            "trained with it: give probe.name=linear_adamw or attentive, or leave finetune out"
+        )
     known = {field.name for field in fields(ProbeTraining)}
     parameters = set(signature(kind).parameters) - {"width", "parts"}
     for key in node:

@@ -44,6 +44,12 @@ class Examples:
         truth = {name: values[places].to(self.device) for name, values in self.truth[flip].items()}
         return rows.float(), truth
 
+    def every(self, places: NDArray[np.int64]) -> tuple[Tensor, Values]:
+        """Features and truth of clips, each in all its mirror images."""
+        taken = [self.take(places, flip) for flip in self.features]
+        truth = {name: torch.cat([rows[name] for _, rows in taken]) for name in taken[0][1]}
+        return torch.cat([rows for rows, _ in taken]), truth
+
     def mirrored(
         self, places: NDArray[np.int64], rng: np.random.Generator
     ) -> tuple[Tensor, Values]:
@@ -74,6 +80,7 @@ class TrainedProbe:
         score: Of the validation clips, in that epoch.
         epoch: That epoch, from 1; -1 where nothing is trained.
         reading: Features that it reads, where its kind reads several.
+        penalty: Chosen penalty of a linear probe.
         train: Loss of each epoch.
         validation: Loss of the validation clips after each.
     """
@@ -84,6 +91,7 @@ class TrainedProbe:
     score: float = math.nan
     epoch: int = -1
     reading: str = ""
+    penalty: float = math.nan
     train: list[float] = field(default_factory=list)
     validation: list[float] = field(default_factory=list)
 

@@ -16,7 +16,7 @@ from tactileforge.bench.output.published import PublishedScore
 from tactileforge.bench.output.render import render_html
 from tactileforge.bench.results.intervals import difference_interval
 from tactileforge.bench.results.results import Results, ResultTask
-from tactileforge.bench.results.scores import Scores, titles
+from tactileforge.bench.results.scores import Scores, edge_rates, titles
 from tactileforge.pages.page import Section, details, facts, page, paragraph, preformatted, verdict
 from tactileforge.pages.templating import joined
 
@@ -122,7 +122,7 @@ def _warnings(results: Results, found: Scores) -> list[tuple[str, str]]:
     )
     if bad:
         lines.append(("bad", f"{bad} probes gave no finite number in at least one seed."))
-    return lines
+    return lines + [("plain", f"{hint}.") for hint in edge_rates(results, found)]
 
 
 def _compared(results: Results, found: Scores) -> Section:

@@ -70,6 +70,25 @@ def main_score(all_scores: Scores, task: ResultTask, model: ResultModel) -> Seed
     return next(iter(all_scores.get((task.name, model.name), [])), None)
 
 
+def edge_rates(results: Results, all_scores: Scores) -> list[str]:
+    """Hints, one a task: the best of several learning rates is the smallest or the largest."""
+    lines = []
+    for task in results.tasks:
+        found = [all_scores.get((task.name, model.name), []) for model in results.models]
+        # those of a model, the best first
+        rates = [[one.setting["lr"] for one in scores if "lr" in one.setting] for scores in found]
+        tried = sorted({rate for row in rates for rate in row})
+        edges = {row[0] for row in rates if len(row) > 1 and row[0] in (tried[0], tried[-1])}
+        for rate in sorted(edges):
+            beyond = rate / 4 if rate == tried[0] else rate * 4
+            grid = ",".join(f"{one:g}" for one in sorted({*tried, beyond}))
+            lines.append(
+                f"{task.title}: the best learning rate, {rate:g}, is at the edge of those tried; "
+                f"a better one may lie beyond: task=[{task.name}] probe.lr=[{grid}]"
+            )
+    return lines
+
+
 def words(results: Results, task: str, model: str) -> list[str]:
     """Reasons, with fixes, for a cell that was not run in whole or in part."""
     return [sentences(skipped) for skipped in results.not_run if skipped.covers(task, model)]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import math
 import re
@@ -123,10 +125,20 @@ class Writer:
         predicted: Any,
         truth: Any,
         units: Sequence[str],
+        clips: Sequence[str],
     ) -> Cell:
-        """Stores predictions; returns the cell with their path."""
-        words = [cell.task, cell.model, *map(str, cell.setting.values()), str(cell.seed)]
-        file = ".".join(re.sub(r"[^\w-]+", "_", word) for word in words)
+        """Stores predictions, classes also as a table; returns the cell with their path.
+
+        Args:
+            cell: To which they belong.
+            name: Of the part that is predicted.
+            part: What is predicted.
+            predicted: (n, columns).
+            truth: Alike.
+            units: Bootstrap unit of each clip.
+            clips: Recording and last frame of each.
+        """
+        file = file_name(cell.task, cell.model, *map(str, cell.setting.values()), str(cell.seed))
         path = self.folder / "predictions" / f"{file}.npz"
         path.parent.mkdir(parents=True, exist_ok=True)
         kind = np.int64 if part.kind == "classes" else np.float32
@@ -139,8 +151,24 @@ class Writer:
         }
         if part.kind == "classes" and truth.shape[1] == 1:
             arrays |= {key: arrays[key][:, 0] for key in ("truth", "predicted")}
+            _write_table(path.with_suffix(".csv"), clips, arrays)
         np.savez_compressed(path, **arrays)
         return replace(cell, predictions=path.relative_to(self.folder).as_posix())
+
+
+def file_name(*words: str) -> str:
+    """Words as one name of a file, without its ending."""
+    return ".".join(re.sub(r"[^\w-]+", "_", word) for word in words)
+
+
+def _write_table(path: Path, clips: Sequence[str], arrays: dict[str, Any]) -> None:
+    """Each clip with its true and predicted class."""
+    names = arrays["names"]
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(("clip", "truth", "predicted"))
+    writer.writerows(zip(clips, names[arrays["truth"]], names[arrays["predicted"]], strict=True))
+    write_text(path, out.getvalue())
 
 
 def _text(plain: Any) -> str:

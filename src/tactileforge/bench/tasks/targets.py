@@ -123,12 +123,21 @@ def build_target(task: Task, source: TaskSource) -> Target:
     if not len(clips):
         raise DataError(
             f"task {task.name}: no clip of the data has the label {task.target!r}{_partial(parts)}"
+            f"{_labels(task, source)}"
         )
     kept = {
         name: replace(part, truth=part.truth[clips], scale=part.scale[clips])
         for name, part in parts.items()
     }
     return Target({name: _clamped(part, task.clamp) for name, part in kept.items()}, clips.numpy())
+
+
+def _labels(task: Task, source: TaskSource) -> str:
+    """Part of an error: the labels that there are, where one was named."""
+    if not task.target.startswith("label:"):
+        return ""
+    known = {name for recording in source.recordings for name in recording.labels}
+    return f": {unknown('label', task.target[6:], known)}"
 
 
 def _partial(parts: dict[str, TargetPart]) -> str:

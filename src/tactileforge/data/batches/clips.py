@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections import OrderedDict
 from collections.abc import Iterable, Sequence
 from typing import Any, TypeAlias
@@ -16,6 +15,7 @@ from torch.utils.data import Dataset
 from tactileforge.contracts import NEUTRAL_BACKGROUND, Batch, Frames, Recording
 from tactileforge.data.labels import displacement
 from tactileforge.data.labels.align import nearest
+from tactileforge.data.labels.objects import object_id
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.sensors.specs import spec
 
@@ -246,14 +246,6 @@ def _view(recording: Recording, row: int) -> int:
     if recording.image_times is None:
         return row * len(recording.image) // len(recording.frames)
     return int(nearest(recording.image_times, recording.times[row : row + 1])[0])
-
-
-def object_id(name: str | None) -> int:
-    """Hash of an object's name, the same in every process; -1 for none."""
-    if name is None:
-        return -1
-    digest = hashlib.blake2b(name.encode("utf-8", "surrogatepass"), digest_size=8).digest()
-    return int.from_bytes(digest, "big") >> 1
 
 
 def resize_frame(frame: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:

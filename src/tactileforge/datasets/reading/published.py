@@ -81,7 +81,7 @@ class PublishedDataset(ABC):
     splits: tuple[OfficialSplit, ...] = (ALL,)
     provides: frozenset[str] = frozenset()
 
-    def __init__(self, root: str = ".", split: str = "all", val: float = 0.1) -> None:
+    def __init__(self, root: str, split: str = "all", val: float = 0.1) -> None:
         named = {one.name: one for one in self.splits}
         if split not in named:
             raise ConfigError(f"{self.name}: {unknown('split', split, named)}")

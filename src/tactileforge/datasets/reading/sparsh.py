@@ -108,7 +108,7 @@ class SparshTrajectories(PublishedDataset):
 
     def __init__(
         self,
-        root: str = ".",
+        root: str,
         sensor: str = "digit",
         split: str = "sparsh-official",
         val: float = 0.1,

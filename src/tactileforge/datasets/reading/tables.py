@@ -171,14 +171,21 @@ def _read(path: Path, needed: list[str], whole: bool = False) -> list[tuple[str,
         raise DataNotFoundError(f"{path}: no such CSV; correct the layout, or add the file")
     try:
         return _rows(path, needed, whole)
-    except (csv.Error, UnicodeDecodeError) as error:
-        raise DataError(f"{path}: not a CSV in UTF-8 ({error}); save it as one") from error
+    except UnicodeDecodeError as error:
+        raise DataError(
+            f"{path}: byte {error.start} is not UTF-8; save it as CSV UTF-8, or convert it: "
+            f"iconv -f latin1 -t utf-8 {path.name}"
+        ) from error
+    except csv.Error as error:
+        raise DataError(f"{path}: not a CSV ({error}); save it as one") from error
 
 
 def _rows(path: Path, needed: list[str], whole: bool) -> list[tuple[str, dict[str, str]]]:
     with path.open(newline="", encoding="utf-8-sig") as file:
         reader = csv.DictReader(file, restval="", skipinitialspace=True)
         header = reader.fieldnames or []
+        if twice := [name for name in needed if list(header).count(name) > 1]:
+            raise DataError(f"{path}: two columns are called {twice[0]!r}; rename one")
         for name in needed:
             if name not in header:
                 raise ConfigError(f"{path}: {unknown('column', name, header)}")

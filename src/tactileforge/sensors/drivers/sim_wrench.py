@@ -26,6 +26,7 @@ class SimWrench:
         newton: Largest normal force, N.
         period: Seconds from press to press.
         bias: What it shows without load, N on every axis.
+        rest: Seconds without load after it is opened, for its tare.
 
     Attributes:
         spec: Kind ``wrench``, at that rate.
@@ -35,11 +36,16 @@ class SimWrench:
     spec = replace(ForceTorque.spec, name="sim_wrench")
 
     def __init__(
-        self, fps: float = 100.0, newton: float = 5.0, period: float = 2.0, bias: float = 0.0
+        self,
+        fps: float = 100.0,
+        newton: float = 5.0,
+        period: float = 2.0,
+        bias: float = 0.0,
+        rest: float = 0.0,
     ) -> None:
         if not fps > 0 or not period > 0:
             raise ConfigError(f"fps={fps} and period={period}: give values above 0")
-        self.newton, self.period, self.bias = newton, period, bias
+        self.newton, self.period, self.bias, self.rest = newton, period, bias, rest
         self.spec = replace(self.spec, fps=fps)
         self.start: float | None = None
         self._next = 0
@@ -72,7 +78,8 @@ class SimWrench:
 
     def wrench(self, seconds: float) -> NDArray[np.float32]:
         """The wrench at a time in seconds after opening, float32 (6,), N and N m."""
-        normal = self.newton * (1 - math.cos(2 * math.pi * seconds / self.period)) / 2
+        phase = 2 * math.pi * max(0.0, seconds - self.rest) / self.period
+        normal = self.newton * (1 - math.cos(phase)) / 2
         shear = 0.2 * normal
         forces = np.array([shear, 0.0, normal]) + self.bias
         return np.array([*forces, 0.0, 0.01 * shear, 0.0], np.float32)

@@ -13,6 +13,7 @@ from tactileforge.errors import ConfigError, unknown
 #: Module and class by name.
 PROBES = {
     "linear": "linear:Linear",
+    "linear_adamw": "linear_adamw:LinearAdamW",
     "attentive": "attentive:Attentive",
     "force": "force:Force",
     "sparsh_force": "force:SparshForce",

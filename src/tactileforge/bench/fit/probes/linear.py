@@ -1,44 +1,151 @@
-"""The probe ``linear``: a linear layer on the projected class token (Touch and Go)."""
+"""The probe ``linear``: a linear layer, fitted until it has converged, its penalty chosen."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import ClassVar
+from collections.abc import Callable, Mapping, Sequence
+from typing import ClassVar, NamedTuple
 
-from torch import Tensor, nn
-from torch.nn import functional as F
+import torch
+from torch import Tensor
 
-from tactileforge.bench.fit.probes.base import Probe, ProbeTraining, Values
+from tactileforge.bench.fit.probes.base import Probe, Values
+from tactileforge.bench.fit.probes.ridge_regression import feature_scale
 from tactileforge.bench.tasks.targets import TargetPart
+
+#: Penalties on the squared weights that are tried, strongest first.
+PENALTIES = tuple(10.0 ** (-power / 2) for power in range(-2, 11))
+#: Iterations of L-BFGS at most, and the largest gradient at which it has converged.
+_ITERATIONS, _CONVERGED = 200, 1e-6
 
 
 class Linear(Probe):
-    """One linear layer per part; two classes have one logit and binary cross-entropy.
+    """Logistic regression by L-BFGS on standardised features; nothing is drawn at random.
 
-    Source: AnyTouch 2's published probe of Touch and Go.
+    Minimises the mean cross-entropy of classes, or half the mean squared error of numbers, plus
+    half the penalty times the squared weights; the problem is convex, so it has one solution.
+    Validation chooses the penalty, and the layer is fitted again with it on training and
+    validation together.
 
     Args:
         width: Size of the projected class token.
         parts: What is predicted.
+        penalties: Penalties that are tried.
     """
 
     tap: ClassVar[str] = "projected"
-    published: ClassVar[ProbeTraining] = ProbeTraining(schedule="cosine")
+    trained: ClassVar[bool] = False
 
-    def __init__(self, width: int, parts: Mapping[str, TargetPart]) -> None:
+    def __init__(
+        self,
+        width: int,
+        parts: Mapping[str, TargetPart],
+        penalties: Sequence[float] = PENALTIES,
+    ) -> None:
         super().__init__(width, parts)
-        self.head = nn.ModuleDict(
-            {k: nn.Linear(width, 1 if _is_binary(p) else p.outputs) for k, p in parts.items()}
-        )
+        self.penalties = sorted(map(float, penalties), reverse=True)
+        self.width = width
 
-    def forward(self, features: Tensor) -> Values:
-        """(B, width) to (B, outputs) of each part."""
-        out = {name: head(features) for name, head in self.head.items()}
-        return {
-            name: F.pad(x, (1, 0)) if _is_binary(self.parts[name]) else x for name, x in out.items()
-        }
+    def choose(
+        self,
+        known: Tensor,
+        truth: Values,
+        asked: Tensor,
+        score: Callable[[Values], float],
+        higher: bool,
+    ) -> tuple[float, float]:
+        """The penalty whose predictions of the validation samples are best, and their score.
+
+        Args:
+            known: (n, width), features of the training samples.
+            truth: (n, columns), class indices or normalised vectors.
+            asked: (m, width), features of the validation samples.
+            score: Metric of predictions of these.
+            higher: Whether a higher score is better.
+        """
+        layers = self.path(known, truth, self.penalties)
+        scores = [score(self.predict(layer, asked)) for layer in layers]
+        best = (max if higher else min)(range(len(scores)), key=scores.__getitem__)
+        return self.penalties[best], scores[best]
+
+    def fit(self, known: Tensor, truth: Values, penalty: float) -> Values:
+        """The fitted layer of each part, float64 (width + 1, outputs), for features as they are.
+
+        Args:
+            known: (n, width).
+            truth: (n, columns), class indices or normalised vectors.
+            penalty: On the squared weights of standardised features.
+        """
+        return self.path(known, truth, [penalty])[0]
+
+    def path(self, known: Tensor, truth: Values, penalties: Sequence[float]) -> list[Values]:
+        """The same for several penalties, each started at the solution of the one before."""
+        known = known.double()
+        mean, factor = feature_scale(known)
+        axes = _Axes(*torch.linalg.svd((known - mean) * factor, full_matrices=False))
+        layers: list[Values] = [{} for _ in penalties]
+        for name, part in self.parts.items():
+            weight = known.new_zeros(self.width + 1, part.outputs)
+            for layer, penalty in zip(layers, penalties, strict=True):
+                weight = self._solve(part, axes, truth[name], penalty, weight)
+                plain = weight[:-1] * factor[:, None]
+                layer[name] = torch.cat([plain, (weight[-1] - mean @ plain)[None]])
+        return layers
+
+    def _solve(
+        self, part: TargetPart, axes: _Axes, truth: Tensor, penalty: float, start: Tensor
+    ) -> Tensor:
+        """Weights of standardised features, and the offset."""
+        # along these axes, so scaled, the curvature of the objective is near 1: few iterations
+        scale = (axes.lengths**2 / len(axes.left) + penalty).rsqrt()
+        rows = torch.cat([axes.left * (axes.lengths * scale), torch.ones_like(axes.left[:, :1])], 1)
+        shrink = penalty * scale[:, None] ** 2
+
+        def loss(weight: Tensor) -> Tensor:
+            out = rows @ weight
+            if part.kind == "classes":
+                error = self.loss_of(part, out, truth)
+            else:
+                error = (out - truth).square().mean() / 2
+            return error + (shrink * weight[:-1].square()).sum() / 2
+
+        first = torch.cat([axes.right @ start[:-1] / scale[:, None], start[-1:]])
+        found = _minimise(loss, first)
+        return torch.cat([axes.right.T @ (scale[:, None] * found[:-1]), found[-1:]])
+
+    def scores(self, layer: Mapping[str, Tensor], asked: Tensor) -> Values:
+        """Logits of classes or normalised vectors of each part, float64 (m, outputs)."""
+        asked = asked.double()
+        return {name: asked @ weight[:-1] + weight[-1] for name, weight in layer.items()}
+
+    def predict(self, layer: Mapping[str, Tensor], asked: Tensor) -> Values:
+        """Class indices or normalised vectors of each part, float32 (m, columns)."""
+        decoded = self.decode(self.scores(layer, asked))
+        return {name: values.float().cpu() for name, values in decoded.items()}
 
 
-def _is_binary(part: TargetPart) -> bool:
-    """Whether the part has two classes: one logit against 0, so cross-entropy is the binary one."""
-    return part.kind == "classes" and part.outputs == 2
+class _Axes(NamedTuple):
+    """Singular vectors of the samples (n, k) and features (k, width), and the values (k,)."""
+
+    left: Tensor
+    lengths: Tensor
+    right: Tensor
+
+
+def _minimise(loss: Callable[[Tensor], Tensor], start: Tensor) -> Tensor:
+    weight = start.clone().requires_grad_()
+    optimiser = torch.optim.LBFGS(
+        [weight],
+        max_iter=_ITERATIONS,
+        tolerance_grad=_CONVERGED,
+        tolerance_change=1e-12,
+        line_search_fn="strong_wolfe",
+    )
+
+    def closure() -> Tensor:
+        optimiser.zero_grad()
+        value = loss(weight)
+        value.backward()  # type: ignore[no-untyped-call]
+        return value
+
+    optimiser.step(closure)  # type: ignore[no-untyped-call]
+    return weight.detach()

@@ -69,11 +69,20 @@ def standardise(known: Tensor, asked: Tensor) -> tuple[Tensor, Tensor]:
         known: float32 (n, d), training samples.
         asked: float32 (m, d).
     """
+    mean, factor = feature_scale(known)
+    return (known - mean) * factor, (asked - mean) * factor
+
+
+def feature_scale(known: Tensor) -> tuple[Tensor, Tensor]:
+    """Mean of each feature and the factor that gives it deviation 1; 0 for constant features.
+
+    Args:
+        known: Float (n, d), training samples.
+    """
     mean, spread = known.mean(0), known.std(0, correction=0)
     # scaling a constant feature to deviation 1 would amplify rounding errors
     still = spread <= _STILL * spread.max().clamp(min=1e-12)
-    factor = torch.where(still, 0.0, 1 / spread.clamp(min=1e-12))
-    return (known - mean) * factor, (asked - mean) * factor
+    return mean, torch.where(still, 0.0, 1 / spread.clamp(min=1e-12))
 
 
 def fit_ridge(gram: Tensor, truth: Tensor) -> DualRidge:

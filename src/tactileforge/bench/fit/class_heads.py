@@ -1,0 +1,48 @@
+"""Heads of classes, kept for `Model.classify`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tactileforge.bench.fit.baselines import BASELINES
+from tactileforge.bench.fit.evaluate import ProbeResult
+from tactileforge.bench.fit.models import FrozenEncoder
+from tactileforge.bench.fit.resolve import PreparedTask
+from tactileforge.bench.results.write import file_name
+from tactileforge.hub.classify import FORMAT, ClassFacts, ClassHead, encoder_hash
+
+
+def keep_class_head(
+    folder: Path, prepared: PreparedTask, subject: FrozenEncoder, result: ProbeResult
+) -> Path | None:
+    """Writes the linear layer of a task of classes as ``heads/TASK.MODEL.safetensors``.
+
+    It was fitted to all clips of the task; its metrics are of clips that were left out.
+
+    Args:
+        folder: Of the benchmark.
+        prepared: The task.
+        subject: The encoder.
+        result: What was measured.
+
+    Returns:
+        The file; None where the task has no classes, or the model is a baseline or untrained.
+    """
+    name, part = next(iter(prepared.target.parts.items()))
+    no_model = subject.name.startswith("untrained:") or subject.header.encoder["name"] in BASELINES
+    if result.layer is None or prepared.target.names is None or no_model:
+        return None
+    penalty, layers = result.layer
+    layer = layers[name].float().cpu()
+    facts = ClassFacts(
+        format=FORMAT,
+        task=prepared.task.name,
+        names=list(part.names),
+        encoder=encoder_hash(subject.encoder),
+        penalty=penalty,
+        metrics=result.metrics,
+    )
+    path = folder / "heads" / f"{file_name(prepared.task.name, subject.name)}.safetensors"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    ClassHead(facts, layer[:-1].T, layer[-1]).save(path)
+    return path

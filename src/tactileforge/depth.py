@@ -1,0 +1,186 @@
+"""Depth from touch: normals and height maps of a gel, from pictures of a calibrated sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from tactileforge.contracts import Sensor
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
+from tactileforge.sim.optics.features import BLURS, POWERS, exponents
+from tactileforge.sim.optics.inverse import Surface, SurfaceReader
+from tactileforge.sim.optics.lighting import (
+    DEGREE,
+    OpticalCalibration,
+    load_optics,
+    optics_names,
+    parse_optics,
+)
+from tactileforge.sim.optics.sensor_instances import STYLES, pixel_spacing
+
+#: Largest depth in micrometres that is kept.
+_FAR = 32_000
+#: Bytes of a file of a calibration, at most.
+_LARGEST = 1 << 20
+
+
+class DepthReader:
+    """Reads normals and depth of the gel from pictures of one sensor.
+
+    A calibration maps normals to colours; it is inverted in each pixel, and the slopes are
+    integrated. Those that ship are of one unit of each type: another unit has other lights, so its
+    depths have the right shape rather than the right size. `sim.optics.fit` makes one of your unit.
+
+    Args:
+        sensor: Type of the sensor.
+        calibration: Name of one that ships, or a file of `sim.optics.fit.save_optics`; None takes
+            the one of the type.
+        rows: Rows of the height map, to which larger pictures are shrunk first.
+        mm_per_pixel: Of a picture as the sensor gives it; None takes the sensing area of the type.
+
+    Raises:
+        ConfigError: No such sensor, or none of its type is calibrated.
+        DataNotFoundError: There is no such file.
+        DataError: The file is not a calibration.
+
+    Example:
+        >>> import numpy as np
+        >>> reader = DepthReader("digit", rows=60)
+        >>> still = np.full((320, 240, 3), 100, np.uint8)
+        >>> reader.read(still, still).depth.shape
+        torch.Size([60, 45])
+    """
+
+    def __init__(
+        self,
+        sensor: str,
+        calibration: str | Path | None = None,
+        rows: int = 120,
+        mm_per_pixel: float | None = None,
+    ) -> None:
+        self.sensor, self.rows, self.mm_per_pixel = sensor, rows, mm_per_pixel
+        self.calibration = _calibration(sensor, calibration)
+        self._readers: dict[tuple[int, int], SurfaceReader] = {}
+
+    def read(self, pictures: NDArray[np.uint8], background: NDArray[np.uint8]) -> Surface:
+        """The surface in one picture, or in each of several.
+
+        Args:
+            pictures: uint8 (H, W, 3) or (B, H, W, 3), RGB.
+            background: uint8 (H, W, 3), without contact.
+
+        Returns:
+            Slopes (2, h, w) and depth (h, w) in mm, with B in front for several pictures; ``rows``
+            are h.
+
+        Raises:
+            DataError: They are not pictures of one size.
+        """
+        if pictures.ndim not in (3, 4) or pictures.shape[-3:] != background.shape:
+            raise DataError(
+                f"pictures {pictures.shape} and background {background.shape}: give (H, W, 3) or "
+                "(B, H, W, 3), and one (H, W, 3) of the same sensor"
+            )
+        height, width = background.shape[:2]
+        several = pictures if pictures.ndim == 4 else pictures[None]
+        reader = self._reader(height, width)
+        shown = torch.stack([_shrunk(picture, reader.size) for picture in several])
+        found = reader.read(shown, _shrunk(background, reader.size))
+        return found if pictures.ndim == 4 else Surface(found.slope[0], found.depth[0])
+
+    def micrometres(
+        self, picture: NDArray[np.uint8], background: NDArray[np.uint8]
+    ) -> NDArray[np.int16]:
+        """Depth in one picture, int16 (h, w), micrometres."""
+        depth = self.read(picture, background).depth
+        out: NDArray[np.int16] = (1000 * depth).round().clamp(-_FAR, _FAR).short().numpy()
+        return out
+
+    def _reader(self, height: int, width: int) -> SurfaceReader:
+        rows = min(self.rows, height)
+        size = rows, max(1, round(width * rows / height))
+        if size not in self._readers:
+            known = pixel_spacing(self.sensor, rows)
+            given = self.mm_per_pixel
+            spacing = known if given is None else given * height / rows
+            self._readers[size] = SurfaceReader(self.calibration, size, spacing)
+        return self._readers[size]
+
+
+def depth_readers(
+    given: Mapping[str, str], sensors: Mapping[str, Sensor], rows: int
+) -> dict[str, DepthReader]:
+    """Readers of sensors that are open or will be.
+
+    Args:
+        given: Calibration of each that has one, see `DepthReader`.
+        sensors: By name.
+        rows: See `DepthReader`.
+
+    Raises:
+        ConfigError: No sensor has that name; see `DepthReader`.
+        DataNotFoundError: See `DepthReader`.
+        DataError: See `DepthReader`.
+    """
+    if strange := sorted(set(given) - set(sensors)):
+        raise ConfigError(unknown("sensor of depth", strange[0], sensors))
+    return {name: DepthReader(sensors[name].spec.name, how, rows) for name, how in given.items()}
+
+
+def _shrunk(picture: NDArray[np.uint8], size: tuple[int, int]) -> Tensor:
+    """A picture as float32 (3, h, w)."""
+    fits = picture.shape[:2] == size
+    small = picture if fits else cv2.resize(picture, size[::-1], interpolation=cv2.INTER_AREA)
+    return torch.from_numpy(np.moveaxis(np.asarray(small, np.float32), -1, 0).copy())
+
+
+def _calibration(sensor: str, calibration: str | Path | None) -> OpticalCalibration:
+    names = STYLES[sensor].calibrations if sensor in STYLES else ()
+    if calibration is None and not names:
+        have = ", ".join(name for name, style in STYLES.items() if style.calibrations)
+        raise ConfigError(
+            f"no optical calibration of {sensor} comes with the package (there are those of {have})"
+            ": fit one to presses of a ball, docs/depth.md"
+        )
+    if sensor not in STYLES:
+        raise ConfigError(f"the sensing area of {sensor} is not known: give it in its SensorSpec")
+    if calibration is None or str(calibration) in optics_names():
+        return load_optics(str(calibration or names[0]))
+    return read_optics(calibration)
+
+
+def read_optics(path: str | Path) -> OpticalCalibration:
+    """A calibration from a file of `sim.optics.fit.save_optics`.
+
+    Raises:
+        DataNotFoundError: There is no such file.
+        DataError: It is no calibration.
+    """
+    path = Path(path).expanduser()
+    if not path.is_file():
+        names = ", ".join(optics_names())
+        raise DataNotFoundError(f"{path}: no such file, and no calibration that ships ({names})")
+    try:
+        if path.stat().st_size > _LARGEST:
+            raise ValueError(f"more than {_LARGEST} bytes")
+        found = parse_optics(path.read_text("utf-8"))
+        lights, places = len(found.lights), len(exponents(DEGREE))
+        tables = {
+            "fine": (found.fine, (len(POWERS), places, 3)),
+            "coarse": (found.coarse, (3 * len(BLURS) + lights, places, 3)),
+            "limits": (found.limits, (3 * len(BLURS) + lights,)),
+        }
+        for name, (table, shape) in tables.items():
+            if tuple(table.shape) != shape or not table.isfinite().all():
+                raise ValueError(f"{name} is {tuple(table.shape)}, not {shape}, or not finite")
+        if not 0 < float(found.steepest) <= 1:
+            raise ValueError(f"steepest is {found.steepest}")
+    except (ValueError, KeyError, TypeError, RuntimeError, RecursionError) as error:
+        raise DataError(f"{path}: not an optical calibration ({error}); fit it again") from error
+    return found

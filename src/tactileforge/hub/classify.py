@@ -1,0 +1,200 @@
+"""Classes of clips, from a linear head on what a model encodes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor
+
+from tactileforge import strict
+from tactileforge.data.labels.objects import object_class
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError
+from tactileforge.files import new_part
+from tactileforge.hub.forces import fingerprint
+from tactileforge.untrusted import load_json
+
+if TYPE_CHECKING:
+    from tactileforge.hub.head_model import HeadModel
+    from tactileforge.hub.inputs import Images
+    from tactileforge.hub.sensor_rows import Policy
+
+#: Version of the file, and the key of its metadata.
+FORMAT = 1
+_KEY = "tactileforge_classes"
+#: Most classes, and most numbers of a vector, that a file may have.
+_MOST_CLASSES, _WIDEST = 10_000, 65_536
+
+
+@dataclass(frozen=True)
+class Classes:
+    """Classes of clips.
+
+    Attributes:
+        names: Of the classes.
+        probability: float32 (classes,), or (B, classes) for a batch; they sum to 1.
+    """
+
+    names: tuple[str, ...]
+    probability: Tensor
+
+    @property
+    def name(self) -> str | list[str]:
+        """The most probable class, or one a clip."""
+        best = self.probability.argmax(-1).tolist()
+        return self.names[best] if isinstance(best, int) else [self.names[i] for i in best]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClassFacts:
+    """Metadata of a head.
+
+    Attributes:
+        format: Version of the file.
+        task: What it was fitted for.
+        names: Of the classes.
+        encoder: Hash of the encoder's weights, see `encoder_hash`.
+        penalty: On the squared weights, as it was chosen.
+        metrics: Of clips that were left out while it was chosen, by name.
+    """
+
+    format: int
+    task: str
+    names: list[str]
+    encoder: str
+    penalty: float
+    metrics: dict[str, float]
+
+
+@dataclass(frozen=True)
+class ClassHead:
+    """A linear layer on the vectors of one encoder.
+
+    Attributes:
+        facts: Its metadata.
+        weight: float32 (classes, projected).
+        bias: float32 (classes,).
+    """
+
+    facts: ClassFacts
+    weight: Tensor
+    bias: Tensor
+
+    def save(self, path: Path) -> None:
+        """Writes it, whole or not at all."""
+        with new_part(path) as part:
+            tensors = {"weight": self.weight.contiguous(), "bias": self.bias.contiguous()}
+            save_file(tensors, part, metadata={_KEY: json.dumps(asdict(self.facts))})
+            part.replace(path)
+
+
+def encoder_hash(encoder: Any) -> str:
+    """Hash of the weights of an encoder; ties a head to it."""
+    return fingerprint([encoder])
+
+
+def read_class_head(path: str | Path) -> ClassHead:
+    """Reads a head that the benchmark wrote; nothing in it is executed.
+
+    Raises:
+        DataNotFoundError: There is no such file.
+        DataError: It is not such a head, or contradicts itself.
+    """
+    path = Path(path).expanduser()
+    if not path.is_file():
+        raise DataNotFoundError(f"{path}: no such file; tactileforge bench writes heads/*")
+    try:
+        with safe_open(path, "pt") as file:
+            facts = _facts((file.metadata() or {}).get(_KEY))
+            shape = tuple(file.get_slice("weight").get_shape())
+            if shape[0] != len(facts.names) or len(shape) != 2 or shape[1] > _WIDEST:
+                raise ConfigError(f"weight is {shape} for {len(facts.names)} classes")
+            weight, bias = (file.get_tensor(key).float() for key in ("weight", "bias"))
+    except (SafetensorError, ConfigError, ValueError, IndexError, OSError) as error:
+        raise DataError(
+            f"{path}: not a head of classes ({error}); make it with tactileforge bench"
+        ) from error
+    if bias.shape != weight.shape[:1] or not torch.cat([weight.flatten(), bias]).isfinite().all():
+        raise DataError(f"{path}: its numbers are damaged; make it again with tactileforge bench")
+    return ClassHead(facts, weight, bias)
+
+
+def _facts(text: str | None) -> ClassFacts:
+    if text is None:
+        raise ConfigError("it does not name classes")
+    facts = strict.build(ClassFacts, "the head", strict.mapping("the head", load_json(text)))
+    if facts.format != FORMAT:
+        raise ConfigError(f"format {facts.format}; this tactileforge reads {FORMAT}")
+    if not 2 <= len(facts.names) <= _MOST_CLASSES:
+        raise ConfigError(f"{len(facts.names)} classes")
+    return facts
+
+
+def classify(
+    model: HeadModel,
+    frames: Images,
+    background: Images | str | None,
+    sensor: str | Sequence[str] | None,
+    head: str | Path | ClassHead | None,
+    names: Sequence[str] | None,
+    unknown_sensor: Policy,
+) -> Classes:
+    """Classes of clips; see `Model.classify`."""
+    if getattr(frames, "ndim", 0) == 3:
+        frames = _still(frames, model.frames)
+    weight, bias, known = _layer(model, head, names)
+    vectors = model.encode(frames, background, sensor, unknown_sensor=unknown_sensor)
+    logits = vectors @ weight.to(vectors.device).T + bias.to(vectors.device)
+    return Classes(known, logits.softmax(-1))
+
+
+def _still(image: Images, count: int) -> Images:
+    """A clip in which one image stands still."""
+    clip: Tensor = torch.as_tensor(image)[None].expand(count, -1, -1, -1)
+    return clip
+
+
+def _layer(
+    model: HeadModel, head: str | Path | ClassHead | None, names: Sequence[str] | None
+) -> tuple[Tensor, Tensor, tuple[str, ...]]:
+    if head is None:
+        return _packed(model.heads, names, repr(model))
+    if names is not None:
+        raise ConfigError("names= belongs to the head of a run; head= knows the names of its own")
+    fitted = head if isinstance(head, ClassHead) else read_class_head(head)
+    if fitted.facts.encoder != encoder_hash(model.encoder):
+        raise ConfigError(
+            f"the head of {fitted.facts.task} was fitted to another encoder than {model!r}: "
+            "run tactileforge bench with this model"
+        )
+    return fitted.weight, fitted.bias, tuple(fitted.facts.names)
+
+
+def _packed(
+    heads: Any, names: Sequence[str] | None, model: str
+) -> tuple[Tensor, Tensor, tuple[str, ...]]:
+    """The rows of the head of a run for some objects."""
+    if "classify" not in heads:
+        raise ConfigError(
+            f"{model} has no head for classes: give head=FILE, which tactileforge bench "
+            "suite=classes writes, or pack a run whose objectives include classify"
+        )
+    if names is None or len(names) < 2:
+        raise ConfigError("names: give the names of two objects of the training data, or more")
+    linear = heads["classify"].linear
+    rows = [object_class(name, len(linear.bias)) for name in names]
+    for place, row in enumerate(rows):
+        if row in rows[:place]:
+            other = names[rows.index(row)]
+            raise ConfigError(
+                f"names: {other!r} and {names[place]!r} share a class of the head; train with "
+                "more head.classify.classes"
+            )
+    weight, bias = linear.weight[rows].detach().float(), linear.bias[rows].detach().float()
+    return weight, bias, tuple(names)
