@@ -20,7 +20,7 @@ from tactileforge.sensors.specs import spec
 
 #: Heads that are kept: `Model` reads force and surface, and a run that starts from the file goes on
 #: with all of them.
-KEPT_HEADS = ("pixel", "diff", "surface", "descriptors", "force", "classify")
+KEPT_HEADS = ("pixel", "diff", "surface", "force", "classify")
 
 
 def pack_run(

@@ -15,9 +15,9 @@ from tactileforge.bench.fit.baselines import (
     FrameStatistics,
     Hog,
     Motion,
+    rings,
 )
 from tactileforge.bench.fit.models import baseline_encoder, model_entry
-from tactileforge.data.labels.descriptors import spectrum_rings
 
 
 def picture(seed: int = 0) -> torch.Tensor:
@@ -44,7 +44,7 @@ def test_statistics_are_those_of_numpy() -> None:
 @pytest.mark.parametrize(("waves", "ring"), [(1, 0), (3, 1), (10, 3), (50, 6)])
 def test_a_wave_is_in_the_ring_of_its_frequency(waves: int, ring: int) -> None:
     x = torch.sin(2 * math.pi * waves * torch.arange(128) / 128).expand(1, 1, 128, 128)
-    assert spectrum_rings(x)[0, 0].argmax() == ring
+    assert rings(x)[0, 0].argmax() == ring
 
 
 def test_motion_is_energy_of_change() -> None:
