@@ -133,7 +133,12 @@ def declare(
         defaults.insert(0, {"scale": "paper"})
     defaults.insert(0 if groups_last else len(defaults), "_self_")
     quiet = {"override hydra/job_logging": "none"}, {"override hydra/hydra_logging": "none"}
-    made = {"defaults": [*defaults, *quiet], **(keys or {}), "hydra": _QUIET}
+    # key={name: value} has to be able to fill what is empty
+    free = {
+        key: OmegaConf.create({}, flags={"struct": False}) if value == {} else value
+        for key, value in (keys or {}).items()
+    }
+    made = {"defaults": [*defaults, *quiet], **free, "hydra": _QUIET}
     ConfigStore.instance().store(name, made, provider="tactileforge")
 
 

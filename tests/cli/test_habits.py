@@ -68,6 +68,8 @@ def test_every_command_has_help_that_says_each_key(capsys: pytest.CaptureFixture
         (["zoo", "list"], ["pattern", "*"]),
         (["sim", "out=x"], ["action_seconds", 0.6]),
         (["record", "sensor=sim", "out=x"], ["background", "seconds", 1.0]),
+        (["record", "sensor=sim", "out=x", "labels={who: ana}"], ["labels", "who", "ana"]),
+        (["live", "sensor=sim", "depth={sim: digit}"], ["depth", "sim", "digit"]),
     ],
 )
 def test_cfg_job_prints_what_would_be_used(
