@@ -160,7 +160,9 @@ def download(
     monkeypatch.setattr(
         published,
         "convert",
-        lambda state: SimpleNamespace(name="press", encoder_config=node, state=state, report=""),
+        lambda state: SimpleNamespace(
+            name="press", encoder_config=node, state=state, report="", head=None, probe=None
+        ),
         raising=False,
     )
     return path
