@@ -23,6 +23,7 @@ from tactileforge import curriculum, registry, run_folder, strict
 from tactileforge.assemble import build_data, with_sensors
 from tactileforge.callbacks import checkpoints
 from tactileforge.callbacks.progress import Progress
+from tactileforge.callbacks.speed import Speed
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.files import sealed, write_text
 from tactileforge.module import TouchModule
@@ -172,7 +173,7 @@ def build_trainer(
     own: dict[str, Any] = dict(
         default_root_dir=folder,
         logger=build_loggers(config["logger"], folder),
-        callbacks=[saver, Progress(), Timer()],  # the report says how long it took
+        callbacks=[saver, Speed(config["batch"]["workers"]), Progress(), Timer()],
         plugins=[checkpoints.AtomicCheckpointIO(config.get("run"))],
         gradient_clip_val=config["optim"].get("clip"),
         use_distributed_sampler=False,

@@ -17,6 +17,7 @@ from tactileforge.pages.page import NONE, SPLIT_WORDS, duration, number, percent
 from tactileforge.report.embedding import NeighbourScore
 from tactileforge.report.findings import RunFindings
 from tactileforge.report.forces import ForceResult, milli
+from tactileforge.report.speed import speed_fact, speed_verdict
 
 #: A loss that changes by less has not changed; a reconstruction that explains less shows nothing.
 _LEAST = 0.01
@@ -40,6 +41,7 @@ def run_facts(
     data: TouchData,
     steps: int,
     seconds: float | None,
+    curves: Mapping[str, Curve],
     versions: Mapping[str, str],
 ) -> Markup:
     """Facts of the run: model, data and duration."""
@@ -57,6 +59,7 @@ def run_facts(
         "Sensors": ", ".join(data.summary("train").sensors),
         "Steps": f"{steps}, each of {config['batch']['size']} clips",
         "Time": "not kept" if seconds is None else duration(seconds),
+        "Speed": speed_fact(curves),
         "Versions": ", ".join(
             f"{k} {versions[k]}" for k in ("tactileforge", "torch") if k in versions
         ),
@@ -82,6 +85,7 @@ def run_verdict(
     lines += _rebuilt(findings.explained)
     lines += [line for result in findings.forces for line in _force(result)]
     lines += _read(findings.scores)
+    lines += speed_verdict(curves)
     count = len(findings.skipped)
     lines.append(
         ("bad", f"{count} recording{'s' * (count > 1)} could not be read; see Data.")

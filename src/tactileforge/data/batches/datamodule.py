@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from itertools import chain
 from typing import Any, TypeVar
@@ -42,7 +43,25 @@ class Loader(DataLoader[Batch]):
 
     Its place is that of the run (see `stream.BatchIndexSampler`); what it keeps is what may not
     change in between.
+
+    Attributes:
+        waited: Seconds that the process has waited for batches so far.
     """
+
+    waited = 0.0
+
+    def __iter__(self) -> Iterator[Batch]:  # type: ignore[override]
+        """Batches, in order."""
+        return self._timed(super().__iter__())  # readers start now
+
+    def _timed(self, batches: Iterator[Batch]) -> Iterator[Batch]:
+        while True:
+            start = time.perf_counter()
+            batch = next(batches, None)
+            self.waited += time.perf_counter() - start
+            if batch is None:
+                return
+            yield batch
 
     def state_dict(self) -> dict[str, Any]:
         """Facts that the batches depend on; a resumed run must have the same."""
