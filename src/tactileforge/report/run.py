@@ -65,8 +65,8 @@ def write_report(folder: Path, module: TouchModule, data: TouchData) -> Path:
     steps, seconds = _progress(folder, curves)
     findings = run_findings(module, data)
     weights = {key: float(node["weight"]) for key, node in config["objective"].items()}
-    versions = sections.kept_versions(folder).get("versions", {})
-    top = summary.run_facts(config, module, data, steps, seconds, curves, versions)
+    kept = sections.kept_versions(folder)
+    top = summary.run_facts(config, module, data, steps, seconds, curves, kept)
     top += summary.run_verdict(curves, weights, findings, module.labels)
     parts = [
         sections.losses(curves, list(weights), steps),

@@ -42,15 +42,17 @@ def run_facts(
     steps: int,
     seconds: float | None,
     curves: Mapping[str, Curve],
-    versions: Mapping[str, str],
+    kept: Mapping[str, Any],
 ) -> Markup:
-    """Facts of the run: model, data and duration."""
+    """Facts of the run: model, data and duration; ``kept`` is its ``versions.json``."""
     encoder = config["encoder"]
     name = " ".join(filter(None, (encoder["name"], encoder.get("size"))))
     size = sum(parameter.numel() for parameter in module.encoder.parameters()) / 1e6
     height, width = module.encoder.image_size
     clips = sum(track.size for track in data.stream().tracks)
     held_out = len(data.val) if data.val else 0
+    versions = kept.get("versions", {})
+    precision = [config["trainer"]["precision"], kept.get("precision")]
     about = {
         "Encoder": f"{name}, {size:.3g} M parameters",
         "Input": f"{module.encoder.frames} frames, {height} x {width} pixels",
@@ -60,6 +62,7 @@ def run_facts(
         "Steps": f"{steps}, each of {config['batch']['size']} clips",
         "Time": "not kept" if seconds is None else duration(seconds),
         "Speed": speed_fact(curves),
+        "Precision": ": ".join(str(part) for part in precision if part),
         "Versions": ", ".join(
             f"{k} {versions[k]}" for k in ("tactileforge", "torch") if k in versions
         ),
