@@ -78,7 +78,7 @@ class Kept(L.Callback):
 
     def on_train_batch_end(self, trainer: L.Trainer, *_: object) -> None:
         row = {k: float(v) for k, v in trainer.callback_metrics.items() if k.startswith("speed/")}
-        self.rows += [row] if row and row not in self.rows[-1:] else []
+        self.rows += [row] if row and trainer.global_step % 5 == 1 else []
 
 
 def run(
@@ -118,9 +118,9 @@ def test_clips_and_waiting_are_those_of_the_clock(
 ) -> None:
     """Batches of 3 clips, 1 s of waiting and 3 s of work each; validation takes 100 s more."""
     rows = run(monkeypatch, tmp_path, wait=1, step=3)
-    assert rows
-    for row in rows:
-        assert row == {"speed/clips_per_s": pytest.approx(3 / 4), "speed/waiting": 0.25}
+    expected = {"speed/clips_per_s": 3 / 4, "speed/waiting": 1 / 4}
+    assert all(row == pytest.approx(expected) for row in rows[:-1])
+    assert len(rows) > 1  # a loader without a length reads one ahead: the last step waits for none
 
 
 def test_mfu_is_operations_over_peak(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

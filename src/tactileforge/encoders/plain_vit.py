@@ -216,7 +216,8 @@ class PlainViT(Backbone):
         if len(self.stems) == 1:
             out: Tensor = self.stems[0](patches, kept)
             return out
-        if torch.compiler.is_compiling():  # no shapes that depend on data: every stem, then choose
+        if torch.compiler.is_compiling() or patches.device.type != "cpu":
+            # no shapes that depend on data, for which a device is waited for: all stems, then choose
             every = torch.stack([stem(patches, kept) for stem in self.stems])
             return every[sensor, torch.arange(len(sensor), device=sensor.device)]
         parts, order = [], []
