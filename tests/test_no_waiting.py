@@ -59,14 +59,19 @@ def _by_bool(args: tuple[Any, ...]) -> bool:
 def watched(monkeypatch: pytest.MonkeyPatch) -> Iterator[Watch]:
     """Watches operations, and tensors that are made on the device from values of the host."""
     make: Callable[..., Tensor] = torch.tensor
+    cast: Any = torch.autocast
 
     def tensor(*args: Any, **options: Any) -> Tensor:
         if torch.device(options.get("device") or "cpu").type == "meta":
             watch.found.append("torch.tensor(device=)")
         return make(*args, **options)
 
+    def autocast(kind: str, **options: Any) -> Any:  # the meta device has none
+        return cast("cpu" if kind == "meta" else kind, **options)
+
     with monkeypatch.context() as patch, Watch() as watch:
         patch.setattr(torch, "tensor", tensor)
+        patch.setattr(torch, "autocast", autocast)
         yield watch
 
 
@@ -104,6 +109,8 @@ def step(monkeypatch: pytest.MonkeyPatch, module: TouchModule, batch: dict[str, 
         module._follow(1)
     assert total.device.type == "meta"
     assert watch.found == []
+    unused = [k for k, p in module.named_parameters() if p.requires_grad and p.grad is None]
+    assert unused == []  # several processes need not look for them
 
 
 @pytest.mark.parametrize(

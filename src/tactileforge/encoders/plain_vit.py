@@ -217,7 +217,7 @@ class PlainViT(Backbone):
             out: Tensor = self.stems[0](patches, kept)
             return out
         if torch.compiler.is_compiling() or patches.device.type != "cpu":
-            # no shapes that depend on data, for which a device is waited for: all stems, then choose
+            # no shapes that depend on data, for which a device is waited for: every stem runs
             every = torch.stack([stem(patches, kept) for stem in self.stems])
             return every[sensor, torch.arange(len(sensor), device=sensor.device)]
         parts, order = [], []
