@@ -1,8 +1,7 @@
-"""What a training step of AnyTouch 2 (base) is made of, and what each change to it is worth.
+"""Parts of a training step of AnyTouch 2 (base, pixel + diff); what fused AdamW and bf16 give.
 
-Parts and variants take turns in one process, on one thread. CPU time counts (`process_time`), so
-that other programs do not, and medians are kept. "before" is a decoder that puts tokens in the
-order of their places and reads for all of them in its last block, with the optimiser as a loop.
+Parts take turns in one process, on one thread. CPU time counts (`time.process_time`), so that other
+programs do not; medians are kept, without the first round.
 
 Run: python benchmarks/step_parts.py
 """
@@ -18,126 +17,78 @@ import torch
 from common import save
 from omegaconf import OmegaConf
 from torch import Tensor
-from train_step import videomae_step
 
 from tactileforge.compose import compose
-from tactileforge.contracts import MaskedFeatures
-from tactileforge.heads.decoder import MaskedDecoder, masked_patches
 from tactileforge.module import TouchModule
 from tactileforge.testing import batch as make_batch
 
-BATCH, ROUNDS = 2, 3
-FIVE = ("pixel", "diff", "align", "match", "force")
+BATCH, ROUNDS = 2, 4
+PARTS = ("forward", "backward", "clipping", "AdamW, a loop", "AdamW, fused")
+PARTS += ("forward, bf16", "backward, bf16")
 
 
-def build(names: tuple[str, ...]) -> TouchModule:
-    """AnyTouch 2 in the paper's size."""
-    composed = compose("anytouch2", [f"objective=[{','.join(names)}]"])
-    config: Any = OmegaConf.to_container(composed, resolve=True)
-    return TouchModule.from_config(config, {"text", "image"})
-
-
-def decode_all(decoder: MaskedDecoder, features: MaskedFeatures) -> Tensor:
-    """The decoder as it was: every token at its place, and read for in every block."""
-    slots = features.grid[0]
-    x = decoder.embed(features.tokens)
-    prefix, visible = x.split([features.prefix, x.shape[1] - features.prefix], dim=1)
-    tokens = decoder._placed(visible.unflatten(1, (slots, -1)), features)
-    tokens = tokens + decoder.position.flatten(1, 2)
-    x = decoder.transformer(torch.cat([prefix, tokens.flatten(1, 2)], dim=1))
-    x = x[:, features.prefix :].unflatten(1, (slots, -1))
-    out: Tensor = decoder.predict(decoder.norm(masked_patches(x, features)))
-    return out
-
-
-def subjects() -> dict[str, Callable[[], object]]:
-    """Parts of a step and their variants, by name."""
-    module, batch = build(FIVE), make_batch(size=BATCH, frames=4, image=224)
-    features = module.encoder.views(batch).masked
-    tokens = features.tokens.detach().requires_grad_()
-    fixed = MaskedFeatures(
-        tokens, features.cls, features.kept, features.masked, features.prefix, features.grid
-    )
-    decoder: Any = module.heads["pixel"].decoder
-
-    def step(names: tuple[str, ...], half: bool = False) -> None:
-        with torch.autocast("cpu", torch.bfloat16, enabled=half, cache_enabled=False):
-            loss = module.losses(batch, dict.fromkeys(names, 1.0))[0]
-        torch.autograd.backward(loss)
-
-    def back(out: Tensor) -> None:
-        torch.autograd.backward(out.square().mean())
-
-    step(FIVE)  # every parameter has a gradient
-    two = [*module.encoder.parameters()]
-    two += [p for key in ("pixel", "diff") for p in module.heads[key].parameters()]
-    loop = torch.optim.AdamW(two, lr=1e-6)
-    fused = torch.optim.AdamW(two, lr=1e-6, fused=True)
-    return {
-        "pixel + diff, forward and backward": lambda: step(("pixel", "diff")),
-        "pixel + diff, forward and backward, bf16": lambda: step(("pixel", "diff"), True),
-        "one decoder, before": lambda: back(decode_all(decoder, fixed)),
-        "one decoder": lambda: back(decoder(fixed)),
-        "AdamW, before": loop.step,
-        "AdamW, fused": fused.step,
-        "clipping": lambda: torch.nn.utils.clip_grad_norm_(two, 1.0),
-        "VideoMAE of equal size, a whole step": videomae_step(12, BATCH)[0],
-        "all five, forward and backward": lambda: step(FIVE),
-    }
+def timed(what: Callable[[], Any]) -> tuple[float, Any]:
+    """CPU seconds, and what is returned."""
+    start = time.process_time()
+    out = what()
+    return time.process_time() - start, out
 
 
 def main() -> None:
     torch.set_num_threads(1)
-    times: dict[str, list[float]] = {}
-    built = subjects()
-    for number in range(1 + ROUNDS):
-        for name, subject in built.items():
-            start = time.process_time()
-            subject()
-            if number:
-                times.setdefault(name, []).append(time.process_time() - start)
-        if number:
-            keep(times, number)
+    config: Any = OmegaConf.to_container(
+        compose("anytouch2", ["objective=[pixel,diff]"]), resolve=True
+    )
+    module = TouchModule.from_config(config, {"text", "image"})
+    batch = make_batch(size=BATCH, frames=4, image=224)
+    parameters = [p for p in module.parameters() if p.requires_grad]
+    loop = torch.optim.AdamW(parameters, lr=1e-4)
+    fused = torch.optim.AdamW(parameters, lr=1e-4, fused=True)
+
+    def loss() -> Tensor:
+        return module.losses(batch, {"pixel": 1.0, "diff": 1.0})[0]
+
+    rounds = []
+    for _ in range(ROUNDS):
+        module.zero_grad()
+        forward, out = timed(loss)
+        backward, _ = timed(out.backward)
+        clipping, _ = timed(lambda: torch.nn.utils.clip_grad_norm_(parameters, 1.0))
+        updates = timed(loop.step)[0], timed(fused.step)[0]
+        module.zero_grad()
+        with torch.autocast("cpu", torch.bfloat16):
+            forward_half, out = timed(loss)
+        rounds.append((forward, backward, clipping, *updates, forward_half, timed(out.backward)[0]))
+    keep(rounds)
 
 
-def keep(times: dict[str, list[float]], rounds: int) -> None:
-    """Writes what is known after so many rounds."""
-    middle = {name: statistics.median(values) for name, values in times.items()}
-    work = middle["pixel + diff, forward and backward"]
-    half = middle["pixel + diff, forward and backward, bf16"]
-    decoders = 2 * (middle["one decoder, before"] - middle["one decoder"])
-    after = work + middle["clipping"] + middle["AdamW, fused"]
-    before = work + decoders + middle["clipping"] + middle["AdamW, before"]
-    share = {
-        "decoders": 2 * middle["one decoder"] / after,
-        "encoder, preprocessing, losses": (work - 2 * middle["one decoder"]) / after,
-        "AdamW": middle["AdamW, fused"] / after,
-        "clipping": middle["clipping"] / after,
-    }
-    halved = half + middle["clipping"] + middle["AdamW, fused"]
-    videomae = middle["VideoMAE of equal size, a whole step"]
+def keep(rounds: list[tuple[float, ...]]) -> None:
+    """Writes medians and what follows from them."""
+    of = dict(zip(PARTS, map(statistics.median, zip(*rounds[1:], strict=True)), strict=True))
+    work = of["forward"] + of["backward"]
+    half = of["forward, bf16"] + of["backward, bf16"]
+    before, after, low = (
+        number + of["clipping"] + of[optimiser]
+        for number, optimiser in (
+            (work, "AdamW, a loop"),
+            (work, "AdamW, fused"),
+            (half, "AdamW, fused"),
+        )
+    )
     save(
         "step_parts",
         {
-            "what": f"parts of a training step, base, {BATCH} clips of 4 frames of 224 x 224, fp32",
-            "how": f"CPU seconds of one thread, median of {rounds} rounds, variants in turn",
-            "cpu_s": {name: round(value, 4) for name, value in middle.items()},
-            "share of a step with pixel + diff": {k: round(v, 3) for k, v in share.items()},
-            "step now, times as fast as before": round(before / after, 3),
-            "AdamW fused, times as fast": round(
-                middle["AdamW, before"] / middle["AdamW, fused"], 2
-            ),
-            "decoder now, times as fast": round(
-                middle["one decoder, before"] / middle["one decoder"], 3
-            ),
+            "what": f"parts of a training step, base, {BATCH} clips of 4 frames of 224 x 224",
+            "how": f"CPU seconds of one thread, median of {len(rounds) - 1} rounds, in turn",
+            "cpu_s": {name: round(value, 3) for name, value in of.items()},
+            "share of AdamW before and after": [
+                round(of["AdamW, a loop"] / before, 3),
+                round(of["AdamW, fused"] / after, 3),
+            ],
+            "AdamW fused, times as fast": round(of["AdamW, a loop"] / of["AdamW, fused"], 2),
+            "step with AdamW fused, times as fast": round(before / after, 3),
             "bf16, forward and backward, times as fast": round(work / half, 2),
-            "bf16, whole step, times as fast": round(after / halved, 2),
-            "times as fast as VideoMAE of equal size": round(
-                videomae / (after - middle["clipping"]), 3
-            ),
-            "all five, multiple of pixel + diff, without the optimiser": round(
-                middle["all five, forward and backward"] / work, 2
-            ),
+            "bf16, step with AdamW fused, times as fast": round(after / low, 2),
         },
     )
 

@@ -92,7 +92,7 @@ def test_a_step_waits_for_nothing(recipe: str, monkeypatch: pytest.MonkeyPatch) 
 
 @pytest.mark.parametrize("balance", ["clip", "gradnorm", "uncertainty"])
 def test_a_balance_waits_for_nothing(balance: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    step(monkeypatch, *on_device("anytouch2", f"balance={balance}", "balance.every=1"))
+    step(monkeypatch, *on_device("anytouch2", f"balance={balance}"))
 
 
 def step(monkeypatch: pytest.MonkeyPatch, module: TouchModule, batch: dict[str, Any]) -> None:

@@ -244,12 +244,10 @@ class TouchModule(L.LightningModule):
         gradient_clip_algorithm: str | None = None,
     ) -> None:
         """Clips the gradient; Lightning itself refuses to where the optimiser is fused."""
-        if gradient_clip_val is None:
-            return
-        clip = nn.utils.clip_grad_norm_
-        if gradient_clip_algorithm == "value":
-            clip = nn.utils.clip_grad_value_
-        clip(self.parameters(), gradient_clip_val)
+        if gradient_clip_val is not None and gradient_clip_algorithm == "value":
+            nn.utils.clip_grad_value_(self.parameters(), gradient_clip_val)
+        elif gradient_clip_val is not None:
+            nn.utils.clip_grad_norm_(self.parameters(), gradient_clip_val)
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Keeps what was skipped and the labels that were met, for the report of a resumed run."""

@@ -113,4 +113,4 @@ def _step(module: TouchModule, batch: Batch, half: bool) -> float:
 def _processes(options: Mapping[str, Any]) -> int:
     devices, nodes = options["devices"], options["num_nodes"]
     here = 1 if devices in ("auto", "1") else devices if isinstance(devices, int) else 2
-    return max(here * nodes, int(os.environ.get("WORLD_SIZE", 1)))
+    return max(here * int(nodes), int(os.environ.get("WORLD_SIZE", 1)))

@@ -73,19 +73,19 @@ class Speed(Callback):
         device = pl_module.device
         if device.type == "cuda":
             self.peak = peak_of(torch.cuda.get_device_name(device))
-            self._done = torch.cuda.Event()
+            self._done = torch.cuda.Event()  # type: ignore[no-untyped-call]
 
     def on_train_batch_start(
         self, trainer: L.Trainer, pl_module: L.LightningModule, batch: Any, batch_idx: int
     ) -> None:
         """Notes the time that the batch took to come, where the device was idle then."""
         waited = getattr(trainer.train_dataloader, "waited", 0.0)
-        if self._done is None or self._done.query():
+        if self._done is None or self._done.query():  # type: ignore[no-untyped-call]
             self._waiting += waited - self._seen
         self._seen = waited
         if self.peak and _active(pl_module) not in self._counted:
             self._counter = FlopCounterMode(display=False)
-            self._counter.__enter__()
+            self._counter.__enter__()  # type: ignore[no-untyped-call]
 
     def on_train_batch_end(
         self,
@@ -133,7 +133,7 @@ class Speed(Callback):
 
     def _stop_counting(self, active: frozenset[str]) -> None:
         if self._counter is not None:
-            self._counter.__exit__(None, None, None)
+            self._counter.__exit__(None, None, None)  # type: ignore[no-untyped-call]
             self._counted[active] = self._counter.get_total_flops()
             self._counter = None
 

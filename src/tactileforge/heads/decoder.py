@@ -98,7 +98,7 @@ class MaskedDecoder(nn.Module):
         x = torch.cat([prefix, seen.flatten(1, 2), blank.flatten(1, 2)], dim=1)
         count = blank.shape[1] * blank.shape[2]
         hidden: Tensor = self.transformer(x, only=slice(x.shape[1] - count, None))
-        return hidden.unflatten(1, (len(place), -1))
+        return hidden.reshape(len(x), len(place), -1, x.shape[-1])
 
     def _by_place(self, prefix: Tensor, visible: Tensor, features: MaskedFeatures) -> Tensor:
         """Masked tokens (B, slots, M, width), from all tokens in the order of their places."""
