@@ -54,11 +54,11 @@ class SyntheticCamera:
         )
         rng = np.random.default_rng(0)
         rows, columns = np.mgrid[:320, :240]
-        self._bank = []
+        self.pictures = []
         for angle in np.linspace(0, 2 * np.pi, 30, endpoint=False):
             far = (rows - 160 - 60 * np.sin(angle)) ** 2 + (columns - 120 - 60 * np.cos(angle)) ** 2
             shade = 110 + 60 * np.exp(-far / 800)[..., None] + rng.normal(0, 2, (320, 240, 3))
-            self._bank.append(shade.clip(0, 255).astype(np.uint8))
+            self.pictures.append(shade.clip(0, 255).astype(np.uint8))
         self.start, self.number, self.lost = 0.0, 0, 0
 
     def discover(self) -> list[str]:
@@ -78,7 +78,7 @@ class SyntheticCamera:
         due = self.start + self.number / FPS
         time.sleep(max(0.0, due - time.monotonic()))
         self.number += 1
-        return Frame(array=self._bank[self.number % len(self._bank)], time=due)
+        return Frame(array=self.pictures[self.number % len(self.pictures)], time=due)
 
     def close(self) -> None:
         """Nothing to do."""
@@ -140,8 +140,8 @@ def run(model: Model, seconds: float, with_page: bool) -> dict[str, float]:
             if reading is not None:
                 assert reading.force is not None
                 latencies.append(reading.latency)
-        finger = view.fingers["camera"]
-        counts = {"readings": finger.done, "skipped": finger.skipped, "lost": camera.lost}
+        stream = view.fingers["camera"].stream
+        counts = {"readings": stream.done, "skipped": stream.skipped, "lost": camera.lost}
     milli = 1000 * np.array(latencies)
     p50, p99 = np.percentile(milli, [50, 99])
     return {

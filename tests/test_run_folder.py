@@ -150,6 +150,7 @@ def test_a_full_disk_in_training_is_one_line_and_leaves_nothing_half(tmp_path: P
     done = limited(size // 2, *words, f"hydra.run.dir={folder}")
     assert done.returncode == 1
     (line,) = [line for line in done.stderr.splitlines() if "error: " in line]
+    assert line.startswith("error: "), "on a line of its own, behind the bar"
     assert "last.ckpt: the checkpoint cannot be written" in line
     assert "Make room, then go on" in line
     assert "Traceback" not in done.stderr

@@ -12,10 +12,13 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-from tactileforge.untrusted import load_json
+from tactileforge.errors import DataError
+from tactileforge.untrusted import dump_yaml, load_json, load_yaml
 
 #: Seconds after which a part that nobody writes to is that of a process that was killed.
 _ABANDONED = 3600.0
+#: First line of a sealed YAML, before the checksum of what follows.
+_SEAL = "# sha256 (remove this line where you change the file): "
 
 
 def cache_folder(path: str | None = None) -> Path:
@@ -61,6 +64,29 @@ def new_part(target: Path) -> Iterator[Path]:
         part.unlink(missing_ok=True)
 
 
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turns what goes wrong with a disk into an error of one line, with the fix.
+
+    Args:
+        path: That is written.
+
+    Raises:
+        DataError: The disk is full or read-only, or the folder cannot be made.
+    """
+    try:
+        yield
+    except Exception as error:
+        is_disk = isinstance(error, OSError) or type(error).__name__ == "SafetensorError"
+        if not is_disk or isinstance(error, DataError):
+            raise
+        reason = (getattr(error, "strerror", None) or str(error)).splitlines()[0]
+        raise DataError(
+            f"{path}: cannot be written ({reason}); make room, or choose another place: out=, or "
+            "TACTILEFORGE_CACHE for weights that are fetched"
+        ) from error
+
+
 def sha256(path: Path) -> str:
     """The hash of a file, in hexadecimal digits."""
     with path.open("rb") as file:
@@ -85,6 +111,38 @@ def unsealed(text: str | bytes) -> dict[str, Any]:
     if stated != _checksum(plain):
         raise ValueError("its checksum is another: bytes of it have changed")
     return plain
+
+
+def sealed_yaml(plain: Mapping[str, Any], **options: Any) -> str:
+    """Plain data as YAML, with its checksum in the first line.
+
+    Args:
+        plain: The data.
+        options: Of `untrusted.dump_yaml`.
+    """
+    text = dump_yaml(dict(plain), **options)
+    return f"{_SEAL}{hashlib.sha256(text.encode()).hexdigest()}\n{text}"
+
+
+def unsealed_yaml(text: str) -> Any:
+    """Values of a text that `sealed_yaml` made; who changes it on purpose removes the first line.
+
+    Raises:
+        ValueError: It is another text, or one byte that counts has changed.
+
+    Example:
+        >>> text = sealed_yaml({"a": 1})
+        >>> unsealed_yaml(text), unsealed_yaml("a: 2")
+        ({'a': 1}, {'a': 2})
+        >>> unsealed_yaml(text.replace("a: 1", "a: 3"))
+        Traceback (most recent call last):
+        ValueError: its checksum is another: it was changed, or damaged
+    """
+    first, _, rest = text.partition("\n")
+    is_sealed = "sha256" in first or "remove this line" in first  # one of them, at least
+    if is_sealed and first != f"{_SEAL}{hashlib.sha256(rest.encode()).hexdigest()}":
+        raise ValueError("its checksum is another: it was changed, or damaged")
+    return load_yaml(text)
 
 
 def _checksum(plain: Mapping[str, Any]) -> str:

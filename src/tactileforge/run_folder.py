@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import fcntl
-import hashlib
 import os
 import secrets
 from collections.abc import Iterator, Mapping
@@ -12,8 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
-from tactileforge.files import unsealed, write_text
-from tactileforge.untrusted import dump_yaml, load_yaml
+from tactileforge.files import sealed_yaml, unsealed, unsealed_yaml, write_text
 
 #: File that is locked while a process writes into the folder.
 LOCK = ".lock"
@@ -21,8 +19,6 @@ LOCK = ".lock"
 CONFIG = "config.yaml"
 #: By what it was made: command, packages, plugins, licences.
 VERSIONS = "versions.json"
-#: First line of that file, before the checksum of what follows.
-_SEAL = "# sha256 (remove this line where you change the file): "
 
 
 def identity() -> str:
@@ -32,8 +28,7 @@ def identity() -> str:
 
 def write_config(folder: Path, plain: Mapping[str, Any]) -> None:
     """Writes ``config.yaml``, with its checksum."""
-    text = dump_yaml(dict(plain))
-    write_text(folder / CONFIG, f"{_SEAL}{_sha256(text)}\n{text}")
+    write_text(folder / CONFIG, sealed_yaml(plain))
 
 
 def read_config(folder: Path) -> dict[str, Any]:
@@ -47,12 +42,7 @@ def read_config(folder: Path) -> dict[str, Any]:
     if not path.is_file():
         raise DataNotFoundError(f"{folder}: no {CONFIG} there; give the folder of a run")
     try:
-        text = path.read_text("utf-8")
-        first, _, rest = text.partition("\n")
-        sealed = "sha256" in first or "remove this line" in first  # one of them, at least
-        if sealed and first != f"{_SEAL}{_sha256(rest)}":
-            raise ValueError("its checksum is another: it was changed, or damaged")
-        found = load_yaml(text)
+        found = unsealed_yaml(path.read_text("utf-8"))
         if not isinstance(found, dict):
             raise ValueError("no names and values")
     except (ValueError, OSError) as error:
@@ -73,10 +63,6 @@ def read_versions(folder: Path) -> dict[str, Any]:
         return unsealed(path.read_bytes()) if path.is_file() else {}
     except ValueError as error:
         raise DataError(f"{path}: damaged ({error}); remove it, or put it back") from error
-
-
-def _sha256(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 @contextmanager

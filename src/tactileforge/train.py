@@ -19,6 +19,7 @@ import torch
 from lightning.pytorch.callbacks import Timer
 from lightning.pytorch.loggers import CSVLogger, Logger
 from omegaconf import DictConfig, OmegaConf
+from torch import Tensor
 
 from tactileforge import curriculum, precision, registry, run_folder, strict
 from tactileforge.assemble import build_data, with_sensors
@@ -28,6 +29,7 @@ from tactileforge.callbacks.speed import Speed
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.files import sealed, write_text
+from tactileforge.hub.starting_point import starting_weights
 from tactileforge.module import TouchModule
 from tactileforge.optim import OptimOptions
 from tactileforge.provenance import commit
@@ -36,6 +38,9 @@ log = logging.getLogger(__name__)
 
 #: Packages whose versions a run keeps.
 _PACKAGES = ("tactileforge", "torch", "lightning", "hydra-core", "kornia", "numpy")
+
+#: Options of an encoder that its weights do not depend on.
+_OF_TRAINING = ("mask_ratio", "unknown_sensor")
 
 #: What Lightning warns of although it is meant to be so.
 _EXPECTED = (
@@ -76,15 +81,30 @@ def train(config: DictConfig | dict[str, Any], folder: Path) -> TouchModule:
         return _train(plain, folder, resume)
 
 
+def _start_from(plain: dict[str, Any]) -> Mapping[str, Tensor]:
+    """Weights that a run starts from; the encoder of a model of the zoo is taken with its options.
+
+    What an encoder does in training alone, as how much it masks, stays that of the run.
+    """
+    init = str(plain["init"])
+    if not init.startswith("file:") and (Path(init).exists() or "/" in init):
+        state: Mapping[str, Tensor] = checkpoints.read_checkpoint(init)["state_dict"]
+        return state
+    node, state = starting_weights(init)
+    same = plain["encoder"]["name"] == node["name"]
+    kept = {key: plain["encoder"][key] for key in _OF_TRAINING if same and key in plain["encoder"]}
+    plain["encoder"] = node | kept
+    log.info("init: the encoder and its options are those of %s", init)
+    return state
+
+
 def _train(plain: dict[str, Any], folder: Path, resume: Path | None) -> TouchModule:
     L.seed_everything(plain["seed"], verbose=False)
+    state = None if resume or not plain.get("init") else _start_from(plain)
     _check(plain)
     # Mistakes are named before data is made or read; the length of the run is not known yet.
     weights = {key: node["weight"] for key, node in plain["objective"].items()}
     curriculum.from_config(plain["curriculum"], weights, total=sys.maxsize, epoch=1)
-    state = None
-    if plain.get("init") and not resume:
-        state = checkpoints.read_checkpoint(plain["init"])["state_dict"]
     data = build_data(plain)
     plain["encoder"] = with_sensors(plain["encoder"], data)
     module = TouchModule.from_config(plain, data.summary("train").labels)

@@ -323,5 +323,22 @@ def test_files_at_fault_are_named(old: str, new: str, message: str) -> None:
     text = whole.text()
     assert file.parse_calibration(text, "here") == whole
     assert old in text
+    with pytest.raises(ConfigError, match="here: its checksum is another"):
+        file.parse_calibration(text.replace(old, new), "here")
+    text = text.partition("\n")[2]  # by hand, on purpose
     with pytest.raises(ConfigError, match=message):
         file.parse_calibration(text.replace(old, new), "here")
+
+
+def test_a_flipped_bit_of_a_calibration_is_named(tmp_path: Path) -> None:
+    axis = file.Axis(0.1, {"area": 3.0}, 0.2, 0.9, [0.0, 5.0])
+    force = file.ForceModel("pictures", 3.0, 0.0, {"z": axis})
+    path = tmp_path / "d1.yaml"
+    file.Calibration(sensor="digit", unit="D1", force=force).save(path)
+    raw = path.read_bytes()
+    for bit in range(8 * len(raw)):
+        flipped = bytearray(raw)
+        flipped[bit // 8] ^= 1 << bit % 8
+        path.write_bytes(flipped)
+        with pytest.raises(ConfigError, match=r"d1\.yaml: "):
+            file.load_calibration(path)

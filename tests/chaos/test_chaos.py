@@ -8,7 +8,9 @@ import io
 import multiprocessing
 import os
 import pickle
+import shutil
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -19,23 +21,27 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 import torch
 from tqdm import tqdm
 
-from tactileforge import run_folder
+from tactileforge import cli, run_folder
+from tactileforge.calibration.file import Axis, Calibration, ForceModel, load_calibration
 from tactileforge.callbacks import checkpoints
 from tactileforge.contracts import Frame, SensorSpec
 from tactileforge.data.frames.image_codecs import encode_image
-from tactileforge.data.frames.lazy import ImageFrames
+from tactileforge.data.frames.lazy import ImageFrames, VideoFrames
 from tactileforge.data.shards import index, shards
 from tactileforge.data.shards.fetch import ShardFolder
+from tactileforge.datasets.reading.layout import parse_layout
 from tactileforge.datasets.reading.pickles import load_pickle
+from tactileforge.datasets.reading.tables import read_labels
 from tactileforge.datasets.shards import Shards
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import SensorError, TactileForgeError
-from tactileforge.hub.files import make_header, save_checkpoint
+from tactileforge.hub.files import make_header, open_encoder, save_checkpoint
 from tactileforge.hub.header import read_header
 from tactileforge.packing import PackOptions, pack
 from tactileforge.record.options import RecordOptions
@@ -45,6 +51,7 @@ from tactileforge.sensors import capture as capture_module
 from tactileforge.sensors.background import Background
 from tactileforge.sensors.capture import Capture
 from tactileforge.sensors.opening import within
+from tactileforge.sim.geometry.mesh_files import load_mesh, load_points
 from tactileforge.untrusted import load_json, load_yaml
 
 pytestmark = pytest.mark.slow
@@ -123,6 +130,8 @@ def written(folder: Path, packed: Path) -> dict[str, tuple[Path, Callable[[Path]
     return {
         "checkpoint": (folder / checkpoints.LAST, told),
         "config.yaml": (folder / "config.yaml", lambda path: run_folder.read_config(path.parent)),
+        "model": (_model(folder), lambda path: open_encoder(path)[1]),
+        "calibration": (_calibration(folder), load_calibration),
         "index.json": (folder / index.NAME, lambda path: index.parse_index(path.read_bytes(), "x")),
         "shard, with its index": (
             folder / first.name,
@@ -132,6 +141,21 @@ def written(folder: Path, packed: Path) -> dict[str, tuple[Path, Callable[[Path]
         ),
         "shard, without an index": (folder / first.name, everything),
     }
+
+
+def _model(folder: Path) -> Path:
+    path = folder / "m.safetensors"
+    vit = TactileViT("tiny", depth=1, frames=2, image_size=32)
+    node = {"name": "tactile_vit", "size": "tiny", "depth": 1, "frames": 2, "image_size": 32}
+    save_checkpoint(path, vit, make_header(vit, node, licence="MIT", spacing=0.1))
+    return path
+
+
+def _calibration(folder: Path) -> Path:
+    axis = Axis(0.1, {"area": 3.0}, 0.2, 0.9, [0.0, 5.0])
+    path = folder / "digit.yaml"
+    Calibration(sensor="digit", force=ForceModel("pictures", 3.0, 0.0, {"z": axis})).save(path)
+    return path
 
 
 def test_flipped_bits(tmp_path: Path, packed: Path) -> None:
@@ -182,6 +206,48 @@ def test_kills_while_a_checkpoint_is_written(tmp_path: Path) -> None:
         killed(save_all, float(rng.uniform(0.02, 0.2)))
         assert checkpoints.read_checkpoint(path)["state_dict"]["w"].unique().numel() == 1
     note("kill -9 while checkpoints are written", 10, "10 left a whole one")
+
+
+def test_kills_while_a_model_is_trained(tmp_path: Path) -> None:
+    """Killed at any moment and resumed, again and again, it ends with the same weights."""
+    for name in ("hydra", "tactileforge.train"):
+        importlib.import_module(name)  # once for all children
+    words = "train scale=demo encoder.image_size=32 batch.size=4 batch.workers=0"
+    words += " data.scenes=3 data.val=1 data.size=32 trainer.limit_val_batches=0"
+    words += " trainer.max_steps=30 trainer.save_every=3"
+    rng, kills, last = np.random.default_rng(6), 0, tmp_path / "killed" / checkpoints.LAST
+
+    def ends(*more: str) -> None:
+        process = FORK.Process(target=lambda: sys.exit(cli.run([*more])))
+        process.start()
+        process.join()
+        assert process.exitcode == 0
+
+    def step() -> int:
+        return checkpoints.read_checkpoint(last)["global_step"] if last.exists() else 0
+
+    torch.set_num_threads(1)
+    ends(*words.split(), f"hydra.run.dir={tmp_path / 'whole'}")
+    command = [*words.split(), f"hydra.run.dir={tmp_path / 'killed'}"]
+    for number in range(3):
+        before = step()
+        process = FORK.Process(target=cli.run, args=(command,))
+        process.start()
+        while step() <= before and process.is_alive():
+            time.sleep(0.01)
+        time.sleep(float(rng.uniform(0, 0.3)))
+        process.kill()
+        process.join()
+        assert process.exitcode == -signal.SIGKILL, f"it had ended before kill {number}"
+        kills += 1
+        command = ["train", f"resume={tmp_path / 'killed'}"]
+    ends(*command)
+    weights = [checkpoints.read_checkpoint(tmp_path / name) for name in ("whole", "killed")]
+    assert weights[0]["global_step"] == weights[1]["global_step"] == 30
+    for key, value in weights[0]["state_dict"].items():
+        assert torch.equal(value, weights[1]["state_dict"][key]), key
+    assert not list(tmp_path.rglob("*.part"))
+    note("kill -9 of `train`, then `resume=`", kills, f"{kills} went on; the same bits at the end")
 
 
 def test_kills_while_shards_are_packed(tmp_path: Path, packed: Path) -> None:
@@ -255,10 +321,16 @@ def test_kills_while_shards_are_downloaded(tmp_path: Path, packed: Path) -> None
 
 def parsers(folder: Path, packed: Path) -> dict[str, tuple[bytes, Callable[[Path], Any]]]:
     """Who reads what comes from others, and a good file of each."""
-    model = folder / "m.safetensors"
-    vit = TactileViT("tiny", depth=1, frames=2, image_size=32)
-    node = {"name": "tactile_vit", "size": "tiny", "depth": 1, "frames": 2, "image_size": 32}
-    save_checkpoint(model, vit, make_header(vit, node, licence="MIT", spacing=0.1))
+    cloud, ball = folder / "cloud.npy", folder / "ball.stl"
+    np.save(cloud, np.zeros((20, 3)))
+    ball.write_bytes(bytes(80) + (12).to_bytes(4, "little") + np.arange(150, dtype="<f4").tobytes())
+    video = folder / "v.avi"
+    writer = cv2.VideoWriter(str(video), cv2.VideoWriter.fourcc(*"MJPG"), 20, (48, 32))
+    for _ in range(5):
+        writer.write(np.zeros((32, 48, 3), np.uint8))
+    writer.release()
+    layout = {"videos": "*.avi", "sensor": "digit", "background": "none"}
+    labels = parse_layout("a", layout | {"labels": {"file": "file"}})
     whole = io.BytesIO()
     torch.save({"state_dict": {"w": torch.zeros(9)}}, whole)
     checkpoints.seal(whole)
@@ -276,12 +348,22 @@ def parsers(folder: Path, packed: Path) -> dict[str, tuple[bytes, Callable[[Path
             lambda p: index.parse_index(p.read_bytes(), "x"),
         ),
         "checkpoint": (whole.getvalue(), checkpoints.read_checkpoint),
-        "model": (model.read_bytes()[:20_000], read_header),
+        "model": (_model(folder).read_bytes()[:20_000], read_header),
+        "calibration": (_calibration(folder).read_bytes(), load_calibration),
+        "video": (video.read_bytes(), lambda path: VideoFrames(path).read([0])),
+        "points": (cloud.read_bytes(), load_points),
+        "mesh": (ball.read_bytes(), lambda path: load_mesh(_as(path, ".stl"), None)),
+        "labels": (b"file,kind\na.avi,cup\nb.avi,2\n", lambda p: read_labels(labels, p.parent)),
         "pickle": (pickle.dumps({"a": [1, (2.5, "x")], "b": np.zeros(9)}), load_pickle),
         "picture": (png, lambda path: ImageFrames([path]).read([0])),
         "YAML": (b"layouts: {a: {videos: '*.mp4', sensor: digit}}", text(load_yaml)),
         "JSON": (b'{"fps": 30, "features": {"a": [1, 2, null]}}', text(load_json)),
     }
+
+
+def _as(path: Path, suffix: str) -> Path:
+    """The same bytes under a name that says what they are."""
+    return Path(shutil.copyfile(path, path.with_suffix(suffix)))
 
 
 def noise(rng: np.random.Generator, good: bytes) -> bytes:

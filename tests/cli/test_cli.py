@@ -1,12 +1,16 @@
 """The command line: light verbs are light, and mistakes are one line that says the fix."""
 
+import errno
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
+from tqdm import tqdm
 
 from tactileforge import cli
+from tactileforge.errors import DataError
 from tactileforge.sensors.specs import SPECS
 
 
@@ -102,3 +106,32 @@ def test_layouts_at_fault_are_named(
 
 def test_the_published_sensors_are_known() -> None:
     assert set(SPECS) == {"gelsight", "digit", "gelslim", "gelsight_mini", "duragel", "dm"}
+
+
+@pytest.mark.parametrize(
+    ("error", "line"),
+    [
+        (DataError("it is damaged"), "error: it is damaged"),
+        (OSError(errno.ENOSPC, "No space left", "a/b"), "error: a/b: the disk is full"),
+        (KeyboardInterrupt(), "stopped; go on with: the same command again"),
+    ],
+    ids=["an error", "a full disk", "Ctrl-C"],
+)
+def test_what_ends_a_command_stands_on_a_line_of_its_own_behind_a_bar(
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    error: BaseException,
+    line: str,
+) -> None:
+    def work(verb: str, rest: Sequence[str]) -> int:
+        for number in tqdm(range(9), desc="look", mininterval=0):
+            if number == 3:
+                raise error
+        return 0
+
+    monkeypatch.setattr(cli, "dispatch", work)
+    assert cli.run(["data"]) in (1, 130)
+    *bars, last = capsys.readouterr().err.rstrip("\n").split("\n")
+    assert last.startswith(line)
+    assert len(bars) == 1, "the bar is drawn once, and ends its line"
+    assert "look:" in bars[0].split("\r")[-1]

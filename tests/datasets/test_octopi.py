@@ -110,3 +110,20 @@ def test_real_videos(realdata: Path, conforms: Make) -> None:
     change = np.abs(foil.frames.read([1, len(foil.frames) // 2]) - still).mean(axis=(1, 2, 3))
     assert change[1] > 3 * change[0], "the first frames are without contact"
     conforms(Octopi, root=str(folder))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "COLOUR_MAP = " + "[" * 90_000,
+        "COLOUR_MAP = " + "-" * 200_000 + "1",
+        "COLOUR_MAP = " + "+".join(["1"] * 100_000),
+        "COLOUR_MAP = {[]: 1}",
+        "COLOUR_MAP = \0",
+    ],
+    ids=["brackets", "signs", "sums", "a key of no kind", "NUL"],
+)
+def test_constants_that_break_a_parser_are_an_error(root: Path, write: Make, text: str) -> None:
+    write("utils/constants.py", text)
+    with pytest.raises(DataError, match=r"constants\.py: "):
+        list(Octopi(str(root), val=0).recordings("train"))

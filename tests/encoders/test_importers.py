@@ -196,6 +196,16 @@ def test_a_number_that_is_none_is_refused(published: ModuleType) -> None:
         convert(state)
 
 
+@pytest.mark.parametrize("dtype", [torch.int64, torch.complex64])
+def test_weights_that_are_no_real_numbers_are_named(
+    published: ModuleType, dtype: torch.dtype
+) -> None:
+    state = published.fill(published.anytouch2(2, width=192, depth=1))
+    key = "touch_model.post_layernorm.weight"
+    with pytest.raises(ConfigError, match=rf"real numbers, not {key} \({dtype}\)"):
+        convert(state | {key: state[key].to(dtype)})
+
+
 def test_another_model_is_refused_with_the_nearest(published: ModuleType) -> None:
     state = state_of(published, "mae")
     del state["encoder.blocks.0.ls1.gamma"]

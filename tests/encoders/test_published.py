@@ -5,6 +5,7 @@ The numbers were made with the authors' own classes, whose weights were filled b
 """
 
 from types import ModuleType
+from typing import Any
 
 import pytest
 import torch
@@ -12,6 +13,8 @@ from torch import Tensor
 
 from tactileforge.encoders.published import convert, force_head
 from tactileforge.heads.force import ForceDecoder
+from tactileforge.hub.files import make_header
+from tactileforge.hub.model import Model
 
 # mean, standard deviation, largest magnitude; first four and last four values of each output
 GOLDEN = {
@@ -83,19 +86,38 @@ def clip(published: ModuleType, *shape: int) -> Tensor:
     return x
 
 
+def model_of(state: dict[str, Tensor], pixels: Tensor) -> Model:
+    """The published encoder as a model that sees these pixels, whatever frames it is given."""
+    converted = convert(state)
+    encoder: Any = converted.build()
+    encoder.preprocess = lambda frames, background, sensor: pixels
+    node = converted.encoder_config
+    return Model(encoder, make_header(encoder, node, licence="", spacing=encoder.spacing))
+
+
+def frames_of(clips: int, frames: int) -> Tensor:
+    return torch.zeros(clips, frames, 3, 8, 8, dtype=torch.uint8)
+
+
+SENSORS = ["digit", "gelsight_mini"]
+
+
 @pytest.mark.parametrize("frames", [pytest.param(4, marks=pytest.mark.slow), 2])
 def test_anytouch2(published: ModuleType, frames: int) -> None:
     state = published.fill(published.anytouch2(frames))
     assert len(state) == 202
-    encoder = convert(state).build()
-    pixels = clip(published, 2, frames, 3, 224, 224)
-    with torch.no_grad():
-        hidden = encoder.encode(encoder.patchify(pixels), torch.tensor([1, 3]))
-        check(f"anytouch2_{frames}f/cls", encoder.pool_tokens(hidden))
-        if frames == 4:
-            check("anytouch2_4f/hidden", hidden)
-            check("anytouch2_4f/proj", encoder.project(encoder.norm_out(hidden)))
-            assert sum(p.numel() for p in encoder.parameters()) == 87_009_792
+    model = model_of(state, clip(published, 2, frames, 3, 224, 224))
+    given = frames_of(2, frames), "none", SENSORS
+    check(f"anytouch2_{frames}f/cls", model.encode(*given))
+    if frames == 4:
+        hidden = model.features(*given, tap="hidden")
+        check("anytouch2_4f/hidden", hidden)
+        assert torch.equal(model.features(*given, tap="tokens"), hidden)
+        check("anytouch2_4f/proj", model.features(*given, tap="projected_tokens"))
+        patches = model.features(*given, tap="patches")
+        assert patches.shape == (2, 2, 14, 14, 768)
+        assert torch.equal(patches.flatten(1, 3), hidden[:, 6:])
+        assert sum(p.numel() for p in model.encoder.parameters()) == 87_009_792
 
 
 def test_force_head_of_anytouch2(published: ModuleType) -> None:
@@ -127,30 +149,36 @@ def test_force_head_of_anytouch2(published: ModuleType) -> None:
 def test_anytouch1(published: ModuleType) -> None:
     state = published.fill(published.anytouch1())
     assert len(state) == 393
-    encoder = convert(state).build()
-    del state
     image = clip(published, 2, 1, 3, 224, 224).expand(-1, 3, -1, -1, -1)
-    with torch.no_grad():
-        hidden = encoder.encode(encoder.patchify(image), torch.tensor([1, 3]))
-        check("anytouch1_static_cls", encoder.pool_tokens(hidden))
+    model = model_of(state, image)
+    project = state["touch_projection.weight"]
+    del state
+    stills = frames_of(2, 1)  # an image a clip: its static branch
+    check("anytouch1_static_cls", model.encode(stills, None, SENSORS))
+    hidden = model.features(stills, None, SENSORS, tap="hidden")
+    pooled = (hidden[:, 6:].double() @ project.double().T).mean(1)
+    found = model.features(stills, None, SENSORS, tap="global")
+    torch.testing.assert_close(found.double(), pooled, atol=2e-5, rtol=0)
 
 
 @pytest.mark.parametrize(("method", "registers"), [("dino", 1), ("mae", 0)])
 def test_sparsh_of_two_frames(published: ModuleType, method: str, registers: int) -> None:
     state = published.fill(published.sparsh(registers=registers))
     state["pos_embed.frequency_bands"] = published.bands(768, 2)
-    encoder = convert(state).build()
     newest_first = clip(published, 1, 2, 3, 320, 240)
-    with torch.no_grad():
-        tokens = encoder.encode(encoder.patchify(newest_first.flip(1)), torch.tensor([0]))
+    model = model_of(state, newest_first.flip(1))
+    tokens = model.features(frames_of(1, 2), "none")
     check(f"sparsh_{method}_base", tokens)
+    hidden = model.features(frames_of(1, 2), "none", tap="hidden")
+    assert hidden.std() > 1.5 * tokens.std()
+    normed = model.features(frames_of(1, 2), "none", tap="normed")
+    torch.testing.assert_close(normed, tokens, atol=2e-5, rtol=0)
 
 
 def test_sparsh_of_four_frames(published: ModuleType) -> None:
     state = published.fill(published.sparsh((3, 2, 16, 16)))
     state["pos_embed.frequency_bands"] = published.bands(768, 3)
-    encoder = convert(state).build()
     newest_first = clip(published, 1, 3, 4, 320, 240).transpose(1, 2)
-    with torch.no_grad():
-        tokens = encoder.encode(encoder.patchify(newest_first.flip(1)), torch.tensor([0]))
-    check("sparsh_vjepa_base_sin", tokens.unflatten(1, (2, 300)).flip(1).flatten(1, 2))
+    model = model_of(state, newest_first.flip(1))
+    patches = model.features(frames_of(1, 4), "none", tap="patches")
+    check("sparsh_vjepa_base_sin", patches.flip(1).flatten(1, 3))

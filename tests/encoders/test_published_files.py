@@ -1,14 +1,18 @@
 """Files as people download them: read without running anything, or refused for a reason."""
 
 import argparse
+import collections
+import importlib
 import os
 import pickle
 import sys
+import zipfile
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 import torch
+from omegaconf import OmegaConf
 from safetensors.torch import save_file
 
 from tactileforge.encoders.published import read_tensors
@@ -73,6 +77,75 @@ def test_objects_of_a_training_program_are_left_alone(
         torch.load(tmp_path / "file.ckpt", weights_only=False)
     assert same(read_tensors(tmp_path / "file.ckpt"))
     assert name not in sys.modules
+
+
+def test_an_optimiser_that_has_stepped_and_hyper_parameters(tmp_path: Path) -> None:
+    """Its state is a `collections.defaultdict`; Lightning keeps OmegaConf's objects as they are."""
+    weight = torch.nn.Parameter(torch.ones(2))
+    optimizer = torch.optim.AdamW([weight])
+    weight.sum().backward()
+    optimizer.step()
+    given = OmegaConf.create({"lr": 1e-3, "sizes": [1, 2], "name": "x", "nested": {"a": None}})
+    content = {
+        "state_dict": STATE,
+        "optimizer": optimizer,
+        "seen": collections.defaultdict(list, {"a": [1]}),
+        "best": collections.Counter("aab"),
+        "hyper_parameters": given,
+        "path": Path("runs"),
+        "numbers": {1, 2},
+    }
+    for zipped in (True, False):
+        torch.save(content, tmp_path / "a.ckpt", _use_new_zipfile_serialization=zipped)
+        assert same(read_tensors(tmp_path / "a.ckpt"))
+
+
+def test_the_old_format_with_a_namespace(tmp_path: Path) -> None:
+    content = {"model": STATE, "args": argparse.Namespace(lr=1e-3, dirs=["log"], path=Path("a"))}
+    torch.save(content, tmp_path / "old.pth", _use_new_zipfile_serialization=False)
+    assert same(read_tensors(tmp_path / "old.pth"))
+
+
+@pytest.mark.parametrize("zipped", [True, False])
+@pytest.mark.parametrize("name", ["builtins.eval", "builtins.getattr", "torch.load", "os.getcwd"])
+def test_names_that_make_no_tensor_are_refused(tmp_path: Path, name: str, zipped: bool) -> None:
+    module, _, attribute = name.rpartition(".")
+    found = getattr(importlib.import_module(module), attribute)
+    torch.save({"model": STATE, "x": found}, tmp_path / "a.pth",
+               _use_new_zipfile_serialization=zipped)  # fmt: skip
+    with pytest.raises(DataError, match=r"GLOBAL \w+(\.\w+)* is no tensor"):
+        read_tensors(tmp_path / "a.pth")
+
+
+def test_a_program_of_torchscript_is_refused(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "a.pt", "w") as archive:
+        archive.writestr("a/constants.pkl", b"")
+        archive.writestr("a/data.pkl", b"")
+    with pytest.raises(DataError, match="a program of TorchScript"):
+        read_tensors(tmp_path / "a.pt")
+
+
+@pytest.mark.parametrize("name", ["a.bin", "a.pth", "a.ckpt", "a"])
+def test_safetensors_by_any_suffix(tmp_path: Path, name: str) -> None:
+    save_file(STATE, tmp_path / name)
+    assert same(read_tensors(tmp_path / name))
+
+
+def test_a_flipped_bit_is_found(tmp_path: Path) -> None:
+    """Every 97th byte of the file: none of them gives other numbers without a word."""
+    torch.save({"a": torch.arange(500.0)}, tmp_path / "a.pth")
+    whole = (tmp_path / "a.pth").read_bytes()
+    place = whole.index(torch.arange(500.0).numpy().tobytes()[40:60])
+    said = []
+    for byte in (place, *range(0, len(whole), 97)):
+        data = bytearray(whole)
+        data[byte] ^= 16
+        (tmp_path / "a.pth").write_bytes(data)
+        try:
+            assert torch.equal(read_tensors(tmp_path / "a.pth")["a"], torch.arange(500.0)), byte
+        except DataError as error:
+            said.append(str(error))
+    assert "is not what its checksum says; download it again" in said[0]
 
 
 @pytest.mark.parametrize("beside_weights", [True, False])

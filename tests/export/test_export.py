@@ -10,13 +10,14 @@ import torch
 from torch import nn
 from torch.nn import functional as F
 
+import tactileforge
 from tactileforge import cli
 from tactileforge.encoders.plain_vit import PlainViT
 from tactileforge.encoders.preprocess import ANYTOUCH2
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, TactileForgeError
 from tactileforge.export import Exported, export, facts, program, read_facts
-from tactileforge.hub.files import make_header, save_checkpoint
+from tactileforge.hub.files import describe_input, make_header, save_checkpoint
 
 onnxruntime = pytest.importorskip("onnxruntime")
 onnx = pytest.importorskip("onnx")
@@ -101,16 +102,22 @@ def test_metadata(any_size: Exported, vit: TactileViT) -> None:
     assert any_size.error < 2e-5
     session = onnxruntime.InferenceSession(any_size.path)
     outputs = json.loads(session.get_modelmeta().custom_metadata_map["tactileforge"])
+    assert len(outputs.pop("weights")) == 16
     assert outputs == {
+        "background": facts.BACKGROUND,
         "error": any_size.error,
+        "force": {},
         "format": "onnx",
         "frames": 4,
         "int8": {},
         "licence": "MIT",
         "model": "thing.tiny",
         "sensors": {**vit.sensors, "universal": 19},
+        "outputs": {name: facts.OUTPUTS[name] for name in ("tokens", "cls")},
+        "preprocessing": describe_input(vit),
         "size": [],
         "spacing": 0.05,
+        "version": tactileforge.__version__,
     }
     assert any_size.sensor_ids(["universal", "digit"]) == [19, 1]
     with pytest.raises(ConfigError, match=r"unknown sensor of .*'digitt'; did you mean 'digit'"):

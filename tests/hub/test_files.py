@@ -1,8 +1,11 @@
 """One-file checkpoints: what goes in comes out, and nothing else is accepted."""
 
+import hashlib
 import json
 import os
 import pickle
+import random
+import resource
 import signal
 import subprocess
 import sys
@@ -19,7 +22,13 @@ from safetensors.torch import load_file, save_file
 import tactileforge
 from tactileforge import registry
 from tactileforge.encoders.tactile_vit import TactileViT
-from tactileforge.errors import ConfigError, DataError, DataNotFoundError, PluginError
+from tactileforge.errors import (
+    ConfigError,
+    DataError,
+    DataNotFoundError,
+    PluginError,
+    TactileForgeError,
+)
 from tactileforge.hub.files import make_header, open_encoder, save_checkpoint
 from tactileforge.hub.header import Header, read_header
 
@@ -29,6 +38,7 @@ def rewrite(path: Path, change: Callable[[dict[str, Any]], None]) -> None:
     length = int.from_bytes(path.read_bytes()[:8], "little")
     table = json.loads(path.read_bytes()[8 : 8 + length])
     header = json.loads(table["__metadata__"]["tactileforge"])
+    header.pop("sha256", None)
     change(header)
     save_file(load_file(path), path, metadata={"tactileforge": json.dumps(header)})
 
@@ -237,7 +247,8 @@ def test_a_kill_while_packing_leaves_the_file_as_it_was(checkpoint: Path) -> Non
         ({"image_size": 10**9}, "larger than in any model"),
         ({"depth": float("inf")}, "larger than in any model"),
         ({"image_size": 8192, "patch": 4}, r"has [\d,]+ numbers, and the file [\d,]+ bytes"),
-        ({"depth": 99, "size": "large"}, r"has [\d,]+ numbers, and the file [\d,]+ bytes"),
+        ({"depth": 99, "size": "large"}, r"depth is 99, and the file has 81 tensors"),
+        ({"size": "large"}, r"has [\d,]+ numbers, and the file [\d,]+ bytes"),
     ],
     ids=str,
 )
@@ -260,3 +271,45 @@ def test_a_header_leads_nowhere_and_is_bounded(
     with pytest.raises(DataError, match=said):
         tactileforge.load(checkpoint)
     assert set(built) <= {"meta"}, "nothing that takes memory was built"
+
+
+def test_a_flipped_bit_is_named(checkpoint: Path) -> None:
+    raw = checkpoint.read_bytes()
+    length = 8 + int.from_bytes(raw[:8], "little")
+    rng = random.Random(0)
+    bits = [rng.randrange(8 * length) for _ in range(300)]
+    bits += [rng.randrange(8 * length, 8 * len(raw)) for _ in range(100)]
+    place = raw.index(b'sha256\\": \\"')
+    bits += range(8 * place, 8 * (place + 80))
+    for bit in bits:
+        flipped = bytearray(raw)
+        flipped[bit // 8] ^= 1 << bit % 8
+        checkpoint.write_bytes(flipped)
+        with pytest.raises(DataError, match=checkpoint.name):
+            open_encoder(checkpoint)
+    checkpoint.write_bytes(raw)
+    open_encoder(checkpoint)
+
+
+def test_the_checksum_is_that_of_the_file_with_zeros_in_its_place(checkpoint: Path) -> None:
+    raw = checkpoint.read_bytes()
+    table = json.loads(raw[8 : 8 + int.from_bytes(raw[:8], "little")])
+    stated = json.loads(table["__metadata__"]["tactileforge"])["sha256"]
+    assert raw.count(stated.encode()) == 1
+    zeros = raw.replace(stated.encode(), b"0" * 64)
+    assert hashlib.sha256(zeros).hexdigest() == stated
+
+
+def test_a_full_disk_is_named_and_leaves_the_file_as_it_was(
+    checkpoint: Path, vit: TactileViT, header: Header
+) -> None:
+    before, limits = checkpoint.read_bytes(), resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (len(before) // 2, limits[1]))
+    try:
+        with pytest.raises(TactileForgeError, match=r"thing\.safetensors: .*make room, and go on"):
+            save_checkpoint(checkpoint, vit, header)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert checkpoint.read_bytes() == before
+    assert not list(checkpoint.parent.glob("*.part"))
+    assert not list(checkpoint.parent.glob(".*.part"))

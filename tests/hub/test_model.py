@@ -141,7 +141,8 @@ def test_vectors_can_train_a_probe(model: Model, frames: np.ndarray) -> None:
         ((3, 40, 48, 3), "3 frames .* takes 4"),
         ((3, 4, 40, 48), r"expected \(T, H, W, 3\) .* found \(3, 4, 40, 48\)"),
         ((2, 3, 4, 40, 48), "colours are before the time"),
-        ((40, 48, 3), "expected"),
+        ((40, 48, 4), "expected"),
+        ((2, 40, 48, 3), "2 frames .* takes 4"),
         ((4, 40, 48, 1), "expected"),
     ],
 )

@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -21,7 +22,8 @@ from tactileforge.encoders import published
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.files import sha256
-from tactileforge.hub import pack, store
+from tactileforge.heads.force import ForceDecoder
+from tactileforge.hub import cards, pack, store
 from tactileforge.hub.header import read_header
 from tactileforge.train import train
 
@@ -53,6 +55,14 @@ def test_a_run_is_packed_and_loaded(run: Path, tmp_path: Path) -> None:
     assert header.sensors == {"gelsight": 0, "digit": 1, "gelsight_mini": 3}  # not the others
     assert model.sensors == list(header.sensors)
     assert len(header.commit.removesuffix("-dirty")) in (0, 40)
+
+
+def test_a_miniature_that_is_trained_twice_is_the_same_file(run: Path, tmp_path: Path) -> None:
+    again = tmp_path / run.name
+    small = ["encoder.image_size=32", "batch.size=4", "data.scenes=3", "data.val=1"]
+    train(compose("anytouch2", ["scale=demo", "debug=steps", "objective=[pixel]", *small]), again)
+    files = [pack.pack_run(path, tmp_path / f"{i}.bin") for i, path in enumerate((run, again))]
+    assert files[0].read_bytes() == files[1].read_bytes()
 
 
 @pytest.mark.parametrize("objective", ["jepa", "dino"])
@@ -196,7 +206,7 @@ def test_a_failed_import_keeps_the_one_before(
         raise OSError("no space left on device")
 
     monkeypatch.setattr(Path, "write_text", full)
-    with pytest.raises(OSError, match="no space"):
+    with pytest.raises(DataError, match=r"cannot be written \(no space left on device\)"):
         pack.import_published("press", download)
     monkeypatch.undo()
     monkeypatch.setenv("TACTILEFORGE_CACHE", str(download.parent / "cache"))
@@ -259,7 +269,13 @@ def anytouch2_file(path: Path, frames: int) -> dict[str, torch.Tensor]:
 def test_a_published_file_becomes_a_model_of_the_zoo(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The real importer and the real card."""
+    """The real importer and the real card, but for the size: a miniature in place of 87 M."""
+    fixed = pack._variant
+
+    def any_size(card: cards.Card, weight: cards.Weight) -> dict[str, Any]:
+        return {k: v for k, v in fixed(card, weight).items() if k not in ("size", "depth")}
+
+    monkeypatch.setattr(pack, "_variant", any_size)
     monkeypatch.setenv("TACTILEFORGE_CACHE", str(tmp_path / "cache"))
     file = tmp_path / "checkpoint-4frames.pth"
     state = anytouch2_file(file, frames=4)
@@ -284,12 +300,121 @@ def test_a_published_file_becomes_a_model_of_the_zoo(
 
     anytouch2_file(file, frames=4)  # other numbers: the file before is removed, and no other
     assert main(["get", "anytouch2", "--from", str(file)]) == 0
+    names = {path.name for path in store.weights_folder().iterdir()}
+    assert len(names) == 6  # the file before, and a mark beside it
+    [mark] = store.weights_folder().glob("*.old")
+    os.utime(mark, (time.time() - 7200,) * 2)
+    assert main(["get", "anytouch2", "--from", str(file)]) == 0
     assert len(list(store.weights_folder().iterdir())) == 4
     assert (
         tactileforge.load("anytouch2").frames + tactileforge.load("anytouch2.base-2f").frames == 6
     )
     with pytest.raises(DataError, match=r"checkpoint-4frames.pth is .*'layout': 'clip'"):
         main(["get", "clip", "--from", str(file)])
+
+
+def head_tensors(wide: int, last: dict[str, tuple[int, ...]]) -> dict[str, torch.Tensor]:
+    block = "head.pooler.cross_attention_block."
+    shapes: dict[str, tuple[int, ...]] = {"head.pooler.query_tokens": (1, 1, wide), **last}
+    for norm in ("norm1", "norm2"):
+        shapes |= {f"{block}{norm}.{kind}": (wide,) for kind in ("weight", "bias")}
+    sizes = {"xattn.q": (wide, wide), "xattn.kv": (2 * wide, wide), "xattn.proj": (wide, wide)}
+    sizes |= {"mlp.fc1": (4 * wide, wide), "mlp.fc2": (wide, 4 * wide)}
+    for name, size in sizes.items():
+        shapes |= {f"{block}{name}.weight": size, f"{block}{name}.bias": size[:1]}
+    torch.manual_seed(5)
+    return {key: 0.2 * torch.randn(shape) for key, shape in shapes.items()}
+
+
+@pytest.fixture
+def miniature(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, torch.Tensor]:
+    """Tensors of an AnyTouch 2 of 192 channels, which its card accepts."""
+    monkeypatch.setenv("TACTILEFORGE_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(pack, "_variant", lambda card, weight: {"layout": weight.layout})
+    return anytouch2_file(tmp_path / "plain.pth", frames=4)
+
+
+@pytest.mark.parametrize(
+    ("name", "sensor", "newton"),
+    [
+        (
+            "checkpoint-4frames-touchd-digit.pth",
+            "digit",
+            lambda f: f * f.new([-5.25, 10.61, 14.14]),
+        ),
+        (
+            "checkpoint-4frames-touchd-gelsight.pth",
+            "gelsight_mini",
+            lambda f: f[..., [1, 0, 2]] * f.new([9.87, 6.84, 8.52]),
+        ),
+    ],
+)
+def test_a_published_force_head_is_imported_with_its_units(
+    miniature: dict[str, torch.Tensor], tmp_path: Path, name: str, sensor: str, newton: Any
+) -> None:
+    last = {"head.probe.0.weight": (48, 192), "head.probe.0.bias": (48,)}
+    last |= {"head.probe.2.weight": (3, 48), "head.probe.2.bias": (3,)}
+    head = head_tensors(192, last)
+    torch.save(miniature | head, tmp_path / name)
+    pack.import_published("anytouch2", tmp_path / name)
+    model = tactileforge.load("anytouch2")
+    frames = np.random.default_rng(0).integers(0, 256, (2, 4, 60, 80, 3), dtype=np.uint8)
+    decoder = ForceDecoder(192, 1, 16)
+    decoder.load_state_dict(published.force_head(head))
+    with torch.no_grad():
+        expected = newton(decoder(model.features(frames, "first", sensor)))
+    with pytest.warns(UserWarning, match=f"no unit of {sensor} was calibrated"):
+        force = model.force(frames, "first", sensor)
+    assert force.shape == (2, 1, 3)
+    torch.testing.assert_close(force, expected, atol=1e-4, rtol=1e-4)
+    torch.save(miniature | head, tmp_path / "unnamed.pth")
+    with pytest.raises(ConfigError, match=r"give sensor=, one of: digit, gelsight_mini"):
+        pack.import_published("anytouch2", tmp_path / "unnamed.pth")
+
+
+@pytest.mark.parametrize("pooled", [True, False])
+def test_a_published_head_for_classes_is_imported(
+    miniature: dict[str, torch.Tensor], tmp_path: Path, pooled: bool
+) -> None:
+    head = head_tensors(192, {"head.probe.0.weight": (20, 192), "head.probe.0.bias": (20,)})
+    if not pooled:
+        head = {"head.weight": torch.randn(20, 512), "head.bias": torch.randn(20)}
+    torch.save(miniature | head, tmp_path / "checkpoint.pth")
+    pack.import_published("anytouch2", tmp_path / "checkpoint.pth")
+    model = tactileforge.load("anytouch2")
+    assert set(model.heads) == {"classes"}
+    frames = np.random.default_rng(0).integers(0, 256, (2, 4, 60, 80, 3), dtype=np.uint8)
+    logits = model.read_head("classes", frames, "first", "digit")
+    assert logits.shape == (2, 20)
+    if not pooled:
+        expected = model.encode(frames, "first", "digit") @ head["head.weight"].T
+        torch.testing.assert_close(logits, expected + head["head.bias"], atol=1e-4, rtol=1e-4)
+    with pytest.raises(ConfigError, match="unknown head of the model 'class'; did you mean 'clas"):
+        model.read_head("class", frames, "first", "digit")
+
+
+def test_another_architecture_is_not_imported_as_the_published_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Names and prefixes are those of AnyTouch 2: 192 wide, one block, or a table of ten rows."""
+    monkeypatch.setenv("TACTILEFORGE_CACHE", str(tmp_path / "cache"))
+    file = tmp_path / "checkpoint-4frames.pth"
+    state = anytouch2_file(file, frames=4)
+    said = r"'size': 'tiny', 'depth': 1, .*but anytouch2.base is .*'size': 'base', 'depth': 12"
+    with pytest.raises(DataError, match=said):
+        pack.import_published("anytouch2", file)
+    name = "touch_mae_model.sensor_token"
+    torch.save(state | {name: state[name][:10]}, file)
+    with pytest.raises(DataError, match=r"'sensor_rows': 10\}, but .*'sensor_rows': 20\}"):
+        pack.import_published("anytouch2", file)
+    assert not store.weights_folder().exists() or not list(store.weights_folder().iterdir())
+
+
+def test_every_card_of_published_weights_fixes_its_architecture() -> None:
+    rows = [(name, weight) for name, _, weight in cards.list_cards() if weight and weight.layout]
+    assert len(rows) >= 17
+    for name, weight in rows:
+        assert {"size", "depth"} <= weight.encoder.keys(), name
 
 
 def test_a_published_file_that_would_run_code_does_not(

@@ -12,6 +12,7 @@ from tactileforge.data.batches.clips import Clips
 from tactileforge.data.labels.displacement import decode_displacement
 from tactileforge.datasets.sim import Sim
 from tactileforge.hub import cards
+from tactileforge.hub.header import read_header
 
 
 @pytest.mark.parametrize("name", ["anytouch2.tiny", "mae.tiny"])
@@ -27,6 +28,20 @@ def test_it_works_without_a_network_and_is_small(
     assert model.header.licence == weight.licence == "Apache-2.0"
     assert set(model.header.data["licences"]) <= {"BSD-2-Clause", "CC0-1.0"}  # CC0: simulated
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["anytouch2.tiny", "mae.tiny"])
+def test_its_card_says_how_it_was_made(name: str) -> None:
+    """What it saw, from which commit, by which commands, on what, and how long it took."""
+    card, weight = cards.find_card(name)
+    header = read_header(Path(str(cards.zoo_folder() / weight.file)))
+    assert set(weight.sensors) == set(header.sensors)
+    assert weight.data
+    assert "dirty" not in header.commit
+    below = card.text.partition(f"## `{weight.tag}`")[2].partition("\n## ")[0]
+    assert header.commit[:7] in below
+    for word in ("tactileforge train", "zoo pack", "core", "minutes", "seed"):
+        assert word in below, word
 
 
 @pytest.mark.slow

@@ -15,17 +15,17 @@ from tactileforge.errors import ConfigError, SensorError
 from tactileforge.heads.force import ForceHead
 from tactileforge.hub.files import make_header
 from tactileforge.hub.model import Model
-from tactileforge.live.buffer import ClipBuffer, clip_rows
-from tactileforge.live.contact import (
+from tactileforge.live.publish import JsonLines
+from tactileforge.live.sensor_stream import SensorStream, StreamOptions
+from tactileforge.live.session import LiveOptions, LiveSession, ShowBackground, run_session
+from tactileforge.streaming.buffer import ClipBuffer, clip_rows
+from tactileforge.streaming.contact import (
     BackgroundChange,
     ContactDetector,
     ContactOptions,
     SlipEstimator,
     SlipOptions,
 )
-from tactileforge.live.publish import JsonLines
-from tactileforge.live.sensor_stream import SensorStream, known_as
-from tactileforge.live.session import LiveOptions, LiveSession, ShowBackground, run_session
 
 NO_BACKGROUND = ShowBackground(seconds=0.0)
 
@@ -152,10 +152,10 @@ def test_the_force_is_the_models_own(scripted, model):
         view.take_background()
         finger = view.fingers["left"]
         shots = []
-        newest = finger.buffer.newest
-        finger.buffer.newest = lambda: shots.append(newest()) or shots[-1]
+        newest = finger.stream.buffer.newest
+        finger.stream.buffer.newest = lambda: shots.append(newest()) or shots[-1]
         reading = next(r for r in view.readings() if r is not None)
-    still = finger.prepare(finger.background)
+    still = finger.stream.prepare(finger.stream.background)
     with pytest.warns(UserWarning, match="was calibrated for this model"):
         expected = model.force(shots[-1].clip, still, "digit")[-1]
     assert reading.force == pytest.approx(expected.tolist(), abs=1e-6)
@@ -165,19 +165,19 @@ def test_the_force_is_the_models_own(scripted, model):
 def test_a_slow_model_reads_the_newest_frame_and_skips_the_others(scripted, model):
     sensor = scripted(fps=50.0)
     wake = threading.Condition()
-    finger = SensorStream("left", sensor, model, wake, ContactOptions(), SlipOptions())
+    finger = SensorStream("left", sensor, model, wake, StreamOptions())
     for number in range(10):
         finger.sink(Frame(array=sensor.picture(number), time=number / 50))
     finger.take_background(NO_BACKGROUND, None)
-    assert finger.is_fresh
+    assert finger.stream.is_fresh
     assert finger.read().number == 10
     assert finger.read() is None
     for number in range(10, 500):
         finger.sink(Frame(array=sensor.picture(number), time=number / 50))
     reading = finger.read()
     assert (reading.number, reading.time) == (500, pytest.approx(499 / 50))
-    assert (finger.done, finger.skipped) == (2, 489)
-    assert not finger.is_fresh
+    assert (finger.stream.done, finger.stream.skipped) == (2, 489)
+    assert not finger.stream.is_fresh
 
 
 def test_contact_without_a_model(scripted):
@@ -241,7 +241,6 @@ def test_frozen_frames_are_said(scripted, model):
 def test_a_sensor_that_the_model_does_not_know(scripted, model):
     with pytest.raises(ConfigError, match=r"unknown sensor of the model 'tactip'.*universal"):
         LiveSession({"left": scripted(type="tactip")}, model, options()).__enter__()
-    assert known_as("tactip", model, "universal") == "universal"
     chosen = options(unknown_sensor="universal", frames=1)
     (messages,), _ = messages_of(LiveSession({"left": scripted(type="tactip")}, model, chosen))
     assert messages["force"] is None
@@ -278,13 +277,13 @@ def test_the_background_is_the_median_or_a_file(scripted, tmp_path):
     view = LiveSession({"left": scripted()}, None, options(background=ShowBackground(seconds=0.3)))
     with view:
         view.take_background()
-        assert abs(view.fingers["left"].background.astype(float) - 121).max() <= 1
+        assert abs(view.fingers["left"].stream.background.astype(float) - 121).max() <= 1
     picture = np.arange(24 * 32 * 3, dtype=np.uint8).reshape(24, 32, 3)
     cv2.imwrite(str(tmp_path / "still.png"), cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
     still = options(background=ShowBackground(image=str(tmp_path / "still.png")))
     with LiveSession({"left": scripted()}, None, still) as view:
         view.take_background()
-        assert np.array_equal(view.fingers["left"].background, picture)
+        assert np.array_equal(view.fingers["left"].stream.background, picture)
     cv2.imwrite(str(tmp_path / "small.png"), picture[:5])
     small = options(background=ShowBackground(image=str(tmp_path / "small.png")))
     view = LiveSession({"left": scripted()}, None, small)

@@ -1,10 +1,12 @@
 """Recordings end to end: what sensors gave is what the shards hold, whatever happens meanwhile."""
 
 import io
+import itertools
 import json
 import os
 import re
 import signal
+import struct
 import subprocess
 import sys
 import threading
@@ -30,10 +32,12 @@ from tactileforge.record.status import RecordStatus
 from tactileforge.sensors import opening
 from tactileforge.sensors.background import Background
 from tactileforge.sensors.capture import Capture
+from tactileforge.sensors.drivers.serial_array import SerialArray
 from tactileforge.sensors.drivers.sim import SimSensor
 from tactileforge.sensors.drivers.sim_wrench import SimWrench
 from tactileforge.sensors.status import of_drops
 from tactileforge.strict import build
+from tactileforge.testing.emulators import PtyDevice
 
 SCRIPT = Path(__file__).parent / "recordable.py"
 
@@ -553,6 +557,26 @@ def test_dropped_frames_are_told_by_reason(scripted, options):
     assert of_drops(found.reasons) == "a 2 (backwards 1, untimed 1)"
     labels = only(given)["a"].labels
     assert (labels["backwards"], labels["untimed"], labels["frozen"]) == (1, 1, 0)
+
+
+def test_packets_that_cannot_be_are_told_by_reason(options):
+    """Two of five false packets are out of range, one jumps alone, two jump apart."""
+    false = {40: 65_000, 50: 65_000, 60: 50_000, 70: 50_000, 71: 20_000}
+    levels = (false.get(number, 100 + number % 5) for number in itertools.count())
+    given = options(seconds=1.5)
+    with PtyDevice() as device:
+        packets = (b"\xaa\x55" + struct.pack("<16H", *[level] * 16) for level in levels)
+        device.play(packets, fps=100)
+        sensor = SerialArray(port=device.port, limits=[0, 60_000], baseline=5)
+        found = record(given, {"pad": sensor}, say=quiet)
+    assert {key: found.reasons["pad"][key] for key in ("implausible", "jumped")} == {
+        "implausible": 2,
+        "jumped": 3,
+    }
+    pad = only(given)["pad"]
+    assert (pad.labels["implausible"], pad.labels["jumped"]) == (2, 3)
+    ((_, values),) = read_raw(next(Path(given.out).glob("*.tar"))).values()
+    assert set(np.unique(values)) == {100, 101, 102, 103, 104}
 
 
 def test_sensors_that_hang_while_they_open_or_close_are_left_behind(scripted, options, monkeypatch):

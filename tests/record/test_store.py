@@ -1,7 +1,10 @@
 """Segments that are safe, joined into takes; whatever a killed run has left."""
 
+import io
 import json
 import shutil
+import tarfile
+import zipfile
 
 import numpy as np
 import pytest
@@ -11,7 +14,7 @@ from tactileforge.data.frames.image_codecs import encode_image
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards import index, shards
 from tactileforge.datasets.shards import Shards
-from tactileforge.errors import ConfigError
+from tactileforge.errors import ConfigError, DataError
 from tactileforge.record import store as module
 from tactileforge.record.merge_segments import merge_segments
 from tactileforge.record.raw import read_raw
@@ -237,3 +240,35 @@ def test_segments_without_views_or_frames_of_one_sensor_are_joined(tmp_path):
     left, right = merge_segments(paths)
     assert (len(left.frames), len(left.image), len(right.frames)) == (15, 10, 5)
     assert list(left.frames) == [left.frames[i] for i in range(15)] == list(left.frames[0:15])
+
+
+def npz(shape, bytes_each=0, compression=zipfile.ZIP_STORED):
+    """Times and values whose header states a shape, and that hold so many zeros."""
+    out = io.BytesIO()
+    head = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}".ljust(117) + "\n"
+    with zipfile.ZipFile(out, "w", compression) as archive:
+        for name in ("times", "values"):
+            start = b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head.encode()
+            archive.writestr(f"{name}.npy", start + bytes(bytes_each))
+    return out.getvalue()
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        npz(f"({10**12},)"),
+        npz(f"({10**22},)"),
+        npz("(-1,)"),
+        npz("(1000000,)", 8_000_000, zipfile.ZIP_DEFLATED),
+        npz("(9,)", 72)[:-9],
+    ],
+    ids=["memory", "overflow", "negative", "a bomb", "cut off"],
+)
+def test_raw_values_that_lie_about_their_size_are_an_error(tmp_path, content):
+    path = tmp_path / "a.tar"
+    with tarfile.open(path, "w", format=tarfile.USTAR_FORMAT) as tar:
+        info = tarfile.TarInfo("raw.force.npz")
+        info.size = len(content)
+        tar.addfile(info, io.BytesIO(content))
+    with pytest.raises(DataError, match=r"a\.tar: raw\.force\.npz is damaged"):
+        read_raw(path)

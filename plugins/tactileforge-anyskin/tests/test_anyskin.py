@@ -25,8 +25,10 @@ def packet(number=0.0, z=100.25):
 def noisy_packets(count, seed=0):
     """Fields that vary; the x of the first magnetometer is the number of the packet."""
     rng = random.Random(seed)
+    values = [rng.uniform(-900, 900) for _ in range(20)]
     for number in range(count):
-        values = [rng.uniform(-900, 900) if i % 4 else rng.uniform(20, 40) for i in range(20)]
+        walk = [min(max(value + rng.uniform(-90, 90), -900), 900) for value in values]
+        values = [value if i % 4 else rng.uniform(20, 40) for i, value in enumerate(walk)]
         yield struct.pack("<20f", values[0], number, *values[2:]) + b"\r\n"
 
 

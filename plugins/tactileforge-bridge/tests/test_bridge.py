@@ -4,6 +4,7 @@ import json
 import sys
 from types import ModuleType, SimpleNamespace
 
+import numpy as np
 import pytest
 from tactileforge_bridge.ros2 import Ros2
 from tactileforge_bridge.zeromq import ZeroMq
@@ -58,6 +59,11 @@ class Wrench:
         self.wrench = SimpleNamespace(force=SimpleNamespace(x=0.0, y=0.0, z=0.0))
 
 
+class Image:
+    def __init__(self):
+        self.header = SimpleNamespace(frame_id="", stamp=SimpleNamespace(sec=0, nanosec=0))
+
+
 @pytest.fixture
 def sent(monkeypatch):
     """Stand-ins for ROS 2, and what is published: topic, message."""
@@ -75,6 +81,8 @@ def sent(monkeypatch):
         },
         "geometry_msgs": {},
         "geometry_msgs.msg": {"WrenchStamped": Wrench},
+        "sensor_msgs": {},
+        "sensor_msgs.msg": {"Image": Image},
         "std_msgs": {},
         "std_msgs.msg": {"String": SimpleNamespace},
     }
@@ -82,7 +90,7 @@ def sent(monkeypatch):
         module = ModuleType(name)
         module.__dict__.update(content)
         monkeypatch.setitem(sys.modules, name, module)
-    for name in ("geometry_msgs", "std_msgs"):
+    for name in ("geometry_msgs", "sensor_msgs", "std_msgs"):
         sys.modules[name].msg = sys.modules[f"{name}.msg"]
     return sent
 
@@ -101,3 +109,16 @@ def test_forces_are_wrenches_in_ros(sent):
     force = wrench.wrench.force
     assert (wrench.header.frame_id, force.x, force.y, force.z) == ("digit 1", 1.0, -2.0, 3.0)
     assert json.loads(sent[0][1].data) == MESSAGE
+
+
+def test_vectors_are_stamped_arrays_in_ros(sent):
+    bridge = Ros2()
+    bridge.open()
+    bridge.send(MESSAGE | {"force": None, "embedding": [0.5, -1.25, 3.0]})
+    bridge.close()
+    topic, image = sent[1]
+    assert topic == "/tactile/digit_1/embedding"
+    assert (image.header.stamp.sec, image.header.stamp.nanosec) == (12, 250_000_000)
+    assert (image.header.frame_id, image.encoding, image.step) == ("digit 1", "32FC1", 12)
+    assert np.frombuffer(image.data, np.float32).tolist() == [0.5, -1.25, 3.0]
+    assert (image.height, image.width) == (1, 3)

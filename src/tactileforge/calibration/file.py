@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Recording
 from tactileforge.errors import ConfigError, DataNotFoundError
-from tactileforge.files import write_text
+from tactileforge.files import sealed_yaml, unsealed_yaml, write_text
 from tactileforge.node import Node
-from tactileforge.untrusted import dump_yaml, load_yaml
 
 if TYPE_CHECKING:
     from tactileforge.hub.model import Model
@@ -121,9 +120,9 @@ class Calibration:
     force: ForceModel | None = None
 
     def text(self) -> str:
-        """The file."""
+        """The file, with its checksum in the first line."""
         plain = {"version": VERSION} | asdict(self)
-        return dump_yaml(plain, width=100, default_flow_style=None)
+        return sealed_yaml(plain, width=100, default_flow_style=None)
 
     def save(self, path: Path) -> None:
         """Writes the file whole or not at all."""
@@ -238,10 +237,11 @@ def parse_calibration(text: str, where: str) -> Calibration:
         where: Its place, for messages.
 
     Raises:
-        ConfigError: A key is unknown, missing or of another type, or a number is not finite.
+        ConfigError: Its checksum is another, a key is unknown, missing or of another type, or a
+            number is not finite.
     """
     try:
-        node = Node(load_yaml(text), where)
+        node = Node(unsealed_yaml(text), where)
     except ValueError as error:
         raise ConfigError(f"{where}: {error}; correct it, or calibrate again") from error
     if (version := node.need("version", int, str(VERSION))) != VERSION:

@@ -61,18 +61,30 @@ def run(argv: Sequence[str]) -> int:
             return 0
         return dispatch(verb, rest)
     except TactileForgeError as error:
+        _end_bars()
         print(f"error: {error}", file=sys.stderr)
         return 1
     except OSError as error:
         if not full(error):
             raise
+        _end_bars()
         print(f"error: {full(error)}", file=sys.stderr)
         return 1
     except KeyboardInterrupt as stop:
+        _end_bars()
         said = str(stop) or "stopped"
         again = "" if "go on with" in said else "; go on with: the same command again"
         print(f"{said}{again}", file=sys.stderr)
         return 130
+
+
+def _end_bars() -> None:
+    """Ends the progress bars that an error has left, so that it stands on a line of its own."""
+    if "tqdm" in sys.modules:
+        from tqdm import tqdm
+
+        for bar in list(getattr(tqdm, "_instances", ())):
+            bar.close()
 
 
 def dispatch(verb: str, rest: Sequence[str]) -> int:

@@ -45,10 +45,12 @@ class _Get:
     Attributes:
         model: NAME or NAME.TAG.
         file: Your download, as its authors publish it (``--from FILE``); None fetches it.
+        sensor: On which its force head was trained, where the file's name does not say.
     """
 
     model: str
     file: str | None = None
+    sensor: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,12 +115,13 @@ def _show(keys: _Show, _: dict[str, Any]) -> None:
     name, dot, tag = keys.model.partition(".")
     card = cards.read_card(name)
     weights = [card.weight(tag)] if dot else card.weights
+    sensors, data = card.trained_on(weights[0] if weights else None)
     facts = [
         ("licence", card.licence),
         ("paper", card.paper),
         ("code", card.code or "none"),
-        ("sensors", ", ".join(card.sensors) or "none"),
-        ("data", ", ".join(card.data)),
+        ("sensors", ", ".join(sensors) or "none"),
+        ("data", ", ".join(data)),
         ("clip", describe_clip(card, weights[0] if weights else None)),
         ("recipe", f"tactileforge train recipe={name}" if card.recipe else "none: importer only"),
     ]
@@ -148,7 +151,7 @@ def _get(keys: _Get, _: dict[str, Any]) -> None:
     else:
         from tactileforge.hub.pack import import_published
 
-        path = import_published(keys.model, Path(keys.file))
+        path = import_published(keys.model, Path(keys.file), keys.sensor)
     print(f'{path}\nload it: tactileforge.load("{keys.model}")')
 
 

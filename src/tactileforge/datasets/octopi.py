@@ -94,8 +94,10 @@ def _constants(root: Path) -> dict[str, Any]:
         return {}
     try:
         body = ast.parse(path.read_text(encoding="utf-8")).body
-    except (SyntaxError, ValueError) as error:
-        raise DataError(f"{path}: not the constants of Octopi: {error}; download it") from error
+    except (MemoryError, RecursionError, SyntaxError, ValueError) as error:
+        raise DataError(
+            f"{path}: not the constants of Octopi: {type(error).__name__} {error}; download it"
+        ) from error
     constants = {}
     for node in body:
         if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
@@ -103,7 +105,7 @@ def _constants(root: Path) -> dict[str, Any]:
             if re.fullmatch(r"\w+_(OBJECTS|RANK|MAP)", name):
                 try:
                     constants[name] = ast.literal_eval(node.value)
-                except ValueError as error:
+                except (MemoryError, RecursionError, TypeError, ValueError) as error:
                     text = f"{path}: {name} is not a literal; download it again"
                     raise DataError(text) from error
     return constants

@@ -63,7 +63,7 @@ class Stem(nn.Module):
         """(B, slots, N, P) to (B, class token + slots * (K or N), width)."""
         head = int(self.class_token is not None)
         patches, position = visible_patches(patches, self.position[head:], kept)
-        x = (self.embed(patches) + position).flatten(1, 2)
+        x = (self.embed(patches.to(position.dtype)) + position).flatten(1, 2)
         if self.class_token is not None:
             first = (self.class_token + self.position[0]).expand(len(x), 1, -1)
             x = torch.cat([first, x], dim=1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import torch
@@ -106,6 +106,13 @@ class Preprocess(nn.Module):
         if missing := sorted(needed - set(options)):
             raise ConfigError(f"encoder.pixels lacks {', '.join(missing)}")
         return cls(size, **options)
+
+    def _apply(self, fn: Callable[[Tensor], Tensor], recurse: bool = True) -> Preprocess:
+        """Moves, and stays float32 where an encoder becomes bfloat16: pixels lose by rounding."""
+        exact = self.mean, self.std
+        super()._apply(fn, recurse)  # type: ignore[no-untyped-call]
+        self.mean, self.std = (x.to(self.mean.device) for x in exact)
+        return self
 
     def forward(self, frames: Tensor, background: Tensor, sensor: Tensor | None = None) -> Tensor:
         """Float32 (B, T, 3, height, width).

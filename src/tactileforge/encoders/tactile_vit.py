@@ -155,7 +155,7 @@ class TactileViT(Backbone):
     ) -> Tensor:
         """Last hidden state, before the last norm; see `Backbone.encode`."""
         patches, position = visible_patches(patches, self.position[1:], kept)
-        x = (self.embed(patches) + position).flatten(1, 2)
+        x = (self.embed(patches.to(position.dtype)) + position).flatten(1, 2)
         head = [(self.class_token + self.position[0]).expand(len(x), 1, -1)]
         if self.sensor_table is not None:
             head.append(self.sensor_table[sensor])

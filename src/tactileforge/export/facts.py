@@ -7,6 +7,7 @@ import zipfile
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from tactileforge import strict
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
@@ -14,6 +15,19 @@ from tactileforge.untrusted import load_json
 
 #: Key of the text in ``metadata_props`` of ONNX, and in ``extra_files`` of ``torch.export``.
 KEY = "tactileforge"
+#: What a graph may return.
+OUTPUTS = {
+    "tokens": "float32 (B, L, width): prefix tokens, then patches",
+    "cls": "float32 (B, projected): what model.encode gives",
+    "force": "float32 (B, n, 3): newton in the n newest frames; not a number without a scale",
+}
+#: Axes of the forces of the object on the gel, see `contracts`.
+AXES_OF_FORCE = ["x: to the right of the image", "y: down the image", "z: into the gel"]
+#: How the background is had.
+BACKGROUND = (
+    "a frame without contact of the same recording, of the frames' size; 130 everywhere subtracts "
+    "nothing"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,8 +35,8 @@ class Exported:
     """An exported model, and its inputs.
 
     Its inputs are ``frames`` uint8 (B, T, 3, H, W), RGB, oldest first; ``background`` uint8
-    (B, 3, H, W); ``sensor`` int64 (B,), see `rows`. Its outputs are ``tokens`` float32
-    (B, L, width) and ``cls`` float32 (B, projected). B is any number.
+    (B, 3, H, W); ``sensor`` int64 (B,), see `sensor_ids`. Its outputs are those of ``outputs``. B
+    is any number.
 
     Attributes:
         path: The file.
@@ -33,6 +47,13 @@ class Exported:
         spacing: Seconds between the frames; 0 for one frame.
         sensors: Row of each sensor; ``universal`` is for one that the model never saw.
         licence: SPDX identifier of the weights; "" if unknown.
+        version: Of the tactileforge that wrote it.
+        weights: Hash of the weights, see `Model.fingerprint`; of the encoder and the force head.
+        preprocessing: What is done to the pixels inside: see `hub.files.describe_input`.
+        outputs: Type, shape and meaning of each output.
+        force: ``unit``, ``axes``, the ``scale`` that is in the graph, by sensor, and the sensors a
+            unit of which was ``calibrated``; empty without a force head.
+        background: How the background is had.
         error: Largest difference between the outputs of the float graph and those of the module.
         int8: Of int8 weights, against the module's ``cls``: ``relative``, the length of the
             difference over the length, and ``cosine``, the lowest of a clip. Empty for float.
@@ -46,6 +67,12 @@ class Exported:
     spacing: float
     sensors: dict[str, int]
     licence: str
+    version: str
+    weights: str
+    preprocessing: dict[str, Any]
+    outputs: dict[str, str]
+    force: dict[str, Any]
+    background: str = BACKGROUND
     error: float
     int8: dict[str, float]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from torch.nn import functional as F
 
 from tactileforge.errors import ConfigError
 from tactileforge.export.facts import KEY
-from tactileforge.export.program import INPUTS, OUTPUTS, Outputs, Run
+from tactileforge.export.program import INPUTS, Outputs, Run
 
 #: A protobuf, which ONNX is, holds no more bytes.
 _LARGEST = 2**31 - 1
@@ -29,12 +29,14 @@ class OnnxFile:
 
     Args:
         program: See `program.trace`.
+        outputs: Names of what it returns.
 
     Raises:
-        ConfigError: The weights are too large for ONNX.
+        ConfigError: The weights are too large for ONNX, or it has no such graph.
     """
 
-    def __init__(self, program: ExportedProgram) -> None:
+    def __init__(self, program: ExportedProgram, outputs: Sequence[str]) -> None:
+        self.outputs = tuple(outputs)
         size = sum(value.nbytes for value in program.state_dict.values())
         if size > _LARGEST:
             raise ConfigError(f"ONNX holds 2 GB, the weights are {size / 1e9:.1f}: torch_export")
@@ -43,14 +45,20 @@ class OnnxFile:
             resize._upsample_bilinear2d_aa.default: _resize("bilinear"),
             resize._upsample_bicubic2d_aa.default: _resize("bicubic"),
         }
-        exported = torch.onnx.export(
-            program,
-            input_names=INPUTS,
-            output_names=OUTPUTS,
-            dynamo=True,
-            verbose=False,
-            custom_translation_table=table,
-        )
+        try:
+            exported = torch.onnx.export(
+                program,
+                input_names=INPUTS,
+                output_names=self.outputs,
+                dynamo=True,
+                verbose=False,
+                custom_translation_table=table,
+            )
+        except torch.onnx.errors.OnnxExporterError as error:
+            raise ConfigError(
+                "ONNX has no graph of the model for frames of any size: give it, size=[H,W]; or "
+                "give format=torch_export"
+            ) from error
         assert exported is not None
         self.model = exported.model_proto
         #: Matrices of resizing are no weights: they stay as they are.
@@ -83,8 +91,7 @@ class OnnxFile:
 
         def run(*inputs: Tensor) -> Outputs:
             feed = {name: x.numpy() for name, x in zip(INPUTS, inputs, strict=True)}
-            tokens, cls = map(torch.from_numpy, session.run(OUTPUTS, feed))
-            return tokens, cls
+            return tuple(map(torch.from_numpy, session.run(self.outputs, feed)))
 
         return run
 

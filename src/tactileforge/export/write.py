@@ -6,17 +6,21 @@ import copy
 import logging
 import os
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
 from torch import nn
 
+from tactileforge import __version__
 from tactileforge.errors import ConfigError, TactileForgeError, unknown
-from tactileforge.export.facts import Exported, need_onnx
+from tactileforge.export.facts import AXES_OF_FORCE, OUTPUTS, Exported, need_onnx
+from tactileforge.export.graph_module import GraphModule, check_float32
 from tactileforge.export.program import ProgramFile, compare_outputs, sizes_of, trace
 from tactileforge.files import new_part
+from tactileforge.hub import forces
+from tactileforge.hub.files import describe_input
 from tactileforge.hub.loading import load
 from tactileforge.hub.model import Model
 
@@ -32,7 +36,7 @@ def export(
     int8: bool = False,
     tolerance: float = 1e-4,
 ) -> Exported:
-    """Writes a model as one file: uint8 frames in, tokens and class tokens out.
+    """Writes a model as one file: uint8 frames in; tokens, class tokens and forces out.
 
     Preprocessing is in the graph, and the number of clips is free. The file is run on batches of 1
     and 3 and compared with the module before it gets its name.
@@ -57,13 +61,13 @@ def export(
     path = Path(path)
     _check(path, format, size, int8, tolerance)
     taken = None if size is None else (size[0], size[1])
-    encoder, facts = _open(model)
+    module, facts = _open(model)
     with _quiet(), new_part(path) as part:
-        program = trace(encoder, taken)
-        file = _file(format, program)
+        program = trace(module, taken)
+        file = _file(format, program, module.outputs)
         file.save(part)
-        sizes = sizes_of(encoder, taken, small=format == "onnx")
-        error = compare_outputs(file.load(part), encoder, sizes).largest
+        sizes = sizes_of(module, taken, small=format == "onnx")
+        error = compare_outputs(file.load(part), module, sizes).largest
         if not error <= tolerance:
             raise TactileForgeError(
                 f"{path}: the file's outputs differ from the module's by {error:.2g}, more than "
@@ -73,7 +77,7 @@ def export(
         loss = {}
         if int8:
             file.quantise(part)
-            gap = compare_outputs(file.load(part), encoder, sizes)
+            gap = compare_outputs(file.load(part), module, sizes)
             loss = {"relative": gap.relative, "cosine": gap.cosine}
         done = Exported(
             path=str(path),
@@ -107,31 +111,44 @@ def _check(path: Path, format: str, size: Any, int8: Any, tolerance: Any) -> Non
         raise ConfigError("int8=true needs format=onnx")
 
 
-def _open(model: str | Path | Model | nn.Module) -> tuple[Any, dict[str, Any]]:
-    """The encoder, on the CPU in eval mode, and its facts."""
-    opened = load(model) if isinstance(model, str | Path) else model
+def _open(model: str | Path | Model | nn.Module) -> tuple[GraphModule, dict[str, Any]]:
+    """The module of the graph, on the CPU in eval mode, and its facts."""
+    opened: Any = load(model) if isinstance(model, str | Path) else model
+    known = {"model": "", "licence": "", "spacing": float(getattr(opened, "spacing", 0.0))}
+    head, kept = None, {}
+    encoder = opened.encoder if isinstance(opened, Model) else opened
     if isinstance(opened, Model):
-        encoder: Any = opened.encoder
-        known = {
-            "model": opened.header.name,
-            "licence": opened.header.licence,
-            "spacing": opened.spacing,
-        }
-    else:
-        encoder = opened
-        known = {"model": "", "licence": "", "spacing": float(getattr(encoder, "spacing", 0.0))}
-    encoder = copy.deepcopy(encoder).cpu().eval().requires_grad_(False)
-    universal = getattr(encoder, "universal", None)
-    sensors = dict(encoder.sensors) | ({} if universal is None else {"universal": universal})
-    return encoder, known | {"sensors": sensors, "frames": encoder.frames}
+        known |= {"model": opened.header.name, "licence": opened.header.licence}
+        if "force" in opened.heads:
+            head, kept = opened.heads["force"], opened.header.heads["force"]
+    check_float32(encoder)
+    module = GraphModule(encoder, head, kept.get("scale"))
+    module = copy.deepcopy(module).cpu().eval().requires_grad_(False)
+    return module, {
+        **known,
+        "sensors": module.sensors,
+        "frames": encoder.frames,
+        "version": __version__,
+        "weights": forces.fingerprint([encoder] if head is None else [encoder, head]),
+        "preprocessing": describe_input(encoder),
+        "outputs": {name: OUTPUTS[name] for name in module.outputs},
+        "force": {} if head is None else _force(kept, module.sensors),
+    }
 
 
-def _file(format: str, program: Any) -> Any:
+def _force(kept: Mapping[str, Any], sensors: Mapping[str, int]) -> dict[str, Any]:
+    scale = {name: list(kept["scale"][name]) for name in sensors if name in kept["scale"]}
+    return {"unit": "N", "axes": AXES_OF_FORCE, "scale": scale} | {
+        "calibrated": list(kept.get("calibrated", ()))
+    }
+
+
+def _file(format: str, program: Any, outputs: Sequence[str]) -> Any:
     if format == "torch_export":
         return ProgramFile(program)
     from tactileforge.export.onnx_file import OnnxFile
 
-    return OnnxFile(program)
+    return OnnxFile(program, outputs)
 
 
 @contextmanager

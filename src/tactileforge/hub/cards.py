@@ -45,6 +45,8 @@ class Weight:
         spacing: Seconds between them, where ``frames`` is given.
         source: Where the published file is to be had.
         gated: Whether its authors ask for terms to be accepted first.
+        sensors: Types of sensors that these weights saw, where they are not the card's.
+        data: Data that they were trained on, likewise.
         demonstration: Whether it only shows how things work: it may then be shipped without
             passing the release gate, and says so wherever it is listed.
     """
@@ -61,6 +63,8 @@ class Weight:
     spacing: float = 0.0
     source: str = ""
     gated: bool = False
+    sensors: list[str] = field(default_factory=list)
+    data: list[str] = field(default_factory=list)
     demonstration: bool = False
 
     @property
@@ -160,6 +164,11 @@ class Card:
             if tag in ("", weight.tag):
                 return weight
         raise ConfigError(unknown(f"weights of {self.name}", tag, (w.tag for w in self.weights)))
+
+    def trained_on(self, weight: Weight | None) -> tuple[list[str], list[str]]:
+        """Sensors and data that some weights saw."""
+        own = weight and weight.sensors, weight and weight.data
+        return own[0] or self.sensors, own[1] or self.data
 
     def clip(self, weight: Weight | None) -> tuple[int, float]:
         """Frames of a clip, and seconds between them, of some weights."""

@@ -5,22 +5,26 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
 import torch
-from safetensors import SafetensorError
+from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
 from tactileforge import registry
 from tactileforge.errors import ConfigError, DataError, PluginError
-from tactileforge.files import new_part
-from tactileforge.hub.header import FORMAT, Header, read_header
+from tactileforge.files import new_part, writing
+from tactileforge.hub.header import FORMAT, Header, read_header, seal_checkpoint
+from tactileforge.hub.positions import changed_options, rebuild_encoder
 
 #: Arguments that name files or places on a network.
 _PLACES = frozenset({"path", "root", "file", "folder", "url", "repo", "port"})
+#: Arguments that count modules, each of which has a tensor at least.
+_STACKS = frozenset({"depth", "stem_depth", "stems"})
 #: Largest number among the arguments of a model.
 _LARGEST = 8192
 DTYPES = {"float32": torch.float32, "float16": torch.float16}
@@ -39,6 +43,25 @@ def make_header(
         known: Further fields of `Header`.
     """
     plugin = next((p for p in registry.list_plugins() if _is(p, node["name"])), None)
+    return Header(
+        **{"name": "", "dtype": "float32", **known},
+        format=FORMAT,
+        encoder=dict(node),
+        package=plugin.distribution if plugin else "",
+        package_version=plugin.version if plugin else "",
+        sensors=dict(encoder.sensors),
+        input=describe_input(encoder),
+        spacing=float(spacing),
+        licence=licence,
+    )
+
+
+def describe_input(encoder: Any) -> dict[str, Any]:
+    """What goes into an encoder, and what it does to the pixels, as plain data.
+
+    Args:
+        encoder: A touch encoder; see `encoders.preprocess.Preprocess`.
+    """
     size: Any = encoder.image_size
     facts: dict[str, Any] = {
         "pixels": "uint8 RGB, oldest frame first",
@@ -49,17 +72,7 @@ def make_header(
     for name in ("offset", "fit", "filter", "mean", "std"):
         value = getattr(steps, name, None)
         facts[name] = value.squeeze().tolist() if isinstance(value, Tensor) else value
-    return Header(
-        **{"name": "", "dtype": "float32", **known},
-        format=FORMAT,
-        encoder=dict(node),
-        package=plugin.distribution if plugin else "",
-        package_version=plugin.version if plugin else "",
-        sensors=dict(encoder.sensors),
-        input=facts,
-        spacing=float(spacing),
-        licence=licence,
-    )
+    return facts
 
 
 def _is(plugin: registry.PluginInfo, name: str) -> bool:
@@ -84,6 +97,7 @@ def save_checkpoint(
 
     Raises:
         ConfigError: An unknown type, a number that is not finite or does not fit it.
+        TactileForgeError: The disk is full, or cannot be written.
     """
     if dtype not in DTYPES:
         raise ConfigError(f"dtype={dtype}: give {' or '.join(DTYPES)}")
@@ -105,9 +119,13 @@ def save_checkpoint(
                 )
         state[name] = kept.clone(memory_format=torch.contiguous_format)
     path = Path(path)
-    metadata = replace(header, dtype=dtype).metadata()
-    with new_part(path) as part:
+    metadata = replace(header, dtype=dtype).metadata(has_place=True)
+    with writing(path), new_part(path) as part:
+        part.touch()
+        mode = part.stat().st_mode  # what the umask gives; safetensors makes files of its own
         save_file(state, part, metadata=metadata)
+        part.chmod(mode)
+        seal_checkpoint(part)
         with part.open("rb+") as file:
             os.fsync(file.fileno())
         part.replace(path)
@@ -125,14 +143,17 @@ def open_encoder(path: str | Path, frames: int | None = None) -> tuple[Any, Head
 
 
 def open_model(
-    path: str | Path, frames: int | None = None
+    path: str | Path,
+    frames: int | None = None,
+    image_size: int | tuple[int, int] | None = None,
 ) -> tuple[Any, dict[str, nn.Module], Header]:
     """Builds the encoder and the heads of a one-file checkpoint and loads all weights.
 
     Args:
         path: The file.
         frames: Another number of frames: learned positions are interpolated over time. Heads are
-            made for one number of frames, and are left out then.
+            made for one number of frames and one size, and are left out then.
+        image_size: Another height and width: learned positions are interpolated over the image.
 
     Returns:
         The encoder, float32, in eval mode, on the CPU; its heads by name, likewise; the header.
@@ -140,7 +161,7 @@ def open_model(
     Raises:
         DataError: See `header.read_header`; or its tensors are not those of the encoder.
         PluginError: The encoder's plugin is not installed; says what to install.
-        ConfigError: The encoder takes no other number of frames.
+        ConfigError: The encoder takes no other number of frames, or size.
     """
     path = Path(path)
     header = read_header(path)
@@ -149,20 +170,17 @@ def open_model(
     node = dict(header.encoder)
     with torch.random.fork_rng(devices=[]):  # the numbers drawn here are replaced
         encoder = registry.build("encoders", node)
-        other = frames is not None and frames != encoder.frames
-        if other:
-            before = encoder
-            encoder = _with_frames(node, before.frames, frames)
     try:
         state = load_file(path)
     except SafetensorError as error:
         raise DataError(f"{path}: damaged: {error}; fetch or write it again") from error
+    other = changed_options(encoder, frames, image_size)
     heads = {} if other else _open_heads(path, header, encoder, state)
     state = {key: x for key, x in state.items() if not _is_of_head(key, header)}
-    if other:
-        fill_weights(before, state, str(path))
-        state = _over_time(before, encoder)
     fill_weights(encoder, state, str(path))
+    if other:
+        with torch.random.fork_rng(devices=[]):
+            encoder = rebuild_encoder(node, encoder, other)
     encoder.requires_grad_(False)
     return encoder.eval(), heads, header
 
@@ -190,7 +208,8 @@ def fill_weights(encoder: nn.Module, state: Mapping[str, Tensor], where: str) ->
     """Loads a state strictly; the module keeps its dtypes.
 
     Raises:
-        DataError: Tensors are missing, left over or of another shape; lists them.
+        DataError: Tensors are missing, left over, of another shape, or hold numbers that are not
+            finite; lists them.
     """
     own = encoder.state_dict()
     wrong = {
@@ -201,6 +220,9 @@ def fill_weights(encoder: nn.Module, state: Mapping[str, Tensor], where: str) ->
             for key in sorted(own.keys() & state.keys())
             if own[key].shape != state[key].shape
         ],
+        "not finite": sorted(
+            key for key, x in state.items() if x.is_floating_point() and not x.isfinite().all()
+        ),
     }
     if any(wrong.values()):
         lines = [
@@ -234,12 +256,19 @@ def check_nodes(path: Path, header: Header) -> None:
             model, or the plugin reads files where it is built; or the model is larger than the
             file.
     """
+    with safe_open(path, "pt") as file:
+        tensors = len(file.keys())
     for kind, node in [
         ("encoders", header.encoder),
         *(("heads", entry["node"]) for entry in header.heads.values()),
     ]:
         for key, value in node.items():
             _check_argument(path, f"{node['name']}.{key}", value)
+            if key in _STACKS and isinstance(value, int) and value > tensors:
+                raise DataError(
+                    f"{path}: {node['name']}.{key} is {value}, and the file has {tensors} tensors; "
+                    "fetch it again"
+                )
         plugin = registry.get(kind, node["name"])
         if "constructing does no io" in getattr(plugin, "expected_failures", {}):
             raise DataError(
@@ -264,44 +293,20 @@ def _check_argument(path: Path, where: str, value: Any) -> None:
 
 def _check_total(path: Path, header: Header) -> None:
     """Builds without memory, and compares with what the file has."""
-    try:
-        with torch.device("meta"), torch.random.fork_rng(devices=[]):
-            shell = registry.build("encoders", header.encoder)
-    except (NotImplementedError, RuntimeError):  # a plugin that needs its numbers where it is built
-        return
-    needs = sum(x.numel() for x in shell.state_dict().values())
+    parts: list[nn.Module] = []
+    kinds = [("encoders", header.encoder)]
+    kinds += [("heads", entry["node"]) for entry in header.heads.values()]
+    for kind, node in kinds:
+        if kind == "heads" and not parts:
+            return
+        # a plugin may need its numbers where it is built: it is not counted
+        with suppress(NotImplementedError, RuntimeError), torch.device("meta"):
+            context = {"encoder": parts[0]} if parts else {}
+            with torch.random.fork_rng(devices=[]):
+                parts.append(registry.build(kind, node, **context))
+    needs = sum(x.numel() for part in parts for x in part.state_dict().values())
     if needs > path.stat().st_size:  # a byte a number, at least
         raise DataError(
             f"{path}: the model it describes has {needs:,} numbers, and the file "
             f"{path.stat().st_size:,} bytes; fetch it again"
         )
-
-
-def _with_frames(node: dict[str, Any], before: int, frames: int | None) -> Any:
-    if "frames" not in registry.parameters(registry.get("encoders", node["name"])):
-        raise ConfigError(
-            f"frames={frames}: the encoder {node['name']!r} takes {before} frames and no other "
-            "number; leave frames out"
-        )
-    return registry.build("encoders", node | {"frames": frames})
-
-
-def _over_time(before: Any, after: Any) -> dict[str, Tensor]:
-    """The state for another number of slots: learned positions are interpolated linearly."""
-    wanted: Mapping[str, Tensor] = after.state_dict()
-    cells = before.grid[1] * before.grid[2]
-    state: dict[str, Tensor] = before.state_dict()
-    changed: dict[str, Tensor] = {}
-    for key, value in state.items():
-        if key not in wanted or wanted[key].shape == value.shape:
-            continue
-        head = len(value) - before.grid[0] * cells
-        length = head + after.grid[0] * cells
-        if value.ndim != 2 or head < 0 or len(wanted[key]) != length:
-            raise ConfigError(f"{key}: cannot be interpolated over time; leave frames out")
-        table = value[head:].view(before.grid[0], cells, -1).permute(1, 2, 0)
-        table = nn.functional.interpolate(table, after.grid[0], mode="linear")
-        changed[key] = torch.cat([value[:head], table.permute(2, 0, 1).flatten(0, 1)])
-    if not changed:
-        raise ConfigError("the encoder has no learned positions over time; leave frames out")
-    return state | changed

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import torch
@@ -78,6 +77,17 @@ def calibration_inputs(
     return columns
 
 
+class DoneViews:
+    """Views of a pass that is done: `full` alone.
+
+    Args:
+        full: Features with every patch visible.
+    """
+
+    def __init__(self, full: Features) -> None:
+        self.full = full
+
+
 def views_of(encoder: Any, tokens: Tensor, projected: Tensor) -> Any:
     """Views, for heads, of an encoder's pass that is done: the full one.
 
@@ -86,7 +96,7 @@ def views_of(encoder: Any, tokens: Tensor, projected: Tensor) -> Any:
         tokens: Float (B, L, width).
         projected: Float (B, projected).
     """
-    return SimpleNamespace(full=Features(tokens, projected, encoder.prefix, encoder.grid))
+    return DoneViews(Features(tokens, projected, encoder.prefix, encoder.grid))
 
 
 def fingerprint(parts: Iterable[nn.Module]) -> str:

@@ -3,10 +3,12 @@
 The file is safetensors: eight bytes with the length of a JSON text, that text, then the numbers.
 Its ``__metadata__`` has one key, ``tactileforge``, which holds `Header` as JSON. One key, because
 the order of several would differ from one writing to the next, and so would the hash of the file.
+Beside the fields of `Header` there is ``sha256``: of the whole file, with zeros in its own place.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -23,6 +25,8 @@ _LONGEST = 64 << 20
 #: Longest header of ours in it.
 _LONGEST_OWN = 1 << 20
 _KEY = "tactileforge"
+#: The checksum before it is known, and what stands before it in the file (JSON within JSON).
+_UNKNOWN, _BEFORE = "0" * 64, b'\\"sha256\\": \\"'
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,13 +71,16 @@ class Header:
     source: dict[str, Any] = field(default_factory=dict)
     heads: dict[str, Any] = field(default_factory=dict)
 
-    def metadata(self) -> dict[str, str]:
+    def metadata(self, has_place: bool = False) -> dict[str, str]:
         """The metadata of the safetensors file.
+
+        Args:
+            has_place: Whether there is a place for the checksum, for `seal_checkpoint`.
 
         Raises:
             ConfigError: It is no plain data, or longer than a reader accepts.
         """
-        content = asdict(self)
+        content = asdict(self) | ({"sha256": _UNKNOWN} if has_place else {})
         if not self.heads:  # so files without heads are what they always were
             del content["heads"]
         try:
@@ -85,12 +92,39 @@ class Header:
         return {_KEY: text}
 
 
+def seal_checkpoint(path: Path) -> None:
+    """Writes the checksum of a file into its header; see `Header.metadata`."""
+    digest = hashlib.sha256()
+    with path.open("rb+") as file:
+        text = file.read(8 + int.from_bytes(file.read(8), "little"))
+        file.seek(0)
+        place = 8 + text.index(_BEFORE + _UNKNOWN.encode()) + len(_BEFORE)
+        while chunk := file.read(1 << 20):
+            digest.update(chunk)
+        file.seek(place)
+        file.write(digest.hexdigest().encode())
+
+
+def _check_sum(path: Path, text: bytes, stated: Any) -> None:
+    whole = _BEFORE + str(stated).encode()
+    if len(str(stated)) != len(_UNKNOWN) or text.count(whole) != 1:
+        raise ConfigError("its checksum is none: bytes of it have changed")
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        digest.update(file.read(8) + text.replace(whole, _BEFORE + _UNKNOWN.encode()))
+        file.seek(len(text), 1)
+        while chunk := file.read(1 << 20):
+            digest.update(chunk)
+    if digest.hexdigest() != stated:
+        raise ConfigError("its checksum is another: bytes of it have changed; fetch it again")
+
+
 def read_header(path: str | Path) -> Header:
-    """The header of a one-file checkpoint.
+    """The header of a one-file checkpoint, whose checksum must be right where it has one.
 
     Raises:
         DataNotFoundError: There is no such file.
-        DataError: It is truncated, something else, or not one of ours; says what it is.
+        DataError: It is truncated, damaged, something else, or not one of ours; says what it is.
     """
     path = Path(path)
     if not path.is_file():
@@ -110,7 +144,12 @@ def read_header(path: str | Path) -> Header:
             raise ConfigError(
                 f"its header has {len(content)} characters, at most {_LONGEST_OWN} go"
             )
-        return _parse(load_json(content))
+        plain = strict.mapping("the header", load_json(content))
+        stated = plain.pop("sha256", None)
+        header = _parse(plain)
+        if stated is not None:
+            _check_sum(path, text, stated)
+        return header
     except (ConfigError, ValueError, RecursionError) as error:
         raise DataError(f"{path}: not a checkpoint that can be read: {error}") from error
 

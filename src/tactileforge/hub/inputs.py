@@ -38,7 +38,8 @@ def prepare_clips(
     """Checks frames and background, and puts them into a batch.
 
     Args:
-        frames: See `check_clip`; where ``count`` is 1, one image will do.
+        frames: See `check_clip`; one image, or a batch with one frame a clip, is shown ``count``
+            times.
         background: See `check_clip`; or ``"none"``, which subtracts nothing, or ``"first"``, the
             first frame of each clip.
         count: Frames of a clip.
@@ -48,9 +49,7 @@ def prepare_clips(
         DataError: Another type, layout, size or number of frames; says what was expected.
         ConfigError: No background, or an unknown word for it.
     """
-    if count == 1 and getattr(frames, "ndim", 0) == 3:
-        frames = frames[None]
-    single = getattr(frames, "ndim", 0) == 4
+    frames, single = _repeat_stills(frames, count)
     if not isinstance(background, str) and background is not None:
         return ClipInputs(*check_clip(frames, background, count), single)
     clips, neutral = check_clip(frames, None, count)
@@ -63,6 +62,19 @@ def prepare_clips(
         f"{what}: give a frame without contact of the same recording; background='first' takes "
         "the first frame of each clip, background='none' subtracts nothing"
     )
+
+
+def _repeat_stills(frames: Images, count: int) -> tuple[Images, bool]:
+    """Frames whose clips have ``count`` of them where they had one; and whether it is one clip."""
+    axes = getattr(frames, "ndim", 0)
+    if axes == 3:
+        frames = frames[None]
+    if axes >= 3 and frames.shape[-4] == 1 < count:
+        if isinstance(frames, Tensor):
+            frames = frames.repeat_interleave(count, -4)
+        else:
+            frames = np.repeat(frames, count, -4)
+    return frames, axes in (3, 4)
 
 
 def check_clip(

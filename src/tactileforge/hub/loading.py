@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tactileforge.hub import cards, store
 
@@ -12,13 +13,16 @@ if TYPE_CHECKING:
     import torch
 
     from tactileforge.hub.model import Model
+    from tactileforge.hub.precision import Precision
 
 
 def load(
     name_or_file: str | Path,
     *,
     device: str | torch.device = "cpu",
+    dtype: Precision = "float32",
     frames: int | None = None,
+    image_size: int | tuple[int, int] | None = None,
 ) -> Model:
     """Loads a model of the zoo, or a one-file checkpoint.
 
@@ -29,11 +33,15 @@ def load(
     Args:
         name_or_file: ``NAME.TAG``, ``NAME`` for the default weights, ``file:PATH``, or a `Path`.
         device: Where the model computes.
+        dtype: In which type it does: ``float32``, ``bfloat16``, ``int8`` or ``auto``, see
+            `precision.set_precision`.
         frames: Another number of frames a clip than it was trained on, where its positions can be
             interpolated.
+        image_size: Another height and width, or one number for both, likewise.
 
     Raises:
-        ConfigError: Unknown name, a card without weights, or frames the encoder cannot take.
+        ConfigError: Unknown name, type or device, a card without weights, or frames or a size that
+            the encoder cannot take.
         DataNotFoundError: The file is not there and cannot be had; says how to get it.
         DataError: The file is not what it should be.
         PluginError: A plugin is missing; says what to install.
@@ -52,15 +60,27 @@ def load(
 
     from tactileforge.hub.files import open_model
     from tactileforge.hub.model import Model
+    from tactileforge.hub.precision import set_precision
 
-    encoder, heads, header = open_model(path, frames)
-    if frames is not None and frames != header.input.get("frames", frames):
-        warnings.warn(
-            f"{name_or_file} was trained on {header.input['frames']} frames; its positions were "
-            f"interpolated to {frames}: measure it on your task",
-            stacklevel=2,
-        )
-    return Model(encoder, header, card, device, heads)
+    encoder, heads, header = open_model(path, frames, image_size)
+    _warn(str(name_or_file), header.input, encoder)
+    model = Model(encoder, header, card, device, heads)
+    set_precision(model, dtype)
+    return model
+
+
+def _warn(name: str, trained: Mapping[str, Any], encoder: Any) -> None:
+    """Warns where positions were interpolated."""
+    for what, before, after in (
+        ("frames", trained.get("frames"), encoder.frames),
+        ("pixels a side", trained.get("size"), list(encoder.image_size)),
+    ):
+        if before is not None and before != after:
+            warnings.warn(
+                f"{name} was trained on {before} {what}; its positions were interpolated to "
+                f"{after}: measure it on your task",
+                stacklevel=3,
+            )
 
 
 def list_models(pattern: str = "*", *, weights: bool = False) -> list[str]:

@@ -13,13 +13,14 @@ from torch import Tensor, nn
 from tactileforge import registry, run_folder
 from tactileforge.callbacks import checkpoints
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
-from tactileforge.files import new_part, sha256
+from tactileforge.files import new_part, sha256, writing
 from tactileforge.hub import cards, files, store
 from tactileforge.provenance import commit
 from tactileforge.sensors.specs import spec
 
-#: Heads that are of use without an objective, and what `Model` reads with them.
-KEPT_HEADS = ("force", "surface")
+#: Heads that are kept: `Model` reads force and surface, and a run that starts from the file goes on
+#: with all of them.
+KEPT_HEADS = ("pixel", "diff", "surface", "descriptors", "force")
 
 
 def pack_run(
@@ -31,7 +32,7 @@ def pack_run(
     licence: str = cards.NO_LICENCE,
     encoder: Literal["trained", "slow"] | None = None,
 ) -> Path:
-    """Makes a one-file checkpoint of a run's encoder, with its force and surface heads.
+    """Makes a one-file checkpoint of a run's encoder, with the heads of use alone.
 
     V-JEPA and DINO are published and evaluated by the slow copy of the encoder, which the
     objective's head keeps (`heads.ema.EMA`), so that is what is packed where there is one.
@@ -136,18 +137,20 @@ def _below(prefix: str, state: Mapping[str, Tensor]) -> dict[str, Tensor]:
     return {key.removeprefix(prefix): x for key, x in state.items() if key.startswith(prefix)}
 
 
-def import_published(model: str, source: str | Path) -> Path:
+def import_published(model: str, source: str | Path, sensor: str = "") -> Path:
     """Imports a published file of the user's own into the cache, as a model of the zoo.
 
     Args:
         model: ``NAME.TAG``, or ``NAME``.
-        source: The file as its authors publish it.
+        source: The file as its authors publish it; its heads are imported with the encoder.
+        sensor: On which its force head was trained, where the name of the file does not say.
 
     Returns:
         The one-file checkpoint; `tactileforge.load` finds it by its name from now on.
 
     Raises:
-        ConfigError: The model is not one that is imported.
+        ConfigError: The model is not one that is imported, or the sensor of its forces is not
+            known.
         DataError: The file is not what the model's authors publish; says what it is.
         DataNotFoundError: There is no such file.
     """
@@ -159,6 +162,7 @@ def import_published(model: str, source: str | Path) -> Path:
     if not source.exists():
         raise DataNotFoundError(f"{source}: no such file; download it from {weight.source}")
     from tactileforge.encoders import published
+    from tactileforge.hub.published_heads import published_heads
 
     try:
         converted = published.convert(published.read_tensors(source))
@@ -168,6 +172,7 @@ def import_published(model: str, source: str | Path) -> Path:
     _check_variant(card, weight, converted.name, node, source)
     encoder = registry.build("encoders", node)
     files.fill_weights(encoder, converted.state, str(source))
+    heads, entries = published_heads(converted, encoder, source, sensor)
     digest = sha256(source) if source.is_file() else ""
     header = files.make_header(
         encoder,
@@ -179,9 +184,11 @@ def import_published(model: str, source: str | Path) -> Path:
         versions={"tactileforge": version("tactileforge")},
         data={"name": ", ".join(card.data), "licences": []},
         source={"file": source.name, "sha256": digest, "layout": converted.name},
+        heads=entries,
     )
-    with new_part(store.weights_folder() / f"{full}.safetensors") as part:
-        files.save_checkpoint(part, encoder, header)
+    target = store.weights_folder() / f"{full}.safetensors"
+    with writing(target), new_part(target) as part:
+        files.save_checkpoint(part, encoder, header, heads=heads)
         return store.keep_import(card, weight, part, source.name, digest)
 
 

@@ -9,15 +9,17 @@ from __future__ import annotations
 import json
 import os
 import re
+import time
 import urllib.request
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from http.client import HTTPException
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from tactileforge import strict
-from tactileforge.errors import ConfigError, DataError, DataNotFoundError
-from tactileforge.files import cache_folder, new_part, sha256
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError, full
+from tactileforge.files import cache_folder, new_part, sha256, writing
 from tactileforge.hub import cards
 from tactileforge.hub.cards import Card, Weight
 from tactileforge.untrusted import load_json
@@ -25,6 +27,8 @@ from tactileforge.untrusted import load_json
 #: Seconds without a byte after which a server counts as gone.
 _TIMEOUT = 30.0
 _CHUNK = 1 << 20
+#: Seconds for which an import stays after another took its place.
+_GRACE = 3600.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,7 +113,9 @@ def read_import(card: Card, weight: Weight) -> Import:
 
 
 def keep_import(card: Card, weight: Weight, part: Path, source: str, source_sha256: str) -> Path:
-    """Moves an imported file into place and records it; removes the previous import last.
+    """Moves an imported file into place and records it.
+
+    Two imports at once end in the one that is recorded last; both files are whole.
 
     Args:
         card: Of the model.
@@ -130,14 +136,28 @@ def keep_import(card: Card, weight: Weight, part: Path, source: str, source_sha2
         source=source,
         source_sha256=source_sha256,
     )
-    part.replace(target)
-    with new_part(_record(card, weight)) as record:
-        record.write_text(json.dumps(asdict(kept), indent=2) + "\n", "utf-8")
-        record.replace(_record(card, weight))
-    for old in weights_folder().glob(f"{card.name}.{weight.tag}-{'[0-9a-f]' * 12}.safetensors"):
-        if old != target:
-            old.unlink(missing_ok=True)
+    with writing(target):
+        part.replace(target)
+        with new_part(_record(card, weight)) as record:
+            record.write_text(json.dumps(asdict(kept), indent=2) + "\n", "utf-8")
+            record.replace(_record(card, weight))
+    _remove_old(card, weight, target)
     return target
+
+
+def _remove_old(card: Card, weight: Weight, kept: Path) -> None:
+    """Removes earlier imports, an hour after another took their place: somebody may load one."""
+    name = f"{card.name}.{weight.tag}"
+    for old in weights_folder().glob(f"{name}-{'[0-9a-f]' * 12}.safetensors"):
+        mark = old.with_suffix(".old")
+        with suppress(FileNotFoundError):  # another process may do the same
+            if old == kept:
+                mark.unlink(missing_ok=True)
+            elif not mark.exists():
+                mark.touch()
+            elif time.time() - mark.stat().st_mtime > _GRACE:
+                old.unlink()
+                mark.unlink()
 
 
 def _get(card: Card, weight: Weight) -> str:
@@ -164,13 +184,15 @@ def _verify(path: Path, digest: str, size: int, fix: str) -> None:
 
 def _download(card: Card, weight: Weight, target: Path) -> None:
     """Downloads to a temporary file, renamed to the target only if its hash matches."""
-    with new_part(target) as part:
+    with writing(target), new_part(target) as part:
         try:
             if weight.url.startswith("hf://"):
                 _from_hugging_face(weight.url, part)
             else:
                 _from_url(f"{card.name}.{weight.tag}", weight, part)
-        except (OSError, HTTPException) as error:  # OSError: URLError, time-outs, a full disk
+        except (OSError, HTTPException) as error:  # OSError: URLError, time-outs
+            if isinstance(error, OSError) and full(error):
+                raise
             terms = "; its authors ask for terms to be accepted there" if weight.gated else ""
             raise DataNotFoundError(
                 f"{card.name}.{weight.tag}: {weight.url} cannot be fetched ({error}){terms}. "

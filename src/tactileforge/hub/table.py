@@ -76,13 +76,15 @@ def _gates() -> list[str]:
 
 def zoo_page() -> str:
     """The page ``docs/zoo.md``."""
-    models = [("name", "model", "sensors", "clip", "licence", "weights")]
+    models = [("name", "model", "sensors", "data", "clip", "licence", "weights")]
     for name, card, weight in cards.list_cards():
+        sensors, data = card.trained_on(weight)
         models.append(
             (
                 f"`{name}`",
                 f"[{card.title}]({card.code})" if card.code else card.title,
-                ", ".join(card.sensors) or "none",
+                ", ".join(sensors) or "none",
+                ", ".join(data) or "none",
                 describe_clip(card, weight),
                 weight.licence if weight else card.licence,
                 (weight.kind + ", demonstration" * weight.demonstration) if weight else "none",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Frames
 from tactileforge.errors import ConfigError, DataError
+from tactileforge.streaming.buffer import clip_rows, clip_step, frame_period, warn_of_slow_frames
 
 Times = NDArray[np.float64]
 
@@ -26,12 +28,15 @@ def open_video(video: str | Path | Frames) -> Frames:
 def cut_clips(
     video: Frames, frames: int, spacing: float, hop: float, times: Times | None
 ) -> Iterator[tuple[float, NDArray[np.uint8]]]:
-    """Clips of a video, one read at a time.
+    """Clips of a video, one read at a time, cut by the time of each frame.
+
+    A clip that would reach over a gap in the video is left out. Warns where frames come too seldom
+    for the spacing.
 
     Args:
         video: Frames; those of a file know their times.
         frames: Frames of a clip.
-        spacing: Seconds between them, rounded to whole frames of the video.
+        spacing: Seconds between them, rounded to whole periods of the video.
         hop: Seconds between the ends of neighbouring clips; at least one frame.
         times: float64, seconds of each frame, increasing; None takes the video's own.
 
@@ -39,21 +44,51 @@ def cut_clips(
         The time of a clip's last frame, s, and its frames, uint8 (T, H, W, 3).
 
     Raises:
-        ConfigError: No times for frames that know none.
-        DataError: The video is too short for one clip.
+        ConfigError: No times for frames that know none, or a hop that is no number above 0.
+        DataError: The video is too short for one clip, or its times do not go forward.
     """
-    seconds: Times | None = getattr(video, "times", None) if times is None else times
-    if seconds is None or len(seconds) != len(video):
+    if not (math.isfinite(hop) and hop > 0):
+        raise ConfigError(f"hop={hop}: give the seconds between clips, above 0")
+    seconds = _times(video, times)
+    period = frame_period(seconds) if len(seconds) > 1 else 1.0
+    warn_of_slow_frames(period, spacing, frames, stacklevel=4)
+    due, found = -math.inf, False
+    for end, now in enumerate(seconds):
+        if now < due or (rows := _rows(seconds, end, frames, spacing, period)) is None:
+            continue
+        due, found = now + hop - period / 2, True
+        yield float(now), video.read(rows)
+    if not found:
+        span = (frames - 1) * round(clip_step(period, spacing) / period) + 1
+        raise DataError(
+            f"{len(seconds)} frames, {period:.3g} s apart: a clip of {frames}, {spacing:.3g} s "
+            f"apart, spans {span}; give a longer video, or load the model with fewer frames"
+        )
+
+
+def _rows(times: Times, end: int, frames: int, spacing: float, period: float) -> list[int] | None:
+    """The frames of the clip that ends with a frame; None where there is none."""
+    reach = frames * clip_step(period, spacing)
+    first = int(np.searchsorted(times, times[end] - reach))
+    rows = clip_rows(times[first : end + 1], frames, spacing, period)
+    return None if rows is None else [first + row for row in rows]
+
+
+def _times(video: Frames, times: Times | None) -> Times:
+    """Seconds of each frame: finite, and each after the one before."""
+    given = getattr(video, "times", None) if times is None else times
+    if given is None or len(given) != len(video):
         raise ConfigError(
             f"times: give the seconds of each of the {len(video)} frames; only files know their own"
         )
-    period = float(np.median(np.diff(seconds))) if len(seconds) > 1 else 1.0
-    stride = max(1, round(spacing / period))
-    span = (frames - 1) * stride
-    if span >= len(seconds):
+    seconds = np.asarray(given, np.float64)
+    wrong = ~np.isfinite(seconds)
+    wrong[1:] |= ~(np.diff(seconds) > 0)
+    if wrong.any():
+        row = int(wrong.argmax())
+        before = f" after {seconds[row - 1]:g} s" if row else ""
         raise DataError(
-            f"{len(seconds)} frames, {period:.3g} s apart: a clip of {frames}, {spacing:.3g} s "
-            f"apart, spans {span + 1}; give a longer video, or load the model with fewer frames"
+            f"times: frame {row} is at {seconds[row]:g} s{before}: times go forward; sort the "
+            "frames, or give each recording alone"
         )
-    for end in range(span, len(seconds), max(1, round(hop / period))):
-        yield float(seconds[end]), video.read(range(end - span, end + 1, stride))
+    return seconds

@@ -109,13 +109,13 @@ class _Handler(BaseHTTPRequestHandler):
             self._answer(404, "text/plain", b"no such thing\n")
 
     def _picture(self, finger: SensorStream, what: str) -> None:
-        shown = finger.shown
+        shown = finger.stream.shown
         if shown is None:
             self._answer(404, "text/plain", b"no frame yet\n")
             return
         array = shown.array
-        if what == "difference":
-            array = difference_image(array, finger.background)
+        if what == "difference" and finger.stream.background is not None:
+            array = difference_image(array, finger.stream.background)
         self._answer(200, "image/jpeg", page_jpeg(array))
 
     def _answer(self, status: int, kind: str, body: bytes, nonce: str = "") -> None:
@@ -159,17 +159,17 @@ def page_state(view: LiveSession, after: float) -> dict[str, Any]:
 
 
 def _of(finger: SensorStream, after: float, now: float) -> dict[str, Any]:
-    shown = finger.shown
+    shown = finger.stream.shown
     return {
         "type": finger.sensor.spec.name,
         "state": finger.state,
         "fps": round(finger.capture.fps, 1),
-        "skipped": finger.skipped,
+        "skipped": finger.stream.skipped,
         "age": None if shown is None else round(now - shown.time, 3),
         "picture": 0 if shown is None else shown.time,
         "size": [finger.sensor.spec.height, finger.sensor.spec.width],
         "scale": list(finger.sensor.spec.force_scale),
-        "contact_on": finger.contact.options.begin,
+        "contact_on": finger.stream.contact.options.begin,
         "readings": [
             [r.time, r.force, r.contact, r.slip, round(r.difference, 2)]
             for r in list(finger.readings)

@@ -15,9 +15,8 @@ from tactileforge.calibration.file import Calibration, load_calibration
 from tactileforge.contracts import Sensor
 from tactileforge.errors import ConfigError, SensorError, unknown
 from tactileforge.hub.model import Model
-from tactileforge.live.contact import ContactOptions, SlipOptions
 from tactileforge.live.publish import Publisher
-from tactileforge.live.sensor_stream import Reading, SensorStream, read_background
+from tactileforge.live.sensor_stream import Reading, SensorStream, StreamOptions, read_background
 from tactileforge.sensors.background import Background
 from tactileforge.sensors.capture import check
 from tactileforge.sensors.low_latency_threads import low_latency_threads
@@ -42,27 +41,17 @@ class ShowBackground(Background):
 
 
 @dataclass(frozen=True, kw_only=True)
-class LiveOptions:
+class LiveOptions(StreamOptions):
     """Options of a live session.
 
     Attributes:
         background: How the frame without contact is taken.
-        contact: When something touches.
-        slip: When something slips.
-        embedding: Whether messages carry the model's vector.
-        unknown_sensor: ``error`` or ``universal``.
-        reconnect: Seconds for which a sensor that is lost is waited for.
         calibration: Files of `tactileforge calibrate model=...`, by sensor, for its forces.
         seconds: After which it ends; None until stopped.
         frames: Readings after which it ends; None until stopped.
     """
 
     background: ShowBackground = field(default_factory=ShowBackground)
-    contact: ContactOptions = field(default_factory=ContactOptions)
-    slip: SlipOptions = field(default_factory=SlipOptions)
-    embedding: bool = False
-    unknown_sensor: str = "error"
-    reconnect: float = 10.0
     calibration: Mapping[str, str] = field(default_factory=dict)
     seconds: float | None = None
     frames: int | None = None
@@ -144,17 +133,7 @@ class LiveSession:
             stack.enter_context(low_latency_threads())
             open_all(self.sensors, stack)
             self.fingers = {
-                name: SensorStream(
-                    name,
-                    sensor,
-                    self.model,
-                    self.wake,
-                    options.contact,
-                    options.slip,
-                    options.reconnect,
-                    options.unknown_sensor,
-                    known.get(name),
-                )
+                name: SensorStream(name, sensor, self.model, self.wake, options, known.get(name))
                 for name, sensor in self.sensors.items()
             }
             for finger in self.fingers.values():
@@ -175,7 +154,7 @@ class LiveSession:
 
     def _wait_for_all(self) -> None:
         end = time.monotonic() + _PATIENCE
-        while silent := [f for f in self.fingers.values() if not f.buffer.count]:
+        while silent := [f for f in self.fingers.values() if not f.stream.buffer.count]:
             self.check()
             if time.monotonic() > end or silent[0].capture.ended:
                 raise SensorError(f"{silent[0].name}: delivers no frames; is it on?")
@@ -195,7 +174,7 @@ class LiveSession:
         background = self.options.background
         image = read_background(background.image) if background.image else None
         for finger in self.fingers.values():
-            finger.begin_background()
+            finger.stream.begin_background()
         end = time.monotonic() + (0.0 if background.image else background.seconds)
         while time.monotonic() < end:
             time.sleep(0.02)
@@ -217,11 +196,11 @@ class LiveSession:
         count = 0
         while not (stop is not None and stop.is_set()) and time.monotonic() < end:
             self.check()
-            if all(f.capture.ended and not f.is_fresh for f in fingers):
+            if all(f.capture.ended and not f.stream.is_fresh for f in fingers):
                 return
             with self.wake:
-                self.wake.wait_for(lambda: any(f.is_fresh for f in fingers), _WAIT)
-            batch = [finger.read(options.embedding) for finger in fingers]
+                self.wake.wait_for(lambda: any(f.stream.is_fresh for f in fingers), _WAIT)
+            batch = [finger.read() for finger in fingers]
             for reading in batch:
                 if reading is not None:
                     self.latency.add(reading.latency)

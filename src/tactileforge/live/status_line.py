@@ -29,7 +29,8 @@ class LiveStatus(Status):
     def summary(self, view: LiveSession) -> str:
         """Summary for the end of a session."""
         fingers = view.fingers.values()
-        counts = ", ".join(f"{f.name} {f.done} (skipped {f.skipped})" for f in fingers)
+        streams = [(f.name, f.stream) for f in fingers]
+        counts = ", ".join(f"{name} {s.done} (skipped {s.skipped})" for name, s in streams)
         lost = ", ".join(f"{f.name} {n}" for f in fingers if (n := f.capture.counts.reopened))
         dropped = of_drops({f.name: f.capture.drops() for f in fingers})
         p50, p99 = view.latency.percentiles(recent=False)
@@ -54,5 +55,5 @@ def stream_status(finger: SensorStream) -> str:
         words.append("contact" if reading.contact else "free   ")
     if reading.slip is not None:
         words.append("SLIP" if reading.slip else "holds")
-    words.append(f"skipped {finger.skipped}")
+    words.append(f"skipped {finger.stream.skipped}")
     return " ".join(words)

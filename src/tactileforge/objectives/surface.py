@@ -33,17 +33,14 @@ class Surface(nn.Module):
 
     def forward(self, prediction: Tensor, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
         """The loss, averaged over frames and places."""
-        errors = ((prediction.float() - self._true(batch)) / self.deviation) ** 2
+        true = displacement.coded_displacement(batch["surface"])
+        errors = ((prediction.float() - true) / self.deviation) ** 2
         return masked_mean(errors.mean((1, 2, 3, 4)), batch["surface_valid"]), {}
-
-    def _true(self, batch: Batch) -> Tensor:
-        coded: Tensor = (batch["surface"].float() - displacement.NONE) / 127
-        return coded
 
     def sums(self, prediction: Tensor, batch: Batch) -> Tensor:
         """Moments of each axis, float64 (4, 3); see `contracts.Scored`."""
         known = batch["surface_valid"]
-        true = self._true(batch)[known].double()
+        true = displacement.coded_displacement(batch["surface"])[known].double()
         error = (prediction.detach()[known].double() - true) ** 2
         parts = (torch.ones_like(true), true, true**2, error)
         return torch.stack([part.sum((0, 1, 3, 4)) for part in parts])

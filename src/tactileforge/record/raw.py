@@ -8,8 +8,9 @@ import tarfile
 import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from tokenize import TokenError
 from typing import TypeAlias
-from zipfile import BadZipFile
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,12 @@ from tactileforge.errors import DataError
 
 #: What a member that carries raw values is called.
 _RAW = re.compile(r"raw\.(?P<name>.+)\.npz")
+
+_DAMAGE = (
+    *(ValueError, KeyError, OSError, EOFError, BadZipFile, zlib.error),
+    *(MemoryError, NotImplementedError, RuntimeError),  # a size, a method, a password that lie
+    *(ArithmeticError, SyntaxError, TokenError, TypeError),  # numpy reads headers as Python
+)
 
 #: Times, float64 (N,), and values, float32 (N, ...), of what a device gave.
 Raw: TypeAlias = tuple[NDArray[np.float64], NDArray[np.float32]]
@@ -55,11 +62,18 @@ def read_raw(path: Path) -> dict[str, Raw]:
     for name, content in shards.members(path):
         if match := _RAW.fullmatch(name):
             try:
-                with np.load(io.BytesIO(content), allow_pickle=False) as held:
-                    found[match["name"]] = (held["times"], held["values"])
-            except (ValueError, KeyError, OSError, EOFError, BadZipFile, zlib.error) as error:
+                found[match["name"]] = _arrays(content)
+            except _DAMAGE as error:
                 raise DataError(f"{path}: {name} is damaged ({error}); record it again") from error
     return found
+
+
+def _arrays(content: bytes) -> Raw:
+    with ZipFile(io.BytesIO(content)) as archive:  # ours are not compressed: no byte is many
+        if (size := sum(member.file_size for member in archive.infolist())) > len(content):
+            raise ValueError(f"{len(content)} bytes that state to be {size}")
+    with np.load(io.BytesIO(content), allow_pickle=False) as held:
+        return held["times"], held["values"]
 
 
 def merge_raw(paths: Sequence[Path]) -> dict[str, Raw]:

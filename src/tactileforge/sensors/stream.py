@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Frame, SensorSpec
 from tactileforge.errors import SensorError, TactileForgeError
+from tactileforge.sensors.continuity import Arrival, Continuity
 from tactileforge.sensors.framing import Parser
 from tactileforge.sensors.links import Link
 
@@ -45,6 +46,7 @@ class StreamSensor(ABC):
         spec: What it gives.
         address: Which device is open; "" while none is.
         parser: Of the open connection, with its counters; None before the first.
+        continuity: Of the open connection, with the packets that jumped.
     """
 
     spec: SensorSpec
@@ -52,6 +54,8 @@ class StreamSensor(ABC):
     def __init__(self) -> None:
         self.address = ""
         self.parser: Parser | None = None
+        self.continuity = Continuity(self.follows)
+        self._before: dict[str, int] = {}  # drops of earlier connections
         self._link: Link | None = None
         self._frames: deque[Frame] = deque()
         self._stamper = Stamper(0.0)
@@ -76,6 +80,15 @@ class StreamSensor(ABC):
             ValueError: The packet cannot be true; it is counted as bad.
         """
 
+    def follows(self, before: Arrival | None, after: Arrival) -> bool:
+        """Whether a packet can come right after another; see `Continuity`.
+
+        Args:
+            before: The last one; None where there is none.
+            after: The new one.
+        """
+        return True
+
     def start(self, link: Link) -> None:  # noqa: B027  a driver may override it
         """Tells the device to send; most need no request."""
 
@@ -87,8 +100,10 @@ class StreamSensor(ABC):
 
     @property
     def drops(self) -> dict[str, int]:
-        """Packets that were dropped since it was opened, by reason, for the summary."""
-        return {"implausible": 0 if self.parser is None else self.parser.bad}
+        """Packets that were dropped, by reason, also before it was opened again."""
+        bad = 0 if self.parser is None else self.parser.bad
+        now = {"implausible": bad, "jumped": self.continuity.jumps}
+        return {reason: count + self._before.get(reason, 0) for reason, count in now.items()}
 
     def set_rate(self, fps: float) -> None:
         """Sets the measured packet rate, 1/s."""
@@ -109,7 +124,9 @@ class StreamSensor(ABC):
         self.close()
         link = self.connect()
         self._link, self.address = link, link.address
+        self._before = self.drops
         self.parser = self.new_parser()
+        self.continuity = Continuity(self.follows)
         self._stamper = Stamper(1 / self.spec.fps)
         try:
             self.start(link)
@@ -151,7 +168,8 @@ class StreamSensor(ABC):
                 parser.good -= 1
                 parser.bad += 1
                 continue
-            self._frames.append(Frame(array=array, time=taken, raw=raw))
+            new = Arrival(payload, Frame(array=array, time=taken, raw=raw))
+            self._frames.extend(one.frame for one in self.continuity.take(new))
 
     def _silence(self, parser: Parser, timeout: float) -> str:
         fix = "is it on, and does it send by itself?"

@@ -1,5 +1,6 @@
 import multiprocessing
 import pickle
+import struct
 from collections.abc import Callable
 from pathlib import Path
 
@@ -374,3 +375,57 @@ def test_public_videos(realdata: Path, name: str, count: int, fps: float) -> Non
     np.testing.assert_allclose(frames.times, np.arange(count) / fps, atol=1e-6)
     for i in np.random.default_rng(1).integers(0, count, 12):
         np.testing.assert_array_equal(frames.read([int(i)])[0], truth[i])
+
+
+def avi(width: int, height: int, announced: int) -> bytes:
+    """A motion JPEG of three pictures whose headers state what is given; they hold 64 x 48."""
+
+    def chunk(kind: bytes, content: bytes) -> bytes:
+        return kind + struct.pack("<I", len(content)) + content + b"\0" * (len(content) % 2)
+
+    coded = cv2.imencode(".jpg", np.zeros((*SIZE, 3), np.uint8))[1].tobytes()
+    place = coded.index(b"\xff\xc0") + 5  # start of frame: height and width
+    coded = coded[:place] + struct.pack(">HH", height, width) + coded[place + 4 :]
+    main = struct.pack("<14I", 50_000, 0, 0, 16, announced, 0, 1, 0, width, height, 0, 0, 0, 0)
+    numbers = (0, 0, 0, 1, 20, 0, announced, 0, 2**32 - 1, 0)
+    stream = b"vidsMJPG" + struct.pack("<10I4H", *numbers, 0, 0, 0, 0)
+    picture = struct.pack("<IiiHH4s5I", 40, width, height, 1, 24, b"MJPG", 0, 0, 0, 0, 0)
+    header = chunk(b"LIST", b"strl" + chunk(b"strh", stream) + chunk(b"strf", picture))
+    header = chunk(b"LIST", b"hdrl" + chunk(b"avih", main) + header)
+    movie, places = b"movi", b""
+    for _ in range(3):
+        places += b"00dc" + struct.pack("<III", 16, len(movie), len(coded))
+        movie += chunk(b"00dc", coded)
+    return chunk(b"RIFF", b"AVI " + header + chunk(b"LIST", movie) + chunk(b"idx1", places))
+
+
+def test_a_video_of_too_many_frames_is_refused_before_one_is_read(
+    tmp_path: Path, count_calls: dict[str, int]
+) -> None:
+    path = tmp_path / "long.avi"
+    path.write_bytes(avi(64, 48, 3))
+    assert len(VideoFrames(path)) == 3
+    path.write_bytes(avi(64, 48, 2**31 - 1))
+    with pytest.raises(DataError, match=r"long\.avi: a video of 2,147,483,647 frames"):
+        VideoFrames(path)
+    assert count_calls["grab"] == 0
+
+
+def test_a_video_that_hides_how_many_frames_it_has_is_stopped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_video(tmp_path / "a.mkv", 12, "MJPG")
+    monkeypatch.setattr(video, "MAX_FRAMES", 10)
+    with pytest.raises(DataError, match=r"a\.mkv: a video of 1\d frames, where 10 are the limit"):
+        VideoFrames(path)
+
+
+@pytest.mark.parametrize("side", [8_193, 12_000])
+def test_a_video_of_too_many_pixels_is_refused_before_one_is_decoded(
+    tmp_path: Path, side: int, count_calls: dict[str, int]
+) -> None:
+    path = tmp_path / "wide.avi"
+    path.write_bytes(avi(side, side, 3))
+    with pytest.raises(DataError, match=rf"wide\.avi: a video of {side} x {side} pixels"):
+        VideoFrames(path)
+    assert count_calls["grab"] == count_calls["retrieve"] == 0

@@ -138,3 +138,14 @@ def test_actions_per_frame(tmp_path: Path, write: Write) -> None:
     write("a.csv", "frame,what\n0,push\n")
     with pytest.raises(ConfigError, match=r"a\.csv, row 2: unknown action 'push'"):
         read_actions(table, path, 5)
+
+
+@pytest.mark.parametrize(
+    "raw",
+    [b"file,hard\na.mp4," + b"2" * 200_000, b"file,hard\na.mp4,\xff\xfe", b"\xff\xfef\0i\0l\0e\0"],
+    ids=["a cell without end", "no UTF-8", "UTF-16"],
+)
+def test_a_csv_that_is_none_is_named(tmp_path: Path, raw: bytes) -> None:
+    (tmp_path / "labels.csv").write_bytes(raw)
+    with pytest.raises(DataError, match=r"labels\.csv: not a CSV in UTF-8"):
+        read_labels(layout(), tmp_path)

@@ -97,6 +97,17 @@ def test_a_device_that_is_unplugged_is_an_error_and_works_again_when_it_is_back(
         assert numbers(read_until_silent(sensor)) == list(range(50, 60))
 
 
+def test_drops_are_counted_on_when_a_device_is_opened_again(pty):
+    sensor = wrench_sensor(port=pty.port)
+    for number in (1, 2):
+        with sensor:
+            body = bytearray(wrench_packet(5))
+            body[4] ^= 1
+            pty.write(bytes(body) + wrench_packet(6))
+            assert numbers(read_until_silent(sensor)) == [6]
+        assert sensor.drops == {"implausible": number, "jumped": 0}
+
+
 def test_a_port_that_is_taken_is_an_error(pty):
     with wrench_sensor(port=pty.port) as first:
         assert first.address.startswith("/dev/pts/")
@@ -135,7 +146,7 @@ def test_a_wrench_over_udp():
             frames = [sensor.read(), sensor.read()]
             assert frames[1].raw == pytest.approx([1, 2, 3, 4, 5, 6])
             assert (sensor.parser.good, sensor.parser.bad) == (2, 1)
-            assert sensor.drops == {"implausible": 1}
+            assert sensor.drops == {"implausible": 1, "jumped": 0}
         assert device.wait_for_driver() == b"\x00"
 
 
@@ -175,7 +186,8 @@ def test_an_array_takes_its_baseline_and_shows_what_changes(pty):
 def test_magnetometers_without_header_or_checksum_keep_all_their_values(pty):
     """Five chips of t, x, y, z as floats and a footer; what a stream of them looks like."""
     rng = random.Random(0)
-    sent = [[25.0, *(rng.uniform(-900, 900) for _ in range(3))] * 5 for _ in range(60)]
+    field = itertools.accumulate(rng.uniform(-90, 90) for _ in range(180))
+    sent = [[25.0, *itertools.islice(field, 3)] * 5 for _ in range(60)]
     packets = [struct.pack("<20f", *values) + b"\r\n" for values in sent]
     options = {"payload": "<20f", "header": "", "footer": "0d0a", "values": 4, "baseline": 0}
     places = [[1, 1], [0, 1], [1, 0], [1, 2], [2, 1]]
@@ -187,7 +199,7 @@ def test_magnetometers_without_header_or_checksum_keep_all_their_values(pty):
         frames = read_until_silent(sensor)
     assert len(frames) >= 57
     assert frames[-1].raw == pytest.approx(np.reshape(sent[-1], (5, 4)), rel=1e-6)
-    centre = np.round(128 + 127 / 900 * np.array(sent[-1][1:4]))
+    centre = np.round(128 + 127 / 900 * np.array(sent[-1][1:4])).clip(1, 255)
     assert frames[-1].array[1, 1].tolist() == centre.tolist()
 
 

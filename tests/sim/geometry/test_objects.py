@@ -1,4 +1,5 @@
 import sys
+import zipfile
 
 import numpy as np
 import pytest
@@ -6,6 +7,7 @@ import trimesh
 from PIL import Image
 
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
+from tactileforge.sim.geometry import mesh_files
 from tactileforge.sim.geometry.indenter_geometry import DEEP, REACH
 from tactileforge.sim.geometry.objects import cloud_shape, mesh_shape, picture_shape
 
@@ -195,3 +197,56 @@ def test_pictures_that_are_none(tmp_path):
     path.write_bytes(path.read_bytes()[:3000])
     with pytest.raises(DataError, match="not a readable image"):
         picture_shape(path, 0.1, 1)
+
+
+def test_a_mesh_of_too_many_bytes_is_refused_before_it_is_read(tmp_path, monkeypatch):
+    path = tmp_path / "ball.stl"
+    _sphere().export(path)
+    monkeypatch.setattr(mesh_files, "MAX_BYTES", path.stat().st_size - 1)
+    monkeypatch.setattr(trimesh, "load", None)  # a call would be a TypeError
+    with pytest.raises(DataError, match=r"ball\.stl: a mesh of 1\.0 MB, where 1\.0 MB"):
+        mesh_shape(path)
+
+
+def test_an_archive_counts_as_what_it_unpacks_to(tmp_path):
+    """600 MB of zeros in 600 kB; 3MF is such an archive."""
+    path = tmp_path / "bomb.3mf"
+    with (
+        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("3D/3dmodel.model", "w") as member,
+    ):
+        for _ in range(600):
+            member.write(bytes(1_000_000))
+    assert path.stat().st_size < 1_000_000
+    with pytest.raises(DataError, match=r"bomb\.3mf: a mesh of 600\.6 MB"):
+        mesh_shape(path)
+
+
+def test_too_many_faces_and_points_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(mesh_files, "MAX_PARTS", 20_479)
+    with pytest.raises(DataError, match="globe: 20,480 faces, where 20,479 are the limit"):
+        mesh_shape(_sphere(), name="globe")
+    monkeypatch.setattr(mesh_files, "MAX_PARTS", 999)
+    with pytest.raises(DataError, match="cloud: 1,000 points"):
+        cloud_shape(_cloud(1000))
+
+
+def test_a_header_that_states_more_points_than_the_file_has_is_refused(tmp_path):
+    path = tmp_path / "scan.npy"
+    np.save(path, _cloud(9))
+    raw = path.read_bytes()
+    for count in (b"(10, 3)", b"(10**9", b"(999999999999, 3)", b"(9999999999999999999999, 3)"):
+        lie = raw.replace(b"(9, 3), }" + b" " * len(count), count + b", }" + b" " * 8)
+        assert lie != raw
+        path.write_bytes(lie)
+        with pytest.raises(DataError, match=r"scan\.npy: not an array of numbers"):
+            cloud_shape(path)
+
+
+@pytest.mark.parametrize("faces", [10**7, 10**12])
+def test_a_mesh_whose_header_lies_is_refused(tmp_path, faces):
+    path = tmp_path / "lie.ply"
+    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {faces}\nproperty float x\n"
+    path.write_bytes(f"{head}property float y\nproperty float z\nend_header\n".encode())
+    with pytest.raises(DataError, match=r"lie\.ply: not a mesh"):
+        mesh_shape(path)

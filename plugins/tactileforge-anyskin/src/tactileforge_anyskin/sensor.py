@@ -53,6 +53,7 @@ class AnySkin(SerialArray):
         positions: Row and column of each magnetometer in the picture, in the order of the packet.
         shape: Rows and columns of the picture.
         span: Change of the field that is full colour, microtesla.
+        rate: Largest change of the field, microtesla a second; see `SerialArray`.
         baseline: Packets whose median is the field without contact, taken when it is opened.
         usb: Vendor and product of the board, for example ``2341:8057``, to find the port by.
         serial_number: Of the board, to find the port by.
@@ -78,6 +79,7 @@ class AnySkin(SerialArray):
         positions: Sequence[Sequence[float]] = PLACES,
         shape: Sequence[int] = (3, 3),
         span: float = 500.0,
+        rate: float | None = None,
         baseline: int = 30,
         usb: str = "",
         serial_number: str = "",
@@ -93,6 +95,7 @@ class AnySkin(SerialArray):
             channels=(1, 2, 3),
             positions=positions,
             span=span,
+            rate=rate,
             baseline=baseline,
             fps=self.spec.fps,
             baudrate=115200,

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import json
 import re
+import sys
+from array import array
 from typing import Any
 
 from tactileforge.errors import ConfigError
 
 
 class Ros2:
-    """Publishes ``/tactile/NAME/wrench`` and ``/tactile/NAME/json``.
+    """Publishes ``/tactile/NAME/wrench``, ``/tactile/NAME/embedding`` and ``/tactile/NAME/json``.
+
+    A vector is an image of one row, 32FC1: the common message that has a stamp and an array.
 
     Args:
         node: Name of the node.
@@ -34,6 +38,7 @@ class Ros2:
         try:
             import geometry_msgs.msg
             import rclpy
+            import sensor_msgs.msg
             import std_msgs.msg
         except ImportError as error:
             fix = "source /opt/ros/DISTRO/setup.bash, with the Python that it is built for"
@@ -41,6 +46,7 @@ class Ros2:
         self.close()
         self._types = {
             "wrench": geometry_msgs.msg.WrenchStamped,
+            "embedding": sensor_msgs.msg.Image,
             "json": std_msgs.msg.String,
         }
         self._context = rclpy.Context()
@@ -60,15 +66,26 @@ class Ros2:
         text = self._types["json"]()
         text.data = json.dumps(message)
         self._topic(sensor, "json").publish(text)
-        if message.get("force") is None:
-            return
-        wrench = self._types["wrench"]()
-        wrench.header.frame_id = sensor
+        if message.get("force") is not None:
+            wrench = self._stamped("wrench", message)
+            force = wrench.wrench.force
+            force.x, force.y, force.z = map(float, message["force"])
+            self._topic(sensor, "wrench").publish(wrench)
+        if message.get("embedding") is not None:
+            vector = array("f", message["embedding"])
+            image = self._stamped("embedding", message)
+            image.height, image.width, image.encoding = 1, len(vector), "32FC1"
+            image.is_bigendian, image.step = int(sys.byteorder == "big"), 4 * len(vector)
+            image.data = vector.tobytes()
+            self._topic(sensor, "embedding").publish(image)
+
+    def _stamped(self, what: str, message: dict[str, Any]) -> Any:
+        """A message of a type, with the time and the name of the sensor."""
+        made = self._types[what]()
+        made.header.frame_id = str(message["sensor"])
         seconds, nano = divmod(round(message["unix"] * 1e9), 10**9)
-        wrench.header.stamp.sec, wrench.header.stamp.nanosec = seconds, nano
-        force = wrench.wrench.force
-        force.x, force.y, force.z = map(float, message["force"])
-        self._topic(sensor, "wrench").publish(wrench)
+        made.header.stamp.sec, made.header.stamp.nanosec = seconds, nano
+        return made
 
     def close(self) -> None:
         """Ends the node; a second call does nothing."""

@@ -21,6 +21,7 @@ class FlexiTac(SerialArray):
         rows: Of taxels.
         columns: Of taxels.
         span: Change that is full colour, counts of 255.
+        rate: Largest change of a taxel, counts a second; see `SerialArray`.
         baseline: Packets whose median is the pad without contact, taken when it is opened.
         baudrate: Bits a second.
         usb: Vendor and product of the board, for example ``1a86:55d3``, to find the port by.
@@ -47,6 +48,7 @@ class FlexiTac(SerialArray):
         rows: int = 12,
         columns: int = 32,
         span: float = 100.0,
+        rate: float | None = None,
         baseline: int = 30,
         baudrate: int = 2_000_000,
         usb: str = "",
@@ -61,6 +63,7 @@ class FlexiTac(SerialArray):
             payload=f"{rows * columns}B",
             header="aa55",
             span=span,
+            rate=rate,
             baseline=baseline,
             fps=self.spec.fps,
             baudrate=baudrate,

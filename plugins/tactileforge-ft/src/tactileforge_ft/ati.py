@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from urllib.error import URLError
 from urllib.request import ProxyHandler, build_opener
@@ -18,7 +19,9 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Frame, SensorSpec
 from tactileforge.errors import SensorError
+from tactileforge.sensors.continuity import Arrival
 from tactileforge.sensors.drivers.force_torque import ForceTorque
+from tactileforge.sensors.framing import Parser
 from tactileforge.sensors.links import Link
 
 #: Commands of a request.
@@ -32,6 +35,8 @@ TORQUES = {"nm": 1.0, "nmm": 1e-3, "knm": 1e3, "kgfcm": 0.0980665}
 TORQUES |= {"lbfin": 0.1129848290276167, "lbfft": 1.3558179483314004}
 _PAGE_BYTES = 1 << 20
 _WRAP = 1 << 32
+#: Records that may be lost in a row, or come too late, before the next must bear a number out.
+NEAR = 16
 
 
 def request(command: int, count: int = 0) -> bytes:
@@ -67,13 +72,15 @@ class AtiNetFT(ForceTorque):
     """An ATI Net F/T, whose forces and torques are passed on in N and N m.
 
     Records that are lost on the way are counted, and one that comes twice or too late is dropped. A
-    record whose status is an error is dropped too: its numbers do not count.
+    record whose status is an error is dropped too: its numbers do not count. One whose number is
+    more than `NEAR` ahead, or whose force jumps, is dropped unless the next goes on from it.
 
     Args:
         host: Name or number of the device.
         port: Its port for raw data transfer.
         bias: Whether what it shows when it is opened becomes zero.
         http_port: Port of its web pages.
+        most: Largest force (N) and torque (N m) that can be true.
 
     Attributes:
         missed: Records that were sent and did not come, since it was opened.
@@ -96,12 +103,14 @@ class AtiNetFT(ForceTorque):
         port: int = 49152,
         bias: bool = False,
         http_port: int = 80,
+        most: Sequence[float] = (10_000.0, 1_000.0),
     ) -> None:
-        super().__init__(port=f"{host}:{port}", link="udp", payload=">3I6i", fps=self.spec.fps)
+        super().__init__(
+            port=f"{host}:{port}", link="udp", payload=">3I6i", most=most, fps=self.spec.fps
+        )
         self.page = f"http://{host}:{http_port}/netftapi2.xml"
         self.bias = bias
-        self.missed = self.status = 0
-        self._last: int | None = None
+        self.missed = self.status = self._errors = 0
 
     def connect(self) -> Link:
         """Reads what a count is, and opens the way for the records.
@@ -113,8 +122,7 @@ class AtiNetFT(ForceTorque):
         self.scale = np.repeat([found.force, found.torque], 3)
         if found.rate:
             self.spec = replace(self.spec, fps=found.rate)
-        self.missed = self.status = 0
-        self._last = None
+        self.missed = self.status = self._errors = 0
         return super().connect()
 
     def start(self, link: Link) -> None:
@@ -133,15 +141,34 @@ class AtiNetFT(ForceTorque):
         Raises:
             ValueError: Its status is an error, or one as new has come already.
         """
-        number, _, status = struct.unpack_from(">3I", payload)
-        ahead = 1 if self._last is None else (number - self._last) % _WRAP
-        if not 0 < ahead < _WRAP // 2:
+        status: int = struct.unpack_from(">I", payload, 8)[0]
+        last = self.continuity.last
+        if last is not None and (_number(last.payload) - _number(payload)) % _WRAP < NEAR:
             raise ValueError("a record that came already, or too late")
-        self.missed += ahead - 1
-        self._last, self.status = number, status
+        self.status = status
         if status & ERROR:
+            self._errors += 1
             raise ValueError(f"status 0x{status:08x}")
         return super().wrench(payload)
+
+    def follows(self, before: Arrival | None, after: Arrival) -> bool:
+        """Whether its number is one of the next; a stream begins with 1."""
+        last = 0 if before is None else _number(before.payload)
+        is_next = 0 < (_number(after.payload) - last) % _WRAP <= NEAR
+        return is_next and (before is None or self.is_smooth(before, after))
+
+    def take(self, parser: Parser, data: bytes) -> None:
+        """Takes a datagram, and counts the records that are missing before it."""
+        before, count = self.continuity.last, len(self._frames)
+        super().take(parser, data)
+        last = self.continuity.last
+        if last is None or last is before:
+            return
+        if before is not None:
+            ahead = (_number(last.payload) - _number(before.payload)) % _WRAP
+            came = len(self._frames) - count + self._errors
+            self.missed += max(0, ahead - came) if ahead < _WRAP // 2 else 0
+        self._errors = 0
 
     def read(self, timeout: float = 1.0) -> Frame:
         """The next record; see `StreamSensor.read`.
@@ -158,6 +185,11 @@ class AtiNetFT(ForceTorque):
                 f"{self.address}: its records say status 0x{self.status:08x}, an error; look it up "
                 "under status code in its manual"
             ) from error
+
+
+def _number(payload: bytes) -> int:
+    number: int = struct.unpack_from(">I", payload)[0]
+    return number
 
 
 def fetch(page: str, timeout: float = 3.0) -> str:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from tactileforge.data.frames.crop import Crop, Cropped, check_range
 from tactileforge.errors import DataError, DataNotFoundError
+from tactileforge.untrusted import MAX_PIXELS
 
 VIDEO_SUFFIXES = frozenset({".avi", ".gif", ".m4v", ".mkv", ".mov", ".mp4", ".mpg", ".ts", ".webm"})
 
@@ -30,6 +31,8 @@ _MISSING = 0.05
 _MAX_OPEN = 8
 #: OpenCV looks for a key frame at least this many frames before the one it seeks.
 _SEEK_MARGIN = 16
+#: Frames of a video: 38 hours at 30 a second.
+MAX_FRAMES = 1 << 22
 
 _HINT = "download it again, or convert it: ffmpeg -i IN -c:v libx264 OUT.mp4"
 
@@ -51,7 +54,8 @@ class VideoFrames(Cropped):
 
     Raises:
         DataNotFoundError: There is no such file.
-        DataError: It is no video, is truncated, or the crop lies outside its frames.
+        DataError: It is no video, is truncated, has more pixels than `untrusted.MAX_PIXELS` or more
+            frames than `MAX_FRAMES`, or the crop lies outside its frames.
     """
 
     def __init__(self, path: str | Path, crop: Crop | None = None) -> None:
@@ -221,11 +225,14 @@ def _index(path: str) -> _Index:
     )
     rate = float(capture.get(cv2.CAP_PROP_FPS))
     announced = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+    _check_size(path, shape, announced)
     capture.set(cv2.CAP_PROP_FORMAT, -1)  # packets as they are, not decoded
     packets = []
     while capture.grab():
         is_key = capture.get(cv2.CAP_PROP_LRF_HAS_KEY_FRAME)
         packets.append((capture.get(cv2.CAP_PROP_POS_MSEC) / 1000, is_key))
+        if len(packets) > MAX_FRAMES:
+            _check_size(path, shape, len(packets))
     if not packets:
         raise DataError(f"{path}: a video without frames; {_HINT}")
     _check_complete(Path(path), announced, len(packets))
@@ -236,6 +243,20 @@ def _index(path: str) -> _Index:
         times, keys = np.arange(len(times)) / rate, keys[:0]
     start = float(times[0])
     return _Index(shape, rate, start, times - start, keys, (stat.st_size, stat.st_mtime_ns))
+
+
+def _check_size(path: str, shape: tuple[int, int], frames: int) -> None:
+    height, width = shape
+    if height * width > MAX_PIXELS or min(shape) < 1:
+        raise DataError(
+            f"{path}: a video of {width} x {height} pixels, where 1 to {MAX_PIXELS:,} in all are "
+            "read; make it smaller: ffmpeg -i IN -vf scale=640:-2 OUT.mp4"
+        )
+    if frames > MAX_FRAMES:
+        raise DataError(
+            f"{path}: a video of {frames:,} frames, where {MAX_FRAMES:,} are the limit; cut it "
+            "into parts: ffmpeg -i IN -f segment -segment_time 3600 -c copy OUT%03d.mp4"
+        )
 
 
 def _check_complete(path: Path, announced: int, counted: int) -> None:

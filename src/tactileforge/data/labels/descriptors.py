@@ -132,7 +132,7 @@ def contact_descriptors(surface: Tensor) -> Tensor:
     Returns:
         float (B, 36).
     """
-    coded = (surface[:, [0, -1]].float() - displacement.NONE) / 127
+    coded = displacement.coded_displacement(surface[:, [0, -1]])
     first, last = _contact(displacement.displacement_mm(coded)).unbind(1)
     return torch.cat([last, last - first], dim=1)
 

@@ -49,6 +49,11 @@ def decode_displacement(image: NDArray[np.uint8]) -> NDArray[np.float32]:
     return out
 
 
+def coded_displacement(images: Tensor) -> Tensor:
+    """Coded displacements from -1 to 1, float, of images of `encode_displacement`."""
+    return (images.float() - NONE) / 127
+
+
 def displacement_mm(coded: Tensor) -> Tensor:
     """Displacements in mm, float (..., 3, H, W), of coded ones from -1 to 1, of the same shape."""
     return coded * coded.abs() * coded.new_tensor(RANGE_MM).view(3, 1, 1)

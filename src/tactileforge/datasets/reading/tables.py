@@ -169,6 +169,13 @@ def _read(path: Path, needed: list[str], whole: bool = False) -> list[tuple[str,
     """Place and cells of each row of a CSV; ``whole`` if a row must not be skipped in silence."""
     if not path.is_file():
         raise DataNotFoundError(f"{path}: no such CSV; correct the layout, or add the file")
+    try:
+        return _rows(path, needed, whole)
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise DataError(f"{path}: not a CSV in UTF-8 ({error}); save it as one") from error
+
+
+def _rows(path: Path, needed: list[str], whole: bool) -> list[tuple[str, dict[str, str]]]:
     with path.open(newline="", encoding="utf-8-sig") as file:
         reader = csv.DictReader(file, restval="", skipinitialspace=True)
         header = reader.fieldnames or []

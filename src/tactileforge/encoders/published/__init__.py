@@ -21,7 +21,7 @@ from tactileforge import registry
 from tactileforge.encoders.backbone import Backbone
 from tactileforge.encoders.plain_vit import PlainViT
 from tactileforge.encoders.published import anytouch, clip, sparsh, t3, tvl, unitouch
-from tactileforge.encoders.published.anytouch import force_head
+from tactileforge.encoders.published.anytouch import class_head, force_head
 from tactileforge.encoders.published.files import read_tensors
 from tactileforge.encoders.published.layout import (
     ConversionPlan,
@@ -38,6 +38,7 @@ __all__ = [
     "LAYOUTS",
     "Converted",
     "WeightLayout",
+    "class_head",
     "convert",
     "force_head",
     "read_tensors",
@@ -53,6 +54,8 @@ LAYOUTS: tuple[WeightLayout, ...] = (
     tvl.LAYOUT,
     *clip.LAYOUTS,
 )
+#: Tensors that tell a head for classes.
+_CLASS_HEADS = {"head.weight", "head.probe.0.weight"}
 _CLASSES: dict[str, type[Backbone]] = {"tactile_vit": TactileViT, "plain_vit": PlainViT}
 
 
@@ -67,6 +70,7 @@ class Converted:
         unused: Why tensors of the file are not needed -> their names.
         head: The published force head, if the file has one: what
             ``tactileforge.heads.force.ForceDecoder(width, 1, 16)`` loads, strictly.
+        probe: The published head for classes, if it has one, see `class_head`.
     """
 
     name: str
@@ -74,6 +78,7 @@ class Converted:
     state: dict[str, Tensor]
     unused: dict[str, list[str]]
     head: dict[str, Tensor] | None = None
+    probe: dict[str, Tensor] | None = None
 
     @property
     def report(self) -> str:
@@ -150,16 +155,28 @@ def convert(state: State, options: Mapping[str, Any] | None = None) -> Converted
         unused[why].append(key)
     unexpected = unused.pop(None, [])
     missing = [prefix + key for key in used - inner.keys()]
+    _refuse_other_numbers(layout, {prefix + key: inner[key] for key in used & inner.keys()})
     made = {} if missing else gather_tensors(plan, inner)
     _refuse(layout, missing, unexpected, [] if missing else _wrong(plan, made))
-    has_head = {"head.pooler.query_tokens", "head.probe.2.weight"} <= state.keys()
+    is_anytouch = layout.name.startswith("anytouch")
+    has_head = is_anytouch and {"head.pooler.query_tokens", "head.probe.2.weight"} <= state.keys()
+    has_probe = is_anytouch and not has_head and bool(_CLASS_HEADS & state.keys())
     return Converted(
         layout.name,
         {"name": plan.encoder, **plan.options},
         made,
         {why: names for why, names in unused.items() if why},
         force_head(state) if has_head else None,
+        class_head(state) if has_probe else None,
     )
+
+
+def _refuse_other_numbers(layout: WeightLayout, state: State) -> None:
+    """Raises a ConfigError where weights are whole or complex numbers."""
+    strange = [f"{key} ({x.dtype})" for key, x in state.items() if not x.is_floating_point()]
+    if strange:
+        names = first_names(sorted(strange))
+        raise ConfigError(f"not a {layout.title} file: weights are real numbers, not {names}")
 
 
 def _wrong(plan: ConversionPlan, made: dict[str, Tensor]) -> list[str]:

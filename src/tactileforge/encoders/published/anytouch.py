@@ -93,6 +93,7 @@ def _anytouch1(state: State) -> ConversionPlan:
     return plan
 
 
+_QUERIES = "head.pooler.query_tokens"
 _HEAD = {
     "pooler.norm1": "head.pooler.cross_attention_block.norm1",
     "pooler.q": "head.pooler.cross_attention_block.xattn.q",
@@ -117,17 +118,39 @@ def force_head(state: State) -> dict[str, Tensor]:
     Raises:
         ConfigError: Tensors of the head are missing, or left over; names them.
     """
-    keys: Keys = {"pooler.queries": "head.pooler.query_tokens", **norms(_HEAD)}
+    keys: Keys = {"pooler.queries": _QUERIES, **norms(_HEAD)}
+    return _head(keys, state, "the force head of AnyTouch 2")
+
+
+def _head(keys: Keys, state: State, what: str) -> dict[str, Tensor]:
     theirs = {key: tensor for key, tensor in state.items() if key.startswith("head.")}
     missing = sorted(set(source_keys(keys)) - theirs.keys())
     unexpected = sorted(theirs.keys() - set(source_keys(keys)))
     if missing or unexpected:
         raise ConfigError(
-            "not the force head of AnyTouch 2; missing: "
-            f"{first_names(missing) or 'nothing'}; "
-            f"unexpected: {first_names(unexpected) or 'nothing'}"
+            f"not {what}; missing: {first_names(missing) or 'nothing'}; unexpected: "
+            f"{first_names(unexpected) or 'nothing'}"
         )
     return gather_tensors(ConversionPlan("", {}, keys), theirs)
+
+
+def class_head(state: State) -> dict[str, Tensor]:
+    """The head of an AnyTouch 2 checkpoint that names classes, under the names of ours.
+
+    `heads.published.PublishedProbe` loads what has a pooler (Cloth), `heads.classify.ClassifyHead`
+    what is linear in the projected class token (Touch and Go).
+
+    Args:
+        state: Tensors of the file; those below ``head.`` are read.
+
+    Raises:
+        ConfigError: Tensors of the head are missing, or left over; names them.
+    """
+    keys: Keys = norms({"linear": "head"})
+    if _QUERIES in state:
+        names = {key: value for key, value in _HEAD.items() if not key.startswith("probe")}
+        keys = {"pooler.queries": _QUERIES, **norms({**names, "linear": "head.probe.0"})}
+    return _head(keys, state, "the head of AnyTouch 2 for classes")
 
 
 _MARKS = {"sensor_token": (None, None, None), "touch_projection.weight": (None, None)}

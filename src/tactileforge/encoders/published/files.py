@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import pickle
 import zipfile
+from collections import OrderedDict
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -20,9 +22,6 @@ _CONTAINERS = ("state_dict", "model", "model_state_dict")
 #: schedules, optimisers. A `_Leftover` stands in for each; a file with any other is refused.
 _PROGRAMS = (
     "argparse.",
-    "builtins.dict",
-    "builtins.list",
-    "builtins.set",
     "collections.",
     "lightning.",
     "lightning_fabric.",
@@ -34,6 +33,27 @@ _PROGRAMS = (
     "torch.optim.",
     "typing.",
 )
+#: Types of plain values, of which the same holds.
+_PLAIN: tuple[str, ...] = (
+    "bool",
+    "bytes",
+    "complex",
+    "dict",
+    "float",
+    "frozenset",
+    "int",
+    "list",
+    "object",
+)
+_PLAIN += ("set", "str", "tuple", "long", "unicode")
+#: What makes tensors, and nothing else: those that torch itself runs with ``weights_only``.
+_TENSORS: dict[str, Any] = {
+    "collections.OrderedDict": OrderedDict,
+    "torch.Size": torch.Size,
+    "torch.device": torch.device,
+    "torch._utils._rebuild_tensor_v2": torch._utils._rebuild_tensor_v2,
+    "torch._utils._rebuild_parameter": torch._utils._rebuild_parameter,
+}
 
 
 class _Leftover(dict[Any, Any]):
@@ -44,6 +64,46 @@ class _Leftover(dict[Any, Any]):
 
     def __setstate__(self, state: Any) -> None:
         pass
+
+    def __call__(self, *arguments: Any) -> _Leftover:
+        return _Leftover()
+
+    def append(self, item: Any) -> None:
+        """Takes an item, as a list or a set does."""
+
+    add = extend = append
+    __hash__ = object.__hash__  # type: ignore[assignment]
+
+
+class _Unpickler(pickle.Unpickler):
+    """Makes tensors, plain values and leftovers; any other name in a file is an error."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        """What stands for a name of a file."""
+        full = f"{module}.{name}"
+        if full in _TENSORS:
+            return _TENSORS[full]
+        value = getattr(torch, name, None) if module == "torch" else None
+        if isinstance(value, torch.dtype | torch.layout):
+            return value
+        is_plain = module in ("builtins", "__builtin__") and name in _PLAIN
+        is_plain |= full in ("copyreg._reconstructor", "copy_reg._reconstructor", "_codecs.encode")
+        if is_plain or full.startswith(_PROGRAMS):
+            return _Leftover
+        raise pickle.UnpicklingError(f"GLOBAL {full} is no tensor")
+
+
+class _Pickles:
+    """What `torch.load` asks of a module that reads pickles."""
+
+    __name__ = "tactileforge"
+    Unpickler = _Unpickler
+    UnpicklingError = pickle.UnpicklingError
+
+    @staticmethod
+    def load(file: Any, **options: Any) -> Any:
+        """Reads one pickle."""
+        return _Unpickler(file, **options).load()
 
 
 def read_tensors(path: str | Path) -> dict[str, Tensor]:
@@ -80,23 +140,52 @@ def _read_folder(folder: Path) -> dict[str, Tensor]:
 
 
 def _load(path: Path) -> Any:
-    if path.suffix == ".safetensors":
+    if _is_safetensors(path):
         try:
             return load_file(path)
         except (SafetensorError, ValueError) as error:
             raise DataError(f"{path} is not a whole safetensors file: {error}") from error
+    zipped = zipfile.is_zipfile(path)
+    if zipped:
+        _check_sums(path)
     try:
-        zipped = zipfile.is_zipfile(path)
-        strange = torch.serialization.get_unsafe_globals_in_checkpoint(path) if zipped else []
-        inert: list[Any] = [(_Leftover, name) for name in strange if name.startswith(_PROGRAMS)]
-        with torch.serialization.safe_globals(inert):
-            return torch.load(path, map_location="cpu", weights_only=True, mmap=zipped)
+        return torch.load(
+            path, map_location="cpu", pickle_module=_Pickles, weights_only=False, mmap=zipped
+        )
     except Exception as error:
         raise DataError(
             f"{path} cannot be read as tensors ({_short(error)}). Expected a file of torch.save "
             "with tensors and plain data, or safetensors. Nothing in it was run; if the download "
             "is whole and you trust it, save its state dict as safetensors yourself"
         ) from error
+
+
+def _is_safetensors(path: Path) -> bool:
+    """Whether a file is one by its content: a length below its own, then JSON."""
+    with path.open("rb") as file:
+        start = file.read(9)
+    length = int.from_bytes(start[:8], "little")
+    return path.suffix == ".safetensors" or (
+        start[8:] == b"{" and 2 <= length <= path.stat().st_size - 8
+    )
+
+
+def _check_sums(path: Path) -> None:
+    """Compares each part of a file of ``torch.save`` with its checksum."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names, bad = archive.namelist(), archive.testzip()
+    except (zipfile.BadZipFile, OSError, EOFError, ValueError, RuntimeError) as error:
+        raise DataError(f"{path} is damaged ({error}); download it again") from error
+    if bad is not None:
+        raise DataError(
+            f"{path} is damaged: {bad} is not what its checksum says; download it again"
+        )
+    if any(name.endswith("constants.pkl") for name in names):
+        raise DataError(
+            f"{path} cannot be read as tensors: it is a program of TorchScript. Nothing in it was "
+            "run; give the file of the weights"
+        )
 
 
 def _short(error: Exception) -> str:

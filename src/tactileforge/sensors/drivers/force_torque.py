@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import SensorSpec
 from tactileforge.errors import ConfigError
+from tactileforge.sensors.continuity import Arrival
 from tactileforge.sensors.framing import (
     Datagrams,
     Framing,
@@ -25,6 +26,8 @@ from tactileforge.sensors.stream import StreamSensor
 #: What a wrench sensor has for a picture.
 NO_PICTURE: NDArray[np.uint8] = np.zeros((0, 0, 3), np.uint8)
 _LINKS = ("serial", "udp", "tcp")
+#: The least size that is told from 0, and the largest change from packet to packet, of ``most``.
+_LEAST, _CHANGE = 1e-14, 0.1
 
 
 class ForceTorque(StreamSensor):
@@ -45,6 +48,8 @@ class ForceTorque(StreamSensor):
         covers: What the checksum is of: ``packet`` (header and payload) or ``payload``.
         request: What makes the device send, hexadecimal; "" for one that sends by itself.
         farewell: What makes it stop, hexadecimal.
+        most: Largest force (N) and torque (N m) that can be true. Where there is no checksum, a
+            packet that changes by more than a tenth of it must be borne out by the next.
         fps: Samples a second.
         baudrate: Bits a second.
         usb: Vendor and product of the USB device that the serial port belongs to.
@@ -72,6 +77,7 @@ class ForceTorque(StreamSensor):
         covers: str = "packet",
         request: str = "",
         farewell: str = "",
+        most: Sequence[float] = (10_000.0, 1_000.0),
         fps: float = 100.0,
         baudrate: int = 115200,
         usb: str = "",
@@ -81,6 +87,9 @@ class ForceTorque(StreamSensor):
             raise ConfigError(f"link={link!r}: give {', '.join(_LINKS)}")
         if len(scale) != 6:
             raise ConfigError(f"scale has {len(scale)} numbers: give six, for N and N m")
+        if len(most) != 2 or not min(most) > 0:
+            raise ConfigError(f"most={list(most)}: give a force (N) and a torque (N m) above 0")
+        self.most = np.repeat(np.array(most, np.float64), 3)
         self.port, self.link, self.baudrate, self.usb = port, link, baudrate, usb
         self.payload = payload
         self.scale = np.array(scale, np.float64)
@@ -146,7 +155,27 @@ class ForceTorque(StreamSensor):
 
     def decode(self, payload: bytes) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """An empty image, and the wrench."""
-        found = self.wrench(payload).astype(np.float32)
-        if not np.isfinite(found).all():
-            raise ValueError("a wrench that is not finite")
-        return NO_PICTURE, found
+        found = self.wrench(payload)
+        sizes = np.abs(found)
+        if not (sizes <= self.most).all():  # nor where it is no number
+            raise ValueError("a wrench that cannot be")
+        if ((sizes > 0) & (sizes < _LEAST * self.most)).any():
+            raise ValueError("a wrench of parts that are too small to be measured")
+        return NO_PICTURE, found.astype(np.float32)
+
+    def follows(self, before: Arrival | None, after: Arrival) -> bool:
+        """Whether it has changed by no more than can be; a checksum says it as well."""
+        if self.framing.checksum != "none":
+            return True
+        if before is None:
+            return False
+        return self.is_smooth(before, after)
+
+    def is_smooth(self, before: Arrival, after: Arrival) -> bool:
+        """Whether it has changed by no more than can be from packet to packet."""
+        old, new = before.frame, after.frame
+        assert old.raw is not None
+        assert new.raw is not None
+        packets = max(1.0, (new.time - old.time) * self.spec.fps)
+        change = np.abs(new.raw.astype(np.float64) - old.raw)
+        return bool((change <= _CHANGE * self.most * packets).all())

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import SensorSpec
 from tactileforge.errors import ConfigError, SensorError
+from tactileforge.sensors.continuity import Arrival
 from tactileforge.sensors.framing import Framing, PacketParser, Parser, hex_bytes, measured
 from tactileforge.sensors.links import Link, SerialLink, attached_ports
 from tactileforge.sensors.specs import spec
@@ -20,6 +21,8 @@ from tactileforge.sensors.taxels import TaxelLayout
 
 #: Seconds that the frames of a baseline may take.
 _PATIENCE = 5.0
+#: Sizes of a drawn value that can be true, in spans, other than 0, where nothing else is said.
+_LEAST, _MOST = 1e-9, 1e6
 
 
 class SerialArray(StreamSensor):
@@ -40,6 +43,9 @@ class SerialArray(StreamSensor):
         channels: Which of them are x, y and z; one alone is z. The others are kept in ``raw``.
         positions: Row and column of each taxel; None for a grid, row by row.
         span: Change of a value, of all axes or of each, that is full colour.
+        limits: Lowest and highest value that can be true; None for sizes that agree with ``span``.
+        rate: Largest change of a drawn value a second, where there is no checksum. A packet that
+            changes more must be borne out by the next; None for ``span`` a packet, 0 for no limit.
         baseline: Frames whose median is the value without contact, taken when it is opened.
         fps: Packets a second.
         baudrate: Bits a second.
@@ -78,6 +84,8 @@ class SerialArray(StreamSensor):
         channels: Sequence[int] = (0,),
         positions: Sequence[Sequence[float]] | None = None,
         span: float | Sequence[float] = 100.0,
+        limits: Sequence[float] | None = None,
+        rate: float | None = None,
         baseline: int = 30,
         fps: float = 100.0,
         baudrate: int = 115200,
@@ -90,6 +98,8 @@ class SerialArray(StreamSensor):
         self.baseline = baseline
         self.layout = TaxelLayout(shape, positions, channels, span)
         self.payload, self.values = payload, values
+        self.limits, self.rate = _ordered(limits), rate
+        self._span = np.broadcast_to(np.asarray(span, np.float64), (len(channels),))
         size = _checked(payload, self.layout.taxels, values, channels)
         self.framing = Framing(
             payload=size,
@@ -105,8 +115,29 @@ class SerialArray(StreamSensor):
         self.rest: NDArray[np.float32] = np.zeros((self.layout.taxels, values), np.float32)
 
     def plausible(self, payload: bytes) -> bool:
-        """Whether a payload is plausible: its values are finite. A driver may check more."""
-        return bool(np.isfinite(self.unpack(payload)).all())
+        """Whether values are finite and within ``limits``. A driver may check more."""
+        values = self.unpack(payload)
+        if not np.isfinite(values).all():
+            return False
+        if self.limits is not None:
+            low, high = self.limits
+            return bool(((values >= low) & (values <= high)).all())
+        sizes = np.abs(values[:, self.layout.channels]) / self._span
+        return bool(((sizes == 0) | ((sizes >= _LEAST) & (sizes <= _MOST))).all())
+
+    def follows(self, before: Arrival | None, after: Arrival) -> bool:
+        """Whether values have changed by no more than ``rate``; a checksum says it as well."""
+        if self.framing.checksum != "none" or self.rate == 0:
+            return True
+        if before is None:
+            return False
+        old, new = before.frame, after.frame
+        assert old.raw is not None
+        assert new.raw is not None
+        packets = max(1.0, (new.time - old.time) * self.spec.fps)
+        most = self._span if self.rate is None else self.rate / self.spec.fps
+        change = np.abs(new.raw.astype(np.float64) - old.raw)[:, self.layout.channels]
+        return bool((change <= most * packets).all())
 
     def unpack(self, payload: bytes) -> NDArray[np.float32]:
         """The values of a payload, float32 (taxels, values)."""
@@ -167,6 +198,14 @@ class SerialArray(StreamSensor):
         """Image and raw values of a packet."""
         values = self.unpack(payload)
         return self.layout.draw(values, self.rest), values
+
+
+def _ordered(limits: Sequence[float] | None) -> tuple[float, float] | None:
+    if limits is None:
+        return None
+    if len(limits) != 2 or not limits[0] < limits[1]:
+        raise ConfigError(f"limits={list(limits)}: give the lowest and the highest value")
+    return float(limits[0]), float(limits[1])
 
 
 def _checked(payload: str, taxels: int, values: int, channels: Sequence[int]) -> int:

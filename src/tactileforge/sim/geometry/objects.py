@@ -7,28 +7,27 @@ and its y up, and only what lies within `REACH` of the place that is touched.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from importlib import import_module
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.errors import ConfigError, DataError, DataNotFoundError
+from tactileforge.errors import ConfigError, DataError
 from tactileforge.sim.geometry.indenter_geometry import CELLS, DEEP, REACH, Shape, shape_of
+from tactileforge.sim.geometry.mesh_files import (
+    Mesh,
+    check_count,
+    existing_file,
+    load_mesh,
+    load_points,
+)
 from tactileforge.sim.geometry.sdf2d import Array, Point
 from tactileforge.untrusted import open_picture
 
 _EMPTY = -1e6
 _SAMPLES = 2_000_000
-
-
-class Mesh(Protocol):
-    """Interface of a triangle mesh, as ``trimesh`` has it."""
-
-    vertices: Any
-    faces: Any
 
 
 def mesh_shape(
@@ -49,11 +48,13 @@ def mesh_shape(
 
     Raises:
         DataNotFoundError: There is no such file.
-        DataError: The file is no mesh, or the mesh is empty or not finite.
+        DataError: The file is no mesh or larger than `mesh_files.MAX_BYTES`, or the mesh is empty,
+            not finite or of more than `mesh_files.MAX_PARTS` faces or vertices.
         ConfigError: The mesh is finer than the grid, is not at that place, or ``trimesh`` is not
             installed.
     """
-    mesh, name = _loaded(source, name)
+    mesh, name = load_mesh(source, name)
+    check_count(name, len(getattr(mesh, "faces", ())), "faces")
     faces = np.asarray(getattr(mesh, "faces", ()), dtype=np.int64).reshape(-1, 3)
     if not len(faces):
         raise DataError(f"{name}: the mesh has no faces; read a point cloud with cloud_shape")
@@ -83,16 +84,16 @@ def cloud_shape(
 
     Raises:
         DataNotFoundError: There is no such file.
-        DataError: There are no points, or they are not finite.
+        DataError: There are no points, they are not finite, or more than `mesh_files.MAX_PARTS`.
         ConfigError: The cloud is finer than the grid, is not at that place or has too few points,
             or ``trimesh`` is not installed.
     """
     if isinstance(source, np.ndarray):
         raw, name = source, name or "cloud"
     elif Path(source).suffix == ".npy":
-        raw, name = _numbers(_existing(source)), name or Path(source).stem
+        raw, name = load_points(source), name or Path(source).stem
     else:
-        cloud, name = _loaded(source, name)
+        cloud, name = load_mesh(source, name)
         raw = np.asarray(cloud.vertices)
     points = _placed(raw, name, mm_per_unit, at, spacing_mm)
     width, height = np.ptp(points[:, :2], axis=0)
@@ -122,7 +123,7 @@ def picture_shape(
         DataError: The file is no image, or is not grey.
         ConfigError: A size that is not above 0, or an image of too few pixels.
     """
-    path = _existing(path)
+    path = existing_file(path)
     if not mm_per_pixel > 0 or not range_mm > 0:
         raise ConfigError(
             f"{path}: mm_per_pixel is {mm_per_pixel:g} and range_mm {range_mm:g}: both must be "
@@ -143,45 +144,11 @@ def picture_shape(
     return _shape(name or path.stem, top, mm_per_pixel)
 
 
-def _existing(path: str | Path) -> Path:
-    if not Path(path).is_file():
-        raise DataNotFoundError(f"{path}: no such file")
-    return Path(path)
-
-
-def _numbers(path: Path) -> NDArray[Any]:
-    try:
-        return np.asarray(np.load(path, allow_pickle=False))
-    except (ValueError, EOFError, OSError) as error:
-        raise DataError(f"{path}: not an array of numbers: {error}") from error
-
-
-def _loaded(source: str | Path | Mesh, name: str | None) -> tuple[Mesh, str]:
-    """A mesh and its name, read where it is a file."""
-    if not isinstance(source, str | Path):
-        return source, name or "mesh"
-    path = _existing(source)
-    try:
-        trimesh = import_module("trimesh")
-    except ModuleNotFoundError as error:
-        raise ConfigError(
-            f"{path}: reading it needs trimesh: pip install tactileforge[mesh]"
-        ) from error
-    try:
-        mesh = trimesh.load(path)
-        if hasattr(mesh, "to_geometry"):  # a scene of several meshes
-            mesh = mesh.to_geometry()
-    except Exception as error:  # each of its readers raises its own
-        raise DataError(f"{path}: not a mesh: {type(error).__name__}: {error}") from error
-    if not len(getattr(mesh, "vertices", ())):
-        raise DataError(f"{path}: the file holds no points")
-    return mesh, name or path.stem
-
-
 def _placed(
     raw: NDArray[Any], name: str, mm_per_unit: float, at: Point, spacing_mm: float
 ) -> Array:
     """Points in mm about the place that is touched, y downwards."""
+    check_count(name, len(raw), "points")
     if raw.ndim != 2 or raw.shape[1] != 3 or not len(raw):
         raise DataError(f"{name}: points of shape {raw.shape}; give (N, 3) with N above 0")
     if not np.issubdtype(raw.dtype, np.number) or not np.isfinite(raw).all():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import warnings
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,6 +13,9 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Frame
 
+#: Longest spacing, over the one a model was trained with, that passes without a warning: a camera
+#: whose rate is no multiple of the model's is off by a third at most.
+_STRETCH = 4 / 3
 #: Frames that are kept at most, whatever the rate.
 _MOST = 512
 #: Seconds of frames that are kept beyond a clip, so that the rate can be told.
@@ -26,11 +30,13 @@ class FrameWithClip:
         number: Of the frame, counted from 1.
         frame: As the sensor gave it.
         clip: uint8 (T, h, w, 3), as the model is shown it; None while too few frames have come.
+        period: Seconds between frames; 0 before the second.
     """
 
     number: int
     frame: Frame
     clip: NDArray[np.uint8] | None
+    period: float
 
 
 class ClipBuffer:
@@ -75,18 +81,23 @@ class ClipBuffer:
             frame, number, items = self._newest, self.count, list(self._items)
         if frame is None:
             return None
-        rows = clip_rows(np.array([time for time, _ in items]), self.frames, self.spacing)
+        times = np.array([time for time, _ in items])
+        period = frame_period(times) if len(times) > 1 else 0.0
+        rows = clip_rows(times, self.frames, self.spacing, period)
         clip = None if rows is None else np.stack([items[row][1] for row in rows])
-        return FrameWithClip(number, frame, clip)
+        return FrameWithClip(number, frame, clip, period)
 
 
-def clip_rows(times: NDArray[np.float64], frames: int, spacing: float) -> list[int] | None:
+def clip_rows(
+    times: NDArray[np.float64], frames: int, spacing: float, period: float | None = None
+) -> list[int] | None:
     """Indices of the frames of the clip that ends with the last one.
 
     Args:
         times: float64 (n,), seconds, increasing.
         frames: Of a clip.
         spacing: Seconds between them.
+        period: Seconds between the frames of the camera; None takes the median of ``times``.
 
     Returns:
         Rows, oldest first; None where the frames do not reach back far enough, or have a gap.
@@ -101,12 +112,48 @@ def clip_rows(times: NDArray[np.float64], frames: int, spacing: float) -> list[i
         return [len(times) - 1]
     if len(times) < 2:
         return None
-    # the median: a lost frame or a late one does not change the rate
-    period = float(np.median(np.diff(times)))
-    step = max(1, round(spacing / period)) * period
+    period = frame_period(times) if period is None else period
+    step = clip_step(period, spacing)
     wanted = times[-1] - step * np.arange(frames - 1, -1, -1)
     away = np.abs(times[None] - wanted[:, None])
     rows = away.argmin(axis=1)
     if times[0] > wanted[0] + period / 2 or away.min(axis=1).max() > 1.01 * step:
         return None
     return [int(row) for row in rows]
+
+
+def frame_period(times: NDArray[np.float64]) -> float:
+    """Seconds between frames: the median, which a lost or a late frame does not change.
+
+    Args:
+        times: float64 (n,), at least two.
+    """
+    return float(np.median(np.diff(times)))
+
+
+def clip_step(period: float, spacing: float) -> float:
+    """Seconds between the frames of a clip: whole periods, as near to the spacing as that goes.
+
+    Example:
+        >>> clip_step(0.03, 0.0667)
+        0.06
+    """
+    return max(1, round(spacing / period)) * period
+
+
+def warn_of_slow_frames(period: float, spacing: float, frames: int, stacklevel: int = 3) -> None:
+    """Warns where frames come too seldom for clips as a model was trained on.
+
+    Args:
+        period: Seconds between the frames that come.
+        spacing: Seconds between the frames of a clip, as trained.
+        frames: Of a clip.
+        stacklevel: See `warnings.warn`.
+    """
+    if frames > 1 and clip_step(period, spacing) > _STRETCH * spacing + 1e-9:
+        warnings.warn(
+            f"frames come every {period:.3g} s, and the model was trained on frames {spacing:.3g} "
+            f"s apart: clips are {period / spacing:.1f} times as long. Record at "
+            f"{1 / spacing:.3g} frames a second or more, or measure the model on such clips",
+            stacklevel=stacklevel,
+        )

@@ -1,0 +1,56 @@
+"""From a frame to its prediction: the time of `TouchStream.push`, p50 and p99.
+
+Frames of 320 x 240 with noise and a spot that moves are pushed as fast as they are predicted, with
+times of a camera of 30 Hz. The model is ``anytouch2.tiny``; give ``--model NAME`` for others.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+import warnings
+
+import numpy as np
+import torch
+from common import save
+from live import SyntheticCamera
+
+import tactileforge
+from tactileforge.hub.model import Model
+
+
+def run(model: Model, count: int) -> dict[str, float]:
+    """Milliseconds of a push."""
+    camera = SyntheticCamera()
+    images = camera.pictures
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # forces are an estimate
+        stream = model.stream("digit", background=images[0])
+    milli = []
+    for number in range(count + 20):
+        start = time.perf_counter()
+        found = stream.push(images[number % len(images)], number / 30)
+        if number >= 20:  # a clip is there, and the weights are packed
+            assert found is not None
+            milli.append(1000 * (time.perf_counter() - start))
+    p50, p99 = np.percentile(milli, [50, 99])
+    return {"p50_ms": round(float(p50), 2), "p99_ms": round(float(p99), 2), "pushes": count}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--model", nargs="*", default=["anytouch2.tiny"], help="NAME.TAG")
+    parser.add_argument("--dtype", default="float32", help="see tactileforge.load")
+    parser.add_argument("--count", type=int, default=1000, help="pushes")
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--name", default="stream", help="of the result")
+    words = parser.parse_args()
+    torch.set_num_threads(words.threads)
+    found = {
+        name: run(tactileforge.load(name, dtype=words.dtype), words.count) for name in words.model
+    }
+    save(words.name, {"frame": "320 x 240", "dtype": words.dtype, "models": found})
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,89 @@
+"""The module that becomes a graph: an encoder, and its force head in newton."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from tactileforge.errors import ConfigError
+from tactileforge.hub.forces import views_of
+
+#: Row of a sensor that was not trained: no table reaches as far, so that a graph stops at it.
+_NOWHERE = -(2**31)
+
+
+class GraphModule(nn.Module):
+    """An encoder as a file has it: ``tokens``, ``cls`` and, with a head, ``force``.
+
+    A sensor that the encoder was not trained on is an error when the graph runs, and one without a
+    force scale has forces that are no numbers.
+
+    Args:
+        encoder: A touch encoder in eval mode.
+        head: Of the forces; None without.
+        scale: Newton per unit of the head's output along x, y and z, for each sensor.
+
+    Attributes:
+        outputs: Names of what it returns.
+    """
+
+    def __init__(
+        self,
+        encoder: Any,
+        head: nn.Module | None = None,
+        scale: Mapping[str, Sequence[float]] | None = None,
+    ) -> None:
+        super().__init__()
+        self.encoder, self.head = encoder, head
+        self.outputs = ("tokens", "cls", "force")[: 2 if head is None else 3]
+        self.frames, self.image_size = encoder.frames, encoder.image_size
+        self.sensors = sensor_rows(encoder)
+        rows = torch.full((max(self.sensors.values(), default=0) + 1,), _NOWHERE)
+        newton = torch.full((len(rows), 3), torch.nan)
+        for name, row in self.sensors.items():
+            rows[row] = row
+            if name in (scale or {}):
+                newton[row] = torch.tensor((scale or {})[name])
+        self.register_buffer("known", rows)
+        self.register_buffer("newton", newton)
+        self.known: Tensor
+        self.newton: Tensor
+        self._checks = bool(encoder.sensors) and _reads_sensors(encoder)
+
+    def forward(self, frames: Tensor, background: Tensor, sensor: Tensor) -> tuple[Tensor, ...]:
+        """Tokens (B, L, width), vectors (B, projected), and forces (B, T - 1, 3), N.
+
+        Args:
+            frames: uint8 (B, T, 3, H, W), RGB, oldest first.
+            background: uint8 (B, 3, H, W).
+            sensor: int64 (B,), rows of the sensor table.
+        """
+        sensor = self.known[sensor] if self._checks else sensor
+        tokens, cls = self.encoder(frames, background, sensor)
+        if self.head is None:
+            return tokens, cls
+        force = self.head(views_of(self.encoder, tokens, cls), {}).force
+        return tokens, cls, force * self.newton[sensor][:, None]
+
+
+def sensor_rows(encoder: Any) -> dict[str, int]:
+    """Rows that an encoder was trained on, by sensor, and the universal one."""
+    universal = getattr(encoder, "universal", None)
+    return dict(encoder.sensors) | ({} if universal is None else {"universal": universal})
+
+
+def _reads_sensors(encoder: Any) -> bool:
+    table = getattr(encoder, "sensor_table", None)
+    return table is not None or len(getattr(encoder, "stems", ())) > 1
+
+
+def check_float32(encoder: nn.Module) -> None:
+    """Raises a ConfigError where weights were rounded: a file is made of the original."""
+    dtypes = {x.dtype for x in encoder.state_dict().values() if x.dtype != torch.int64}
+    if dtypes - {torch.float32}:
+        raise ConfigError(
+            "export takes float32 weights: load the model without dtype=; int8=true makes int8"
+        )

@@ -1,0 +1,237 @@
+"""An encoder with its preprocessing: clips in, vectors and tokens out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
+from itertools import chain
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from tactileforge.errors import ConfigError
+from tactileforge.hub.cards import Card
+from tactileforge.hub.header import Header
+from tactileforge.hub.inputs import ClipInputs, Images, prepare_clips
+from tactileforge.hub.packed_linear import PackedLinears
+from tactileforge.hub.sensor_rows import Policy, name_each, row_each, takes_any_sensor
+from tactileforge.hub.taps import Tap, check_tap, is_plain, read_tap
+
+
+class FeatureModel(nn.Module):
+    """The part of `hub.model.Model` that encodes clips; see there for arguments and attributes."""
+
+    def __init__(
+        self,
+        encoder: Any,
+        header: Header,
+        card: Card | None = None,
+        device: str | torch.device = "cpu",
+        heads: Mapping[str, nn.Module] | None = None,
+    ) -> None:
+        super().__init__()
+        self.encoder = encoder
+        self.header = header
+        self.card = card
+        self.heads = nn.ModuleDict(dict(heads or {}))
+        self.frames: int = encoder.frames
+        self.projected: int = encoder.projected
+        if hasattr(encoder, "unknown_sensor"):
+            encoder.unknown_sensor = "error"  # the policy is an argument of `encode`
+        self._any_sensor = takes_any_sensor(encoder)
+        self._packed = PackedLinears()
+        self.to(check_device(device)).eval()
+
+    @property
+    def device(self) -> torch.device:
+        """Where it computes."""
+        first = next(chain(self.encoder.parameters(), self.encoder.buffers()), torch.empty(0))
+        return first.device
+
+    @property
+    def sensors(self) -> list[str]:
+        """Sensors that it was trained on; empty where it ignores the sensor type."""
+        return [] if self._any_sensor else list(self.encoder.sensors)
+
+    @property
+    def spacing(self) -> float:
+        """Seconds between the frames of a clip; 0 for one frame."""
+        return self.header.spacing
+
+    @property
+    def recipe(self) -> dict[str, Any]:
+        """The resolved recipe that trained it; empty for imported weights."""
+        return self.header.recipe
+
+    def __repr__(self) -> str:
+        size = sum(p.numel() for p in self.encoder.parameters()) / 1e6
+        return (
+            f"Model({self.header.name or self.header.encoder['name']}: {size:.1f} M parameters, "
+            f"{self.frames} frames {self.spacing:.3g} s apart, vectors of {self.projected})"
+        )
+
+    def forward(
+        self,
+        frames: Images,
+        background: Images | str | None = None,
+        sensor: str | Sequence[str] | None = None,
+        *,
+        tap: Tap = "projected",
+        unknown_sensor: Policy = "error",
+    ) -> Tensor:
+        """Encodes clips at once, with gradients where they are enabled: ``model(clips, ...)``.
+
+        Args:
+            frames: See `encode`.
+            background: See `encode`.
+            sensor: See `encode`.
+            tap: See `features`.
+            unknown_sensor: See `encode`.
+
+        Returns:
+            As `features`, float32.
+
+        Raises:
+            DataError: See `encode`.
+            ConfigError: See `features`.
+        """
+        check_tap(self.encoder, tap)
+        x, still, single = self._prepare(frames, background)
+        rows = self._rows(self._names(sensor, len(x)), unknown_sensor)
+        out = self._read(tap, x, still, rows).float()
+        return out[0] if single else out
+
+    def encode(
+        self,
+        frames: Images,
+        background: Images | str | None = None,
+        sensor: str | Sequence[str] | None = None,
+        *,
+        unknown_sensor: Policy = "error",
+        batch_size: int = 32,
+    ) -> Tensor:
+        """Encodes each clip as one vector.
+
+        Args:
+            frames: uint8, RGB, oldest first, of any size: one clip (T, H, W, 3) or (T, 3, H, W), or
+                a batch with B in front. numpy or torch. One image, (H, W, 3), (3, H, W) or a batch
+                with one frame a clip, is shown in all T places, as the authors do.
+            background: A frame without contact of the same recording, of the frames' size: one,
+                or one a clip. ``"first"`` takes the first frame of each clip, ``"none"`` subtracts
+                nothing. May be left out only where the model uses none.
+            sensor: Name of the sensor, or one name a clip; ``"universal"`` takes the universal
+                tokens. May be left out where the model knows one sensor, or none.
+            unknown_sensor: ``error``, or ``universal`` to take the universal tokens, and warn.
+            batch_size: Clips that are computed at once.
+
+        Returns:
+            float32 (projected,), or (B, projected) for a batch, on the model's device.
+
+        Raises:
+            DataError: Frames or background are not what the model takes; says both.
+            ConfigError: No background, no such sensor, or a batch size below 1.
+        """
+        return self.features(
+            frames,
+            background,
+            sensor,
+            tap="projected",
+            unknown_sensor=unknown_sensor,
+            batch_size=batch_size,
+        )
+
+    def features(
+        self,
+        frames: Images,
+        background: Images | str | None = None,
+        sensor: str | Sequence[str] | None = None,
+        *,
+        tap: Tap = "tokens",
+        unknown_sensor: Policy = "error",
+        batch_size: int = 32,
+    ) -> Tensor:
+        """Features of clips at one of the encoder's taps.
+
+        Args:
+            frames: See `encode`.
+            background: See `encode`.
+            sensor: See `encode`.
+            tap: ``tokens`` (L, width), as the encoder's authors use them: prefix tokens, then
+                patches in order of slot, row, column. ``cls`` (width,), the class token among them.
+                ``patches`` (slots, rows, columns, width), the others by their places. ``projected``
+                (projected,), what `encode` gives. ``hidden`` and ``normed`` (L, width), the last
+                hidden state before and after the last norm; ``projected_tokens`` (L, projected),
+                ``normed`` through the projection. ``global`` (projected,), the mean of all patches,
+                projected without the norm (AnyTouch 1).
+            unknown_sensor: See `encode`.
+            batch_size: See `encode`.
+
+        Returns:
+            float32, with B in front for a batch.
+
+        Raises:
+            DataError: See `encode`.
+            ConfigError: See `encode`; or the encoder has no class token, or no last norm.
+        """
+        check_tap(self.encoder, tap)
+        check_batch_size(batch_size)
+        x, still, single = self._prepare(frames, background)
+        rows = self._rows(self._names(sensor, len(x)), unknown_sensor)
+        parts = zip(*(torch.split(part, batch_size) for part in (x, still, rows)), strict=True)
+        with torch.no_grad():
+            out = torch.cat([self._read(tap, *part).float() for part in parts])
+        return out[0] if single else out
+
+    def _prepare(self, frames: Images, background: Images | str | None) -> ClipInputs:
+        """Frames and backgrounds of a batch, uint8, and whether it was given as one clip."""
+        steps = getattr(self.encoder, "pixels", None)
+        needed = getattr(steps, "offset", 0) is not None
+        return prepare_clips(frames, background, self.frames, needed)
+
+    def _read(self, tap: str, frames: Tensor, background: Tensor, rows: Tensor) -> Tensor:
+        """The encoder's output at a tap."""
+        inputs = [part.to(self.device) for part in (frames, background, rows)]
+        with self._faster():
+            return read_tap(self.encoder, tap, *inputs)
+
+    def _pass(self, frames: Tensor, background: Tensor, rows: Tensor) -> tuple[Tensor, Tensor]:
+        """Tokens and projected class tokens."""
+        inputs = [part.to(self.device) for part in (frames, background, rows)]
+        with self._faster():
+            out: tuple[Tensor, Tensor] = self.encoder(*inputs)
+        return out
+
+    def _faster(self) -> Any:
+        packs = is_plain(self.encoder) and not torch.compiler.is_compiling()
+        return self._packed if packs else nullcontext()
+
+    def _names(self, sensor: str | Sequence[str] | None, count: int) -> list[str]:
+        return name_each(sensor, count, list(self.encoder.sensors), self._any_sensor)
+
+    def _rows(self, names: Sequence[str], policy: Policy) -> Tensor:
+        return row_each(self.encoder, names, policy, self._any_sensor)
+
+
+def check_batch_size(batch_size: int) -> None:
+    """Raises a ConfigError where it is no number of clips."""
+    if not isinstance(batch_size, int) or isinstance(batch_size, bool) or batch_size < 1:
+        raise ConfigError(f"batch_size={batch_size!r}: give a whole number of clips, 1 or more")
+
+
+def check_device(device: str | torch.device) -> torch.device:
+    """The device of a name.
+
+    Raises:
+        ConfigError: There is no such device on this machine.
+    """
+    try:
+        found = torch.device(device)
+        torch.empty(0, device=found)
+    except (RuntimeError, AssertionError, TypeError, NotImplementedError) as error:
+        reason = str(error).strip().splitlines()[0]
+        raise ConfigError(
+            f"device={str(device)!r}: not on this machine ({reason}); give cpu, or cuda where "
+            "torch.cuda.is_available()"
+        ) from error
+    return found

@@ -1,0 +1,250 @@
+"""Heads that are kept beside an encoder: forces in newton, the surface of the gel in mm."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import torch
+from torch import Tensor
+
+from tactileforge.data.labels.displacement import displacement_mm
+from tactileforge.errors import ConfigError, unknown
+from tactileforge.hub import forces
+from tactileforge.hub.feature_model import FeatureModel
+from tactileforge.hub.forces import ModelReadings
+from tactileforge.hub.inputs import Images
+from tactileforge.hub.sensor_rows import Policy
+
+if TYPE_CHECKING:
+    from tactileforge.calibration.file import Axis, Calibration
+
+
+class HeadModel(FeatureModel):
+    """The part of `hub.model.Model` that reads heads; see there for arguments and attributes."""
+
+    _fingerprint = ""
+
+    def force(
+        self,
+        frames: Images,
+        background: Images | str | None = None,
+        sensor: str | Sequence[str] | None = None,
+        *,
+        calibration: Calibration | None = None,
+    ) -> Tensor:
+        """The force of the object on the gel in frames 2..T of each clip.
+
+        Warns where no unit of the sensor was calibrated for this model: units differ in gel and
+        light, and the newtons are then an estimate, no measurement.
+
+        Args:
+            frames: See `encode`.
+            background: See `encode`.
+            sensor: See `encode`; the universal tokens do not fit forces.
+            calibration: Of this unit, fitted to what this model reads (``tactileforge calibrate
+                model=...``); an axis that it leaves out stays the model's estimate.
+
+        Returns:
+            float32 (T - 1, 3), or (B, T - 1, 3) for a batch, N; axes as in `contracts`. A published
+            head gives the newest frame alone, (1, 3) or (B, 1, 3).
+
+        Raises:
+            ConfigError: The file has no force head, no scale for a sensor, or the calibration is of
+                another model or sensor.
+            DataError: See `encode`.
+        """
+        if "force" not in self.heads:
+            raise ConfigError(
+                f"{self!r} has no force head: pack a run whose objectives include force "
+                "(tactileforge zoo pack RUN)"
+            )
+        force = self.readings(frames, background, sensor, calibration=calibration).force
+        if force is None:
+            known = self.header.heads["force"].get("scale", {})
+            raise ConfigError(f"force: say which sensor it is, one of: {', '.join(known)}")
+        if calibration is None:
+            self.warn_of_estimates(sensor)
+        return force
+
+    def warn_of_estimates(self, sensor: str | Sequence[str] | None, stacklevel: int = 3) -> None:
+        """Warns where no unit of a sensor was calibrated for the model's forces.
+
+        Args:
+            sensor: See `encode`.
+            stacklevel: See `warnings.warn`.
+        """
+        names = [sensor] if isinstance(sensor, str) else list(sensor or self.encoder.sensors)
+        strange = forces.uncalibrated(self.header.heads["force"], names)
+        if strange:
+            warnings.warn(
+                f"force: no unit of {', '.join(strange)} was calibrated for this model; its forces "
+                "are an estimate, not a measurement: compare them with a force sensor before use",
+                stacklevel=stacklevel,
+            )
+
+    def surface(
+        self,
+        frames: Images,
+        background: Images | str | None = None,
+        sensor: str | Sequence[str] | None = None,
+        *,
+        unknown_sensor: Policy = "error",
+    ) -> Tensor:
+        """The displacement of the gel's surface in each frame of each clip, as it is estimated.
+
+        It was learned from simulated gels; see the card for how well real ones are read.
+
+        Args:
+            frames: See `encode`.
+            background: See `encode`.
+            sensor: See `encode`.
+            unknown_sensor: See `encode`.
+
+        Returns:
+            float32 (T, 3, 32, 32), or (B, T, 3, 32, 32) for a batch, mm along x and y of the image
+            and z into the gel; the 32 rows and columns span the frame.
+
+        Raises:
+            ConfigError: The file has no surface head; see `encode`.
+            DataError: See `encode`.
+        """
+        if "surface" not in self.heads:
+            raise ConfigError(
+                f"{self!r} has no surface head: pack a run whose objectives include surface "
+                "(tactileforge zoo pack RUN)"
+            )
+        x, still, single = self._prepare(frames, background)
+        rows = self._rows(self._names(sensor, len(x)), unknown_sensor)
+        with torch.no_grad():
+            views = forces.views_of(self.encoder, *self._pass(x, still, rows))
+            surface = displacement_mm(self.heads["surface"](views, {}).float())
+        return surface[0] if single else surface
+
+    def read_head(
+        self,
+        name: str,
+        frames: Images,
+        background: Images | str | None = None,
+        sensor: str | Sequence[str] | None = None,
+        *,
+        unknown_sensor: Policy = "error",
+    ) -> Any:
+        """What a head says of clips, as it comes: logits, or normalised forces.
+
+        Args:
+            name: A key of ``heads``.
+            frames: See `encode`; a batch.
+            background: See `encode`.
+            sensor: See `encode`.
+            unknown_sensor: See `encode`.
+
+        Raises:
+            ConfigError: There is no such head; see `encode`.
+            DataError: See `encode`.
+        """
+        if name not in self.heads:
+            raise ConfigError(unknown("head of the model", name, self.heads))
+        x, still, _ = self._prepare(frames, background)
+        rows = self._rows(self._names(sensor, len(x)), unknown_sensor)
+        with torch.no_grad():
+            return self.heads[name](forces.views_of(self.encoder, *self._pass(x, still, rows)), {})
+
+    def readings(
+        self,
+        frames: Images,
+        background: Images | str | None = None,
+        sensor: str | Sequence[str] | None = None,
+        *,
+        unknown_sensor: Policy = "error",
+        calibration: Calibration | None = None,
+    ) -> ModelReadings:
+        """Vectors and forces of clips, from one pass of the encoder.
+
+        Args:
+            frames: See `encode`.
+            background: See `encode`.
+            sensor: See `encode`.
+            unknown_sensor: See `encode`.
+            calibration: See `force`.
+
+        Raises:
+            DataError: See `encode`.
+            ConfigError: See `force`.
+        """
+        x, still, single = self._prepare(frames, background)
+        names = self._names(sensor, len(x))
+        scale = self._scale(names)
+        rows = self._rows(names, unknown_sensor)
+        with torch.no_grad():
+            if scale is None:
+                vector, force = self._read("projected", x, still, rows).float(), None
+            else:
+                tokens, projected = self._pass(x, still, rows)
+                axes = None if calibration is None else self.axes_of(calibration, names)
+                newton = self._readable(tokens, projected, scale)
+                vector, force = projected.float(), forces.to_newton(newton, axes)
+        if single:
+            return ModelReadings(vector[0], None if force is None else force[0])
+        return ModelReadings(vector, force)
+
+    def force_inputs(
+        self, frames: Images, background: Images | str | None, sensor: str
+    ) -> dict[str, Tensor]:
+        """Inputs of a force calibration, float32 (B, T - 1); see `forces.calibration_inputs`.
+
+        Args:
+            frames: See `encode`; a batch.
+            background: See `encode`.
+            sensor: See `encode`.
+
+        Raises:
+            ConfigError: See `force`.
+            DataError: See `encode`.
+        """
+        x, still, _ = self._prepare(frames, background)
+        names = self._names(sensor, len(x))
+        scale = self._scale(names)
+        if scale is None:
+            raise ConfigError(f"{self!r} has no force head, or no scale for {sensor}")
+        with torch.no_grad():
+            return self._readable(*self._pass(x, still, self._rows(names, "error")), scale)
+
+    def _scale(self, names: Sequence[str]) -> Tensor | None:
+        """Force scale of each clip; None without a force head, or without the scale of a sensor."""
+        return forces.scales(self.header.heads["force"], names) if "force" in self.heads else None
+
+    @property
+    def fingerprint(self) -> str:
+        """Hash of its weights, 16 hexadecimal digits; ties a calibration to its model."""
+        if self._fingerprint:
+            return self._fingerprint
+        return forces.fingerprint([self.encoder, *(self.heads[key] for key in sorted(self.heads))])
+
+    def keep_fingerprint(self) -> None:
+        """Keeps the hash of the weights of now: a rounded copy is calibrated as its original is."""
+        self._fingerprint = self.fingerprint
+
+    def _readable(self, tokens: Tensor, projected: Tensor, scale: Tensor) -> dict[str, Tensor]:
+        head, scale = self.heads["force"], scale.to(tokens.device)
+        return forces.calibration_inputs(head, self.encoder, tokens, projected, scale)
+
+    def axes_of(self, calibration: Calibration, names: Sequence[str]) -> Mapping[str, Axis]:
+        """The fits of a calibration, if it was made for this model.
+
+        Args:
+            calibration: Of one unit.
+            names: Sensors that they are for.
+
+        Raises:
+            ConfigError: They are of another model or sensor.
+        """
+        for name in sorted(set(names)):
+            calibration.check(name)
+        if calibration.force is None or calibration.force.model != self.fingerprint:
+            raise ConfigError(
+                f"the calibration of {calibration.sensor} {calibration.unit} was not fitted to the "
+                "forces of this model: make one with tactileforge calibrate model=NAME"
+            )
+        return calibration.force.axes

@@ -1,0 +1,73 @@
+"""Heads of a published file, beside the encoder that is imported from it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from torch import nn
+
+from tactileforge import registry
+from tactileforge.encoders.published import Converted
+from tactileforge.errors import ConfigError, unknown
+from tactileforge.hub.files import fill_weights
+
+#: Sensor of a force head -> columns and signs that turn (Fx, Fy, -Fz) of ToucHD into the axes of
+#: `contracts`, and the newton along those that count as 1: ToucHD Bench divides by the largest
+#: |Fx|, |Fy|, |Fz|, which are 5.25, 10.61, 14.14 (DIGIT) and 6.84, 9.87, 8.52 (GelSight Mini).
+_FORCE: dict[str, tuple[list[int], list[float], list[float]]] = {
+    "digit": ([0, 1, 2], [-1.0, 1.0, 1.0], [5.25, 10.61, 14.14]),
+    "gelsight_mini": ([1, 0, 2], [1.0, 1.0, 1.0], [9.87, 6.84, 8.52]),
+}
+#: Words in the names of the published files.
+_WORDS = {"digit": "digit", "gelsight": "gelsight_mini"}
+
+
+def published_heads(
+    converted: Converted, encoder: nn.Module, source: Path, sensor: str = ""
+) -> tuple[dict[str, nn.Module], dict[str, Any]]:
+    """The heads of a published file, and their entries of the header.
+
+    Args:
+        converted: The file.
+        encoder: Its encoder.
+        source: Its path: the names of the published files tell the sensor.
+        sensor: On which the force head was trained; "" asks the name.
+
+    Returns:
+        By name: ``force``, and ``classes`` for the heads that name materials.
+
+    Raises:
+        ConfigError: Nothing says on which sensor forces were trained.
+        DataError: A head is not whole.
+    """
+    entries: dict[str, Any] = {}
+    states = {}
+    if converted.head is not None:
+        columns, signs, scale = _FORCE[_sensor(source, sensor)]
+        node = {"name": "published_force", "columns": columns, "signs": signs}
+        entries["force"] = {"node": node, "scale": {_sensor(source, sensor): scale}}
+        states["force"] = {f"decoder.{key}": x for key, x in converted.head.items()}
+    if converted.probe is not None:
+        name = "published_probe" if "pooler.queries" in converted.probe else "classify"
+        count = len(converted.probe["linear.weight"])
+        entries["classes"] = {"node": {"name": name, "classes": count}}
+        states["classes"] = converted.probe
+    heads = {}
+    for name, entry in entries.items():
+        heads[name] = registry.build("heads", entry["node"], encoder=encoder)
+        fill_weights(heads[name], states[name], f"{source}, head {name}")
+    return heads, entries
+
+
+def _sensor(source: Path, sensor: str) -> str:
+    if not sensor:
+        sensor = next((ours for word, ours in _WORDS.items() if word in source.name), "")
+    if not sensor:
+        raise ConfigError(
+            f"{source} has a force head, and its name does not say for which sensor: give "
+            f"sensor=, one of: {', '.join(_FORCE)}"
+        )
+    if sensor not in _FORCE:
+        raise ConfigError(unknown("sensor of a published force head", sensor, _FORCE))
+    return sensor

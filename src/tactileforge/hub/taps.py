@@ -1,0 +1,80 @@
+"""What can be read of an encoder's pass: its taps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Literal, get_args
+
+from torch import Tensor, nn
+
+from tactileforge.encoders.backbone import Backbone
+from tactileforge.errors import ConfigError, unknown
+
+Tap = Literal[
+    "projected", "cls", "tokens", "hidden", "normed", "projected_tokens", "global", "patches"
+]
+TAPS: tuple[str, ...] = get_args(Tap)
+#: Taps that the class token alone gives.
+_CLASS = ("projected", "cls")
+
+
+def check_tap(encoder: Any, tap: str) -> None:
+    """Raises a ConfigError where an encoder has no such tap; says which it has."""
+    if tap not in TAPS:
+        raise ConfigError(unknown("tap", tap, TAPS))
+    if tap == "cls" and encoder.prefix == 0:
+        raise ConfigError("the model has no class token: take tap=projected or tap=tokens")
+    needs = {"hidden", "normed", "projected_tokens", "global"}
+    if tap in needs and not _has_norm(encoder):
+        raise ConfigError(f"the encoder has no last norm: tap={tap} is for those that have one")
+
+
+def is_plain(encoder: Any) -> bool:
+    """Whether `Backbone.forward` is what computes; an encoder with its own is asked by that."""
+    return getattr(encoder.forward, "__func__", None) is Backbone.forward
+
+
+def read_tap(encoder: Any, tap: str, *inputs: Tensor) -> Tensor:
+    """A pass of an encoder, read at a tap.
+
+    Args:
+        encoder: The touch encoder.
+        tap: See `Model.features`.
+        inputs: Frames, backgrounds and sensor rows, see `Backbone.forward`.
+    """
+    if tap in _CLASS and is_plain(encoder):
+        first, projected = encoder.class_tokens(*inputs)
+        out: Tensor = first if tap == "cls" else projected
+        return out
+    tokens, projected, before = _pass(encoder, tap, *inputs)
+    if tap in ("hidden", "normed", "projected_tokens", "global"):
+        return _READ[tap](encoder, tokens if before is None else before)
+    if tap == "patches":
+        return tokens[:, encoder.prefix :].reshape(len(tokens), *encoder.grid, -1)
+    return {"tokens": tokens, "cls": tokens[:, 0], "projected": projected}[tap]
+
+
+def _pass(encoder: Any, tap: str, *inputs: Tensor) -> tuple[Tensor, Tensor, Tensor | None]:
+    """Tokens, projected class tokens, and the tokens before the norm, where they are normed."""
+    if not getattr(encoder, "norm_tokens", False) or tap in ("tokens", "patches", *_CLASS):
+        return (*encoder(*inputs), None)
+    before: list[Tensor] = []
+    hook = encoder.norm_out.register_forward_pre_hook(lambda _, given: before.append(given[0]))
+    try:
+        tokens, projected = encoder(*inputs)
+    finally:
+        hook.remove()
+    return tokens, projected, before[0]
+
+
+def _has_norm(encoder: Any) -> bool:
+    return isinstance(getattr(encoder, "norm_out", None), nn.LayerNorm)
+
+
+#: From the last hidden state, (B, L, width), before the last norm.
+_READ: dict[str, Callable[[Any, Tensor], Tensor]] = {
+    "hidden": lambda encoder, hidden: hidden,
+    "normed": lambda encoder, hidden: encoder.norm_out(hidden),
+    "projected_tokens": lambda encoder, hidden: encoder.project(encoder.norm_out(hidden)),
+    "global": lambda encoder, hidden: encoder.project(hidden[:, encoder.prefix :]).mean(1),
+}

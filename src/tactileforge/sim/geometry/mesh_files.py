@@ -1,0 +1,105 @@
+"""Files of meshes and point clouds, read within limits."""
+
+from __future__ import annotations
+
+import zipfile
+from importlib import import_module
+from pathlib import Path
+from tokenize import TokenError
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError
+
+#: Bytes of a file of a mesh, with what an archive unpacks to; and faces, or points, of one.
+MAX_BYTES, MAX_PARTS = 1 << 29, 10_000_000
+
+#: Errors of numpy about a file that is none of its own; it reads headers as Python.
+_DAMAGE = (ArithmeticError, EOFError, OSError, SyntaxError, TokenError, TypeError, ValueError)
+
+
+class Mesh(Protocol):
+    """Interface of a triangle mesh, as ``trimesh`` has it."""
+
+    vertices: Any
+    faces: Any
+
+
+def existing_file(path: str | Path) -> Path:
+    """The path of a file.
+
+    Raises:
+        DataNotFoundError: There is no such file.
+    """
+    if not Path(path).is_file():
+        raise DataNotFoundError(f"{path}: no such file")
+    return Path(path)
+
+
+def load_points(path: str | Path) -> NDArray[Any]:
+    """The numbers of a ``.npy`` file.
+
+    Raises:
+        DataNotFoundError: There is no such file.
+        DataError: It is another file.
+    """
+    path = existing_file(path)
+    try:  # a header that states more numbers than the file has cannot be mapped
+        return np.asarray(np.load(path, mmap_mode="r", allow_pickle=False))
+    except _DAMAGE as error:
+        raise DataError(f"{path}: not an array of numbers: {error}") from error
+
+
+def load_mesh(source: str | Path | Mesh, name: str | None) -> tuple[Mesh, str]:
+    """A mesh and its name, read where it is a file.
+
+    Raises:
+        DataNotFoundError: There is no such file.
+        DataError: It is no mesh, or larger than `MAX_BYTES`.
+        ConfigError: ``trimesh`` is not installed.
+    """
+    if not isinstance(source, str | Path):
+        return source, name or "mesh"
+    path = existing_file(source)
+    _check_bytes(path)
+    try:
+        trimesh = import_module("trimesh")
+    except ModuleNotFoundError as error:
+        raise ConfigError(
+            f"{path}: reading it needs trimesh: pip install tactileforge[mesh]"
+        ) from error
+    try:
+        mesh = trimesh.load(path)
+        if hasattr(mesh, "to_geometry"):  # a scene of several meshes
+            mesh = mesh.to_geometry()
+    except Exception as error:  # each of its readers raises its own
+        raise DataError(f"{path}: not a mesh: {type(error).__name__}: {error}") from error
+    if not len(getattr(mesh, "vertices", ())):
+        raise DataError(f"{path}: the file holds no points")
+    return mesh, name or path.stem
+
+
+def _check_bytes(path: Path) -> None:
+    size = path.stat().st_size
+    if zipfile.is_zipfile(path):  # as 3MF is
+        with zipfile.ZipFile(path) as archive:
+            size += sum(member.file_size for member in archive.infolist())
+    if size > MAX_BYTES:
+        raise DataError(
+            f"{path}: a mesh of {size / 1e6:,.1f} MB, where {MAX_BYTES / 1e6:,.1f} MB are the "
+            "limit; make it coarser"
+        )
+
+
+def check_count(name: str, count: int, what: str) -> None:
+    """Refuses more faces or points than `MAX_PARTS`.
+
+    Raises:
+        DataError: There are more.
+    """
+    if count > MAX_PARTS:
+        raise DataError(
+            f"{name}: {count:,} {what}, where {MAX_PARTS:,} are the limit; make it coarser"
+        )

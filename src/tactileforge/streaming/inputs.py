@@ -1,0 +1,70 @@
+"""What a stream is given: images, the name of a sensor, how the background is taken."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.errors import ConfigError, DataError, unknown
+from tactileforge.sensors.background import Background
+
+if TYPE_CHECKING:
+    from tactileforge.hub.model import Model
+
+Image: TypeAlias = NDArray[np.uint8]
+
+
+def median_image(images: Sequence[Image]) -> Image:
+    """The median of images, uint8 (H, W, 3)."""
+    return np.asarray(np.median(images, axis=0), np.uint8)
+
+
+def known_as(name: str, model: Model | None, unknown_sensor: str) -> str:
+    """The name by which the model knows a type of sensor.
+
+    Raises:
+        ConfigError: It does not know it, and ``unknown_sensor`` is ``error``.
+    """
+    if unknown_sensor not in ("error", "universal"):
+        raise ConfigError(f"unknown_sensor={unknown_sensor}: give error or universal")
+    if model is None or not model.sensors or name in model.sensors:
+        return name
+    has_universal = getattr(model.encoder, "universal", None) is not None
+    if unknown_sensor == "universal" and has_universal:
+        return "universal"
+    fix = "unknown_sensor=universal takes the tokens that fit no sensor, and gives no force."
+    raise ConfigError(unknown("sensor of the model", name, model.sensors, fix * has_universal))
+
+
+def background_options(background: Image | str | Background | None) -> Background:
+    """How a background is taken that is not given as an image.
+
+    Raises:
+        ConfigError: An unknown word.
+    """
+    if isinstance(background, str):
+        if background != "first":
+            raise ConfigError(f"background={background!r}: give an image, 'first', or a Background")
+        return Background(seconds=0.0)
+    return background if isinstance(background, Background) else Background()
+
+
+def checked_image(what: str, image: Image) -> Image:
+    """A copy of an image: whoever gave it may write the next frame into it.
+
+    Args:
+        what: It is, for errors.
+        image: uint8 (H, W, 3).
+
+    Raises:
+        DataError: It is something else; says what was found.
+    """
+    if not isinstance(image, np.ndarray) or image.dtype != np.uint8:
+        found = getattr(image, "dtype", type(image).__name__)
+        raise DataError(f"{what}: expected a numpy array of uint8, (H, W, 3), found {found}")
+    if image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape:
+        raise DataError(f"{what}: expected (H, W, 3), RGB, found {image.shape}")
+    return np.array(image)

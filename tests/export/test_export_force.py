@@ -1,0 +1,153 @@
+"""A file with a force head gives newton, without torch and without this package."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+import tactileforge
+from tactileforge.encoders.plain_vit import PlainViT
+from tactileforge.encoders.preprocess import ANYTOUCH2
+from tactileforge.encoders.tactile_vit import TactileViT
+from tactileforge.errors import ConfigError
+from tactileforge.export import export, read_facts
+from tactileforge.heads.force import ForceHead
+from tactileforge.hub.files import make_header, save_checkpoint
+
+onnxruntime = pytest.importorskip("onnxruntime")
+pytest.importorskip("onnxscript")
+
+ROOT = Path(__file__).parents[2]
+NODE = {"name": "tactile_vit", "size": "tiny", "depth": 1, "frames": 4, "image_size": 32}
+NODE |= {"sensors": {"digit": 1, "gelsight": 3}}
+HEADS = {"force": {"node": {"name": "force"}, "scale": {"digit": [1.0, 2.0, 4.0]}}}
+HEADS["force"]["calibrated"] = ["digit"]
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    torch.manual_seed(3)
+    options: dict[str, Any] = {key: value for key, value in NODE.items() if key != "name"}
+    vit = TactileViT(**options).eval()
+    header = make_header(vit, NODE, licence="MIT", spacing=0.1, name="thing.tiny", heads=HEADS)
+    path = tmp_path_factory.mktemp("model") / "thing.safetensors"
+    save_checkpoint(path, vit, header, heads={"force": ForceHead(vit).eval()})
+    return path
+
+
+@pytest.fixture(scope="module")
+def exported(file: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
+    return export(file, tmp_path_factory.mktemp("onnx") / "thing.onnx", size=(40, 48)).path
+
+
+def clips(count: int) -> np.ndarray:
+    return np.random.default_rng(1).integers(0, 256, (count, 4, 40, 48, 3), dtype=np.uint8)
+
+
+def run(path: str, frames: np.ndarray, rows: list[int], *names: str) -> list[np.ndarray]:
+    session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
+    frames = np.ascontiguousarray(np.moveaxis(frames, -1, 2))
+    feed = {"frames": frames, "background": frames[:, 0], "sensor": np.array(rows)}
+    found: list[np.ndarray] = session.run(list(names), feed)
+    return found
+
+
+def test_forces_are_the_models(file: Path, exported: str) -> None:
+    model = tactileforge.load(file)
+    facts = read_facts(exported)
+    force, cls = run(exported, clips(3), facts.sensor_ids(["digit"] * 3), "force", "cls")
+    assert np.abs(force - model.force(clips(3), "first", "digit").numpy()).max() < 2e-5
+    assert np.abs(cls - model.encode(clips(3), "first", "digit").numpy()).max() < 5e-5
+    assert facts.force["scale"] == {"digit": [1.0, 2.0, 4.0]}
+    assert (facts.force["unit"], facts.force["calibrated"]) == ("N", ["digit"])
+    assert [axis[0] for axis in facts.force["axes"]] == ["x", "y", "z"]
+    assert facts.weights == model.fingerprint
+    assert facts.version == tactileforge.__version__
+    assert facts.preprocessing["mean"] == pytest.approx(ANYTOUCH2["mean"])
+    assert facts.error < 5e-5
+
+
+def test_no_scale_is_no_number_and_an_untrained_row_is_refused(exported: str) -> None:
+    facts = read_facts(exported)
+    assert facts.sensors == {"digit": 1, "gelsight": 3, "universal": 19}
+    force, cls = run(exported, clips(3), [1, 3, 19], "force", "cls")
+    assert np.isfinite(force).all(axis=(1, 2)).tolist() == [True, False, False]
+    assert np.isfinite(cls).all()
+    for row in (0, 2, 7, 18):
+        with pytest.raises(Exception, match=r"invalid index|out of (data )?bounds"):
+            run(exported, clips(1), [row], "cls")
+
+
+def test_the_torch_program_too(file: Path, tmp_path: Path) -> None:
+    done = export(file, tmp_path / "a.pt2", format="torch_export", size=(40, 48))
+    program = torch.export.load(done.path).module()
+    frames = torch.from_numpy(clips(2)).movedim(-1, 2).contiguous()
+    _, _, force = program(frames, frames[:, 0], torch.tensor([1, 1]))
+    expected = tactileforge.load(file).force(clips(2), "first", "digit")
+    torch.testing.assert_close(force, expected, atol=1e-5, rtol=0)
+
+
+def test_rounded_weights_are_not_exported(file: Path, tmp_path: Path) -> None:
+    for dtype in ("bfloat16", "int8"):
+        model = tactileforge.load(file, dtype=dtype)  # type: ignore[arg-type]
+        with pytest.raises(ConfigError, match="export takes float32 weights"):
+            export(model, tmp_path / "a.onnx")
+
+
+def test_what_is_built_like_t3_exports_for_one_size(tmp_path: Path) -> None:
+    """A stem and a mean for each sensor; the shorter side to an edge, the centre cut out."""
+    pixels = {**ANYTOUCH2, "fit": "cover", "edge": 36, "offset": None}
+    pixels |= {"mean": [[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]], "std": [[0.2] * 3, [0.3] * 3]}
+    encoder = PlainViT(
+        "tiny", depth=2, frames=1, tube=1, image_size=32, positions="learned", class_token=True,
+        layer_scale=None, stems=2, stem_depth=1, sensors={"mini": 0, "digit": 1}, pool="class",
+        spacing=0.0, pixels=pixels,
+    )  # fmt: skip
+    assert export(encoder, tmp_path / "t3.onnx", size=(48, 64)).error < 2e-5
+    with pytest.raises(
+        ConfigError, match=r"^ONNX has no graph .* any size: give it, size=\[H,W\]; or"
+    ):
+        export(encoder, tmp_path / "other.onnx")
+
+
+BLOCKED = """
+import sys
+class Refuse:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in ("torch", "tactileforge"):
+            raise ImportError(name)
+sys.meta_path.insert(0, Refuse())
+"""
+
+
+def test_the_script_of_the_page_needs_neither_torch_nor_tactileforge(
+    file: Path, exported: str, tmp_path: Path
+) -> None:
+    page = (ROOT / "docs" / "export.md").read_text()
+    [script] = re.findall(r"cat > force\.py <<'END'\n(.*?)^END$", page, re.M | re.S)
+    assert len(script.splitlines()) <= 32
+    assert not re.search(r"torch|tactileforge\b(?!\"\])", script)
+    frames = clips(5).reshape(20, 40, 48, 3)
+    writer = cv2.VideoWriter(str(tmp_path / "a.avi"), cv2.VideoWriter_fourcc(*"FFV1"), 20, (48, 40))
+    for frame in frames:
+        writer.write(frame[..., ::-1])
+    writer.release()
+    (tmp_path / "force.py").write_text(BLOCKED + script)
+    command = [sys.executable, "force.py", exported, "a.avi", "digit"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert len(lines) == 14  # the first clip ends with the seventh frame
+    model = tactileforge.load(file)
+    for line, end in zip(lines, range(6, 20), strict=True):
+        numbers = [float(x) for x in re.findall(r"[+-]?\d+\.\d+", line)]
+        assert numbers[0] == pytest.approx(end / 20, abs=2e-3)
+        clip = frames[[end - 6, end - 4, end - 2, end]]
+        expected = model.force(clip, frames[0], "digit")[-1]
+        assert numbers[1:] == pytest.approx(expected.tolist(), abs=6e-3)
