@@ -109,8 +109,6 @@ def step(monkeypatch: pytest.MonkeyPatch, module: TouchModule, batch: dict[str, 
         module._follow(1)
     assert total.device.type == "meta"
     assert watch.found == []
-    unused = [k for k, p in module.named_parameters() if p.requires_grad and p.grad is None]
-    assert unused == []  # several processes need not look for them
 
 
 @pytest.mark.parametrize(

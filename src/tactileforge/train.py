@@ -199,7 +199,8 @@ def build_trainer(
     options = dict(config["trainer"])
     saver = checkpoints.Checkpoints(folder, options.pop("save_every"))
     if options["strategy"] == "auto" and options["devices"] not in (1, "1", "auto"):
-        options["strategy"] = choose_strategy(config)
+        # an objective that starts late, or a norm that none reads through, leaves parameters unused
+        options["strategy"] = "ddp_find_unused_parameters_true"
     own: dict[str, Any] = dict(
         default_root_dir=folder,
         logger=build_loggers(config["logger"], folder),
@@ -217,17 +218,6 @@ def build_trainer(
         return L.Trainer(**options, **own), saver
     except (TypeError, ValueError) as error:  # also what Lightning itself raises for them
         raise ConfigError(f"trainer: {error}") from error
-
-
-def choose_strategy(config: Mapping[str, Any]) -> str:
-    """DDP, which looks for unused parameters only where an objective sleeps for part of the run.
-
-    One that meets no label on a rank has a loss of 0 that all of its parameters are part of.
-    """
-    late = config["curriculum"].get("objective") or {}
-    nodes = config["objective"].items()
-    awake = all(node["weight"] and key not in late for key, node in nodes)
-    return "ddp" if awake else "ddp_find_unused_parameters_true"
 
 
 def build_loggers(config: Mapping[str, Any], folder: Path) -> list[Logger]:
