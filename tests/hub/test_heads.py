@@ -163,7 +163,7 @@ def run(vit: TactileViT, head: ForceHead, tmp_path: Path) -> Path:
         "encoder": NODE,
         "batch": {"spacing": 0.05},
         "data": {"name": "sim"},
-        "head": {"force": {"name": "force", "heads": None}, "pixel": {"name": "pixel"}},
+        "head": {"force": {"name": "force", "heads": None}, "match": {"name": "match"}},
     }
     OmegaConf.save(OmegaConf.create(config), tmp_path / "config.yaml")
     state = {f"encoder.{key}": x for key, x in vit.state_dict().items()}
