@@ -22,7 +22,7 @@ Timing: TypeAlias = tuple[float, float]
 #: Abilities of a CPU that make bf16 matrix products faster than fp32 ones, best first.
 _NATIVE = {"amx_bf16": "AMX", "avx512_bf16": "AVX-512 BF16"}
 #: How much faster a step must be in bf16: near 1, two equal runs could differ in their arithmetic.
-GAIN = 1.2
+GAIN = 1.3
 #: Clips of the probe, timed rounds, and seconds after which no further round starts.
 _CLIPS, _ROUNDS, _SECONDS = 2, 3, 10.0
 
