@@ -28,8 +28,8 @@ from tactileforge.record.options import RecordOptions
 from tactileforge.record.raw import read_raw
 from tactileforge.record.record import record
 from tactileforge.sensors.background import Background
+from tactileforge.sensors.checksums import CHECKSUMS
 from tactileforge.sensors.drivers.force_torque import ForceTorque
-from tactileforge.sensors.framing import CHECKSUMS
 from tactileforge.testing.emulators import PtyDevice
 
 #: Buffers of a driver, and pixels on the side of a bit of a frame's number.

@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from opened import Opened
 from PIL import Image
+from waiting import wait_until
 
 from tactileforge import registry
 from tactileforge.contracts import Batch, Frame, Frames, SensorSpec
@@ -127,7 +129,7 @@ def installed(
     registry._entries.cache_clear()
 
 
-class Scripted:
+class Scripted(Opened):
     """A sensor in real time that does what a test wants; its picture says which frame it is.
 
     Args:
@@ -206,13 +208,6 @@ class Scripted:
     def close(self):
         self.is_open = False
 
-    def __enter__(self):
-        self.open()
-        return self
-
-    def __exit__(self, *error):
-        self.close()
-
 
 @pytest.fixture
 def scripted():
@@ -222,7 +217,10 @@ def scripted():
 @pytest.fixture(autouse=True)
 def _no_thread_is_left():
     yield
-    end = time.monotonic() + 5
-    while any(t.name.startswith(("capture", "encode")) for t in threading.enumerate()):
-        assert time.monotonic() < end, [t.name for t in threading.enumerate()]
-        time.sleep(0.02)
+
+    def left() -> list[str]:
+        names = [thread.name for thread in threading.enumerate()]
+        return [name for name in names if name.startswith(("capture", "encode"))]
+
+    if running := left():
+        wait_until(lambda: not left(), 5, f"threads are left, of {running}")

@@ -6,7 +6,7 @@ import torch
 from omegaconf import OmegaConf
 
 from tactileforge import registry
-from tactileforge.assemble import build_data, outline, with_sensors
+from tactileforge.assemble import build_data, outline
 from tactileforge.compose import compose
 from tactileforge.errors import ConfigError
 
@@ -54,6 +54,6 @@ def test_first_weights_depend_on_the_seed_and_not_on_the_data() -> None:
     torch.manual_seed(3)
     expected = registry.build("encoders", config["encoder"]).state_dict()
     torch.manual_seed(3)
-    node = with_sensors(config["encoder"], build_data(config))
+    _, node = build_data(config)
     state = registry.build("encoders", node).state_dict()
     assert all(torch.equal(state[key], value) for key, value in expected.items())

@@ -1,10 +1,10 @@
 import pytest
 import torch
 
-from tactileforge.assemble import build_data, with_sensors
+from tactileforge.assemble import build_data
 from tactileforge.compose import compose
 from tactileforge.contracts import Batch
-from tactileforge.errors import ConfigError, DataError
+from tactileforge.errors import ConfigError
 from tactileforge.module import TouchModule
 
 SMALL = ["scale=demo", "encoder.image_size=32"]
@@ -96,16 +96,6 @@ def test_samples_without_a_label_change_nothing(module: TouchModule, batch: Batc
     assert module.losses(bare, {"force": 1.0, "align": 1.0, "match": 1.0})[0].item() == 0
 
 
-def test_a_run_stops_with_a_list_of_what_it_cannot_read(module: TouchModule) -> None:
-    module.allowed = 3
-    module.skip({"a": ("a.tar: cut off", 2)})
-    module.skip({"a": ("a.tar: cut off", 2), "b": ("b.mp4: damaged", 1)})
-    module.skip({"b": ("b.mp4: damaged elsewhere", 1)})
-    assert module.skipped == {"a": ("a.tar: cut off", 2), "b": ("b.mp4: damaged", 1)}
-    with pytest.raises(DataError, match=r"4 recordings .* allows 3(.|\n)*a\.tar(.|\n)*c\.png"):
-        module.skip({"c": ("c.png: no picture", 1)})
-
-
 def test_towers_are_built_for_what_the_data_has() -> None:
     module = TouchModule.from_config(plain(), {"text"})
     assert module.heads["align"].image_encoder is None
@@ -134,6 +124,6 @@ def test_a_label_that_the_data_does_not_have_is_an_error_before_training(tmp_pat
 
 def test_sensors_of_the_data_get_rows_and_the_configuration_says_so() -> None:
     config = plain("+encoder.sensors={digit: 4}")
-    table = with_sensors(config["encoder"], build_data(config))["sensors"]
+    table = build_data(config)[1]["sensors"]
     assert table["digit"] == 4
     assert len(set(table.values())) == len(table) == 3

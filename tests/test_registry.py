@@ -113,6 +113,7 @@ def test_build_passes_options_and_the_context_it_names(toy):
         ({"port": 3, "gian": 2}, r"option of sensor 'toy' 'gian'; did you mean 'gain'"),
         ({}, r"sensor 'toy' needs 'port': set port=\.\.\."),
         ({"port": 3, "encoder": "mine"}, r"unknown option of sensor 'toy' 'encoder'"),
+        ({"port": 3, "gain": "much"}, r"sensor 'toy': gain is 'much', .* not of type float"),
     ],
 )
 def test_build_rejects_options_that_do_not_fit(toy, options, message):

@@ -20,7 +20,8 @@ from tactileforge.callbacks.checkpoints import (
     seal,
 )
 from tactileforge.errors import ConfigError, DataNotFoundError, TactileForgeError
-from tactileforge.sim.generate import SimConfig, write_seconds
+from tactileforge.sim.config import SimConfig
+from tactileforge.sim.generate import write_seconds
 
 OPTIONS = ["scale=demo", "encoder.image_size=32", "batch.size=8", "batch.workers=1"]
 OPTIONS += ["trainer.max_steps=40", "trainer.save_every=5", "trainer.val_check_interval=7"]

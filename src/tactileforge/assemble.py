@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -11,13 +11,20 @@ import torch
 
 from tactileforge import registry
 from tactileforge.data.batches.datamodule import TouchData
+from tactileforge.data.labels.augment import Augment
 from tactileforge.sensors.specs import spec
 
 log = logging.getLogger(__name__)
 
 
-def build_data(config: Mapping[str, Any]) -> TouchData:
-    """Builds the data of a run: indexed, and checked against the needs of the objectives."""
+def build_data(config: Mapping[str, Any]) -> tuple[TouchData, dict[str, Any]]:
+    """Builds the data of a run: indexed, and checked against the needs of the objectives.
+
+    Returns:
+        The data, and the configuration of the encoder that fits it: with a row for every sensor.
+        Sensors that it does not know yet take the free rows in alphabetical order, and the
+        resolved configuration says so.
+    """
     node = dict(config["data"])
     max_bad = node.pop("max_bad")
     dataset = registry.build("datasets", node)
@@ -35,6 +42,7 @@ def build_data(config: Mapping[str, Any]) -> TouchData:
         batch_size=batch.pop("size"),
         seed=config["seed"],
         max_bad=max_bad,
+        augment=Augment(**config["augment"]) if config.get("augment") else None,
         **batch,
     )
     for key, plugin in objectives.items():
@@ -42,7 +50,8 @@ def build_data(config: Mapping[str, Any]) -> TouchData:
     data.setup()
     for key, plugin in objectives.items():
         data.check(key, plugin.needs)
-    return data
+    names = data.summary("train").sensors
+    return data, {**config["encoder"], "sensors": _rows(dict(encoder.sensors), names)}
 
 
 def outline(node: Mapping[str, Any]) -> Any:
@@ -60,17 +69,7 @@ def outline(node: Mapping[str, Any]) -> Any:
         return registry.build("encoders", node)
 
 
-def with_sensors(config: Mapping[str, Any], data: TouchData) -> dict[str, Any]:
-    """Returns the encoder's configuration with a row for every sensor of the data.
-
-    Sensors that the encoder does not know yet take the free rows in alphabetical order, and the
-    resolved configuration says so.
-    """
-    names = data.summary("train").sensors
-    encoder = outline(config)
-    table = dict(encoder.sensors)
+def _rows(table: dict[str, int], names: Sequence[str]) -> dict[str, int]:
+    """Rows of sensors: those that there are, and the free ones for others by name."""
     free = (row for row in range(len(table) + len(names) + 1) if row not in table.values())
-    for name in names:
-        if name not in table:
-            table[spec(name).name] = next(free)
-    return {**config, "sensors": table}
+    return table | {spec(name).name: next(free) for name in names if name not in table}

@@ -1,9 +1,13 @@
-"""Arithmetic over ranks: written so that N processes do what one would with the joint batch."""
+"""Arithmetic over ranks: written so that N processes do what one would with the joint batch.
+
+And the seeds of a step, of which all its randomness is a function.
+"""
 
 from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import torch
 import torch.distributed as dist
 from torch import Tensor
@@ -14,6 +18,19 @@ def world() -> tuple[int, int]:
     if dist.is_available() and dist.is_initialized():
         return dist.get_rank(), dist.get_world_size()
     return 0, 1
+
+
+def seed_step(seed: int, number: int, stream: int) -> None:
+    """Seeds torch for one step.
+
+    Args:
+        seed: That of the run.
+        number: The batch, counted from 0.
+        stream: What is drawn: 0 a training step, -1 validation, ``rank + 1`` flips.
+    """
+    entropy = [seed, number + 1, stream + 1]
+    state = np.random.SeedSequence(entropy).generate_state(1, np.uint64)[0]
+    torch.manual_seed(int(state >> np.uint64(1)))
 
 
 def rand_rows(rows: int, *columns: int, device: torch.device) -> Tensor:

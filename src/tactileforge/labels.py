@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 from collections.abc import Set as AbstractSet
 
 from torch import Tensor
@@ -18,13 +19,16 @@ PATIENCE = 20
 class Labels:
     """Counts of the clips that each objective could learn from, on this process.
 
+    Args:
+        counts: To go on from.
+
     Attributes:
         counts: Of each objective that needs labels: ``batches`` and ``clips`` that it was given,
             ``labelled`` clips, and of forces the clips labelled along ``x``, ``y`` and ``z``.
     """
 
-    def __init__(self) -> None:
-        self.counts: dict[str, dict[str, int]] = {}
+    def __init__(self, counts: Mapping[str, Mapping[str, int]] | None = None) -> None:
+        self.counts = {key: dict(count) for key, count in (counts or {}).items()}
 
     def add(self, key: str, needs: AbstractSet[str], batch: Batch) -> None:
         """Counts a batch on the host, and warns of an objective that meets no label.

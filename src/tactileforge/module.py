@@ -2,28 +2,24 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping
 from collections.abc import Set as AbstractSet
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import lightning as L
-import numpy as np
 import torch
 from torch import Tensor, nn
 
 from tactileforge import balance as balances
 from tactileforge.contracts import AfterStep, Batch, Prepared, Scored
 from tactileforge.curriculum import Curriculum, from_config
-from tactileforge.data.batches.clips import Clips
-from tactileforge.data.labels.augment import Augment, fill_captions
-from tactileforge.distributed import sum_over_ranks
-from tactileforge.errors import ConfigError, DataError, TactileForgeError
-from tactileforge.labels import Labels
+from tactileforge.distributed import seed_step, sum_over_ranks
+from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.optim import optimiser
 from tactileforge.parts import Term, build_parts, logs_of
 
-log = logging.getLogger(__name__)
+if TYPE_CHECKING:
+    from tactileforge.data.batches.clips import Clips
 
 
 class TouchModule(L.LightningModule):
@@ -41,15 +37,9 @@ class TouchModule(L.LightningModule):
         weights: Largest weight of each objective.
         curriculum: See `curriculum.from_config`.
         optim: See `optim.optimiser`.
-        augment: Changes clips and their labels, or None.
+        augment: Changes a batch on the device, or None.
         seed: Seed of the run.
         balance: See `balance.build_balance`; None leaves weights as they are.
-
-    Attributes:
-        skipped: What could not be read so far: by its name, a line that says why, and how many
-            recordings it costs.
-        allowed: How many recordings may be skipped before the run stops; None for any number.
-        labels: The labels that were met in training.
     """
 
     def __init__(
@@ -60,7 +50,7 @@ class TouchModule(L.LightningModule):
         weights: Mapping[str, float],
         curriculum: Mapping[str, Any],
         optim: Mapping[str, Any],
-        augment: Augment | None = None,
+        augment: nn.Module | None = None,
         seed: int = 0,
         balance: Mapping[str, Any] | None = None,
     ) -> None:
@@ -76,22 +66,24 @@ class TouchModule(L.LightningModule):
         self.seed = seed
         self.plan: Curriculum | None = None
         self.total = 0
-        self.skipped: dict[str, tuple[str, int]] = {}
-        self.allowed: int | None = None
-        self.labels = Labels()
         self._sums: dict[str, Tensor] = {}
 
     @classmethod
-    def from_config(cls, config: Mapping[str, Any], provides: AbstractSet[str]) -> TouchModule:
+    def from_config(
+        cls,
+        config: Mapping[str, Any],
+        provides: AbstractSet[str],
+        augment: nn.Module | None = None,
+    ) -> TouchModule:
         """Builds every part from a finished configuration (see `compose.finish`).
 
         Args:
             config: Plain data.
             provides: Labels the data has; towers for others are not built.
+            augment: Changes a batch on the device, or None.
         """
         encoder, heads, objectives = build_parts(config, provides)
         weights = {k: float(node.get("weight", 1.0)) for k, node in config["objective"].items()}
-        augment = config.get("augment")
         return cls(
             encoder,
             heads,
@@ -99,7 +91,7 @@ class TouchModule(L.LightningModule):
             weights,
             config["curriculum"],
             config["optim"],
-            Augment(**augment) if augment else None,
+            augment,
             config["seed"],
             config.get("balance"),
         )
@@ -157,27 +149,11 @@ class TouchModule(L.LightningModule):
             total = total + weights[key] * term.loss
         return total, logs_of(terms)
 
-    def on_before_batch_transfer(self, batch: Batch, dataloader_idx: int) -> Batch:
-        """Draws flips on the host, and updates labels and captions."""
-        if self.trainer.training:
-            self._reseed(self._batch_number() + 1, self.global_rank + 1)
-            if self.augment:
-                batch = self.augment.labels(batch)
-            self._count(batch)
-        fill_captions(batch)
-        self.skip(batch["skipped"])
-        return batch
-
-    def _count(self, batch: Batch) -> None:
-        for key, weight in (self.current_weights() if self.plan else {}).items():
-            if weight:
-                self.labels.add(key, getattr(self.objectives[key], "needs", frozenset()), batch)
-
     def training_step(self, batch: Batch, batch_idx: int) -> Tensor:
         """One step of all objectives whose weight is above 0."""
         if self.augment:
             batch = self.augment(batch)
-        self._reseed(self._batch_number(), 0)
+        seed_step(self.seed, self.trainer.fit_loop.total_batch_idx, 0)
         assert self.plan is not None
         weights = self.current_weights()
         universal = self.plan.universal(self.global_step)
@@ -209,7 +185,7 @@ class TouchModule(L.LightningModule):
 
     def validation_step(self, batch: Batch, batch_idx: int) -> None:
         """Losses on held-out clips, with the same masks each time."""
-        self._reseed(batch_idx, -1)
+        seed_step(self.seed, batch_idx, -1)
         weights = self.current_weights()
         if not bool((batch["group"] >= 0).any()):
             paired = [k for k, v in self.objectives.items() if getattr(v, "pairs", False)]
@@ -248,45 +224,6 @@ class TouchModule(L.LightningModule):
             nn.utils.clip_grad_value_(self.parameters(), gradient_clip_val)
         elif gradient_clip_val is not None:
             nn.utils.clip_grad_norm_(self.parameters(), gradient_clip_val)
-
-    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Keeps what was skipped and the labels that were met, for the report of a resumed run."""
-        checkpoint["skipped"] = dict(self.skipped)
-        checkpoint["labels"] = {key: dict(count) for key, count in self.labels.counts.items()}
-
-    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """See `on_save_checkpoint`."""
-        self.skipped = dict(checkpoint["skipped"])
-        self.labels.counts = {key: dict(count) for key, count in checkpoint["labels"].items()}
-
-    def skip(self, skipped: Mapping[str, tuple[str, int]]) -> None:
-        """Notes recordings that could not be read.
-
-        Args:
-            skipped: Like `skipped`.
-
-        Raises:
-            DataError: More is lost than `allowed`; lists it.
-        """
-        for name, (line, count) in skipped.items():
-            if name not in self.skipped:
-                self.skipped[name] = line, count
-                log.warning("skipped: %s", line)
-        lost = sum(count for _, count in self.skipped.values())
-        if skipped and self.allowed is not None and lost > self.allowed:
-            listed = "\n  ".join(line for line, _ in self.skipped.values())
-            raise DataError(
-                f"{lost} recordings cannot be read, and data.max_bad allows {self.allowed}; mend "
-                f"them, or raise data.max_bad:\n  {listed}"
-            )
-
-    def _batch_number(self) -> int:
-        return self.trainer.fit_loop.total_batch_idx
-
-    def _reseed(self, number: int, stream: int) -> None:
-        entropy = [self.seed, number + 1, stream + 1]
-        state = np.random.SeedSequence(entropy).generate_state(1, np.uint64)[0]
-        torch.manual_seed(int(state >> np.uint64(1)))
 
     def _log_step(
         self,

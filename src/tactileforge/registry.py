@@ -10,8 +10,9 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from inspect import Parameter, signature
-from typing import Any
+from typing import Any, get_type_hints
 
+from tactileforge import strict
 from tactileforge.contracts import CONTEXT
 from tactileforge.errors import ConfigError, PluginError, unknown
 
@@ -149,7 +150,8 @@ def build(kind: str, config: Mapping[str, Any], **given: Any) -> Any:
 
     Raises:
         PluginError: See `get`.
-        ConfigError: An argument the constructor does not have, or a missing one.
+        ConfigError: An argument the constructor does not have, a missing one, or one of another
+            type than its hint says.
     """
     arguments = dict(config)
     name = str(arguments.pop("name"))
@@ -162,5 +164,15 @@ def build(kind: str, config: Mapping[str, Any], **given: Any) -> Any:
     for key, default in known.items():
         if default is Parameter.empty and key not in arguments:
             raise ConfigError(f"{what} needs {key!r}: set {key}=...")
+    _check_types(what, plugin, arguments)
     wanted = context(plugin)
     return plugin(**arguments, **{key: given[key] for key in wanted if key in given})
+
+
+def _check_types(what: str, plugin: type[Any], arguments: Mapping[str, Any]) -> None:
+    try:
+        hints = get_type_hints(plugin.__init__)
+    except Exception:  # names that are imported for type checking alone: they say nothing here
+        return
+    for key, value in arguments.items():
+        strict.typed(f"{what}: {key}", value, hints.get(key, Any))

@@ -39,7 +39,8 @@ def build(kind: type[_T], where: str, given: Any) -> _T:
     """A dataclass from plain data.
 
     Args:
-        kind: The dataclass. Its fields may be dataclasses, and hold lists, mappings and unions.
+        kind: The dataclass. Its fields may be dataclasses, and hold lists, mappings and unions;
+            ``metadata={"example": ...}`` says what is given to one that has no default.
         where: What is being read, for errors; "" for the command line.
         given: Values by field.
 
@@ -53,22 +54,24 @@ def build(kind: type[_T], where: str, given: Any) -> _T:
         if key not in known:
             raise ConfigError(unknown(f"key of {where}" if where else "key", key, known))
     missing = [
-        spec.name
+        spec
         for spec in _fields(kind)
         if _required(spec) and values.get(spec.name, TO_GIVE) == TO_GIVE
     ]
     if missing and not where:
-        raise ConfigError(f"give {' '.join(f'{key}=...' for key in missing)}")
+        raise ConfigError(f"give {' '.join(f'{spec.name}=...' for spec in missing)}")
     if missing:
-        raise ConfigError(f"{where}: {missing[0]!r} is missing")
+        key, example = missing[0].name, missing[0].metadata.get("example")
+        fix = f"; for example {key}: {example}" if example else ""
+        raise ConfigError(f"{where}: {key!r} is missing{fix}")
     return kind(
         **{key: typed(_below(where, key), value, hints[key]) for key, value in values.items()}
     )
 
 
 def _below(where: str, key: str) -> str:
-    """A key's place: ``pack.filter`` in a configuration, ``a/file.yaml: licence`` in a file."""
-    dotted = re.fullmatch(r"[a-z_]+(\.[a-z_]+)*", where)
+    """A key's place: ``pack.filter`` in a configuration, ``a/file.yaml: a.licence`` in a file."""
+    dotted = re.fullmatch(r"(.*: )?[a-z_]+(\.[a-z_]+)*(?<!\.yaml|\.json)", where)
     return f"{where}.{key}" if dotted else f"{where}: {key}" if where else key
 
 
@@ -152,7 +155,7 @@ def _pairs(where: str, value: Any, inner: Sequence[Any]) -> tuple[bool, Any]:
 def _name(hint: Any) -> str:
     if get_origin(hint) is None and isinstance(hint, type):
         return hint.__name__
-    return re.sub(r"\b(typing|collections\.abc)\.", "", str(hint)).replace("NoneType", "null")
+    return re.sub(r"\b([a-z_]+\.)+", "", str(hint)).replace("NoneType", "null")
 
 
 def _fields(kind: Any) -> Sequence[Field[Any]]:

@@ -16,14 +16,15 @@ from typing import Any
 
 import lightning as L
 import torch
-from lightning.pytorch.callbacks import Timer
+from lightning.pytorch.callbacks import Callback, Timer
 from lightning.pytorch.loggers import CSVLogger, Logger
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
 from tactileforge import curriculum, precision, registry, run_folder, strict
-from tactileforge.assemble import build_data, with_sensors
+from tactileforge.assemble import build_data
 from tactileforge.callbacks import checkpoints
+from tactileforge.callbacks.met import MetLabels, SkippedRecordings
 from tactileforge.callbacks.progress import Progress
 from tactileforge.callbacks.speed import Speed
 from tactileforge.data.batches.datamodule import TouchData
@@ -45,7 +46,6 @@ _OF_TRAINING = ("mask_ratio", "unknown_sensor")
 #: What Lightning warns of although it is meant to be so.
 _EXPECTED = (
     r".*isinstance\(treespec, LeafSpec\).*",
-    r"You have overridden `on_before_batch_transfer`.*",
     r"Found \d+ module\(s\) in eval mode at the start of training.*",  # frozen towers, EMA copies
     r"The number of training batches .* is smaller than the logging interval.*",
     r"The '\w+_dataloader' does not have many workers.*",
@@ -105,18 +105,18 @@ def _train(plain: dict[str, Any], folder: Path, resume: Path | None) -> TouchMod
     # Mistakes are named before data is made or read; the length of the run is not known yet.
     weights = {key: node["weight"] for key, node in plain["objective"].items()}
     curriculum.from_config(plain["curriculum"], weights, total=sys.maxsize, epoch=1)
-    data = build_data(plain)
-    plain["encoder"] = with_sensors(plain["encoder"], data)
-    module = TouchModule.from_config(plain, data.summary("train").labels)
-    module.allowed = data.allowed
-    module.skip(data.skipped)
+    data, plain["encoder"] = build_data(plain)
+    module = TouchModule.from_config(plain, data.summary("train").labels, data.augment)
+    lost, met = SkippedRecordings(data.allowed), MetLabels(module)
+    lost.skip(data.skipped)
+    data.observers += [met.observe, lost.observe]
     if state is not None:
         log.info(checkpoints.initialise(module, state))
     if not resume:
         assert data.train is not None  # set up by `build_data`
         module.prepare(data.train)
     why = _settle_precision(plain, module, data)
-    trainer, saver = build_trainer(plain, folder)
+    trainer, saver = build_trainer(plain, folder, [met, lost])
     if trainer.is_global_zero and not resume:
         licences = {kind.licence for split in data.sources for kind in data.summary(split)}
         _keep(plain, folder, sorted(licences), data.summary("train").sensors, why)
@@ -129,7 +129,7 @@ def _train(plain: dict[str, Any], folder: Path, resume: Path | None) -> TouchMod
     if trainer.is_global_zero:
         from tactileforge.report.run import write_report
 
-        print(f"report: {write_report(folder, module, data)}")
+        print(f"report: {write_report(folder, module, data, lost.skipped, met.labels)}")
     return module
 
 
@@ -193,9 +193,9 @@ def _check(config: Mapping[str, Any]) -> None:
 
 
 def build_trainer(
-    config: Mapping[str, Any], folder: Path
+    config: Mapping[str, Any], folder: Path, callbacks: Sequence[Callback] = ()
 ) -> tuple[L.Trainer, checkpoints.Checkpoints]:
-    """The Lightning trainer of a run, and the callback that keeps its checkpoints."""
+    """The Lightning trainer of a run, with further callbacks; and that of its checkpoints."""
     options = dict(config["trainer"])
     saver = checkpoints.Checkpoints(folder, options.pop("save_every"))
     if options["strategy"] == "auto" and options["devices"] not in (1, "1", "auto"):
@@ -204,7 +204,8 @@ def build_trainer(
     own: dict[str, Any] = dict(
         default_root_dir=folder,
         logger=build_loggers(config["logger"], folder),
-        callbacks=[saver, Speed(config["batch"]["workers"]), Progress(), Timer()],
+        # the timer is for the report: how long it took
+        callbacks=[saver, Speed(config["batch"]["workers"]), Progress(), Timer(), *callbacks],
         plugins=[checkpoints.AtomicCheckpointIO(config.get("run"))],
         gradient_clip_val=config["optim"].get("clip"),
         use_distributed_sampler=False,

@@ -295,19 +295,19 @@ def test_a_calibration_travels_with_recordings(tmp_path: Path) -> None:
     ("old", "new", "message"),
     [
         ("version: 1", "version: 2", "version 2, but this tactileforge reads 1"),
-        ("sensor: digit", "sensr: digit", "is 'sensr' a slip"),
-        ("unit: D1", "unit: D1\nfoo: 3", "unknown key in here 'foo'"),
+        ("sensor: digit", "sensr: digit", "unknown key of a.yaml 'sensr'; did you mean 'sensor'"),
+        ("unit: D1", "unit: D1\nfoo: 3", "unknown key of a.yaml 'foo'"),
         ("mm_per_pixel: 0.5", "mm_per_pixel: -0.5", "mm_per_pixel is -0.5"),
         ("mm_per_pixel: 0.5", "mm_per_pixel: .nan", "mm_per_pixel is nan"),
-        ("offset: 0.1", "offset: .inf", "here, force, axes, z: offset is inf"),
-        ("offset: 0.1", "offset: much", "offset is 'much', but must be int or float"),
-        ("area: 3.0", "area: [3]", "weights: area is"),
+        ("offset: 0.1", "offset: .inf", r"a\.yaml: force\.axes\.z\.offset is inf"),
+        ("offset: 0.1", "offset: much", "offset is 'much', which is not of type float"),
+        ("area: 3.0", "area: [3]", r"a\.yaml: force\.axes\.z\.weights is"),
         ("balance: [1.0, 1.0, 1.0]", "balance: [1.0, 0.0, 1.0]", "balance is"),
         ("balance: [1.0, 1.0, 1.0]", "balance: [1.0, 1.0]", "must be 3 numbers"),
-        ("    z:", "    w:", "unknown key in here, force, axes 'w'"),
+        ("    z:", "    w:", "unknown key of a.yaml: force.axes 'w'"),
         ("size: [48, 64]", "size: [48]", "a height and a width"),
         ("version: 1", "version: [", "not YAML"),
-        ("version: 1", "", "version is missing"),
+        ("version: 1", "", "version None, but this tactileforge reads 1"),
     ],
 )
 def test_files_at_fault_are_named(old: str, new: str, message: str) -> None:
@@ -321,13 +321,13 @@ def test_files_at_fault_are_named(old: str, new: str, message: str) -> None:
         force=file.ForceModel("pictures", 3.0, 0.0, {"z": axis}),
     )
     text = whole.text()
-    assert file.parse_calibration(text, "here") == whole
+    assert file.parse_calibration(text, "a.yaml") == whole
     assert old in text
-    with pytest.raises(ConfigError, match="here: its checksum is another"):
-        file.parse_calibration(text.replace(old, new), "here")
+    with pytest.raises(ConfigError, match=r"a\.yaml: its checksum is another"):
+        file.parse_calibration(text.replace(old, new), "a.yaml")
     text = text.partition("\n")[2]  # by hand, on purpose
     with pytest.raises(ConfigError, match=message):
-        file.parse_calibration(text.replace(old, new), "here")
+        file.parse_calibration(text.replace(old, new), "a.yaml")
 
 
 def test_a_flipped_bit_of_a_calibration_is_named(tmp_path: Path) -> None:

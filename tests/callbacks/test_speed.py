@@ -17,7 +17,7 @@ from torch.utils.data import DataLoader, IterableDataset
 from tactileforge.callbacks import speed
 from tactileforge.callbacks.speed import Speed, advice, peak_of
 from tactileforge.compose import compose
-from tactileforge.data.batches import datamodule
+from tactileforge.data.batches.loader import Loader
 from tactileforge.pages.curves import Curve, read_metrics
 from tactileforge.report.speed import speed_fact, speed_verdict
 from tactileforge.train import train
@@ -89,8 +89,8 @@ def run(
     monkeypatch.setattr(time, "perf_counter", clock.perf_counter)
     callback, kept = Speed(workers=2), Kept()
     callback.peak = peak.get("peak")
-    loader = datamodule.Loader(Batches(clock, wait), batch_size=None)
-    monkeypatch.setattr(datamodule.Loader, "state_dict", lambda self: {})
+    loader = Loader(Batches(clock, wait), batch_size=None)
+    monkeypatch.setattr(Loader, "state_dict", lambda self: {})
     trainer = L.Trainer(
         accelerator="cpu",
         max_steps=STEPS,

@@ -26,6 +26,7 @@ import numpy as np
 import pytest
 import torch
 from tqdm import tqdm
+from waiting import wait_until
 
 from tactileforge import cli, run_folder
 from tactileforge.calibration.file import Axis, Calibration, ForceModel, load_calibration
@@ -320,7 +321,7 @@ def test_kills_while_shards_are_downloaded(tmp_path: Path, packed: Path) -> None
 
 
 def parsers(folder: Path, packed: Path) -> dict[str, tuple[bytes, Callable[[Path], Any]]]:
-    """Who reads what comes from others, and a good file of each."""
+    """Readers of what comes from others, and a good file for each."""
     cloud, ball = folder / "cloud.npy", folder / "ball.stl"
     np.save(cloud, np.zeros((20, 3)))
     ball.write_bytes(bytes(80) + (12).to_bytes(4, "little") + np.arange(150, dtype="<f4").tobytes())
@@ -457,11 +458,7 @@ def test_sensors_that_misbehave() -> None:
     for what, fault in FAULTS.items():
         one = Capture("a", Faulty(fault), lambda frame: None, reconnect=0.2, silence=0.2)  # type: ignore[arg-type]
         one.start()
-        end = time.monotonic() + 10
-        while one.error is None:
-            assert time.monotonic() < end, what
-            one.watch()
-            time.sleep(0.01)
+        wait_until(lambda capture=one: capture.error or capture.watch(), what=what)  # type: ignore[misc]
         assert isinstance(one.error, SensorError)
         started.append(one)
         named += 1

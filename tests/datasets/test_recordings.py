@@ -340,7 +340,10 @@ def test_a_layout_that_ships_with_the_data(
     assert data.provides == {"object"}
     assert [recording.key for recording in data.recordings("train")] == ["x/a.avi"]
     write("tactileforge.yaml", "layout: {}")
-    with pytest.raises(ConfigError, match=r"tactileforge\.yaml: layouts is missing"):
+    with pytest.raises(ConfigError, match=r"tactileforge\.yaml 'layout'; did you mean 'layouts'"):
+        list(Recordings(str(tmp_path)).recordings("train"))
+    write("tactileforge.yaml", "{}")
+    with pytest.raises(ConfigError, match=r"tactileforge\.yaml: 'layouts' is missing; for example"):
         list(Recordings(str(tmp_path)).recordings("train"))
     write("tactileforge.yaml", "layouts: [")
     with pytest.raises(ConfigError, match=r"tactileforge\.yaml: not YAML"):

@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import Any
 
 import pytest
 import torch
+from waiting import wait_until
 
 import tactileforge
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
@@ -206,15 +206,14 @@ def test_a_kill_during_a_download_leaves_nothing_broken(
         "import tactileforge; tactileforge.load('thing')\n"
     )
     with subprocess.Popen([sys.executable, "-c", code, str(tmp_path / "zoo")]) as process:
-        deadline = time.monotonic() + 60
-        while (
-            not (parts := list(store.weights_folder().glob(".*.part")))
-            or not parts[0].stat().st_size
-        ):
-            assert time.monotonic() < deadline
+
+        def is_half_there() -> bool:
             assert process.poll() is None
-            time.sleep(0.02)
+            return any(path.stat().st_size for path in store.weights_folder().glob(".*.part"))
+
+        wait_until(is_half_there, 60)
         process.send_signal(signal.SIGKILL)
+    parts = list(store.weights_folder().glob(".*.part"))
     assert [path for path in store.weights_folder().iterdir() if path not in parts] == []
     assert 0 < parts[0].stat().st_size < len(server.data)
     server.pause_at = None

@@ -3,12 +3,12 @@
 import os
 import signal
 import subprocess
-import time
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+from waiting import wait_until
 
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.packing import PackOptions, pack
@@ -36,13 +36,6 @@ def whole(packable: ModuleType, tmp_path: Path) -> dict[str, bytes]:
     return tree(tmp_path / "whole")
 
 
-def wait_for(what: Callable[[], object], seconds: float = 60) -> None:
-    end = time.monotonic() + seconds
-    while not what():
-        assert time.monotonic() < end, "it does not come"
-        time.sleep(0.02)
-
-
 def children(pid: int) -> list[int]:
     return [int(n) for n in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
@@ -62,15 +55,15 @@ def test_a_run_that_is_stopped_goes_on(
 ) -> None:
     out = tmp_path / "out"
     process = command(out, GIVEN, delay=0.2)
-    wait_for(lambda: len(list((out / ".pack").glob("train-*.json"))) >= 2)
-    wait_for(lambda: list(out.glob("*.part")))
+    wait_until(lambda: len(list((out / ".pack").glob("train-*.json"))) >= 2, 60)
+    wait_until(lambda: list(out.glob("*.part")), 60)
     workers = children(process.pid)
     assert len(workers) >= 2
     process.send_signal(how)
     process.communicate(timeout=30)
     assert process.returncode != 0
     assert not (out / "index.json").exists()
-    wait_for(lambda: not any(map(is_alive, workers)), 10)
+    wait_until(lambda: not any(map(is_alive, workers)), 10)
     noted = {path.stem for path in (out / ".pack").glob("train-*.json")}
     made = {name: (out / f"{name}.tar").stat().st_mtime_ns for name in noted}
     pack(packable.Touches(), "touches", out, OPTIONS)

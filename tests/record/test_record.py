@@ -19,6 +19,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from waiting import wait_until
 
 from tactileforge.calibration import file as calibration
 from tactileforge.data.shards import shards
@@ -353,13 +354,6 @@ def command():
         process.communicate()
 
 
-def wait_for(what, seconds=60):
-    end = time.monotonic() + seconds
-    while not what():
-        assert time.monotonic() < end, "it does not come"
-        time.sleep(0.02)
-
-
 def check_numbers(one, seed):
     """Its frames are what the sensor gave, each at its time, none twice."""
     spec = spec_from_file_location("recordable", SCRIPT)
@@ -374,7 +368,7 @@ def check_numbers(one, seed):
 def test_what_was_acknowledged_before_sigkill_is_whole(command, tmp_path):
     out = tmp_path / "out"
     process = command(out, segment=0.3)
-    wait_for(lambda: len(list(out.glob("*.tar"))) >= 3)
+    wait_until(lambda: len(list(out.glob("*.tar"))) >= 3, 60)
     process.send_signal(signal.SIGKILL)
     process.communicate()
     listed = [e["file"] for e in json.loads((out / "index.json").read_text())["splits"]["train"]]
@@ -402,7 +396,7 @@ def test_the_command_ends_well_when_it_is_stopped(how, tmp_path):
     process = subprocess.Popen(
         tool, env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
-    wait_for(lambda: list((tmp_path / "out").glob("*.tar")))
+    wait_until(lambda: list((tmp_path / "out").glob("*.tar")), 60)
     process.send_signal(how)
     said, errors = process.communicate(timeout=30)
     assert process.returncode == 0, errors

@@ -21,6 +21,7 @@ from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.files import unsealed
 from tactileforge.heads.decoder import Reconstruction
 from tactileforge.heads.force import Forces
+from tactileforge.labels import Labels
 from tactileforge.module import TouchModule
 from tactileforge.pages.curves import Curve, read_metrics, weighed
 from tactileforge.pages.figures import curve_figure
@@ -151,8 +152,7 @@ def write(tmp_path: Path) -> Write:
         data = TouchData(dataset, 4, (SIZE, SIZE), batch_size=8, match=0, workers=0)
         data.setup()
         module = TouchModule.from_config(config, data.summary("train").labels)
-        module.labels.counts = met or {}
-        report = write_report(tmp_path, module, data)
+        report = write_report(tmp_path, module, data, {}, Labels(met))
         assert not list(tmp_path.glob("*.part"))
         return Page(report.read_text())
 

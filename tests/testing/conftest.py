@@ -1,18 +1,16 @@
 from importlib import import_module
 
 import pytest
-import torch
 
 from tactileforge.testing import check
 from tactileforge.testing.results import CheckSubject, run_check
+from tactileforge.threads import one_thread
 
 
 @pytest.fixture(autouse=True)
 def _one_thread():
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
+    with one_thread():
+        yield
 
 
 @pytest.fixture

@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from opened import Opened
 
 from tactileforge.contracts import Frame, SensorSpec
 from tactileforge.errors import TactileForgeError
 
 
-class Good:
+class Good(Opened):
     """A sensor that is as it should be; the others break one thing."""
 
     spec = SensorSpec(
@@ -39,13 +40,6 @@ class Good:
 
     def close(self):
         self.is_open = False
-
-    def __enter__(self):
-        self.open()
-        return self
-
-    def __exit__(self, *error):
-        self.close()
 
 
 def test_good_sensor_passes(statuses):

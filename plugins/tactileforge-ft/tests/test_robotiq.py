@@ -11,7 +11,7 @@ from tactileforge_ft import modbus, robotiq
 from tactileforge_ft.robotiq import Robotiq
 
 from tactileforge.errors import ConfigError, SensorError
-from tactileforge.sensors.framing import CHECKSUMS
+from tactileforge.sensors.checksums import CHECKSUMS
 from tactileforge.testing import check
 from tactileforge.testing.emulators import Faults, PtyDevice, chunks
 

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from tactileforge import strict
 from tactileforge.contracts import Recording
-from tactileforge.errors import ConfigError, DataNotFoundError
+from tactileforge.errors import ConfigError, DataNotFoundError, unknown
 from tactileforge.files import sealed_yaml, unsealed_yaml, write_text
-from tactileforge.node import Node
 
 if TYPE_CHECKING:
     from tactileforge.hub.model import Model
@@ -241,81 +241,61 @@ def parse_calibration(text: str, where: str) -> Calibration:
             number is not finite.
     """
     try:
-        node = Node(unsealed_yaml(text), where)
+        content = strict.mapping(where, unsealed_yaml(text))
     except ValueError as error:
         raise ConfigError(f"{where}: {error}; correct it, or calibrate again") from error
-    if (version := node.need("version", int, str(VERSION))) != VERSION:
+    if (version := content.pop("version", None)) != VERSION:
         raise ConfigError(
             f"{where}: version {version}, but this tactileforge reads {VERSION}; calibrate again"
         )
-    size = node.take("size", list, [])
-    if size and (len(size) != 2 or not all(isinstance(n, int) and n > 0 for n in size)):
-        raise ConfigError(f"{where}: size is {size!r}, but must be a height and a width")
-    scale = node.take("mm_per_pixel", (int, float))
-    if scale is not None and not 0 < scale < math.inf:
-        raise ConfigError(f"{where}: mm_per_pixel is {scale}, but must be above 0")
-    light, force = node.take("light", dict), node.take("force", dict)
-    calibration = Calibration(
-        sensor=node.need("sensor", str, "digit"),
-        unit=node.take("unit", str, ""),
-        made=node.take("made", str, ""),
-        light=None if light is None else _light(Node(light, f"{where}, light")),
-        mm_per_pixel=scale,
-        size=size,
-        force=None if force is None else _force(Node(force, f"{where}, force")),
-    )
-    node.close()
+    calibration = strict.build(Calibration, where, content)
+    _check(calibration, where)
     return calibration
 
 
-def _light(node: Node) -> Light:
-    colour, balance = node.numbers("colour", 3), node.numbers("balance", 3)
-    grid = node.need("grid", list, "3 rows of 4 colours")
-    if np.shape(grid) != (3, 4, 3) or not np.isfinite(np.array(grid, np.float64)).all():
-        raise ConfigError(f"{node.where}: grid must be 3 rows of 4 colours")
+def _check(calibration: Calibration, where: str) -> None:
+    """Validates what types cannot express."""
+    size, scale = calibration.size, calibration.mm_per_pixel
+    if size and (len(size) != 2 or min(size) <= 0):
+        raise ConfigError(f"{where}: size is {size!r}, but must be a height and a width")
+    if scale is not None and not 0 < scale < math.inf:
+        raise ConfigError(f"{where}: mm_per_pixel is {scale}, but must be above 0")
+    if calibration.light is not None:
+        _check_light(calibration.light, f"{where}: light")
+    if calibration.force is not None:
+        _check_force(calibration.force, f"{where}: force")
+
+
+def _check_light(light: Light, where: str) -> None:
+    colour, balance = light.colour, light.balance
+    for key, values in (("colour", colour), ("balance", balance)):
+        if len(values) != 3:
+            raise ConfigError(f"{where}.{key} is {values!r}, but must be 3 numbers")
+    if _shape(light.grid) != (3, 4, 3) or not np.isfinite(light.grid).all():
+        raise ConfigError(f"{where}.grid must be 3 rows of 4 colours")
     if min(balance) <= 0 or not np.isfinite(colour + balance).all():
-        raise ConfigError(f"{node.where}: balance is {balance}, but must be above 0")
-    node.close()
-    return Light(colour, balance, grid)
+        raise ConfigError(f"{where}.balance is {balance}, but must be above 0")
 
 
-def _force(node: Node) -> ForceModel:
-    axes = Node(node.need("axes", dict, "{z: {...}}"), f"{node.where}, axes")
-    force = ForceModel(
-        of=node.need("of", str, "pictures"),
-        noise=_number(node, "noise"),
-        lag=_number(node, "lag"),
-        axes={
-            name: _axis(Node(axes.take(name, dict), f"{axes.where}, {name}"))
-            for name in AXES
-            if axes.has(name)
-        },
-        model=node.take("model", str, ""),
-    )
-    axes.close()
-    node.close()
+def _shape(grid: list[list[list[float]]]) -> tuple[int, ...]:
+    """The shape of nested lists; () where their lengths differ."""
+    rows, colours = {len(row) for row in grid}, {len(cell) for row in grid for cell in row}
+    return (len(grid), *rows, *colours) if len(rows) == len(colours) == 1 else ()
+
+
+def _check_force(force: ForceModel, where: str) -> None:
     if not force.axes:
-        raise ConfigError(f"{node.where}: axes is empty; give x, y or z")
-    return force
-
-
-def _axis(node: Node) -> Axis:
-    weights = Node(node.need("weights", dict, "{area: 12.5}"), f"{node.where}, weights")
-    names = [str(name) for name in node.take("weights", dict)]
-    axis = Axis(
-        offset=_number(node, "offset"),
-        weights={name: _number(weights, name) for name in names},
-        rmse=_number(node, "rmse"),
-        r2=_number(node, "r2"),
-        span=node.numbers("span", 2),
-        before=_number(node, "before") if node.take("before", (int, float)) is not None else None,
-    )
-    node.close()
-    return axis
-
-
-def _number(node: Node, key: str) -> float:
-    value = float(node.need(key, (int, float), "0.1"))
-    if not math.isfinite(value):
-        raise ConfigError(f"{node.where}: {key} is {value}, but must be a number")
-    return value
+        raise ConfigError(f"{where}.axes is empty; give x, y or z")
+    numbers = {"noise": force.noise, "lag": force.lag}
+    for name, axis in force.axes.items():
+        place = f"axes.{name}"
+        if name not in AXES:
+            raise ConfigError(unknown(f"key of {where}.axes", name, AXES))
+        if len(axis.span) != 2:
+            raise ConfigError(f"{where}.{place}.span is {axis.span!r}, but must be 2 numbers")
+        numbers |= {f"{place}.{key}": getattr(axis, key) for key in ("offset", "rmse", "r2")}
+        numbers |= {f"{place}.before": 0.0 if axis.before is None else axis.before}
+        numbers |= {f"{place}.weights.{key}": weight for key, weight in axis.weights.items()}
+    for key, value in numbers.items():
+        if not math.isfinite(value):
+            raise ConfigError(f"{where}.{key} is {value}, but must be a finite number")

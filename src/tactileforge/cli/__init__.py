@@ -125,8 +125,8 @@ def commands(verb: str) -> Mapping[str, Command]:
     known = verbs()
     if verb not in known:
         raise ConfigError(unknown("verb", verb, known, "tactileforge --help says what each does"))
-    found: Mapping[str, Command] = import_module(f"tactileforge.cli.{verb}").COMMANDS
-    return found
+    commands: Mapping[str, Command] = import_module(f"tactileforge.cli.{verb}").COMMANDS
+    return commands
 
 
 def actions(verb: str, known: Mapping[str, Command]) -> str:

@@ -31,7 +31,7 @@ def explain(name: str, key: str, overrides: Sequence[str]) -> str:
     if not rows:
         parent = key.rpartition(".")[0]
         node = OmegaConf.select(config, parent) if parent else config
-        known = [f"{parent}.{one!s}".lstrip(".") for one in node or ()]
+        known = [f"{parent}.{key_below!s}".lstrip(".") for key_below in node or ()]
         raise ConfigError(unknown("key", key, known))
     width = max(len(place) for place, _ in rows)
     lines = [f"  {place:<{width}}  {value}" for place, value in rows]
@@ -47,8 +47,8 @@ def _files(name: str, key: str, overrides: Sequence[str]) -> Iterator[tuple[str,
         hydra = GlobalHydra.instance().hydra
         assert hydra is not None
         loader: Any = hydra.config_loader
-        found = loader.compute_defaults_list(name, [*overrides], RunMode.RUN)
-        for default in found.defaults:
+        defaults = loader.compute_defaults_list(name, [*overrides], RunMode.RUN)
+        for default in defaults.defaults:
             if default.config_path is None or default.config_path.startswith("hydra"):
                 continue
             config = loader._load_single_config(default, loader.repository).config

@@ -47,8 +47,8 @@ def _groups(name: str) -> dict[str, str]:
     import yaml
 
     rows = yaml.safe_load(_yaml(name))["defaults"]
-    found = {key: value for row in rows if isinstance(row, dict) for key, value in row.items()}
-    return {key: value for key, value in found.items() if " " not in key and "/" not in key}
+    groups = {key: value for row in rows if isinstance(row, dict) for key, value in row.items()}
+    return {key: value for key, value in groups.items() if " " not in key and "/" not in key}
 
 
 def _after_defaults(name: str) -> str:

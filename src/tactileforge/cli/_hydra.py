@@ -102,15 +102,15 @@ def told(verb: str, command: Command, overrides: Sequence[str]) -> Iterator[None
 
 
 def _told(name: str, said: str, overrides: Sequence[str]) -> str:
-    if found := re.search(r"Could not override '(.+?)'\.? ?(No match in the defaults list)?", said):
-        key = found[1].removesuffix("@_global_")
+    if match := re.search(r"Could not override '(.+?)'\.? ?(No match in the defaults list)?", said):
+        key = match[1].removesuffix("@_global_")
         return _unknown_key(name, key, overrides)
-    if found := re.search(r"Could not find '([\w/]+)/(.+?)'", said):
-        return unknown(found[1], found[2], options(found[1]))
-    if found := re.search(r"You must specify '(\w+)'", said):
-        return f"give {found[1]}=NAME; Known: {', '.join(options(found[1]))}"
-    if found := re.search(r"LexerNoViableAltException: (.*)", said):
-        return f"{found[1]}: not key=value; quote values with special characters: 'key=\"value\"'"
+    if match := re.search(r"Could not find '([\w/]+)/(.+?)'", said):
+        return unknown(match[1], match[2], options(match[1]))
+    if match := re.search(r"You must specify '(\w+)'", said):
+        return f"give {match[1]}=NAME; Known: {', '.join(options(match[1]))}"
+    if match := re.search(r"LexerNoViableAltException: (.*)", said):
+        return f"{match[1]}: not key=value; quote values with special characters: 'key=\"value\"'"
     return re.sub(r"\s*\n\s*", "; ", said.partition("\nprimary config")[0].strip()).strip("; ")
 
 
@@ -128,12 +128,14 @@ def _unknown_key(name: str, key: str, overrides: Sequence[str]) -> str:
     parent, _, last = key.rpartition(".")
     while parent and parent not in known:
         parent = parent.rpartition(".")[0]
-    beside = [one for one in known if one.rpartition(".")[0] == parent]
+    beside = [option for option in known if option.rpartition(".")[0] == parent]
     near = nearest_name(key, beside)
     if near == ".":
-        near = nearest_name(key, [one for one in known if one.rpartition(".")[2] == last] or known)
+        near = nearest_name(
+            key, [option for option in known if option.rpartition(".")[2] == last] or known
+        )
     where = f" Known in {parent}" if parent else " Known"
-    names = ", ".join(one.rpartition(".")[2] for one in beside)
+    names = ", ".join(option.rpartition(".")[2] for option in beside)
     return f"unknown key {key!r}{near}{where}: {names}. A key that is new: +{key}=..."
 
 

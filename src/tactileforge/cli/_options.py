@@ -19,6 +19,6 @@ def options(group: str) -> list[str]:
     for place in places:
         folder = files(place) / group
         if folder.is_dir():
-            found = [item.name for item in folder.iterdir()]
-            names |= {name.removesuffix(".yaml") for name in found if name.endswith(".yaml")}
+            entries = [item.name for item in folder.iterdir()]
+            names |= {name.removesuffix(".yaml") for name in entries if name.endswith(".yaml")}
     return sorted(names)

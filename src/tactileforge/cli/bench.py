@@ -109,7 +109,7 @@ def _bench(_: _Bench, config: dict[str, Any]) -> int:
     beside = _beside(config["model"], trained, config["baselines"])
     known = [models.model_entry(word, config["untrained"], device, folders) for word in beside]
     bench = _opened(config, suite, folder, {"pretrain": " ".join(words)} if trained else {})
-    pretrain.train_all([job for found in runs.values() for job in found], config["jobs"])
+    pretrain.train_all([job for jobs in runs.values() for job in jobs], config["jobs"])
     for name, model in trained.items():
         if runs[name][0].finished:
             bench.writer.training(list(pretrain.curves(name, runs[name][0].folder)))

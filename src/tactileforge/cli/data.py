@@ -103,14 +103,14 @@ def _lerobot(keys: _LeRobot, config: dict[str, Any]) -> None:
 
     dataset, _ = _data(config)
     splits = ("train", "val")
-    recordings = (one for split in splits for one in dataset.recordings(split))
-    found = write_dataset(recordings, Path(keys.out), keys.lerobot)
-    lost = ", ".join(f"{device} {count}" for device, count in found.dropped.items() if count)
+    recordings = (recording for split in splits for recording in dataset.recordings(split))
+    written = write_dataset(recordings, Path(keys.out), keys.lerobot)
+    lost = ", ".join(f"{device} {count}" for device, count in written.dropped.items() if count)
     print(
-        f"{found.episodes} episodes, {found.rows} rows at {found.fps} per second; frames that no "
-        f"row shows: {lost or 'none'}"
+        f"{written.episodes} episodes, {written.rows} rows at {written.fps} per second; frames "
+        f"that no row shows: {lost or 'none'}"
     )
-    print(f"features: {', '.join(found.features)}")
+    print(f"features: {', '.join(written.features)}")
     print(f"LeRobot reads it: LeRobotDataset('local/touch', root='{keys.out}')")
 
 

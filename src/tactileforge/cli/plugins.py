@@ -72,6 +72,8 @@ class _New:
 
 def _list(keys: _List, _: dict[str, Any]) -> None:
     """Installed plugins; imports none of them."""
+    from tactileforge.hub.table import align_columns
+
     rows = [asdict(plugin) for plugin in registry.list_plugins()]
     for row in rows:
         row["kind"] = row["kind"].removesuffix("s")
@@ -80,9 +82,7 @@ def _list(keys: _List, _: dict[str, Any]) -> None:
         return
     columns = ("name", "kind", "distribution", "version", "status")
     table = [columns, *(tuple(str(row[column]) for column in columns) for row in rows)]
-    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-    for line in table:
-        print("  ".join(map(str.ljust, line, widths)).rstrip())
+    print(align_columns(table))
 
 
 def _check(keys: _Check, _: dict[str, Any]) -> int:
@@ -116,23 +116,23 @@ def _attached(
     plugins: Sequence[tuple[str, str]], options: Mapping[str, Any]
 ) -> list[tuple[str, str, dict[str, Any]]]:
     """Each sensor that is attached, with the options that open it; and each that is broken."""
-    found = []
+    attached = []
     for kind, name in plugins:
         if kind != "sensors":
             continue
         try:
             known = registry.parameters(registry.get(kind, name))
         except PluginError:
-            found.append((kind, name, dict(options)))
+            attached.append((kind, name, dict(options)))
             continue
         if any(known[key] is Parameter.empty and key not in options for key in known):
             continue
         key = next((key for key in _ADDRESSES if key in known), "")
         for address in registry.build(kind, {"name": name, **options}).discover():
-            found.append((kind, name, {**options, key: address} if key else dict(options)))
-    if not found:
+            attached.append((kind, name, {**options, key: address} if key else dict(options)))
+    if not attached:
         raise SensorError("none of the sensors is attached: plug one in, or give its port=")
-    return found
+    return attached
 
 
 def _chosen(names: Sequence[str], kind: str | None) -> list[tuple[str, str]]:

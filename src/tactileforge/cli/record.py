@@ -23,10 +23,10 @@ def _record(keys: RecordOptions, config: dict[str, Any]) -> None:
     status = RecordStatus()
     with stopped_by_signals() as stop:
         try:
-            found = record(keys, sensors, force, camera, stop, _say(status), status)
+            summary = record(keys, sensors, force, camera, stop, _say(status), status)
         finally:
             status.end()
-    print(_told(found))
+    print(_told(summary))
     print(f"look at it: tactileforge data inspect data=shards data.root={keys.out}")
 
 
@@ -38,12 +38,12 @@ def _say(status: RecordStatus) -> Any:
     return say
 
 
-def _told(found: RecordSummary) -> str:
-    frames = ", ".join(f"{name} {count}" for name, count in found.frames.items())
-    takes = "1 take" if found.takes == 1 else f"{found.takes} takes"
+def _told(summary: RecordSummary) -> str:
+    frames = ", ".join(f"{name} {count}" for name, count in summary.frames.items())
+    takes = "1 take" if summary.takes == 1 else f"{summary.takes} takes"
     return (
-        f"{takes}, {found.seconds:.1f} s, {found.bytes / 1e6:.1f} MB; frames: {frames}; "
-        f"dropped: {of_drops(found.reasons)}"
+        f"{takes}, {summary.seconds:.1f} s, {summary.bytes / 1e6:.1f} MB; frames: {frames}; "
+        f"dropped: {of_drops(summary.reasons)}"
     )
 
 

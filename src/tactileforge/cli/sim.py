@@ -10,7 +10,8 @@ from tactileforge import registry
 from tactileforge.cli._command import Command
 from tactileforge.files import write_text
 from tactileforge.reality.compare import CompareOptions, Side, compare_reality
-from tactileforge.sim.generate import SimConfig, write_seconds
+from tactileforge.sim.config import SimConfig
+from tactileforge.sim.generate import write_seconds
 
 
 @dataclass(frozen=True, kw_only=True)

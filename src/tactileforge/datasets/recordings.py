@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +15,7 @@ from tactileforge.datasets.reading.layout import EXAMPLE, SPLITS, DatasetLayout,
 from tactileforge.datasets.reading.reader import LayoutReader, LayoutTouch
 from tactileforge.datasets.reading.splits import is_held_out, split_parts
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
-from tactileforge.node import Node
+from tactileforge.strict import build
 from tactileforge.untrusted import load_yaml
 
 if TYPE_CHECKING:
@@ -22,6 +23,13 @@ if TYPE_CHECKING:
 
 #: A file of this name in the root describes the data that it came with.
 LAYOUT_FILE = "tactileforge.yaml"
+
+
+@dataclass(frozen=True)
+class LayoutFile:
+    """What that file says."""
+
+    layouts: dict[str, Any] = field(metadata={"example": "{my_touches: {...}}"})
 
 
 class Recordings:
@@ -151,9 +159,7 @@ def _shipped(root: Path) -> list[DatasetLayout]:
             f"it, or write it, for example:\n{EXAMPLE}"
         )
     try:
-        node = Node(load_yaml(path.read_text("utf-8")), str(path))  # never interpolated
+        content = load_yaml(path.read_text("utf-8"))  # never interpolated
     except ValueError as error:
         raise ConfigError(f"{path}: {error}; correct it") from error
-    layouts = node.need("layouts", dict, "{my_touches: {...}}")
-    node.close()
-    return _parse_all(layouts)
+    return _parse_all(build(LayoutFile, str(path), content).layouts)

@@ -14,7 +14,7 @@ from tactileforge.files import cache_folder
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from tactileforge.sim.generate import SimConfig
+    from tactileforge.sim.config import SimConfig
 
 
 class Sim:
@@ -92,7 +92,7 @@ class Sim:
         Raises:
             ConfigError: An unknown sensor, indenter or motion.
         """
-        from tactileforge.sim.generate import SimConfig
+        from tactileforge.sim.config import SimConfig
 
         return SimConfig(**self._given)  # type: ignore[arg-type]
 
@@ -112,7 +112,8 @@ class Sim:
         Raises:
             ConfigError: An unknown split, sensor, indenter or motion.
         """
-        from tactileforge.sim.generate import FIRST_VAL, path_of, write_scenes
+        from tactileforge.sim.config import FIRST_VAL
+        from tactileforge.sim.generate import path_of, write_scenes
 
         numbers = {"train": range(self.scenes), "val": range(FIRST_VAL, FIRST_VAL + self.val)}
         if split not in numbers:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from tactileforge.sim.array_scenes import Array
-    from tactileforge.sim.generate import SimConfig
+    from tactileforge.sim.config import SimConfig
 
 
 class SimArray:
@@ -112,7 +112,7 @@ class SimArray:
         Raises:
             ConfigError: An unknown indenter or motion.
         """
-        from tactileforge.sim.generate import SimConfig
+        from tactileforge.sim.config import SimConfig
 
         def plain(names: str | Sequence[str]) -> str | tuple[str, ...]:
             return names if isinstance(names, str) else tuple(names)
@@ -148,7 +148,8 @@ class SimArray:
             ConfigError: An unknown split, indenter or motion, or an array that makes no sense.
         """
         from tactileforge.sim.array_scenes import write_array_scenes
-        from tactileforge.sim.generate import FIRST_VAL, path_of
+        from tactileforge.sim.config import FIRST_VAL
+        from tactileforge.sim.generate import path_of
 
         numbers = {"train": range(self.scenes), "val": range(FIRST_VAL, FIRST_VAL + self.val)}
         if split not in numbers:

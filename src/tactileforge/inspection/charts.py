@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS, Recording
 from tactileforge.inspection.counters import DURATIONS, Histogram
-from tactileforge.pages.figures import CLASSES, SHADE, drawing, svg
+from tactileforge.pages.figures import CLASSES, SHADE, drawing, over_time, svg
 
 #: Points of a force curve.
 _POINTS = 400
@@ -35,13 +35,10 @@ def force_curve(recording: Recording, shown: Sequence[float]) -> Markup:
             rows = np.unique(np.linspace(0, len(times) - 1, _POINTS).round().astype(int))
             for i, values in enumerate(recording.force[rows].T):
                 axes.plot(times[rows], values, color=CLASSES[i][0], linewidth=1.4)
-            axes.set_ylabel("N")
         else:
             axes.set_yticks([])
             axes.set_ylim(0, 1)
-        low, high = axes.get_ylim()
-        room = max(0.0, 0.1 - (high - low) / 2)
-        axes.set(ylim=(low - room, high + room), xlabel="time (s)")
+        over_time(axes, "" if recording.force is None else "N")
         axes.set_xlim(times[0], times[-1])
         axes.plot(
             shown, [0] * len(shown), "|", transform=axes.get_xaxis_transform(), clip_on=False,

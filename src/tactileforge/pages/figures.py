@@ -187,10 +187,20 @@ def force_curve_figure(
         for split, (times, values) in predicted.items():
             colour = CLASSES[SPLITS[split]][0]
             axes.plot(times, values, "o", color=colour, markersize=3, markeredgewidth=0)
-        low, high = axes.get_ylim()
-        room = max(0.0, 0.1 - (high - low) / 2)
-        axes.set(xlabel="time (s)", ylabel=f"{axis} (N)", ylim=(low - room, high + room))
+        over_time(axes, f"{axis} (N)")
         return svg(figure, f"measured and predicted force along {axis} over time")
+
+
+def over_time(axes: Any, label: str) -> None:
+    """Names the axes of forces over time, N; noise alone does not fill the panel.
+
+    Args:
+        axes: With its lines.
+        label: Of the forces.
+    """
+    low, high = axes.get_ylim()
+    room = max(0.0, 0.1 - (high - low) / 2)
+    axes.set(xlabel="time (s)", ylabel=label, ylim=(low - room, high + room))
 
 
 def marker_of(number: int) -> str:

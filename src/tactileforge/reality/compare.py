@@ -30,7 +30,7 @@ class CompareOptions:
         recordings: Of each source that are read.
         scenes: Simulated touches of each sensor.
         trials: Simulated force trials, where a source has forces.
-        indenters: See `sim.generate.SimConfig`, as are those below.
+        indenters: See `sim.config.SimConfig`, as are those below.
         motions: Of the touches.
         newton: Range of the largest normal force of the touches, N.
         markers: Whether the simulated gels have markers.

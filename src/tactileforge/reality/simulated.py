@@ -15,7 +15,8 @@ from tactileforge.contracts import FrameSubset, Recording
 from tactileforge.data.shards import shards
 from tactileforge.errors import DataError
 from tactileforge.reality import measures
-from tactileforge.sim.generate import SimConfig, recordings
+from tactileforge.sim.config import SimConfig
+from tactileforge.sim.generate import recordings
 
 #: The trial of the ToucHD demonstrations, at both sensors' forces; edges show where a fit fails.
 _TRIAL: dict[str, Any] = {
@@ -31,7 +32,7 @@ def config(sensor: str, **changes: Any) -> SimConfig:
 
     Args:
         sensor: Its type.
-        changes: Of `sim.generate.SimConfig`, instead of what is chosen here.
+        changes: Of `sim.config.SimConfig`, instead of what is chosen here.
 
     Raises:
         ConfigError: The simulator does not know the sensor, or a word in ``given``.

@@ -94,10 +94,10 @@ class FrameQueue:
 
     def cut(self, until: float) -> list[PendingFrame]:
         """Removes and returns the frames before a time; their encoding may still be pending."""
-        found = []
+        frames = []
         while self._shots and self._shots[0].time < until:
-            found.append(self._shots.popleft())
-        return found
+            frames.append(self._shots.popleft())
+        return frames
 
 
 class WrenchBuffer:
@@ -152,8 +152,8 @@ class WrenchBuffer:
         with self._lock:
             end = self._count
             count = int(np.searchsorted(self._times[:end], until))
-            found = self._times[:count].copy(), self._values[:count].copy()
+            samples = self._times[:count].copy(), self._values[:count].copy()
             self._times[: end - count] = self._times[count:end]
             self._values[: end - count] = self._values[count:end]
             self._count = end - count
-        return found
+        return samples

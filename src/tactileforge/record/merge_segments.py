@@ -26,8 +26,8 @@ def merge_segments(paths: Sequence[Path]) -> list[shards.Packed]:
     """
     by_sensor: dict[str, list[Recording]] = {}
     for path in paths:
-        for one in shards.read_shard(path):
-            by_sensor.setdefault(one.key.rpartition("/")[0], []).append(one)
+        for recording in shards.read_shard(path):
+            by_sensor.setdefault(recording.key.rpartition("/")[0], []).append(recording)
     return [_one(key, parts) for key, parts in by_sensor.items()]
 
 

@@ -58,14 +58,14 @@ def read_raw(path: Path) -> dict[str, Raw]:
     Raises:
         DataError: The file is no shard, or is damaged.
     """
-    found: dict[str, Raw] = {}
+    values_by_name: dict[str, Raw] = {}
     for name, content in shards.members(path):
         if match := _RAW.fullmatch(name):
             try:
-                found[match["name"]] = _arrays(content)
+                values_by_name[match["name"]] = _arrays(content)
             except _DAMAGE as error:
                 raise DataError(f"{path}: {name} is damaged ({error}); record it again") from error
-    return found
+    return values_by_name
 
 
 def _arrays(content: bytes) -> Raw:

@@ -63,7 +63,7 @@ def record(
         TactileForgeError: The disk is full; says what is safe.
     """
     stop = stop or threading.Event()
-    found = RecordSummary(0, 0.0, dict.fromkeys(sensors, 0), {}, 0)
+    summary = RecordSummary(0, 0.0, dict.fromkeys(sensors, 0), {}, 0)
     matrices = {name: axes_matrix(_axes(options, name)) for name in sensors}
     try:
         with (
@@ -78,14 +78,14 @@ def record(
             while not stop.is_set() and not rig.is_over and count != options.takes:
                 if count and stop.wait(options.pause):
                     break
-                _Take(rig, store, matrices, known, found, say, status).run(stop)
+                _Take(rig, store, matrices, known, summary, say, status).run(stop)
                 count += 1
     except OSError as error:
         raise TactileForgeError(
-            f"{options.out}: cannot be written ({error.strerror or error}). {found.seconds:.1f} s "
-            "of touch are safe; make room, and record again into the same folder"
+            f"{options.out}: cannot be written ({error.strerror or error}). {summary.seconds:.1f} "
+            "s of touch are safe; make room, and record again into the same folder"
         ) from error
-    return found
+    return summary
 
 
 def _axes(options: RecordOptions, name: str) -> Any:
@@ -123,13 +123,13 @@ class _Take:
         store: TakeStore,
         matrices: Mapping[str, NDArray[np.float64]],
         known: Mapping[str, Mapping[str, str]],
-        found: RecordSummary,
+        summary: RecordSummary,
         say: Callable[[str], None],
         status: RecordStatus | None,
     ) -> None:
         self.rig, self.store, self.matrices = rig, store, matrices
         self.known = known
-        self.found, self.say, self.status = found, say, status
+        self.summary, self.say, self.status = summary, say, status
         self.options = rig.options
         self.number = store.new_take()
         self.segments = 0
@@ -170,7 +170,7 @@ class _Take:
                 self._save(due)
                 self._check_room()
             if self.status is not None:
-                self.status.show(self.rig, self.number, time.monotonic() - self.start, self.found)
+                self.status.show(self.rig, self.number, time.monotonic() - self.start, self.summary)
         check([device.capture for device in self.rig.all], at_end=True)
 
     def _check_room(self) -> None:
@@ -190,14 +190,14 @@ class _Take:
         self.rig.stop()
         self._save(end)
         for device in self.rig.all:
-            dropped = self.found.dropped
+            dropped = self.summary.dropped
             dropped[device.name] = dropped.get(device.name, 0) + device.keeps.dropped
             late = {"late": dropped[device.name]}
-            self.found.reasons[device.name] = late | device.capture.drops()
+            self.summary.reasons[device.name] = late | device.capture.drops()
         if not self.segments:
             self.say(f"take {self.number}: nothing came")
             return
-        self.found.takes += 1
+        self.summary.takes += 1
         if self.options.join:
             try:
                 self.store.join(self.number)
@@ -224,10 +224,10 @@ class _Take:
         ]
         entry = self.store.write(self.number, self.segments, packed, raw)
         self.segments += 1
-        self.found.bytes += entry.bytes
-        self.found.seconds += until - begun
+        self.summary.bytes += entry.bytes
+        self.summary.seconds += until - begun
         for name, held in shots.items():
-            self.found.frames[name] += len(held)
+            self.summary.frames[name] += len(held)
 
     def _wrenches(self, until: float, raw: dict[str, Raw]) -> Raw | None:
         """Removes the samples of a segment and returns them with their neighbours."""

@@ -106,7 +106,10 @@ class Rig:
     @property
     def all(self) -> list[RigSensor]:
         """Every device."""
-        return [*self.devices, *(one for one in (self.force, self.camera) if one is not None)]
+        return [
+            *self.devices,
+            *(device for device in (self.force, self.camera) if device is not None),
+        ]
 
     def codec(self, device: RigSensor) -> str:
         """Codec of the frames of a device."""
@@ -137,7 +140,7 @@ class Rig:
             return WrenchBuffer(hold)
         codecs = {self.codec(device)}
         if device is self.camera:
-            codecs = {self.codec(one) for one in self.devices}
+            codecs = {self.codec(device) for device in self.devices}
         return FrameQueue(pool, sorted(codecs), self.options.quality, self.options.queue, hold)
 
     def __exit__(self, *error: object) -> None:

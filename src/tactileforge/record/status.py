@@ -51,7 +51,7 @@ class RecordStatus(Status):
         super().__init__(to)
         self._warned: set[tuple[str, str]] = set()
 
-    def show(self, rig: Rig, take: int, seconds: float, found: RecordSummary) -> None:
+    def show(self, rig: Rig, take: int, seconds: float, summary: RecordSummary) -> None:
         """Writes the line when it is due."""
         now = time.monotonic()
         if now < self._next:
@@ -63,7 +63,7 @@ class RecordStatus(Status):
         parts = [
             f"take {take} {seconds:6.1f} s",
             *map(device_status, rig.all),
-            f"saved {found.seconds:.0f} s, {found.bytes / 1e6:.1f} MB",
+            f"saved {summary.seconds:.0f} s, {summary.bytes / 1e6:.1f} MB",
             f"disk {free / 1e9:.0f} GB",
         ]
         self._write(" | ".join(parts))

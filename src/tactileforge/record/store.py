@@ -84,7 +84,9 @@ class TakeStore:
                 self.notes.append(f"the index is made anew: {error}")
             else:
                 ours = held.made.get("by") == _BY
-                self._entries = {one.file: one for rows in held.splits.values() for one in rows}
+                self._entries = {
+                    entry.file: entry for rows in held.splits.values() for entry in rows
+                }
         if not ours and any([path.exists(), *self.out.glob("*.tar")]):
             raise ConfigError(f"{self.out} holds shards of something else; give another out=")
 
@@ -123,8 +125,8 @@ class TakeStore:
 
     def new_take(self) -> int:
         """The number of the next take."""
-        found = [_parts(path.name) for path in self.out.glob("*.tar")]
-        return max((int(one["take"]) for one in found if one), default=-1) + 1
+        parts = [_parts(path.name) for path in self.out.glob("*.tar")]
+        return max((int(part["take"]) for part in parts if part), default=-1) + 1
 
     def write(
         self,
@@ -158,11 +160,13 @@ class TakeStore:
         return self._join(f"{self.split}-{take:06d}.tar")
 
     def _join(self, name: str) -> IndexEntry | None:
-        segments = sorted(one for one in self._entries if _whole(one) == name and one != name)
-        size = sum(self._entries[one].bytes for one in segments)
+        segments = sorted(
+            segment for segment in self._entries if _whole(segment) == name and segment != name
+        )
+        size = sum(self._entries[segment].bytes for segment in segments)
         if not segments or shutil.disk_usage(self.out).free < 1.1 * size:
             return None
-        paths = [self.out / one for one in segments]
+        paths = [self.out / segment for segment in segments]
         entry = self._commit(name, merge_segments(paths), merge_raw(paths), instead_of=segments)
         for path in paths:
             path.unlink()
@@ -185,8 +189,8 @@ class TakeStore:
         finally:
             part.unlink(missing_ok=True)
         before = dict(self._entries)
-        for one in instead_of:
-            del self._entries[one]
+        for segment in instead_of:
+            del self._entries[segment]
         self._entries[name] = entry
         try:
             self._save()
@@ -208,8 +212,8 @@ class TakeStore:
 
 
 def _parts(name: str) -> dict[str, str] | None:
-    found = _SEGMENT.fullmatch(name) or _TAKE.fullmatch(name)
-    return found.groupdict() if found else None
+    match = _SEGMENT.fullmatch(name) or _TAKE.fullmatch(name)
+    return match.groupdict() if match else None
 
 
 def _whole(name: str) -> str:

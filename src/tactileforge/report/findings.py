@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tactileforge.data.batches.clips import Clips
+from tactileforge.data.batches.clips import Clips, Skipped
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import DataError
 from tactileforge.heads.decoder import Reconstruction
@@ -47,8 +47,13 @@ class RunFindings:
     skipped: list[str]
 
 
-def run_findings(module: TouchModule, data: TouchData) -> RunFindings:
+def run_findings(module: TouchModule, data: TouchData, skipped: Skipped) -> RunFindings:
     """Runs a module on some clips of its data.
+
+    Args:
+        module: Trained.
+        data: Set up.
+        skipped: Recordings that training could not read.
 
     Raises:
         DataError: The data is not set up.
@@ -57,7 +62,7 @@ def run_findings(module: TouchModule, data: TouchData) -> RunFindings:
     present = {split: clips for split, clips in splits.items() if clips is not None}
     if "train" not in present:
         raise DataError("setup() has not been called")
-    skipped = data.skipped | module.skipped
+    skipped = data.skipped | dict(skipped)
     looks = {
         split: embed_clips(module, clips, spread(clips, _CLIPS), skipped)
         for split, clips in present.items()

@@ -8,9 +8,11 @@ from typing import Any
 
 from tactileforge import run_folder
 from tactileforge.callbacks import checkpoints
+from tactileforge.data.batches.clips import Skipped
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import ConfigError
 from tactileforge.files import write_text
+from tactileforge.labels import Labels
 from tactileforge.module import TouchModule
 from tactileforge.pages.curves import Curve, read_metrics
 from tactileforge.pages.page import page
@@ -36,17 +38,18 @@ def report_of_run(folder: Path) -> Path:
 
     config = _config(folder)
     state = checkpoints.read_own(folder, config.get("run"))
-    data = build_data(config)
+    data, _ = build_data(config)
     module = TouchModule.from_config(config, data.summary("train").labels)
     try:
         module.load_state_dict(state["state_dict"])
     except RuntimeError as error:
         raise ConfigError(f"{folder}: the checkpoint does not fit config.yaml: {error}") from error
-    module.on_load_checkpoint(state)
-    return write_report(folder, module, data)
+    return write_report(folder, module, data, state["skipped"], Labels(state["labels"]))
 
 
-def write_report(folder: Path, module: TouchModule, data: TouchData) -> Path:
+def write_report(
+    folder: Path, module: TouchModule, data: TouchData, skipped: Skipped, labels: Labels
+) -> Path:
     """Writes ``report.html`` of a run that has ended.
 
     The report depends on the weights, the data and the files of the run alone: written twice, it is
@@ -56,6 +59,8 @@ def write_report(folder: Path, module: TouchModule, data: TouchData) -> Path:
         folder: Folder of the run.
         module: Trained.
         data: Set up.
+        skipped: Recordings that training could not read.
+        labels: Labels that objectives met in training.
 
     Returns:
         The report.
@@ -63,11 +68,11 @@ def write_report(folder: Path, module: TouchModule, data: TouchData) -> Path:
     config = _config(folder)
     curves = read_metrics(folder)
     steps, seconds = _progress(folder, curves)
-    findings = run_findings(module, data)
+    findings = run_findings(module, data, skipped)
     weights = {key: float(node["weight"]) for key, node in config["objective"].items()}
     kept = sections.kept_versions(folder)
     top = summary.run_facts(config, module, data, steps, seconds, curves, kept)
-    top += summary.run_verdict(curves, weights, findings, module.labels)
+    top += summary.run_verdict(curves, weights, findings, labels)
     parts = [
         sections.losses(curves, list(weights), steps),
         *sections.balance(curves, list(weights), steps),

@@ -49,7 +49,7 @@ def variation(frames: Sequence[NDArray[np.uint8]]) -> float:
         ]
     )
     change = np.abs(small - np.median(small, axis=0))
-    return max(float(np.percentile(one, 99)) for one in change)
+    return max(float(np.percentile(difference, 99)) for difference in change)
 
 
 def check_background(name: str, frames: Sequence[NDArray[np.uint8]], threshold: float) -> None:
@@ -67,11 +67,11 @@ def check_background(name: str, frames: Sequence[NDArray[np.uint8]], threshold: 
         raise SensorError(f"{name}: no frame came for its background; does it still run?")
     if trouble := exposure_trouble(frames[len(frames) // 2]):
         raise SensorError(f"{name}: its background is {trouble}: {TROUBLES[trouble]}")
-    found = variation(frames)
-    if found > threshold:
+    change = variation(frames)
+    if change > threshold:
         raise SensorError(
             f"{name}: something touches it, or its light flickers: its pictures change by "
-            f"{found:.1f} grey levels while nothing should touch. Lift everything off and start "
+            f"{change:.1f} grey levels while nothing should touch. Lift everything off and start "
             f"again, or allow more: background.threshold={threshold:g} is the limit"
         )
 

@@ -6,15 +6,13 @@ same packets come out of it.
 
 from __future__ import annotations
 
-import binascii
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import reduce
-from operator import xor
 from typing import Protocol
 
 from tactileforge.errors import ConfigError, unknown
+from tactileforge.sensors.checksums import CHECKSUMS
 
 
 class Parser(Protocol):
@@ -33,64 +31,6 @@ class Parser(Protocol):
     def feed(self, data: bytes) -> list[bytes]:
         """Takes the next bytes and returns the completed payloads, oldest first."""
         ...
-
-
-@dataclass(frozen=True)
-class Checksum:
-    """A checksum at the end of a packet.
-
-    Attributes:
-        size: Bytes it takes.
-        of: Its bytes, of the bytes it covers.
-    """
-
-    size: int
-    of: Callable[[bytes], bytes]
-
-
-def _crc8_table() -> list[int]:
-    table = []
-    for value in range(256):
-        for _ in range(8):
-            value = (value << 1) ^ (0x07 if value & 0x80 else 0)
-        table.append(value & 0xFF)
-    return table
-
-
-def _modbus_table() -> list[int]:
-    table = []
-    for value in range(256):
-        for _ in range(8):
-            value = (value >> 1) ^ (0xA001 if value & 1 else 0)
-        table.append(value)
-    return table
-
-
-_CRC8 = _crc8_table()
-_MODBUS = _modbus_table()
-
-
-def _crc8(data: bytes) -> bytes:
-    return bytes([reduce(lambda crc, byte: _CRC8[crc ^ byte], data, 0)])
-
-
-def _modbus(data: bytes) -> bytes:
-    crc = reduce(lambda crc, byte: (crc >> 8) ^ _MODBUS[(crc ^ byte) & 0xFF], data, 0xFFFF)
-    return crc.to_bytes(2, "little")
-
-
-#: Checksums by name. ``sum8`` and ``lrc8`` are the sum of the bytes and its two's complement;
-#: ``crc8`` has the polynomial 0x07, ``crc16_modbus`` goes low byte first, and ``crc16_ccitt``
-#: (0x1021, starts with 0xFFFF) high byte first.
-CHECKSUMS = {
-    "none": Checksum(0, lambda data: b""),
-    "sum8": Checksum(1, lambda data: bytes([sum(data) & 0xFF])),
-    "lrc8": Checksum(1, lambda data: bytes([-sum(data) & 0xFF])),
-    "xor8": Checksum(1, lambda data: bytes([reduce(xor, data, 0)])),
-    "crc8": Checksum(1, _crc8),
-    "crc16_modbus": Checksum(2, _modbus),
-    "crc16_ccitt": Checksum(2, lambda data: binascii.crc_hqx(data, 0xFFFF).to_bytes(2, "big")),
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -204,15 +144,15 @@ class PacketParser:
     def feed(self, data: bytes) -> list[bytes]:
         """Takes the next bytes; see `Parser.feed`."""
         self._buffer += data
-        found: list[bytes] = []
+        payloads: list[bytes] = []
         place = 0
         while True:
             place, payload = self._step(place)
             if payload is None:
                 break
-            found += payload
+            payloads += payload
         del self._buffer[:place]
-        return found
+        return payloads
 
     def _step(self, place: int) -> tuple[int, list[bytes] | None]:
         """Advances from a position: the next one and the payload there; None to wait for more."""
@@ -242,15 +182,15 @@ class PacketParser:
         """First possible start of a packet, at a position or after it."""
         mark = self.framing.header or self._before
         if self.framing.header:
-            found = self._buffer.find(mark, place)
+            found_at = self._buffer.find(mark, place)
         elif self._anchored:
             return place
         else:
-            found = self._buffer.find(mark, place)
-            self._anchored = found >= 0
-            if found >= 0:
-                return found + len(mark)
-        return found if found >= 0 else max(place, len(self._buffer) - len(mark) + 1)
+            found_at = self._buffer.find(mark, place)
+            self._anchored = found_at >= 0
+            if found_at >= 0:
+                return found_at + len(mark)
+        return found_at if found_at >= 0 else max(place, len(self._buffer) - len(mark) + 1)
 
     def _after(self) -> int:
         """Bytes between the payload and the end of a packet."""

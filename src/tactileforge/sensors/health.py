@@ -49,10 +49,10 @@ class Health:
         """Problem of an image, one of `TROUBLES`; "" without one."""
         if self.spec.kind != "image":
             return ""
-        found = self._frozen(frame) or exposure_trouble(frame.array)
-        if found:
-            self.counts[found] += 1
-        return found
+        trouble = self._frozen(frame) or exposure_trouble(frame.array)
+        if trouble:
+            self.counts[trouble] += 1
+        return trouble
 
     def _frozen(self, frame: Frame) -> str:
         last, self._last = self._last, frame.array
@@ -70,7 +70,7 @@ def exposure_trouble(picture: NDArray[np.uint8]) -> str:
     return "saturated" if np.mean(seen > _BRIGHT) > 0.5 else ""
 
 
-def _equal(one: NDArray[np.uint8], other: NDArray[np.uint8]) -> bool:
-    return np.array_equal(one[::_STEP, ::_STEP], other[::_STEP, ::_STEP]) and np.array_equal(
-        one, other
+def _equal(picture: NDArray[np.uint8], other: NDArray[np.uint8]) -> bool:
+    return np.array_equal(picture[::_STEP, ::_STEP], other[::_STEP, ::_STEP]) and np.array_equal(
+        picture, other
     )

@@ -101,12 +101,12 @@ def serial_ports(usb: str = "", serial_number: str = "") -> list[str]:
     """
     from serial.tools.list_ports import comports
 
-    found = []
+    ports = []
     for port in comports():
         ids = "" if port.vid is None else f"{port.vid:04x}:{port.pid:04x}"
         if usb.lower() in ("", ids) and serial_number in ("", port.serial_number):
-            found.append(port.device)
-    return sorted(found)
+            ports.append(port.device)
+    return sorted(ports)
 
 
 def attached_ports(port: str, usb: str = "", serial_number: str = "") -> list[str]:

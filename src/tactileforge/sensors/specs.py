@@ -80,9 +80,9 @@ def spec(name: str) -> SensorSpec:
     if name in SPECS:
         return SPECS[name]
     if name in registry.names("sensors"):
-        found = getattr(registry.get("sensors", name), "spec", None)
-        if isinstance(found, SensorSpec):
-            return found
+        known = getattr(registry.get("sensors", name), "spec", None)
+        if isinstance(known, SensorSpec):
+            return known
     raise ConfigError(
         unknown(
             "sensor",

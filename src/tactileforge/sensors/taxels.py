@@ -90,5 +90,5 @@ def _weights(shape: tuple[int, int], positions: Sequence[Sequence[float]]) -> ND
     squares = ((pixels[:, None] - places[None]) ** 2).sum(-1)
     on_it = squares == 0
     weights = np.where(on_it.any(1, keepdims=True), on_it, 1 / np.where(on_it, 1.0, squares))
-    found: NDArray[np.float64] = weights / weights.sum(1, keepdims=True)
-    return found
+    shares: NDArray[np.float64] = weights / weights.sum(1, keepdims=True)
+    return shares

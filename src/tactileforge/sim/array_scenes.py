@@ -21,11 +21,13 @@ from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards import shards
 from tactileforge.errors import ConfigError
 from tactileforge.sensors.taxels import TaxelLayout
-from tactileforge.sim.generate import SimConfig, path_of
+from tactileforge.sim.config import SimConfig
+from tactileforge.sim.generate import path_of
 from tactileforge.sim.mechanics.gel import Gel
 from tactileforge.sim.mechanics.touch import ContactState, contacts
 from tactileforge.sim.optics.scene_camera import render_scene_image
 from tactileforge.sim.scene import POINTS, SPACING, Scene
+from tactileforge.threads import one_thread
 
 #: Frames per second that are simulated.
 FPS = 30.0
@@ -216,7 +218,7 @@ def write_array_scenes(
         config: The simulated scenes.
         array: The taxel array.
         folder: Folder of the shards.
-        numbers: Numbers of scenes; validation starts at `sim.generate.FIRST_VAL`.
+        numbers: Numbers of scenes; validation starts at `sim.config.FIRST_VAL`.
         processes: Processes that simulate; None for one a core.
     """
     missing = [n for n in numbers if not path_of(folder, n).exists()]
@@ -242,9 +244,5 @@ def write_array_scenes(
 
 
 def _write(config: SimConfig, array: Array, folder: Path, number: int) -> None:
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
+    with one_thread():
         shards.write_shard(path_of(folder, number), [recording(config, array, number)])
-    finally:
-        torch.set_num_threads(before)

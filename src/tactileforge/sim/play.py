@@ -42,7 +42,7 @@ class SimFrames:
         force: float32 (K, 3), N.
         torque: float32 (K,), N mm.
         surface: uint8 (K, h, w, 3), how the gel's surface is displaced, see
-            `displacement.encode_displacement`.
+            `displacement.encode_displacement`; None where it was not asked for.
     """
 
     scene: int
@@ -50,7 +50,7 @@ class SimFrames:
     pictures: NDArray[np.uint8]
     force: NDArray[np.float32]
     torque: NDArray[np.float32]
-    surface: NDArray[np.uint8]
+    surface: NDArray[np.uint8] | None
 
 
 def play_scenes(
@@ -60,6 +60,7 @@ def play_scenes(
     *,
     markers: bool | None = None,
     viscosity: float = 0.0,
+    surface: bool = False,
     device_name: str = "cpu",
 ) -> Iterator[SimFrames]:
     """Simulates touches on several sensors at once, a few frames at a time.
@@ -74,6 +75,7 @@ def play_scenes(
         markers: Whether the gels have markers; None as their types have.
         viscosity: Relaxation time of the gels, s; their forces then lead their images. Scenes
             that draw their own have at least this.
+        surface: Whether to say how the gels' surfaces are displaced.
         device_name: Torch device that computes.
 
     Raises:
@@ -89,7 +91,16 @@ def play_scenes(
             layer = (feel.gel.thickness, feel.gel.poisson, scene.window)
             groups.setdefault(layer, []).append(feel)
     for (*_, window), group in sorted(groups.items(), key=lambda item: item[0]):
-        yield from _play(group, window, size, markers, device_name)
+        yield from _play(group, window, _Show(size, markers, surface), device_name)
+
+
+@dataclass(frozen=True)
+class _Show:
+    """What is made of a contact; see `play_scenes`."""
+
+    size: int
+    markers: bool | None
+    surface: bool
 
 
 @dataclass(frozen=True)
@@ -115,9 +126,7 @@ def _feels(number: int, scene: Scene, sensors: Sequence[str], viscosity: float) 
         yield _Feel(number, scene, gel, fps, seen)
 
 
-def _play(
-    group: Sequence[_Feel], window: int, size: int, markers: bool | None, where: str
-) -> Iterator[SimFrames]:
+def _play(group: Sequence[_Feel], window: int, show: _Show, where: str) -> Iterator[SimFrames]:
     """Plays touches on gels that one solver serves."""
     poses, frames = _aligned([feel.scene.poses(feel.fps) for feel in group])
     heights = torch.from_numpy(np.stack([feel.scene.heights for feel in group]))
@@ -131,7 +140,7 @@ def _play(
         [feel.scene.row["softness"] for feel in group],
         window,
     )
-    films = [_Film(feel, size, markers, where) for feel in group]
+    films = [_Film(feel, show, where) for feel in group]
     first = 0
     while chunk := list(islice(moments, _CHUNK)):
         for row, film in enumerate(films):
@@ -144,14 +153,13 @@ def _play(
 class _Film:
     """Views of a scene by the sensors of one gel."""
 
-    def __init__(self, feel: _Feel, size: int, markers: bool | None, where: str) -> None:
+    def __init__(self, feel: _Feel, show: _Show, where: str) -> None:
         fine = feel.scene.shape.map(POINTS * DETAIL, SPACING / DETAIL)
         self.number = feel.number
         self.surface = GelSurface(torch.from_numpy(fine)[None].to(where), SPACING, feel.gel)
         drift = torch.from_numpy(feel.scene.drift(feel.fps)).to(where)
         self.views = [
-            _View(feel.scene, place, name, size, markers, drift, where)
-            for place, name in feel.seen.items()
+            _View(feel.scene, place, name, show, drift, where) for place, name in feel.seen.items()
         ]
 
     def shots(self, first: int, part: ContactState) -> Iterator[SimFrames]:
@@ -167,24 +175,18 @@ class _View:
     """View of a scene by one sensor."""
 
     def __init__(
-        self,
-        scene: Scene,
-        place: int,
-        sensor: str,
-        size: int,
-        markers: bool | None,
-        drift: Tensor,
-        where: str,
+        self, scene: Scene, place: int, sensor: str, show: _Show, drift: Tensor, where: str
     ) -> None:
         known = spec(sensor)
         full = min(known.height, known.width)
+        size = show.size
         shown = [round(side * size / full) for side in (known.height, known.width)]
         seed = scene.seed if scene.unit is None else scene.unit
         coarse = sensor_instances.pixel_spacing(sensor, shown[0])
         shrink = math.ceil(coarse / _FINEST)
         height, width = (side * shrink for side in shown)
         unit = sensor_instances.draw_instance(
-            sensor, seed, (height, width), markers, scene.randomise
+            sensor, seed, (height, width), show.markers, scene.randomise
         )
         # A pixel of an image that is smaller than the sensor's is a mean of many.
         unit = replace(unit, noise=unit.noise * min(1.0, size / FULL))
@@ -193,44 +195,53 @@ class _View:
         self.codec = Codec(unit.camera, FULL / size)
         self.drift = drift if "drift" in scene.row.chosen else None
         self.places = unit.camera.places(height, width, unit.spacing, where)
-        self.cells = displacement.grid_shape(height, width)
-        self.centres = F.adaptive_avg_pool2d(self.places.permute(2, 0, 1), self.cells).flatten(1).T
+        self.cells = displacement.grid_shape(height, width) if show.surface else None
+        none = self.places.new_zeros(0, 2)
+        markers, image = self.optics.markers, self.places.permute(2, 0, 1)
+        self.markers = none if markers is None else markers.places
+        self.centres = (
+            none if self.cells is None else F.adaptive_avg_pool2d(image, self.cells).flatten(1).T
+        )
 
     def pictures(
         self, first: int, surface: GelSurface, fields: Fields, part: ContactState
-    ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    ) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
         """Renders a batch of moments.
 
         Returns:
-            uint8 (K, H, W, 3), and the displacement of the surface, uint8 (K, h, w, 3).
+            uint8 (K, H, W, 3), and the displacement of the surface, uint8 (K, h, w, 3), or None.
         """
-        count = len(part.pose)
-        touched = part.force[:, 2] > 0
-        dent = surface.picture(fields, part, self.places)
-        dent = torch.where(touched[:, None, None], dent, 0.0)
-        drift = None if self.drift is None else self.drift[first : first + count]
-        motion, lateral = self._motion(surface, part)
-        pictures = self.optics.render(dent, motion, first, drift)
-        deep = F.adaptive_avg_pool2d(dent[:, None], self.cells)
-        across = torch.where(touched[:, None, None], lateral, 0.0).mT
-        across = across.reshape(count, 2, *self.cells)
-        moved = displacement.encode_displacement(
-            torch.cat([across, deep], 1).permute(0, 2, 3, 1).cpu().numpy()
-        )
+        touched = (part.force[:, 2] > 0)[:, None, None]
+        dent = torch.where(touched, surface.picture(fields, part, self.places), 0.0)
+        drift = None if self.drift is None else self.drift[first : first + len(dent)]
+        at_markers, at_cells = self._lateral(surface, part)
+        pictures = self.optics.render(dent, self._motion(at_markers), first, drift)
+        moved = self._displacement(dent, torch.where(touched, at_cells, 0.0))
         return self.codec(pictures.permute(0, 2, 3, 1).contiguous().cpu().numpy()), moved
 
-    def _motion(self, surface: GelSurface, part: ContactState) -> tuple[Tensor | None, Tensor]:
-        """Displacement of markers in the image, and of the surface at the cells; mm (K, M, 2)."""
-        markers, unit = self.optics.markers, self.optics.unit
-        seen = self.centres if markers is None else torch.cat([markers.places, self.centres])
-        rest = seen.expand(len(part.pose), -1, -1)
-        lateral = surface.lateral(part, rest)
-        count = len(self.centres)
-        if markers is None:
-            return None, lateral
-        rest, there = rest[:, :-count], (rest + lateral)[:, :-count]
-        moved = unit.camera.seen(there, *self.optics.size, unit.spacing) - rest
-        return moved, lateral[:, -count:]
+    def _lateral(self, surface: GelSurface, part: ContactState) -> tuple[Tensor, Tensor]:
+        """Lateral displacement of markers (K, M, 2) and cells (K, C, 2), mm, by one transform."""
+        points = torch.cat([self.markers, self.centres])
+        rest = points.expand(len(part.pose), -1, -1)
+        lateral = surface.lateral(part, rest) if len(points) else rest
+        return lateral[:, : len(self.markers)], lateral[:, len(self.markers) :]
+
+    def _motion(self, lateral: Tensor) -> Tensor | None:
+        """Displacement of the markers in the image, mm, float32 (K, M, 2); None without markers."""
+        if self.optics.markers is None:
+            return None
+        unit = self.optics.unit
+        there = self.markers + lateral
+        return unit.camera.seen(there, *self.optics.size, unit.spacing) - self.markers
+
+    def _displacement(self, dent: Tensor, lateral: Tensor) -> NDArray[np.uint8] | None:
+        """Image of the displacement, uint8 (K, h, w, 3); None where it was not asked for."""
+        if self.cells is None:
+            return None
+        deep = F.adaptive_avg_pool2d(dent[:, None], self.cells)
+        across = lateral.mT.reshape(len(dent), 2, *self.cells)
+        moved = torch.cat([across, deep], 1).permute(0, 2, 3, 1)
+        return displacement.encode_displacement(moved.cpu().numpy())
 
 
 def _aligned(poses: Sequence[NDArray[np.float64]]) -> tuple[Tensor, list[int]]:

@@ -14,8 +14,6 @@ A check that a plugin cannot pass for a good reason is named in the class attrib
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from importlib import import_module
 from inspect import isclass
 from typing import Any
@@ -27,6 +25,7 @@ from tactileforge.errors import PluginError, unknown
 from tactileforge.testing import general
 from tactileforge.testing.batches import batch
 from tactileforge.testing.results import Check, CheckResult, CheckSubject, run_check
+from tactileforge.threads import one_thread
 
 __all__ = ["CheckResult", "batch", "check"]
 
@@ -64,19 +63,8 @@ def check(
             return [CheckResult("it can be imported", "failed", str(error))]
     subject = _subject(kind, plugin, head, options)
     checks: list[Check] = import_module(f"tactileforge.testing.{kind}").CHECKS
-    with torch.random.fork_rng(devices=[]), _one_thread():
+    with torch.random.fork_rng(devices=[]), one_thread():
         return [run_check(test, subject) for test in (*general.CHECKS, *checks)]
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """The models are tiny: on a busy machine, several threads would mostly wait for each other."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
 
 
 def _subject(

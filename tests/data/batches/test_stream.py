@@ -10,17 +10,13 @@ import pytest
 import torch
 
 from tactileforge.contracts import Recording
+from tactileforge.data.batches.allocate import allocate
 from tactileforge.data.batches.clips import Clips
 from tactileforge.data.batches.datamodule import TouchData
+from tactileforge.data.batches.loader import Loader
+from tactileforge.data.batches.source_samplers import FullSource, WindowedSource, WorkerId
 from tactileforge.data.batches.sources import Bad, InMemory, Source
-from tactileforge.data.batches.stream import (
-    BatchIndexSampler,
-    FullSource,
-    Stream,
-    WindowedSource,
-    WorkerId,
-    allocate,
-)
+from tactileforge.data.batches.stream import BatchIndexSampler, Stream
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards import index, shards
 from tactileforge.data.shards.index import Index, IndexEntry, sort_recordings
@@ -342,7 +338,7 @@ def test_large_shards_are_read_by_workers_as_by_none(tmp_path: Path) -> None:
     data = touch(Shards(str(folder)), window=8, workers=2, match=0.5)
     stream = data.stream()
     assert stream.tracks[0].windowed
-    loader = data._loader(stream, BatchIndexSampler(len(stream), lambda: 3))
+    loader = Loader.of(stream, BatchIndexSampler(len(stream), lambda: 3), data.workers)
     numbers = list(BatchIndexSampler(len(stream), lambda: 3))
     for number, batch in zip(numbers, loader, strict=True):
         assert same(batch, data.stream()[number])
@@ -359,9 +355,9 @@ def test_a_resumed_run_may_not_change_its_workers(tmp_path: Path) -> None:
     folder = pack(Memory(48), tmp_path, size=4)
     before = touch(Shards(str(folder)), window=8, workers=2)
     after = touch(Shards(str(folder)), window=8, workers=1)
-    state = before._loader(before.stream(), BatchIndexSampler(1)).state_dict()
+    state = Loader.of(before.stream(), BatchIndexSampler(1), before.workers).state_dict()
     with pytest.raises(ConfigError, match="resume: workers was 2 and is 1"):
-        after._loader(after.stream(), BatchIndexSampler(1)).load_state_dict(state)
+        Loader.of(after.stream(), BatchIndexSampler(1), after.workers).load_state_dict(state)
 
 
 def flip(path: Path, place: int) -> None:

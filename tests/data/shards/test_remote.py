@@ -1,4 +1,4 @@
-"""What is behind a URL is read within limits."""
+"""Reading from a URL, within limits."""
 
 import threading
 import time

@@ -70,45 +70,45 @@ FORCE = {"file": "f.csv", "columns": ["x", "y", "z"]}
     [
         ({"videos": None}, r"layout 'x': give one of videos: .* and images"),
         ({"images": "*.png"}, "give one of videos"),
-        ({"video": "*.mp4"}, "unknown key in layout 'x' 'video'; did you mean 'videos'"),
-        ({"videos": 3}, "videos is 3, but must be str"),
+        ({"video": "*.mp4"}, "unknown key of layout 'x' 'video'; did you mean 'videos'"),
+        ({"videos": 3}, "videos is 3, which is not of type str"),
         (
             {"background": None},
-            r"layout 'x': background is missing; for example background: \{first",
+            r"layout 'x': 'background' is missing; for example background: \{first",
         ),
         ({"background": {}}, "background: .* must be one of"),
         ({"background": {"first": 3, "median": True}}, "background: .* must be one of"),
         ({"background": {"file": "b.png", "median": True}}, "background: .* must be one of"),
         ({"background": {"first": -1}}, "background: .* must be one of"),
         ({"background": {"median": False}}, "background: .* must be one of"),
-        ({"background": {"frist": 3}}, "unknown key in layout 'x', background 'frist'.*'first'"),
-        ({"background": "first"}, "background: a mapping belongs here, not 'first'"),
+        ({"background": {"frist": 3}}, "unknown key of layout 'x': background 'frist'.*'first'"),
+        ({"background": "first"}, "background: first must be one of"),
         ({"sensor": None}, "layout 'x': sensor is missing"),
         ({"sensor": "digitt"}, "layout 'x', key sensor: unknown sensor 'digitt'.*'digit'"),
-        ({"crops": {"a": {"box": [0, 0, 4]}}}, "crops.a: box is .* must be 4 numbers"),
+        ({"crops": {"a": {"box": [0, 0, 4]}}}, "crops.a.box is .* not of type tuple"),
         ({"crops": {"a": {"box": [0, 0, 4, 4], "sensor": "gelsite"}}}, "unknown sensor 'gelsite'"),
-        ({"fps": 0}, "fps is 0; give frames per second"),
+        ({"fps": 0}, "fps is 0.0; give frames per second"),
         ({"tier": 6}, "tier is 6, but must be 1 to 5"),
-        ({"tier": True}, "tier is True, but must be int"),
+        ({"tier": True}, "tier is True, which is not of type int"),
         ({"split": "objects"}, "unknown split 'objects'; did you mean 'object'"),
         ({"split": "{split"}, r"template '\{split'.*write \{column\}"),
-        ({"action": "pres"}, "layout 'x', action: unknown action 'pres'; did you mean 'press'"),
+        ({"action": "pres"}, "layout 'x': action: unknown action 'pres'; did you mean 'press'"),
         ({"action": "force"}, "force is not given"),
         ({"action": [{"frames": [0, 5], "action": "pull"}]}, "unknown action 'pull'"),
-        ({"action": [{"frames": [0], "action": "press"}]}, "frames is .* must be 2 numbers"),
-        ({"action": {"file": "a.csv"}}, "action: column is missing"),
-        ({"force": {"file": "f.csv"}}, "force: columns is missing"),
-        ({"force": {"columns": ["x", "y", "z"]}}, "force: file is missing"),
+        ({"action": [{"frames": [0], "action": "press"}]}, "frames is .* not of type tuple"),
+        ({"action": {"file": "a.csv"}}, "action: 'column' is missing; for example column: action"),
+        ({"force": {"file": "f.csv"}}, "force: 'columns' is missing"),
+        ({"force": {"columns": ["x", "y", "z"]}}, "force: 'file' is missing"),
         ({"force": FORCE | {"columns": ["z"]}}, "columns are those of x, y and z"),
         (
             {"force": FORCE | {"columns": [None] * 3}},
             r"null to an axis .* \[null, null, fz\]",
         ),
         ({"force": FORCE | {"columns": ["z", "z", None]}}, "give each axis a column of its own"),
-        ({"force": FORCE | {"sign": [1, 1]}}, "sign is .* must be 3 numbers"),
-        ({"force": FORCE | {"lag": 1}}, "unknown key in layout 'x', force 'lag'"),
-        ({"labels": {"csv": "l.csv"}}, "unknown key in layout 'x', labels 'csv'"),
-        ({"labels": "l.csv"}, "labels is 'l.csv', but must be dict"),
+        ({"force": FORCE | {"sign": [1, 1]}}, "sign is .* not of type tuple"),
+        ({"force": FORCE | {"lag": 1}}, "unknown key of layout 'x': force 'lag'"),
+        ({"labels": {"csv": "l.csv"}}, "unknown key of layout 'x': labels 'csv'"),
+        ({"labels": "l.csv"}, "labels: expected names and values, found str"),
     ],
 )
 def test_what_is_wrong_is_named(change: dict[str, Any], message: str) -> None:
@@ -119,7 +119,7 @@ def test_what_is_wrong_is_named(change: dict[str, Any], message: str) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({}, "each is missing; for example each: touch"),
+        ({}, "each is missing; give each: touch"),
         ({"each": "frame"}, "unknown each 'frame'"),
         ({"each": "sequence"}, "fps is None; give frames per second"),
     ],
@@ -130,5 +130,5 @@ def test_images_say_what_each_is(change: dict[str, Any], message: str) -> None:
 
 
 def test_a_layout_is_a_mapping() -> None:
-    with pytest.raises(ConfigError, match="layout 'x': a mapping belongs here, not 'videos'"):
+    with pytest.raises(ConfigError, match="layout 'x': expected names and values, found str"):
         parse_layout("x", "videos")

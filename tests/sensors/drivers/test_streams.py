@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from tactileforge.errors import ConfigError, SensorError, TactileForgeError
+from tactileforge.sensors.checksums import CHECKSUMS
 from tactileforge.sensors.drivers.force_torque import ForceTorque
 from tactileforge.sensors.drivers.serial_array import SerialArray
 from tactileforge.sensors.drivers.sim_wrench import SimWrench
-from tactileforge.sensors.framing import CHECKSUMS
 from tactileforge.sensors.links import TcpLink, serial_ports
 from tactileforge.sensors.stream import Stamper
 from tactileforge.testing import check

@@ -33,8 +33,11 @@ def attached(system: Path | None = None) -> list[Unit]:
         system: Folder that lists cameras; None for that of this machine.
     """
     folder = system or v4l2.SYSTEM
-    found = v4l2.matching(f"usb:{USB}", v4l2.video_devices(folder))
-    return [Unit(one.path, one.serial, _revision(folder / Path(one.path).name)) for one in found]
+    cameras = v4l2.matching(f"usb:{USB}", v4l2.video_devices(folder))
+    return [
+        Unit(camera.path, camera.serial, _revision(folder / Path(camera.path).name))
+        for camera in cameras
+    ]
 
 
 def _revision(node: Path) -> int | None:

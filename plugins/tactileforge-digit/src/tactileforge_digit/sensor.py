@@ -85,7 +85,7 @@ class Digit(Camera):
     def revision(self) -> int | None:
         """The firmware of the device that is to be opened, times 100; None where not known."""
         there = self.discover()
-        return next((one.revision for one in attached() if one.path in there), None)
+        return next((unit.revision for unit in attached() if unit.path in there), None)
 
 
 def packed(lights: Sequence[int]) -> int:
@@ -101,9 +101,9 @@ def packed(lights: Sequence[int]) -> int:
         >>> hex(packed([15, 0, 3]))
         '0xf03'
     """
-    if len(lights) != 3 or not all(0 <= one <= FULL for one in lights):
+    if len(lights) != 3 or not all(0 <= light <= FULL for light in lights):
         raise ConfigError(f"lights={list(lights)}: give three numbers from 0 to {FULL}")
     value = 0
-    for one in lights:
-        value = value << 4 | int(one)
+    for light in lights:
+        value = value << 4 | int(light)
     return value

@@ -37,20 +37,20 @@ class GridParser:
     def feed(self, data: bytes) -> list[bytes]:
         """Takes the next bytes; see `Parser.feed`."""
         self._buffer += data
-        found: list[bytes] = []
+        payloads: list[bytes] = []
         place = 0
         while len(self._buffer) >= place + self._needed():
-            step = self._packet(place, found) if self._locked else self._search(place)
+            step = self._packet(place, payloads) if self._locked else self._search(place)
             place += step
         del self._buffer[:place]
-        return found
+        return payloads
 
     def _needed(self) -> int:
         """Bytes that the next decision takes."""
         headers = 1 if self._locked else PROOFS
         return headers * self.size + len(self.header)
 
-    def _packet(self, place: int, found: list[bytes]) -> int:
+    def _packet(self, place: int, payloads: list[bytes]) -> int:
         """Takes the packet at a place; how far to go on."""
         end = place + self.size
         if not self._buffer.startswith(self.header, end):
@@ -58,7 +58,7 @@ class GridParser:
             self._locked = False
             return 0
         self.good += 1
-        found.append(bytes(self._buffer[place + len(self.header) : end]))
+        payloads.append(bytes(self._buffer[place + len(self.header) : end]))
         return self.size
 
     def _search(self, place: int) -> int:
@@ -75,4 +75,4 @@ class GridParser:
 
     def _fits(self, start: int) -> bool:
         places = range(start, start + PROOFS * self.size, self.size)
-        return all(self._buffer.startswith(self.header, one) for one in places)
+        return all(self._buffer.startswith(self.header, offset) for offset in places)

@@ -118,10 +118,10 @@ class AtiNetFT(ForceTorque):
         Raises:
             SensorError: It does not answer, or its units are not known.
         """
-        found = settings(fetch(self.page), self.page)
-        self.scale = np.repeat([found.force, found.torque], 3)
-        if found.rate:
-            self.spec = replace(self.spec, fps=found.rate)
+        settings_held = settings(fetch(self.page), self.page)
+        self.scale = np.repeat([settings_held.force, settings_held.torque], 3)
+        if settings_held.rate:
+            self.spec = replace(self.spec, fps=settings_held.rate)
         self.missed = self.status = self._errors = 0
         return super().connect()
 
@@ -224,8 +224,8 @@ def settings(text: str, page: str = "netftapi2.xml") -> Settings:
     """
 
     def field(name: str) -> str:
-        found = re.search(rf"<{name}>\s*([^<]*?)\s*</{name}>", text, re.IGNORECASE)
-        return found[1] if found else ""
+        match = re.search(rf"<{name}>\s*([^<]*?)\s*</{name}>", text, re.IGNORECASE)
+        return match[1] if match else ""
 
     def per_count(counts: str, unit: str, units: dict[str, float]) -> float:
         number, name = field(counts), field(unit)

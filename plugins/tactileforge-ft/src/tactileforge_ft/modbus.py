@@ -7,7 +7,7 @@ import time
 from collections.abc import Sequence
 
 from tactileforge.errors import SensorError
-from tactileforge.sensors.framing import CHECKSUMS
+from tactileforge.sensors.checksums import CHECKSUMS
 from tactileforge.sensors.links import Link
 
 #: "Write registers", and the mark of a reply that refuses.
@@ -53,8 +53,8 @@ def write(link: Link, slave: int, register: int, value: int, timeout: float) -> 
     end, seen = time.monotonic() + timeout, b""
     while (left := end - time.monotonic()) > 0:
         seen += link.receive(left)
-        _, found, rest = seen.partition(accepted)
-        if found:
+        _, answer, rest = seen.partition(accepted)
+        if answer:
             return rest
         place = seen.find(refused)
         if place >= 0 and seen[place : place + 5] == packet(seen[place : place + 3]):

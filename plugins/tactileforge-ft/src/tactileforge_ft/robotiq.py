@@ -8,8 +8,8 @@ N m / 1000), and the checksum of Modbus over all before it.
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
-from tactileforge.contracts import SensorSpec
 from tactileforge.sensors.drivers.force_torque import ForceTorque
 from tactileforge.sensors.links import Link
 from tactileforge_ft import modbus
@@ -31,15 +31,7 @@ class Robotiq(ForceTorque):
         usb: Vendor and product of the USB adapter, for example ``0403:6015``, to find the port by.
     """
 
-    spec = SensorSpec(
-        name="robotiq",
-        height=0,
-        width=0,
-        fps=100.0,
-        area_mm=None,
-        force_scale=(10.0, 10.0, 10.0),
-        kind="wrench",
-    )
+    spec = replace(ForceTorque.spec, name="robotiq")
 
     def __init__(self, port: str = "", baudrate: int = 19200, usb: str = "") -> None:
         super().__init__(

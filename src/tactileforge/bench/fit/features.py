@@ -20,7 +20,7 @@ from tactileforge.bench.fit.models import FrozenEncoder
 from tactileforge.bench.tasks.source import TaskSource
 from tactileforge.contracts import Batch
 from tactileforge.data.batches.clips import Clips, collate
-from tactileforge.data.batches.datamodule import start_worker
+from tactileforge.data.batches.loader import start_worker
 from tactileforge.errors import DataError
 from tactileforge.files import write_text
 

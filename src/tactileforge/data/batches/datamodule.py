@@ -2,94 +2,34 @@
 
 from __future__ import annotations
 
-import signal
-import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import chain
-from typing import Any, TypeVar
 
-import cv2
 import lightning as L
-import torch
-from torch.utils.data import DataLoader
 
 from tactileforge.contracts import Batch, Dataset, Recording
+from tactileforge.data.batches.allocate import allocate
 from tactileforge.data.batches.clips import Clips, Skipped
+from tactileforge.data.batches.loader import Loader
 from tactileforge.data.batches.pairs import Pairs
-from tactileforge.data.batches.sources import Source, sources_of
-from tactileforge.data.batches.stream import (
-    BatchIndexSampler,
+from tactileforge.data.batches.source_samplers import (
     FullSource,
-    Stream,
     WindowedSource,
     WorkerId,
-    allocate,
     estimate_clips,
 )
+from tactileforge.data.batches.sources import Source, sources_of
+from tactileforge.data.batches.stream import BatchIndexSampler, Stream
+from tactileforge.data.labels.augment import Augment, fill_captions
 from tactileforge.data.shards.summary import Summary
+from tactileforge.distributed import seed_step
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
-
-T = TypeVar("T")
 
 #: Recordings of a large source that checks and the report look at.
 _SAMPLE = 256
 #: Recordings for validation of which each is looked at before.
 _FEW = 20
-
-
-class Loader(DataLoader[Batch]):
-    """Data loader that can be resumed at any step.
-
-    Its place is that of the run (see `stream.BatchIndexSampler`); what it keeps is what may not
-    change in between.
-
-    Attributes:
-        waited: Seconds that the process has waited for batches so far.
-    """
-
-    waited = 0.0
-
-    def __iter__(self) -> Iterator[Batch]:  # type: ignore[override]
-        """Batches, in order."""
-        return self._timed(super().__iter__())  # readers start now
-
-    def _timed(self, batches: Iterator[Batch]) -> Iterator[Batch]:
-        while True:
-            start = time.perf_counter()
-            batch = next(batches, None)
-            self.waited += time.perf_counter() - start
-            if batch is None:
-                return
-            yield batch
-
-    def state_dict(self) -> dict[str, Any]:
-        """Facts that the batches depend on; a resumed run must have the same."""
-        stream = self.dataset
-        assert isinstance(stream, Stream)
-        state = {
-            "clips": [round(track.size) for track in stream.tracks],
-            "clips of a batch": [2 * stream.n_pairs, *(track.count for track in stream.tracks)],
-            "seed": stream.seed,
-            "processes": stream.reader.world,
-        }
-        if any(track.windowed for track in stream.tracks):
-            state["workers"] = stream.reader.workers
-        return state
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Checks that nothing has changed.
-
-        Raises:
-            ConfigError: Names what has, and both values.
-        """
-        for key, now in self.state_dict().items():
-            if state.get(key) != now:
-                raise ConfigError(
-                    f"resume: {key} was {state.get(key)} and is {now}; a resumed run goes on with "
-                    "the same data, batches, workers and processes (init= starts a new run from "
-                    "its weights)"
-                )
 
 
 class TouchData(L.LightningDataModule):
@@ -110,6 +50,10 @@ class TouchData(L.LightningDataModule):
         cache_mb: Megabytes of frames kept in memory, over all readers.
         max_bad: Share of the recordings that may be unreadable; one always may.
         seed: Seed of the run.
+        augment: Changes clips and their labels, or None.
+
+    Attributes:
+        observers: Called with each batch on the host, and whether it is one of training.
     """
 
     def __init__(
@@ -127,6 +71,7 @@ class TouchData(L.LightningDataModule):
         cache_mb: float = 1024,
         max_bad: float = 0.01,
         seed: int = 0,
+        augment: Augment | None = None,
     ) -> None:
         super().__init__()
         self.dataset = dataset
@@ -140,6 +85,8 @@ class TouchData(L.LightningDataModule):
         self.cache_mb = cache_mb / max(1, workers)
         self.max_bad = max_bad
         self.seed = seed
+        self.augment = augment
+        self.observers: list[Callable[[Batch, bool], None]] = []
         self.sources: dict[str, list[Source]] = {}
         self.train: Clips | None = None
         self.val: Clips | None = None
@@ -270,7 +217,7 @@ class TouchData(L.LightningDataModule):
             accumulate=accumulate,
         )
         position = lambda: trainer.global_step * accumulate if trainer else 0  # noqa: E731
-        return self._loader(stream, BatchIndexSampler(len(stream), position))
+        return Loader.of(stream, BatchIndexSampler(len(stream), position), self.workers)
 
     def val_dataloader(self) -> Loader | list[Loader]:
         """The held-out clips, in the same batches each time; [] where the data holds none out."""
@@ -282,7 +229,21 @@ class TouchData(L.LightningDataModule):
         length = max(1, len(self.val) // max(1, plain))
         track = FullSource(self.val, plain, [self.seed])
         stream = Stream([track], n_pairs, self.seed, WorkerId(), length)
-        return self._loader(stream, BatchIndexSampler(length))
+        return Loader.of(stream, BatchIndexSampler(length), self.workers)
+
+    def on_before_batch_transfer(self, batch: Batch, dataloader_idx: int) -> Batch:
+        """Draws flips on the host, and updates labels and captions."""
+        assert self.trainer is not None
+        training = self.trainer.training
+        if training:
+            number = self.trainer.fit_loop.total_batch_idx + 1
+            seed_step(self.seed, number, self.trainer.global_rank + 1)
+            if self.augment:
+                batch = self.augment.labels(batch)
+        fill_captions(batch)
+        for observe in self.observers:
+            observe(batch, training)
+        return batch
 
     def _clips(self, recordings: Sequence[Recording]) -> Clips:
         return self._cut(recordings, cache_mb=self.cache_mb)
@@ -303,18 +264,6 @@ class TouchData(L.LightningDataModule):
     def _note(self, line: str, count: int) -> None:
         self._bad[line] = line, count
 
-    def _loader(self, stream: Stream, numbers: BatchIndexSampler) -> Loader:
-        return Loader(
-            stream,
-            batch_size=None,
-            sampler=numbers,
-            collate_fn=_as_it_is,
-            num_workers=self.workers,
-            persistent_workers=self.workers > 0,
-            pin_memory=torch.cuda.is_available(),
-            worker_init_fn=start_worker,
-        )
-
 
 def _first(source: Source, limit: int | None) -> list[int]:
     """Numbers of the first parts of a source that together have so many recordings, or all."""
@@ -326,13 +275,3 @@ def _first(source: Source, limit: int | None) -> list[int]:
         chosen.append(number)
         total += part.recordings
     return chosen
-
-
-def _as_it_is(batch: T) -> T:
-    return batch
-
-
-def start_worker(_: int) -> None:
-    """Ignores Ctrl-C in a worker: it reaches every process of a terminal, the run handles it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    cv2.setNumThreads(0)

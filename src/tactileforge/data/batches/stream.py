@@ -1,203 +1,25 @@
 """Batches of a run, each a pure function of its number: nothing to remember, nothing to restore.
 
 Every batch holds the same number of clips of each source, and the same number of pairs for
-matching, so memory is constant, and ranks do equal work. A source that is small is sampled as a
-whole. Of a large one, every reader (one worker of one rank) holds a *window* of whole parts, takes
-clips from it in random order, and moves on; the parts come in an order shuffled anew each pass.
+matching, so memory is constant, and ranks do equal work.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from torch.utils.data import Dataset, Sampler
 
-from tactileforge.contracts import Batch, Recording
+from tactileforge.contracts import Batch
 from tactileforge.data.batches.clips import Clips, Skipped, collate
 from tactileforge.data.batches.pairs import Item, Pairs
-from tactileforge.data.batches.sources import Bad, Source
-from tactileforge.errors import ConfigError, DataError
-
-#: Windows without a single clip that may come one after another before reading gives up.
-_MAX_EMPTY = 20
-
-
-@dataclass(frozen=True)
-class WorkerId:
-    """One worker of one rank.
-
-    Attributes:
-        rank: The process.
-        world: Number of processes.
-        workers: Readers of each process.
-    """
-
-    rank: int = 0
-    world: int = 1
-    workers: int = 1
-
-
-@dataclass(frozen=True)
-class SourceDraw:
-    """Clips of one source in a batch: those at hand, and the rows drawn, in order."""
-
-    clips: Clips
-    rows: NDArray[np.int64]
-
-
-class FullSource:
-    """Sampler of a whole source: an epoch is a permutation of its clips.
-
-    Args:
-        clips: All of its clips.
-        count: Clips of it in a batch.
-        seed: Numbers that no other source of the run has.
-    """
-
-    windowed = False
-
-    def __init__(self, clips: Clips, count: int, seed: Sequence[int]) -> None:
-        self.clips = clips
-        self.count = count
-        self.seed = tuple(seed)
-        self._orders: dict[int, NDArray[np.int64]] = {}
-
-    @property
-    def size(self) -> float:
-        """Number of clips."""
-        return len(self.clips)
-
-    def draw(self, number: int, reader: WorkerId, bad: Bad) -> SourceDraw:
-        """Draws the clips of batch ``number`` for a reader's rank."""
-        # ranks take consecutive slices of one endless series of permutations: no clip is drawn
-        # twice in a pass, for any number of ranks, and a batch may span two passes
-        first = (number * reader.world + reader.rank) * self.count
-        passes, rows = divmod(np.arange(first, first + self.count), len(self.clips))
-        for old in set(self._orders) - set(passes.tolist()):  # permutations are large: keep two
-            del self._orders[old]
-        picked = [self._order(int(p))[row] for p, row in zip(passes, rows, strict=True)]
-        return SourceDraw(self.clips, np.array(picked, np.int64))
-
-    def _order(self, number: int) -> NDArray[np.int64]:
-        if number not in self._orders:
-            rng = np.random.default_rng([*self.seed, number])
-            self._orders[number] = rng.permutation(len(self.clips))
-        return self._orders[number]
-
-
-class WindowedSource:
-    """Sampler of a large source, of which each worker holds a window.
-
-    Args:
-        source: The source.
-        cut: Makes clips of recordings.
-        count: Clips of it in a batch.
-        seed: Numbers that no other source of the run has.
-        window: Recordings of a window; it has at least one part.
-        hop: Seconds between clips: says how many batches a window lasts before it is opened.
-    """
-
-    windowed = True
-
-    def __init__(
-        self,
-        source: Source,
-        cut: Callable[[Sequence[Recording]], Clips],
-        count: int,
-        seed: Sequence[int],
-        window: int,
-        hop: float,
-    ) -> None:
-        self.source = source
-        self.cut = cut
-        self.count = count
-        self.seed = tuple(seed)
-        self.window = window
-        self.recordings = np.array([part.recordings for part in source.parts])
-        self.clips = np.array(
-            [estimate_clips(part.recordings, part.seconds, hop) for part in source.parts]
-        )
-        self._held: tuple[tuple[int, ...], Clips] | None = None
-        self._schedules: dict[tuple[int, int, int], list[tuple[int, list[int]]]] = {}
-        self._starts: dict[tuple[int, int], list[int]] = {}
-
-    @property
-    def size(self) -> float:
-        """Estimated number of clips."""
-        return float(self.clips.sum())
-
-    def draw(self, number: int, reader: WorkerId, bad: Bad) -> SourceDraw:
-        """Draws the clips of batch ``number`` for a reader's rank."""
-        turn, worker = divmod(number, reader.workers)  # torch deals batches to workers in turn
-        mine = (reader.rank * reader.workers + worker, reader.world * reader.workers)
-        passed, place, done = self._place(turn, mine)
-        clips = self._open(self._schedule(passed, *mine)[place][1], bad)
-        order = np.random.default_rng([*self.seed, passed, mine[0], place]).permutation(len(clips))
-        # the window's length was estimated: where it holds fewer clips, they come again
-        rows = np.arange(done * self.count, (done + 1) * self.count) % len(order)
-        return SourceDraw(clips, order[rows])
-
-    def _place(self, turn: int, mine: tuple[int, int]) -> tuple[int, int, int]:
-        """Pass and window of a reader's batch, and batches that came before it from there."""
-        passed, rest = self._pass(turn, mine)
-        ends = np.cumsum([lasts for lasts, _ in self._schedule(passed, *mine)])
-        place = int(np.searchsorted(ends, rest, side="right"))
-        return passed, place, rest - (int(ends[place - 1]) if place else 0)
-
-    def _pass(self, turn: int, mine: tuple[int, int]) -> tuple[int, int]:
-        """Pass over the source, and place within it, of a reader's batch."""
-        starts = self._starts.setdefault(mine, [0])
-        while starts[-1] <= turn:
-            plan = self._schedule(len(starts) - 1, *mine)
-            starts.append(starts[-1] + sum(lasts for lasts, _ in plan))
-        passed = int(np.searchsorted(starts, turn, side="right")) - 1
-        return passed, turn - starts[passed]
-
-    def _schedule(self, passed: int, reader: int, readers: int) -> list[tuple[int, list[int]]]:
-        """The windows of one reader in one pass: batches that each lasts, and its parts."""
-        key = (passed, reader, readers)
-        if key not in self._schedules:
-            if len(self._schedules) > 4:
-                self._schedules.pop(next(iter(self._schedules)))
-            # one order for all readers, dealt out: within a pass each part is read once
-            order = np.random.default_rng([*self.seed, passed]).permutation(len(self.recordings))
-            # with fewer parts than readers, some readers share a part
-            parts = (
-                order[reader::readers] if len(order) >= readers else order[[reader % len(order)]]
-            )
-            before = np.cumsum(self.recordings[parts]) - self.recordings[parts]
-            groups = np.split(parts, np.flatnonzero(np.diff(before // self.window)) + 1)
-            self._schedules[key] = [
-                (max(1, round(self.clips[g].sum() / self.count)), g.tolist()) for g in groups
-            ]
-        return self._schedules[key]
-
-    def _open(self, parts: Sequence[int], bad: Bad) -> Clips:
-        """Opens a window; where nothing in it can be read, the parts that follow by number."""
-        key = tuple(parts)
-        if self._held is None or self._held[0] != key:
-            self._held = None  # the old one is let go before the new one is opened
-            wanted = list(parts)
-            for _ in range(_MAX_EMPTY):
-                recordings = self.source.open(wanted, bad)
-                if recordings:
-                    self._held = key, self.cut(recordings)
-                    break
-                wanted = [(wanted[-1] + 1) % len(self.source.parts)]
-            else:
-                raise DataError(
-                    f"{_MAX_EMPTY} shards of {self.source.name or 'the data'} in a row have "
-                    "nothing that can be read; download or pack them again"
-                )
-        return self._held[1]
-
-
-def estimate_clips(recordings: int, seconds: float, hop: float) -> float:
-    """Estimates the number of clips of some recordings."""
-    return max(recordings, seconds / hop)
+from tactileforge.data.batches.source_samplers import (
+    FullSource,
+    SourceDraw,
+    WindowedSource,
+    WorkerId,
+)
 
 
 class Stream(Dataset[Batch]):
@@ -296,60 +118,3 @@ class BatchIndexSampler(Sampler[int]):
     def __iter__(self) -> Iterator[int]:
         start = self.position()
         yield from range(start, (start // self.length + 1) * self.length)
-
-
-def allocate(
-    size: int,
-    sources: Sequence[tuple[str, float, frozenset[str]]],
-    shares: Mapping[str, float],
-) -> list[int]:
-    """Allocates the clips of every batch to the sources.
-
-    Args:
-        size: Clips to share out.
-        sources: Name, weight and labels of each.
-        shares: Least share of the clips that is from sources with a label, by label.
-
-    Returns:
-        One number a source, at least 1 each; they add up to ``size``.
-
-    Raises:
-        ConfigError: More sources than clips, a share that is none, or that no source can serve.
-
-    Example:
-        >>> allocate(8, [("a", 3, frozenset()), ("b", 1, frozenset({"force"}))], {"force": 0.5})
-        [3, 5]
-    """
-    if not size:
-        return [0] * len(sources)
-    weights = np.array([weight for _, weight, _ in sources], np.float64)
-    if size < len(sources):
-        raise ConfigError(f"{size} clips of a batch for {len(sources)} sources; raise batch.size")
-    if not (np.isfinite(weights).all() and (weights > 0).all()):
-        raise ConfigError(f"weights of sources are above 0, not {weights.tolist()}")
-    counts = np.zeros(len(sources), int)
-    left = size
-    for label, share in shares.items():
-        wanted = round(share * size)
-        able = np.array([label in labels for *_, labels in sources])
-        if not 0 <= share <= 1 or wanted > left:
-            raise ConfigError(f"batch.shares.{label} is {share}; all shares add up to at most 1")
-        if wanted and not able.any():
-            raise ConfigError(f"batch.shares.{label} is {share}, but no source has {label}")
-        if wanted:
-            counts[able] += _apportion(wanted, weights[able])
-            left -= wanted
-    counts += _apportion(left, weights)
-    while not counts.all():
-        counts[counts.argmin()] += 1
-        counts[counts.argmax()] -= 1
-    return [int(count) for count in counts]
-
-
-def _apportion(count: int, weights: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Integers in proportion to weights, by the largest-remainder method."""
-    exact = count * weights / weights.sum()
-    out: NDArray[np.int64] = np.floor(exact).astype(np.int64)
-    rest = np.argsort(out - exact, kind="stable")[: count - int(out.sum())]
-    out[rest] += 1
-    return out

@@ -81,7 +81,7 @@ def frame_statistics(frame: Tensor) -> Tensor:
     flat = frame.flatten(2)
     mean, spread = flat.mean(2), flat.std(2)
     unit = (flat - mean[..., None]) / spread[..., None].clamp(min=1e-6)
-    edges = torch.tensor(_QUANTILES, device=frame.device)
+    edges = torch.tensor(_QUANTILES).to(frame.device, non_blocking=True)
     quantiles = flat.quantile(edges, dim=2).permute(1, 2, 0)
     steps = [frame.diff(dim=dim).flatten(2) for dim in (2, 3)]
     slopes = [part for step in steps for part in (step.abs().mean(2), step.std(2))]

@@ -67,8 +67,7 @@ def mirror_displacement(images: Tensor, axis: int) -> Tensor:
         axis: 0 mirrors left to right, 1 top to bottom.
     """
     out = images.flip(-1 - axis)
+    along = out[..., axis, :, :]
     # 1 to 255 are symmetric about 128; nothing is coded as 0.
-    sign = [[[2 * NONE if i == axis else 0]] for i in range(3)]
-    base = torch.tensor(sign, device=images.device, dtype=torch.int16)
-    turned = torch.where(base > 0, base - out.short(), out.short())
-    return turned.clamp(0, 255).to(torch.uint8)
+    out[..., axis, :, :] = (2 * NONE - along.short()).clamp(max=255).to(torch.uint8)
+    return out

@@ -12,9 +12,15 @@ from typing import Any
 
 from tactileforge.contracts import ACTIONS
 from tactileforge.data.frames.lazy import Crop
+from tactileforge.datasets.reading.layout_keys import (
+    ActionKeys,
+    BackgroundRule,
+    ForceKeys,
+    LayoutKeys,
+)
 from tactileforge.errors import ConfigError, unknown
-from tactileforge.node import Node
 from tactileforge.sensors.specs import spec
+from tactileforge.strict import build, mapping
 
 SPLITS = ("recording", "object", "time", "train", "val")
 
@@ -34,23 +40,6 @@ class Tile:
 
     box: Crop
     sensor: str
-
-
-@dataclass(frozen=True)
-class BackgroundRule:
-    """Frames without contact: those of a file, or some of the recording.
-
-    Attributes:
-        file: An image, or a video of which ``first`` or ``last`` says which frames.
-        first: The first frames.
-        last: The last frames.
-        median: Frames spread evenly over the recording, whose median leaves the contact out.
-    """
-
-    file: str | None
-    first: int
-    last: int
-    median: bool
 
 
 @dataclass(frozen=True)
@@ -113,62 +102,74 @@ def parse_layout(name: str, config: Any) -> DatasetLayout:
 
     Args:
         name: Its name.
-        config: Plain data.
+        config: Plain data; null counts as not given.
 
     Raises:
         ConfigError: Names the layout, the key and what belongs there.
     """
-    node = Node(config, f"layout {name!r}")
-    globs, each = _files(node)
-    sensor, crops = _sensors(node)
-    labels = Node(node.take("labels", dict, {}), f"{node.where}, labels")
-    force = _force(node)
-    action = _action(node, force is not None)
-    split = node.take("split", str, "recording")
-    if not template_columns(split) and split not in SPLITS:
-        raise ConfigError(f"{node.where}: {unknown('split', split, SPLITS)}")
-    fps = node.take("fps", (int, float))
-    if (each == "sequence" and fps is None) or (fps is not None and fps <= 0):
-        raise ConfigError(f"{node.where}: fps is {fps}; give frames per second, e.g. fps: 30")
-    text = node.take("text", (str, list), [])
-    layout = DatasetLayout(
+    where = f"layout {name!r}"
+    keys = build(LayoutKeys, where, _given(mapping(where, config)))
+    globs, each = _files(keys, where)
+    sensor, crops = _sensors(keys, where)
+    force = _force(keys.force, f"{where}: force")
+    action = _action(keys, f"{where}: action")
+    _check(keys, each, where)
+    provided = {
+        "force": force is not None,
+        "action": action is not None,
+        "object": keys.object is not None,
+        "text": bool(keys.text),
+        "image": keys.image is not None,
+    }
+    return DatasetLayout(
         name=name,
-        path=node.take("path", str, "."),
+        path=keys.path,
         globs=globs,
         each=each,
         sensor=sensor,
-        fps=fps,
+        fps=keys.fps,
         crops=crops,
-        background=_background(node),
-        labels=labels.take("file", str),
-        key=labels.take("key", str, "file"),
-        words=_words(node),
+        background=_background(keys.background, f"{where}: background"),
+        labels=keys.labels.file,
+        key=keys.labels.key,
+        words={
+            str(column): {str(rank): str(word) for rank, word in words.items()}
+            for column, words in keys.words.items()
+        },
         force=force,
         action=action,
-        object=node.take("object", str),
-        text=(text,) if isinstance(text, str) else tuple(map(str, text)),
-        image=node.take("image", str),
-        source=node.take("source", str, ""),
-        licence=node.take("licence", str, ""),
-        tier=node.take("tier", int, 5),
-        split=split,
-        provides=frozenset(
-            key
-            for key, value in {
-                "force": force is not None,
-                "action": action is not None,
-                "object": node.has("object"),
-                "text": bool(text),
-                "image": node.has("image"),
-            }.items()
-            if value
-        ),
+        object=keys.object,
+        text=_several(keys.text),
+        image=keys.image,
+        source=keys.source,
+        licence=keys.licence,
+        tier=keys.tier,
+        split=keys.split,
+        provides=frozenset(label for label, is_given in provided.items() if is_given),
     )
-    labels.close()
-    node.close()
-    if not 1 <= layout.tier <= 5:
-        raise ConfigError(f"{node.where}: tier is {layout.tier}, but must be 1 to 5")
-    return layout
+
+
+def _given(values: Mapping[str, Any]) -> dict[str, Any]:
+    """What is not null, at any depth of mappings."""
+    return {
+        key: _given(value) if isinstance(value, Mapping) else value
+        for key, value in values.items()
+        if value is not None
+    }
+
+
+def _several(value: str | tuple[str, ...]) -> tuple[str, ...]:
+    return (value,) if isinstance(value, str) else value
+
+
+def _check(keys: LayoutKeys, each: str, where: str) -> None:
+    """Validates what types cannot express."""
+    if not template_columns(keys.split) and keys.split not in SPLITS:
+        raise ConfigError(f"{where}: {unknown('split', keys.split, SPLITS)}")
+    if (each == "sequence" and keys.fps is None) or (keys.fps is not None and keys.fps <= 0):
+        raise ConfigError(f"{where}: fps is {keys.fps}; give frames per second, e.g. fps: 30")
+    if not 1 <= keys.tier <= 5:
+        raise ConfigError(f"{where}: tier is {keys.tier}, but must be 1 to 5")
 
 
 def template_columns(template: str) -> list[str]:
@@ -183,37 +184,33 @@ def template_columns(template: str) -> list[str]:
         raise ConfigError(f"template {template!r}: {error}; write {{column}}") from error
 
 
-def _files(node: Node) -> tuple[tuple[str, ...], str]:
-    if node.has("videos") == node.has("images"):
-        raise ConfigError(f'{node.where}: give one of videos: "*.mp4" and images: "*.png"')
-    if node.has("videos"):
-        return _patterns(node, "videos"), "video"
-    each = node.need("each", str, "touch (one image, one touch) or sequence (one folder, one)")
-    if each not in ("touch", "sequence"):
-        raise ConfigError(f"{node.where}: {unknown('each', each, ('touch', 'sequence'))}")
-    return _patterns(node, "images"), str(each)
+def _files(keys: LayoutKeys, where: str) -> tuple[tuple[str, ...], str]:
+    if (keys.videos is None) == (keys.images is None):
+        raise ConfigError(f'{where}: give one of videos: "*.mp4" and images: "*.png"')
+    if keys.videos is not None:
+        return _several(keys.videos), "video"
+    if keys.each is None:
+        raise ConfigError(
+            f"{where}: each is missing; give each: touch (one image, one touch) or each: sequence "
+            "(one folder, one touch)"
+        )
+    if keys.each not in ("touch", "sequence"):
+        raise ConfigError(f"{where}: {unknown('each', keys.each, ('touch', 'sequence'))}")
+    return _several(keys.images or ()), keys.each
 
 
-def _patterns(node: Node, key: str) -> tuple[str, ...]:
-    patterns = node.take(key, (str, list))
-    return (patterns,) if isinstance(patterns, str) else tuple(map(str, patterns))
-
-
-def _sensors(node: Node) -> tuple[str | None, dict[str, Tile]]:
-    crops = {}
-    sensor = node.take("sensor", str)
-    for name, value in node.take("crops", dict, {}).items():
-        tile = Node(value, f"{node.where}, crops.{name}")
-        left, top, width, height = (int(v) for v in tile.numbers("box", 4))
-        tile_sensor = tile.take("sensor", str, sensor) or tile.need("sensor", str, "digit")
-        crops[str(name)] = Tile((left, top, width, height), tile_sensor)
-        tile.close()
-    if not crops:
-        sensor = node.need("sensor", str, "digit")
-    for name in {sensor, *(tile.sensor for tile in crops.values())} - {None}:
+def _sensors(keys: LayoutKeys, where: str) -> tuple[str | None, dict[str, Tile]]:
+    crops = {
+        name: Tile(crop.box, sensor)
+        for name, crop in keys.crops.items()
+        if (sensor := crop.sensor or keys.sensor)
+    }
+    if len(crops) < len(keys.crops) or not (crops or keys.sensor):
+        raise ConfigError(f"{where}: sensor is missing; for example sensor: digit")
+    for name in {keys.sensor, *(tile.sensor for tile in crops.values())} - {None}:
         if not template_columns(str(name)):
-            check_sensor(str(name), f"{node.where}, key sensor")
-    return sensor, crops
+            check_sensor(str(name), f"{where}, key sensor")
+    return keys.sensor, crops
 
 
 def check_sensor(name: str, where: str) -> None:
@@ -224,90 +221,57 @@ def check_sensor(name: str, where: str) -> None:
         raise ConfigError(f"{where}: {error}") from None
 
 
-def _background(node: Node) -> BackgroundRule | None:
-    value = node.need("background", (dict, str), "{first: 3}, {file: f.png} or none")
-    if value == "none":
+def _background(rule: BackgroundRule | str, where: str) -> BackgroundRule | None:
+    if rule == "none":
         return None
-    inner = Node(value, f"{node.where}, background")
-    rule = BackgroundRule(
-        inner.take("file", str),
-        inner.take("first", int, 0),
-        inner.take("last", int, 0),
-        inner.take("median", bool, False),
-    )
-    inner.close()
-    chosen = sum([rule.first > 0, rule.last > 0, rule.median])
-    allowed = chosen <= 1 and not rule.median if rule.file else chosen == 1
-    if not allowed or min(rule.first, rule.last) < 0:
+    if isinstance(rule, str) or not _is_possible(rule):
         raise ConfigError(
-            f"{inner.where}: {dict(value)} must be one of {{file: background.png}}, {{first: 3}}, "
-            "{last: 3}, {median: true}, or none"
+            f"{where}: {rule} must be one of {{file: background.png}}, {{first: 3}}, {{last: 3}}, "
+            "{median: true}, or none"
         )
     return rule
 
 
-def _words(node: Node) -> dict[str, dict[str, str]]:
-    return {
-        str(column): {str(rank): str(word) for rank, word in words.items()}
-        for column, words in node.take("words", dict, {}).items()
-    }
+def _is_possible(rule: BackgroundRule) -> bool:
+    chosen = sum([rule.first > 0, rule.last > 0, rule.median])
+    allowed = chosen <= 1 and not rule.median if rule.file else chosen == 1
+    return allowed and min(rule.first, rule.last) >= 0
 
 
-def _force(node: Node) -> FrameTable | None:
-    if not node.has("force"):
+def _force(keys: ForceKeys | None, where: str) -> FrameTable | None:
+    if keys is None:
         return None
-    inner = Node(node.take("force", dict), f"{node.where}, force")
-    names = inner.need("columns", list, "[fx, fy, fz]")
+    names = list(keys.columns)
     if len(names) != 3:
-        raise ConfigError(f"{inner.where}: columns are those of x, y and z, not {names}")
+        raise ConfigError(f"{where}: columns are those of x, y and z, not {names}")
     columns = [name for name in names if name is not None]
     if not columns or len(set(columns)) < len(columns):
         raise ConfigError(
-            f"{inner.where}: columns are {names}; give each axis a column of its own, and null to "
-            "an axis that was not measured: [null, null, fz]"
+            f"{where}: columns are {names}; give each axis a column of its own, and null to an "
+            "axis that was not measured: [null, null, fz]"
         )
-    table = FrameTable(
-        file=inner.need("file", str, '"{stem}.csv"'),
-        frame=inner.take("frame", str),
-        columns=tuple("" if name is None else str(name) for name in names),
-        sign=tuple(inner.numbers("sign", 3, [1, 1, 1])),
-        lag_s=float(inner.take("lag_s", (int, float), 0)),
-    )
-    inner.close()
-    return table
+    columns_or_none = tuple("" if name is None else str(name) for name in names)
+    return FrameTable(keys.file, keys.frame, columns_or_none, keys.sign, keys.lag_s)
 
 
-def _action(node: Node, has_force: bool) -> str | FrameTable | tuple[ActionRange, ...] | None:
+def _action(keys: LayoutKeys, where: str) -> str | FrameTable | tuple[ActionRange, ...] | None:
     """Reads the origin of actions; ``force`` stands for the forces themselves."""
-    value = node.take("action", (str, dict, list), "force" if has_force else "none")
-    where = f"{node.where}, action"
-    if isinstance(value, list):
-        return tuple(_range(item, where) for item in value)
-    if isinstance(value, Mapping):
-        inner = Node(value, where)
-        table = FrameTable(
-            file=inner.need("file", str, '"{stem}.csv"'),
-            frame=inner.take("frame", str),
-            columns=(inner.need("column", str, "action"),),
-        )
-        inner.close()
-        return table
-    if value == "none":
+    action = keys.action
+    if isinstance(action, ActionKeys):
+        return FrameTable(action.file, action.frame, (action.column,))
+    if isinstance(action, tuple):
+        for part in action:
+            check_action(part.action, where)
+        return tuple(ActionRange(*part.frames, part.action) for part in action)
+    if action is None:
+        return "force" if keys.force else None
+    if action == "none":
         return None
-    if value == "force" and not has_force:
+    if action == "force" and not keys.force:
         raise ConfigError(f"{where}: force is not given; add force: {{file: ..., columns: ...}}")
-    if value != "force" and not template_columns(value):
-        check_action(value, where)
-    return str(value)
-
-
-def _range(item: Any, where: str) -> ActionRange:
-    node = Node(item, where)
-    start, stop = node.numbers("frames", 2)
-    action = node.need("action", str, "press")
-    node.close()
-    check_action(action, where)
-    return ActionRange(int(start), int(stop), action)
+    if action != "force" and not template_columns(action):
+        check_action(action, where)
+    return action
 
 
 def check_action(name: str, where: str) -> None:

@@ -112,8 +112,8 @@ class Camera:
             return [device]
         if device.isdigit():
             device = f"/dev/video{device}"
-        chosen = [one for one in there if os.path.realpath(device) == one.path]
-        return [one.path for one in chosen or matching(device, there)]
+        chosen = [camera for camera in there if os.path.realpath(device) == camera.path]
+        return [camera.path for camera in chosen or matching(device, there)]
 
     def open(self) -> None:
         """Opens the camera, and sets the requested controls.
@@ -146,14 +146,14 @@ class Camera:
             return f"/dev/video{self.device}" if sys.platform == "linux" else self.device
         if not self.device.startswith(("usb:", "serial:", "name:")):
             return self.device
-        found = self.discover()
-        if not found:
+        paths = self.discover()
+        if not paths:
             raise SensorError(
                 f"no camera {self.device} is attached{attached_cameras()}; plug it in"
             )
-        if len(found) > 1:
-            raise SensorError(f"{self.device} fits {', '.join(found)}; choose with device=serial:")
-        return found[0]
+        if len(paths) > 1:
+            raise SensorError(f"{self.device} fits {', '.join(paths)}; choose with device=serial:")
+        return paths[0]
 
     def _set_up(self, capture: Any, source: str) -> None:
         if self.fourcc:

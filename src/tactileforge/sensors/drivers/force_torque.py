@@ -44,7 +44,7 @@ class ForceTorque(StreamSensor):
         scale: What each of the six is multiplied by to be in N and N m.
         header: What a packet begins with, hexadecimal.
         footer: What it ends with, hexadecimal.
-        checksum: See `framing.CHECKSUMS`.
+        checksum: See `checksums.CHECKSUMS`.
         covers: What the checksum is of: ``packet`` (header and payload) or ``payload``.
         request: What makes the device send, hexadecimal; "" for one that sends by itself.
         farewell: What makes it stop, hexadecimal.
@@ -155,13 +155,13 @@ class ForceTorque(StreamSensor):
 
     def decode(self, payload: bytes) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """An empty image, and the wrench."""
-        found = self.wrench(payload)
-        sizes = np.abs(found)
+        wrench = self.wrench(payload)
+        sizes = np.abs(wrench)
         if not (sizes <= self.most).all():  # nor where it is no number
             raise ValueError("a wrench that cannot be")
         if ((sizes > 0) & (sizes < _LEAST * self.most)).any():
             raise ValueError("a wrench of parts that are too small to be measured")
-        return NO_PICTURE, found.astype(np.float32)
+        return NO_PICTURE, wrench.astype(np.float32)
 
     def follows(self, before: Arrival | None, after: Arrival) -> bool:
         """Whether it has changed by no more than can be; a checksum says it as well."""

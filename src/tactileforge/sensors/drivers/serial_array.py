@@ -37,7 +37,7 @@ class SerialArray(StreamSensor):
         payload: What a packet carries, as `struct` writes it, for example ``<15f``.
         header: What it begins with, hexadecimal, for example ``aa55``.
         footer: What it ends with, hexadecimal.
-        checksum: See `framing.CHECKSUMS`.
+        checksum: See `checksums.CHECKSUMS`.
         covers: What the checksum is of: ``packet`` (header and payload) or ``payload``.
         values: Values of each taxel in the payload.
         channels: Which of them are x, y and z; one alone is z. The others are kept in ``raw``.
@@ -158,13 +158,13 @@ class SerialArray(StreamSensor):
         Raises:
             SensorError: None is attached, or several are.
         """
-        found = self.discover()
-        if not found and (self.usb or self.serial_number):
+        ports = self.discover()
+        if not ports and (self.usb or self.serial_number):
             name = self.usb or self.serial_number
             raise SensorError(f"no {self.spec.name} ({name}) is attached: plug it in")
-        if len(found) > 1:
-            raise SensorError(f"several {self.spec.name}: {', '.join(found)}; choose with port=")
-        return found[0] if found else ""
+        if len(ports) > 1:
+            raise SensorError(f"several {self.spec.name}: {', '.join(ports)}; choose with port=")
+        return ports[0] if ports else ""
 
     def new_parser(self) -> Parser:
         """A parser of its framing."""

@@ -20,7 +20,7 @@ from tactileforge.sensors.specs import spec
 _Shown: TypeAlias = tuple[NDArray[np.uint8], NDArray[np.float32]]
 
 if TYPE_CHECKING:
-    from tactileforge.sim.generate import SimConfig
+    from tactileforge.sim.config import SimConfig
 
 #: Seconds by which the clock may be ahead of the frames before frames are left out.
 _LATE = 0.1
@@ -85,7 +85,7 @@ class SimSensor:
         Raises:
             ConfigError: An unknown sensor, indenter or motion.
         """
-        from tactileforge.sim.generate import SimConfig
+        from tactileforge.sim.config import SimConfig
         from tactileforge.sim.scene import simulated_rate
 
         config = SimConfig(

@@ -10,9 +10,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.contracts import Frame, SensorSpec
+from tactileforge.contracts import Frame
 from tactileforge.errors import ConfigError, TactileForgeError
-from tactileforge.sensors.drivers.force_torque import NO_PICTURE
+from tactileforge.sensors.drivers.force_torque import NO_PICTURE, ForceTorque
 
 
 class SimWrench:
@@ -32,15 +32,7 @@ class SimWrench:
         start: Monotonic seconds at which it was opened.
     """
 
-    spec = SensorSpec(
-        name="sim_wrench",
-        height=0,
-        width=0,
-        fps=100.0,
-        area_mm=None,
-        force_scale=(10.0, 10.0, 10.0),
-        kind="wrench",
-    )
+    spec = replace(ForceTorque.spec, name="sim_wrench")
 
     def __init__(
         self, fps: float = 100.0, newton: float = 5.0, period: float = 2.0, bias: float = 0.0

@@ -65,18 +65,18 @@ def matching(words: str, devices: list[VideoDevice]) -> list[VideoDevice]:
     what, _, value = words.partition(":")
     match what:
         case "usb":
-            return [one for one in devices if one.usb == value.lower()]
+            return [device for device in devices if device.usb == value.lower()]
         case "serial":
-            return [one for one in devices if one.serial == value]
+            return [device for device in devices if device.serial == value]
         case "name":
-            return [one for one in devices if value.lower() in one.name.lower()]
+            return [device for device in devices if value.lower() in device.name.lower()]
     return []
 
 
 def attached_cameras() -> str:
     """Lists the attached cameras, for an error."""
-    found = ", ".join(f"{one.path} {one.name}" for one in video_devices())
-    return f" (attached: {found or 'none'})"
+    cameras = ", ".join(f"{camera.path} {camera.name}" for camera in video_devices())
+    return f" (attached: {cameras or 'none'})"
 
 
 def why_not(source: str) -> str:

@@ -1,0 +1,96 @@
+"""Loader of batches in processes of their own; resumed at any step."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Iterator, Mapping
+from typing import Any, TypeVar
+
+import cv2
+import torch
+from torch.utils.data import DataLoader
+
+from tactileforge.contracts import Batch
+from tactileforge.data.batches.stream import BatchIndexSampler, Stream
+from tactileforge.errors import ConfigError
+
+T = TypeVar("T")
+
+
+class Loader(DataLoader[Batch]):
+    """Data loader that can be resumed at any step.
+
+    Its place is that of the run (see `stream.BatchIndexSampler`); what it keeps is what may not
+    change in between.
+
+    Attributes:
+        waited: Seconds that the process has waited for batches so far.
+    """
+
+    waited = 0.0
+
+    @classmethod
+    def of(cls, stream: Stream, numbers: BatchIndexSampler, workers: int) -> Loader:
+        """A loader of the batches of a stream that a sampler names."""
+        return cls(
+            stream,
+            batch_size=None,
+            sampler=numbers,
+            collate_fn=_as_it_is,
+            num_workers=workers,
+            persistent_workers=workers > 0,
+            pin_memory=torch.cuda.is_available(),
+            worker_init_fn=start_worker,
+        )
+
+    def __iter__(self) -> Iterator[Batch]:  # type: ignore[override]
+        """Batches, in order."""
+        return self._timed(super().__iter__())  # readers start now
+
+    def _timed(self, batches: Iterator[Batch]) -> Iterator[Batch]:
+        while True:
+            start = time.perf_counter()
+            batch = next(batches, None)
+            self.waited += time.perf_counter() - start
+            if batch is None:
+                return
+            yield batch
+
+    def state_dict(self) -> dict[str, Any]:
+        """Facts that the batches depend on; a resumed run must have the same."""
+        stream = self.dataset
+        assert isinstance(stream, Stream)
+        state = {
+            "clips": [round(track.size) for track in stream.tracks],
+            "clips of a batch": [2 * stream.n_pairs, *(track.count for track in stream.tracks)],
+            "seed": stream.seed,
+            "processes": stream.reader.world,
+        }
+        if any(track.windowed for track in stream.tracks):
+            state["workers"] = stream.reader.workers
+        return state
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Checks that nothing has changed.
+
+        Raises:
+            ConfigError: Names what has, and both values.
+        """
+        for key, now in self.state_dict().items():
+            if state.get(key) != now:
+                raise ConfigError(
+                    f"resume: {key} was {state.get(key)} and is {now}; a resumed run goes on with "
+                    "the same data, batches, workers and processes (init= starts a new run from "
+                    "its weights)"
+                )
+
+
+def _as_it_is(batch: T) -> T:
+    return batch
+
+
+def start_worker(_: int) -> None:
+    """Ignores Ctrl-C in a worker: it reaches every process of a terminal, the run handles it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    cv2.setNumThreads(0)

@@ -1,0 +1,165 @@
+"""Configuration of a simulated data set: which scenes there are."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+
+from tactileforge.data.shards import shards
+from tactileforge.errors import ConfigError, unknown
+from tactileforge.sim.geometry.shapes import INDENTERS, Shape, shape
+from tactileforge.sim.geometry.textures import TEXTURES
+from tactileforge.sim.mechanics.motions import MOTIONS
+from tactileforge.sim.mechanics.sensor_gels import DEVICES, sensor_gel
+from tactileforge.sim.randomise.draw import randomised_rows
+from tactileforge.sim.scene import Scene, draw_scene
+
+#: Indenters that a small data set shows several times each.
+FEW = (
+    "small_sphere",
+    "cylindrical",
+    "square_prism",
+    "regular_triangular",
+    "cross_shaped",
+    "ring_shaped",
+    "t_shaped",
+    "star_shaped_holes",
+    "small_sphere_array",
+    "rectangular_bar_array",
+    "wavy_cylindrical",
+    "crescent_shaped",
+)
+#: Validation has numbers of its own: it does not change with the number of scenes.
+FIRST_VAL = 300_000
+#: Motions of a group.
+_MOTION_GROUPS = {
+    "atomic": tuple(name for name in MOTIONS if name.startswith(("slide", "rotate"))),
+    "force_trial": ("force_trial",),
+    "manipulation": ("manipulation",),
+    "all": tuple(MOTIONS),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimConfig:
+    """Configuration of a simulated data set; equal configurations give equal bytes.
+
+    Attributes:
+        sensors: Types of sensors; each scene is felt by all of them.
+        indenters: ``pretrain``, ``few`` (twelve of them), ``bench`` (training and validation have
+            indenters of their own, as in the paper), ``textures``, ``all``, or names of shapes.
+        motions: ``atomic`` (slides and turns), ``force_trial``, ``manipulation``, ``all``, or
+            names of motions.
+        size: Rows or columns of an image, whichever are fewer.
+        seconds: Mean duration of one action.
+        force: Range of the largest normal force on a nominal gel, N; a shape that does not reach it
+            within 1.5 mm presses as hard as it can.
+        markers: Whether the gels have markers; None as their types have.
+        viscosity: Relaxation time of the gels, s.
+        lag: Seconds by which images come later than forces, as from a real camera.
+        seed: Another seed, other touches.
+        codec: Codec of the images, see `data.shards.shards.CODECS`.
+        randomise: Differences between units and scenes, see `randomise.draw.randomised_rows`.
+    """
+
+    sensors: tuple[str, ...]
+    indenters: str | tuple[str, ...]
+    motions: str | tuple[str, ...]
+    size: int
+    seconds: float
+    force: tuple[float, float]
+    markers: bool | None
+    viscosity: float
+    lag: float
+    seed: int
+    codec: str = "jpg"
+    randomise: str | tuple[str, ...] = "all"
+
+    def __post_init__(self) -> None:
+        if not self.sensors:
+            raise ConfigError(f"sim: sensors=[] is empty; give some of {', '.join(DEVICES)}")
+        for sensor in self.sensors:
+            sensor_gel(sensor)
+        self.shapes("train")
+        self.moves(False)
+        randomised_rows(self.randomise)
+        if not 0 <= self.lag < 1:
+            raise ConfigError(f"sim: lag is {self.lag} s; give 0 or more, below 1")
+        if self.codec not in shards.CODECS:
+            raise ConfigError(unknown("codec", self.codec, shards.CODECS))
+
+    def shapes(self, split: str) -> list[Shape]:
+        """The shapes of a split."""
+        chosen = self.indenters
+        if not isinstance(chosen, str):
+            return [shape(name) for name in chosen]
+        known = list(INDENTERS.values())
+        if chosen == "bench":
+            wanted = "bench_train" if split == "train" else "bench_test"
+            return [s for s in known if s.split == wanted]
+        if chosen == "pretrain":
+            return [s for s in known if s.split == "pretrain"]
+        if chosen == "few":
+            return [shape(name) for name in FEW]
+        if chosen in ("textures", "all"):
+            return [*(known if chosen == "all" else []), *TEXTURES.values()]
+        return [shape(chosen)]
+
+    def moves(self, is_round: bool) -> list[str]:
+        """Names of the motions; round shapes get no rotation, which nobody could see."""
+        chosen = self.motions
+        if isinstance(chosen, str):
+            chosen = _MOTION_GROUPS.get(chosen, (chosen,))
+        for name in chosen:
+            if name not in MOTIONS:
+                raise ConfigError(unknown("motion", name, {*MOTIONS, *_MOTION_GROUPS}))
+        seen = [name for name in chosen if not (is_round and name.startswith("rotate"))]
+        return seen or list(chosen)
+
+    def digest(self) -> str:
+        """Digest of the configuration and of the simulator's code."""
+        text = json.dumps([asdict(self), shards.VERSION], sort_keys=True) + _code()
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    def scene(self, number: int) -> Scene:
+        """A scene by its number; validation starts at `FIRST_VAL`."""
+        train = number < FIRST_VAL
+        shapes = self.shapes("train" if train else "val")
+        place = number if train else number - FIRST_VAL
+        chosen = shapes[_shuffled(len(shapes), self.seed, place)]
+        moves = self.moves(chosen.round)
+        rng = np.random.default_rng([self.seed, number])
+        motion = moves[int(rng.integers(len(moves)))]
+        seed = int(rng.integers(1 << 31))
+        return draw_scene(
+            seed,
+            chosen,
+            motion,
+            force=self.force,
+            seconds=self.seconds,
+            randomise=self.randomise,
+            reach="clip",
+        )
+
+
+def _shuffled(count: int, seed: int, place: int) -> int:
+    """Place in an endless row of permutations: every shape comes before one comes again."""
+    turn, rest = divmod(place, count)
+    return int(np.random.default_rng([seed, turn]).permutation(count)[rest])
+
+
+@lru_cache
+def _code() -> str:
+    """A hash of this package's files."""
+    digest_of_code = hashlib.sha256()
+    folder = Path(str(files("tactileforge.sim")))
+    for path in sorted(folder.rglob("*")):
+        if path.suffix in (".py", ".json"):
+            digest_of_code.update(path.read_bytes())
+    return digest_of_code.hexdigest()

@@ -1,0 +1,17 @@
+"""Waiting for what other threads and processes do."""
+
+import time
+from collections.abc import Callable
+
+import pytest
+
+
+def wait_until(
+    holds: Callable[[], object], seconds: float = 10, what: str = "it does not come"
+) -> None:
+    """Waits until a condition holds; a test that would hang fails after so many seconds."""
+    end = time.monotonic() + seconds
+    while not holds():
+        if time.monotonic() > end:
+            pytest.fail(f"{what} (in {seconds} s)")
+        time.sleep(0.005)
