@@ -16,6 +16,7 @@ from torch import Tensor, nn
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from tactileforge.compose import compose
+from tactileforge.data.labels.augment import Augment
 from tactileforge.module import TouchModule
 from tactileforge.testing import batch as make_batch
 
@@ -79,7 +80,8 @@ def on_device(recipe: str, *overrides: str) -> tuple[TouchModule, dict[str, Any]
     """A module and a batch, where the accelerator would be."""
     words = ["scale=demo", "encoder.image_size=32", *overrides]
     config: Any = OmegaConf.to_container(compose(recipe, words), resolve=True)
-    module = TouchModule.from_config(config, {"text", "image"}).to("meta")
+    augment = Augment(**config["augment"]) if config.get("augment") else None
+    module = TouchModule.from_config(config, {"text", "image"}, augment).to("meta")
     made = make_batch(size=4, frames=module.encoder.frames, image=32)
     made["flip"] = torch.zeros(4, 2, dtype=torch.bool)
     return module, {k: v.to("meta") if isinstance(v, Tensor) else v for k, v in made.items()}

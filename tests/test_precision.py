@@ -76,7 +76,7 @@ def test_abilities_of_a_cpu(
 
 def test_the_probe_times_both_and_changes_nothing() -> None:
     config: Any = OmegaConf.to_container(compose("anytouch2", TINY), resolve=True)
-    data = build_data(config)
+    data, config["encoder"] = build_data(config)
     module = TouchModule.from_config(config, data.summary("train").labels)
     assert data.train is not None
     module.prepare(data.train)
