@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import torch
@@ -23,8 +23,15 @@ from tactileforge.module import TouchModule
 from tactileforge.testing import batch as make_batch
 
 BATCH, ROUNDS = 2, 4
-PARTS = ("forward", "backward", "clipping", "AdamW, a loop", "AdamW, fused")
-PARTS += ("forward, bf16", "backward, bf16")
+PARTS = (
+    "forward",
+    "backward",
+    "clipping",
+    "AdamW, a loop",
+    "AdamW, fused",
+    "forward, bf16",
+    "backward, bf16",
+)
 
 
 def timed(what: Callable[[], Any]) -> tuple[float, Any]:
@@ -62,7 +69,7 @@ def main() -> None:
     keep(rounds)
 
 
-def keep(rounds: list[tuple[float, ...]]) -> None:
+def keep(rounds: Sequence[tuple[float, ...]]) -> None:
     """Writes medians and what follows from them."""
     of = dict(zip(PARTS, map(statistics.median, zip(*rounds[1:], strict=True)), strict=True))
     work = of["forward"] + of["backward"]

@@ -43,7 +43,7 @@ def our_step(names: list[str]) -> tuple[Callable[[], None], int]:
     return stepper(module, loss)
 
 
-def videomae_step(layers: int, batch: int = BATCH) -> tuple[Callable[[], None], int]:
+def videomae_step(layers: int) -> tuple[Callable[[], None], int]:
     """A step of VideoMAE with our encoder's size and a decoder of so many layers."""
     config = VideoMAEConfig(
         image_size=224,
@@ -57,8 +57,8 @@ def videomae_step(layers: int, batch: int = BATCH) -> tuple[Callable[[], None], 
         norm_pix_loss=False,
     )
     module = VideoMAEForPreTraining(config)
-    pixels = torch.randn(batch, 4, 3, 224, 224)
-    hidden = torch.rand(batch, 196).argsort(1).argsort(1) >= 49
+    pixels = torch.randn(BATCH, 4, 3, 224, 224)
+    hidden = torch.rand(BATCH, 196).argsort(1).argsort(1) >= 49
     mask = hidden.repeat(1, 2)
 
     def loss() -> torch.Tensor:
@@ -69,8 +69,8 @@ def videomae_step(layers: int, batch: int = BATCH) -> tuple[Callable[[], None], 
 
 
 def stepper(module: nn.Module, loss: Callable[[], torch.Tensor]) -> tuple[Callable[[], None], int]:
-    """Forward, backward and a fused AdamW step, ours and the default of transformers alike."""
-    optimizer = torch.optim.AdamW(module.parameters(), lr=1e-4, fused=True)
+    """Forward, backward and an AdamW step."""
+    optimizer = torch.optim.AdamW(module.parameters(), lr=1e-4)
 
     def step() -> None:
         optimizer.zero_grad()
