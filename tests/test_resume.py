@@ -69,6 +69,8 @@ def options_of(data: str, folder: Path) -> list[str]:
     """
     if data == "whole":
         return [*OPTIONS, *SMALL]
+    if data == "bf16":
+        return [*OPTIONS, *SMALL, "trainer.precision=bf16-mixed"]
     if data == "balanced":
         return [
             *OPTIONS,
@@ -100,7 +102,7 @@ def options_of(data: str, folder: Path) -> list[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("data", ["whole", "windows", "dino", "balanced"])
+@pytest.mark.parametrize("data", ["whole", "windows", "dino", "balanced", "bf16"])
 def test_a_killed_run_resumes_bit_identically(tmp_path: Path, data: str) -> None:
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     options = options_of(data, tmp_path / "shards")

@@ -60,7 +60,7 @@ class FixedWeights(nn.Module):
             fresh = self._measured(losses, shared)
             self.norm.copy_(torch.where(fresh > 0, self._followed(fresh), self.norm))
         if self.moves:
-            awake = torch.tensor([key in losses for key in self.keys], device=self.factor.device)
+            awake = self._moved([key in losses for key in self.keys])
             asleep = torch.zeros_like(self.factor[0])
             joint = torch.stack([losses.get(key, asleep).detach().float() for key in self.keys])
             self.update(sum_over_ranks(joint) / world()[1], awake, weights, step)
@@ -89,6 +89,10 @@ class FixedWeights(nn.Module):
             if self.every and weights[key]:
                 values[f"gradient/{key}"] = self.norm[i]
         return values
+
+    def _moved(self, values: Sequence[float]) -> Tensor:
+        """Numbers of the host on the device, which is not waited for."""
+        return torch.tensor(values).to(self.factor.device, non_blocking=True)
 
     def _followed(self, fresh: Tensor) -> Tensor:
         return fresh
@@ -123,7 +127,7 @@ class GradClip(FixedWeights):
         self, losses: Tensor, awake: Tensor, weights: Mapping[str, float], step: int
     ) -> None:
         """See `FixedWeights.update`."""
-        weighted = self.norm.new_tensor([weights.get(key, 0.0) for key in self.keys]) * self.norm
+        weighted = self._moved([weights.get(key, 0.0) for key in self.keys]) * self.norm
         self.factor.copy_((self.limit / weighted.clamp(min=self.limit)).clamp(max=1))
 
 

@@ -210,7 +210,20 @@ class TouchModule(L.LightningModule):
     def configure_optimizers(self) -> Any:
         """See `optim.optimiser`."""
         total = int(self.trainer.estimated_stepping_batches)
-        return optimiser(self.parameters(), self.optim, total)
+        fused = self.trainer.precision not in ("16", "16-mixed", "16-true")
+        return optimiser(self.parameters(), self.optim, total, fused)
+
+    def configure_gradient_clipping(
+        self,
+        optimizer: Any,
+        gradient_clip_val: float | None = None,
+        gradient_clip_algorithm: str | None = None,
+    ) -> None:
+        """Clips the gradient; Lightning itself refuses to where the optimiser is fused."""
+        if gradient_clip_val is not None and gradient_clip_algorithm == "value":
+            nn.utils.clip_grad_value_(self.parameters(), gradient_clip_val)
+        elif gradient_clip_val is not None:
+            nn.utils.clip_grad_norm_(self.parameters(), gradient_clip_val)
 
     def _log_step(
         self,

@@ -30,7 +30,10 @@ class OptimOptions:
 
 
 def optimiser(
-    parameters: Iterable[nn.Parameter], config: Mapping[str, Any], total: int
+    parameters: Iterable[nn.Parameter],
+    config: Mapping[str, Any],
+    total: int,
+    fused: bool = True,
 ) -> dict[str, Any]:
     """AdamW without decay of vectors; linear warm-up, then linear decay to 0.
 
@@ -39,6 +42,8 @@ def optimiser(
         config: ``lr``, ``weight_decay``, ``betas``, and ``warmup``, the share of the run in which
             the learning rate rises.
         total: Steps of the run.
+        fused: Whether all of a step is one kernel; not with a scaler of gradients, which hides from
+            clipping how large they are.
 
     Returns:
         What `LightningModule.configure_optimizers` gives.
@@ -55,6 +60,7 @@ def optimiser(
         ],
         lr=config["lr"],
         betas=tuple(config["betas"]),
+        fused=fused,
     )
     warm = max(1, round(config["warmup"] * total))
     schedule = torch.optim.lr_scheduler.LambdaLR(

@@ -7,6 +7,7 @@ import platform
 import sys
 import warnings
 from collections.abc import Mapping, Sequence
+from functools import partial
 from importlib.metadata import version
 from importlib.util import find_spec
 from inspect import signature
@@ -20,11 +21,13 @@ from lightning.pytorch.loggers import CSVLogger, Logger
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
-from tactileforge import curriculum, registry, run_folder, strict
+from tactileforge import curriculum, precision, registry, run_folder, strict
 from tactileforge.assemble import build_data
 from tactileforge.callbacks import checkpoints
 from tactileforge.callbacks.met import MetLabels, SkippedRecordings
 from tactileforge.callbacks.progress import Progress
+from tactileforge.callbacks.speed import Speed
+from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.files import sealed, write_text
 from tactileforge.hub.starting_point import starting_weights
@@ -113,10 +116,11 @@ def _train(plain: dict[str, Any], folder: Path, resume: Path | None) -> TouchMod
     if not resume:
         assert data.train is not None  # set up by `build_data`
         module.prepare(data.train)
+    why = _settle_precision(plain, module, data)
     trainer, saver = build_trainer(plain, folder, [met, lost])
     if trainer.is_global_zero and not resume:
         licences = {kind.licence for split in data.sources for kind in data.summary(split)}
-        _keep(plain, folder, sorted(licences), data.summary("train").sensors)
+        _keep(plain, folder, sorted(licences), data.summary("train").sensors, why)
     with warnings.catch_warnings():
         for message in _EXPECTED:
             warnings.filterwarnings("ignore", message)
@@ -128,6 +132,16 @@ def _train(plain: dict[str, Any], folder: Path, resume: Path | None) -> TouchMod
 
         print(f"report: {write_report(folder, module, data, lost.skipped, met.labels)}")
     return module
+
+
+def _settle_precision(plain: dict[str, Any], module: TouchModule, data: TouchData) -> str:
+    """Puts the precision into the configuration, which a resumed run reads; returns why it is."""
+    assert data.train is not None
+    measure = partial(precision.step_times, module, data.train)
+    chosen = precision.choose_precision(plain["trainer"], measure)
+    plain["trainer"] = {**plain["trainer"], "precision": chosen.name}
+    log.info("trainer.precision=%s: %s", chosen.name, chosen.reason)
+    return chosen.reason
 
 
 def metric(module: TouchModule, name: str | None = None) -> float:
@@ -190,15 +204,14 @@ def build_trainer(
     """The Lightning trainer of a run, with further callbacks; and that of its checkpoints."""
     options = dict(config["trainer"])
     saver = checkpoints.Checkpoints(folder, options.pop("save_every"))
-    if options["precision"] == "auto":
-        options["precision"] = "bf16-mixed" if torch.cuda.is_available() else "32-true"
     if options["strategy"] == "auto" and options["devices"] not in (1, "1", "auto"):
-        # an objective that starts late, or meets no label on one rank, leaves parameters unused
+        # an objective that starts late, or a norm that none reads through, leaves parameters unused
         options["strategy"] = "ddp_find_unused_parameters_true"
     own: dict[str, Any] = dict(
         default_root_dir=folder,
         logger=build_loggers(config["logger"], folder),
-        callbacks=[saver, Progress(), Timer(), *callbacks],  # the report says how long it took
+        # the timer is for the report: how long it took
+        callbacks=[saver, Speed(config["batch"]["workers"]), Progress(), Timer(), *callbacks],
         plugins=[checkpoints.AtomicCheckpointIO(config.get("run"))],
         gradient_clip_val=config["optim"].get("clip"),
         use_distributed_sampler=False,
@@ -234,7 +247,11 @@ def build_loggers(config: Mapping[str, Any], folder: Path) -> list[Logger]:
 
 
 def _keep(
-    config: Mapping[str, Any], folder: Path, licences: Sequence[str], sensors: Sequence[str]
+    config: Mapping[str, Any],
+    folder: Path,
+    licences: Sequence[str],
+    sensors: Sequence[str],
+    why: str,
 ) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     run_folder.write_config(folder, config)
@@ -249,6 +266,7 @@ def _keep(
         "plugins": plugins,
         "licences": list(licences),  # of the recordings
         "sensors": list(sensors),  # that it is trained on
+        "precision": why,  # it is what it is
         "commit": commit(),
     }
     write_text(folder / run_folder.VERSIONS, sealed(kept))

@@ -26,9 +26,29 @@ def test_tokens_lie_at_their_places(batch: Batch, relative: Relative) -> None:
         for slot in range(2):
             for k, spot in enumerate(features.kept[row].tolist()):
                 expected = visible[row, 6 + 4 * slot + k] + place[slot, spot]
-                torch.testing.assert_close(read[row, 6 + 16 * slot + spot], expected)
+                token = 4 * slot + k if relative == "none" else 16 * slot + spot
+                torch.testing.assert_close(read[row, 6 + token], expected)
             for m, spot in enumerate(features.masked[row].tolist()):
-                token = 6 + 16 * slot + spot
-                torch.testing.assert_close(read[row, token], decoder.mask_token + place[slot, spot])
-                expected = decoder.predict(decoder.norm(given[row, token]))
+                last = 12 * slot + m
+                token = 2 * 4 + last if relative == "none" else 16 * slot + spot
+                expected = decoder.mask_token + place[slot, spot]
+                torch.testing.assert_close(read[row, 6 + token], expected)
+                hidden = given[row, last if relative == "none" else 6 + token]
+                expected = decoder.predict(decoder.norm(hidden))
                 torch.testing.assert_close(made[row, slot, m], expected)
+
+
+def test_the_order_of_tokens_does_not_count(batch: Batch) -> None:
+    """A bias by offset of 0 changes nothing but the order: the same predictions and gradients."""
+    torch.manual_seed(0)
+    encoder = TactileViT("tiny", frames=4, image_size=64, depth=1)
+    plain, biased = (MaskedDecoder(encoder, 32, 2, 4, relative=r) for r in ("none", "zero"))
+    biased.load_state_dict(plain.state_dict(), strict=False)
+    features = encoder.views(batch).masked
+    made, expected = plain(features), biased(features)
+    torch.testing.assert_close(made, expected)
+    for out in (made, expected):
+        out.square().mean().backward(retain_graph=True)
+    right = dict(biased.named_parameters())
+    for name, parameter in plain.named_parameters():
+        torch.testing.assert_close(parameter.grad, right[name].grad, msg=name)

@@ -12,7 +12,7 @@ from tactileforge.module import log_interval
 
 
 class Progress(Callback):
-    """Progress bar with steps, remaining time, and the losses of the active objectives.
+    """Progress bar with steps, remaining time, the losses of the active objectives, and the speed.
 
     Losses are shown as they were last logged, so no step waits for them.
     """
@@ -43,7 +43,7 @@ class Progress(Callback):
                 for name, value in trainer.logged_metrics.items()
                 if name.startswith("train/") and name.count("/") == 1
             }
-            self.bar.set_postfix(losses, refresh=False)
+            self.bar.set_postfix(losses | _speed(trainer), refresh=False)
         self.bar.update(trainer.global_step - self.bar.n)
 
     def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
@@ -59,3 +59,15 @@ class Progress(Callback):
     def _close(self) -> None:
         if self.bar is not None:
             self.bar.close()
+
+
+def _speed(trainer: L.Trainer) -> dict[str, str]:
+    """Speed as last logged; see `speed.Speed`."""
+    logged = trainer.logged_metrics
+    shown = {}
+    if "speed/clips_per_s" in logged:
+        shown["clips/s"] = f"{float(logged['speed/clips_per_s']):.3g}"
+        shown["waiting"] = f"{float(logged['speed/waiting']):.0%}"
+    if "speed/mfu" in logged:
+        shown["MFU"] = f"{float(logged['speed/mfu']):.0%}"
+    return shown

@@ -45,7 +45,7 @@ class ByteEncoder(nn.Module):
         rows = [list(line.encode()[: self.length]) for line in text]
         longest = max(1, max(len(row) for row in rows))
         ids = torch.tensor([row + [_PAD] * (longest - len(row)) for row in rows])
-        ids = ids.to(self.position.device)
+        ids = ids.to(self.position.device, non_blocking=True)
         seen = ids != _PAD
         seen[:, 0] = True  # an empty text is one padding token
         x = self.embed(ids) + self.position[:longest]

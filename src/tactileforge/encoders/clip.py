@@ -78,6 +78,6 @@ class ClipTower(nn.Module):
                 return out
             tokens = self.tokenizer(  # type: ignore[misc]
                 list(batch), padding=True, truncation=True, return_tensors="pt"
-            ).to(self.mean.device)
+            ).to(self.mean.device, non_blocking=True)
             out = self.model(**tokens).text_embeds
             return out

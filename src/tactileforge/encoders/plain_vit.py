@@ -206,7 +206,8 @@ class PlainViT(Backbone):
         if self.registers is not None:
             count = len(self.registers)
             x = torch.cat([self.registers.expand(len(x), -1, -1), x], dim=1)
-        x = self.transformer(x, only=count) if class_only else self.transformer(x)[:, count:]
+        only = slice(count, count + 1)
+        x = self.transformer(x, only=only) if class_only else self.transformer(x)[:, count:]
         out: Tensor = self.norm_out(x) if self.norm_tokens else x
         return out
 
@@ -215,7 +216,8 @@ class PlainViT(Backbone):
         if len(self.stems) == 1:
             out: Tensor = self.stems[0](patches, kept)
             return out
-        if torch.compiler.is_compiling():  # no shapes that depend on data: every stem, then choose
+        if torch.compiler.is_compiling() or patches.device.type != "cpu":
+            # no shapes that depend on data, for which a device is waited for: every stem runs
             every = torch.stack([stem(patches, kept) for stem in self.stems])
             return every[sensor, torch.arange(len(sensor), device=sensor.device)]
         parts, order = [], []

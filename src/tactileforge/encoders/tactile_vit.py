@@ -160,7 +160,7 @@ class TactileViT(Backbone):
         if self.sensor_table is not None:
             head.append(self.sensor_table[sensor])
         x = self.norm_in(torch.cat([*head, x], dim=1))
-        hidden: Tensor = self.transformer(x, only=0 if class_only else None)
+        hidden: Tensor = self.transformer(x, only=slice(0, 1) if class_only else None)
         return hidden
 
     def pool_tokens(self, tokens: Tensor) -> Tensor:

@@ -42,14 +42,14 @@ class Attention(nn.Module):
         self.out = nn.Linear(width, width)
         self.bias_kv = nn.Parameter(torch.zeros(2, width)) if bias_kv else None
 
-    def forward(self, x: Tensor, mask: Tensor | None = None, only: int | None = None) -> Tensor:
+    def forward(self, x: Tensor, mask: Tensor | None = None, only: slice | None = None) -> Tensor:
         """Attends over (B, L, width).
 
         Args:
             x: float (B, L, width).
             mask: bool (B, 1, 1, L), True where a key is seen; or float (1 or B, heads, L, L), added
                 to the scores of a query (third axis) and a key (fourth).
-            only: Number of a token; what that one reads is returned, (B, 1, width).
+            only: Consecutive tokens; what those read is returned, (B, their number, width).
         """
         query, key, value = (
             self.qkv(x).unflatten(-1, (3, self.heads, -1)).permute(2, 0, 3, 1, 4).unbind(0)
@@ -58,8 +58,8 @@ class Attention(nn.Module):
             extra = self.bias_kv.view(2, 1, self.heads, 1, -1).expand(-1, len(x), -1, -1, -1)
             key, value = torch.cat([key, extra[0]], dim=2), torch.cat([value, extra[1]], dim=2)
         if only is not None:
-            query = query[:, :, only : only + 1]
-            mask = mask if mask is None or mask.shape[2] == 1 else mask[:, :, only : only + 1]
+            query = query[:, :, only]
+            mask = mask if mask is None or mask.shape[2] == 1 else mask[:, :, only]
         if mask is not None and mask.is_floating_point():
             mask = mask.to(query.dtype)
         x = F.scaled_dot_product_attention(query, key, value, attn_mask=mask)
@@ -100,10 +100,10 @@ class Block(nn.Module):
             self.scale1 = nn.Parameter(torch.full((width,), layer_scale))
             self.scale2 = nn.Parameter(torch.full((width,), layer_scale))
 
-    def forward(self, x: Tensor, mask: Tensor | None = None, only: int | None = None) -> Tensor:
-        """(B, L, width) to the same; with ``only``, that token of it alone: (B, 1, width)."""
+    def forward(self, x: Tensor, mask: Tensor | None = None, only: slice | None = None) -> Tensor:
+        """(B, L, width) to the same; with ``only``, those tokens of it alone."""
         change = self.attention(self.norm1(x), mask, only)
-        x = x if only is None else x[:, only : only + 1]
+        x = x if only is None else x[:, only]
         x = x + (change if self.scale1 is None else change * self.scale1)
         change = self.mlp(self.norm2(x))
         out: Tensor = x + (change if self.scale2 is None else change * self.scale2)
@@ -128,12 +128,12 @@ class Transformer(nn.Module):
             Block(width, heads, eps, activation, bias_kv, layer_scale) for _ in range(depth)
         )
 
-    def forward(self, x: Tensor, mask: Tensor | None = None, only: int | None = None) -> Tensor:
-        """(B, L, width) to the same; with ``only``, that token of it alone: (B, 1, width)."""
+    def forward(self, x: Tensor, mask: Tensor | None = None, only: slice | None = None) -> Tensor:
+        """(B, L, width) to the same; with ``only``, those tokens of it alone."""
         last = len(self.blocks) - 1
         for number, block in enumerate(self.blocks):
             x = block(x, mask, only if number == last else None)
-        return x if only is None or last >= 0 else x[:, only : only + 1]
+        return x if only is None or last >= 0 else x[:, only]
 
 
 class AttentivePooler(nn.Module):

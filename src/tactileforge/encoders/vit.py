@@ -64,5 +64,5 @@ class ImageViT(nn.Module):
         x = F.interpolate(x, (self.image_size, self.image_size), mode="bilinear", antialias=True)
         x = self.embed((x - self.mean) / self.std).flatten(2).transpose(1, 2) + self.position
         x = torch.cat([self.class_token.expand(len(x), 1, -1), x], dim=1)
-        out: Tensor = self.norm(self.transformer(x)[:, 0])
+        out: Tensor = self.norm(self.transformer(x, only=slice(1))[:, 0])
         return out

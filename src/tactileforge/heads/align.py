@@ -68,10 +68,12 @@ class AlignHead(nn.Module):
         if self.text_encoder is not None and self.text_project is not None:
             lines = list(dict.fromkeys(batch["text"]))
             where = {line: i for i, line in enumerate(lines)}
-            rows = torch.tensor([where[line] for line in batch["text"]]).to(touch.device)
+            rows = torch.tensor([where[line] for line in batch["text"]])
+            rows = rows.to(touch.device, non_blocking=True)
             text = self.text_project(self.text_encoder(lines))[rows]
         if self.image_encoder is not None and self.image_project is not None:
             image = self.image_project(self.image_encoder(batch["image"]))
-        text_valid = torch.tensor([line != "" for line in batch["text"]]).to(touch.device)
+        text_valid = torch.tensor([line != "" for line in batch["text"]])
+        text_valid = text_valid.to(touch.device, non_blocking=True)
         scale = self.log_scale.clamp(max=math.log(100)).exp()
         return Aligned(touch, text, text_valid, image, batch["image_valid"], scale)

@@ -40,8 +40,10 @@ class MaskedDecoder(nn.Module):
     """Visible tokens and mask tokens to the pixels, or features, of the masked tubes.
 
     A token's place is given by fixed sines and cosines of its slot, row and column. (Positions of
-    row and column alone would make the two slots of a masked tube the same.) Visible and mask
-    tokens are put in the order of their places; masked ones alone are predicted.
+    row and column alone would make the two slots of a masked tube the same.) Masked tokens alone
+    are predicted. Attention does not look at the order of tokens, so visible ones come first and
+    the last block reads for the mask tokens behind them alone; a bias by offset needs the order of
+    their places.
 
     Args:
         encoder: Whose masked view is decoded.
@@ -81,17 +83,30 @@ class MaskedDecoder(nn.Module):
 
     def forward(self, features: MaskedFeatures) -> Tensor:
         """The masked view to float (B, slots, M, out)."""
-        slots = features.grid[0]
         x = self.embed(features.tokens)
-        prefix, patches = x.split([features.prefix, x.shape[1] - features.prefix], dim=1)
-        tokens = self._placed(patches.unflatten(1, (slots, -1)), features) + self.position.flatten(
-            1, 2
-        )
-        x = torch.cat([prefix, tokens.flatten(1, 2)], dim=1)
-        x = self.transformer(x, None if self.relative is None else self.relative())
-        x = x[:, features.prefix :].unflatten(1, (slots, -1))
-        out: Tensor = self.predict(self.norm(masked_patches(x, features)))
+        prefix, visible = x.split([features.prefix, x.shape[1] - features.prefix], dim=1)
+        visible = visible.unflatten(1, (features.grid[0], -1))
+        decode = self._by_visibility if self.relative is None else self._by_place
+        out: Tensor = self.predict(self.norm(decode(prefix, visible, features)))
         return out
+
+    def _by_visibility(self, prefix: Tensor, visible: Tensor, features: MaskedFeatures) -> Tensor:
+        """Masked tokens (B, slots, M, width), from visible ones and mask tokens behind them."""
+        place = self.position.flatten(1, 2)
+        seen = visible + place[:, features.kept].transpose(0, 1)
+        blank = self.mask_token.to(visible.dtype) + place[:, features.masked].transpose(0, 1)
+        x = torch.cat([prefix, seen.flatten(1, 2), blank.flatten(1, 2)], dim=1)
+        count = blank.shape[1] * blank.shape[2]
+        hidden: Tensor = self.transformer(x, only=slice(x.shape[1] - count, None))
+        return hidden.reshape(len(x), len(place), -1, x.shape[-1])
+
+    def _by_place(self, prefix: Tensor, visible: Tensor, features: MaskedFeatures) -> Tensor:
+        """Masked tokens (B, slots, M, width), from all tokens in the order of their places."""
+        assert self.relative is not None
+        tokens = self._placed(visible, features) + self.position.flatten(1, 2)
+        x = torch.cat([prefix, tokens.flatten(1, 2)], dim=1)
+        x = self.transformer(x, self.relative())[:, features.prefix :]
+        return masked_patches(x.unflatten(1, (visible.shape[1], -1)), features)
 
     def _placed(self, visible: Tensor, features: MaskedFeatures) -> Tensor:
         """Visible tokens (B, slots, K, width) and mask tokens, each at its place: (..., N, ...)."""

@@ -40,7 +40,8 @@ class Match(nn.Module):
         together = (group[:, None] == group) & (group >= 0)
         together.fill_diagonal_(False)
         names = {name: i for i, name in enumerate(dict.fromkeys(batch["sensor"]))}
-        sensor = torch.tensor([names[name] for name in batch["sensor"]]).to(group.device)
+        sensor = torch.tensor([names[name] for name in batch["sensor"]])
+        sensor = sensor.to(group.device, non_blocking=True)
         other_sensor = sensor[:, None] != sensor
         of_object = pair_loss(prediction.object, batch["object"], together & other_sensor)
         of_action = pair_loss(prediction.action, batch["action"], together)

@@ -70,8 +70,8 @@ def write_report(
     steps, seconds = _progress(folder, curves)
     findings = run_findings(module, data, skipped)
     weights = {key: float(node["weight"]) for key, node in config["objective"].items()}
-    versions = sections.kept_versions(folder).get("versions", {})
-    top = summary.run_facts(config, module, data, steps, seconds, versions)
+    kept = sections.kept_versions(folder)
+    top = summary.run_facts(config, module, data, steps, seconds, curves, kept)
     top += summary.run_verdict(curves, weights, findings, labels)
     parts = [
         sections.losses(curves, list(weights), steps),

@@ -17,6 +17,7 @@ from tactileforge.pages.page import NONE, SPLIT_WORDS, duration, number, percent
 from tactileforge.report.embedding import NeighbourScore
 from tactileforge.report.findings import RunFindings
 from tactileforge.report.forces import ForceResult, milli
+from tactileforge.report.speed import speed_fact, speed_verdict
 
 #: A loss that changes by less has not changed; a reconstruction that explains less shows nothing.
 _LEAST = 0.01
@@ -40,15 +41,18 @@ def run_facts(
     data: TouchData,
     steps: int,
     seconds: float | None,
-    versions: Mapping[str, str],
+    curves: Mapping[str, Curve],
+    kept: Mapping[str, Any],
 ) -> Markup:
-    """Facts of the run: model, data and duration."""
+    """Facts of the run: model, data and duration; ``kept`` is its ``versions.json``."""
     encoder = config["encoder"]
     name = " ".join(filter(None, (encoder["name"], encoder.get("size"))))
     size = sum(parameter.numel() for parameter in module.encoder.parameters()) / 1e6
     height, width = module.encoder.image_size
     clips = sum(track.size for track in data.stream().tracks)
     held_out = len(data.val) if data.val else 0
+    versions = kept.get("versions", {})
+    precision = [config["trainer"]["precision"], kept.get("precision")]
     about = {
         "Encoder": f"{name}, {size:.3g} M parameters",
         "Input": f"{module.encoder.frames} frames, {height} x {width} pixels",
@@ -57,6 +61,8 @@ def run_facts(
         "Sensors": ", ".join(data.summary("train").sensors),
         "Steps": f"{steps}, each of {config['batch']['size']} clips",
         "Time": "not kept" if seconds is None else duration(seconds),
+        "Speed": speed_fact(curves),
+        "Precision": ": ".join(str(part) for part in precision if part),
         "Versions": ", ".join(
             f"{k} {versions[k]}" for k in ("tactileforge", "torch") if k in versions
         ),
@@ -82,6 +88,7 @@ def run_verdict(
     lines += _rebuilt(findings.explained)
     lines += [line for result in findings.forces for line in _force(result)]
     lines += _read(findings.scores)
+    lines += speed_verdict(curves)
     count = len(findings.skipped)
     lines.append(
         ("bad", f"{count} recording{'s' * (count > 1)} could not be read; see Data.")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Mapping
+import time
+from collections.abc import Iterator, Mapping
 from typing import Any, TypeVar
 
 import cv2
@@ -22,7 +23,12 @@ class Loader(DataLoader[Batch]):
 
     Its place is that of the run (see `stream.BatchIndexSampler`); what it keeps is what may not
     change in between.
+
+    Attributes:
+        waited: Seconds that the process has waited for batches so far.
     """
+
+    waited = 0.0
 
     @classmethod
     def of(cls, stream: Stream, numbers: BatchIndexSampler, workers: int) -> Loader:
@@ -37,6 +43,19 @@ class Loader(DataLoader[Batch]):
             pin_memory=torch.cuda.is_available(),
             worker_init_fn=start_worker,
         )
+
+    def __iter__(self) -> Iterator[Batch]:  # type: ignore[override]
+        """Batches, in order."""
+        return self._timed(super().__iter__())  # readers start now
+
+    def _timed(self, batches: Iterator[Batch]) -> Iterator[Batch]:
+        while True:
+            start = time.perf_counter()
+            batch = next(batches, None)
+            self.waited += time.perf_counter() - start
+            if batch is None:
+                return
+            yield batch
 
     def state_dict(self) -> dict[str, Any]:
         """Facts that the batches depend on; a resumed run must have the same."""

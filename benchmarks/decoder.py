@@ -1,0 +1,69 @@
+"""The masked decoder with tokens by visibility, against one with them in the order of their places.
+
+The latter reads for all tokens in its last block too, and picks the masked ones by a gather.
+Forward and backward, the paper's size, in turn in one process on one thread; medians of CPU time
+(`time.process_time`).
+
+Run: python benchmarks/decoder.py
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from typing import Any
+
+import torch
+from common import save
+from torch import Tensor
+
+from tactileforge.contracts import MaskedFeatures
+from tactileforge.encoders.tactile_vit import TactileViT
+from tactileforge.heads.decoder import MaskedDecoder, masked_patches
+
+BATCH, ROUNDS = 1, 6
+SLOTS, PATCHES, PREFIX = 2, 196, 6
+
+
+def by_place(decoder: MaskedDecoder, features: MaskedFeatures) -> Tensor:
+    """The decoder as it was."""
+    x = decoder.embed(features.tokens)
+    prefix, visible = x.split([features.prefix, x.shape[1] - features.prefix], dim=1)
+    tokens = decoder._placed(visible.unflatten(1, (SLOTS, -1)), features)
+    tokens = tokens + decoder.position.flatten(1, 2)
+    x = decoder.transformer(torch.cat([prefix, tokens.flatten(1, 2)], dim=1))
+    x = x[:, features.prefix :].unflatten(1, (SLOTS, -1))
+    out: Tensor = decoder.predict(decoder.norm(masked_patches(x, features)))
+    return out
+
+
+def main() -> None:
+    torch.set_num_threads(1)
+    encoder: Any = TactileViT("base", depth=0)
+    decoder = MaskedDecoder(encoder, 512, 6, 8)
+    order = torch.rand(BATCH, PATCHES).argsort(1)
+    kept, masked = order[:, :49].sort(1).values, order[:, 49:].sort(1).values
+    tokens = torch.randn(BATCH, PREFIX + SLOTS * 49, 512, requires_grad=True)
+    features = MaskedFeatures(tokens, tokens[:, 0], kept, masked, PREFIX, encoder.grid)
+    times: dict[str, list[float]] = {"by place": [], "by visibility": []}
+    for number in range(1 + ROUNDS):
+        for name, decode in (("by place", by_place), ("by visibility", MaskedDecoder.__call__)):
+            start = time.process_time()
+            out = decode(decoder, features)
+            torch.autograd.backward(out.square().mean())
+            if number:
+                times[name].append(time.process_time() - start)
+    middle = {name: statistics.median(values) for name, values in times.items()}
+    save(
+        "decoder",
+        {
+            "what": f"decoder of 512 x 6, {BATCH} clip of 4 frames of 224 x 224, fp32",
+            "how": f"CPU seconds of one thread, median of {ROUNDS} rounds, in turn",
+            "cpu_s": {name: round(value, 4) for name, value in middle.items()},
+            "times as fast": round(middle["by place"] / middle["by visibility"], 3),
+        },
+    )
+
+
+if __name__ == "__main__":
+    main()

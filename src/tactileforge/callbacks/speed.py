@@ -1,0 +1,198 @@
+"""Speed of training: clips a second, share of the time spent waiting for data, MFU."""
+
+from __future__ import annotations
+
+import logging
+import os
+import re
+import time
+from typing import Any
+
+import lightning as L
+import torch
+from lightning.pytorch.callbacks import Callback
+from torch.utils.flop_counter import FlopCounterMode
+
+from tactileforge.module import log_interval
+
+log = logging.getLogger(__name__)
+
+#: Dense bf16 peak of a card, operations a second, by what its name contains; the first that fits.
+#: Source: NVIDIA's data sheets, without sparsity.
+PEAKS = {
+    "B200": 2250e12,
+    "H200": 989e12,
+    "H100 PCIe": 756e12,
+    "H100 NVL": 835e12,
+    "H100": 989e12,
+    "A100": 312e12,
+    "A10": 125e12,
+    "L40S": 362e12,
+    "L4": 121e12,
+    "RTX A6000": 155e12,
+    "RTX 4090": 165e12,
+    "RTX 3090": 71e12,
+}
+
+#: Share of the time spent waiting for data above which the loader is the limit.
+WAITING = 0.2
+#: Logged values in a row that are above it before the run says so.
+_PATIENCE = 3
+
+
+class Speed(Callback):
+    """Logs ``speed/clips_per_s``, ``speed/waiting`` and, on a known device, ``speed/mfu``.
+
+    Values are of the time since they were last logged, without validation; the first step of a
+    process, in which readers start, is left out. ``waiting`` is the share of the time in which the
+    step waited for the loader while the device had nothing to do. ``mfu`` is the operations of
+    matrix products and convolutions that a step does, forward and backward, as counted in its first
+    step with these objectives, over what the device could do in the time; what is computed of
+    masked tokens counts. Nothing here waits for the device.
+
+    Args:
+        workers: Processes that read, ``batch.workers``.
+
+    Attributes:
+        peak: Operations a second of the device; None where unknown: nothing is then counted.
+    """
+
+    def __init__(self, workers: int) -> None:
+        self.workers = workers
+        self.peak: float | None = None
+        self._start: float | None = None
+        self._pause = 0.0
+        self._seen = self._waiting = 0.0
+        self._clips = self._flops = self._slow = 0
+        self._done: torch.cuda.Event | None = None
+        self._counter: FlopCounterMode | None = None
+        self._counted: dict[frozenset[str], int] = {}
+
+    def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Looks up the device."""
+        device = pl_module.device
+        if device.type == "cuda":
+            self.peak = peak_of(torch.cuda.get_device_name(device))
+            self._done = torch.cuda.Event()  # type: ignore[no-untyped-call]
+
+    def on_train_batch_start(
+        self, trainer: L.Trainer, pl_module: L.LightningModule, batch: Any, batch_idx: int
+    ) -> None:
+        """Notes the time that the batch took to come, where the device was idle then."""
+        waited = getattr(trainer.train_dataloader, "waited", 0.0)
+        if self._done is None or self._done.query():  # type: ignore[no-untyped-call]
+            self._waiting += waited - self._seen
+        self._seen = waited
+        if self.peak and _active(pl_module) not in self._counted:
+            self._counter = FlopCounterMode(display=False)
+            self._counter.__enter__()  # type: ignore[no-untyped-call]
+
+    def on_train_batch_end(
+        self,
+        trainer: L.Trainer,
+        pl_module: L.LightningModule,
+        outputs: Any,
+        batch: Any,
+        batch_idx: int,
+    ) -> None:
+        """Adds the batch, and logs with the losses."""
+        if self._done is not None:
+            self._done.record()
+        active = _active(pl_module) if self.peak else frozenset()
+        self._stop_counting(active)
+        stepped = (trainer.fit_loop.total_batch_idx + 1) % trainer.accumulate_grad_batches == 0
+        if self._start is None:
+            self._restart()
+            return
+        self._clips += len(batch["frames"])
+        self._flops += self._counted.get(active, 0)
+        if stepped and trainer.global_step % log_interval(trainer) == 0:
+            values = self._values(time.perf_counter() - self._start, trainer.world_size)
+            pl_module.log_dict(values)
+            self._judge(values["speed/waiting"], cpus() // trainer.num_devices)
+            self._restart()
+
+    def on_validation_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Stops the clock."""
+        self._pause = time.perf_counter()
+
+    def on_validation_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Goes on."""
+        if self._start is not None:
+            self._start += time.perf_counter() - self._pause
+
+    def on_exception(
+        self, trainer: L.Trainer, pl_module: L.LightningModule, exception: BaseException
+    ) -> None:
+        """Stops counting."""
+        self._stop_counting(frozenset())
+
+    def _restart(self) -> None:
+        self._start = time.perf_counter()
+        self._waiting, self._clips, self._flops = 0.0, 0, 0
+
+    def _stop_counting(self, active: frozenset[str]) -> None:
+        if self._counter is not None:
+            self._counter.__exit__(None, None, None)  # type: ignore[no-untyped-call]
+            self._counted[active] = self._counter.get_total_flops()
+            self._counter = None
+
+    def _values(self, seconds: float, processes: int) -> dict[str, float]:
+        values = {
+            "speed/clips_per_s": processes * self._clips / seconds,
+            "speed/waiting": min(1.0, self._waiting / seconds),
+        }
+        if self.peak:
+            values["speed/mfu"] = self._flops / seconds / self.peak
+        return values
+
+    def _judge(self, waiting: float, available: int) -> None:
+        self._slow = self._slow + 1 if waiting > WAITING else 0
+        if self._slow == _PATIENCE:
+            log.warning(
+                "the step waits for data %.0f %% of the time: %s",
+                100 * waiting,
+                advice(self.workers, available),
+            )
+            self._slow = -(10**9)  # once is enough
+
+
+def peak_of(name: str) -> float | None:
+    """Peak of a card by its name, operations a second; None where it is not known.
+
+    Example:
+        >>> peak_of("NVIDIA H100 80GB HBM3")
+        989000000000000.0
+    """
+    found = (peak for key, peak in PEAKS.items() if re.search(rf"\b{key}\b", name))
+    return next(found, None)
+
+
+def cpus() -> int:
+    """Number of CPUs that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def advice(workers: int, available: int) -> str:
+    """Names what to change where the loader is the limit.
+
+    Args:
+        workers: Processes that read.
+        available: CPUs for one training process.
+
+    Example:
+        >>> advice(2, 8)
+        'raise batch.workers (2 now, for 8 CPUs)'
+    """
+    if workers < available:
+        return f"raise batch.workers ({workers} now, for {available} CPUs)"
+    return (
+        f"batch.workers={workers} takes all CPUs; pack the data at the encoder's size "
+        "(tactileforge data pack), or raise batch.cache_mb"
+    )
+
+
+def _active(module: Any) -> frozenset[str]:
+    return frozenset(key for key, weight in module.current_weights().items() if weight)

@@ -1,0 +1,116 @@
+"""The arithmetic of a run: what ``trainer.precision=auto`` means here, for this model."""
+
+from __future__ import annotations
+
+import copy
+import os
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import torch
+
+from tactileforge.contracts import Batch
+from tactileforge.data.batches.clips import Clips, collate
+from tactileforge.data.labels.augment import fill_captions
+from tactileforge.module import TouchModule
+
+#: CPU seconds of a step in fp32 and in bf16.
+Timing: TypeAlias = tuple[float, float]
+
+#: Abilities of a CPU that make bf16 matrix products faster than fp32 ones, best first.
+_NATIVE = {"amx_bf16": "AMX", "avx512_bf16": "AVX-512 BF16"}
+#: How much faster a step must be in bf16: near 1, two equal runs could differ in their arithmetic.
+GAIN = 1.3
+#: Clips of the probe, timed rounds, and seconds after which no further round starts.
+_CLIPS, _ROUNDS, _SECONDS = 2, 3, 10.0
+
+
+@dataclass(frozen=True)
+class Precision:
+    """The arithmetic of a run.
+
+    Attributes:
+        name: As Lightning's trainer knows it: ``32-true`` or ``bf16-mixed``.
+        reason: A clause that says why.
+    """
+
+    name: str
+    reason: str
+
+
+def choose_precision(
+    options: Mapping[str, Any], measure: Callable[[], Timing], native: str | None = None
+) -> Precision:
+    """Chooses the precision of a new run; the run keeps it, so nothing is chosen on resume.
+
+    Args:
+        options: Of ``trainer``.
+        measure: Times a step, see `step_times`; called only on one CPU process that has bf16.
+        native: What makes bf16 fast on this CPU, "" for nothing; None looks, see `native_bf16`.
+    """
+    if options["precision"] != "auto":
+        return Precision(str(options["precision"]), "as asked for")
+    if torch.cuda.is_available() and options["accelerator"] != "cpu":
+        if torch.cuda.is_bf16_supported(including_emulation=False):
+            return Precision("bf16-mixed", "the accelerator computes in bf16")
+        return Precision("32-true", "the accelerator has no bf16")
+    if not (native := native_bf16() if native is None else native):
+        return Precision("32-true", "this CPU has no fast bf16")
+    if _processes(options) > 1:  # each would measure, and they must not disagree
+        return Precision("32-true", "with several processes bf16 is not tried on a CPU")
+    single, half = measure()
+    gain = single / half
+    measured = f"{native}: a step in bf16 is {gain:.2f} times as fast as in fp32"
+    if gain >= GAIN:
+        return Precision("bf16-mixed", measured)
+    return Precision("32-true", f"{measured}, and {GAIN} is asked for")
+
+
+def native_bf16() -> str:
+    """Name of what makes bf16 products fast on this CPU; "" where nothing does."""
+    has = torch.cpu.get_capabilities()
+    return next((name for key, name in _NATIVE.items() if has.get(key)), "")
+
+
+def step_times(module: TouchModule, clips: Clips) -> Timing:
+    """CPU time of forward and backward of all objectives on two clips; the module stays as it is.
+
+    Precisions take turns, and the fastest of each counts, so that both meet the same disturbances.
+
+    Args:
+        module: Before its training.
+        clips: Of the training data.
+    """
+    with torch.random.fork_rng(devices=[]):
+        rows = [clips[(row, 0)] for row in range(min(_CLIPS, len(clips)))]
+        batch = collate(rows)
+        fill_captions(batch)
+        trial = copy.deepcopy(module).train()
+        best = [float("inf")] * 2
+        start = time.process_time()
+        for number in range(1 + _ROUNDS):
+            for half in (False, True):
+                seconds = _step(trial, batch, half)
+                if number:  # the first is a warm-up
+                    best[half] = min(best[half], seconds)
+            if number and time.process_time() - start > _SECONDS:
+                break
+    return best[0], best[1]
+
+
+def _step(module: TouchModule, batch: Batch, half: bool) -> float:
+    start = time.process_time()  # of all threads: other programs do not count
+    with torch.autocast("cpu", torch.bfloat16, enabled=half, cache_enabled=False):
+        loss = module.losses(batch, module.weights)[0]
+    torch.autograd.backward(loss)
+    seconds = time.process_time() - start
+    module.zero_grad()
+    return seconds
+
+
+def _processes(options: Mapping[str, Any]) -> int:
+    devices, nodes = options["devices"], options["num_nodes"]
+    here = 1 if devices in ("auto", "1") else devices if isinstance(devices, int) else 2
+    return max(here * int(nodes), int(os.environ.get("WORLD_SIZE", 1)))
