@@ -6,9 +6,12 @@ PIP := $(BIN)/pip --disable-pip-version-check install --quiet --constraint const
 
 .PHONY: demo bench-mini test test-fast lint docs clean
 
+# from the weights of the zoo; from random weights: make demo SCALE=demo
+SCALE ?= finetune
+INIT := $(if $(filter finetune,$(SCALE)),init=anytouch2.tiny)
 demo: $(VENV)/.installed
 	rm -rf runs/demo
-	$(BIN)/tactileforge train scale=demo hydra.run.dir=runs/demo
+	$(BIN)/tactileforge train scale=$(SCALE) $(INIT) hydra.run.dir=runs/demo
 	@echo "open runs/demo/report.html"
 
 # the paper in miniature; TACTILEFORGE_REALDATA is the folder of the public samples, where they are at hand
