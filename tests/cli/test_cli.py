@@ -78,7 +78,10 @@ def test_resume_of_nothing_says_what_to_give(
         ("{images: '*.png', each: touch, sensor: digitt, background: none}", "'digit'"),
         ("{images: '*.png', each: touch, sensor: digit}", "background"),
         ("{images: '*.jpg', each: touch, sensor: digit, background: none}", "*.jpg"),
-        ("{images: '*.png', eech: touch, sensor: digit, background: none}", "is 'eech' a slip?"),
+        (
+            "{images: '*.png', eech: touch, sensor: digit, background: none}",
+            "unknown key of layout 'mine' 'eech'; did you mean 'each'?",
+        ),
     ],
 )
 def test_layouts_at_fault_are_named(
