@@ -141,11 +141,15 @@ def test_actions_per_frame(tmp_path: Path, write: Write) -> None:
 
 
 @pytest.mark.parametrize(
-    "raw",
-    [b"file,hard\na.mp4," + b"2" * 200_000, b"file,hard\na.mp4,\xff\xfe", b"\xff\xfef\0i\0l\0e\0"],
+    ("raw", "reason"),
+    [
+        (b"file,hard\na.mp4," + b"2" * 200_000, r"not a CSV \(field larger"),
+        (b"file,hard\na.mp4,\xff\xfe", "byte 16 is not UTF-8"),
+        (b"\xff\xfef\0i\0l\0e\0", "byte 0 is not UTF-8"),
+    ],
     ids=["a cell without end", "no UTF-8", "UTF-16"],
 )
-def test_a_csv_that_is_none_is_named(tmp_path: Path, raw: bytes) -> None:
+def test_a_csv_that_is_none_is_named(tmp_path: Path, raw: bytes, reason: str) -> None:
     (tmp_path / "labels.csv").write_bytes(raw)
-    with pytest.raises(DataError, match=r"labels\.csv: not a CSV in UTF-8"):
+    with pytest.raises(DataError, match=rf"labels\.csv: {reason}"):
         read_labels(layout(), tmp_path)
