@@ -110,7 +110,7 @@ def test_splits(tmp_path: Path, batch: Make) -> None:
         ("anytouch2-port", "test"): {"flat/batch_1"},
     }
     with pytest.raises(ConfigError, match="unknown sensor 'gelsight'"):
-        SparshForce(sensor="gelsight")
+        SparshForce(".", sensor="gelsight")
 
 
 def test_a_batch_that_would_run_something_is_left_out(tmp_path: Path, batch: Make) -> None:

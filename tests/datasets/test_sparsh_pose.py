@@ -48,7 +48,7 @@ def test_another_finger_and_damage(root: Path, encoded: Make) -> None:
     with pytest.raises(Exception, match="under digit_index and object_index_rel_pose_n5"):
         list(other.recordings("train"))
     with pytest.raises(ConfigError, match="unknown finger 'thumb'"):
-        SparshPose(finger="thumb")
+        SparshPose(".", finger="thumb")
 
 
 def test_without_backgrounds(root: Path) -> None:

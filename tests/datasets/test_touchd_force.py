@@ -69,7 +69,7 @@ def test_axes(root: Path) -> None:
     assert pressed is not None
     assert ACTIONS.index("press") in pressed, "the force rises from the first frame to the last"
     with pytest.raises(ConfigError, match="unknown axes 'world'"):
-        TouchdForce(axes="world")
+        TouchdForce(".", axes="world")
 
 
 @pytest.mark.parametrize(

@@ -55,7 +55,7 @@ def test_facts(name: str, reader: type[PublishedDataset]) -> None:
     assert reader.url.startswith(("http://", "https://"))
     assert all((reader.licence, reader.citation, reader.tree))
     assert len({split.name for split in reader.splits}) == len(reader.splits)
-    assert isinstance(reader(), Dataset)
+    assert isinstance(reader("."), Dataset)
 
 
 @each_reader
@@ -71,11 +71,11 @@ def test_missing_data(name: str, reader: type[PublishedDataset], tmp_path: Path)
 @each_reader
 def test_bad_arguments(name: str, reader: type[PublishedDataset]) -> None:
     with pytest.raises(ConfigError, match=f"{name}: unknown split 'al'.*Known: .*all"):
-        reader(split="al")
+        reader(".", split="al")
     with pytest.raises(ConfigError, match=f"{name}: val is 1"):
-        reader(val=1)
+        reader(".", val=1)
     with pytest.raises(ConfigError, match="unknown side of a split 'tests'"):
-        next(iter(reader().recordings("tests")))
+        next(iter(reader(".").recordings("tests")))
 
 
 @each_reader
