@@ -291,7 +291,7 @@ def test_damage_is_named(tmp_path: Path) -> None:
 )
 def test_bad_options_are_named(options: dict[str, object], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
-        LeRobot(**options)
+        LeRobot(".", **options)
 
 
 def test_statistics_by_hand() -> None:
