@@ -1,4 +1,4 @@
-"""What sensors of tests share."""
+"""Opening and closing that sensors of tests share."""
 
 from typing import Any, Self
 

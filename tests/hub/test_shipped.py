@@ -32,7 +32,7 @@ def test_it_works_without_a_network_and_is_small(
 
 @pytest.mark.parametrize("name", ["anytouch2.tiny", "mae.tiny"])
 def test_its_card_says_how_it_was_made(name: str) -> None:
-    """What it saw, from which commit, by which commands, on what, and how long it took."""
+    """Data, commit, commands, machine and time stand on the card."""
     card, weight = cards.find_card(name)
     header = read_header(Path(str(cards.zoo_folder() / weight.file)))
     assert set(weight.sensors) == set(header.sensors)

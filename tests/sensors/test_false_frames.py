@@ -1,4 +1,4 @@
-"""How many frames random bytes give, protocol by protocol; the table of docs/record.md.
+"""Rates of false frames in random bytes, protocol by protocol; the table of docs/record.md.
 
 ``TACTILEFORGE_WRITE=1 pytest tests/sensors/test_false_frames.py`` writes it anew.
 """

@@ -1,4 +1,4 @@
-"""What a run meets in its data: recordings that cannot be read, and labels; kept over a resume."""
+"""Counts of unreadable recordings and of labels that a run meets; kept over a resume."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ LAYOUT_FILE = "tactileforge.yaml"
 
 @dataclass(frozen=True)
 class LayoutFile:
-    """What that file says."""
+    """Contents of that file."""
 
     layouts: dict[str, Any] = field(metadata={"example": "{my_touches: {...}}"})
 

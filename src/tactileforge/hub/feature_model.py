@@ -45,7 +45,7 @@ class FeatureModel(nn.Module):
 
     @property
     def device(self) -> torch.device:
-        """Where it computes."""
+        """Device of its weights."""
         first = next(chain(self.encoder.parameters(), self.encoder.buffers()), torch.empty(0))
         return first.device
 

@@ -57,7 +57,7 @@ def make_header(
 
 
 def describe_input(encoder: Any) -> dict[str, Any]:
-    """What goes into an encoder, and what it does to the pixels, as plain data.
+    """Describes the input of an encoder and its preprocessing, as plain data.
 
     Args:
         encoder: A touch encoder; see `encoders.preprocess.Preprocess`.

@@ -165,7 +165,7 @@ class HeadModel(FeatureModel):
         *,
         unknown_sensor: Policy = "error",
     ) -> Any:
-        """What a head says of clips, as it comes: logits, or normalised forces.
+        """Reads a head as it is: logits, or normalised forces.
 
         Args:
             name: A key of ``heads``.

@@ -1,4 +1,4 @@
-"""What can be read of an encoder's pass: its taps."""
+"""Taps: features that can be read from one pass of an encoder."""
 
 from __future__ import annotations
 

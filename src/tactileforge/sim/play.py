@@ -96,7 +96,7 @@ def play_scenes(
 
 @dataclass(frozen=True)
 class _Show:
-    """What is made of a contact; see `play_scenes`."""
+    """Outputs of a contact; see `play_scenes`."""
 
     size: int
     markers: bool | None

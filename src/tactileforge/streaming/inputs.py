@@ -1,4 +1,4 @@
-"""What a stream is given: images, the name of a sensor, how the background is taken."""
+"""Checks of the inputs of a stream: images, name of the sensor, background."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def known_as(name: str, model: Model | None, unknown_sensor: str) -> str:
 
 
 def background_options(background: Image | str | Background | None) -> Background:
-    """How a background is taken that is not given as an image.
+    """Options of a background that is not given as an image.
 
     Raises:
         ConfigError: An unknown word.

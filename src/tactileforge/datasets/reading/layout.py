@@ -150,7 +150,7 @@ def parse_layout(name: str, config: Any) -> DatasetLayout:
 
 
 def _given(values: Mapping[str, Any]) -> dict[str, Any]:
-    """What is not null, at any depth of mappings."""
+    """Drops nulls, at any depth of mappings."""
     return {
         key: _given(value) if isinstance(value, Mapping) else value
         for key, value in values.items()

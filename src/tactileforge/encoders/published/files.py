@@ -79,7 +79,7 @@ class _Unpickler(pickle.Unpickler):
     """Makes tensors, plain values and leftovers; any other name in a file is an error."""
 
     def find_class(self, module: str, name: str) -> Any:
-        """What stands for a name of a file."""
+        """Inert stand-in for a name of a file."""
         full = f"{module}.{name}"
         if full in _TENSORS:
             return _TENSORS[full]
@@ -94,7 +94,7 @@ class _Unpickler(pickle.Unpickler):
 
 
 class _Pickles:
-    """What `torch.load` asks of a module that reads pickles."""
+    """Interface that `torch.load` asks of a module that reads pickles."""
 
     __name__ = "tactileforge"
     Unpickler = _Unpickler
