@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 from torch import Tensor
 
-from tactileforge.hub import cards, store
-from tactileforge.hub.files import open_model
+from tactileforge.hub.loading import load
 
 
 def starting_weights(name: str) -> tuple[dict[str, Any], dict[str, Tensor]]:
@@ -24,15 +22,12 @@ def starting_weights(name: str) -> tuple[dict[str, Any], dict[str, Tensor]]:
     Raises:
         TactileForgeError: See `loading.load`.
     """
-    if name.startswith("file:"):
-        path = Path(name.removeprefix("file:")).expanduser()
-    else:
-        path = store.fetch_weights(*cards.find_card(name))
-    encoder, heads, header = open_model(path)
-    modules = {"encoder": encoder, **{f"heads.{key}": head for key, head in heads.items()}}
+    model = load(name)
+    modules = {"encoder": model.encoder}
+    modules |= {f"heads.{key}": head for key, head in model.heads.items()}
     state = {
         f"{prefix}.{key}": tensor
         for prefix, module in modules.items()
         for key, tensor in module.state_dict().items()
     }
-    return dict(header.encoder), state
+    return dict(model.header.encoder), state
