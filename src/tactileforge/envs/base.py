@@ -34,7 +34,7 @@ Plan: TypeAlias = Iterator[tuple[float, float, float]]
 _DROP = 0.6
 
 
-class TouchEnv(gymnasium.Env[Observation, Action]):
+class TouchEnv(gymnasium.Env[Any, Any]):
     """A task of two fingers that hold one object.
 
     Args:
@@ -144,7 +144,7 @@ class TouchEnv(gymnasium.Env[Observation, Action]):
         done = self.success or self.failure not in ("", "timeout")
         return self._observation(), self.score - before, done, False, self._info()
 
-    def render(self) -> NDArray[np.uint8]:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8]:
         """Left finger, third-person view, right finger, side by side: uint8 (192, 576, 3)."""
         shown = self._shown
         tiles = [shown["left"], shown["image"], shown["right"]]

@@ -128,7 +128,8 @@ class Grip:
         before = self.held
         base = np.array([tool[0], tool[1], 0.0])
         pose, scale = before.pose.copy(), np.array([1.0, 1.0, _ARM])
-        stiff, last = np.eye(3), None
+        stiff = np.eye(3)
+        last: tuple[Array, Array] | None = None
         for _ in range(_STEPS):
             now = self._felt(before.tractions, pose, opening)
             world, slope = self._world(base + pose, outer)
@@ -136,11 +137,10 @@ class Grip:
             if np.abs(rest).max() < TOLERANCE or now.normal == 0:
                 break
             felt = now.gels / scale
-            stiff = (
-                self._stiffness(now)
-                if stiff is None
-                else _corrected(stiff, last, pose, felt, scale)
-            )
+            if last is None:
+                stiff = self._stiffness(now)
+            else:
+                stiff = _corrected(stiff, (pose - last[0]) * scale, felt - last[1])
             last = pose, felt
             pose = pose + _stride(stiff - slope / np.outer(scale, scale), rest) / scale
         balanced = bool(np.abs(rest).max() < TOLERANCE)
