@@ -17,6 +17,7 @@ import gymnasium
 #: Name of a task -> its class and the steps of the longest episode.
 TASKS: dict[str, tuple[str, int]] = {
     "chip": ("Chip", 120),
+    "wipe": ("Wipe", 120),
 }
 
 

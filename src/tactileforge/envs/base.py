@@ -30,7 +30,7 @@ Action: TypeAlias = NDArray[np.float32]
 #: A scripted expert: what it yields is the next action, mm (3,).
 Plan: TypeAlias = Iterator[tuple[float, float, float]]
 
-#: Falls that an object survives, mm.
+#: Fall that any object survives, mm.
 _DROP = 0.6
 
 
@@ -108,6 +108,10 @@ class TouchEnv(gymnasium.Env[Any, Any]):
     @abstractmethod
     def _plan(self) -> Plan:
         """The expert's actions; it may look at everything."""
+
+    def _survives(self, drop: float) -> bool:
+        """Whether the object survives a fall (mm) from where it is."""
+        return drop <= _DROP
 
     def _view(self) -> Picture:
         return Picture(-20.0, -6.0, 60.0)
@@ -233,7 +237,7 @@ class TouchEnv(gymnasium.Env[Any, Any]):
             return
         self.free = True
         drop = min(self.gap(one) for one in self.outer if isinstance(one, Solid))
-        if drop > _DROP:
+        if not self._survives(drop):
             self.failure = "dropped"
             return
         self.object = self.object + np.array([0.0, drop, 0.0])
