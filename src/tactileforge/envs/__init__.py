@@ -18,6 +18,8 @@ import gymnasium
 TASKS: dict[str, tuple[str, int]] = {
     "chip": ("Chip", 120),
     "wipe": ("Wipe", 120),
+    "grasp": ("Grasp", 120),
+    "insert": ("Insert", 120),
 }
 
 

@@ -223,19 +223,16 @@ class TouchEnv(gymnasium.Env[Any, Any]):
             self.grip.place(self._seen(), self.opening)
         self.opening = max(float(opening), self.grip.narrowest())
         held = self.grip.close(self.opening, self.tool, self.outer)
-        if held.normal == 0:
-            self._let_go()
-        elif not held.balanced:
-            self.failure = "dropped"
-        else:
-            self.free = False
-            self.object = held.pose + np.array([*self.tool, 0.0])
-
-    def _let_go(self) -> None:
-        """The object falls onto what is below it."""
-        if self.free:
+        if self.free and held.normal == 0:
             return
-        self.free = True
+        self.object = held.pose + np.array([*self.tool, 0.0])
+        # What nothing balances falls, whether the fingers still touch it or not.
+        self.free = held.normal == 0 or not held.balanced
+        if self.free:
+            self._fall()
+
+    def _fall(self) -> None:
+        """The object falls onto what is below it."""
         drop = min(self.gap(one) for one in self.outer if isinstance(one, Solid))
         if not self._survives(drop):
             self.failure = "dropped"
