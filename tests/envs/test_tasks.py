@@ -10,6 +10,7 @@ from gymnasium.utils.env_checker import check_env
 
 from tactileforge import envs
 from tactileforge.errors import ConfigError
+from tactileforge.sim.mechanics.contact import NotConverged
 
 
 def made(task, **options):
@@ -149,6 +150,18 @@ def test_an_idle_episode_times_out():
     env = made("chip", max_episode_steps=5, steps=5)
     env.reset(seed=0)
     assert pushed_on(env, 10, [0, 0, 0])["failure"] == "timeout"
+
+
+def test_an_episode_that_the_solver_loses_says_so(monkeypatch):
+    env = made("chip")
+    env.reset(seed=0)
+
+    def fails(*_):
+        raise NotConverged("misfit")
+
+    monkeypatch.setattr(env.unwrapped.grip, "close", fails)
+    *_, ended, _, info = env.step(np.zeros(3, np.float32))
+    assert (ended, info["failure"]) == (True, "unsolved")
 
 
 def test_bad_options_are_named():
