@@ -6,7 +6,8 @@ Force scales of ``digit``, ``gelsight_mini`` and ``duragel`` are those of ToucHD
 
 More of a sensor, by the same name, where it applies: its gel, to simulate it
 (`sim.mechanics.sensor_gels.DEVICES`), its light (`sim.optics.sensor_instances.STYLES`), its markers
-(`sim.optics.markers.GRIDS`), and its row in published weights (`encoders.tactile_vit.PUBLISHED_SENSORS`).
+(`sim.optics.markers.GRIDS`), and its row in published weights
+(`encoders.tactile_vit.PUBLISHED_SENSORS`).
 """
 
 from __future__ import annotations
