@@ -228,12 +228,12 @@ def check_device(device: str | torch.device) -> torch.device:
         ConfigError: There is no such device on this machine.
     """
     try:
-        found = torch.device(device)
-        torch.empty(0, device=found)
+        parsed = torch.device(device)
+        torch.empty(0, device=parsed)
     except (RuntimeError, AssertionError, TypeError, NotImplementedError) as error:
         reason = str(error).strip().splitlines()[0]
         raise ConfigError(
             f"device={str(device)!r}: not on this machine ({reason}); give cpu, or cuda where "
             "torch.cuda.is_available()"
         ) from error
-    return found
+    return parsed
