@@ -163,7 +163,9 @@ class FeatureModel(nn.Module):
                 (projected,), what `encode` gives. ``hidden`` and ``normed`` (L, width), the last
                 hidden state before and after the last norm; ``projected_tokens`` (L, projected),
                 ``normed`` through the projection. ``global`` (projected,), the mean of all patches,
-                projected without the norm (AnyTouch 1).
+                projected without the norm (AnyTouch 1). ``summary`` (n,), means in the quarters of
+                the image and deviations of the patches of up to four blocks: the vector to probe
+                where no objective trained ``projected``; see `encode_summary`.
             unknown_sensor: See `encode`.
             batch_size: See `encode`.
 

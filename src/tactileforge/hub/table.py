@@ -22,7 +22,7 @@ _GATE = """\
 Real touches that nobody trained on here, ridge probes in closed form
 ([how](bench.md#the-release-gate)): the value, and what it is above random weights of the same
 architecture and above 16 x 16 pixels, with the lower end of the 95 % interval. A task is won above
-both. A model passes that wins most tasks, from pooled tokens and from all patches."""
+both. A model passes that wins most tasks, with each kind of features."""
 
 
 def describe_clip(card: cards.Card, weight: cards.Weight | None) -> str:

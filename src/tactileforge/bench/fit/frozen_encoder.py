@@ -15,6 +15,7 @@ from tactileforge.bench.fit.baselines import BASELINES
 from tactileforge.bench.fit.probes.base import Probe
 from tactileforge.bench.tasks.suite import ClipSpec
 from tactileforge.contracts import Batch
+from tactileforge.encoders.summary import encode_summary, summary_width
 from tactileforge.errors import ConfigError
 from tactileforge.hub.header import Header
 
@@ -78,6 +79,8 @@ class FrozenEncoder:
 
     def width(self, tap: str) -> int:
         """Width of a feature."""
+        if tap == "summary":
+            return summary_width(self.encoder)
         width: int = self.encoder.projected if tap == "projected" else self.encoder.width
         return width
 
@@ -113,8 +116,9 @@ class FrozenEncoder:
 
         Returns:
             ``tokens`` (B, L, width) and ``projected`` (B, projected). ``patches`` (B, n width), the
-            tokens without those in front, one after another; ``pooled`` (B, width), their mean. Of
-            a baseline without patches ``pooled`` is ``projected``.
+            tokens without those in front, one after another; ``pooled`` (B, width), their mean;
+            ``summary``, see `encode_summary`. Of a baseline without patches ``pooled`` is
+            ``projected``, and ``summary`` is not there.
         """
         with torch.inference_mode():
             taps = self.run(batch, flip, policy)
@@ -137,16 +141,23 @@ class FrozenEncoder:
             frames, background = frames.flip(mirrored), background.flip(mirrored)
         rows = self._rows(batch["sensor"], policy).to(self.device)
         if not self.single:
-            tokens, projected = self.encoder(frames, background, rows)
-            return {"tokens": tokens, "projected": projected}
+            return self._taps(frames, background, rows)
         count = frames.shape[1]
-        tokens, projected = self.encoder(
+        taps = self._taps(
             frames.flatten(0, 1)[:, None],
             background.repeat_interleave(count, 0),
             rows.repeat_interleave(count),
         )
-        taps = {"tokens": tokens, "projected": projected}
-        return {tap: value.unflatten(0, (-1, count)).mean(1) for tap, value in taps.items()}
+        return {
+            tap: value.reshape(-1, count, *value.shape[1:]).mean(1) for tap, value in taps.items()
+        }
+
+    def _taps(self, *inputs: Tensor) -> dict[str, Tensor]:
+        if self.flat or torch.is_grad_enabled():  # a probe that fine-tunes reads no summary
+            tokens, projected = self.encoder(*inputs)
+            return {"tokens": tokens, "projected": projected}
+        tokens, projected, summary = encode_summary(self.encoder, *inputs)
+        return {"tokens": tokens, "projected": projected, "summary": summary}
 
     def _rows(self, sensors: Sequence[str], policy: str) -> Tensor:
         if hasattr(self.encoder, "unknown_sensor"):
