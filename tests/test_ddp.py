@@ -89,7 +89,7 @@ def test_two_processes_train_across_the_start_of_an_objective(tmp_path: Path) ->
     command += ["encoder.image_size=32", "batch.size=8", f"hydra.run.dir={tmp_path}"]
     command += ["curriculum.objective.force.start=0.5", "curriculum.objective.force.end=1.0"]
     subprocess.run(command, check=True, timeout=900, env=os.environ | {"OMP_NUM_THREADS": "1"})
-    text = (tmp_path / "metrics/version_0/metrics.csv").read_text()
+    text = (tmp_path / "metrics.csv").read_text()
     rows = list(csv.DictReader(text.splitlines()))
     force = {int(r["step"]): r["train/force"] for r in rows if r["train/pixel"]}
     assert sorted(force) == list(range(6))

@@ -15,7 +15,7 @@ from tactileforge.contracts import AfterStep, Batch, Prepared, Scored
 from tactileforge.curriculum import Curriculum, from_config
 from tactileforge.distributed import seed_step, sum_over_ranks
 from tactileforge.errors import ConfigError, TactileForgeError
-from tactileforge.optim import optimiser
+from tactileforge.optim import optimiser, set_rate
 from tactileforge.parts import Term, build_parts, logs_of
 
 if TYPE_CHECKING:
@@ -103,6 +103,10 @@ class TouchModule(L.LightningModule):
         epoch = max(1, total // epochs) if epochs > 0 else total
         self.plan = from_config(self.curriculum_config, self.weights, total, epoch)
 
+    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Keeps the length of the run."""
+        checkpoint["total"] = self.total
+
     def current_weights(self) -> dict[str, float]:
         """Weights of the objectives at this step."""
         if self.plan is None:
@@ -169,9 +173,11 @@ class TouchModule(L.LightningModule):
         return total
 
     def on_train_start(self) -> None:
-        """Initialises the EMA copies with the encoder's weights."""
+        """Initialises the EMA copies with the encoder's weights; takes the rate of this step."""
         if self.global_step == 0:
             self._follow(0)
+        schedule: Any = self.lr_schedulers()
+        set_rate(schedule)  # a resumed run may have another length
 
     def optimizer_step(self, *args: Any, **kwargs: Any) -> None:
         """Takes one optimiser step, then updates the EMA copies."""

@@ -7,6 +7,7 @@ from typing import Any
 
 from tactileforge.cli._command import Command
 from tactileforge.errors import ConfigError
+from tactileforge.run_length import LENGTHS
 
 
 def _train(_: None, config: dict[str, Any]) -> float:
@@ -16,13 +17,22 @@ def _train(_: None, config: dict[str, Any]) -> float:
 
     folder = _folder()
     if config.get("resume"):
+        lengths = {key: config["trainer"][key] for key in LENGTHS if _given(f"trainer.{key}")}
         config = _of_run(config["resume"])
+        config["trainer"] |= lengths
     try:
         return metric(train(config, folder), config.get("optimized_metric"))
     except KeyboardInterrupt as stop:
         kept = (folder / checkpoints.LAST).is_file()
         again = f"tactileforge train resume={folder}" if kept else "the same command again"
         raise KeyboardInterrupt(f"{stop or 'stopped'}; go on with: {again}") from stop
+
+
+def _given(key: str) -> bool:
+    """Whether the command line names a key."""
+    from hydra.core.hydra_config import HydraConfig
+
+    return any(word.split("=")[0] == key for word in HydraConfig.get().overrides.task)
 
 
 def _folder() -> Path:
@@ -35,15 +45,16 @@ def _folder() -> Path:
 
 
 def _prepare(overrides: list[str]) -> list[str]:
-    """A resumed run stays in its folder; nothing else may be given with it."""
+    """A resumed run stays in its folder; nothing but its length may be given with it."""
     folders = [word.partition("=")[2] for word in overrides if word.startswith("resume=")]
     if not folders or folders[-1] in ("", "null"):
         return overrides
-    given = [word for word in overrides if not word.startswith(("resume=", "hydra."))]
+    allowed = ("resume=", "hydra.", *(f"trainer.{key}=" for key in LENGTHS))
+    given = [word for word in overrides if not word.startswith(allowed)]
     if given:
         raise ConfigError(
-            f"resume= goes on with the same run, so {' '.join(given)} cannot be given with it; "
-            "init= starts a new run from its weights"
+            f"resume= goes on with the same run, so {' '.join(given)} cannot be given with it, but "
+            "for its length (trainer.max_steps=); init= starts a new run from its weights"
         )
     _of_run(folders[-1])  # before Hydra makes a folder
     return [*overrides, f"hydra.run.dir={folders[-1]}", "hydra.output_subdir=null"]
