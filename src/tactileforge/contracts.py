@@ -499,7 +499,10 @@ class Prepared(Protocol):
 
 @runtime_checkable
 class Scored(Protocol):
-    """An objective with scores of a whole split that are not means over batches, such as R2."""
+    """An objective with scores of a whole split that are not means over batches, such as R2.
+
+    In validation they take the place of its further scalars, which are logged in training.
+    """
 
     def sums(self, prediction: Any, batch: Batch) -> Tensor:
         """Sums of one batch that add up over batches and ranks; float64 of any shape."""

@@ -78,8 +78,8 @@ def gather_rows(x: Tensor) -> Tensor:
     return out
 
 
-def masked_mean(losses: Tensor, valid: Tensor) -> Tensor:
-    """Mean of the valid losses over all ranks; 0 where there is none.
+def masked_mean(losses: Tensor, valid: Tensor, empty: float = 0.0) -> Tensor:
+    """Mean of the valid losses over all ranks.
 
     DDP averages gradients over ranks that may hold different numbers of labelled samples. Each
     rank's sum is divided by the joint count and multiplied by the number of ranks, so that average
@@ -88,6 +88,7 @@ def masked_mean(losses: Tensor, valid: Tensor) -> Tensor:
     Args:
         losses: float (B,), one a sample, or of any other shape.
         valid: bool, alike.
+        empty: The mean where nothing is valid: 0 for a loss, NaN for a number that is shown.
 
     Returns:
         A scalar, connected to the graph even when nothing is valid.
@@ -102,4 +103,5 @@ def masked_mean(losses: Tensor, valid: Tensor) -> Tensor:
     size = world()[1]
     if size > 1:
         dist.all_reduce(count)
-    return total * size / count.clamp(min=1)
+    mean = total * size / count.clamp(min=1)
+    return mean if empty == 0 else mean.masked_fill(count == 0, empty)

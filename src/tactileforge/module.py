@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from collections.abc import Set as AbstractSet
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import lightning as L
@@ -201,6 +202,7 @@ class TouchModule(L.LightningModule):
             if isinstance(objective := self.objectives[key], Scored):
                 sums = objective.sums(term.prediction, batch)
                 self._sums[key] = self._sums[key] + sums if key in self._sums else sums
+                terms[key] = replace(term, extra={})  # its scores are those of the whole split
         logs = logs_of(terms)
         size = len(batch["frames"])
         self.log_dict({f"val/{k}": v for k, v in logs.items()}, batch_size=size, on_epoch=True)

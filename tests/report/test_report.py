@@ -307,7 +307,7 @@ def test_forces_along_one_axis(write: Write) -> None:
     assert "Objective 'force' has met no force along x and y in its first 25 batches" in page.text
     assert "Better than it along" in page.text
     recordings = {row[0]: row[1:] for row in page.tables["recordings"]}
-    assert "6 (x 0, y 0, z 6)" in recordings["digit, training"]
+    assert "6 (z alone)" in recordings["digit, training"]
 
 
 def test_what_reaches_the_encoder_is_drawn(write: Write) -> None:

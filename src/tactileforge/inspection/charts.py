@@ -30,15 +30,18 @@ def force_curve(recording: Recording, shown: Sequence[float]) -> Markup:
         shown: Times of the frames that are shown above, s; marked on the axis.
     """
     times = recording.times
-    with drawing(5.2, 0.9 if recording.force is None else 1.9) as (figure, axes):
-        if recording.force is not None:
+    force = recording.force
+    if force is not None and not np.isfinite(force).any():
+        force = None
+    with drawing(5.2, 0.9 if force is None else 1.9) as (figure, axes):
+        if force is not None:
             rows = np.unique(np.linspace(0, len(times) - 1, _POINTS).round().astype(int))
-            for i, values in enumerate(recording.force[rows].T):
+            for i, values in enumerate(force[rows].T):
                 axes.plot(times[rows], values, color=CLASSES[i][0], linewidth=1.4)
         else:
             axes.set_yticks([])
             axes.set_ylim(0, 1)
-        over_time(axes, "" if recording.force is None else "N")
+        over_time(axes, "" if force is None else "N")
         axes.set_xlim(times[0], times[-1])
         axes.plot(
             shown, [0] * len(shown), "|", transform=axes.get_xaxis_transform(), clip_on=False,
@@ -50,7 +53,7 @@ def force_curve(recording: Recording, shown: Sequence[float]) -> Markup:
                 if (stop - start) > _LETTER * len(name) * (times[-1] - times[0]):
                     place = dict(x=(start + stop) / 2, y=1.0, s=name, ha="center", va="bottom")
                     axes.text(**place, transform=axes.get_xaxis_transform(), fontsize=8)
-        what = "force" if recording.force is not None else "actions"
+        what = "force" if force is not None else "actions"
         return svg(figure, f"{what} over time")
 
 
@@ -68,16 +71,27 @@ def _stretches(
 
 
 def force_histogram(sensors: Sequence[Histogram], axis: str) -> Markup:
-    """Shares of the frames of each sensor by force along one axis, on a logarithmic scale."""
+    """Shares of the frames of each sensor by force along one axis, on a logarithmic scale.
+
+    Args:
+        sensors: At least one has counts.
+        axis: Its name.
+    """
     widest = max(sensors, key=lambda sensor: sensor.reach)
     counts = [sensor.over(widest.reach) for sensor in sensors]
     kept = np.flatnonzero(sum(counts))
     with drawing(4.2, 2.4) as (figure, axes):
-        for i, histogram in enumerate(counts if len(kept) else []):
+        least = 1.0
+        for i, histogram in enumerate(counts):
             shares = histogram[kept[0] : kept[-1] + 1] / max(1, histogram.sum())
             edges = widest.edges[kept[0] : kept[-1] + 2]
             axes.stairs(shares, edges, color=CLASSES[i % len(CLASSES)][0], linewidth=1.6)
+            least = min(least, *shares[shares > 0].tolist(), 1.0)
         axes.set(yscale="log", xlabel=f"{axis} (N)", ylabel="share of frames")
+        axes.set_ylim(least / 2, 2)
+        middle = (edges[0] + edges[-1]) / 2  # a force that is constant does not fill the panel
+        room = max(0.05, 0.55 * (edges[-1] - edges[0]))
+        axes.set_xlim(middle - room, middle + room)
         axes.yaxis.set_major_formatter(FuncFormatter(lambda share, _: f"{100 * share:g} %"))
         axes.yaxis.set_minor_formatter(FuncFormatter(lambda share, _: ""))
         return svg(figure, f"shares of frames by force along {axis}")

@@ -46,7 +46,7 @@ def read_metrics(folder: Path) -> dict[str, Curve]:
     points: dict[str, dict[int, float]] = {}
     for row in metric_rows(folder / METRICS):
         for key, value in row.items():
-            if value and key not in ("step", "epoch"):
+            if value not in ("", "nan") and key not in ("step", "epoch"):
                 points.setdefault(key, {})[int(row["step"])] = float(value)
     return {key: _curve(values) for key, values in sorted(points.items())}
 

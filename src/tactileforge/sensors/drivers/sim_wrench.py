@@ -41,7 +41,7 @@ class SimWrench:
         newton: float = 5.0,
         period: float = 2.0,
         bias: float = 0.0,
-        rest: float = 0.0,
+        rest: float = 4.0,
     ) -> None:
         if not fps > 0 or not period > 0:
             raise ConfigError(f"fps={fps} and period={period}: give values above 0")
