@@ -7,8 +7,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from omegaconf import MissingMandatoryValue, OmegaConf
 
-from tactileforge import cli
+from tactileforge import cli, registry
+from tactileforge.compose import compose
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.datasets.lerobot import LeRobot
@@ -201,6 +203,45 @@ def test_data_sets_of_others_are_read(tmp_path: Path) -> None:
         all_of(root, **options, force=["observation.force.digit"], force_columns=[3, 4, 5])
 
 
+def test_forces_of_several_sensors_are_columns_of_one_feature(tmp_path: Path) -> None:
+    root = tmp_path / "set"
+    write_dataset([touch(0)], root, LeRobotOptions())
+    (root / folder.TOUCH).unlink()
+    first, second = all_of(
+        root,
+        touch=["observation.images.digit"] * 2,
+        sensors=["digit", "gelsight_mini"],
+        force=["observation.wrench.digit"] * 2,
+        force_columns=[0, 1, 2, 5, 4, 3],
+    )
+    wrench = touch(0).tracks["wrench"]
+    np.testing.assert_array_equal(first.force, wrench[:, :3])
+    np.testing.assert_array_equal(second.force, wrench[:, [5, 4, 3]])
+
+
+def test_trex_has_ten_fingertips_without_forces(tmp_path: Path) -> None:
+    """Names of the features as its schema states them, on a folder of the same shape."""
+    fingers = ("thumb", "index", "middle", "ring", "pinky")
+    names = [f"tactile_{side}_raw_{finger}" for side in ("left", "right") for finger in fingers]
+    takes = [replace(touch(0), key=n, labels={"take": 0, "device": n}) for n in names]
+    write_dataset(takes, tmp_path / "set", LeRobotOptions())
+    (tmp_path / "set" / folder.TOUCH).unlink()
+    words = ["data=trex", f"data.root={tmp_path / 'set'}", "data.val=0", "trex.sensor=digit"]
+    config = compose("anytouch2", [*words, "data.camera=null"])
+    node = OmegaConf.to_container(config.data, resolve=True)
+    data = registry.build("datasets", {k: v for k, v in node.items() if k != "max_bad"})
+    found = list(data.recordings("train"))
+    assert [recording.key.rsplit("/", 1)[1] for recording in found] == names
+    assert {recording.sensor for recording in found} == {"digit"}
+    assert [recording.force for recording in found] == [None] * 10
+    assert data.provides == {"action", "text"}
+    assert compose("anytouch2", words).data.camera == "observation.images.head_left"
+    with pytest.raises(MissingMandatoryValue, match=r"trex\.sensor"):
+        OmegaConf.to_container(
+            compose("anytouch2", words[:-1]).data, resolve=True, throw_on_missing=True
+        )
+
+
 def test_the_verbs_go_both_ways(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_dataset([touch(n) for n in range(4)], tmp_path / "a", LeRobotOptions(images="png"))
     words = ["data=lerobot", f"data.root={tmp_path / 'a'}", "data.val=0"]
@@ -287,6 +328,7 @@ def test_damage_is_named(tmp_path: Path) -> None:
         ({"touch": ["a"], "sensors": []}, "names 1 features and data.sensors 0"),
         ({"touch": ["a"], "sensors": ["digit"], "force": []}, "names 0 features, for 1"),
         ({"force_columns": [0, 1]}, "give x, y and z"),
+        ({"force_columns": [0] * 9, "touch": ["a", "b"], "sensors": ["c", "d"]}, "for each"),
     ],
 )
 def test_bad_options_are_named(options: dict[str, object], message: str) -> None:
