@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from omegaconf import MissingMandatoryValue, OmegaConf
+from omegaconf import OmegaConf
 
 from tactileforge import cli, registry
 from tactileforge.compose import compose
@@ -219,7 +219,9 @@ def test_forces_of_several_sensors_are_columns_of_one_feature(tmp_path: Path) ->
     np.testing.assert_array_equal(second.force, wrench[:, [5, 4, 3]])
 
 
-def test_trex_has_ten_fingertips_without_forces(tmp_path: Path) -> None:
+def test_trex_has_ten_fingertips_without_forces(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Names of the features as its schema states them, on a folder of the same shape."""
     fingers = ("thumb", "index", "middle", "ring", "pinky")
     names = [f"tactile_{side}_raw_{finger}" for side in ("left", "right") for finger in fingers]
@@ -236,10 +238,8 @@ def test_trex_has_ten_fingertips_without_forces(tmp_path: Path) -> None:
     assert [recording.force for recording in found] == [None] * 10
     assert data.provides == {"action", "text"}
     assert compose("anytouch2", words).data.camera == "observation.images.head_left"
-    with pytest.raises(MissingMandatoryValue, match=r"trex\.sensor"):
-        OmegaConf.to_container(
-            compose("anytouch2", words[:-1]).data, resolve=True, throw_on_missing=True
-        )
+    assert cli.run(["train", *words[:-1]]) == 1
+    assert "error: give trex.sensor=..." in capsys.readouterr().err
 
 
 def test_the_verbs_go_both_ways(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
