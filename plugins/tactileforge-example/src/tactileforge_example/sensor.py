@@ -64,7 +64,12 @@ class Dummy:
             raise TimeoutError(f"no frame within {timeout} s")
         time.sleep(max(0.0, due - now))
         self._next = index + 1
-        return Frame(array=self._draw(index / self.spec.fps), time=due)
+        return Frame(array=self._noisy(self._draw(index / self.spec.fps), index), time=due)
+
+    def _noisy(self, image: NDArray[np.uint8], index: int) -> NDArray[np.uint8]:
+        """With the noise of a camera: a picture that comes again to the bit is a frozen one."""
+        noise = np.random.default_rng(index).integers(-1, 2, image.shape)
+        return (image + noise).clip(0, 255).astype(np.uint8)
 
     def _draw(self, seconds: float) -> NDArray[np.uint8]:
         depth = 0.5 * max(0.0, math.sin(math.pi * max(0.0, seconds - self.rest)))
