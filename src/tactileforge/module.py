@@ -187,7 +187,7 @@ class TouchModule(L.LightningModule):
         """Losses on held-out clips, with the same masks each time."""
         seed_step(self.seed, batch_idx, -1)
         weights = self.current_weights()
-        if not bool((batch["group"] >= 0).any()):
+        if not batch.get("paired", True):
             paired = [k for k, v in self.objectives.items() if getattr(v, "pairs", False)]
             weights |= dict.fromkeys(paired, 0.0)
         terms = self.terms(batch, weights)
