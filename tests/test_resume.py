@@ -71,6 +71,14 @@ def options_of(data: str, folder: Path) -> list[str]:
         return [*OPTIONS, *SMALL]
     if data == "bf16":
         return [*OPTIONS, *SMALL, "trainer.precision=bf16-mixed"]
+    if data == "compiled":
+        return [
+            *OPTIONS,
+            *SMALL,
+            "compile=true",
+            "objective=[pixel]",
+            "trainer.limit_val_batches=0",
+        ]
     if data == "balanced":
         return [
             *OPTIONS,
@@ -102,7 +110,7 @@ def options_of(data: str, folder: Path) -> list[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("data", ["whole", "windows", "dino", "balanced", "bf16"])
+@pytest.mark.parametrize("data", ["whole", "windows", "dino", "balanced", "bf16", "compiled"])
 def test_a_killed_run_resumes_bit_identically(tmp_path: Path, data: str) -> None:
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     options = options_of(data, tmp_path / "shards")

@@ -17,6 +17,7 @@ from tactileforge.distributed import seed_step, sum_over_ranks
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.optim import optimiser
 from tactileforge.parts import Term, build_parts, logs_of
+from tactileforge.strategies import shard
 
 if TYPE_CHECKING:
     from tactileforge.data.batches.clips import Clips
@@ -67,6 +68,7 @@ class TouchModule(L.LightningModule):
         self.plan: Curriculum | None = None
         self.total = 0
         self._sums: dict[str, Tensor] = {}
+        self._sharded = False
 
     @classmethod
     def from_config(
@@ -95,6 +97,12 @@ class TouchModule(L.LightningModule):
             config["seed"],
             config.get("balance"),
         )
+
+    def configure_model(self) -> None:
+        """Shards the parameters, where the strategy says so (`strategies.Sharded`)."""
+        if self.device_mesh is not None and not self._sharded:
+            shard(self, self.device_mesh)
+            self._sharded = True
 
     def setup(self, stage: str) -> None:
         """Reads the curriculum, once the length of the run is known."""

@@ -7,6 +7,7 @@ import platform
 import sys
 import warnings
 from collections.abc import Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from functools import partial
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -27,7 +28,9 @@ from tactileforge.callbacks import checkpoints
 from tactileforge.callbacks.met import MetLabels, SkippedRecordings
 from tactileforge.callbacks.progress import Progress
 from tactileforge.callbacks.speed import Speed
+from tactileforge.compiled import compile_blocks
 from tactileforge.data.batches.datamodule import TouchData
+from tactileforge.distributed import count_processes
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.files import sealed, write_text
 from tactileforge.hub.starting_point import starting_weights
@@ -35,6 +38,7 @@ from tactileforge.module import TouchModule
 from tactileforge.optim import OptimOptions
 from tactileforge.parts import check_size
 from tactileforge.provenance import commit
+from tactileforge.strategies import Sharded, choose_strategy
 
 log = logging.getLogger(__name__)
 
@@ -117,7 +121,10 @@ def _train(plain: dict[str, Any], folder: Path, resume: Path | None) -> TouchMod
         assert data.train is not None  # set up by `build_data`
         module.prepare(data.train)
     why = _settle_precision(plain, module, data)
-    trainer, saver = build_trainer(plain, folder, [met, lost])
+    if plain.get("compile"):
+        compile_blocks(module)
+    static = getattr(module.encoder, "static_graph", False)
+    trainer, saver = build_trainer(plain, folder, [met, lost], static)
     if trainer.is_global_zero and not resume:
         licences = {kind.licence for split in data.sources for kind in data.summary(split)}
         _keep(plain, folder, sorted(licences), data.summary("train").sensors, why)
@@ -130,8 +137,20 @@ def _train(plain: dict[str, Any], folder: Path, resume: Path | None) -> TouchMod
     if trainer.is_global_zero:
         from tactileforge.report.run import write_report
 
-        print(f"report: {write_report(folder, module, data, lost.skipped, met.labels)}")
+        whole = _whole(plain, module, folder, data.summary("train").labels)
+        print(f"report: {write_report(folder, whole, data, lost.skipped, met.labels)}")
     return module
+
+
+def _whole(
+    plain: dict[str, Any], module: TouchModule, folder: Path, labels: AbstractSet[str]
+) -> TouchModule:
+    """The module with all its weights on this process, which may hold a share of them alone."""
+    if not isinstance(module.trainer.strategy, Sharded):
+        return module
+    whole = TouchModule.from_config(plain, labels)
+    whole.load_state_dict(checkpoints.read_checkpoint(folder)["state_dict"])
+    return whole
 
 
 def _settle_precision(plain: dict[str, Any], module: TouchModule, data: TouchData) -> str:
@@ -199,14 +218,27 @@ def _check(config: Mapping[str, Any]) -> None:
 
 
 def build_trainer(
-    config: Mapping[str, Any], folder: Path, callbacks: Sequence[Callback] = ()
+    config: Mapping[str, Any],
+    folder: Path,
+    callbacks: Sequence[Callback] = (),
+    static: bool = False,
 ) -> tuple[L.Trainer, checkpoints.Checkpoints]:
-    """The Lightning trainer of a run, with further callbacks; and that of its checkpoints."""
+    """The Lightning trainer of a run, with further callbacks; and that of its checkpoints.
+
+    Args:
+        config: Finished.
+        folder: Of the run.
+        callbacks: Besides its own.
+        static: Whether the encoder uses the same parameters for every batch.
+    """
     options = dict(config["trainer"])
     saver = checkpoints.Checkpoints(folder, options.pop("save_every"))
-    if options["strategy"] == "auto" and options["devices"] not in (1, "1", "auto"):
-        # an objective that starts late, or a norm that none reads through, leaves parameters unused
-        options["strategy"] = "ddp_find_unused_parameters_true"
+    options["strategy"] = choose_strategy(
+        options["strategy"],
+        count_processes(options),
+        static,
+        (config.get("balance") or {}).get("name"),
+    )
     own: dict[str, Any] = dict(
         default_root_dir=folder,
         logger=build_loggers(config["logger"], folder),
