@@ -16,13 +16,28 @@ def _train(_: None, config: dict[str, Any]) -> float:
 
     folder = _folder()
     if config.get("resume"):
-        config = _of_run(config["resume"])
+        config = _with_machine(_of_run(config["resume"]), config)
     try:
         return metric(train(config, folder), config.get("optimized_metric"))
     except KeyboardInterrupt as stop:
         kept = (folder / checkpoints.LAST).is_file()
         again = f"tactileforge train resume={folder}" if kept else "the same command again"
         raise KeyboardInterrupt(f"{stop or 'stopped'}; go on with: {again}") from stop
+
+
+#: What of the machine a resumed run may be given anew; it does not change what is learned from.
+_MACHINE = ("batch.workers", "batch.cache_mb", "trainer.devices", "trainer.num_nodes")
+
+
+def _with_machine(run: dict[str, Any], config: dict[str, Any]) -> dict[str, Any]:
+    """The configuration of a run, with what was given anew of the machine."""
+    from hydra.core.hydra_config import HydraConfig
+
+    given = {word.partition("=")[0] for word in HydraConfig.get().overrides.task}
+    for path in given.intersection(_MACHINE):
+        group, key = path.split(".")
+        run[group] = {**run[group], key: config[group][key]}
+    return run
 
 
 def _folder() -> Path:
@@ -35,11 +50,12 @@ def _folder() -> Path:
 
 
 def _prepare(overrides: list[str]) -> list[str]:
-    """A resumed run stays in its folder; nothing else may be given with it."""
+    """A resumed run stays in its folder; nothing but the machine may be given with it."""
     folders = [word.partition("=")[2] for word in overrides if word.startswith("resume=")]
     if not folders or folders[-1] in ("", "null"):
         return overrides
-    given = [word for word in overrides if not word.startswith(("resume=", "hydra."))]
+    free = ("resume=", "hydra.", *(f"{path}=" for path in _MACHINE))
+    given = [word for word in overrides if not word.startswith(free)]
     if given:
         raise ConfigError(
             f"resume= goes on with the same run, so {' '.join(given)} cannot be given with it; "
