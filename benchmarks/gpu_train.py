@@ -221,7 +221,7 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 def _key(row: dict[str, Any]) -> tuple[str, str, int, int, bool, str]:
     fields = ("subject", "size", "frames", "batch", "compiled", "data")
-    return tuple(row[name] for name in fields)  # type: ignore[return-value]
+    return tuple(row[name] for name in fields)
 
 
 def main() -> None:

@@ -27,6 +27,7 @@ import torch.distributed as dist
 from common import save
 from omegaconf import OmegaConf
 from torch import Tensor, nn
+from torch.multiprocessing.spawn import spawn
 from torch.nn.parallel import DistributedDataParallel
 from train_subjects import Case, config_of, step_flops
 
@@ -36,7 +37,7 @@ from tactileforge.module import TouchModule
 from tactileforge.testing import batch as make_batch
 
 ROUNDS, CLIPS = 6, 4
-WAYS = {
+WAYS: dict[str, dict[str, Any] | None] = {
     "alone": None,
     "static graph": {"static_graph": True},
     "search for unused": {"find_unused_parameters": True},
@@ -127,7 +128,7 @@ def main() -> None:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     out = f"/tmp/processes-{os.getpid()}.pt"
-    torch.multiprocessing.spawn(process, (port, out), nprocs=2)  # type: ignore[no-untyped-call]
+    spawn(process, (port, out), nprocs=2)  # type: ignore[no-untyped-call]
     measured = torch.load(out, weights_only=True)
     os.unlink(out)
     cpu = {name: round(value, 4) for name, value in measured["cpu_s"].items()}

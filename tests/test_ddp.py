@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 import torch
 
+from tactileforge.callbacks.checkpoints import read_checkpoint
+
 pytestmark = pytest.mark.slow
 
 SCRIPT = Path(__file__).with_name("ddp_gradients.py")
@@ -83,14 +85,52 @@ def test_balanced_gradients_are_those_of_the_joint_batch(tmp_path: Path) -> None
     assert differing(shared, alone) == []
 
 
-def test_two_processes_train_across_the_start_of_an_objective(tmp_path: Path) -> None:
+def trained(folder: Path, *words: str) -> dict[str, torch.Tensor]:
+    """Weights of a run of two processes, whose force objective starts in the fifth of six steps."""
     command = [sys.executable, "-m", "tactileforge", "train", "scale=demo", "debug=steps"]
     command += ["trainer.devices=2", "trainer.accelerator=cpu", "trainer.max_steps=6"]
-    command += ["encoder.image_size=32", "batch.size=8", f"hydra.run.dir={tmp_path}"]
+    command += ["encoder.image_size=32", "batch.size=8", f"hydra.run.dir={folder}"]
+    command += ["data.scenes=3", "data.val=1", "data.size=32", "batch.workers=0"]
     command += ["curriculum.objective.force.start=0.5", "curriculum.objective.force.end=1.0"]
-    subprocess.run(command, check=True, timeout=900, env=os.environ | {"OMP_NUM_THREADS": "1"})
+    env = os.environ | {"OMP_NUM_THREADS": "1"}
+    subprocess.run([*command, *words], check=True, timeout=900, env=env)
+    state: dict[str, torch.Tensor] = read_checkpoint(folder)["state_dict"]
+    return state
+
+
+@pytest.fixture(scope="module")
+def searched(tmp_path_factory: pytest.TempPathFactory) -> dict[str, torch.Tensor]:
+    words = "trainer.strategy=ddp_find_unused_parameters_true"
+    return trained(tmp_path_factory.mktemp("searched"), words)
+
+
+def test_two_processes_train_across_the_start_of_an_objective(
+    tmp_path: Path, searched: dict[str, torch.Tensor]
+) -> None:
+    """A static graph a phase gives, to the bit, the weights of a search in every step."""
+    state = trained(tmp_path)
     text = (tmp_path / "metrics/version_0/metrics.csv").read_text()
     rows = list(csv.DictReader(text.splitlines()))
     force = {int(r["step"]): r["train/force"] for r in rows if r["train/pixel"]}
     assert sorted(force) == list(range(6))
     assert [bool(force[step]) for step in range(6)] == [False] * 4 + [True] * 2
+    assert [key for key, value in searched.items() if not torch.equal(state[key], value)] == []
+
+
+def test_shared_weights_train_as_whole_ones(
+    tmp_path: Path, searched: dict[str, torch.Tensor]
+) -> None:
+    """FSDP2: its checkpoint is whole, and the weights are those of DDP to rounding."""
+    state = trained(tmp_path, "trainer.strategy=fsdp2")
+    assert state.keys() == searched.keys()
+    assert differing(state, searched) == []
+    assert (tmp_path / "report.html").exists()
+
+
+def test_gradients_are_sent_once_in_several_batches(tmp_path: Path) -> None:
+    """Accumulated in two batches, with a static graph and with a search in every step."""
+    words = "trainer.accumulate_grad_batches=2", "trainer.max_steps=3"
+    static = trained(tmp_path / "static", *words)
+    search = "trainer.strategy=ddp_find_unused_parameters_true"
+    searched = trained(tmp_path / "searched", *words, search)
+    assert [key for key, value in searched.items() if not torch.equal(static[key], value)] == []

@@ -6,8 +6,9 @@ import gc
 from typing import TYPE_CHECKING, Any
 
 from lightning.pytorch.strategies import DDPStrategy, ModelParallelStrategy, Strategy
-from torch import nn
+from torch import Tensor, nn
 
+from tactileforge.distributed import sum_over_ranks, world
 from tactileforge.encoders.transformer import Block
 from tactileforge.errors import ConfigError
 
@@ -67,9 +68,18 @@ def shard(module: nn.Module, mesh: DeviceMesh) -> None:
     for part in list(module.modules()):
         if isinstance(part, Block):
             fully_shard(part, mesh=row)
-    fully_shard(module, mesh=row)
+    scalars = {p for p in module.parameters() if not p.ndim}  # each process keeps them
+    for scalar in scalars:
+        scalar.register_post_accumulate_grad_hook(_average)
+    fully_shard(module, mesh=row, ignored_params=scalars)
     for name in ("training_step", "validation_step"):
         register_fsdp_forward_method(module, name)
+
+
+def _average(parameter: Tensor) -> None:
+    """Makes the gradient that of the joint batch; what was accumulated before is that already."""
+    assert parameter.grad is not None
+    parameter.grad = sum_over_ranks(parameter.grad) / world()[1]
 
 
 def choose_strategy(
