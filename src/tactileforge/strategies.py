@@ -90,7 +90,8 @@ def choose_strategy(
     Args:
         name: ``auto``, ``fsdp2``, or what Lightning knows.
         processes: Number of them, where more than one is asked for.
-        static: Whether the encoder uses the same parameters for every batch.
+        static: Whether the encoder uses the same parameters for every batch, and every batch ends
+            with a step.
         balance: Name of the balance, or None.
 
     Raises:

@@ -236,7 +236,7 @@ def build_trainer(
     options["strategy"] = choose_strategy(
         options["strategy"],
         count_processes(options),
-        static,
+        static and options["accumulate_grad_batches"] == 1,  # torch cannot have both
         (config.get("balance") or {}).get("name"),
     )
     own: dict[str, Any] = dict(
