@@ -88,6 +88,7 @@ def test_balanced_gradients_are_those_of_the_joint_batch(tmp_path: Path) -> None
 def trained(folder: Path, *words: str) -> list[dict[str, float]]:
     """Losses of a run of two processes, step by step; force starts in the fifth of six."""
     command = [sys.executable, "-m", "tactileforge", "train", "scale=demo", "debug=steps"]
+    command += ["data.scenes=6", "data.val=2", "data.size=32"]
     command += ["trainer.devices=2", "trainer.accelerator=cpu", "trainer.max_steps=6"]
     command += ["encoder.image_size=32", "batch.size=8", f"hydra.run.dir={folder}"]
     command += ["data.scenes=3", "data.val=1", "data.size=32", "batch.workers=0"]
