@@ -70,7 +70,7 @@ def shard(module: nn.Module, mesh: DeviceMesh) -> None:
             fully_shard(part, mesh=row)
     scalars = {p for p in module.parameters() if not p.ndim}  # each process keeps them
     for scalar in scalars:
-        scalar.register_post_accumulate_grad_hook(_average)
+        scalar.register_post_accumulate_grad_hook(_average)  # type: ignore[no-untyped-call]
     fully_shard(module, mesh=row, ignored_params=scalars)
     for name in ("training_step", "validation_step"):
         register_fsdp_forward_method(module, name)
