@@ -42,8 +42,14 @@ WAYS: dict[str, dict[str, Any] | None] = {
     "static graph": {"static_graph": True},
     "search for unused": {"find_unused_parameters": True},
 }
-#: Dense bf16 peak of an H100 SXM; bytes a second of a GPU over NVLink, and over one 400 Gb/s port.
-PEAK, LINKS = 989e12, {8: 300e9, 64: 40e9}
+#: Dense bf16 peak of an H100 SXM.
+PEAK = 989e12
+#: GPUs, and bytes a second at which a ring sends: NVLink's, or that of the ports between machines.
+LINKS = {
+    "8 GPUs, NVLink": (8, 300e9),
+    "64 GPUs, eight 400 Gb/s ports a machine": (64, 300e9),
+    "64 GPUs, one 400 Gb/s port a machine": (64, 40e9),
+}
 MFU, BUCKET, BYTES = 0.4, 25 * 2**20, 4
 
 
@@ -115,8 +121,8 @@ def on_paper() -> Mapping[str, Any]:
         with torch.device("meta"):
             module = TouchModule.from_config(config_of(case), set())
         count = sum(p.numel() for p in module.parameters())
-        for gpus, rate in LINKS.items():
-            rows[f"{size}, {batch} clips a GPU, {gpus} GPUs"] = {
+        for name, (gpus, rate) in LINKS.items():
+            rows[f"{size}, {batch} clips a GPU, {name}"] = {
                 "parameters": count,
                 **projected(case, count, gpus, rate),
             }
@@ -141,7 +147,7 @@ def main() -> None:
             "share of a step that is not DDP": {
                 name: round(cpu["alone"] / value, 3) for name, value in cpu.items()
             },
-            "assumed": {"peak": PEAK, "mfu": MFU, "bytes_per_s": LINKS},
+            "assumed": {"peak": PEAK, "mfu": MFU, "gpus, bytes_per_s": LINKS},
             "on paper": on_paper(),
         },
     )
