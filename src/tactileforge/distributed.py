@@ -5,12 +5,27 @@ And the seeds of a step, of which all its randomness is a function.
 
 from __future__ import annotations
 
+import os
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import torch
 import torch.distributed as dist
 from torch import Tensor
+
+
+def count_processes(options: Mapping[str, Any]) -> int:
+    """Number of processes that a run is to have; where it is not known yet, at least 2.
+
+    Args:
+        options: Of ``trainer``.
+    """
+    devices = options["devices"]
+    if devices in ("auto", -1, "-1"):
+        devices = 1 if options["accelerator"] == "cpu" else max(1, torch.cuda.device_count())
+    here = int(devices) if str(devices).isdecimal() else 2
+    return max(here * int(options["num_nodes"]), int(os.environ.get("WORLD_SIZE", 1)))
 
 
 def world() -> tuple[int, int]:

@@ -18,6 +18,7 @@ from tactileforge.distributed import seed_step, sum_over_ranks
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.optim import optimiser, set_rate
 from tactileforge.parts import Term, build_parts, logs_of
+from tactileforge.strategies import shard
 
 if TYPE_CHECKING:
     from tactileforge.data.batches.clips import Clips
@@ -68,6 +69,7 @@ class TouchModule(L.LightningModule):
         self.plan: Curriculum | None = None
         self.total = 0
         self._sums: dict[str, Tensor] = {}
+        self._sharded = False
 
     @classmethod
     def from_config(
@@ -96,6 +98,12 @@ class TouchModule(L.LightningModule):
             config["seed"],
             config.get("balance"),
         )
+
+    def configure_model(self) -> None:
+        """Shards the parameters, where the strategy says so (`strategies.Sharded`)."""
+        if self.device_mesh is not None and not self._sharded:
+            shard(self, self.device_mesh)
+            self._sharded = True
 
     def setup(self, stage: str) -> None:
         """Reads the curriculum, once the length of the run is known."""
@@ -194,7 +202,7 @@ class TouchModule(L.LightningModule):
         """Losses on held-out clips, with the same masks each time."""
         seed_step(self.seed, batch_idx, -1)
         weights = self.current_weights()
-        if not bool((batch["group"] >= 0).any()):
+        if not batch.get("paired", True):
             paired = [k for k, v in self.objectives.items() if getattr(v, "pairs", False)]
             weights |= dict.fromkeys(paired, 0.0)
         terms = self.terms(batch, weights)

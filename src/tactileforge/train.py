@@ -7,6 +7,7 @@ import platform
 import sys
 import warnings
 from collections.abc import Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from functools import partial
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -26,7 +27,9 @@ from tactileforge.callbacks import checkpoints
 from tactileforge.callbacks.met import MetLabels, SkippedRecordings
 from tactileforge.callbacks.progress import Progress
 from tactileforge.callbacks.speed import Speed
+from tactileforge.compiled import compile_blocks
 from tactileforge.data.batches.datamodule import TouchData
+from tactileforge.distributed import count_processes
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.files import sealed, write_text
 from tactileforge.hub.starting_point import starting_weights
@@ -37,6 +40,7 @@ from tactileforge.pages.drawings import collected_drawings
 from tactileforge.parts import check_size
 from tactileforge.provenance import commit
 from tactileforge.run_length import change_length
+from tactileforge.strategies import Sharded, choose_strategy
 
 log = logging.getLogger(__name__)
 
@@ -127,7 +131,10 @@ def _train(
         assert data.train is not None  # set up by `build_data`
         module.prepare(data.train)
     why = _settle_precision(plain, module, data)
-    trainer, saver = build_trainer(plain, folder, [met, lost], step)
+    if plain.get("compile"):
+        compile_blocks(module)
+    static = getattr(module.encoder, "static_graph", False)
+    trainer, saver = build_trainer(plain, folder, [met, lost], step, static)
     if is_news:
         log_config(trainer.loggers[1:], plain, folder)
     if trainer.is_global_zero and not resume:
@@ -142,11 +149,23 @@ def _train(
     if trainer.is_global_zero:
         from tactileforge.report.run import write_report
 
+        whole = _whole(plain, module, folder, data.summary("train").labels)
         with collected_drawings(wanted=len(trainer.loggers) > 1) as drawings:
-            report = write_report(folder, module, data, lost.skipped, met.labels)
+            report = write_report(folder, whole, data, lost.skipped, met.labels)
         log_report(trainer.loggers[1:], report, drawings, trainer.global_step)
         print(f"report: {report}")
     return module
+
+
+def _whole(
+    plain: dict[str, Any], module: TouchModule, folder: Path, labels: AbstractSet[str]
+) -> TouchModule:
+    """The module with all its weights on this process, which may hold a share of them alone."""
+    if not isinstance(module.trainer.strategy, Sharded):
+        return module
+    whole = TouchModule.from_config(plain, labels)
+    whole.load_state_dict(checkpoints.read_checkpoint(folder)["state_dict"])
+    return whole
 
 
 def _settle_precision(plain: dict[str, Any], module: TouchModule, data: TouchData) -> str:
@@ -214,7 +233,11 @@ def _check(config: Mapping[str, Any]) -> None:
 
 
 def build_trainer(
-    config: Mapping[str, Any], folder: Path, callbacks: Sequence[Callback] = (), step: int = 0
+    config: Mapping[str, Any],
+    folder: Path,
+    callbacks: Sequence[Callback] = (),
+    step: int = 0,
+    static: bool = False,
 ) -> tuple[L.Trainer, checkpoints.Checkpoints]:
     """The Lightning trainer of a run, with further callbacks; and that of its checkpoints.
 
@@ -223,12 +246,16 @@ def build_trainer(
         folder: Folder of the run.
         callbacks: In addition.
         step: Step from which the run goes on.
+        static: Whether the encoder uses the same parameters for every batch.
     """
     options = dict(config["trainer"])
     saver = checkpoints.Checkpoints(folder, options.pop("save_every"))
-    if options["strategy"] == "auto" and options["devices"] not in (1, "1", "auto"):
-        # an objective that starts late, or a norm that none reads through, leaves parameters unused
-        options["strategy"] = "ddp_find_unused_parameters_true"
+    options["strategy"] = choose_strategy(
+        options["strategy"],
+        count_processes(options),
+        static and options["accumulate_grad_batches"] == 1,  # torch cannot have both
+        (config.get("balance") or {}).get("name"),
+    )
     own: dict[str, Any] = dict(
         default_root_dir=folder,
         logger=build_loggers(config["logger"], folder, config.get("run"), step),

@@ -17,9 +17,7 @@ def _train(_: None, config: dict[str, Any]) -> float:
 
     folder = _folder()
     if config.get("resume"):
-        lengths = {key: config["trainer"][key] for key in LENGTHS if _given(f"trainer.{key}")}
-        config = _of_run(config["resume"])
-        config["trainer"] |= lengths
+        config = _with_given(_of_run(config["resume"]), config)
     try:
         return metric(train(config, folder), config.get("optimized_metric"))
     except KeyboardInterrupt as stop:
@@ -28,11 +26,26 @@ def _train(_: None, config: dict[str, Any]) -> float:
         raise KeyboardInterrupt(f"{stop or 'stopped'}; go on with: {again}") from stop
 
 
-def _given(key: str) -> bool:
-    """Whether the command line names a key."""
+#: What a resumed run may be given anew: its length, and its machine, which does not change what is
+#: learned from.
+_ANEW = (
+    *(f"trainer.{key}" for key in LENGTHS),
+    "batch.workers",
+    "batch.cache_mb",
+    "trainer.devices",
+    "trainer.num_nodes",
+)
+
+
+def _with_given(run: dict[str, Any], config: dict[str, Any]) -> dict[str, Any]:
+    """The configuration of a run, with what was given anew."""
     from hydra.core.hydra_config import HydraConfig
 
-    return any(word.split("=")[0] == key for word in HydraConfig.get().overrides.task)
+    given = {word.partition("=")[0] for word in HydraConfig.get().overrides.task}
+    for path in given.intersection(_ANEW):
+        group, key = path.split(".")
+        run[group] = {**run[group], key: config[group][key]}
+    return run
 
 
 def _folder() -> Path:
@@ -45,12 +58,12 @@ def _folder() -> Path:
 
 
 def _prepare(overrides: list[str]) -> list[str]:
-    """A resumed run stays in its folder; nothing but its length may be given with it."""
+    """A resumed run stays in its folder; nothing but its length and machine may be given with it."""
     folders = [word.partition("=")[2] for word in overrides if word.startswith("resume=")]
     if not folders or folders[-1] in ("", "null"):
         return overrides
-    allowed = ("resume=", "hydra.", *(f"trainer.{key}=" for key in LENGTHS))
-    given = [word for word in overrides if not word.startswith(allowed)]
+    free = ("resume=", "hydra.", *(f"{path}=" for path in _ANEW))
+    given = [word for word in overrides if not word.startswith(free)]
     if given:
         raise ConfigError(
             f"resume= goes on with the same run, so {' '.join(given)} cannot be given with it, but "
