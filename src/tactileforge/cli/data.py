@@ -9,7 +9,7 @@ from typing import Any
 from tactileforge import packing, registry
 from tactileforge.cli._command import Command
 from tactileforge.contracts import Dataset
-from tactileforge.lerobot.write import LeRobotOptions as LeRobotOptions
+from tactileforge.lerobot.options import LeRobotOptions as LeRobotOptions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,6 +111,9 @@ def _lerobot(keys: _LeRobot, config: dict[str, Any]) -> None:
         f"that no row shows: {lost or 'none'}"
     )
     print(f"features: {', '.join(written.features)}")
+    if written.lacks:
+        lacks = " and ".join(f"no {feature}" for feature in written.lacks)
+        print(f"{lacks}: LeRobot trains no policy on it (docs/lerobot.md#policies)")
     print(f"LeRobot reads it: LeRobotDataset('local/touch', root='{keys.out}')")
 
 
