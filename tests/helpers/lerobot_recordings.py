@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -51,3 +52,31 @@ def all_of(root: Path, **options: object) -> list[Recording]:
     recordings = list(data.recordings("train"))
     assert data.skipped == []
     return recordings
+
+
+def demonstration(number: int, frames: int = 24) -> list[Recording]:
+    """Two fingers of one episode; the camera belongs to the left one."""
+    rng = np.random.default_rng(number)
+    views = np.full((frames, 32, 32, 3), 1, np.uint8)
+    views *= np.arange(10, 10 + 6 * frames, 6, np.uint8)[:, None, None, None]
+    tracks = {
+        "state": rng.normal(0, 3, (frames, 5)).astype(np.float32),
+        "robot_action": rng.normal(0, 1, (frames, 4)).astype(np.float32),
+    }
+    both = []
+    for i, finger in enumerate(("left", "right")):
+        episode = f"chip_{number:05d}"
+        labels = {"episode": episode, "finger": finger, "task": "chip", "success": 1.0}
+        both.append(
+            replace(
+                touch(10 * number + i, frames=frames, fps=6),
+                key=f"{episode}/{finger}",
+                labels=labels,
+                tracks=tracks,
+                text="pick the chip up",
+                action=None,
+                image=ArrayFrames(views) if finger == "left" else None,
+            )
+        )
+        both[-1] = replace(both[-1], image_times=both[-1].times if finger == "left" else None)
+    return both

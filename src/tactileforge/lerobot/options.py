@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +14,18 @@ from tactileforge.lerobot.episode import Episode
 
 _IMAGES = ("auto", "video", "png", "camera")
 
-#: Vectors of the rows of an episode, float32 (N, size).
-Vectors: TypeAlias = Callable[[Episode], NDArray[np.float32]]
+
+class Vectors(Protocol):
+    """What gives the rows of an episode their ``observation.environment_state``."""
+
+    @property
+    def about(self) -> dict[str, Any]:
+        """Where they come from, as plain data."""
+        ...
+
+    def __call__(self, shown: Episode) -> NDArray[np.float32]:
+        """The vectors of an episode, float32 (N, size)."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True)

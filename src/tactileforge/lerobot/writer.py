@@ -199,6 +199,8 @@ class Writer:
         }
         write_text(self.root / folder.STATS, json.dumps(statistics, indent=4))
         touch = {"version": folder.TOUCH_VERSION, "episodes": self.touch}
+        if self.vectors:
+            touch["vectors"] = self.vectors.about
         write_text(self.root / folder.TOUCH, json.dumps(touch, allow_nan=False))
         return self.found
 
