@@ -58,7 +58,7 @@ class TactileForgeCamera(Camera):
         for name in registry.names("sensors"):
             try:
                 sensor: Sensor = registry.build("sensors", {"name": name})
-                addresses = [] if sensor.spec.kind == "wrench" else sensor.discover()
+                addresses = sensor.discover() if sensor.spec.kind in ("image", "array") else []
             except (TactileForgeError, OSError):  # it needs options, or its SDK is not there
                 continue
             shape = {"width": sensor.spec.width, "height": sensor.spec.height}

@@ -38,8 +38,8 @@ class TactileForgeCameraConfig(CameraConfig):
 
     def __post_init__(self) -> None:
         spec = self.build().spec
-        if spec.kind == "wrench":
-            raise ValueError(f"sensor={self.sensor} gives forces, and no pictures")
+        if spec.kind not in ("image", "array"):
+            raise ValueError(f"sensor={self.sensor} ({spec.kind}) gives no pictures")
         self.width = spec.width if self.width is None else self.width
         self.height = spec.height if self.height is None else self.height
         self.fps = round(spec.fps) if self.fps is None else self.fps
