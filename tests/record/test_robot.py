@@ -1,5 +1,6 @@
 """State and actions of a robot, recorded with touch: what a policy is trained on."""
 
+import socket
 import struct
 import subprocess
 import sys
@@ -99,6 +100,18 @@ def test_a_serial_arm_is_read_through_the_faults_of_a_line():
             raws = np.stack([arm.read().raw for _ in sent])
     want = 2 * np.array([[*state, *action] for state, action in sent])
     np.testing.assert_allclose(raws, want, rtol=1e-6)
+
+
+def test_a_program_sends_datagrams_to_this_machine():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    arm = SerialRobot(f":{port}", link="udp", payload="<3d", states=2, header="")
+    with arm, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for n in range(4):
+            sender.sendto(struct.pack("<3d", n, -n, 10 * n), ("127.0.0.1", port))
+        raws = np.stack([arm.read().raw for _ in range(3)])
+    np.testing.assert_allclose(raws, [[n, -n, 10 * n] for n in range(3)])
 
 
 def test_a_state_that_cannot_be_is_dropped_and_a_command_may_jump():

@@ -23,7 +23,7 @@ class ForceTorque(PacketSensor):
     overrides `start`, `wrench` or `new_parser` where its protocol asks for more.
 
     Args:
-        port: Path of the serial port, or ``HOST:PORT``.
+        port: Path of the serial port, or ``HOST:PORT``; see `Line`.
         link: ``serial``, ``udp`` or ``tcp``.
         payload: What a packet carries, as `struct` writes it; its last six values are forces x, y,
             z and torques x, y, z.

@@ -31,7 +31,8 @@ class Line:
     """How a device is reached.
 
     Attributes:
-        port: Path of the serial port, or ``HOST:PORT``.
+        port: Path of the serial port, or ``HOST:PORT``; ``:PORT`` takes datagrams that anybody sends
+            to this machine.
         link: ``serial``, ``udp`` or ``tcp``.
         baudrate: Bits a second.
         usb: Vendor and product of the USB device that the serial port belongs to.
@@ -116,8 +117,9 @@ class PacketSensor(StreamSensor):
         host, colon, number = self.port.rpartition(":")
         if not colon or not number.isdigit():
             raise ConfigError(f"port={self.port!r}: give HOST:PORT, e.g. 192.168.1.1:49152")
-        kind = UdpLink if self.link == "udp" else TcpLink
-        return kind(host, int(number))
+        if self.link == "udp":
+            return UdpLink(host, int(number)) if host else UdpLink("", listen=int(number))
+        return TcpLink(host, int(number))
 
     def new_parser(self) -> Parser:
         """Whole datagrams of UDP; else packets."""

@@ -24,7 +24,7 @@ class SerialRobot(PacketSensor):
     command of that step. Angles must go on without jumps of a turn: they are interpolated.
 
     Args:
-        port: Path of the serial port, or ``HOST:PORT``.
+        port: Path of the serial port, or ``HOST:PORT``; see `Line`.
         link: ``serial``, ``udp`` or ``tcp``.
         payload: What a packet carries, as `struct` writes it.
         states: How many of its values are the state; the others are the action.
