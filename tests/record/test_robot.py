@@ -106,7 +106,7 @@ def test_a_program_sends_datagrams_to_this_machine():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    arm = SerialRobot(f":{port}", link="udp", payload="<3d", states=2, header="")
+    arm = SerialRobot(f":{port}", link="udp", payload="<3d", states=2)
     with arm, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         for n in range(4):
             sender.sendto(struct.pack("<3d", n, -n, 10 * n), ("127.0.0.1", port))

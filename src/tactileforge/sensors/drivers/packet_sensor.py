@@ -31,8 +31,8 @@ class Line:
     """How a device is reached.
 
     Attributes:
-        port: Path of the serial port, or ``HOST:PORT``; ``:PORT`` takes datagrams that anybody sends
-            to this machine.
+        port: Path of the serial port, or ``HOST:PORT``; ``:PORT`` takes datagrams that
+            anybody sends to this machine.
         link: ``serial``, ``udp`` or ``tcp``.
         baudrate: Bits a second.
         usb: Vendor and product of the USB device that the serial port belongs to.
