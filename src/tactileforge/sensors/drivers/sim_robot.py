@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.contracts import Frame
+from tactileforge.contracts import Frame, Sensor
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.sensors.drivers.packet_sensor import NO_PICTURE
 from tactileforge.sensors.drivers.serial_robot import SerialRobot
 
 
-class SimRobot:
+class SimRobot(Sensor):
     """Joints that swing; each is commanded where it will be a sample later.
 
     It runs in real time. Joint i is at ``sin(2 pi t / period + i)``.
@@ -77,10 +76,3 @@ class SimRobot:
     def close(self) -> None:
         """Stops; a second call does nothing."""
         self.start = None
-
-    def __enter__(self) -> Self:
-        self.open()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()
