@@ -45,6 +45,20 @@ def test_fingers_of_an_episode_are_one_with_state_and_action_once(tmp_path: Path
             assert psnr(new.image.read([5]), old.image.read([5])) > PSNR
 
 
+def test_no_action_is_lost_where_a_slow_sensor_shows_a_frame_again(tmp_path: Path) -> None:
+    left, right = demonstration(0)
+    rows = list(range(0, 24, 2))
+    write_dataset([left, right.select(rows)], tmp_path / "set", LeRobotOptions(images="png"))
+    for recording in all_of(tmp_path / "set"):
+        np.testing.assert_array_equal(
+            recording.tracks["robot_action"], left.tracks["robot_action"][:23]
+        )
+        np.testing.assert_allclose(np.diff(recording.times), 1 / 6, atol=1e-9)
+    frames = recording.frames.read(range(23))
+    shown = [np.flatnonzero((right.frames.read(rows) == frame).all((1, 2, 3))) for frame in frames]
+    assert [int(places[0]) for places in shown][::2] == list(range(12))
+
+
 def test_state_and_actions_of_others_become_tracks(tmp_path: Path) -> None:
     """A set without our metadata: the task's words, the state and the actions are there."""
     root = tmp_path / "set"

@@ -116,6 +116,9 @@ class LeRobotFolder:
         frames = self._frames(row, touch.images, shape)
         times = self._times(row, f"observation.time.{device}")
         kept = np.flatnonzero(np.diff(times, prepend=-np.inf) > 0)  # a row may show a frame again
+        if len(kept) < len(times) and folder.ROBOT["robot_action"] in self.info.features:
+            kept = np.arange(len(times))  # and no row of a demonstration can be spared
+            times = times[0] + kept / self.info.fps
         force = self._numbers(row, touch.force, touch.columns) if touch.force else None
         has_view = camera is not None and about.get("image", True)
         view = self._frames(row, camera, None) if camera and has_view else None
