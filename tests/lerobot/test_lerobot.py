@@ -7,62 +7,21 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from lerobot_recordings import PSNR, all_of, psnr, touch
 from omegaconf import OmegaConf
 
 from tactileforge import cli, registry
 from tactileforge.compose import compose
-from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.datasets.lerobot import LeRobot
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.lerobot import folder
+from tactileforge.lerobot.options import LeRobotOptions
 from tactileforge.lerobot.statistics import image_statistics, number_statistics
-from tactileforge.lerobot.write import LeRobotOptions, write_dataset
+from tactileforge.lerobot.write import write_dataset
 from tactileforge.testing import check
 
 parquet = pytest.importorskip("pyarrow.parquet")
-
-#: What the video may lose on these pictures, dB.
-PSNR = 36.0
-
-
-def touch(number: int, sensor: str = "digit", frames: int = 24, fps: float = 30.0) -> Recording:
-    """A blob that moves over a coloured background, with forces, actions and a track."""
-    rng = np.random.default_rng([number, len(sensor)])
-    rows, columns = np.mgrid[:64, :48]
-    still = np.stack([80 + columns, 90 + rows * 0.5, 160 - columns], -1)
-    path = rng.uniform(12, 36, 2) + np.linspace(0, 8, frames)[:, None]
-    away = [(rows - r) ** 2 + (columns - c) ** 2 for r, c in path]
-    pictures = still + 60 * np.exp(-np.stack(away) / 60)[..., None] * [1, -0.5, 0.3]
-    force = rng.normal(0, 3, (frames, 3)).astype(np.float32)
-    return Recording(
-        key=f"touch/{number}/{sensor}",
-        sensor=sensor,
-        frames=ArrayFrames(pictures.clip(0, 255).round().astype(np.uint8)),
-        times=0.013 + np.arange(frames) / fps,
-        no_contact=ArrayFrames(still.round().astype(np.uint8)[None]),
-        force=force,
-        action=rng.integers(-1, 8, frames),
-        object="cup",
-        text="{action} the cup",
-        labels={"unit": "D1", "grip": 0.5},
-        tracks={"wrench": rng.normal(0, 1, (frames, 6)).astype(np.float32)},
-        source="a test",
-        tier=1,
-        licence="CC0-1.0",
-    )
-
-
-def psnr(images: np.ndarray, wanted: np.ndarray) -> float:
-    error = np.mean((images.astype(float) - wanted) ** 2)
-    return float(10 * np.log10(255**2 / error)) if error else 99.0
-
-
-def all_of(root: Path, **options: object) -> list[Recording]:
-    data = LeRobot(str(root), val=0.0, **options)
-    recordings = list(data.recordings("train"))
-    assert data.skipped == []
-    return recordings
 
 
 def test_a_round_trip_keeps_everything(tmp_path: Path) -> None:

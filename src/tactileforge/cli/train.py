@@ -58,7 +58,7 @@ def _folder() -> Path:
 
 
 def _prepare(overrides: list[str]) -> list[str]:
-    """A resumed run stays in its folder; nothing but its length and machine may be given with it."""
+    """A resumed run stays in its folder; of it, length and machine alone may change."""
     folders = [word.partition("=")[2] for word in overrides if word.startswith("resume=")]
     if not folders or folders[-1] in ("", "null"):
         return overrides

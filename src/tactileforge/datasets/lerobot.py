@@ -20,7 +20,9 @@ _BACKGROUNDS = ("first", "none")
 
 
 class LeRobot:
-    """Touch features of LeRobot episodes (`docs/lerobot.md`); an episode is a recording each.
+    """Touch features of LeRobot episodes (`docs/lerobot.md`); a feature of one is a recording.
+
+    ``observation.state`` and ``action`` are the tracks ``state`` and ``robot_action`` of each.
 
     What `tactileforge data lerobot` wrote needs no option but ``root``.
 
@@ -167,6 +169,11 @@ class LeRobot:
         kinds = {
             name: about["sensor"] for features in folder.touch for name, about in features.items()
         }
+        if not any(f"observation.images.{name}" in folder.info.features for name in kinds):
+            raise ConfigError(
+                f"{self.root}: was written without frames of touch (images=camera), for LeRobot's "
+                "policies alone; read what it was made of"
+            )
         out = []
         for name, sensor in kinds.items():
             force = f"observation.force.{name}"

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Frame, Sensor
 from tactileforge.errors import ConfigError, TactileForgeError
-from tactileforge.sensors.drivers.force_torque import NO_PICTURE, ForceTorque
+from tactileforge.sensors.drivers.force_torque import ForceTorque
+from tactileforge.sensors.drivers.packet_sensor import NO_PICTURE
 
 
 class SimWrench(Sensor):
