@@ -68,3 +68,16 @@ def optimiser(
         lambda step: min((step + 1) / warm, (total - step) / max(1, total - warm + 1)),
     )
     return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+
+
+def set_rate(schedule: torch.optim.lr_scheduler.LambdaLR) -> None:
+    """Sets the learning rate to that of the schedule's step, which a checkpoint may not have had.
+
+    Args:
+        schedule: Of `optimiser`.
+    """
+    groups = zip(
+        schedule.optimizer.param_groups, schedule.base_lrs, schedule.lr_lambdas, strict=True
+    )
+    for group, rate, factor in groups:
+        group["lr"] = rate * factor(schedule.last_epoch)
