@@ -50,7 +50,7 @@ class Demonstrations:
         observations: int = 2,
         touch: Literal["frames", "force", "none"] = "frames",
         camera: bool = True,
-        image_size: int = 96,
+        image_size: int = 48,
     ) -> None:
         if not 0 <= val < 1 or horizon < 1 or observations < 1:
             raise ConfigError(
