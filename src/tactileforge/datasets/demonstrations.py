@@ -10,7 +10,7 @@ import numpy as np
 
 from tactileforge.contracts import Recording
 from tactileforge.data.batches.episodes import Cutting, EpisodeClips
-from tactileforge.data.labels.episodes import Episode, episodes_of
+from tactileforge.data.labels.episodes import Episode, check_alike, episodes_of
 from tactileforge.datasets.shards import Shards
 from tactileforge.errors import ConfigError, unknown
 
@@ -77,6 +77,8 @@ class Demonstrations:
     def _episodes(self) -> dict[str, list[Episode]]:
         both = [one for split in ("train", "val") for one in self.shards.recordings(split)]
         episodes = episodes_of(both)
+        if episodes:
+            check_alike(episodes, self.cutting.camera)
         held = max(1, round(self.val * len(episodes))) if self.val and len(episodes) > 1 else 0
         drawn = set(np.random.default_rng(self.seed).permutation(len(episodes))[:held].tolist())
         split = ["val" if i in drawn else "train" for i in range(len(episodes))]
@@ -90,7 +92,7 @@ class Demonstrations:
 
         Raises:
             DataNotFoundError: There are no shards.
-            DataError: A recording is of no episode.
+            DataError: Recordings that cannot train one policy; see `check_alike`.
             ConfigError: An unknown split.
         """
         if split not in ("train", "val"):
