@@ -90,6 +90,14 @@ def test_eight_of_fifty_are_held_out(tmp_path: Path) -> None:
     assert {one.labels["episode"] for one in other.recordings("val")} != names["val"]
 
 
+def test_an_episode_that_failed_is_left_out(tmp_path: Path) -> None:
+    failed = [replace(one, labels=dict(one.labels) | {"success": 0.0}) for one in episode(1)]
+    root = str(write(tmp_path, [*episode(0), *failed, *episode(2)]))
+    data = Demonstrations(root)
+    kept = [one.labels["episode"] for s in ("train", "val") for one in data.recordings(s)]
+    assert sorted(set(kept)) == ["follow_00000", "follow_00002"]
+
+
 def changed(one, **tracks):
     return replace(one, tracks=dict(one.tracks) | tracks)
 
