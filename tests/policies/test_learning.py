@@ -125,8 +125,8 @@ def test_ranges_are_min_max() -> None:
 
 
 FOLLOW = ["scale=demo", "data.camera=false", "data.horizon=4", "data.observations=1"]
-FOLLOW += ["trainer.max_epochs=60", "trainer.precision=32-true", "head.denoise.channels=[32,64]"]
-FOLLOW += ["trainer.check_val_every_n_epoch=10"]
+FOLLOW += ["trainer.max_epochs=80", "trainer.precision=32-true", "head.denoise.channels=[32,64]"]
+FOLLOW += ["trainer.check_val_every_n_epoch=10", "optim.schedule=constant_with_warmup"]
 
 
 def error_of(folder: Path) -> float:
