@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from collections.abc import Set as AbstractSet
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import lightning as L
 import torch
@@ -15,6 +15,7 @@ from tactileforge import balance as balances
 from tactileforge.contracts import AfterStep, Batch, Prepared, Scored
 from tactileforge.curriculum import Curriculum, from_config
 from tactileforge.distributed import seed_step, sum_over_ranks
+from tactileforge.encoders.given import views_of
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.optim import optimiser, set_rate
 from tactileforge.parts import Term, build_parts, logs_of
@@ -42,6 +43,7 @@ class TouchModule(L.LightningModule):
         augment: Changes a batch on the device, or None.
         seed: Seed of the run.
         balance: See `balance.build_balance`; None leaves weights as they are.
+        freeze: Whether the encoder stays as it is, in evaluation mode.
     """
 
     def __init__(
@@ -55,9 +57,13 @@ class TouchModule(L.LightningModule):
         augment: nn.Module | None = None,
         seed: int = 0,
         balance: Mapping[str, Any] | None = None,
+        freeze: bool = False,
     ) -> None:
         super().__init__()
         self.encoder: Any = encoder
+        self.freeze_encoder = freeze
+        if freeze:
+            encoder.requires_grad_(False).eval()
         self.heads = nn.ModuleDict(heads)
         self.objectives = nn.ModuleDict(objectives)
         self.weights = dict(weights)
@@ -97,7 +103,15 @@ class TouchModule(L.LightningModule):
             augment,
             config["seed"],
             config.get("balance"),
+            bool(config.get("freeze")),
         )
+
+    def train(self, mode: bool = True) -> Self:
+        """Sets the mode; a frozen encoder stays in evaluation mode."""
+        super().train(mode)
+        if self.freeze_encoder:
+            self.encoder.eval()
+        return self
 
     def configure_model(self) -> None:
         """Shards the parameters, where the strategy says so (`strategies.Sharded`)."""
@@ -123,10 +137,10 @@ class TouchModule(L.LightningModule):
         return self.plan.weights(self.global_step)
 
     def prepare(self, clips: Clips) -> None:
-        """Lets objectives measure the training data, before the first step of a new run."""
-        for objective in self.objectives.values():
-            if isinstance(objective, Prepared):
-                objective.prepare(clips)
+        """Lets heads and objectives measure the training data, before a new run's first step."""
+        for part in (*self.heads.values(), *self.objectives.values()):
+            if isinstance(part, Prepared):
+                part.prepare(clips)
 
     def terms(
         self, batch: Batch, weights: Mapping[str, float], universal: float = 0.0
@@ -138,7 +152,7 @@ class TouchModule(L.LightningModule):
             weights: Objectives that are absent or have weight 0 are not computed.
             universal: Chance of the universal sensor tokens.
         """
-        views = self.encoder.views(batch, universal)
+        views = views_of(self.encoder, batch, universal)
         terms = {}
         for key, objective in self.objectives.items():
             if weights.get(key):
@@ -212,7 +226,7 @@ class TouchModule(L.LightningModule):
                 self._sums[key] = self._sums[key] + sums if key in self._sums else sums
                 terms[key] = replace(term, extra={})  # its scores are those of the whole split
         logs = logs_of(terms)
-        size = len(batch["frames"])
+        size = len(batch["group"])
         self.log_dict({f"val/{k}": v for k, v in logs.items()}, batch_size=size, on_epoch=True)
 
     def on_validation_epoch_end(self) -> None:

@@ -37,7 +37,8 @@ from tactileforge.loggers import build_loggers, log_config, log_report
 from tactileforge.module import TouchModule
 from tactileforge.optim import OptimOptions
 from tactileforge.pages.drawings import collected_drawings
-from tactileforge.parts import check_size
+from tactileforge.parts import check_size, plain_robot, robot_of
+from tactileforge.precompute import remember_features
 from tactileforge.provenance import commit
 from tactileforge.run_length import change_length
 from tactileforge.strategies import Sharded, choose_strategy
@@ -56,6 +57,7 @@ _EXPECTED = (
     r"Found \d+ module\(s\) in eval mode at the start of training.*",  # frozen towers, EMA copies
     r"The number of training batches .* is smaller than the logging interval.*",
     r"The '\w+_dataloader' does not have many workers.*",
+    r"Checkpoint directory .* exists and is not empty.*",  # a run that goes on
 )
 
 
@@ -121,6 +123,9 @@ def _train(
     weights = {key: node["weight"] for key, node in plain["objective"].items()}
     curriculum.from_config(plain["curriculum"], weights, total=sys.maxsize, epoch=1)
     data, plain["encoder"] = build_data(plain)
+    assert data.train is not None  # set up by `build_data`
+    plain["robot"] = plain_robot(data.train.robot)
+    _check_robot(plain)
     module = TouchModule.from_config(plain, data.summary("train").labels, data.augment)
     lost, met = SkippedRecordings(data.allowed), MetLabels(module)
     lost.skip(data.skipped)
@@ -128,8 +133,13 @@ def _train(
     if state is not None:
         log.info(checkpoints.initialise(module, state))
     if not resume:
-        assert data.train is not None  # set up by `build_data`
         module.prepare(data.train)
+    if plain["freeze"]:
+        if resume:  # Lightning loads the other weights later
+            kept = checkpoints.read_checkpoint(resume)["state_dict"].items()
+            own = {k.removeprefix("encoder."): v for k, v in kept if k.startswith("encoder.")}
+            module.encoder.load_state_dict(own)
+        remember_features(module.encoder, data)
     why = _settle_precision(plain, module, data)
     if plain.get("compile"):
         compile_blocks(module)
@@ -155,6 +165,26 @@ def _train(
         log_report(trainer.loggers[1:], report, drawings, trainer.global_step)
         print(f"report: {report}")
     return module
+
+
+def _check_robot(config: Mapping[str, Any]) -> None:
+    """Names a policy that a run starts from and that is of another robot.
+
+    Raises:
+        ConfigError: See there.
+    """
+    init = Path(str(config["init"] or ""))
+    folder = init if init.is_dir() else init.parent.parent
+    if not config["robot"] or not (folder / run_folder.CONFIG).is_file():
+        return
+    now, before = robot_of(config), robot_of(run_folder.read_config(folder))
+    for key in ("state_size", "action_size", "fingers", "sensors"):
+        if before is not None and getattr(before, key) != getattr(now, key):
+            raise ConfigError(
+                f"init={init}: a policy whose {key} is {getattr(before, key)}, and that of the "
+                f"demonstrations is {getattr(now, key)}; give demonstrations of its robot, or "
+                "leave init= out"
+            )
 
 
 def _whole(
@@ -218,7 +248,7 @@ def _check(config: Mapping[str, Any]) -> None:
     """
     strict.build(OptimOptions, "optim", config["optim"])
     check_size(config["encoder"])
-    known = {*signature(L.Trainer).parameters, "save_every"}
+    known = {*signature(L.Trainer).parameters, "save_every", "keep_best"}
     for key, value in config["trainer"].items():
         if key not in known:
             raise ConfigError(unknown("key of trainer", key, known))
@@ -250,6 +280,8 @@ def build_trainer(
     """
     options = dict(config["trainer"])
     saver = checkpoints.Checkpoints(folder, options.pop("save_every"))
+    best = checkpoints.best_checkpoint(folder, options.pop("keep_best", None))
+    kept = [*best, *callbacks]
     options["strategy"] = choose_strategy(
         options["strategy"],
         count_processes(options),
@@ -260,11 +292,11 @@ def build_trainer(
         default_root_dir=folder,
         logger=build_loggers(config["logger"], folder, config.get("run"), step),
         # the timer is for the report: how long it took
-        callbacks=[saver, Speed(config["batch"]["workers"]), Progress(), Timer(), *callbacks],
+        callbacks=[saver, Speed(config["batch"]["workers"]), Progress(), Timer(), *kept],
         plugins=[checkpoints.AtomicCheckpointIO(config.get("run"))],
         gradient_clip_val=config["optim"].get("clip"),
         use_distributed_sampler=False,
-        enable_checkpointing=False,
+        enable_checkpointing=bool(best),
         enable_model_summary=False,
         enable_progress_bar=False,
         num_sanity_val_steps=0,

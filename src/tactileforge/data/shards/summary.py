@@ -9,7 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from tactileforge.contracts import AXES, LABELS, Recording
+from tactileforge.contracts import ACTIONS_TRACK, AXES, LABELS, Recording
+
+#: Labels that are fields of a recording, less force, which may lack axes.
+_FIELDS = frozenset({"action", "object", "text", "image", "surface"})
 
 #: What is counted: labels, and the axes along which there is force.
 COUNTED = (*LABELS, *(f"force.{axis}" for axis in AXES))
@@ -20,9 +23,11 @@ def labels_of(recording: Recording) -> list[str]:
 
     A force that is NaN throughout is none, nor is an action that is unknown in every frame.
     """
-    there = [key for key in LABELS if key != "force" and getattr(recording, key) is not None]
+    there = [key for key in LABELS if key in _FIELDS and getattr(recording, key) is not None]
     acted = recording.action is not None and (recording.action >= 0).any()
     labels = [key for key in there if key != "action" or acted]
+    if ACTIONS_TRACK in recording.tracks:
+        labels.append("action_chunk")
     if recording.force is None:
         return labels
     axes = [
