@@ -43,7 +43,7 @@ class Batches(IterableDataset[Any]):
     def __iter__(self) -> Iterator[dict[str, Tensor]]:
         for _ in range(STEPS):
             self.clock.now += self.seconds
-            yield {"frames": torch.ones(CLIPS, INPUTS)}
+            yield {"frames": torch.ones(CLIPS, INPUTS), "group": -torch.ones(CLIPS)}
 
 
 class Module(L.LightningModule):
@@ -105,7 +105,11 @@ def run(
         default_root_dir=folder,
     )
     module = Module(clock, step)
-    trainer.fit(module, loader, DataLoader([{"frames": torch.ones(1, INPUTS)}], batch_size=None))
+    trainer.fit(
+        module,
+        loader,
+        DataLoader([{"frames": torch.ones(1, INPUTS), "group": -torch.ones(1)}], batch_size=None),
+    )
     monkeypatch.undo()
     return kept.rows
 
