@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import islice
@@ -11,24 +10,18 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
-from torch.nn import functional as F
 
-from tactileforge.data.labels import displacement
 from tactileforge.errors import ConfigError
-from tactileforge.sensors.specs import spec
 from tactileforge.sim.mechanics.gel import Gel
 from tactileforge.sim.mechanics.sensor_gels import sensor_gel
-from tactileforge.sim.mechanics.surface import DETAIL, Fields, GelSurface
+from tactileforge.sim.mechanics.surface import DETAIL, GelSurface
 from tactileforge.sim.mechanics.touch import ContactState, contacts
 from tactileforge.sim.optics import sensor_instances
-from tactileforge.sim.optics.camera import FULL, Codec
-from tactileforge.sim.optics.render import Optics
 from tactileforge.sim.scene import POINTS, SPACING, Scene, simulated_rate
+from tactileforge.sim.view import SensorView
 
 #: Frames that are rendered at a time.
 _CHUNK = 8
-#: Images are drawn with no larger pixels (mm), and then shrunk: edges are sharper than pixels.
-_FINEST = 0.13
 
 
 @dataclass(frozen=True)
@@ -159,89 +152,31 @@ class _Film:
         self.surface = GelSurface(torch.from_numpy(fine)[None].to(where), SPACING, feel.gel)
         drift = torch.from_numpy(feel.scene.drift(feel.fps)).to(where)
         self.views = [
-            _View(feel.scene, place, name, show, drift, where) for place, name in feel.seen.items()
+            (place, _view(feel.scene, name, show, drift, where))
+            for place, name in feel.seen.items()
         ]
 
     def shots(self, first: int, part: ContactState) -> Iterator[SimFrames]:
         """Renders a batch of moments, the first of which has a number."""
         fields = self.surface.fields(part)
-        for view in self.views:
+        for place, view in self.views:
             pictures, displaced = view.pictures(first, self.surface, fields, part)
             force, torque = part.force.cpu().numpy(), part.torque.cpu().numpy()
-            yield SimFrames(self.number, view.place, pictures, force, torque, displaced)
+            yield SimFrames(self.number, place, pictures, force, torque, displaced)
 
 
-class _View:
-    """View of a scene by one sensor."""
-
-    def __init__(
-        self, scene: Scene, place: int, sensor: str, show: _Show, drift: Tensor, where: str
-    ) -> None:
-        known = spec(sensor)
-        full = min(known.height, known.width)
-        size = show.size
-        shown = [round(side * size / full) for side in (known.height, known.width)]
-        seed = scene.seed if scene.unit is None else scene.unit
-        coarse = sensor_instances.pixel_spacing(sensor, shown[0])
-        shrink = math.ceil(coarse / _FINEST)
-        height, width = (side * shrink for side in shown)
-        unit = sensor_instances.draw_instance(
-            sensor, seed, (height, width), show.markers, scene.randomise
-        )
-        # A pixel of an image that is smaller than the sensor's is a mean of many.
-        unit = replace(unit, noise=unit.noise * min(1.0, size / FULL))
-        self.place = place
-        self.optics = Optics(unit, where, shrink)
-        self.codec = Codec(unit.camera, FULL / size)
-        self.drift = drift if "drift" in scene.row.chosen else None
-        self.places = unit.camera.places(height, width, unit.spacing, where)
-        self.cells = displacement.grid_shape(height, width) if show.surface else None
-        none = self.places.new_zeros(0, 2)
-        markers, image = self.optics.markers, self.places.permute(2, 0, 1)
-        self.markers = none if markers is None else markers.places
-        self.centres = (
-            none if self.cells is None else F.adaptive_avg_pool2d(image, self.cells).flatten(1).T
-        )
-
-    def pictures(
-        self, first: int, surface: GelSurface, fields: Fields, part: ContactState
-    ) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
-        """Renders a batch of moments.
-
-        Returns:
-            uint8 (K, H, W, 3), and the displacement of the surface, uint8 (K, h, w, 3), or None.
-        """
-        touched = (part.force[:, 2] > 0)[:, None, None]
-        dent = torch.where(touched, surface.picture(fields, part, self.places), 0.0)
-        drift = None if self.drift is None else self.drift[first : first + len(dent)]
-        at_markers, at_cells = self._lateral(surface, part)
-        pictures = self.optics.render(dent, self._motion(at_markers), first, drift)
-        moved = self._displacement(dent, torch.where(touched, at_cells, 0.0))
-        return self.codec(pictures.permute(0, 2, 3, 1).contiguous().cpu().numpy()), moved
-
-    def _lateral(self, surface: GelSurface, part: ContactState) -> tuple[Tensor, Tensor]:
-        """Lateral displacement of markers (K, M, 2) and cells (K, C, 2), mm, by one transform."""
-        points = torch.cat([self.markers, self.centres])
-        rest = points.expand(len(part.pose), -1, -1)
-        lateral = surface.lateral(part, rest) if len(points) else rest
-        return lateral[:, : len(self.markers)], lateral[:, len(self.markers) :]
-
-    def _motion(self, lateral: Tensor) -> Tensor | None:
-        """Displacement of the markers in the image, mm, float32 (K, M, 2); None without markers."""
-        if self.optics.markers is None:
-            return None
-        unit = self.optics.unit
-        there = self.markers + lateral
-        return unit.camera.seen(there, *self.optics.size, unit.spacing) - self.markers
-
-    def _displacement(self, dent: Tensor, lateral: Tensor) -> NDArray[np.uint8] | None:
-        """Image of the displacement, uint8 (K, h, w, 3); None where it was not asked for."""
-        if self.cells is None:
-            return None
-        deep = F.adaptive_avg_pool2d(dent[:, None], self.cells)
-        across = lateral.mT.reshape(len(dent), 2, *self.cells)
-        moved = torch.cat([across, deep], 1).permute(0, 2, 3, 1)
-        return displacement.encode_displacement(moved.cpu().numpy())
+def _view(scene: Scene, sensor: str, show: _Show, drift: Tensor, where: str) -> SensorView:
+    unit = scene.seed if scene.unit is None else scene.unit
+    return SensorView(
+        sensor,
+        unit,
+        show.size,
+        randomise=scene.randomise,
+        markers=show.markers,
+        surface=show.surface,
+        drift=drift if "drift" in scene.row.chosen else None,
+        device_name=where,
+    )
 
 
 def _aligned(poses: Sequence[NDArray[np.float64]]) -> tuple[Tensor, list[int]]:

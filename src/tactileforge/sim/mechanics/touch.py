@@ -14,13 +14,9 @@ from torch import Tensor
 
 from tactileforge.errors import ConfigError
 from tactileforge.sim.mechanics import contact, friction
-from tactileforge.sim.mechanics.gel import Gel, Kernel, kernel
+from tactileforge.sim.mechanics.gel import Gel, kernel
+from tactileforge.sim.mechanics.overlap import Overlap, overlapping, rotated
 
-#: Sizes of windows, in points, whose doubles have quick Fourier transforms.
-_WINDOWS = (16, 20, 24, 30, 32, 36, 40, 48, 50, 54, 60, 64, 72, 80, 90, 96, 108, 128, 160, 192, 256)
-#: Gel bulges around a contact, and ahead of what drags it; a window leaves this much room (mm) for
-#: what might touch.
-_ROOM = 0.08
 #: Tolerance of the pressure that bounds the shear, before the pressure that answers to it.
 _FIRST = 5 * contact.TOLERANCE
 
@@ -60,7 +56,7 @@ class ContactState:
             y: The same along y.
             heights: mm of the objects there above their lowest planes.
         """
-        return _overlap(x, y, heights, self.pose, self.depth, self.bend)
+        return overlapping(x, y, heights, self.pose, self.depth, self.bend)
 
 
 def contacts(
@@ -94,41 +90,27 @@ def contacts(
         contact.NotConverged: The solver failed; nothing that is not a number leaves it.
     """
     _check(gels, poses, name)
-    overlap = _Overlap(heights, spacing, gels, poses)
-    window = overlap.window(poses) if window is None else window
-    inner = overlap.cropped(window)
-    # Tractions over the modulus: one kernel serves gels of any stiffness.
-    unit = Gel(thickness=gels[0].thickness, poisson=gels[0].poisson, modulus=1.0)
-    solver = kernel(unit, window, spacing, str(heights.device))
-    modulus, mu, viscosity = (
-        torch.tensor([float(getattr(g, key)) for g in gels], device=heights.device)
-        for key in ("modulus", "friction", "viscosity")
-    )
-    rate = torch.tensor(list(fps), dtype=torch.float32, device=heights.device)
-    give = modulus * torch.tensor(list(softness or [0.0] * len(gels)), device=heights.device)
-    laws = _Laws(solver, mu, viscosity * rate, give if softness and any(softness) else None)
-    state = _State.at_rest(len(gels), window, heights.device)
+    solver = ContactSolver(heights, spacing, gels, fps, poses, softness, window)
+    state = solver.rest()
     try:
         for i in range(poses.shape[1]):
-            state = state.next(laws, inner, poses[:, i])
-            yield _contact(state, poses[:, i], inner, modulus, give, heights.shape[-1])
+            state = solver.next(state, poses[:, i])
+            yield solver.contact(state)
     except contact.NotConverged as error:
         raise contact.NotConverged(f"{name}, frame {i}: {error}") from None
 
 
 @dataclass(frozen=True)
-class _Laws:
-    """Laws that a batch obeys: the gel, friction, viscosity in frames, and how objects yield."""
+class Tractions:
+    """Tractions of a batch, over the modulus, on parts of the grid, and what led there.
 
-    solver: Kernel
-    mu: Tensor
-    viscosity: Tensor
-    give: Tensor | None
-
-
-@dataclass(frozen=True)
-class _State:
-    """State of a batch: tractions over the modulus, and the steps that led there."""
+    Attributes:
+        pose: float32 (B, 6) of the last step; None before the first.
+        pressure: float32 (B, w, w).
+        felt: float32 (B, w, w), pressure with its viscous part.
+        shear: float32 (B, 2, w, w), in the frames of the objects.
+        normal: float32 (B,), sums of pressure.
+    """
 
     pose: Tensor | None
     pressure: Tensor
@@ -136,142 +118,117 @@ class _State:
     shear: Tensor
     normal: Tensor
 
-    @staticmethod
-    def at_rest(batch: int, n: int, device: torch.device) -> _State:
-        none = torch.zeros(batch, n, n, device=device)
-        return _State(
-            None, none, none, torch.zeros(batch, 2, n, n, device=device), none.sum((1, 2))
-        )
 
-    def next(self, laws: _Laws, overlap: _Overlap, pose: Tensor) -> _State:
+class ContactSolver:
+    """Solves a batch of touches pose by pose.
+
+    A step is a function of tractions and the next pose: it can be tried, and taken back.
+
+    Args:
+        heights: float32 (B, n, n), mm of the objects above their lowest planes.
+        spacing: mm between the points of these maps.
+        gels: One of each touch; thickness and Poisson's ratio are the same for all.
+        fps: Steps per second of each touch.
+        poses: float32 (B, T, 6), see `motions.Path`: depth counts from the first touch at the
+            first, and all lie within the window. None counts depth from the apex, and solves the
+            full grid.
+        softness: mm/MPa by which each object yields where it is pressed; None for rigid ones.
+        window: Points a side of the part that is solved; None takes the smallest that holds
+            every contact.
+    """
+
+    def __init__(
+        self,
+        heights: Tensor,
+        spacing: float,
+        gels: Sequence[Gel],
+        fps: Sequence[float],
+        poses: Tensor | None = None,
+        softness: Sequence[float] | None = None,
+        window: int | None = None,
+    ) -> None:
+        overlap = Overlap(heights, spacing, gels, poses)
+        self.points = self.window = heights.shape[-1]
+        if poses is not None:
+            self.window = overlap.window(poses) if window is None else window
+        self.overlap = overlap.cropped(self.window)
+        # Tractions over the modulus: one kernel serves gels of any stiffness.
+        unit = Gel(thickness=gels[0].thickness, poisson=gels[0].poisson, modulus=1.0)
+        self.kernel = kernel(unit, self.window, spacing, str(heights.device))
+        self.modulus, self.mu, viscosity = (
+            torch.tensor([float(getattr(g, key)) for g in gels], device=heights.device)
+            for key in ("modulus", "friction", "viscosity")
+        )
+        rate = torch.tensor(list(fps), dtype=torch.float32, device=heights.device)
+        self.viscosity = viscosity * rate
+        soft = torch.tensor(list(softness or [0.0] * len(gels)), device=heights.device)
+        self.give = self.modulus * soft
+        self.soft = self.give if softness and any(softness) else None
+
+    def rest(self) -> Tractions:
+        """Tractions of gels that nothing touches."""
+        none = torch.zeros(len(self.mu), self.window, self.window, device=self.mu.device)
+        return Tractions(None, none, none, torch.stack([none, none], 1), none.sum((1, 2)))
+
+    def next(self, state: Tractions, pose: Tensor) -> Tractions:
         """Solves the next frame.
 
         Pressure and shear act on each other's displacements: pressure is solved over the surface
         that the shear of the frame before has tilted, shear with what pressure spreads, and then
         pressure once more.
-        """
-        solver = laws.solver
-        old = pose if self.pose is None else self.pose
-        entered = overlap(pose)
-        # Fields are kept in the frames of the objects: a turn of the object turns the old shear.
-        before = _rotated(self.shear, old[:, 2] - pose[:, 2])
-        tilted = entered - solver.lift(before)
-        pressure = contact.press(solver, tilted, self.pressure, _FIRST, laws.give)
-        felt = self._felt(pressure, laws)
-        if not bool((felt > 0).any()):
-            return _State(pose, pressure, felt, torch.zeros_like(before), pressure.sum((1, 2)))
-        # Pressure alone pushes the gel outwards: only the rest of the motion has to be sheared.
-        motion = overlap.motion(old, pose) - solver.spread(pressure - self.pressure)
-        shear = friction.shear(solver, laws.mu[:, None, None] * felt, before, motion)
-        pressure = contact.press(solver, entered - solver.lift(shear), pressure, give=laws.give)
-        felt = self._felt(pressure, laws)
-        # The last pressure moved the bound |q| <= mu p, and Coulomb's law must hold in the result.
-        shear = friction.limit_traction(shear, laws.mu[:, None, None, None] * felt[:, None])
-        return _State(pose, pressure, felt, shear, pressure.sum((1, 2)))
 
-    def _felt(self, pressure: Tensor, laws: _Laws) -> Tensor:
+        Args:
+            state: Tractions of the frame before.
+            pose: float32 (B, 6).
+
+        Raises:
+            contact.NotConverged: The solver failed.
+        """
+        kernel = self.kernel
+        old = pose if state.pose is None else state.pose
+        entered = self.overlap(pose)
+        # Fields are kept in the frames of the objects: a turn of the object turns the old shear.
+        before = rotated(state.shear, old[:, 2] - pose[:, 2])
+        tilted = entered - kernel.lift(before)
+        pressure = contact.press(kernel, tilted, state.pressure, _FIRST, self.soft)
+        felt = self._felt(pressure, state.normal)
+        if not bool((felt > 0).any()):
+            return Tractions(pose, pressure, felt, torch.zeros_like(before), pressure.sum((1, 2)))
+        # Pressure alone pushes the gel outwards: only the rest of the motion has to be sheared.
+        motion = self.overlap.motion(old, pose) - kernel.spread(pressure - state.pressure)
+        shear = friction.shear(kernel, self.mu[:, None, None] * felt, before, motion)
+        pressure = contact.press(kernel, entered - kernel.lift(shear), pressure, give=self.soft)
+        felt = self._felt(pressure, state.normal)
+        # The last pressure moved the bound |q| <= mu p, and Coulomb's law must hold in the result.
+        shear = friction.limit_traction(shear, self.mu[:, None, None, None] * felt[:, None])
+        return Tractions(pose, pressure, felt, shear, pressure.sum((1, 2)))
+
+    def _felt(self, pressure: Tensor, before: Tensor) -> Tensor:
         """The pressure with its viscous part, which resists the change of the load."""
         # Kelvin-Voigt: p (1 + tau F'/F), where ``viscosity`` is tau in frames.
         normal = pressure.sum((1, 2))
-        faster = (normal - self.normal) / normal.clamp(min=1e-12) * laws.viscosity
+        faster = (normal - before) / normal.clamp(min=1e-12) * self.viscosity
         return pressure * (1 + faster).clamp(min=0)[:, None, None]
 
-
-class _Overlap:
-    """Overlap of objects with undeformed gels, in the frames of the objects."""
-
-    def __init__(self, heights: Tensor, spacing: float, gels: Sequence[Gel], poses: Tensor) -> None:
-        n = heights.shape[-1]
-        line = (torch.arange(n, device=heights.device) - (n - 1) / 2) * spacing
-        self.y, self.x = torch.meshgrid(line, line, indexing="ij")
-        self.heights, self.spacing = heights, spacing
-        self.bend = torch.tensor(
-            [0 if g.dome is None else 1 / (2 * g.dome) for g in gels], device=heights.device
+    def contact(self, state: Tractions) -> ContactState:
+        """The moment that tractions belong to; its fields have the resolution of the maps."""
+        assert state.pose is not None, "tractions at rest have no pose"
+        area = self.overlap.spacing**2
+        stiff = self.modulus[:, None, None]
+        pressure, shear = state.felt * stiff, state.shear * stiff[:, None]
+        pull = rotated(shear.sum((2, 3))[..., None, None] * area, state.pose[:, 2])[..., 0, 0]
+        x, y = self.overlap.x, self.overlap.y
+        twist = ((x * shear[:, 1] - y * shear[:, 0]) * area).sum((1, 2))
+        edge = (self.points - pressure.shape[-1]) // 2
+        strain = torch.cat([state.pressure[:, None], state.shear], 1)
+        wide, wide_shear, strain = (
+            torch.nn.functional.pad(field, (edge,) * 4) for field in (pressure, shear, strain)
         )
-        self.first = torch.zeros(len(gels), device=heights.device)
-        # Depth counts from the first touch at the first pose.
-        self.first = self(poses[:, 0]).amax((1, 2)) - poses[:, 0, 3]
-
-    def __call__(self, pose: Tensor) -> Tensor:
-        """Overlap (B, n, n), mm, at poses (B, 6)."""
-        return _overlap(self.x, self.y, self.heights, pose, self.depth(pose), self.bend)
-
-    def depth(self, pose: Tensor) -> Tensor:
-        """Depth of the lowest planes of the objects beyond the apex, mm (B,)."""
-        return pose[:, 3] - self.first
-
-    def motion(self, old: Tensor, new: Tensor) -> Tensor:
-        """Motion (B, 2, n, n), mm, of the points of the objects, in their new frames."""
-        before, now = (torch.stack(_placed(self.x, self.y, pose), 1) for pose in (old, new))
-        return _rotated(now - before, -new[:, 2])
-
-    def window(self, poses: Tensor) -> int:
-        """Points of the smallest window that holds every contact."""
-        near = torch.zeros_like(self.x, dtype=torch.bool)
-        for i in range(poses.shape[1]):
-            near |= (self(poses[:, i]) > -_ROOM).any(0)
-        reach = torch.maximum(self.x.abs(), self.y.abs())[near]
-        n = len(self.x)
-        need = 2 * float(reach.max()) / self.spacing + 1 if len(reach) else 2.0
-        return next((w for w in _WINDOWS if need <= w <= n and (n - w) % 2 == 0), n)
-
-    def cropped(self, window: int) -> _Overlap:
-        """The same laws on the middle ``window`` points a side."""
-        edge = (len(self.x) - window) // 2
-        middle = slice(edge, edge + window)
-        out = object.__new__(_Overlap)
-        out.x, out.y = self.x[middle, middle], self.y[middle, middle]
-        out.heights, out.spacing = self.heights[:, middle, middle], self.spacing
-        out.bend, out.first = self.bend, self.first
-        return out
-
-
-def _overlap(
-    x: Tensor, y: Tensor, heights: Tensor, pose: Tensor, depth: Tensor, bend: Tensor
-) -> Tensor:
-    across, down = _placed(x, y, pose)
-    tilt_x, tilt_y = pose[:, 4:, None, None].unbind(1)
-    rest = bend[:, None, None] * (across**2 + down**2)
-    return depth[:, None, None] - heights - tilt_x * x - tilt_y * y - rest
-
-
-def _contact(
-    state: _State,
-    pose: Tensor,
-    overlap: _Overlap,
-    modulus: Tensor,
-    give: Tensor,
-    points: int,
-) -> ContactState:
-    area = overlap.spacing**2
-    stiff = modulus[:, None, None]
-    pressure, shear = state.felt * stiff, state.shear * stiff[:, None]
-    pull = _rotated(shear.sum((2, 3))[..., None, None] * area, pose[:, 2])[..., 0, 0]
-    twist = ((overlap.x * shear[:, 1] - overlap.y * shear[:, 0]) * area).sum((1, 2))
-    edge = (points - pressure.shape[-1]) // 2
-    strain = torch.cat([state.pressure[:, None], state.shear], 1)
-    wide, wide_shear, strain = (
-        torch.nn.functional.pad(field, (edge,) * 4) for field in (pressure, shear, strain)
-    )
-    force = torch.cat([pull, pressure.sum((1, 2))[:, None] * area], 1)
-    return ContactState(
-        pose,
-        wide,
-        wide_shear,
-        force,
-        twist,
-        strain,
-        overlap.depth(pose),
-        overlap.bend,
-        give,
-    )
-
-
-def _placed(x: Tensor, y: Tensor, pose: Tensor) -> tuple[Tensor, Tensor]:
-    """Places in the image (mm) of points of objects."""
-    left, top, angle = pose[:, :3, None, None].unbind(1)
-    cos, sin = torch.cos(angle), torch.sin(angle)
-    return left + cos * x - sin * y, top + sin * x + cos * y
+        force = torch.cat([pull, pressure.sum((1, 2))[:, None] * area], 1)
+        depth, bend = self.overlap.depth(state.pose), self.overlap.bend
+        return ContactState(
+            state.pose, wide, wide_shear, force, twist, strain, depth, bend, self.give
+        )
 
 
 def window(heights: Tensor, spacing: float, poses: Tensor, domes: Sequence[float | None]) -> int:
@@ -286,14 +243,7 @@ def window(heights: Tensor, spacing: float, poses: Tensor, domes: Sequence[float
     gels = [Gel(dome=dome) for dome in domes]
     count = len(gels)
     many = poses.expand(count, -1, -1)
-    return _Overlap(heights.expand(count, -1, -1), spacing, gels, many).window(many)
-
-
-def _rotated(vectors: Tensor, angle: Tensor) -> Tensor:
-    """Vectors (B, 2, ...) turned clockwise in the image."""
-    cos, sin = (part[:, None, None] for part in (torch.cos(angle), torch.sin(angle)))
-    x, y = vectors.unbind(1)
-    return torch.stack([cos * x - sin * y, sin * x + cos * y], 1)
+    return Overlap(heights.expand(count, -1, -1), spacing, gels, many).window(many)
 
 
 def _check(gels: Sequence[Gel], poses: Tensor, name: str) -> None:

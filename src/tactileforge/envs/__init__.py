@@ -1,0 +1,43 @@
+"""Four tasks for two fingers with touch sensors, as gymnasium environments.
+
+Importing this package registers ``tactileforge/Chip-v0`` and the others.
+"""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+
+from tactileforge.errors import ConfigError, unknown
+
+if find_spec("gymnasium") is None:
+    raise ConfigError("the environments need gymnasium: pip install 'tactileforge[policies]'")
+
+import gymnasium
+
+#: Name of a task -> its class and the steps of the longest episode.
+TASKS: dict[str, tuple[str, int]] = {
+    "chip": ("Chip", 120),
+}
+
+
+def env_id(task: str) -> str:
+    """The name that gymnasium knows a task by.
+
+    Raises:
+        ConfigError: An unknown task; says the nearest.
+
+    Example:
+        >>> env_id("chip")
+        'tactileforge/Chip-v0'
+    """
+    if task not in TASKS:
+        raise ConfigError(unknown("task", task, TASKS))
+    return f"tactileforge/{TASKS[task][0]}-v0"
+
+
+for _task, (_name, _steps) in TASKS.items():
+    gymnasium.register(
+        env_id(_task),
+        entry_point=f"tactileforge.envs.{_task}:{_name}",
+        max_episode_steps=_steps,
+    )

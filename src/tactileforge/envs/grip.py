@@ -1,0 +1,188 @@
+"""Two gels that face each other and hold one object between them.
+
+The object is symmetric about the plane between the gels, and both gels yield alike: the right
+finger feels the mirror image of what the left one feels, so forces along the closing axis always
+balance. In the plane, the object lies where the gels, its weight and the world balance each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from tactileforge.envs.outer import Array, Outer, placed, pushed
+from tactileforge.sim.geometry.indenter_geometry import Shape
+from tactileforge.sim.mechanics.gel import Gel
+from tactileforge.sim.mechanics.touch import ContactSolver, ContactState, Tractions
+
+#: The solver's grid: points a side, mm between them.
+POINTS, SPACING = 36, 0.4
+#: Largest sum of forces that counts as balanced, N; torques are divided by `_ARM`, mm.
+TOLERANCE = 0.01
+_ARM = 4.0
+_STEPS = 25
+#: Longest step towards the equilibrium, mm.
+_STRIDE = 0.5
+#: Deepest press, mm: the fingers stop there.
+DEEPEST = 1.2
+
+
+@dataclass(frozen=True)
+class Body:
+    """An object to hold.
+
+    Attributes:
+        shape: Its face, as the left gel sees it; the other face is the same, mirrored.
+        half: From its middle plane to the lowest plane of a face, mm.
+        weight: N.
+        friction: Coulomb's coefficient on the gels.
+        softness: mm/MPa by which each face yields.
+        centre: Centre of gravity from its middle, mm, right and down.
+    """
+
+    shape: Shape
+    half: float
+    weight: float
+    friction: float
+    softness: float = 0.0
+    centre: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Held:
+    """One moment of a grip.
+
+    Attributes:
+        moment: What the left gel feels.
+        tractions: State of the solver.
+        pose: Of the object: x, y (mm, down) and angle (rad), in the frame of the gripper.
+        gels: Force and torque of both gels on the object, N and N mm (3,).
+        outer: The same of the world and its weight.
+        balanced: Whether they add up to nothing.
+    """
+
+    moment: ContactState
+    tractions: Tractions
+    pose: Array
+    gels: Array
+    outer: Array
+    balanced: bool
+
+    @property
+    def normal(self) -> float:
+        """Force of each gel on the object along the closing axis, N."""
+        return float(self.moment.force[0, 2])
+
+
+class Grip:
+    """Two gels around one object.
+
+    Args:
+        body: The object.
+        gel: Of each finger; its friction is replaced by the body's.
+        rate: Steps a second.
+    """
+
+    def __init__(self, body: Body, gel: Gel, rate: float) -> None:
+        self.body = body
+        heights = torch.from_numpy(body.shape.map(POINTS, SPACING))[None]
+        soft = [body.softness] if body.softness else None
+        self.solver = ContactSolver(heights, SPACING, [gel], [rate], softness=soft)
+        self.gel = gel
+        self.held = self.away()
+
+    def away(self) -> Held:
+        """The moment when the gels are clear of the object."""
+        return self._felt(self.solver.rest(), np.zeros(3), 2 * self.body.half + 20.0)
+
+    def place(self, pose: Array, opening: float) -> None:
+        """Puts the object somewhere between the gels, with no shear from before.
+
+        Args:
+            pose: x, y, angle in the frame of the gripper.
+            opening: mm between the apexes of the gels.
+        """
+        self.held = self._felt(self.solver.rest(), pose, opening)
+
+    def narrowest(self) -> float:
+        """Smallest opening, mm: there the gels are pressed as deep as they may be."""
+        return 2 * (self.body.half - DEEPEST)
+
+    def close(self, opening: float, tool: Array, outer: Sequence[Outer]) -> Held:
+        """Moves the gripper, and finds where the object then is.
+
+        Newton's method on the sum of forces; the stiffness of the gels is guessed from the
+        contact and corrected from step to step (Broyden, Math. Comp. 19, 1965).
+
+        Args:
+            opening: mm between the apexes of the gels.
+            tool: x and y of the gripper in the world, mm.
+            outer: What the object meets there.
+
+        Returns:
+            The moment. Where it is not balanced, nothing holds the object.
+        """
+        before = self.held
+        base = np.array([tool[0], tool[1], 0.0])
+        pose, scale = before.pose.copy(), np.array([1.0, 1.0, _ARM])
+        stiff = np.eye(3)
+        last: tuple[Array, Array] | None = None
+        for _ in range(_STEPS):
+            now = self._felt(before.tractions, pose, opening)
+            world, slope = self._world(base + pose, outer)
+            rest = (now.gels + world) / scale
+            if np.abs(rest).max() < TOLERANCE or now.normal == 0:
+                break
+            felt = now.gels / scale
+            if last is None:
+                stiff = self._stiffness(now)
+            else:
+                stiff = _corrected(stiff, (pose - last[0]) * scale, felt - last[1])
+            last = pose, felt
+            pose = pose + _stride(stiff - slope / np.outer(scale, scale), rest) / scale
+        balanced = bool(np.abs(rest).max() < TOLERANCE)
+        self.held = replace(now, outer=world, balanced=balanced)
+        for one in outer:
+            one.settle(placed(one.points, base + self.held.pose))
+        return self.held
+
+    def _felt(self, before: Tractions, pose: Array, opening: float) -> Held:
+        """The moment after a motion from ``before``, with nothing said about balance."""
+        depth = self.body.half - opening / 2
+        six = torch.tensor([[*pose, depth, 0.0, 0.0]], dtype=torch.float32)
+        tractions = self.solver.next(before, six)
+        moment = self.solver.contact(tractions)
+        # The mirror image of the left gel's force doubles what lies in the plane.
+        gels = -2.0 * np.array([*moment.force[0, :2].tolist(), float(moment.torque[0])])
+        return Held(moment, tractions, np.asarray(pose, float), gels, np.zeros(3), False)
+
+    def _world(self, pose: Array, outer: Sequence[Outer]) -> tuple[Array, Array]:
+        wrench, slope = pushed(list(outer), pose)
+        arm = placed(np.array([self.body.centre]), pose)[0] - pose[:2]
+        return wrench + self.body.weight * np.array([0.0, 1.0, arm[0]]), slope
+
+    def _stiffness(self, now: Held) -> Array:
+        """A guess of both gels' stiffness, N/mm (3, 3): a disc on a half-space, and on a layer."""
+        area = float((now.tractions.pressure > 0).sum()) * SPACING**2
+        radius, g = np.sqrt(area / np.pi), self.gel.shear_modulus
+        shift = 8 * g * radius / (2 - self.gel.poisson) + g * area / self.gel.thickness
+        turn = 16 / 3 * g * radius**3 + g * area * radius**2 / 2 / self.gel.thickness
+        return 2.0 * np.diag([shift, shift, turn / _ARM**2])
+
+
+def _corrected(stiff: Array, step: Array, change: Array) -> Array:
+    """The stiffness with what a step (mm) and the change of force that it made (N) teach."""
+    miss = -change - stiff @ step
+    return np.asarray(stiff + np.outer(miss, step) / max(float(step @ step), 1e-12))
+
+
+def _stride(stiff: Array, rest: Array) -> Array:
+    """The step that balances the rest (3,), mm, not too long."""
+    even = (stiff + stiff.T) / 2
+    low = float(np.linalg.eigvalsh(even)[0])
+    # Where everything slips nothing resists: then the step is long, and shortened below.
+    step = np.linalg.solve(stiff + max(0.0, 0.02 - low) * np.eye(3), rest)
+    return np.asarray(step * min(1.0, _STRIDE / max(1e-9, float(np.abs(step).max()))))

@@ -1,0 +1,123 @@
+"""Pictures that one unit of a sensor takes of its gel."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.nn import functional as F
+
+from tactileforge.data.labels import displacement
+from tactileforge.sensors.specs import spec
+from tactileforge.sim.mechanics.surface import Fields, GelSurface
+from tactileforge.sim.mechanics.touch import ContactState
+from tactileforge.sim.optics import sensor_instances
+from tactileforge.sim.optics.camera import FULL, Codec
+from tactileforge.sim.optics.render import Optics
+from tactileforge.sim.randomise.draw import Choice
+
+#: Images are drawn with no larger pixels (mm), and then shrunk: edges are sharper than pixels.
+_FINEST = 0.13
+
+
+class SensorView:
+    """View of touches by one unit of a sensor.
+
+    Args:
+        sensor: Type of the sensor, see `sensor_gels.DEVICES`.
+        unit: Draws the unit.
+        size: Rows or columns of the images, whichever are fewer.
+        randomise: Its differences from others, see `randomise.draw.randomised_rows`.
+        markers: Whether the gel has markers; None as its type has.
+        surface: Whether to say how the gel's surface is displaced.
+        drift: float32 (T, 3), change of the light from frame to frame, grey levels; None for none.
+        device_name: Torch device that computes.
+    """
+
+    def __init__(
+        self,
+        sensor: str,
+        unit: int,
+        size: int,
+        *,
+        randomise: Choice = "unit",
+        markers: bool | None = None,
+        surface: bool = False,
+        drift: Tensor | None = None,
+        device_name: str = "cpu",
+    ) -> None:
+        known = spec(sensor)
+        full = min(known.height, known.width)
+        shown = [round(side * size / full) for side in (known.height, known.width)]
+        coarse = sensor_instances.pixel_spacing(sensor, shown[0])
+        shrink = math.ceil(coarse / _FINEST)
+        height, width = (side * shrink for side in shown)
+        drawn = sensor_instances.draw_instance(sensor, unit, (height, width), markers, randomise)
+        # A pixel of an image that is smaller than the sensor's is a mean of many.
+        drawn = replace(drawn, noise=drawn.noise * min(1.0, size / FULL))
+        self.optics = Optics(drawn, device_name, shrink)
+        self.shrink = FULL / size
+        self.restart()
+        self.drift = drift
+        self.places = drawn.camera.places(height, width, drawn.spacing, device_name)
+        self.cells = displacement.grid_shape(height, width) if surface else None
+        none = self.places.new_zeros(0, 2)
+        dots, image = self.optics.markers, self.places.permute(2, 0, 1)
+        self.markers = none if dots is None else dots.places
+        self.centres = (
+            none if self.cells is None else F.adaptive_avg_pool2d(image, self.cells).flatten(1).T
+        )
+
+    def restart(self) -> None:
+        """Begins another film: its images are coded without those before."""
+        self.codec = Codec(self.optics.unit.camera, self.shrink)
+
+    def pictures(
+        self, first: int, surface: GelSurface, fields: Fields, part: ContactState
+    ) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
+        """Renders a batch of moments.
+
+        Args:
+            first: Number of the first, which chooses the noise of each.
+            surface: The gel's.
+            fields: Of these moments, by `GelSurface.fields`.
+            part: The moments.
+
+        Returns:
+            uint8 (K, H, W, 3), and the displacement of the surface, uint8 (K, h, w, 3), or None.
+        """
+        touched = (part.force[:, 2] > 0)[:, None, None]
+        dent = torch.where(touched, surface.picture(fields, part, self.places), 0.0)
+        drift = None if self.drift is None else self.drift[first : first + len(dent)]
+        at_markers, at_cells = self._lateral(surface, part)
+        pictures = self.optics.render(dent, self._motion(at_markers), first, drift)
+        moved = self._displacement(dent, torch.where(touched, at_cells, 0.0))
+        return self.codec(pictures.permute(0, 2, 3, 1).contiguous().cpu().numpy()), moved
+
+    def _lateral(self, surface: GelSurface, part: ContactState) -> tuple[Tensor, Tensor]:
+        """Lateral displacement of markers (K, M, 2) and cells (K, C, 2), mm, by one transform."""
+        points = torch.cat([self.markers, self.centres])
+        rest = points.expand(len(part.pose), -1, -1)
+        lateral = surface.lateral(part, rest) if len(points) else rest
+        return lateral[:, : len(self.markers)], lateral[:, len(self.markers) :]
+
+    def _motion(self, lateral: Tensor) -> Tensor | None:
+        """Displacement of the markers in the image, mm, float32 (K, M, 2); None without markers."""
+        if self.optics.markers is None:
+            return None
+        unit = self.optics.unit
+        there = self.markers + lateral
+        return unit.camera.seen(there, *self.optics.size, unit.spacing) - self.markers
+
+    def _displacement(self, dent: Tensor, lateral: Tensor) -> NDArray[np.uint8] | None:
+        """Image of the displacement, uint8 (K, h, w, 3); None where it was not asked for."""
+        if self.cells is None:
+            return None
+        deep = F.adaptive_avg_pool2d(dent[:, None], self.cells)
+        across = lateral.mT.reshape(len(dent), 2, *self.cells)
+        moved = torch.cat([across, deep], 1).permute(0, 2, 3, 1)
+        return displacement.encode_displacement(moved.cpu().numpy())
