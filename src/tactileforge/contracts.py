@@ -30,6 +30,19 @@ A batch is a plain dict:
 | `group` | int64 (B,) | samples with one non-negative group were drawn together for matching |
 
 A sample without a label stays out of that objective's loss, and changes nothing in it.
+
+A batch of demonstrations (`Robot` says their sizes: F fingers, O observation steps, a chunk of H
+actions) holds all fingers of a sample one after another in ``frames``, ``background`` and
+``sensor``, which then have B F rows, and besides:
+
+| key | type and shape | meaning |
+|---|---|---|
+| `state` | float32 (B, O, S) | proprioception, oldest first |
+| `action_chunk` | float32 (B, H, A) | commands from this step on |
+| `action_chunk_valid` | bool (B, H) | False after the last step of the episode |
+| `images` | uint8 (B, O, 3, h, w) | camera images, where there is a camera |
+| `forces` | float32 (B, O, 3 F) | newton, x, y, z of each finger, where a policy is given them |
+| `tokens` | float16 (B, F, L, width) | in place of frames: those of a frozen encoder |
 """
 
 from __future__ import annotations
@@ -70,7 +83,11 @@ ACTIONS = (
 )
 
 #: Labels of a batch: what a data set may provide, and an objective may need.
-LABELS = ("force", "action", "object", "text", "image", "surface")
+LABELS = ("force", "action", "object", "text", "image", "surface", "action_chunk")
+
+#: Tracks of a demonstration, float32 (T, S) and (T, A): what the robot knows of itself before each
+#: command, and the command.
+STATE_TRACK, ACTIONS_TRACK = "state", "robot_action"
 
 #: Axes of a force, in the order of its columns.
 AXES = ("x", "y", "z")
@@ -79,7 +96,7 @@ AXES = ("x", "y", "z")
 NEUTRAL_BACKGROUND = 130
 
 #: Constructor parameters that the framework fills in; they never appear in a configuration.
-CONTEXT = frozenset({"encoder", "text_encoder", "image_encoder"})
+CONTEXT = frozenset({"encoder", "text_encoder", "image_encoder", "robot"})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -226,6 +243,35 @@ class Recording:
         return replace(self.select(rows), key=f"{self.key}[{start}:{stop}]", image=image)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Robot:
+    """Sizes of demonstrations, which a policy is built for.
+
+    Attributes:
+        fingers: Names, in the order in which a batch holds them.
+        sensors: Sensor of each finger.
+        state_size: Numbers of the proprioception, S.
+        action_size: Numbers of a command, A.
+        rate: Commands a second, Hz.
+        horizon: Commands of a chunk, H.
+        observations: Steps whose state (camera image, forces) a policy is given, O.
+        stride: Steps from one frame of a clip to the next.
+        touch: Input of touch: ``frames``, ``force`` (N, privileged) or ``none``.
+        image_size: Height and width of a camera image; 0 without a camera.
+    """
+
+    fingers: tuple[str, ...]
+    sensors: tuple[str, ...]
+    state_size: int
+    action_size: int
+    rate: float
+    horizon: int = 8
+    observations: int = 2
+    stride: int = 1
+    touch: Literal["frames", "force", "none"] = "frames"
+    image_size: int = 0
+
+
 @dataclass(frozen=True)
 class FrameSubset:
     """Some frames of other frames, still lazy.
@@ -321,7 +367,8 @@ class Sensor(Protocol):
 class Dataset(Protocol):
     """A reader: yields recordings, and declares their labels.
 
-    ``provides`` holds batch keys: of `force`, `action`, `object`, `text`, `image`.
+    ``provides`` holds batch keys, of `LABELS`. One that cuts its recordings in a way of its own has
+    ``cut``, which is called like `data.batches.clips.Clips`.
     ``skipped`` grows as `recordings` meets files it cannot read: one line each, which names the
     file.
 
@@ -481,7 +528,7 @@ class AfterStep(Protocol):
 
 @runtime_checkable
 class Prepared(Protocol):
-    """An objective that measures its training data before the first step of a new run.
+    """A head or objective that measures its training data before the first step of a new run.
 
     Having the method is enough. What it finds are buffers: a resumed run takes them from its
     checkpoint.

@@ -42,7 +42,7 @@ class Labels:
             return
         count = self.counts.setdefault(key, dict.fromkeys(("batches", "clips", "labelled"), 0))
         count["batches"] += 1
-        count["clips"] += len(batch["frames"])
+        count["clips"] += len(batch["group"])
         count["labelled"] += sum(known(batch, needs))
         if "force" in needs:
             met = batch["force_valid"].sum(0).tolist()

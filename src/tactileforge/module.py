@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from collections.abc import Set as AbstractSet
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import lightning as L
 import torch
@@ -14,6 +14,7 @@ from tactileforge import balance as balances
 from tactileforge.contracts import AfterStep, Batch, Prepared, Scored
 from tactileforge.curriculum import Curriculum, from_config
 from tactileforge.distributed import seed_step, sum_over_ranks
+from tactileforge.encoders.given import views_of
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.optim import optimiser
 from tactileforge.parts import Term, build_parts, logs_of
@@ -40,6 +41,7 @@ class TouchModule(L.LightningModule):
         augment: Changes a batch on the device, or None.
         seed: Seed of the run.
         balance: See `balance.build_balance`; None leaves weights as they are.
+        freeze: Whether the encoder stays as it is, in evaluation mode.
     """
 
     def __init__(
@@ -53,9 +55,13 @@ class TouchModule(L.LightningModule):
         augment: nn.Module | None = None,
         seed: int = 0,
         balance: Mapping[str, Any] | None = None,
+        freeze: bool = False,
     ) -> None:
         super().__init__()
         self.encoder: Any = encoder
+        self.freeze_encoder = freeze
+        if freeze:
+            encoder.requires_grad_(False).eval()
         self.heads = nn.ModuleDict(heads)
         self.objectives = nn.ModuleDict(objectives)
         self.weights = dict(weights)
@@ -94,7 +100,15 @@ class TouchModule(L.LightningModule):
             augment,
             config["seed"],
             config.get("balance"),
+            bool(config.get("freeze")),
         )
+
+    def train(self, mode: bool = True) -> Self:
+        """Sets the mode; a frozen encoder stays in evaluation mode."""
+        super().train(mode)
+        if self.freeze_encoder:
+            self.encoder.eval()
+        return self
 
     def setup(self, stage: str) -> None:
         """Reads the curriculum, once the length of the run is known."""
@@ -110,10 +124,10 @@ class TouchModule(L.LightningModule):
         return self.plan.weights(self.global_step)
 
     def prepare(self, clips: Clips) -> None:
-        """Lets objectives measure the training data, before the first step of a new run."""
-        for objective in self.objectives.values():
-            if isinstance(objective, Prepared):
-                objective.prepare(clips)
+        """Lets heads and objectives measure the training data, before a new run's first step."""
+        for part in (*self.heads.values(), *self.objectives.values()):
+            if isinstance(part, Prepared):
+                part.prepare(clips)
 
     def terms(
         self, batch: Batch, weights: Mapping[str, float], universal: float = 0.0
@@ -125,7 +139,7 @@ class TouchModule(L.LightningModule):
             weights: Objectives that are absent or have weight 0 are not computed.
             universal: Chance of the universal sensor tokens.
         """
-        views = self.encoder.views(batch, universal)
+        views = views_of(self.encoder, batch, universal)
         terms = {}
         for key, objective in self.objectives.items():
             if weights.get(key):
@@ -196,7 +210,7 @@ class TouchModule(L.LightningModule):
                 sums = objective.sums(term.prediction, batch)
                 self._sums[key] = self._sums[key] + sums if key in self._sums else sums
         logs = logs_of(terms)
-        size = len(batch["frames"])
+        size = len(batch["group"])
         self.log_dict({f"val/{k}": v for k, v in logs.items()}, batch_size=size, on_epoch=True)
 
     def on_validation_epoch_end(self) -> None:

@@ -9,6 +9,9 @@ from typing import Any
 import torch
 from torch import nn
 
+from tactileforge.errors import ConfigError, unknown
+from tactileforge.extras import diffusers
+
 
 @dataclass(frozen=True, kw_only=True)
 class OptimOptions:
@@ -20,6 +23,8 @@ class OptimOptions:
         betas: Of AdamW.
         warmup: Share of the run in which the learning rate rises.
         clip: Largest norm of the gradient; None for any.
+        schedule: Course of the learning rate after the warm-up: ``linear`` to 0, or a name that
+            ``diffusers.optimization.get_scheduler`` knows, such as ``cosine``.
     """
 
     lr: float
@@ -27,6 +32,7 @@ class OptimOptions:
     betas: tuple[float, float]
     warmup: float
     clip: float | None = None
+    schedule: str = "linear"
 
 
 def optimiser(
@@ -35,12 +41,11 @@ def optimiser(
     total: int,
     fused: bool = True,
 ) -> dict[str, Any]:
-    """AdamW without decay of vectors; linear warm-up, then linear decay to 0.
+    """AdamW without decay of vectors; linear warm-up, then a decay of the learning rate.
 
     Args:
         parameters: Those that need no gradient are left out.
-        config: ``lr``, ``weight_decay``, ``betas``, and ``warmup``, the share of the run in which
-            the learning rate rises.
+        config: See `OptimOptions`.
         total: Steps of the run.
         fused: Whether all of a step is one kernel; not with a scaler of gradients, which hides from
             clipping how large they are.
@@ -63,8 +68,22 @@ def optimiser(
         fused=fused,
     )
     warm = max(1, round(config["warmup"] * total))
+    schedule: Any
+    if (name := config.get("schedule", "linear")) != "linear":
+        schedule = _named(name, optimizer, warm, total)
+        return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
     schedule = torch.optim.lr_scheduler.LambdaLR(
         optimizer,
         lambda step: min((step + 1) / warm, (total - step) / max(1, total - warm + 1)),
     )
     return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+
+
+def _named(name: str, optimizer: torch.optim.Optimizer, warm: int, total: int) -> Any:
+    known = diffusers("optimization")
+    names = ["linear", *(one.value for one in known.SchedulerType)]
+    if name not in names:
+        raise ConfigError(unknown("optim.schedule", name, names))
+    return known.get_scheduler(
+        name, optimizer, num_warmup_steps=warm, num_training_steps=total
+    )

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import torch
 from torch import Tensor, nn
 
-from tactileforge import registry
+from tactileforge import registry, strict
+from tactileforge.contracts import Robot
 from tactileforge.errors import ConfigError
 
 #: Largest number among the options of an encoder, most blocks, and most weights of one.
@@ -113,8 +114,15 @@ def _head(
             f"{', '.join(sorted(provides)) or 'frames only'}; choose text_encoder= or "
             "image_encoder= for what it has"
         )
-    built: nn.Module = registry.build("heads", config["head"][key], encoder=encoder, **towers)
+    given = {"encoder": encoder, "robot": robot_of(config), **towers}
+    built: nn.Module = registry.build("heads", config["head"][key], **given)
     return built
+
+
+def robot_of(config: Mapping[str, Any]) -> Robot | None:
+    """Sizes of the demonstrations of a run; None where it has none."""
+    found = config.get("robot")
+    return strict.build(Robot, "robot", found) if found else None
 
 
 def tower(config: Mapping[str, Any], kind: str) -> nn.Module:
@@ -129,3 +137,10 @@ def tower(config: Mapping[str, Any], kind: str) -> nn.Module:
     if modality != kind:
         raise ConfigError(f"{kind}_encoder={node['name']} encodes {modality}, not {kind}")
     return built
+
+
+def plain_robot(robot: Robot | None) -> dict[str, Any] | None:
+    """The configuration that `robot_of` reads."""
+    if robot is None:
+        return None
+    return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(robot).items()}

@@ -33,7 +33,8 @@ from tactileforge.files import sealed, write_text
 from tactileforge.hub.starting_point import starting_weights
 from tactileforge.module import TouchModule
 from tactileforge.optim import OptimOptions
-from tactileforge.parts import check_size
+from tactileforge.parts import check_size, plain_robot, robot_of
+from tactileforge.precompute import remember_features
 from tactileforge.provenance import commit
 
 log = logging.getLogger(__name__)
@@ -107,6 +108,9 @@ def _train(plain: dict[str, Any], folder: Path, resume: Path | None) -> TouchMod
     weights = {key: node["weight"] for key, node in plain["objective"].items()}
     curriculum.from_config(plain["curriculum"], weights, total=sys.maxsize, epoch=1)
     data, plain["encoder"] = build_data(plain)
+    assert data.train is not None  # set up by `build_data`
+    plain["robot"] = plain_robot(data.train.robot)
+    _check_robot(plain)
     module = TouchModule.from_config(plain, data.summary("train").labels, data.augment)
     lost, met = SkippedRecordings(data.allowed), MetLabels(module)
     lost.skip(data.skipped)
@@ -114,8 +118,9 @@ def _train(plain: dict[str, Any], folder: Path, resume: Path | None) -> TouchMod
     if state is not None:
         log.info(checkpoints.initialise(module, state))
     if not resume:
-        assert data.train is not None  # set up by `build_data`
         module.prepare(data.train)
+    if plain["freeze"]:
+        remember_features(module.encoder, data)
     why = _settle_precision(plain, module, data)
     trainer, saver = build_trainer(plain, folder, [met, lost])
     if trainer.is_global_zero and not resume:
@@ -132,6 +137,26 @@ def _train(plain: dict[str, Any], folder: Path, resume: Path | None) -> TouchMod
 
         print(f"report: {write_report(folder, module, data, lost.skipped, met.labels)}")
     return module
+
+
+def _check_robot(config: Mapping[str, Any]) -> None:
+    """Names a policy that a run starts from and that is of another robot.
+
+    Raises:
+        ConfigError: See there.
+    """
+    init = Path(str(config["init"] or ""))
+    folder = init if init.is_dir() else init.parent.parent
+    if not config["robot"] or not (folder / run_folder.CONFIG).is_file():
+        return
+    now, before = robot_of(config), robot_of(run_folder.read_config(folder))
+    for key in ("state_size", "action_size", "fingers", "sensors"):
+        if before is not None and getattr(before, key) != getattr(now, key):
+            raise ConfigError(
+                f"init={init}: a policy whose {key} is {getattr(before, key)}, and that of the "
+                f"demonstrations is {getattr(now, key)}; give demonstrations of its robot, or "
+                "leave init= out"
+            )
 
 
 def _settle_precision(plain: dict[str, Any], module: TouchModule, data: TouchData) -> str:
@@ -184,7 +209,7 @@ def _check(config: Mapping[str, Any]) -> None:
     """
     strict.build(OptimOptions, "optim", config["optim"])
     check_size(config["encoder"])
-    known = {*signature(L.Trainer).parameters, "save_every"}
+    known = {*signature(L.Trainer).parameters, "save_every", "keep_best"}
     for key, value in config["trainer"].items():
         if key not in known:
             raise ConfigError(unknown("key of trainer", key, known))
@@ -204,6 +229,7 @@ def build_trainer(
     """The Lightning trainer of a run, with further callbacks; and that of its checkpoints."""
     options = dict(config["trainer"])
     saver = checkpoints.Checkpoints(folder, options.pop("save_every"))
+    best = checkpoints.best_checkpoint(folder, options.pop("keep_best", None))
     if options["strategy"] == "auto" and options["devices"] not in (1, "1", "auto"):
         # an objective that starts late, or a norm that none reads through, leaves parameters unused
         options["strategy"] = "ddp_find_unused_parameters_true"
@@ -211,11 +237,11 @@ def build_trainer(
         default_root_dir=folder,
         logger=build_loggers(config["logger"], folder),
         # the timer is for the report: how long it took
-        callbacks=[saver, Speed(config["batch"]["workers"]), Progress(), Timer(), *callbacks],
+        callbacks=[saver, Speed(config["batch"]["workers"]), Progress(), Timer(), *best, *callbacks],
         plugins=[checkpoints.AtomicCheckpointIO(config.get("run"))],
         gradient_clip_val=config["optim"].get("clip"),
         use_distributed_sampler=False,
-        enable_checkpointing=False,
+        enable_checkpointing=bool(best),
         enable_model_summary=False,
         enable_progress_bar=False,
         num_sanity_val_steps=0,

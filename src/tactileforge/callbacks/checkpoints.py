@@ -13,7 +13,7 @@ from typing import IO, Any
 
 import lightning as L
 import torch
-from lightning.pytorch.callbacks import Callback
+from lightning.pytorch.callbacks import Callback, ModelCheckpoint
 from lightning.pytorch.plugins.io import TorchCheckpointIO
 from torch import nn
 
@@ -21,6 +21,8 @@ from tactileforge.errors import ConfigError, DataNotFoundError, TactileForgeErro
 
 #: Where a run keeps the checkpoint that it resumes from.
 LAST = Path("checkpoints") / "last.ckpt"
+#: Where a run keeps its best weights, if it is asked to.
+BEST = Path("checkpoints") / "best.ckpt"
 
 #: A checkpoint is a zip file; its comment is this and the SHA-256 of all that comes before.
 _SEAL = b"tactileforge sha256 "
@@ -141,6 +143,26 @@ class Checkpoints(Callback):
         for number, handler in self._handlers.items():
             signal.signal(number, handler)
         self._handlers.clear()
+
+
+def best_checkpoint(folder: Path, metric: str | None) -> list[Callback]:
+    """What keeps the weights of the validation with the smallest value of a metric, in `BEST`.
+
+    Args:
+        folder: Folder of the run.
+        metric: Such as ``val/denoise``; None keeps none.
+    """
+    if metric is None:
+        return []
+    keeper = ModelCheckpoint(
+        dirpath=folder / BEST.parent,
+        filename=BEST.stem,
+        monitor=metric,
+        save_weights_only=True,
+        enable_version_counter=False,
+        save_on_train_epoch_end=False,
+    )
+    return [keeper]
 
 
 def check_room(path: Path, size: int) -> None:

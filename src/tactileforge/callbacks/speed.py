@@ -104,7 +104,7 @@ class Speed(Callback):
         if self._start is None:
             self._restart()
             return
-        self._clips += len(batch["frames"])
+        self._clips += len(batch["group"])
         self._flops += self._counted.get(active, 0)
         if stepped and trainer.global_step % log_interval(trainer) == 0:
             values = self._values(time.perf_counter() - self._start, trainer.world_size)

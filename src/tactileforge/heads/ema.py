@@ -33,6 +33,10 @@ class EMA(nn.Module):
         """Stays in evaluation mode."""
         return super().train(False)
 
+    def keep(self, step: int, total: int) -> float:
+        """Share of the copy that stays after a step; 0 at the start."""
+        return 1 - (1 - self.momentum) * (1 - step / total) if step else 0.0
+
     @torch.no_grad()
     def after_step(self, network: Any, step: int, total: int) -> None:
         """Moves towards a network; at step 0 it becomes equal to it.
@@ -42,7 +46,7 @@ class EMA(nn.Module):
             step: Optimiser steps taken so far.
             total: Steps of the run.
         """
-        keep = 1 - (1 - self.momentum) * (1 - step / total) if step else 0.0
+        keep = self.keep(step, total)
         for slow, fast in zip(self.network.parameters(), network.parameters(), strict=True):
             slow.lerp_(fast, 1 - keep)
         for slow, fast in zip(self.network.buffers(), network.buffers(), strict=True):

@@ -15,9 +15,9 @@ from tactileforge.files import write_text
 from tactileforge.labels import Labels
 from tactileforge.module import TouchModule
 from tactileforge.pages.curves import Curve, read_metrics
-from tactileforge.pages.page import page
+from tactileforge.pages.page import Section, page
 from tactileforge.report import embedding, forces, sections, summary
-from tactileforge.report.findings import run_findings
+from tactileforge.report.findings import RunFindings, run_findings
 
 
 def report_of_run(folder: Path) -> Path:
@@ -68,24 +68,41 @@ def write_report(
     config = _config(folder)
     curves = read_metrics(folder)
     steps, seconds = _progress(folder, curves)
-    findings = run_findings(module, data, skipped)
     weights = {key: float(node["weight"]) for key, node in config["objective"].items()}
+    is_policy = bool(config.get("robot"))
+    findings = None if is_policy else run_findings(module, data, skipped)
+    lines = [line for line, _ in (data.skipped | dict(skipped)).values()]
+    lines = lines if findings is None else findings.skipped
     kept = sections.kept_versions(folder)
     top = summary.run_facts(config, module, data, steps, seconds, curves, kept)
-    top += summary.run_verdict(curves, weights, findings, labels)
+    held_out = data.val is not None
+    top += summary.run_verdict(curves, weights, findings, labels, held_out, lines)
     parts = [
         sections.losses(curves, list(weights), steps),
         *sections.balance(curves, list(weights), steps),
-        sections.frames(findings),
-        forces.forces_section(findings.forces, data, curves, steps),
-        embedding.embedding_section(findings.embedding, findings.scores),
-        sections.data_section(data, findings.skipped),
+        *_of_clips(findings, data, curves, steps),
+        *([sections.robot(config["robot"])] if is_policy else []),
+        sections.data_section(data, lines),
         sections.recipe(folder),
     ]
     report = folder / "report.html"
-    title = f"Touch encoder, trained with {', '.join(weights)}"
+    what = "Policy" if is_policy else "Touch encoder"
+    title = f"{what}, trained with {', '.join(weights)}"
     write_text(report, page(title, top, parts))
     return report
+
+
+def _of_clips(
+    findings: RunFindings | None, data: TouchData, curves: Mapping[str, Curve], steps: int
+) -> list[Section]:
+    """Sections on what the module makes of single clips."""
+    if findings is None:
+        return []
+    return [
+        sections.frames(findings),
+        forces.forces_section(findings.forces, data, curves, steps),
+        embedding.embedding_section(findings.embedding, findings.scores),
+    ]
 
 
 def _config(folder: Path) -> dict[str, Any]:

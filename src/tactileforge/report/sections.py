@@ -169,6 +169,16 @@ def data_section(data: TouchData, skipped: Sequence[str]) -> Section:
     return Section("data", "Data", body)
 
 
+def robot(sizes: Mapping[str, Any]) -> Section:
+    """Sizes of the demonstrations, which the policy is built for."""
+    rows = [(key.replace("_", " "), f"text|{_listed(value)}") for key, value in sizes.items()]
+    return Section("robot", "Robot", table("robot", ("Of the demonstrations", "text|is"), rows))
+
+
+def _listed(value: Any) -> str:
+    return ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
+
+
 def _row(counts: Sequence[Count]) -> list[str]:
     total: Counter[str] = Counter()
     for count in counts:

@@ -73,23 +73,26 @@ def run_facts(
 def run_verdict(
     curves: Mapping[str, Curve],
     weights: Mapping[str, float],
-    findings: RunFindings,
+    findings: RunFindings | None,
     labels: Labels,
+    held_out: bool,
+    skipped: Sequence[str],
 ) -> Markup:
     """The run in a few sentences, each marked as good, bad or plain; then the losses as a table."""
     lines = [_fell(curves, weights, "train")]
-    if findings.split == "val":
+    if held_out:
         lines.append(_fell(curves, weights, "val"))
     else:
         lines.append(("plain", "No validation: the data holds nothing out."))
     lines += [
         ("bad", f"{line[0].upper()}{line[1:]}.") for key in weights if (line := labels.missing(key))
     ]
-    lines += _rebuilt(findings.explained)
-    lines += [line for result in findings.forces for line in _force(result)]
-    lines += _read(findings.scores)
+    if findings is not None:
+        lines += _rebuilt(findings.explained)
+        lines += [line for result in findings.forces for line in _force(result)]
+        lines += _read(findings.scores)
     lines += speed_verdict(curves)
-    count = len(findings.skipped)
+    count = len(skipped)
     lines.append(
         ("bad", f"{count} recording{'s' * (count > 1)} could not be read; see Data.")
         if count

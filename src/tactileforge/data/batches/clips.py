@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 from torch.utils.data import Dataset
 
-from tactileforge.contracts import NEUTRAL_BACKGROUND, Batch, Frames, Recording
+from tactileforge.contracts import NEUTRAL_BACKGROUND, Batch, Frames, Recording, Robot
 from tactileforge.data.labels import displacement
 from tactileforge.data.labels.align import nearest
 from tactileforge.data.labels.objects import object_id
@@ -52,11 +52,14 @@ class Clips(Dataset[dict[str, Any]]):
         recordings: What is cut.
         scales: Newton along x, y and z that count as 1, by sensor.
         strides: int32, of each recording: its frames from one frame of a clip to the next.
+        robot: Sizes of demonstrations; None of other recordings.
 
     Raises:
         ConfigError: A recording names an unknown sensor.
         DataError: There is nothing to cut.
     """
+
+    robot: Robot | None = None
 
     def __init__(
         self,
@@ -147,7 +150,7 @@ class Clips(Dataset[dict[str, Any]]):
         height, width = self.image_size, self.image_size
         image = np.zeros((height, width, 3), np.uint8)
         if recording.image is not None:
-            row = _view(recording, int(rows[-1]))
+            row = view_of(recording, int(rows[-1]))
             image = self._frames(("image", number), recording.image, [row], (height, width))[0]
         surface = np.full((self.frames, *displacement.SHAPE, 3), displacement.NONE, np.uint8)
         if recording.surface is not None:
@@ -216,6 +219,11 @@ class _Cache:
             return self.items[key]
         return None
 
+    def clear(self, kind: str) -> None:
+        """Forgets the arrays of a kind, the first word of their keys."""
+        for key in [key for key in self.items if key[0] == kind]:
+            self.size -= self.items.pop(key).nbytes
+
     def put(self, key: Any, array: NDArray[np.uint8]) -> None:
         self.items[key] = array
         self.size += array.nbytes
@@ -240,7 +248,7 @@ def _ends(
     return stride, ends[long < (span + stride) * period]
 
 
-def _view(recording: Recording, row: int) -> int:
+def view_of(recording: Recording, row: int) -> int:
     """Index of the camera image that belongs to a frame."""
     assert recording.image is not None
     if recording.image_times is None:
@@ -265,10 +273,16 @@ def _tensor(array: NDArray[np.uint8]) -> torch.Tensor:
 
 
 def collate(rows: Sequence[dict[str, Any]]) -> Batch:
-    """Collates rows of `Clips`: tensors are stacked, numbers become tensors, names stay lists."""
+    """Collates rows of `Clips`: tensors are stacked, numbers become tensors, names stay lists.
+
+    A tuple holds several rows of the batch, one for each finger of a robot.
+    """
     batch: Batch = {}
     for key, first in rows[0].items():
         values = [row[key] for row in rows]
+        if isinstance(first, tuple):
+            values = [one for several in values for one in several]
+            first = values[0] if values else ""
         if isinstance(first, torch.Tensor) and first.dtype == torch.uint8:
             # images keep the order they have in memory, channels last: no transposition here
             batch[key] = torch.stack([v.movedim(-3, -1) for v in values]).movedim(-1, -3)

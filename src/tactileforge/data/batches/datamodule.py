@@ -76,7 +76,8 @@ class TouchData(L.LightningDataModule):
         super().__init__()
         self.dataset = dataset
         self.hop = hop
-        self._cut = partial(Clips, frames=frames, spacing=spacing, hop=hop, size=size)
+        cut: Callable[..., Clips] = getattr(dataset, "cut", Clips)
+        self._cut = partial(cut, frames=frames, spacing=spacing, hop=hop, size=size)
         self.batch_size = batch_size
         self.match = match
         self.shares = {label: share for label, share in (shares or {}).items() if share}

@@ -9,7 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from tactileforge.contracts import AXES, LABELS, Recording
+from tactileforge.contracts import ACTIONS_TRACK, AXES, LABELS, Recording
+
+#: Labels that are fields of a recording, less force, which may lack axes.
+_FIELDS = frozenset({"action", "object", "text", "image", "surface"})
 
 #: What is counted: labels, and the axes along which there is force.
 COUNTED = (*LABELS, *(f"force.{axis}" for axis in AXES))
@@ -17,7 +20,9 @@ COUNTED = (*LABELS, *(f"force.{axis}" for axis in AXES))
 
 def labels_of(recording: Recording) -> list[str]:
     """Labels of `COUNTED` that a recording has; a force that is NaN throughout is none."""
-    labels = [key for key in LABELS if key != "force" and getattr(recording, key) is not None]
+    labels = [key for key in LABELS if key in _FIELDS and getattr(recording, key) is not None]
+    if ACTIONS_TRACK in recording.tracks:
+        labels.append("action_chunk")
     if recording.force is None:
         return labels
     axes = [

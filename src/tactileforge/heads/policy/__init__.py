@@ -1,0 +1,1 @@
+"""Heads that act: what a robot perceives, to a chunk of commands."""

@@ -1,0 +1,57 @@
+"""The head ``regression``: commands as a function of what is perceived."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from torch import Generator, Tensor, nn
+
+from tactileforge.contracts import Batch, Encoder, Robot, Views
+from tactileforge.heads.policy.base import ChunkPrediction, PolicyHead
+from tactileforge.heads.policy.observation import flat
+
+
+class RegressionHead(PolicyHead):
+    """Two hidden layers on all that is perceived: the plainest policy.
+
+    Where demonstrations act in several ways, it takes their mean.
+
+    Args:
+        encoder: The touch encoder (given by the framework).
+        robot: Sizes of the demonstrations (given by the framework).
+        hidden: Width of the hidden layers.
+        execute: See `base.PolicyHead`.
+        pooler: See `observation.PoolerSize`.
+    """
+
+    def __init__(
+        self,
+        encoder: Encoder,
+        robot: Robot | None,
+        hidden: int = 256,
+        execute: int = 2,
+        pooler: Mapping[str, Any] | None = None,
+    ) -> None:
+        super().__init__(encoder, robot, execute, pooler)
+        out = self.robot.horizon * self.robot.action_size
+        self.layers = nn.Sequential(
+            nn.Linear(self.observe.flat, hidden),
+            nn.GELU(),
+            nn.Linear(hidden, hidden),
+            nn.GELU(),
+            nn.Linear(hidden, out),
+        )
+
+    def forward(self, views: Views, batch: Batch) -> ChunkPrediction:
+        """Commands as predicted and as demonstrated, from -1 to 1."""
+        target = self.action(batch["action_chunk"])
+        return ChunkPrediction(self._predict(views, batch), target, self.action.unit)
+
+    def chunk(self, views: Views, batch: Batch, generator: Generator) -> Tensor:
+        """Commands from -1 to 1; see `PolicyHead.chunk`."""
+        return self._predict(views, batch)
+
+    def _predict(self, views: Views, batch: Batch) -> Tensor:
+        out: Tensor = self.layers(flat(self.observe(views, batch)))
+        return out.view(len(out), self.robot.horizon, self.robot.action_size)

@@ -1,0 +1,43 @@
+"""Tokens of a frozen encoder, computed once before training."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from tactileforge.data.batches.datamodule import TouchData
+from tactileforge.data.batches.episodes import EpisodeClips
+from tactileforge.hub.packed_linear import PackedLinears
+
+log = logging.getLogger(__name__)
+
+
+def remember_features(encoder: Any, data: TouchData) -> None:
+    """Has demonstrations remember the tokens of every touch; other data is read as ever.
+
+    They are kept in memory, as float16, and are the same when a run is resumed.
+
+    Args:
+        encoder: Frozen.
+        data: Set up.
+    """
+    packed = PackedLinears()
+    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+
+    def encode(frames: Tensor, background: Tensor, sensors: Sequence[str]) -> Tensor:
+        rows = encoder.sensor_ids(sensors).to(device)
+        with torch.no_grad(), packed:
+            tokens: Tensor = encoder(frames.to(device), background.to(device), rows)[0]
+        return tokens.cpu()
+
+    mode = encoder.training
+    encoder.to(device).eval()
+    for clips in (data.train, data.val):
+        if isinstance(clips, EpisodeClips):
+            log.info("tokens of %d steps are computed once", len(clips))
+            clips.remember(encode)
+    encoder.cpu().train(mode)
