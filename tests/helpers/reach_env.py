@@ -16,7 +16,7 @@ class Reach(gymnasium.Env):
     control_rate = 6.0
     task = "reach"
     instruction = "move to the place that the finger feels"
-    action_names = ("move", "opening")
+    action_names = ("dplace", "dopening")
     state_names = ("place", "opening")
 
     def __init__(self, sensor="digit", size=32, rate=6.0, hopeless=False):
@@ -28,7 +28,7 @@ class Reach(gymnasium.Env):
         self.observation_space = spaces.Dict(
             {"left": picture, "right": picture, "image": camera, "state": state}
         )
-        self.action_space = spaces.Box(-2, np.array([2, 20], np.float32), (2,), np.float32)
+        self.action_space = spaces.Box(-10, 10, (2,), np.float32)
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
@@ -39,7 +39,7 @@ class Reach(gymnasium.Env):
 
     def step(self, action):
         self.place += float(action[0])
-        self.opening = float(action[1])
+        self.opening += float(action[1])
         self.broken = self.opening < 5
         info = self._info()
         return self._observation(), info["score"], info["success"] or self.broken, False, info
@@ -53,8 +53,8 @@ class Reach(gymnasium.Env):
     def expert(self):
         def act(observation):
             if self.hopeless or self.number % 5 == 3:
-                return np.array([0.0, 1.0], np.float32)
-            return np.array([np.clip(self.goal - self.place, -2, 2), 10], np.float32)
+                return np.array([0.0, -9.0], np.float32)
+            return np.array([np.clip(self.goal - self.place, -2, 2), 0], np.float32)
 
         return act
 

@@ -29,8 +29,8 @@ def contents(folder):
 
 
 def test_episodes_are_recordings_of_each_finger(tmp_path):
-    made = write_demonstrations(options(tmp_path / "d", n=10, val=0.2))
-    assert (made.train, made.val) == (8, 2)
+    made = write_demonstrations(options(tmp_path / "d", n=10))
+    assert made.episodes == 10
     recordings = [
         r for split in ("train", "val") for r in Shards(str(tmp_path / "d")).recordings(split)
     ]
@@ -69,7 +69,7 @@ def test_episodes_are_recordings_of_each_finger(tmp_path):
 def test_failures_are_left_out_and_named(tmp_path):
     made = write_demonstrations(options(tmp_path / "d", n=8))
     assert made.failed == {1_000_000_003: "crushed", 1_000_000_008: "crushed"}
-    assert len(contents(tmp_path / "d")) == made.train + made.val == 8
+    assert len(contents(tmp_path / "d")) == made.episodes == 8
 
 
 def test_same_seed_same_bytes_with_any_number_of_processes(tmp_path, monkeypatch):

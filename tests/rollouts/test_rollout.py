@@ -181,8 +181,8 @@ def test_the_verbs(tmp_path, monkeypatch, capsys):
     words = [f"task={TASK}", "size=32", "processes=1"]
     assert cli.run(["demos", *words, "n=4", "out=d"]) == 0
     out = capsys.readouterr().out
-    assert "4 episodes (3 for training, 1 for validation): d" in out
-    assert "left out, the expert failed: 1 of 5\ntheir seeds: 1000000003 crushed" in out
+    assert "4 episodes: d" in out
+    assert "left out, the expert failed in 1 of 5; seeds: 1000000003 crushed" in out
     assert cli.run(["rollout", *words, "policy=expert", "n=4", "limit=20"]) == 0
     out = capsys.readouterr().out
     low, high = wilson(3, 4)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from tactileforge.errors import ConfigError
@@ -31,20 +30,15 @@ class Expert:
 
 
 class Still:
-    """Nobody: nothing moves, and what is commanded as a position stays where it is."""
+    """Nobody: no action, so nothing moves."""
 
     def reset(self, env: Any, seed: int) -> None:
-        """Finds which actions are positions: those with the name of a state."""
-        names, states = list(env.unwrapped.action_names), list(env.unwrapped.state_names)
-        self._held = [(i, states.index(name)) for i, name in enumerate(names) if name in states]
-        self._size = len(names)
+        """Finds the size of an action."""
+        self._still = np.zeros(env.action_space.shape, np.float32)
 
     def act(self, observation: Observation, force: Forces) -> NDArray[np.float32]:
-        """Zeros, and the positions of the state."""
-        action = np.zeros(self._size, np.float32)
-        for place, state in self._held:
-            action[place] = observation["state"][state]
-        return action
+        """Zeros."""
+        return self._still
 
 
 class PolicyActor:
@@ -59,12 +53,12 @@ class PolicyActor:
 
     def reset(self, env: Any, seed: int) -> None:
         """Gives the policy the pictures of the untouched fingers."""
-        torch.manual_seed(seed)
-        self.policy.reset(background=env.unwrapped.background())
+        self.policy.reset(background=env.unwrapped.background(), seed=seed)
 
     def act(self, observation: Observation, force: Forces) -> NDArray[np.float32]:
         """The policy's action."""
-        frames = {finger: observation[finger] for finger in self.policy.fingers}
+        touch = self.policy.fingers if self.policy.uses_touch else ()
+        frames = {finger: observation[finger] for finger in touch}
         image = observation["image"] if self.policy.uses_image else None
         felt = dict(force) if self.policy.uses_force else None
         action: NDArray[np.float32] = self.policy.step(frames, observation["state"], image, felt)
@@ -101,7 +95,7 @@ def check_policy(word: str, policy: Any, env: Any, cross_sensor: bool) -> None:
     """
     plain = env.unwrapped
     wanted = {
-        "fingers": (list(policy.fingers), list(plain.fingers)),
+        "fingers": (sorted(policy.fingers), sorted(plain.fingers)),
         "numbers of the state": (policy.state_size, env.observation_space["state"].shape[0]),
         "numbers of an action": (policy.action_size, env.action_space.shape[0]),
         "steps of a second": (round(float(policy.rate), 3), round(float(plain.control_rate), 3)),
@@ -133,12 +127,11 @@ def fingerprint(word: str) -> str:
         raise ConfigError(
             f"policy={word}: neither {' nor '.join(SCRIPTED)}, nor the folder of a run or a file"
         )
-    files = [path] if path.is_file() else _weights(path)
-    if not files:
-        raise ConfigError(f"policy={word}: no weights there; train it first")
-    return " ".join(sha256(file) for file in files)
+    from tactileforge.callbacks.checkpoints import BEST, LAST
 
-
-def _weights(folder: Path) -> Sequence[Path]:
-    endings = ("*.ckpt", "*.safetensors")
-    return sorted(file for ending in endings for file in folder.rglob(ending))
+    # those that `load_policy` takes
+    files = [path] if path.is_file() else [path / BEST, path / LAST]
+    found = next((file for file in files if file.is_file()), None)
+    if found is None:
+        raise ConfigError(f"policy={word}: no weights there; train it first, to its end")
+    return sha256(found)

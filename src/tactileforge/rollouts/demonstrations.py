@@ -23,7 +23,12 @@ from tactileforge.files import claim, sealed, unsealed, write_text
 from tactileforge.processes import spread, while_waited_for
 from tactileforge.rollouts.actors import Expert
 from tactileforge.rollouts.episode import Episode, play_episode
-from tactileforge.rollouts.options import FIRST_DEMONSTRATION, TaskOptions, make_environment
+from tactileforge.rollouts.options import (
+    FIRST_DEMONSTRATION,
+    PER_SEED,
+    TaskOptions,
+    make_environment,
+)
 from tactileforge.threads import one_thread
 
 #: What the folder was made with.
@@ -42,23 +47,19 @@ class DemonstrationOptions(TaskOptions):
     Attributes:
         out: Folder of the shards.
         n: Episodes to keep; those in which the expert fails are left out and named.
-        val: Share of them that is for validation; the paper has 8 of 50.
         codec: How pictures are stored: without loss png or webp, or jpg (quality 95).
         processes: Processes that simulate; None for one a core.
     """
 
     out: str
     n: int = 50
-    val: float = 0.16
     codec: str = "png"
     processes: int | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not 1 <= self.n <= 10_000 or not 0 <= self.val < 1:
-            raise ConfigError(
-                f"n={self.n} and val={self.val}; give 1 to 10000 episodes, and 0 or more, below 1"
-            )
+        if not 1 <= self.n <= PER_SEED // 4:
+            raise ConfigError(f"n={self.n}: give 1 to {PER_SEED // 4} episodes")
         if self.codec not in shards.CODECS:
             raise ConfigError(f"codec={self.codec}; give one of {', '.join(shards.CODECS)}")
 
@@ -77,13 +78,11 @@ class Demonstrations:
     """The outcome of `write_demonstrations`.
 
     Attributes:
-        train: Episodes for training.
-        val: Episodes for validation.
+        episodes: How many there are.
         failed: Kind of failure of the episodes that were left out, by seed.
     """
 
-    train: int
-    val: int
+    episodes: int
     failed: dict[int, str]
 
 
@@ -202,19 +201,12 @@ def _encoded(pictures: Any, codec: str) -> list[bytes]:
 
 
 def _index(options: DemonstrationOptions, folder: Path, tried: int) -> Demonstrations:
-    """Writes the index; validation episodes are spread evenly over the others."""
+    """Writes the index; ``data=demonstrations`` draws which of them are for validation."""
     entries = [IndexEntry.of(_path(folder, n)) for n in _kept(folder, tried)]
-    held_out = round(options.val * len(entries))
-    every = np.arange(len(entries))
-    is_val = np.diff(every * held_out // len(entries), append=held_out) > 0
-    splits = {
-        split: [entry for entry, val in zip(entries, is_val, strict=True) if val == wanted]
-        for split, wanted in (("train", False), ("val", True))
-    }
     failed = _failed(folder, options, tried)
     made = {**_made(options), "failed": {str(seed): kind for seed, kind in failed.items()}}
-    Index(f"{options.word}_demonstrations", splits, made=made).save(folder)
-    return Demonstrations(len(splits["train"]), len(splits["val"]), failed)
+    Index(f"{options.word}_demonstrations", {"train": entries, "val": []}, made=made).save(folder)
+    return Demonstrations(len(entries), failed)
 
 
 def _path(folder: Path, number: int) -> Path:
