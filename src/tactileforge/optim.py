@@ -84,6 +84,4 @@ def _named(name: str, optimizer: torch.optim.Optimizer, warm: int, total: int) -
     names = ["linear", *(one.value for one in known.SchedulerType)]
     if name not in names:
         raise ConfigError(unknown("optim.schedule", name, names))
-    return known.get_scheduler(
-        name, optimizer, num_warmup_steps=warm, num_training_steps=total
-    )
+    return known.get_scheduler(name, optimizer, num_warmup_steps=warm, num_training_steps=total)

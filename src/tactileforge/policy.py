@@ -150,7 +150,8 @@ class Policy:
         if not self.uses_touch:
             return GivenViews(self._encoder, None)
         held = [self._touch[0]] * (self._span - len(self._touch)) + list(self._touch)
-        clips = [np.stack([one[name] for one in held[:: self.robot.stride]]) for name in self.fingers]
+        held = held[:: self.robot.stride]
+        clips = [np.stack([one[name] for one in held]) for name in self.fingers]
         frames = torch.from_numpy(np.stack(clips)).movedim(-1, -3)
         rest = torch.from_numpy(np.stack([self._rest(name) for name in self.fingers]))
         sensor = self._encoder.sensor_ids(self.sensor)

@@ -233,11 +233,12 @@ def build_trainer(
     if options["strategy"] == "auto" and options["devices"] not in (1, "1", "auto"):
         # an objective that starts late, or a norm that none reads through, leaves parameters unused
         options["strategy"] = "ddp_find_unused_parameters_true"
+    kept = [*best, *callbacks]
     own: dict[str, Any] = dict(
         default_root_dir=folder,
         logger=build_loggers(config["logger"], folder),
         # the timer is for the report: how long it took
-        callbacks=[saver, Speed(config["batch"]["workers"]), Progress(), Timer(), *best, *callbacks],
+        callbacks=[saver, Speed(config["batch"]["workers"]), Progress(), Timer(), *kept],
         plugins=[checkpoints.AtomicCheckpointIO(config.get("run"))],
         gradient_clip_val=config["optim"].get("clip"),
         use_distributed_sampler=False,

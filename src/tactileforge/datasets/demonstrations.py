@@ -10,7 +10,7 @@ import numpy as np
 
 from tactileforge.contracts import Recording
 from tactileforge.data.batches.episodes import Cutting, EpisodeClips
-from tactileforge.data.labels.episodes import Episode, episodes_of
+from tactileforge.data.labels.episodes import Episode, check_alike, episodes_of
 from tactileforge.datasets.shards import Shards
 from tactileforge.errors import ConfigError, unknown
 
@@ -50,7 +50,7 @@ class Demonstrations:
         observations: int = 2,
         touch: Literal["frames", "force", "none"] = "frames",
         camera: bool = True,
-        image_size: int = 96,
+        image_size: int = 48,
     ) -> None:
         if not 0 <= val < 1 or horizon < 1 or observations < 1:
             raise ConfigError(
@@ -77,6 +77,8 @@ class Demonstrations:
     def _episodes(self) -> dict[str, list[Episode]]:
         both = [one for split in ("train", "val") for one in self.shards.recordings(split)]
         episodes = episodes_of(both)
+        if episodes:
+            check_alike(episodes, self.cutting.camera)
         held = max(1, round(self.val * len(episodes))) if self.val and len(episodes) > 1 else 0
         drawn = set(np.random.default_rng(self.seed).permutation(len(episodes))[:held].tolist())
         split = ["val" if i in drawn else "train" for i in range(len(episodes))]
@@ -90,7 +92,7 @@ class Demonstrations:
 
         Raises:
             DataNotFoundError: There are no shards.
-            DataError: A recording is of no episode.
+            DataError: Recordings that cannot train one policy; see `check_alike`.
             ConfigError: An unknown split.
         """
         if split not in ("train", "val"):

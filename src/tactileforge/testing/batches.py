@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from tactileforge.contracts import ACTIONS, Batch
+from tactileforge.contracts import ACTIONS, Batch, Robot
 from tactileforge.data.labels import displacement
 from tactileforge.sensors.specs import spec
 
@@ -59,6 +59,33 @@ def batch(size: int = 8, frames: int = 4, image: int = 32, seed: int = 0) -> Bat
         "surface": _surface(dent, rise),
         "surface_valid": torch.ones(size, dtype=torch.bool),
         "group": pair.clone(),
+        **_demonstrated(rise, image, draw),
+    }
+
+
+def robot(image: int = 32) -> Robot:
+    """Sizes of the demonstrations that `batch` holds: one finger, chunks of four commands."""
+    return Robot(
+        fingers=("left",),
+        sensors=("digit",),
+        state_size=3,
+        action_size=2,
+        rate=6.0,
+        horizon=4,
+        image_size=image,
+    )
+
+
+def _demonstrated(rise: Tensor, image: int, draw: torch.Generator) -> dict[str, Tensor]:
+    """State, commands and camera images: the gripper opens as the force (B, T, 3) was high."""
+    made, size = robot(image), len(rise)
+    change = torch.stack([-rise[:, -1, 2], rise[:, -1, 0]], dim=-1)
+    steps = (made.observations, 3, image, image)
+    return {
+        "state": torch.rand(size, made.observations, made.state_size, generator=draw) * 2 - 1,
+        "action_chunk": change[:, None] * torch.linspace(1, 0.4, made.horizon)[:, None],
+        "action_chunk_valid": torch.ones(size, made.horizon, dtype=torch.bool),
+        "images": torch.randint(256, (size, *steps), generator=draw).to(torch.uint8),
     }
 
 
@@ -95,6 +122,9 @@ def half_labelled(need: str) -> Batch:
         made["image_valid"][3:] = False
     if "text" in labels:
         made["text"][3:] = [""] * 3
+    if "action_chunk" in labels:
+        made["action_chunk"][3:] = 1e4
+        made["action_chunk_valid"][3:] = False
     for label in {"action", "object"} & set(labels):
         made[label][3:] = -1
         made["group"][3:] = -1

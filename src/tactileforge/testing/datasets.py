@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from tactileforge import registry
-from tactileforge.contracts import ACTIONS, LABELS, Recording
+from tactileforge.contracts import ACTIONS, ACTIONS_TRACK, LABELS, Recording
 from tactileforge.errors import DataNotFoundError
 from tactileforge.sensors.specs import spec
 from tactileforge.testing.results import Check, CheckSubject, Skip, Violation, require
@@ -45,7 +45,9 @@ def keys_are_what_it_provides(subject: CheckSubject) -> None:
 
 
 def _labels(recording: Recording) -> set[str]:
-    return {label for label in LABELS if getattr(recording, label) is not None}
+    commands = {"action_chunk"} if ACTIONS_TRACK in recording.tracks else set()
+    fields = set(LABELS) - {"action_chunk"}
+    return commands | {label for label in fields if getattr(recording, label) is not None}
 
 
 def recordings_are_whole(subject: CheckSubject) -> None:

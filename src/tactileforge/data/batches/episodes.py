@@ -39,7 +39,7 @@ class Cutting:
     observations: int = 2
     touch: Touch = "frames"
     camera: bool = True
-    image_size: int = 96
+    image_size: int = 48
 
 
 class EpisodeClips(Clips):
@@ -124,7 +124,7 @@ class EpisodeClips(Clips):
         )
         names = [name for touch in touches for name in touch["sensor"]]
         tokens = encode(frames, background, names).to(torch.float16)
-        return tokens.unflatten(0, (len(samples), -1))
+        return tokens.view(len(samples), -1, *tokens.shape[1:])
 
     def _read(self, clip: int, group: int) -> dict[str, Any]:
         number, step = self.index[clip].tolist()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import torch
 from torch import Tensor, nn
 
@@ -26,7 +28,7 @@ class CameraNet(nn.Module):
         super().__init__()
         widths = (3, *_CHANNELS)
         layers: list[nn.Module] = []
-        for before, after in zip(widths, widths[1:], strict=False):
+        for before, after in pairwise(widths):
             layers += [nn.Conv2d(before, after, 3, 2, 1), nn.GroupNorm(8, after), nn.ReLU()]
         self.layers = nn.Sequential(*layers, nn.Conv2d(_CHANNELS[-1], points, 1))
         self.width = 2 * points

@@ -15,7 +15,7 @@ from tactileforge.errors import ConfigError
 from tactileforge.extras import diffusers
 from tactileforge.heads.ema import EMA
 from tactileforge.heads.policy.base import ChunkPrediction, PolicyHead
-from tactileforge.heads.policy.observation import flat
+from tactileforge.heads.policy.observation import Observation, flat
 from tactileforge.heads.policy.unet import UNet
 
 #: Rows of fixed random numbers that evaluation uses in turn.
@@ -105,7 +105,7 @@ class DiffusionPolicy(PolicyHead):
         fixed[:, 0] = (torch.arange(_FIXED) * (math.sqrt(5) - 1) / 2) % 1  # evenly over the steps
         self.register_buffer("fixed", fixed, persistent=False)
         self.unet = UNet(size, self.observe.flat, channels, step_width, kernel, groups)
-        self.slow = PowerEMA(self._trained(), power, ema) if ema else None
+        self.slow = PowerEMA(nn.ModuleList(self._trained()), power, ema) if ema else None
 
     def prepare(self, clips: Any) -> None:
         """Measures the ranges, also for the slow copy; see `contracts.Prepared`."""
@@ -115,7 +115,7 @@ class DiffusionPolicy(PolicyHead):
     def after_step(self, encoder: Encoder | None, step: int, total: int) -> None:
         """Updates the slow copy; see `contracts.AfterStep`."""
         if self.slow is not None:
-            self.slow.after_step(self._trained(), step, total)
+            self.slow.after_step(nn.ModuleList(self._trained()), step, total)
 
     def forward(self, views: Views, batch: Batch) -> ChunkPrediction:
         """Noise as predicted and as added."""
@@ -134,22 +134,21 @@ class DiffusionPolicy(PolicyHead):
     def chunk(self, views: Views, batch: Batch, generator: torch.Generator) -> Tensor:
         """Commands from -1 to 1, denoised by the scheduler of diffusers."""
         observe, unet = self._acting()
-        condition = flat(observe(views, batch))
-        shape = (len(condition), self.robot.horizon, self.robot.action_size)
-        x = torch.randn(shape, generator=generator).to(condition.device)
+        perceived = unet.perceive(flat(observe(views, batch)))
+        shape = (len(perceived), self.robot.horizon, self.robot.action_size)
+        x = torch.randn(shape, generator=generator).to(perceived.device)
         self.scheduler.set_timesteps(self.steps)
         for step in self.scheduler.timesteps:
-            noise = unet(x, step.expand(len(x)).to(x.device), condition)
+            noise = unet.denoise(x, step.expand(len(x)).to(x.device), perceived)
             x = self.scheduler.step(noise, step, x, generator=generator).prev_sample
         return x
 
-    def _trained(self) -> nn.ModuleList:
-        return nn.ModuleList([self.observe, self.unet])
+    def _trained(self) -> tuple[Observation, UNet]:
+        return self.observe, self.unet
 
-    def _acting(self) -> nn.ModuleList:
+    def _acting(self) -> tuple[Observation, UNet]:
         """Perception and U-Net that act: the slow copies where there are some."""
-        slow: nn.ModuleList | None = None if self.slow is None else self.slow.network
-        return self._trained() if slow is None else slow
+        return self._trained() if self.slow is None else tuple(self.slow.network)
 
 
 def _scheduler(name: str, train_steps: int, betas: str) -> Any:

@@ -118,6 +118,7 @@ class Observation(nn.Module):
         vector = torch.cat(rest, dim=1)
         if not self.touches:
             return vector.new_zeros(len(vector), 0, self.width), vector
-        tokens = views.full.tokens.unflatten(0, (len(vector), -1))
+        found = views.full.tokens
+        tokens = found.view(len(vector), -1, *found.shape[1:])
         pooled = [pool(tokens[:, finger]) for finger, pool in enumerate(self.poolers)]
         return torch.cat(pooled, dim=1), vector

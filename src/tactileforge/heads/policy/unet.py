@@ -3,31 +3,32 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import torch
 from torch import Tensor, nn
 
 from tactileforge.errors import ConfigError
+from tactileforge.heads.policy.convolution import Convolution, Doubling, GroupNorm
 
 
 class StepEmbedding(nn.Module):
     """Embeds the step of the noise: sines, then two layers.
 
     Args:
-        width: Size of the embedding, even.
+        width: Size of the embedding, even, 4 or more.
     """
 
     def __init__(self, width: int) -> None:
         super().__init__()
-        self.half = width // 2
+        self.sines = width // 2
         self.layers = nn.Sequential(
             nn.Linear(width, 4 * width), nn.Mish(), nn.Linear(4 * width, width)
         )
 
     def forward(self, steps: Tensor) -> Tensor:
         """int64 (B,) to (B, width)."""
-        place = torch.arange(self.half, device=steps.device) / (self.half - 1)
+        place = torch.arange(self.sines, device=steps.device) / (self.sines - 1)
         angle = steps[:, None] * torch.exp(-math.log(10000) * place)
         out: Tensor = self.layers(torch.cat([angle.sin(), angle.cos()], dim=-1))
         return out
@@ -37,38 +38,35 @@ class ConvBlock(nn.Sequential):
     """A convolution that keeps the length, a group norm, Mish."""
 
     def __init__(self, before: int, after: int, kernel: int, groups: int) -> None:
-        super().__init__(
-            nn.Conv1d(before, after, kernel, padding=kernel // 2),
-            nn.GroupNorm(groups, after),
-            nn.Mish(),
-        )
+        super().__init__(Convolution(before, after, kernel), GroupNorm(groups, after), nn.Mish())
 
 
 class FilmBlock(nn.Module):
-    """Two `ConvBlock` with a residual; the condition scales and shifts what is between them.
+    """Two `ConvBlock` with a residual; what is between them is scaled and shifted (FiLM).
 
     Source of FiLM: Perez et al. 2018.
     """
 
-    def __init__(self, before: int, after: int, condition: int, kernel: int, groups: int) -> None:
+    def __init__(self, before: int, after: int, kernel: int, groups: int) -> None:
         super().__init__()
         self.conv1 = ConvBlock(before, after, kernel, groups)
         self.conv2 = ConvBlock(after, after, kernel, groups)
-        self.film = nn.Sequential(nn.Mish(), nn.Linear(condition, 2 * after))
-        self.residual = nn.Conv1d(before, after, 1) if before != after else nn.Identity()
+        self.residual = nn.Linear(before, after) if before != after else nn.Identity()
+        self.width = after
 
-    def forward(self, x: Tensor, condition: Tensor) -> Tensor:
-        """(B, before, n) and (B, condition) to (B, after, n)."""
-        scale, shift = self.film(condition)[..., None].chunk(2, dim=1)
-        out: Tensor = self.conv2(scale * self.conv1(x) + shift)
-        return out + self.residual(x)
+    def forward(self, x: Tensor, film: Iterator[Tensor]) -> Tensor:
+        """(B, n, before) to (B, n, after); takes its scale and its shift, (B, 1, after) each."""
+        scale, shift = next(film), next(film)
+        out: Tensor = self.conv2(scale * self.conv1(x) + shift) + self.residual(x)
+        return out
 
 
 class UNet(nn.Module):
     """Predicts the noise in a chunk of commands, given what is perceived.
 
     Stages halve the length, and are joined to those that double it again; the last halves nothing.
-    Layout as published: Chi et al. 2023, Diffusion Policy.
+    Scales and shifts of all blocks are computed at once; the part of what is perceived is the same
+    for all steps of the noise. Layout as published: Chi et al. 2023, Diffusion Policy.
 
     Args:
         size: Numbers of a command, A.
@@ -98,22 +96,30 @@ class UNet(nn.Module):
                 f"channels={list(channels)}, groups={groups}, kernel={kernel}: give two stages or "
                 "more, groups that divide each, and an odd kernel"
             )
+
+        def stage(before: int, after: int) -> nn.ModuleList:
+            blocks = (FilmBlock(width, after, kernel, groups) for width in (before, after))
+            return nn.ModuleList(blocks)
+
         self.step = StepEmbedding(step_width)
-        given = condition + step_width
-
-        def block(before: int, after: int) -> FilmBlock:
-            return FilmBlock(before, after, given, kernel, groups)
-
         pairs = list(zip((size, *channels), channels, strict=False))
-        self.down = nn.ModuleList(nn.ModuleList([block(a, b), block(b, b)]) for a, b in pairs)
-        self.shorten = nn.ModuleList(nn.Conv1d(b, b, 3, 2, 1) for b in channels[:-1])
-        self.middle = nn.ModuleList(block(channels[-1], channels[-1]) for _ in range(2))
         back = pairs[:0:-1]
-        self.up = nn.ModuleList(nn.ModuleList([block(2 * b, a), block(a, a)]) for a, b in back)
-        self.lengthen = nn.ModuleList(nn.ConvTranspose1d(a, a, 4, 2, 1) for a, _ in back)
+        self.down = nn.ModuleList(stage(a, b) for a, b in pairs)
+        self.shorten = nn.ModuleList(Convolution(b, b, 3, stride=2) for b in channels[:-1])
+        self.middle = stage(channels[-1], channels[-1])
+        self.up = nn.ModuleList(stage(2 * b, a) for a, b in back)
+        self.lengthen = nn.ModuleList(Doubling(a) for a, _ in back)
         self.last = nn.Sequential(
-            ConvBlock(channels[0], channels[0], kernel, groups), nn.Conv1d(channels[0], size, 1)
+            ConvBlock(channels[0], channels[0], kernel, groups), nn.Linear(channels[0], size)
         )
+        order = [*self.down, self.middle, *self.up]
+        self.widths = [block.width for part in order for block in part for _ in "ab"]
+        self.film_of_step = nn.Linear(step_width, sum(self.widths), bias=False)
+        self.film_of_condition = nn.Linear(condition, sum(self.widths))
+        for layer in (self.film_of_step, self.film_of_condition):  # as of one layer that reads both
+            bound = 1 / math.sqrt(step_width + condition)
+            nn.init.uniform_(layer.weight, -bound, bound)
+        self.mish = nn.Mish()
 
     def forward(self, actions: Tensor, steps: Tensor, condition: Tensor) -> Tensor:
         """Noise, (B, H, A), in noisy commands (B, H, A).
@@ -123,17 +129,32 @@ class UNet(nn.Module):
             steps: int64 (B,), how noisy they are.
             condition: float (B, condition).
         """
-        given = torch.cat([self.step(steps), condition], dim=-1)
-        x, joined = actions.movedim(1, 2), []
-        for number, (one, two) in enumerate(self.down):  # type: ignore[misc]
-            x = two(one(x, given), given)
+        return self.denoise(actions, steps, self.perceive(condition))
+
+    def perceive(self, condition: Tensor) -> Tensor:
+        """The part of all scales and shifts that what is perceived gives, for `denoise`."""
+        out: Tensor = self.film_of_condition(self.mish(condition))
+        return out
+
+    def denoise(self, actions: Tensor, steps: Tensor, perceived: Tensor) -> Tensor:
+        """See `forward`; ``perceived`` is of `perceive`."""
+        given = perceived + self.film_of_step(self.mish(self.step(steps)))
+        film = iter(given[:, None].split(self.widths, dim=-1))
+        x, joined = actions, []
+        for number, stage in enumerate(self.down):
+            x = _through(stage, x, film)
             joined.append(x)
             if number < len(self.shorten):
                 x = self.shorten[number](x)
-        for block in self.middle:
-            x = block(x, given)
-        for (one, two), longer in zip(self.up, self.lengthen, strict=True):  # type: ignore[misc]
-            x = two(one(torch.cat([x, joined.pop()], dim=1), given), given)
-            x = longer(x)
+        x = _through(self.middle, x, film)
+        for stage, longer in zip(self.up, self.lengthen, strict=True):
+            x = longer(_through(stage, torch.cat([x, joined.pop()], dim=-1), film))
         out: Tensor = self.last(x)
-        return out.movedim(1, 2)
+        return out
+
+
+def _through(stage: nn.Module, x: Tensor, film: Iterator[Tensor]) -> Tensor:
+    assert isinstance(stage, nn.ModuleList)
+    for block in stage:
+        x = block(x, film)
+    return x
