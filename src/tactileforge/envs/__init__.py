@@ -17,6 +17,9 @@ import gymnasium
 #: Name of a task -> its class and the steps of the longest episode.
 TASKS: dict[str, tuple[str, int]] = {
     "chip": ("Chip", 120),
+    "wipe": ("Wipe", 120),
+    "grasp": ("Grasp", 120),
+    "insert": ("Insert", 120),
 }
 
 

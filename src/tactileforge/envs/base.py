@@ -30,7 +30,7 @@ Action: TypeAlias = NDArray[np.float32]
 #: A scripted expert: what it yields is the next action, mm (3,).
 Plan: TypeAlias = Iterator[tuple[float, float, float]]
 
-#: Falls that an object survives, mm.
+#: Fall that any object survives, mm.
 _DROP = 0.6
 
 
@@ -108,6 +108,10 @@ class TouchEnv(gymnasium.Env[Any, Any]):
     @abstractmethod
     def _plan(self) -> Plan:
         """The expert's actions; it may look at everything."""
+
+    def _survives(self, drop: float) -> bool:
+        """Whether the object survives a fall (mm) from where it is."""
+        return drop <= _DROP
 
     def _view(self) -> Picture:
         return Picture(-20.0, -6.0, 60.0)
@@ -219,21 +223,18 @@ class TouchEnv(gymnasium.Env[Any, Any]):
             self.grip.place(self._seen(), self.opening)
         self.opening = max(float(opening), self.grip.narrowest())
         held = self.grip.close(self.opening, self.tool, self.outer)
-        if held.normal == 0:
-            self._let_go()
-        elif not held.balanced:
-            self.failure = "dropped"
-        else:
-            self.free = False
-            self.object = held.pose + np.array([*self.tool, 0.0])
-
-    def _let_go(self) -> None:
-        """The object falls onto what is below it."""
-        if self.free:
+        if self.free and held.normal == 0:
             return
-        self.free = True
+        self.object = held.pose + np.array([*self.tool, 0.0])
+        # What nothing balances falls, whether the fingers still touch it or not.
+        self.free = held.normal == 0 or not held.balanced
+        if self.free:
+            self._fall()
+
+    def _fall(self) -> None:
+        """The object falls onto what is below it."""
         drop = min(self.gap(one) for one in self.outer if isinstance(one, Solid))
-        if drop > _DROP:
+        if not self._survives(drop):
             self.failure = "dropped"
             return
         self.object = self.object + np.array([0.0, drop, 0.0])
