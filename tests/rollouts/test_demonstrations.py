@@ -5,15 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-gymnasium = pytest.importorskip("gymnasium")
+pytest.importorskip("gymnasium")
 
-from tactileforge.datasets.shards import Shards  # noqa: E402
-from tactileforge.errors import ConfigError, TactileForgeError  # noqa: E402
-from tactileforge.rollouts.demonstrations import (  # noqa: E402
+from tactileforge.datasets.shards import Shards
+from tactileforge.errors import ConfigError, TactileForgeError
+from tactileforge.rollouts.demonstrations import (
     DemonstrationOptions,
     write_demonstrations,
 )
-from tactileforge.rollouts.options import TaskOptions  # noqa: E402
+from tactileforge.rollouts.options import TaskOptions
 
 TASK = "reach_env:Reach-v0"
 

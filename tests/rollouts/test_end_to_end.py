@@ -1,4 +1,4 @@
-"""The real task in miniature: demonstrations, a policy that is trained on them, and its rollouts."""
+"""The real task in miniature: demonstrations, policies trained on them, and their rollouts."""
 
 import json
 
@@ -7,7 +7,7 @@ import pytest
 pytest.importorskip("gymnasium")
 pytest.importorskip("diffusers")
 
-from tactileforge import cli  # noqa: E402
+from tactileforge import cli
 
 SMALL = [
     "scale=demo",

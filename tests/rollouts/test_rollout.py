@@ -9,13 +9,13 @@ import cv2
 import numpy as np
 import pytest
 
-gymnasium = pytest.importorskip("gymnasium")
+pytest.importorskip("gymnasium")
 
-from tactileforge import cli  # noqa: E402
-from tactileforge.errors import ConfigError, TactileForgeError  # noqa: E402
-from tactileforge.rollouts.page import chosen_episodes, rollout_page  # noqa: E402
-from tactileforge.rollouts.results import EpisodeResult, wilson  # noqa: E402
-from tactileforge.rollouts.rollout import RolloutOptions, roll_out  # noqa: E402
+from tactileforge import cli
+from tactileforge.errors import ConfigError, TactileForgeError
+from tactileforge.rollouts.page import chosen_episodes, rollout_page
+from tactileforge.rollouts.results import EpisodeResult, wilson
+from tactileforge.rollouts.rollout import RolloutOptions, roll_out
 
 TASK = "reach_env:Reach-v0"
 
