@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from tactileforge.contracts import Batch, Encoder, Robot, Views
 from tactileforge.encoders.transformer import AttentivePooler, Transformer, init_weights
 from tactileforge.heads.policy.base import ChunkPrediction, PolicyHead
+from tactileforge.heads.policy.observation import POOLER
 
 
 class ActHead(PolicyHead):
@@ -37,7 +38,7 @@ class ActHead(PolicyHead):
         depth: int = 2,
         heads: int = 4,
         execute: int = 2,
-        pooler: Mapping[str, Any] | None = None,
+        pooler: Mapping[str, Any] = POOLER,
     ) -> None:
         super().__init__(encoder, robot, execute, pooler)
         self.of_touch = nn.Linear(self.observe.width, width) if self.observe.touches else None

@@ -56,10 +56,10 @@ class PolicyHead(nn.Module):
         encoder: Encoder,
         robot: Robot | None,
         execute: int,
-        pooler: Mapping[str, Any] | None,
+        pooler: Mapping[str, Any],
     ) -> None:
         super().__init__()
-        self.observe = Observation(encoder, robot, pooler or {})
+        self.observe = Observation(encoder, robot, pooler)
         self.robot = self.observe.robot
         if not 1 <= execute <= self.robot.horizon:
             raise ConfigError(

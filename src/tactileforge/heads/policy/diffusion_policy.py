@@ -15,7 +15,7 @@ from tactileforge.errors import ConfigError
 from tactileforge.extras import diffusers
 from tactileforge.heads.ema import EMA
 from tactileforge.heads.policy.base import ChunkPrediction, PolicyHead
-from tactileforge.heads.policy.observation import Observation, flat
+from tactileforge.heads.policy.observation import POOLER, Observation, flat
 from tactileforge.heads.policy.unet import UNet
 
 #: Rows of fixed random numbers that evaluation uses in turn.
@@ -88,7 +88,7 @@ class DiffusionPolicy(PolicyHead):
         ema: float | None = 0.9999,
         power: float = 0.75,
         execute: int = 2,
-        pooler: Mapping[str, Any] | None = None,
+        pooler: Mapping[str, Any] = POOLER,
     ) -> None:
         super().__init__(encoder, robot, execute, pooler)
         horizon, size = self.robot.horizon, self.robot.action_size

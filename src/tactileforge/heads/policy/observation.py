@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import torch
@@ -31,6 +31,10 @@ class PoolerSize:
     width: int = 32
     depth: int = 1
     heads: int = 4
+
+
+#: The pooler's size, unless another is given.
+POOLER = asdict(PoolerSize())
 
 
 class TouchPooler(nn.Module):
@@ -69,7 +73,7 @@ class Observation(nn.Module):
     Args:
         encoder: The touch encoder.
         robot: Sizes of the demonstrations.
-        pooler: See `PoolerSize`.
+        pooler: Options of `PoolerSize`.
 
     Attributes:
         width: Size of a vector of touch.

@@ -9,7 +9,7 @@ from torch import Generator, Tensor, nn
 
 from tactileforge.contracts import Batch, Encoder, Robot, Views
 from tactileforge.heads.policy.base import ChunkPrediction, PolicyHead
-from tactileforge.heads.policy.observation import flat
+from tactileforge.heads.policy.observation import POOLER, flat
 
 
 class RegressionHead(PolicyHead):
@@ -31,7 +31,7 @@ class RegressionHead(PolicyHead):
         robot: Robot | None,
         hidden: int = 256,
         execute: int = 2,
-        pooler: Mapping[str, Any] | None = None,
+        pooler: Mapping[str, Any] = POOLER,
     ) -> None:
         super().__init__(encoder, robot, execute, pooler)
         out = self.robot.horizon * self.robot.action_size
