@@ -14,12 +14,14 @@ if find_spec("gymnasium") is None:
 
 import gymnasium
 
-#: Name of a task -> its class and the steps of the longest episode.
-TASKS: dict[str, tuple[str, int]] = {
-    "chip": ("Chip", 120),
-    "wipe": ("Wipe", 120),
-    "grasp": ("Grasp", 120),
-    "insert": ("Insert", 120),
+#: Steps of the longest episode, 20 s.
+STEPS = 120
+#: Name of a task -> its class.
+TASKS = {
+    "chip": "Chip",
+    "wipe": "Wipe",
+    "grasp": "Grasp",
+    "insert": "Insert",
 }
 
 
@@ -35,12 +37,10 @@ def env_id(task: str) -> str:
     """
     if task not in TASKS:
         raise ConfigError(unknown("task", task, TASKS))
-    return f"tactileforge/{TASKS[task][0]}-v0"
+    return f"tactileforge/{TASKS[task]}-v0"
 
 
-for _task, (_name, _steps) in TASKS.items():
+for _task, _name in TASKS.items():
     gymnasium.register(
-        env_id(_task),
-        entry_point=f"tactileforge.envs.{_task}:{_name}",
-        max_episode_steps=_steps,
+        env_id(_task), entry_point=f"tactileforge.envs.{_task}:{_name}", max_episode_steps=STEPS
     )

@@ -42,6 +42,8 @@ class TouchEnv(gymnasium.Env[Any, Any]):
         size: Pixels a side of their frames.
         unit: Draws the pair of sensors; another unit is a swap of the gel pads.
         randomise: Differences between units, see `randomise.draw.randomised_rows`.
+        steps: After so many without success the failure is ``timeout``; gymnasium's `TimeLimit`
+            then ends the episode.
         render_mode: ``rgb_array`` or None.
 
     Attributes:
@@ -72,12 +74,13 @@ class TouchEnv(gymnasium.Env[Any, Any]):
         size: int = 64,
         unit: int = 0,
         randomise: Choice = "unit",
+        steps: int = 120,
         render_mode: str | None = None,
     ) -> None:
         if size < 16:
             raise ConfigError(f"envs: size is {size} pixels; give 16 or more")
         self.sensor, self.size, self.unit, self.control_rate = sensor, size, unit, 6.0
-        self.render_mode = render_mode
+        self.render_mode, self.steps = render_mode, steps
         self._fingers = Fingers(sensor, unit, size, randomise)
         frame = spaces.Box(0, 255, (size, size, 3), np.uint8)
         low, high = (np.array(side, np.float32) for side in zip(*self.room, strict=True))
@@ -142,8 +145,7 @@ class TouchEnv(gymnasium.Env[Any, Any]):
         self._move(limited)
         if not self.failure:
             self._judge()
-        limit = self.spec.max_episode_steps if self.spec else None
-        if limit and self.elapsed >= limit and not (self.success or self.failure):
+        if self.elapsed >= self.steps and not (self.success or self.failure):
             self.failure = "timeout"
         done = self.success or self.failure not in ("", "timeout")
         return self._observation(), self.score - before, done, False, self._info()

@@ -23,7 +23,8 @@ POINTS, SPACING = 36, 0.4
 #: Largest sum of forces that counts as balanced, N; torques are divided by `_ARM`, mm.
 TOLERANCE = 0.01
 _ARM = 4.0
-_STEPS = 25
+_SCALE = np.array([1.0, 1.0, _ARM])
+_STEPS, _HALVES = 40, 4
 #: Longest step towards the equilibrium, mm.
 _STRIDE = 0.5
 #: Deepest press, mm: the fingers stop there.
@@ -125,26 +126,25 @@ class Grip:
         Returns:
             The moment. Where it is not balanced, nothing holds the object.
         """
-        before = self.held
-        base = np.array([tool[0], tool[1], 0.0])
-        pose, scale = before.pose.copy(), np.array([1.0, 1.0, _ARM])
-        stiff = np.eye(3)
-        last: tuple[Array, Array] | None = None
+        before, base = self.held, np.array([*tool, 0.0])
+        pose, step, halved = before.pose.copy(), np.zeros(3), 0
+        best: tuple[Held, float] | None = None
         for _ in range(_STEPS):
-            now = self._felt(before.tractions, pose, opening)
-            world, slope = self._world(base + pose, outer)
-            rest = (now.gels + world) / scale
-            if np.abs(rest).max() < TOLERANCE or now.normal == 0:
+            now, slope = self._met(self._felt(before.tractions, pose, opening), base, outer)
+            miss = float(np.abs((now.gels + now.outer) / _SCALE).max())
+            if miss < TOLERANCE or now.normal == 0:
                 break
-            felt = now.gels / scale
-            if last is None:
+            if best is None:
                 stiff = self._stiffness(now)
             else:
-                stiff = _corrected(stiff, (pose - last[0]) * scale, felt - last[1])
-            last = pose, felt
-            pose = pose + _stride(stiff - slope / np.outer(scale, scale), rest) / scale
-        balanced = bool(np.abs(rest).max() < TOLERANCE)
-        self.held = replace(now, outer=world, balanced=balanced)
+                stiff = _corrected(stiff, step, (now.gels - best[0].gels) / _SCALE)
+            if best is None or miss < best[1] or halved == _HALVES:
+                best, halved = (now, miss), 0
+                step = _stride(stiff - slope / np.outer(_SCALE, _SCALE), now)
+            else:  # too far: a point met something on the way, or began to slip
+                step, halved = step / 2, halved + 1
+            pose = best[0].pose + step / _SCALE
+        self.held = replace(now, balanced=miss < TOLERANCE)
         for one in outer:
             one.settle(placed(one.points, base + self.held.pose))
         return self.held
@@ -159,10 +159,12 @@ class Grip:
         gels = -2.0 * np.array([*moment.force[0, :2].tolist(), float(moment.torque[0])])
         return Held(moment, tractions, np.asarray(pose, float), gels, np.zeros(3), False)
 
-    def _world(self, pose: Array, outer: Sequence[Outer]) -> tuple[Array, Array]:
-        wrench, slope = pushed(list(outer), pose)
-        arm = placed(np.array([self.body.centre]), pose)[0] - pose[:2]
-        return wrench + self.body.weight * np.array([0.0, 1.0, arm[0]]), slope
+    def _met(self, now: Held, base: Array, outer: Sequence[Outer]) -> tuple[Held, Array]:
+        """The moment with what the world does to it, and how that changes with the pose (3, 3)."""
+        wrench, slope = pushed(list(outer), base + now.pose)
+        arm = placed(np.array([self.body.centre]), now.pose)[0] - now.pose[:2]
+        weight = self.body.weight * np.array([0.0, 1.0, arm[0]])
+        return replace(now, outer=wrench + weight), slope
 
     def _stiffness(self, now: Held) -> Array:
         """A guess of both gels' stiffness, N/mm (3, 3): a disc on a half-space, and on a layer."""
@@ -179,10 +181,10 @@ def _corrected(stiff: Array, step: Array, change: Array) -> Array:
     return np.asarray(stiff + np.outer(miss, step) / max(float(step @ step), 1e-12))
 
 
-def _stride(stiff: Array, rest: Array) -> Array:
-    """The step that balances the rest (3,), mm, not too long."""
-    even = (stiff + stiff.T) / 2
-    low = float(np.linalg.eigvalsh(even)[0])
+def _stride(stiff: Array, now: Held) -> Array:
+    """The step that balances a moment, mm, not too long."""
+    low = float(np.linalg.eigvalsh((stiff + stiff.T) / 2)[0])
     # Where everything slips nothing resists: then the step is long, and shortened below.
-    step = np.linalg.solve(stiff + max(0.0, 0.02 - low) * np.eye(3), rest)
+    firm = stiff + max(0.0, 0.02 - low) * np.eye(3)
+    step = np.linalg.solve(firm, (now.gels + now.outer) / _SCALE)
     return np.asarray(step * min(1.0, _STRIDE / max(1e-9, float(np.abs(step).max()))))

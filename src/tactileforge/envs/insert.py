@@ -8,7 +8,7 @@ import numpy as np
 
 from tactileforge.envs.base import Plan, TouchEnv
 from tactileforge.envs.grip import Body
-from tactileforge.envs.outer import Array, Inside, Slot, Solid
+from tactileforge.envs.outer import Array, Inside, Slot, Solid, placed
 from tactileforge.envs.picture import Picture
 from tactileforge.sim.geometry.indenter_geometry import extrude, join, lift, shape_of
 from tactileforge.sim.geometry.sdf2d import box, cross
@@ -102,12 +102,15 @@ class Insert(TouchEnv):
         while self.load(self.sockets) < 0.8 and self.depth < 1.0:
             yield 0.0, -0.3, 0.0
         while self.depth < 1.0:
-            miss = self.to - float(self.object[0])
             down = 0.2 * (self.load(self.sockets) - 1.2)
-            yield float(np.clip(miss, -0.25, 0.25)), float(np.clip(down, -0.25, 0.25)), 0.0
+            yield self._aside(0.25), float(np.clip(down, -0.25, 0.25)), 0.0
         while True:
-            miss = self.to - float(self.object[0])
-            yield float(np.clip(miss, -0.1, 0.1)), -0.5, 0.0
+            yield self._aside(0.1), -0.5, 0.0
+
+    def _aside(self, pace: float) -> float:
+        """Step along x that brings the tongue's tip over the socket, mm."""
+        tip = placed(np.array([[0.0, _LONG]]), self.object)[0, 0]
+        return float(np.clip(self.to - tip, -pace, pace))
 
 
 def sockets(centres: tuple[float, float], half: float) -> Inside:
