@@ -143,12 +143,12 @@ def test_videos_show_the_episode(tmp_path):
     while (read := video.read())[0]:
         frames.append(read[1])
     assert len(frames) == done.episodes[0].steps + 1
-    assert frames[0].shape == (128, 3 * 128, 3)
+    assert frames[0].shape == (96, 3 * 96, 3)
     assert video.get(cv2.CAP_PROP_FPS) == pytest.approx(6)
     # the box of the camera brightens or darkens as the place changes; the left finger stays
-    box = [float(frame[60:68, 60:68].mean()) for frame in frames]
+    box = [float(frame[44:52, 44:52].mean()) for frame in frames]
     assert abs(box[-1] - box[0]) > 5
-    finger = [float(frame[:, 140:240].mean()) for frame in frames]
+    finger = [float(frame[:, 100:190].mean()) for frame in frames]
     assert np.ptp(finger) < 3
 
 

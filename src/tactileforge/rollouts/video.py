@@ -14,12 +14,12 @@ from tactileforge.rollouts.episode import Episode
 
 #: VP9 in MP4: the wheels of OpenCV write it, and browsers play it; H.264 they do not write.
 _FOURCC = "vp09"
-#: Rows of a video, pixels; even.
-_HEIGHT = 128
+#: Rows of a video, pixels; even. Those of the camera: an episode takes half a second to encode.
+_HEIGHT = 96
 
 
 def episode_frames(episode: Episode) -> list[NDArray[np.uint8]]:
-    """Frames of a video, uint8 (128, W, 3): the camera, then each finger."""
+    """Frames of a video, uint8 (96, W, 3): the camera, then each finger."""
     return [
         np.concatenate([_scaled(observation[name]) for name in ("image", *episode.fingers)], axis=1)
         for observation in episode.observations
