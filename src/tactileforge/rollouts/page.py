@@ -76,7 +76,8 @@ def _episodes(rollouts: Rollouts) -> Markup:
         f"{len(shown)} of {len(rollouts.episodes)}, failures and successes in turn: the camera, "
         f"and {' and '.join(rollouts.episodes[0].force)}. Below, the normal force on each finger."
     )
-    return paragraph(words, soft=True) + cards([_card(rollouts, e) for e in shown], rem=22)
+    names = legend(dict(enumerate(rollouts.episodes[0].force)))
+    return paragraph(words, soft=True) + names + cards([_card(rollouts, e) for e in shown], rem=22)
 
 
 def chosen_episodes(episodes: Sequence[EpisodeResult], count: int) -> list[EpisodeResult]:
@@ -104,7 +105,9 @@ def _video(rollouts: Rollouts, episode: EpisodeResult) -> Markup:
 def _own(episode: EpisodeResult) -> Markup:
     with drawing(4.2, 1.6) as (figure, axes):
         for place, rows in enumerate(episode.force.values()):
-            axes.plot(episode.times, np.array(rows)[:, 2], color=CLASSES[place][0])
+            # fingers that press each other alike are both seen
+            style = {"color": CLASSES[place][0], "dashes": (4, 3) if place else (1, 0)}
+            axes.plot(episode.times, np.array(rows)[:, 2], **style)
         over_time(axes, "z (N)")
         return svg(figure, f"normal force on {' and '.join(episode.force)} over time")
 
@@ -151,7 +154,7 @@ def _about(rollouts: Rollouts) -> Markup:
 
 def _rows(rollouts: Rollouts) -> Iterator[tuple[str, str]]:
     for key, value in rollouts.facts.items():
-        if key != "instruction":
+        if key != "instruction" and value not in (None, {}):
             yield key, f"text|{value}"
     yield "ms of an action", f"text|{number(rollouts.summary.act_ms)}"
     yield "results", f"text|{rollouts.options.folder / 'results.json'}"
