@@ -19,7 +19,7 @@ from common import Memory, save
 from probe import NODE, task
 
 from tactileforge.bench.fit.features import FeatureStore, extract_features
-from tactileforge.bench.fit.models import FrozenEncoder
+from tactileforge.bench.fit.frozen_encoder import FrozenEncoder
 from tactileforge.bench.tasks import targets
 from tactileforge.bench.tasks.source import TaskSource, open_source
 from tactileforge.encoders.tactile_vit import TactileViT

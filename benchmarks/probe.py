@@ -25,7 +25,7 @@ from torch.nn import functional as F
 
 from tactileforge.bench.fit.evaluate import SourceFeatures, evaluate_probe
 from tactileforge.bench.fit.features import PLAIN, FeatureStore, extract_features, loader, readers
-from tactileforge.bench.fit.models import FrozenEncoder
+from tactileforge.bench.fit.frozen_encoder import FrozenEncoder
 from tactileforge.bench.fit.resolve import PreparedTask, choose_probe
 from tactileforge.bench.results.intervals import Interval, mean_interval
 from tactileforge.bench.tasks import splits, targets

@@ -85,6 +85,7 @@ def test_balanced_gradients_are_those_of_the_joint_batch(tmp_path: Path) -> None
 
 def test_two_processes_train_across_the_start_of_an_objective(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "tactileforge", "train", "scale=demo", "debug=steps"]
+    command += ["data.scenes=6", "data.val=2", "data.size=32"]
     command += ["trainer.devices=2", "trainer.accelerator=cpu", "trainer.max_steps=6"]
     command += ["encoder.image_size=32", "batch.size=8", f"hydra.run.dir={tmp_path}"]
     command += ["curriculum.objective.force.start=0.5", "curriculum.objective.force.end=1.0"]

@@ -24,7 +24,7 @@ def run_bash(code: str, folder: Path) -> None:
     done = subprocess.run(
         ["bash", "-euo", "pipefail", "-c", code],
         cwd=folder,
-        env=os.environ | {"PATH": path, "OMP_NUM_THREADS": "2"},
+        env=os.environ | {"PATH": path},
         capture_output=True,
         text=True,
         timeout=600,

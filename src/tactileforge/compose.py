@@ -188,8 +188,8 @@ def option(group: str, overrides: Sequence[str]) -> dict[str, Any]:
         HydraException: An override that does not fit.
     """
     declare(f"option_{group}", {group: "???"})
-    found: dict[str, Any] = plain(composed(f"option_{group}", overrides))[group]
-    return found
+    options: dict[str, Any] = plain(composed(f"option_{group}", overrides))[group]
+    return options
 
 
 def plain(config: DictConfig) -> dict[str, Any]:

@@ -55,6 +55,7 @@ from typing import (
     ClassVar,
     Literal,
     Protocol,
+    Self,
     TypeAlias,
     runtime_checkable,
 )
@@ -324,6 +325,8 @@ class Sensor(Protocol):
     records or shows it reads it in one, and opens it again after a `SensorError`. So `open` works
     again after `close`.
 
+    A class that inherits from this one is opened and closed by ``with`` as it stands.
+
     A sensor may have an ``address``, a string: which device is open, for example
     ``/dev/video2``, "" while none is. Two open sensors must not have the same.
     """
@@ -358,9 +361,12 @@ class Sensor(Protocol):
         """Releases the device; a second call does nothing."""
         ...
 
-    def __enter__(self) -> Sensor: ...
+    def __enter__(self) -> Self:
+        self.open()
+        return self
 
-    def __exit__(self, *error: object) -> None: ...
+    def __exit__(self, *error: object) -> None:
+        self.close()
 
 
 @runtime_checkable

@@ -91,8 +91,8 @@ class DepthReader:
         several = pictures if pictures.ndim == 4 else pictures[None]
         reader = self._reader(height, width)
         shown = torch.stack([_shrunk(picture, reader.size) for picture in several])
-        found = reader.read(shown, _shrunk(background, reader.size))
-        return found if pictures.ndim == 4 else Surface(found.slope[0], found.depth[0])
+        surface = reader.read(shown, _shrunk(background, reader.size))
+        return surface if pictures.ndim == 4 else Surface(surface.slope[0], surface.depth[0])
 
     def micrometres(
         self, picture: NDArray[np.uint8], background: NDArray[np.uint8]
@@ -169,18 +169,18 @@ def read_optics(path: str | Path) -> OpticalCalibration:
     try:
         if path.stat().st_size > _LARGEST:
             raise ValueError(f"more than {_LARGEST} bytes")
-        found = parse_optics(path.read_text("utf-8"))
-        lights, places = len(found.lights), len(exponents(DEGREE))
+        optics = parse_optics(path.read_text("utf-8"))
+        lights, places = len(optics.lights), len(exponents(DEGREE))
         tables = {
-            "fine": (found.fine, (len(POWERS), places, 3)),
-            "coarse": (found.coarse, (3 * len(BLURS) + lights, places, 3)),
-            "limits": (found.limits, (3 * len(BLURS) + lights,)),
+            "fine": (optics.fine, (len(POWERS), places, 3)),
+            "coarse": (optics.coarse, (3 * len(BLURS) + lights, places, 3)),
+            "limits": (optics.limits, (3 * len(BLURS) + lights,)),
         }
         for name, (table, shape) in tables.items():
             if tuple(table.shape) != shape or not table.isfinite().all():
                 raise ValueError(f"{name} is {tuple(table.shape)}, not {shape}, or not finite")
-        if not 0 < float(found.steepest) <= 1:
-            raise ValueError(f"steepest is {found.steepest}")
+        if not 0 < float(optics.steepest) <= 1:
+            raise ValueError(f"steepest is {optics.steepest}")
     except (ValueError, KeyError, TypeError, RuntimeError, RecursionError) as error:
         raise DataError(f"{path}: not an optical calibration ({error}); fit it again") from error
-    return found
+    return optics

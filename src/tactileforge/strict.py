@@ -189,13 +189,13 @@ def _plain(value: Any) -> Any:
 
 def meanings(kind: type[Any]) -> dict[str, str]:
     """Descriptions of fields, from the docstring of their dataclass; one line each."""
-    found: dict[str, str] = {}
+    meanings: dict[str, str] = {}
     for base in reversed([base for base in kind.__mro__ if is_dataclass(base)]):
         _, _, text = inspect.cleandoc(base.__doc__ or "").partition("Attributes:\n")
         block = re.split(r"\n\S|\n\n(?! )", text)[0]
         rows = re.findall(r"^    (\w+): (.*(?:\n {5,}.*)*)", block, re.MULTILINE)
-        found |= {name: re.sub(r"\s+", " ", said).strip() for name, said in rows}
-    return found
+        meanings |= {name: re.sub(r"\s+", " ", said).strip() for name, said in rows}
+    return meanings
 
 
 def describe(kind: type[Any]) -> str:

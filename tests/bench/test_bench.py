@@ -13,7 +13,8 @@ import torch
 from tactileforge import cli
 from tactileforge.bench import run as bench_run
 from tactileforge.bench.fit.features import FeatureStore
-from tactileforge.bench.fit.models import FrozenEncoder, ModelEntry, baseline_encoder
+from tactileforge.bench.fit.frozen_encoder import FrozenEncoder
+from tactileforge.bench.fit.models import ModelEntry, baseline_encoder
 from tactileforge.bench.fit.resolve import choose_probe, result_task
 from tactileforge.bench.results import load
 from tactileforge.bench.results.write import Writer

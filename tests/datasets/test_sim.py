@@ -103,6 +103,7 @@ def test_pictures_change_with_contact_and_only_then() -> None:
         assert change[recording.force[:, 2].argmax()] > 1.1 * change[free].max()
 
 
+@pytest.mark.slow
 def test_the_same_numbers_give_the_same_bytes_however_they_are_made(tmp_path: Path) -> None:
     config = {"scenes": 4, "val": 0, "size": 32, "sensors": ["digit"]}
     alone, together = tmp_path / "alone", tmp_path / "together"
@@ -126,6 +127,7 @@ def test_pictures_may_come_late(tmp_path: Path) -> None:
     np.testing.assert_array_equal(late.frames.read([20]), now.frames.read([20]))
 
 
+@pytest.mark.slow
 def test_a_killed_run_goes_on_where_it_was(tmp_path: Path) -> None:
     data = Sim(scenes=2, val=0, size=32, sensors=["digit"], cache=str(tmp_path))
     list(data.recordings("train"))
@@ -208,6 +210,7 @@ def tactileforge(*words: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.slow
 def test_the_verb_writes_what_shards_reads(tmp_path: Path) -> None:
     words = [f"out={tmp_path}/touch", "sensors=[digit,gelsight_mini]", "indenters=bench"]
     words += ["seconds=6", "size=32", "val=0.4", "codec=png"]

@@ -84,6 +84,7 @@ def test_no_scale_is_no_number_and_an_untrained_row_is_refused(exported: str) ->
             run(exported, clips(1), [row], "cls")
 
 
+@pytest.mark.slow
 def test_the_torch_program_too(file: Path, tmp_path: Path) -> None:
     done = export(file, tmp_path / "a.pt2", format="torch_export", size=(40, 48))
     program = torch.export.load(done.path).module()
@@ -100,6 +101,7 @@ def test_rounded_weights_are_not_exported(file: Path, tmp_path: Path) -> None:
             export(model, tmp_path / "a.onnx")
 
 
+@pytest.mark.slow
 def test_what_is_built_like_t3_exports_for_one_size(tmp_path: Path) -> None:
     """A stem and a mean for each sensor; the shorter side to an edge, the centre cut out."""
     pixels = {**ANYTOUCH2, "fit": "cover", "edge": 36, "offset": None}

@@ -11,7 +11,7 @@ import pytest
 from tactileforge.cli import run
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.hub import cards, gates, pack
-from tactileforge.hub.gates import Gate, count_won, gate_passes, gate_verdict
+from tactileforge.hub.gates import TOKENS, Gate, count_won, gate_passes, gate_verdict
 from tactileforge.hub.table import gate_rows
 
 SHA = "5a" * 32
@@ -64,7 +64,7 @@ def row(task: int, tokens: str, random_low: float, pixels_low: float) -> Gate:
     )
 
 
-def rows(wins: int, of: int = 5, tokens: tuple[str, ...] = ("pooled", "patches")) -> list[Gate]:
+def rows(wins: int, of: int = 5, tokens: tuple[str, ...] = TOKENS) -> list[Gate]:
     lows = [0.05 if i < wins else -0.05 for i in range(of)]
     return [row(i, kind, low, 0.01) for kind in tokens for i, low in enumerate(lows)]
 
@@ -80,7 +80,7 @@ def test_half_of_the_tasks_or_one_kind_of_tokens_is_not_enough() -> None:
     assert not gate_passes(rows(5, tokens=("pooled",)))
     assert not gate_passes([])
     assert gate_verdict([]) == "not measured"
-    assert gate_verdict(rows(2)) == "fails: 2 of 5 pooled, 2 of 5 patches"
+    assert gate_verdict(rows(2)) == "fails: 2 of 5 pooled, 2 of 5 summary, 2 of 5 patches"
 
 
 def test_pixels_have_to_be_beaten_too() -> None:

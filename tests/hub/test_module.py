@@ -12,6 +12,7 @@ from torch.nn import functional as F
 
 import tactileforge
 from tactileforge.encoders.plain_vit import PlainViT
+from tactileforge.encoders.summary import summary_width
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.heads.force import ForceHead
@@ -122,6 +123,9 @@ def test_half_weights_and_whole_pixels(
     assert F.cosine_similarity(found, expected).min() > 0.999
     assert (model.force(frames, "first", "digit") - force).abs().max() < 0.05
     assert model.features(frames, "first", "digit", tap="patches").shape == (2, 2, 2, 2, 192)
+    assert model.features(frames, "first", "digit", tap="summary").shape[1:] == (
+        summary_width(model.encoder),
+    )
     model.float()
     again = model.encode(frames, "first", "digit")
     assert F.cosine_similarity(again, expected).min() > 0.999

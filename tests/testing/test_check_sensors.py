@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from opened import Opened
 
-from tactileforge.contracts import Frame, SensorSpec
+from tactileforge.contracts import Frame, Sensor, SensorSpec
 from tactileforge.errors import TactileForgeError
 
 
@@ -47,6 +47,35 @@ def test_good_sensor_passes(statuses):
     assert set(status_by_name.values()) == {"ran", "skipped"}
     skipped = {name for name, status in status_by_name.items() if status == "skipped"}
     assert skipped == {"name is snake case", "module imports no vendor sdk"}
+
+
+class Bare(Sensor):
+    """No constructor, and no methods of a context manager of its own."""
+
+    spec = Good.spec
+    count = -1
+
+    def discover(self):
+        return []
+
+    def open(self):
+        self.count = 0
+
+    def read(self, timeout=1.0):
+        if self.count < 0:
+            raise TactileForgeError("not open")
+        self.count += 1
+        return Frame(array=np.zeros(Good.shape, Good.dtype), time=float(self.count))
+
+    def close(self):
+        self.count = -1
+
+
+def test_a_sensor_that_inherits_the_contract_needs_no_more(statuses):
+    assert statuses("sensor", Bare) == statuses("sensor", Good)
+    with Bare() as sensor:
+        assert sensor.count == 0
+    assert sensor.count == -1
 
 
 class NoSpec(Good):

@@ -15,7 +15,8 @@ from tqdm import tqdm
 from tactileforge.bench.fit import class_heads, evaluate
 from tactileforge.bench.fit.evaluate import SourceFeatures
 from tactileforge.bench.fit.features import FLIPS, PLAIN, FeatureStore, extract_features
-from tactileforge.bench.fit.models import FrozenEncoder, ModelEntry
+from tactileforge.bench.fit.frozen_encoder import FrozenEncoder
+from tactileforge.bench.fit.models import ModelEntry
 from tactileforge.bench.fit.resolve import PreparedTask, ProbeChoice, choose_probe
 from tactileforge.bench.fit.training import TrainedProbe
 from tactileforge.bench.results import results

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
 from markupsafe import Markup
 
 from tactileforge.calibration.calibrate import CalibrationResult
 from tactileforge.calibration.fit import AxisFit
-from tactileforge.pages.figures import CLASSES, INK, MARKERS, drawing, svg
+from tactileforge.pages.figures import INK, draw_points, drawing, svg
+from tactileforge.pages.forces import agreement_figure
 from tactileforge.pages.images import figure
 from tactileforge.pages.page import (
     Section,
@@ -72,35 +74,19 @@ def _told(names: Sequence[str]) -> str:
 
 
 def _against(fit: AxisFit, name: str) -> Markup:
-    with drawing(4.2, 3.2) as (drawn, axes):
-        ends = [float(fit.measured.min()), float(fit.measured.max())]
-        axes.plot(ends, ends, color=INK, linewidth=0.9)
-        if fit.before is not None:
-            axes.plot(fit.measured, fit.before, ".", color=INK, alpha=0.15, markersize=2.6)
-        _dots(axes, fit, fit.predicted)
-        axes.set(xlabel=f"measured {name} (N)", ylabel=f"predicted {name} (N)")
-        return svg(drawn, f"predicted against measured force along {name}")
+    groups = [(fit.measured, fit.predicted, fit.fold, 0.6)]
+    if fit.before is not None:
+        groups.insert(0, (fit.measured, fit.before, np.full_like(fit.fold, -1), 0.2))
+    return agreement_figure(groups, (f"measured {name} (N)", f"predicted {name} (N)"))
 
 
 def _residual(fit: AxisFit, name: str) -> Markup:
     with drawing(4.2, 3.2) as (drawn, axes):
         axes.axhline(0, color=INK, linewidth=0.9)
-        _dots(axes, fit, fit.predicted - fit.measured)
+        draw_points(axes, (fit.measured, fit.predicted - fit.measured, fit.fold, 0.6))
+        axes.autoscale_view()
         axes.set(xlabel=f"measured {name} (N)", ylabel="error (N)")
         return svg(drawn, f"error of the force along {name} against the measured force")
-
-
-def _dots(axes: object, fit: AxisFit, values: object) -> None:
-    for fold in sorted(set(fit.fold.tolist())):
-        rows = fit.fold == fold
-        axes.plot(  # type: ignore[attr-defined]
-            fit.measured[rows],
-            values[rows],  # type: ignore[index]
-            MARKERS[0],
-            color=CLASSES[fold % len(CLASSES)][0],
-            markersize=2.6,
-            markeredgewidth=0,
-        )
 
 
 def _light(result: CalibrationResult) -> Section:

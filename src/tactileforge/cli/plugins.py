@@ -72,7 +72,7 @@ class _New:
 
 def _list(keys: _List, _: dict[str, Any]) -> None:
     """Installed plugins; imports none of them."""
-    from tactileforge.hub.table import align_columns
+    from tactileforge.pages.text_tables import align_columns
 
     rows = [asdict(plugin) for plugin in registry.list_plugins()]
     for row in rows:

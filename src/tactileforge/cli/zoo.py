@@ -11,7 +11,8 @@ from tactileforge.cli._command import Command
 from tactileforge.errors import ConfigError
 from tactileforge.files import sha256
 from tactileforge.hub import cards, gates, store
-from tactileforge.hub.table import align_columns, describe_clip, gate_rows, zoo_page
+from tactileforge.hub.table import describe_clip, gate_rows, zoo_page
+from tactileforge.pages.text_tables import align_columns
 
 
 @dataclass(frozen=True, kw_only=True)

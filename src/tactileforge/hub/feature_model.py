@@ -163,7 +163,9 @@ class FeatureModel(nn.Module):
                 (projected,), what `encode` gives. ``hidden`` and ``normed`` (L, width), the last
                 hidden state before and after the last norm; ``projected_tokens`` (L, projected),
                 ``normed`` through the projection. ``global`` (projected,), the mean of all patches,
-                projected without the norm (AnyTouch 1).
+                projected without the norm (AnyTouch 1). ``summary`` (n,), means in the quarters of
+                the image and deviations of the patches of up to four blocks: the vector to probe
+                where no objective trained ``projected``; see `encode_summary`.
             unknown_sensor: See `encode`.
             batch_size: See `encode`.
 
@@ -226,12 +228,12 @@ def check_device(device: str | torch.device) -> torch.device:
         ConfigError: There is no such device on this machine.
     """
     try:
-        found = torch.device(device)
-        torch.empty(0, device=found)
+        parsed = torch.device(device)
+        torch.empty(0, device=parsed)
     except (RuntimeError, AssertionError, TypeError, NotImplementedError) as error:
         reason = str(error).strip().splitlines()[0]
         raise ConfigError(
             f"device={str(device)!r}: not on this machine ({reason}); give cpu, or cuda where "
             "torch.cuda.is_available()"
         ) from error
-    return found
+    return parsed

@@ -3,30 +3,23 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
 import torch
-from safetensors import SafetensorError, safe_open
+from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
 from tactileforge import registry
-from tactileforge.errors import ConfigError, DataError, PluginError
+from tactileforge.errors import ConfigError, DataError
 from tactileforge.files import new_part, writing
+from tactileforge.hub.file_checks import check_nodes, check_plugin
 from tactileforge.hub.header import FORMAT, Header, read_header, seal_checkpoint
 from tactileforge.hub.positions import changed_options, rebuild_encoder
 
-#: Arguments that name files or places on a network.
-_PLACES = frozenset({"path", "root", "file", "folder", "url", "repo", "port"})
-#: Arguments that count modules, each of which has a tensor at least.
-_STACKS = frozenset({"depth", "stem_depth", "stems"})
-#: Largest number among the arguments of a model.
-_LARGEST = 8192
 DTYPES = {"float32": torch.float32, "float16": torch.float16}
 
 
@@ -232,81 +225,3 @@ def fill_weights(encoder: nn.Module, state: Mapping[str, Tensor], where: str) ->
         ]
         raise DataError(f"{where}: these are not the weights of this encoder: {'; '.join(lines)}")
     encoder.load_state_dict({key: value.to(own[key].dtype) for key, value in state.items()})
-
-
-def check_plugin(path: Path, header: Header) -> None:
-    """Raises a PluginError with the install command where the encoder is not installed."""
-    name = header.encoder["name"]
-    if name in registry.names("encoders"):
-        return
-    package = header.package
-    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]*", package):
-        package = f"tactileforge-{name}"
-    raise PluginError(
-        f"{path} needs the encoder {name!r} of {package} {header.package_version}: "
-        f"pip install {package}"
-    )
-
-
-def check_nodes(path: Path, header: Header) -> None:
-    """Checks what the file would have built, before anything is.
-
-    Raises:
-        DataError: An argument names a file or a place on the network, is larger than that of any
-            model, or the plugin reads files where it is built; or the model is larger than the
-            file.
-    """
-    with safe_open(path, "pt") as file:
-        tensors = len(file.keys())
-    for kind, node in [
-        ("encoders", header.encoder),
-        *(("heads", entry["node"]) for entry in header.heads.values()),
-    ]:
-        for key, value in node.items():
-            _check_argument(path, f"{node['name']}.{key}", value)
-            if key in _STACKS and isinstance(value, int) and value > tensors:
-                raise DataError(
-                    f"{path}: {node['name']}.{key} is {value}, and the file has {tensors} tensors; "
-                    "fetch it again"
-                )
-        plugin = registry.get(kind, node["name"])
-        if "constructing does no io" in getattr(plugin, "expected_failures", {}):
-            raise DataError(
-                f"{path}: {node['name']} reads other files where it is built, and a model file "
-                "names none; fetch it again from somebody you trust"
-            )
-    _check_total(path, header)
-
-
-def _check_argument(path: Path, where: str, value: Any) -> None:
-    if isinstance(value, Mapping | list):
-        inner = value.items() if isinstance(value, Mapping) else enumerate(value)
-        for key, item in inner:
-            _check_argument(path, f"{where}.{key}", item)
-    name = where.rpartition(".")[2]
-    is_place = (name in _PLACES and value) or (isinstance(value, str) and set(value) & set("/\\:~"))
-    if is_place:
-        raise DataError(f"{path}: {where} is {value!r}: a model file names no file and no address")
-    if isinstance(value, int | float) and not abs(value) <= _LARGEST:
-        raise DataError(f"{path}: {where} is {value!r}, larger than in any model")
-
-
-def _check_total(path: Path, header: Header) -> None:
-    """Builds without memory, and compares with what the file has."""
-    parts: list[nn.Module] = []
-    kinds = [("encoders", header.encoder)]
-    kinds += [("heads", entry["node"]) for entry in header.heads.values()]
-    for kind, node in kinds:
-        if kind == "heads" and not parts:
-            return
-        # a plugin may need its numbers where it is built: it is not counted
-        with suppress(NotImplementedError, RuntimeError), torch.device("meta"):
-            context = {"encoder": parts[0]} if parts else {}
-            with torch.random.fork_rng(devices=[]):
-                parts.append(registry.build(kind, node, **context))
-    needs = sum(x.numel() for part in parts for x in part.state_dict().values())
-    if needs > path.stat().st_size:  # a byte a number, at least
-        raise DataError(
-            f"{path}: the model it describes has {needs:,} numbers, and the file "
-            f"{path.stat().st_size:,} bytes; fetch it again"
-        )

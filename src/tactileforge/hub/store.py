@@ -104,12 +104,12 @@ def read_import(card: Card, weight: Weight) -> Import:
         )
     fix = f"import it again: {_get(card, weight)}"
     try:
-        found = strict.build(Import, str(record), load_json(record.read_text("utf-8")))
+        imported = strict.build(Import, str(record), load_json(record.read_text("utf-8")))
     except (ValueError, ConfigError) as error:
         raise DataError(f"{record}: damaged ({error}); {fix}") from error
-    if Path(found.file).name != found.file:
-        raise DataError(f"{record}: damaged (file {found.file!r}); {fix}")
-    return found
+    if Path(imported.file).name != imported.file:
+        raise DataError(f"{record}: damaged (file {imported.file!r}); {fix}")
+    return imported
 
 
 def keep_import(card: Card, weight: Weight, part: Path, source: str, source_sha256: str) -> Path:
@@ -175,9 +175,9 @@ def _target(card: Card, weight: Weight) -> Path:
 
 
 def _verify(path: Path, digest: str, size: int, fix: str) -> None:
-    found = path.stat().st_size
-    if found != size:
-        raise DataError(f"{path}: {found} bytes, expected {size}; {fix}")
+    actual = path.stat().st_size
+    if actual != size:
+        raise DataError(f"{path}: {actual} bytes, expected {size}; {fix}")
     if (found_digest := sha256(path)) != digest:
         raise DataError(f"{path}: its sha256 is {found_digest}, expected {digest}; {fix}")
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from tactileforge.hub import cards, gates
+from tactileforge.pages.text_tables import markdown_table
 
 _INTRO = """\
 # The zoo
@@ -23,19 +22,7 @@ _GATE = """\
 Real touches that nobody trained on here, ridge probes in closed form
 ([how](bench.md#the-release-gate)): the value, and what it is above random weights of the same
 architecture and above 16 x 16 pixels, with the lower end of the 95 % interval. A task is won above
-both. A model passes that wins most tasks, from pooled tokens and from all patches."""
-
-
-def align_columns(rows: Sequence[Sequence[str]]) -> str:
-    """Rows of words as aligned columns."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
-
-
-def markdown_rows(rows: Sequence[Sequence[str]]) -> str:
-    """Rows of words as a Markdown table; the first is its head."""
-    head, *body = (f"| {' | '.join(row)} |" for row in rows)
-    return "\n".join([head, "|---" * len(rows[0]) + "|", *body])
+both. A model passes that wins most tasks, with each kind of features."""
 
 
 def describe_clip(card: cards.Card, weight: cards.Weight | None) -> str:
@@ -70,7 +57,7 @@ def _gates() -> list[str]:
         if weight and (rows := gate_rows(card, weight)):
             kept = " Kept as a demonstration." if weight.demonstration else ""
             verdict = gates.gate_verdict(card.gate(weight))
-            parts += [f"\n`{name}` {verdict}.{kept}\n", markdown_rows(rows)]
+            parts += [f"\n`{name}` {verdict}.{kept}\n", markdown_table(rows)]
     return parts
 
 
@@ -90,7 +77,7 @@ def zoo_page() -> str:
                 (weight.kind + ", demonstration" * weight.demonstration) if weight else "none",
             )
         )
-    parts = [_INTRO, "## Models\n", markdown_rows(models), "\n## Recipes\n"]
+    parts = [_INTRO, "## Models\n", markdown_table(models), "\n## Recipes\n"]
     for card in map(cards.read_card, cards.card_names()):
         how = f"`tactileforge train recipe={card.name}`" if card.recipe else "importer only"
         parts.append(f"- **{card.title}**: {how}. {card.paper}.")
@@ -102,4 +89,4 @@ def zoo_page() -> str:
         for r in card.results:
             name = f"`{card.name}.{r.model}`"
             results.append((name, r.task, r.metric, f"{r.value:g} {r.unit}".strip(), r.source))
-    return "\n".join([*parts, markdown_rows(results), ""])
+    return "\n".join([*parts, markdown_table(results), ""])

@@ -8,10 +8,19 @@ from typing import Any, Literal, get_args
 from torch import Tensor, nn
 
 from tactileforge.encoders.backbone import Backbone
+from tactileforge.encoders.summary import encode_summary
 from tactileforge.errors import ConfigError, unknown
 
 Tap = Literal[
-    "projected", "cls", "tokens", "hidden", "normed", "projected_tokens", "global", "patches"
+    "projected",
+    "cls",
+    "tokens",
+    "hidden",
+    "normed",
+    "projected_tokens",
+    "global",
+    "patches",
+    "summary",
 ]
 TAPS: tuple[str, ...] = get_args(Tap)
 #: Taps that the class token alone gives.
@@ -46,6 +55,8 @@ def read_tap(encoder: Any, tap: str, *inputs: Tensor) -> Tensor:
         first, projected = encoder.class_tokens(*inputs)
         out: Tensor = first if tap == "cls" else projected
         return out
+    if tap == "summary":
+        return encode_summary(encoder, *inputs)[2]
     tokens, projected, before = _pass(encoder, tap, *inputs)
     if tap in ("hidden", "normed", "projected_tokens", "global"):
         return _READ[tap](encoder, tokens if before is None else before)

@@ -52,13 +52,13 @@ def cut_clips(
     seconds = _times(video, times)
     period = frame_period(seconds) if len(seconds) > 1 else 1.0
     warn_of_slow_frames(period, spacing, frames, stacklevel=4)
-    due, found = -math.inf, False
+    due = -math.inf
     for end, now in enumerate(seconds):
         if now < due or (rows := _rows(seconds, end, frames, spacing, period)) is None:
             continue
-        due, found = now + hop - period / 2, True
+        due = now + hop - period / 2
         yield float(now), video.read(rows)
-    if not found:
+    if due == -math.inf:
         span = (frames - 1) * round(clip_step(period, spacing) / period) + 1
         raise DataError(
             f"{len(seconds)} frames, {period:.3g} s apart: a clip of {frames}, {spacing:.3g} s "

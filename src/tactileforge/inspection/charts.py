@@ -3,68 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
 
 import numpy as np
 from markupsafe import Markup
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import NDArray
 
-from tactileforge.contracts import ACTIONS, Recording
 from tactileforge.inspection.counters import DURATIONS, Histogram
-from tactileforge.pages.figures import CLASSES, SHADE, drawing, over_time, svg
+from tactileforge.pages.figures import CLASSES, drawing, svg
 
-#: Points of a force curve.
-_POINTS = 400
-#: Share of the time axis that a name of an action needs, a letter.
-_LETTER = 0.022
 #: Longest name of a bar, letters.
 _NAME = 28
-
-
-def force_curve(recording: Recording, shown: Sequence[float]) -> Markup:
-    """Force over time along x, y and z; stretches of one action are shaded and named.
-
-    Args:
-        recording: With force, or with actions.
-        shown: Times of the frames that are shown above, s; marked on the axis.
-    """
-    times = recording.times
-    with drawing(5.2, 0.9 if recording.force is None else 1.9) as (figure, axes):
-        if recording.force is not None:
-            rows = np.unique(np.linspace(0, len(times) - 1, _POINTS).round().astype(int))
-            for i, values in enumerate(recording.force[rows].T):
-                axes.plot(times[rows], values, color=CLASSES[i][0], linewidth=1.4)
-        else:
-            axes.set_yticks([])
-            axes.set_ylim(0, 1)
-        over_time(axes, "" if recording.force is None else "N")
-        axes.set_xlim(times[0], times[-1])
-        axes.plot(
-            shown, [0] * len(shown), "|", transform=axes.get_xaxis_transform(), clip_on=False,
-            color="#010203", markersize=7,
-        )  # fmt: skip
-        if recording.action is not None:
-            for name, start, stop in _stretches(recording.action, times):
-                axes.axvspan(start, stop, color=SHADE, linewidth=0, zorder=0)
-                if (stop - start) > _LETTER * len(name) * (times[-1] - times[0]):
-                    place = dict(x=(start + stop) / 2, y=1.0, s=name, ha="center", va="bottom")
-                    axes.text(**place, transform=axes.get_xaxis_transform(), fontsize=8)
-        what = "force" if recording.force is not None else "actions"
-        return svg(figure, f"{what} over time")
-
-
-def _stretches(
-    action: NDArray[np.int64], times: NDArray[np.float64]
-) -> list[tuple[str, float, float]]:
-    """Name, start and end of each stretch of one known action, with a gap between neighbours."""
-    edges = [0, *(np.flatnonzero(np.diff(action)) + 1).tolist(), len(action)]
-    gap = 0.002 * float(times[-1] - times[0])
-    return [
-        (ACTIONS[action[a]].replace("_", " "), float(times[a]) + gap, float(times[b - 1]) - gap)
-        for a, b in pairwise(edges)
-        if 0 <= action[a] < len(ACTIONS) and times[b - 1] - times[a] > 2 * gap
-    ]
 
 
 def force_histogram(sensors: Sequence[Histogram], axis: str) -> Markup:

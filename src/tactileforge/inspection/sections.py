@@ -17,6 +17,7 @@ from tactileforge.inspection.findings import Total
 from tactileforge.inspection.frame_stats import evenly
 from tactileforge.inspection.scan import Scan, ScannedRecording
 from tactileforge.pages import page
+from tactileforge.pages.forces import recording_figure
 from tactileforge.pages.images import figure, image, strip
 from tactileforge.pages.page import (
     MINUS,
@@ -128,7 +129,7 @@ def _strip(seen: ScannedRecording) -> Markup:
     ]
     body = strip(images, len(seen.look.strip))
     if recording.force is not None or recording.action is not None:
-        body += charts.force_curve(recording, recording.times[seen.look.strip_rows].tolist())
+        body += recording_figure(recording, recording.times[seen.look.strip_rows].tolist())
     rate = 1 / recording.period
     seconds = float(recording.times[-1] - recording.times[0])
     below = f"{recording.key} · {len(recording.frames)} frames, {seconds:.3g} s, {rate:.3g} Hz"

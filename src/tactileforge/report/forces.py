@@ -15,7 +15,8 @@ from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.heads.force import Forces
 from tactileforge.module import TouchModule
 from tactileforge.pages.curves import Curve
-from tactileforge.pages.figures import SPLITS, force_curve_figure, lines_figure, scatter_figure
+from tactileforge.pages.figures import SPLITS, lines_figure
+from tactileforge.pages.forces import agreement_figure, prediction_figure
 from tactileforge.pages.page import (
     NONE,
     SPLIT_WORDS,
@@ -199,7 +200,7 @@ def _scatter(result: ForceResult, data: TouchData, sensors: list[str], axis: int
         )
         known = np.isfinite(true)
         groups.append((true[known], estimated[known], classes[known], 0.25 if faint else 0.9))
-    return scatter_figure(groups, ("measured (N)", "predicted (N)"), identity=True)
+    return agreement_figure(groups, ("measured (N)", "predicted (N)"))
 
 
 def _scores(result: ForceResult) -> Markup:
@@ -241,7 +242,7 @@ def _over_time(result: ForceResult, data: TouchData) -> Markup:
             continue
         lines = [(times, force[:, i]) for times, force in measured]
         points = {split: (times, force[:, i]) for split, (times, force) in predicted.items()}
-        drawings.append(panel(f"{axis} (N)", force_curve_figure(lines, points, axis)))
+        drawings.append(panel(f"{axis} (N)", prediction_figure(lines, points, axis)))
     names = {SPLITS[split]: f"predicted, {SPLIT_WORDS[split]}" for split in predicted}
     title = f"One recording over time: {result.recording}"
     return heading(title) + legend(names, line="measured") + panels(drawings)

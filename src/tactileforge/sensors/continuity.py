@@ -54,12 +54,12 @@ class Continuity:
         held, self._held = self._held, None
         if self._follows(self.last, new):
             self.jumps += held is not None
-            found = [new]
+            accepted = [new]
         elif held is not None and self._follows(held, new):
-            found = [held, new]
+            accepted = [held, new]
         else:
             self.jumps += held is not None
             self._held = new
             return []
         self.last = new
-        return found
+        return accepted

@@ -3,6 +3,11 @@
 Sizes, rates and areas are those of the frames in public data sets, None where nothing is published.
 Force scales of ``digit``, ``gelsight_mini`` and ``duragel`` are those of ToucHD's benchmark
 (AnyTouch 2, its ``max_abs``); for the others none is published, and they take the Mini's.
+
+More of a sensor, by the same name, where it applies: its gel, to simulate it
+(`sim.mechanics.sensor_gels.DEVICES`), its light (`sim.optics.sensor_instances.STYLES`), its markers
+(`sim.optics.markers.GRIDS`), and its row in published weights
+(`encoders.tactile_vit.PUBLISHED_SENSORS`).
 """
 
 from __future__ import annotations

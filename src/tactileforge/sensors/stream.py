@@ -6,12 +6,11 @@ import time
 from abc import ABC, abstractmethod
 from collections import deque
 from dataclasses import replace
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.contracts import Frame, SensorSpec
+from tactileforge.contracts import Frame, Sensor, SensorSpec
 from tactileforge.errors import SensorError, TactileForgeError
 from tactileforge.sensors.continuity import Arrival, Continuity
 from tactileforge.sensors.framing import Parser
@@ -39,7 +38,7 @@ class Stamper:
         return times
 
 
-class StreamSensor(ABC):
+class StreamSensor(Sensor, ABC):
     """A sensor that sends packets over a `Link`; a driver connects and decodes them.
 
     Attributes:
@@ -89,13 +88,13 @@ class StreamSensor(ABC):
         """
         return True
 
-    def start(self, link: Link) -> None:  # noqa: B027  a driver may override it
+    def start(self, link: Link) -> None:
         """Tells the device to send; most need no request."""
 
-    def stop(self, link: Link) -> None:  # noqa: B027  a driver may override it
+    def stop(self, link: Link) -> None:
         """Tells the device to stop; it may be disconnected already."""
 
-    def ready(self) -> None:  # noqa: B027  a driver may override it
+    def ready(self) -> None:
         """Hook called once the device is open, for example to take a baseline."""
 
     @property
@@ -192,10 +191,3 @@ class StreamSensor(ABC):
             pass  # it is gone: there is nobody to tell
         finally:
             link.close()
-
-    def __enter__(self) -> Self:
-        self.open()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()

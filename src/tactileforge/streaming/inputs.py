@@ -63,8 +63,8 @@ def checked_image(what: str, image: Image) -> Image:
         DataError: It is something else; says what was found.
     """
     if not isinstance(image, np.ndarray) or image.dtype != np.uint8:
-        found = getattr(image, "dtype", type(image).__name__)
-        raise DataError(f"{what}: expected a numpy array of uint8, (H, W, 3), found {found}")
+        dtype = getattr(image, "dtype", type(image).__name__)
+        raise DataError(f"{what}: expected a numpy array of uint8, (H, W, 3), found {dtype}")
     if image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape:
         raise DataError(f"{what}: expected (H, W, 3), RGB, found {image.shape}")
     return np.array(image)

@@ -264,11 +264,11 @@ class TouchStream:
         """Force in the newest frame, N, and the vector of the clip."""
         if self.model is None or shot.clip is None:
             return None, None
-        found = self.model.readings(
+        reading = self.model.readings(
             shot.clip, self._still, self.sensor, calibration=self.calibration
         )
-        vector = found.vector.cpu().numpy() if self.embedding else None
-        if found.force is None:
+        vector = reading.vector.cpu().numpy() if self.embedding else None
+        if reading.force is None:
             return None, vector
-        x, y, z = found.force[-1].tolist()
+        x, y, z = reading.force[-1].tolist()
         return (x, y, z), vector

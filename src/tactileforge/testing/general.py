@@ -20,6 +20,7 @@ from typing import Any
 from torch import nn
 
 from tactileforge import registry
+from tactileforge.contracts import Sensor
 from tactileforge.testing.modules import small_context
 from tactileforge.testing.results import Check, CheckSubject, Skip, require
 
@@ -34,7 +35,7 @@ def name_is_snake_case(subject: CheckSubject) -> None:
 
 def parameters_are_explicit(subject: CheckSubject) -> None:
     """Every parameter has a name of its own: they become the configuration."""
-    if subject.plugin.__init__ is nn.Module.__init__:
+    if subject.plugin.__init__ in (nn.Module.__init__, Sensor.__init__):  # none of its own
         return
     for parameter in signature(subject.plugin).parameters.values():
         explicit = parameter.kind in (Parameter.POSITIONAL_OR_KEYWORD, Parameter.KEYWORD_ONLY)

@@ -12,7 +12,7 @@ import torch
 
 from tactileforge.bench.fit import models
 from tactileforge.bench.fit.features import FLIPS, PLAIN, FeatureStore, extract_features
-from tactileforge.bench.fit.models import FrozenEncoder
+from tactileforge.bench.fit.frozen_encoder import FrozenEncoder
 from tactileforge.bench.fit.pixels import PixelFeatures
 from tactileforge.bench.tasks.source import TaskSource
 from tactileforge.bench.tasks.suite import ClipSpec

@@ -121,4 +121,4 @@ def test_inner_folds_go_by_group() -> None:
 def test_it_has_a_name() -> None:
     assert probe_class("ridge") is Ridge
     assert not Ridge.trained
-    assert Ridge.readings == ("pooled", "patches")
+    assert Ridge.readings == ("pooled", "summary", "patches")

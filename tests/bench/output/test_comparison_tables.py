@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from tactileforge.bench.output import comparison_tables, published
+from tactileforge.bench.output import comparison_tables, published, setting_tables
 from tactileforge.bench.output.grid import (
     ColumnHead,
     Notes,
@@ -255,7 +255,7 @@ def test_settings_are_ranked_model_by_model(tmp_path: Path) -> None:
         cell["setting"] = {"lr": 0.01, "heads": 4}
     content["cells"] += cells("force", "a", "rmse_sum_axes", 90.0, 91.0, setting=tried)
     loaded = read_results(write(tmp_path, content))
-    grid = comparison_tables.settings_table(loaded, collect_scores(loaded))
+    grid = setting_tables.settings_table(loaded, collect_scores(loaded))
     assert grid
     rows = [[entry.text for entry in row] for row in grid.rows]
     assert rows == [["A", "lr=0.01", "110.0 ± 24.8"], ["A", "lr=0.1", "90.5 ± 6.4"]]
@@ -272,7 +272,7 @@ def test_details_hold_every_metric(tmp_path: Path) -> None:
         if cell["task"] == "action" and cell["model"] == "a":
             cell["metrics"]["f1"] = 0.5
     loaded = read_results(write(tmp_path, content))
-    grid = comparison_tables.details_table(loaded, collect_scores(loaded), loaded.tasks[1])
+    grid = setting_tables.details_table(loaded, collect_scores(loaded), loaded.tasks[1])
     assert grid
     assert [entry.text for entry in grid.rows[0]] == [
         "A", "82.00 ± 4.97", "0.500 ± 0.000", "3", "0, 1, 2",

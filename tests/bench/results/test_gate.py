@@ -10,7 +10,13 @@ import pytest
 
 from tactileforge.bench.output import gate_table
 from tactileforge.bench.results import gate
-from tactileforge.bench.results.gate import GroupedScore, compared, gate_outcome, grouped_score
+from tactileforge.bench.results.gate import (
+    GroupedScore,
+    compared,
+    compared_over_tasks,
+    gate_outcome,
+    grouped_score,
+)
 from tactileforge.bench.results.results import Cell, ResultMetric, ResultModel, Results, ResultTask
 from tactileforge.errors import DataError
 
@@ -76,6 +82,16 @@ def test_pairs_narrow_the_difference(tmp_path: Path) -> None:
     assert apart.value == pytest.approx(compared([tallied]).value - compared([other]).value)
     assert apart.high - apart.low < 0.6 * (single.high - single.low)
     assert compared([tallied], [tallied]) == gate.GateScore(0.0, 0.0, 0.0)
+
+
+def test_the_mean_of_tasks_is_surer_than_each(tmp_path: Path) -> None:
+    """Four tasks of equal spread: the interval of their mean is half as wide."""
+    single = [grouped_score(classes(tmp_path, str(i), 0.7, i), "accuracy") for i in range(4)]
+    parts = [compared([score]) for score in single]
+    mean = compared_over_tasks([([score], ()) for score in single])
+    assert mean.value == pytest.approx(np.mean([part.value for part in parts]))
+    width = np.mean([part.high - part.low for part in parts])
+    assert mean.high - mean.low == pytest.approx(width / 2, rel=0.1)
 
 
 def test_the_spread_of_random_networks_counts(tmp_path: Path) -> None:

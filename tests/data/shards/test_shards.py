@@ -12,7 +12,7 @@ import pytest
 
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
-from tactileforge.data.shards import shards
+from tactileforge.data.shards import description, shards
 from tactileforge.errors import ConfigError, DataError
 
 
@@ -149,8 +149,8 @@ def test_a_shard_written_with_nan_is_still_read(touch: Recording, tmp_path: Path
     stated = {key: value for key, value in about.items() if key != "crc32"}
     about["crc32"] = zlib.crc32(json.dumps(stated, sort_keys=True).encode())
     assert "NaN" in json.dumps(about)
-    prediction = shards._head(json.dumps(about).encode(), "a.tar")
-    np.testing.assert_array_equal(shards._track(prediction["tracks"]["slip"]), values)
+    prediction = description.parse_description(json.dumps(about).encode(), "a.tar")
+    np.testing.assert_array_equal(description._track(prediction["tracks"]["slip"]), values)
 
 
 @pytest.mark.parametrize("what", ["force", "times", "track"])
@@ -371,7 +371,7 @@ def described(touch: Recording, **change: Any) -> bytes:
     for key, value in change.items():
         place, _, last = key.rpartition("__")
         (about["pictures"]["frames"] if place else about)[last] = value
-    return json.dumps(about | {"crc32": shards._checksum(about)}).encode()
+    return json.dumps(about | {"crc32": description.checksum(about)}).encode()
 
 
 @pytest.mark.parametrize(

@@ -5,13 +5,13 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 from importlib import import_module
-from typing import Any, Self
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.contracts import Frame
+from tactileforge.contracts import Frame, Sensor
 from tactileforge.errors import ConfigError, SensorError, TactileForgeError
 from tactileforge.sensors.specs import SPECS
 
@@ -19,7 +19,7 @@ from tactileforge.sensors.specs import SPECS
 PICTURES = {"raw": "getRawImg", "infer": "getInferImg"}
 
 
-class DmTacSdk:
+class DmTacSdk(Sensor):
     """A DM-Tac, read through ``dmrobotics``.
 
     Args:
@@ -132,13 +132,6 @@ class DmTacSdk:
         sensor, self._sensor, self.address, self._next = self._sensor, None, "", None
         if sensor is not None:
             sensor.disconnect()
-
-    def __enter__(self) -> Self:
-        self.open()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()
 
 
 def _rgb(picture: Any) -> NDArray[np.uint8]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from tactileforge.bench.fit.baselines import BASELINES
 from tactileforge.bench.fit.evaluate import ProbeResult
-from tactileforge.bench.fit.models import FrozenEncoder
+from tactileforge.bench.fit.frozen_encoder import FrozenEncoder
 from tactileforge.bench.fit.resolve import PreparedTask
 from tactileforge.bench.results.write import file_name
 from tactileforge.hub.classify import FORMAT, ClassFacts, ClassHead, encoder_hash

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tactileforge.bench.fit import finetune
 from tactileforge.bench.fit.features import FLIPS, PLAIN, Array, FeatureStore, Flip
-from tactileforge.bench.fit.models import FrozenEncoder
+from tactileforge.bench.fit.frozen_encoder import FrozenEncoder
 from tactileforge.bench.fit.probes.base import Probe, Values
 from tactileforge.bench.fit.probes.knn import Knn
 from tactileforge.bench.fit.probes.linear import Linear

@@ -16,7 +16,7 @@ from torch.utils.data import DataLoader, Subset
 from tqdm import tqdm
 
 from tactileforge.bench.fit import decoded
-from tactileforge.bench.fit.models import FrozenEncoder
+from tactileforge.bench.fit.frozen_encoder import FrozenEncoder
 from tactileforge.bench.tasks.source import TaskSource
 from tactileforge.contracts import Batch
 from tactileforge.data.batches.clips import Clips, collate

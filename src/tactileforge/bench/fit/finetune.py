@@ -14,7 +14,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 from tactileforge.bench.fit.features import FLIPS, PLAIN, FeatureStore, loader, readers
-from tactileforge.bench.fit.models import FrozenEncoder
+from tactileforge.bench.fit.frozen_encoder import FrozenEncoder
 from tactileforge.bench.fit.probes.base import Values
 from tactileforge.bench.fit.resolve import PreparedTask, ProbeChoice
 from tactileforge.bench.fit.training import TrainedProbe, seeded_probe

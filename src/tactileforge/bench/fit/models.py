@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -12,162 +10,18 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from torch import Tensor
 
 from tactileforge import registry
-from tactileforge.bench.fit import trained_on
 from tactileforge.bench.fit.baselines import BASELINES
-from tactileforge.bench.fit.probes.base import Probe
-from tactileforge.bench.tasks.suite import ClipSpec
-from tactileforge.contracts import Batch
+from tactileforge.bench.fit.frozen_encoder import FrozenEncoder
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.files import sha256
 from tactileforge.hub import cards, files, store
 from tactileforge.hub.header import Header
 from tactileforge.hub.pack import pack_run
 
-#: Frames that a model of single frames is shown.
-STILL_FRAMES = 2
 #: Draws of random weights that are compared.
 UNTRAINED = 3
-
-
-class FrozenEncoder:
-    """One frozen encoder, and the form of its input clips.
-
-    Clips are read as its training read them: what was trained here is given frames of the size of
-    its input, what was imported frames as they were recorded. A model of single frames is shown
-    two, along the batch, and its features are averaged (AnyTouch 2, Implementation Details).
-
-    Args:
-        name: The word that users type.
-        encoder: A touch encoder.
-        header: What is known of it.
-        sha256: Of its file; "" takes that of its weights.
-        device: Where it computes.
-
-    Attributes:
-        frames: Frames of a clip that it is shown.
-        weights: Hash of its weights.
-        preprocessing: What else its features depend on; plain data.
-    """
-
-    def __init__(
-        self, name: str, encoder: Any, header: Header, sha256: str = "", device: str = "cpu"
-    ) -> None:
-        self.name = name
-        self.encoder = encoder.to(device).eval().requires_grad_(False)
-        self.header = header
-        self.device = torch.device(device)
-        self.single = encoder.frames == 1
-        self.flat: bool = getattr(encoder, "flat", False)
-        self.frames: int = STILL_FRAMES if self.single else encoder.frames
-        self.native = not header.recipe and header.encoder["name"] not in BASELINES
-        self.weights = _hash(encoder)
-        self.sha256 = sha256 or self.weights
-        self.preprocessing = json.loads(
-            json.dumps([header.encoder, header.input, header.sensors, self.native, self.frames])
-        )
-
-    @property
-    def facts(self) -> dict[str, Any]:
-        """Parameters, frames, image size; training data and steps, where they are known."""
-        height, width = self.encoder.image_size
-        known = {
-            "parameters": sum(p.numel() for p in self.encoder.parameters()),
-            "frames": self.encoder.frames,
-            "image_size": f"{height} x {width}",
-        }
-        if not self.header.source:
-            return known
-        known |= {"trained_on": trained_on.trained_on(self.header)}
-        if overlap := trained_on.seen(self.header):
-            known |= {"seen_of_held_out": overlap}
-        steps = self.header.source.get("steps")
-        return known if steps is None else known | {"steps": steps}
-
-    def width(self, tap: str) -> int:
-        """Width of a feature."""
-        width: int = self.encoder.projected if tap == "projected" else self.encoder.width
-        return width
-
-    def taps(self, kind: type[Probe]) -> tuple[str, ...]:
-        """Names of the features that a kind of probe reads and this encoder has."""
-        if not kind.readings:
-            return (kind.tap,)
-        return kind.readings[:1] if self.flat else kind.readings
-
-    def spacing_of(self, clip: ClipSpec) -> float:
-        """Seconds between the frames of its clips."""
-        if self.single or clip.spread:
-            return clip.span / (self.frames - 1)
-        return self.header.spacing
-
-    def size_for(self, shape: tuple[int, int]) -> tuple[int, int]:
-        """Height and width to which frames of a shape are read."""
-        size: tuple[int, int] = self.encoder.image_size
-        return shape if self.native else size
-
-    def unknown(self, sensors: Sequence[str]) -> list[str]:
-        """Those of the sensors that the encoder does not know."""
-        unknown = []
-        for name in sensors:
-            try:
-                self._rows([name], "error")
-            except ConfigError:
-                unknown.append(name)
-        return unknown
-
-    def features(self, batch: Batch, flip: tuple[bool, bool], policy: str) -> dict[str, Tensor]:
-        """Features for probes, without gradients.
-
-        Returns:
-            ``tokens`` (B, L, width) and ``projected`` (B, projected). ``patches`` (B, n width), the
-            tokens without those in front, one after another; ``pooled`` (B, width), their mean. Of
-            a baseline without patches ``pooled`` is ``projected``.
-        """
-        with torch.inference_mode():
-            taps = self.run(batch, flip, policy)
-            patches = taps["tokens"][:, self.encoder.prefix :]
-            pooled = taps["projected"] if self.flat else patches.float().mean(1)
-            return taps | {"pooled": pooled, "patches": patches.flatten(1)}
-
-    def run(self, batch: Batch, flip: tuple[bool, bool], policy: str) -> dict[str, Tensor]:
-        """The same, with gradients where the encoder has them.
-
-        Args:
-            batch: See `tactileforge.contracts`.
-            flip: Whether it is mirrored left to right, and top to bottom.
-            policy: What to do with an unknown sensor: ``error`` or ``universal``.
-        """
-        frames = batch["frames"].to(self.device, non_blocking=True)
-        background = batch["background"].to(self.device, non_blocking=True)
-        mirrored = [dim for dim, on in zip((-1, -2), flip, strict=True) if on]
-        if mirrored:
-            frames, background = frames.flip(mirrored), background.flip(mirrored)
-        rows = self._rows(batch["sensor"], policy).to(self.device)
-        if not self.single:
-            tokens, projected = self.encoder(frames, background, rows)
-            return {"tokens": tokens, "projected": projected}
-        count = frames.shape[1]
-        tokens, projected = self.encoder(
-            frames.flatten(0, 1)[:, None],
-            background.repeat_interleave(count, 0),
-            rows.repeat_interleave(count),
-        )
-        taps = {"tokens": tokens, "projected": projected}
-        return {tap: value.unflatten(0, (-1, count)).mean(1) for tap, value in taps.items()}
-
-    def _rows(self, sensors: Sequence[str], policy: str) -> Tensor:
-        if hasattr(self.encoder, "unknown_sensor"):
-            self.encoder.unknown_sensor = policy
-        if hasattr(self.encoder, "sensor_ids"):
-            rows: Tensor = self.encoder.sensor_ids(sensors)
-            return rows
-        known = self.encoder.sensors
-        if strange := [name for name in sensors if known and name not in known]:
-            raise ConfigError(f"the model does not know the sensor {strange[0]!r}")
-        return torch.tensor([known.get(name, 0) for name in sensors])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -300,11 +154,3 @@ def header_of(word: str, composed: Sequence[str] = ()) -> Header:
 def _of_file(name: str, path: Path, device: str) -> FrozenEncoder:
     encoder, header = files.open_encoder(path)
     return FrozenEncoder(name, encoder, header, sha256(path), device)
-
-
-def _hash(encoder: torch.nn.Module) -> str:
-    digest = hashlib.sha256()
-    for key, value in sorted(encoder.state_dict().items()):
-        digest.update(key.encode())
-        digest.update(value.detach().cpu().contiguous().numpy().tobytes())
-    return digest.hexdigest()

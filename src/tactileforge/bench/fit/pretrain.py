@@ -15,7 +15,8 @@ from typing import Any
 from omegaconf import DictConfig
 
 from tactileforge import strict
-from tactileforge.bench.fit.models import FrozenEncoder, ModelEntry, encoder_of_run
+from tactileforge.bench.fit.frozen_encoder import FrozenEncoder
+from tactileforge.bench.fit.models import ModelEntry, encoder_of_run
 from tactileforge.bench.results.results import LossCurve
 from tactileforge.callbacks import checkpoints
 from tactileforge.errors import ConfigError, TactileForgeError, unknown

@@ -11,7 +11,8 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from numpy.typing import NDArray
 
-from tactileforge.pages.figures import CLASSES, INK, drawing, svg
+from tactileforge.pages.figures import CLASSES, drawing, svg
+from tactileforge.pages.forces import agreement_figure
 from tactileforge.pages.page import MINUS, NONE
 
 #: Points that are drawn; numbers are of all.
@@ -54,35 +55,21 @@ def scatter(
         unit: Of the values; errors of N are given in mN.
     """
     rows = np.unique(np.linspace(0, len(truth) - 1, POINTS).round().astype(int))
-    with drawing(3.4, 3.2) as (figure, axes):
-        axes.plot(limits, limits, color=INK, linewidth=0.8, dashes=(4, 3), zorder=1.5)
-        x, y = (np.clip(part[rows], *limits) for part in (truth, predicted))
-        axes.add_patch(_dots(x, y, (limits[1] - limits[0]) / 2000))
-        error = rmse(truth, predicted)
-        told = f"{1000 * error:.0f} mN" if unit == "N" else f"{error:.3g} {unit}".rstrip()
-        words = f"RMSE {told}\nr {_r(truth, predicted)}"
-        axes.text(0.04, 0.97, words, transform=axes.transAxes, va="top", linespacing=1.4, zorder=4)
-        room = 0.02 * (limits[1] - limits[0])
-        ends = (limits[0] - room, limits[1] + room)
-        axes.set(xlim=ends, ylim=ends, aspect="equal")
-        what = f"{axis} ({unit})" if unit else axis
-        axes.set(xlabel=f"true {what}", ylabel=f"predicted {what}")
-        return svg(figure, f"predicted against true {axis}")
+    error = rmse(truth, predicted)
+    told = f"{1000 * error:.0f} mN" if unit == "N" else f"{error:.3g} {unit}".rstrip()
+    what = f"{axis} ({unit})" if unit else axis
+    return agreement_figure(
+        [(truth[rows], predicted[rows], np.zeros(len(rows), np.int64), 0.6)],
+        (f"true {what}", f"predicted {what}"),
+        limits=limits,
+        words=f"RMSE {told}\nr {_r(truth, predicted)}",
+        name=f"predicted against true {axis}",
+    )
 
 
 def _r(truth: NDArray[Any], predicted: NDArray[Any]) -> str:
     value = correlation(truth, predicted)
     return f"{value:.2f}".replace("-", MINUS) if value == value else NONE
-
-
-def _dots(x: NDArray[Any], y: NDArray[Any], length: float) -> PathPatch:
-    """All dots as one path, a short round line each: a tenth of the bytes of markers."""
-    ends = np.stack([np.stack([x, y], 1), np.stack([x + length, y], 1)], 1).reshape(-1, 2)
-    codes = np.tile([Path.MOVETO, Path.LINETO], len(x))
-    colour = CLASSES[0][0]
-    return PathPatch(
-        Path(ends, codes), fill=False, edgecolor=colour, linewidth=3, capstyle="round", alpha=0.6
-    )
 
 
 def confusion(

@@ -40,7 +40,8 @@ def gate_table(gate_rows: Sequence[GateRow], results: Results) -> Table | None:
     rows = []
     for model, reading in keys:
         cells = [known.get((model, reading, task.name)) for task in results.tasks]
-        entries = [_entry(row) if row else TableEntry("not run", tone="soft") for row in cells]
+        mean = known.get((model, reading, gate.MEAN))
+        entries = [_entry(row) for row in (*cells, mean)]
         rows.append(
             [TableEntry(names[model]), TableEntry(reading), *entries, TableEntry(_won(cells))]
         )
@@ -49,12 +50,20 @@ def gate_table(gate_rows: Sequence[GateRow], results: Results) -> Table | None:
         name="gate",
         title=f"Release gate: {results.suite}",
         caption=_CAPTION,
-        head=[ColumnHead("Model"), ColumnHead("tokens"), *heads, ColumnHead("won")],
+        head=[
+            ColumnHead("Model"),
+            ColumnHead("tokens"),
+            *heads,
+            ColumnHead("Mean"),
+            ColumnHead("won"),
+        ],
         rows=rows,
     )
 
 
-def _entry(row: GateRow) -> TableEntry:
+def _entry(row: GateRow | None) -> TableEntry:
+    if row is None:
+        return TableEntry("not run", tone="soft")
     below = [f"{name[0]} {_signed(row.above[name])}" for name in gate.AGAINST if name in row.above]
     lost = any(row.above[name].high < 0 for name in gate.AGAINST if name in row.above)
     sign = " ▲" if row.beats else " ▼" if lost else ""

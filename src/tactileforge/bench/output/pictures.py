@@ -21,11 +21,11 @@ from tactileforge.pages.templating import joined
 _CURVE = 200
 
 
-def draw_figures(folder: Path, results: Results, found: Scores) -> list[Section]:
+def draw_figures(folder: Path, results: Results, scores: Scores) -> list[Section]:
     """Scatter of forces, confusion matrices, and loss curves; only what there is."""
     scatters, confusions = Markup(), Markup()
     for task in results.tasks:
-        readings, trouble = _read(folder, results, found, task)
+        readings, trouble = _read(folder, results, scores, task)
         values = {name: one for name, one in readings.items() if not one.names}
         classes = {name: one for name, one in readings.items() if one.names}
         if values:
@@ -50,18 +50,18 @@ def draw_figures(folder: Path, results: Results, found: Scores) -> list[Section]
         )
         body = paragraph(words) + confusions
         parts.append(Section("confusions", "Classes", body))
-    if losses := _trainings(results) + _probes(results, found):
+    if losses := _trainings(results) + _probes(results, scores):
         parts.append(Section("losses", "Losses", legend({0: "training", 1: "validation"}) + losses))
     return parts
 
 
 def _read(
-    folder: Path, results: Results, found: Scores, task: ResultTask
+    folder: Path, results: Results, scores: Scores, task: ResultTask
 ) -> tuple[dict[str, Predictions], Markup]:
     """Predictions of one task by title of the model, and words on those that are not there."""
     names, readings, trouble = titles(results), {}, []
     for model in results.models:
-        score = main_score(found, task, model)
+        score = main_score(scores, task, model)
         if score is None or not score.cells[0].predictions:
             continue
         try:
@@ -141,12 +141,12 @@ def _trainings(results: Results) -> Markup:
     return body
 
 
-def _probes(results: Results, found: Scores) -> Markup:
+def _probes(results: Results, scores: Scores) -> Markup:
     names, body = titles(results), Markup()
     for task in results.tasks:
         drawings = []
         for model in results.models:
-            score = main_score(found, task, model)
+            score = main_score(scores, task, model)
             curve = score.cells[0].curve if score else {}
             if train := curve.get("train", []):
                 epochs = list(range(1, len(train) + 1))

@@ -9,6 +9,7 @@ from markupsafe import Markup
 
 from tactileforge.bench.output.grid import ColumnHead, Table, TableEntry
 from tactileforge.pages.templating import piece
+from tactileforge.pages.text_tables import markdown_table
 
 _TEX = {
     "\\": r"\textbackslash{}",
@@ -67,21 +68,11 @@ def render_markdown(grid: Table) -> str:
     """A heading, the caption, the table in aligned columns, and its footnotes."""
     rows = [[markdown_text(f"{head.text}, {head.below}".strip(", ")) for head in grid.head]]
     rows += [[_markdown_entry(entry) for entry in row] for row in grid.rows]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    left = [0, *(i for i, entry in enumerate(grid.rows[0]) if i and entry.tone == "text")]
-    rule = [f"{'-' * (width + 1)}{'-' if i in left else ':'}" for i, width in enumerate(widths)]
-    lines = [
-        f"| {' | '.join(_pad(row[i], width, i in left) for i, width in enumerate(widths))} |"
-        for row in rows
-    ]
-    lines.insert(1, f"|{'|'.join(rule)}|")
+    right = {i for i, entry in enumerate(grid.rows[0]) if i and entry.tone != "text"}
     notes = "".join(f"- ({mark}) {markdown_text(text)}\n" for mark, text in grid.notes)
     head = f"## {markdown_text(grid.title)}\n\n{markdown_text(grid.caption)}\n\n"
-    return head + "\n".join(lines) + "\n" + (f"\n{notes}" if notes else "")
-
-
-def _pad(text: str, width: int, left: bool) -> str:
-    return text.ljust(width) if left else text.rjust(width)
+    lines = markdown_table(rows, right=right, aligned=True)
+    return head + lines + "\n" + (f"\n{notes}" if notes else "")
 
 
 def _markdown_entry(entry: TableEntry) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from tactileforge.bench.output import comparison_tables, published
+from tactileforge.bench.output import comparison_tables, published, setting_tables
 from tactileforge.bench.output.grid import ColumnHead, Table, TableEntry
 from tactileforge.bench.output.pictures import draw_figures
 from tactileforge.bench.output.published import PublishedScore
@@ -24,7 +24,7 @@ from tactileforge.pages.templating import joined
 def bench_page(
     folder: Path,
     results: Results,
-    found: Scores,
+    scores: Scores,
     rows: Sequence[PublishedScore],
     gate: Table | None = None,
 ) -> str:
@@ -33,24 +33,28 @@ def bench_page(
     Args:
         folder: Where the predictions lie.
         results: What was measured.
-        found: The same, by task and model.
+        scores: The same, by task and model.
         rows: Published numbers.
         gate: The release gate, where it was measured.
     """
-    parts = [_compared(results, found)]
+    parts = [_compared(results, scores)]
     for name, title, grid in (
         ("gate", "Release gate", gate),
-        ("ablation", "Ablations", comparison_tables.ablation_table(results, found)),
-        ("setting", "Settings", comparison_tables.settings_table(results, found)),
+        ("ablation", "Ablations", comparison_tables.ablation_table(results, scores)),
+        ("setting", "Settings", setting_tables.settings_table(results, scores)),
     ):
         if grid:
             parts.append(Section(name, title, render_html(grid)))
-    parts += draw_figures(folder, results, found)
-    parts += [_details(results, found), *_published(results, found, rows), _about(results)]
-    return page(f"Touch encoders compared: {results.suite}", _top(results, found), parts)
+    parts += draw_figures(folder, results, scores)
+    parts += [
+        _details(results, scores),
+        *_published(results, scores, rows),
+        _about(results),
+    ]
+    return page(f"Touch encoders compared: {results.suite}", _top(results, scores), parts)
 
 
-def _top(results: Results, found: Scores) -> Markup:
+def _top(results: Results, scores: Scores) -> Markup:
     seeds = sorted({cell.seed for cell in results.cells})
     about = {
         "Suite": results.suite,
@@ -64,11 +68,15 @@ def _top(results: Results, found: Scores) -> Markup:
             if key in results.versions
         ),
     }
-    lines = [*_leaders(results, found), _ran(results, found), *_warnings(results, found)]
+    lines = [
+        *_leaders(results, scores),
+        _ran(results, scores),
+        *_warnings(results, scores),
+    ]
     return facts(about) + verdict(lines)
 
 
-def _leaders(results: Results, found: Scores) -> list[tuple[str, str]]:
+def _leaders(results: Results, scores: Scores) -> list[tuple[str, str]]:
     """Best models by task, and the tasks in which the lead exceeds the interval."""
     first: dict[str, list[str]] = {}
     clear = compared = 0
@@ -76,7 +84,7 @@ def _leaders(results: Results, found: Scores) -> list[tuple[str, str]]:
         known = [
             (interval, model.name)
             for model in comparison_tables.main_models(results)
-            for score in found.get((task.name, model.name), [])[:1]
+            for score in scores.get((task.name, model.name), [])[:1]
             if (interval := score.interval())
         ]
         if len(known) < 2:
@@ -95,54 +103,54 @@ def _leaders(results: Results, found: Scores) -> list[tuple[str, str]]:
     return [("plain", text)]
 
 
-def _ran(results: Results, found: Scores) -> tuple[str, str]:
+def _ran(results: Results, scores: Scores) -> tuple[str, str]:
     every = len(results.tasks) * len(results.models)
     count = sum(
-        (task.name, model.name) in found for task in results.tasks for model in results.models
+        (task.name, model.name) in scores for task in results.tasks for model in results.models
     )
     if count == every and not results.not_run:
         return "good", f"All {every} pairs of a model and a task were run."
     return "bad", f"{every - count} of {every} pairs of a model and a task were not run; see below."
 
 
-def _warnings(results: Results, found: Scores) -> list[tuple[str, str]]:
+def _warnings(results: Results, scores: Scores) -> list[tuple[str, str]]:
     lines = []
     test = [task.title for task in results.tasks if task.selection == "test"]
     if test:
         text = f"The epoch was chosen on the test set, so numbers are optimistic: {', '.join(test)}"
         lines.append(("bad", f"{text}."))
-    single = sum(len(some[0].cells) == 1 for some in found.values())
+    single = sum(len(some[0].cells) == 1 for some in scores.values())
     if single:
-        text = f"{single} of {len(found)} numbers of the tables come from one seed: no interval."
+        text = f"{single} of {len(scores)} numbers of the tables come from one seed: no interval."
         lines.append(("plain", text))
     bad = sum(
         (one := score.interval()) is None or len(one.values) < len(score.cells)
-        for some in found.values()
+        for some in scores.values()
         for score in some
     )
     if bad:
         lines.append(("bad", f"{bad} probes gave no finite number in at least one seed."))
-    return lines + [("plain", f"{hint}.") for hint in edge_rates(results, found)]
+    return lines + [("plain", f"{hint}.") for hint in edge_rates(results, scores)]
 
 
-def _compared(results: Results, found: Scores) -> Section:
-    grid = comparison_tables.main_table(results, found)
+def _compared(results: Results, scores: Scores) -> Section:
+    grid = comparison_tables.main_table(results, scores)
     body = render_html(grid) if grid else paragraph("There is no model, or no task.")
     return Section("models", "Models", body)
 
 
-def _details(results: Results, found: Scores) -> Section:
+def _details(results: Results, scores: Scores) -> Section:
     body = paragraph("Every metric of each task, in the setting of the main table.")
     for task in results.tasks:
-        grid = comparison_tables.details_table(results, found, task)
+        grid = setting_tables.details_table(results, scores, task)
         inner = render_html(grid) if grid else paragraph("There is no model.")
         body += details(task.title, inner)
     return Section("details", "All metrics", body)
 
 
-def _published(results: Results, found: Scores, rows: Sequence[PublishedScore]) -> list[Section]:
+def _published(results: Results, scores: Scores, rows: Sequence[PublishedScore]) -> list[Section]:
     body = Markup()
-    for beside in published.beside_tables(results, found, rows):
+    for beside in published.beside_tables(results, scores, rows):
         body += render_html(beside, heading=True)
     every = published.published_table(rows)
     if every:

@@ -7,7 +7,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tactileforge.bench.output import comparison_tables, gate_table, published, render
+from tactileforge.bench.output import (
+    comparison_tables,
+    gate_table,
+    published,
+    render,
+    setting_tables,
+)
 from tactileforge.bench.output.csv_export import long_form
 from tactileforge.bench.output.grid import Table
 from tactileforge.bench.output.published import PublishedScore
@@ -60,7 +66,7 @@ def tables(
         gate,
         comparison_tables.main_table(results, all_scores),
         comparison_tables.ablation_table(results, all_scores),
-        comparison_tables.settings_table(results, all_scores),
+        setting_tables.settings_table(results, all_scores),
         *published.beside_tables(results, all_scores, rows),
         published.published_table(rows),
     ]

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.bench.results.predictions import read_predictions
-from tactileforge.bench.results.results import Cell, ResultModel, Results, ResultTask
+from tactileforge.bench.results.results import Cell, Results, ResultTask
 from tactileforge.errors import DataError
 
 FILE = "gate.json"
@@ -25,6 +25,8 @@ AGAINST = ("random", "pixels")
 DRAWS = 2000
 #: Words of models that are compared with, besides ``untrained:NAME``.
 _BASELINES = ("pixels", "statistics", "motion", "hog", "background", "chance")
+#: Name of the row of all tasks together, whose metrics are all 1 at best.
+MEAN = "mean"
 _SEED = 20261122
 
 Sums = NDArray[np.float64]
@@ -120,11 +122,41 @@ def compared(tallies: Sequence[GroupedScore], others: Sequence[GroupedScore] = (
     Raises:
         DataError: They were not tested on the same groups.
     """
+    value, draws = _bootstrap(tallies, others)
+    return _interval(value, draws)
+
+
+def compared_over_tasks(
+    tasks: Sequence[tuple[Sequence[GroupedScore], Sequence[GroupedScore]]],
+) -> GateScore:
+    """Mean over tasks of what `compared` gives for each; tasks are drawn from independently.
+
+    Args:
+        tasks: Networks and others of each task; see `compared`.
+
+    Raises:
+        DataError: See `compared`.
+    """
+    parts = [_bootstrap(*task, seed=_SEED + number) for number, task in enumerate(tasks)]
+    return _interval(
+        float(np.mean([value for value, _ in parts])), np.mean([draws for _, draws in parts], 0)
+    )
+
+
+def _interval(value: float, draws: Sums) -> GateScore:
+    low, high = np.quantile(draws, (0.025, 0.975))
+    return GateScore(value, float(low), float(high))
+
+
+def _bootstrap(
+    tallies: Sequence[GroupedScore], others: Sequence[GroupedScore] = (), seed: int = _SEED
+) -> tuple[float, Sums]:
+    """Mean score or difference, and those of ``DRAWS`` draws; see `compared`."""
     every = [*tallies, *others]
     groups = every[0].groups
     if any(network.groups != groups for network in every):
         raise DataError("models were tested on other recordings; run the bench again, all at once")
-    rng = np.random.default_rng(_SEED)
+    rng = np.random.default_rng(seed)
     # the same draws of groups for all networks: the test is paired
     counts = rng.multinomial(len(groups), np.full(len(groups), 1 / len(groups)), DRAWS)
     all_once = np.ones((1, len(groups)))
@@ -139,8 +171,7 @@ def compared(tallies: Sequence[GroupedScore], others: Sequence[GroupedScore] = (
     values = drawn(tallies) - drawn(others) if others else drawn(tallies)
     mean = np.mean([network.scores(all_once) for network in tallies])
     mean -= np.mean([network.scores(all_once) for network in others]) if others else 0.0
-    low, high = np.quantile(values, (0.025, 0.975))
-    return GateScore(float(mean), float(low), float(high))
+    return float(mean), values
 
 
 @dataclass(frozen=True)
@@ -148,9 +179,9 @@ class GateRow:
     """A model in a task, with one kind of features.
 
     Attributes:
-        task: Name of the task.
+        task: Name of the task; `MEAN` for all of them together.
         model: Name of the model.
-        reading: ``pooled`` or ``patches``.
+        reading: What the probe read; see `Ridge.readings`.
         score: Its score.
         above: What it is above what it is compared with, by name.
     """
@@ -168,24 +199,45 @@ class GateRow:
 
 
 def compute_gate(folder: Path, results: Results) -> list[GateRow]:
-    """Rows of the gate: every model in every task, with each kind of features.
+    """Rows of the gate: every model in every task and in their mean, with each kind of features.
 
     Args:
         folder: Of a bench.
         results: What it left.
     """
     gate_rows = []
-    for task in results.tasks:
-        cells = _cells(folder, results, task)
+    by_task = {task.name: _cells(folder, results, task) for task in results.tasks}
+    for name, cells in by_task.items():
         for model in results.models:
             for reading in dict.fromkeys(key[1] for key in cells if key[0] == model.name):
                 networks = cells[model.name, reading]
                 above = {
-                    name: compared(networks, other)
-                    for name, other in _others(cells, model, reading).items()
+                    other: compared(networks, tallies)
+                    for other, tallies in _others(cells, model.name, reading).items()
                 }
-                gate_rows.append(GateRow(task.name, model.name, reading, compared(networks), above))
-    return gate_rows
+                gate_rows.append(GateRow(name, model.name, reading, compared(networks), above))
+    means = [_mean_row(by_task, row) for row in gate_rows if row.task == next(iter(by_task))]
+    return gate_rows + [row for row in means if row and len(by_task) > 1]
+
+
+def _mean_row(
+    by_task: Mapping[str, Mapping[tuple[str, str], list[GroupedScore]]], row: GateRow
+) -> GateRow | None:
+    """The row of all tasks; None where the model was not run on one of them."""
+    key = row.model, row.reading
+    every = list(by_task.values())
+    if any(key not in cells for cells in every):
+        return None
+    others = [_others(cells, row.model, row.reading) for cells in every]
+    above = {
+        name: compared_over_tasks(
+            [(cells[key], other[name]) for cells, other in zip(every, others, strict=True)]
+        )
+        for name in row.above
+        if all(name in other for other in others)
+    }
+    score = compared_over_tasks([(cells[key], ()) for cells in every])
+    return GateRow(MEAN, row.model, row.reading, score, above)
 
 
 def _cells(
@@ -203,12 +255,12 @@ def _of(folder: Path, cell: Cell, task: ResultTask) -> GroupedScore:
 
 
 def _others(
-    cells: Mapping[tuple[str, str], list[GroupedScore]], model: ResultModel, reading: str
+    cells: Mapping[tuple[str, str], list[GroupedScore]], model: str, reading: str
 ) -> dict[str, list[GroupedScore]]:
     """Tallies of the baselines of a model; baselines have one kind of features for both."""
-    if is_baseline(model.name):
+    if is_baseline(model):
         return {}
-    random = cells.get((f"untrained:{model.name}", reading))
+    random = cells.get((f"untrained:{model}", reading))
     others = {"random": random} if random else {}
     for name in _BASELINES:
         if (name, "pooled") in cells:
@@ -222,10 +274,11 @@ def is_baseline(name: str) -> bool:
 
 
 def gate_outcome(gate_rows: Sequence[GateRow], model: str) -> dict[str, Any]:
-    """Tasks won with each kind of features, and whether they are the majority in both."""
-    out: dict[str, Any] = {"passes": bool(gate_rows)}
-    for reading in ("pooled", "patches"):
-        readings = [row for row in gate_rows if row.model == model and row.reading == reading]
+    """Tasks won with each kind of features, and whether they are the majority with all."""
+    rows = [row for row in gate_rows if row.model == model and row.task != MEAN]
+    out: dict[str, Any] = {"passes": bool(rows)}
+    for reading in dict.fromkeys(row.reading for row in rows):
+        readings = [row for row in rows if row.reading == reading]
         won = [row.task for row in readings if row.beats]
         out[reading] = {"tasks": len(readings), "won": won}
         out["passes"] &= 2 * len(won) > len(readings)
@@ -238,7 +291,8 @@ def gate_to_plain(gate_rows: Sequence[GateRow], results: Results) -> dict[str, A
     return {
         "suite": results.suite,
         "versions": dict(results.versions),
-        "tasks": {task.name: {"title": task.title, "metric": task.main} for task in results.tasks},
+        "tasks": {task.name: {"title": task.title, "metric": task.main} for task in results.tasks}
+        | {MEAN: {"title": "Mean of all tasks", "metric": MEAN}},
         "models": {
             model.name: gate_outcome(gate_rows, model.name)
             | {key: model.facts.get(key, []) for key in ("trained_on", "seen_of_held_out")}

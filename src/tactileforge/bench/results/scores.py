@@ -74,9 +74,9 @@ def edge_rates(results: Results, all_scores: Scores) -> list[str]:
     """Hints, one a task: the best of several learning rates is the smallest or the largest."""
     lines = []
     for task in results.tasks:
-        found = [all_scores.get((task.name, model.name), []) for model in results.models]
+        models = [all_scores.get((task.name, model.name), []) for model in results.models]
         # those of a model, the best first
-        rates = [[one.setting["lr"] for one in scores if "lr" in one.setting] for scores in found]
+        rates = [[one.setting["lr"] for one in scores if "lr" in one.setting] for scores in models]
         tried = sorted({rate for row in rates for rate in row})
         edges = {row[0] for row in rates if len(row) > 1 and row[0] in (tried[0], tried[-1])}
         for rate in sorted(edges):

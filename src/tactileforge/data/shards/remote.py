@@ -62,22 +62,22 @@ def _open(url: str) -> Any:
 
 def _read(stream: Any, count: int) -> bytes:
     """Bytes of a stream, whoever gives them; what is silent is left behind."""
-    found: list[bytes | BaseException] = []
+    answer: list[bytes | BaseException] = []
 
     def read() -> None:
         try:
-            found.append(stream.read(count))
+            answer.append(stream.read(count))
         except BaseException as error:
-            found.append(error)
+            answer.append(error)
 
     thread = threading.Thread(target=read, daemon=True)
     thread.start()
     thread.join(_SILENCE)
-    if not found:
+    if not answer:
         process = getattr(stream, "proc", None)
         if process is not None:
             process.kill()
         raise TimeoutError(f"it sends less than {count} bytes in {_SILENCE:g} s")
-    if isinstance(found[0], BaseException):
-        raise OSError(str(found[0]) or repr(found[0])) from found[0]
-    return found[0]
+    if isinstance(answer[0], BaseException):
+        raise OSError(str(answer[0]) or repr(answer[0])) from answer[0]
+    return answer[0]

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import io
 import json
-import math
 import os
 import re
 import tarfile
@@ -21,7 +20,6 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.image_codecs import (
@@ -33,8 +31,16 @@ from tactileforge.data.frames.image_codecs import (
     image_size,
     member_name,
 )
+from tactileforge.data.shards.description import (
+    VERSION,
+    WRONG,
+    build_recording,
+    checksum,
+    describe_recording,
+    parse_description,
+)
 from tactileforge.errors import DataError
-from tactileforge.untrusted import MAX_PIXELS, load_json
+from tactileforge.untrusted import MAX_PIXELS
 
 __all__ = [
     "CODECS",
@@ -47,19 +53,11 @@ __all__ = [
     "write_shard",
 ]
 
-#: Version of the layout; a reader refuses another.
-VERSION = 3
-
 _JSON = re.compile(r"\d{6,}\.json")
 #: Largest JSON that is read, bytes.
 _MAX_JSON = 1 << 26
 #: Largest image that is read, bytes.
 _MAX_PICTURE = 1 << 28
-#: Types that a track may have.
-_DTYPES = frozenset({"bool", *(f"{kind}{8 * n}" for kind in ("int", "uint") for n in (1, 2, 4, 8))})
-_DTYPES |= {"float16", "float32", "float64"}
-#: Errors that foreign plain data may raise where it is read.
-_WRONG = (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
 
 
 @dataclass(frozen=True)
@@ -81,47 +79,6 @@ class Packed:
     background: Sequence[bytes]
     image: Sequence[bytes]
     surface: Sequence[bytes] = ()
-
-
-def describe_recording(recording: Recording) -> dict[str, Any]:
-    """All of a recording but its images, as plain data."""
-    force = None
-    if recording.force is not None:
-        rows = _plain(recording.force.astype(float))
-        force = [None if row == [None] * 3 else row for row in rows]
-    seen = recording.image_times
-    return {
-        "version": VERSION,
-        "key": recording.key,
-        "sensor": recording.sensor,
-        "times": recording.times.tolist(),
-        "force": force,
-        "action": None if recording.action is None else recording.action.tolist(),
-        "object": recording.object,
-        "text": recording.text,
-        "image_times": None if seen is None else seen.tolist(),
-        "labels": {
-            name: None if isinstance(x, float) and math.isnan(x) else x
-            for name, x in recording.labels.items()
-        },
-        "tracks": {
-            name: {"dtype": values.dtype.name, "values": _plain(values)}
-            for name, values in recording.tracks.items()
-        },
-        "source": recording.source,
-        "tier": recording.tier,
-        "licence": recording.licence,
-    }
-
-
-def _plain(values: NDArray[Any]) -> list[Any]:
-    """Numbers as lists, NaN as None: there is no NaN in JSON."""
-    if values.dtype.kind == "f" and np.isnan(values).any():
-        unknown = np.isnan(values)
-        values = values.astype(object)
-        values[unknown] = None
-    out: list[Any] = values.tolist()
-    return out
 
 
 def write_shard(path: Path, recordings: Iterable[Packed]) -> None:
@@ -160,7 +117,7 @@ def _add(tar: tarfile.TarFile, stem: str, packed: Packed) -> None:
         },
     }
     try:
-        text = json.dumps(about | {"crc32": _checksum(about)}, allow_nan=False)
+        text = json.dumps(about | {"crc32": checksum(about)}, allow_nan=False)
     except ValueError as error:
         raise DataError(
             f"{about['key']}: its times, forces, labels or tracks have a number that no JSON has "
@@ -170,10 +127,6 @@ def _add(tar: tarfile.TarFile, stem: str, packed: Packed) -> None:
     for group, encoded in pictures.items():
         for number, picture in enumerate(encoded):
             member(member_name(group, number, packed.codec), picture)
-
-
-def _checksum(about: dict[str, Any]) -> int:
-    return zlib.crc32(json.dumps(about, sort_keys=True).encode())
 
 
 def _raise(error: DataError) -> None:
@@ -225,7 +178,7 @@ def _scan(file: BinaryIO, path: Path, bad: Callable[[DataError], None]) -> Itera
         if place > size:
             break
         try:
-            about = _head(file.read(length), f"{path}:{name}")
+            about = parse_description(file.read(length), f"{path}:{name}")
             recording, place = _recording(path, name.removesuffix(".json"), about, start + length)
         except DataError as error:
             bad(error)
@@ -260,8 +213,8 @@ def members(path: Path) -> Iterator[tuple[str, bytes]]:
     """
     with path.open("rb") as file:
         place, size = 0, os.fstat(file.fileno()).st_size
-        while (found := _member(file, path, place)) is not None:
-            name, length = found
+        while (member := _member(file, path, place)) is not None:
+            name, length = member
             if place + BLOCK + length > size:
                 raise DataError(f"{path}: cut off at byte {size}; download or pack it again")
             yield name, file.read(length)
@@ -270,24 +223,6 @@ def members(path: Path) -> Iterator[tuple[str, bytes]]:
 
 def _padded(size: int) -> int:
     return -(-size // BLOCK) * BLOCK
-
-
-def _head(text: bytes, where: str) -> dict[str, Any]:
-    try:
-        about = load_json(text)
-        stated = about.pop("crc32")
-        version = about["version"]
-        found = _checksum(about)
-    except _WRONG as error:
-        raise DataError(f"{where}: no description of a recording ({error!r})") from error
-    if version != VERSION:
-        raise DataError(
-            f"{where}: shard version {version}, but this tactileforge reads {VERSION}; pack the "
-            "data again"
-        )
-    if stated != found:
-        raise DataError(f"{where}: damaged (its checksum is another); download or pack it again")
-    return dict(about)
 
 
 def _recording(path: Path, stem: str, about: Any, place: int) -> tuple[Recording, int]:
@@ -315,55 +250,6 @@ def _recording(path: Path, stem: str, about: Any, place: int) -> tuple[Recording
             lazy[group] = PackedFrames(
                 where, path, stem, group, about["codec"], (height, width), starts, sizes, crcs
             )
-        return _build(about, lazy), place
-    except _WRONG as error:
+        return build_recording(about, lazy), place
+    except WRONG as error:
         raise DataError(f"{where}: its description is wrong ({error!r}); pack it again") from error
-
-
-def _build(about: dict[str, Any], lazy: dict[str, PackedFrames]) -> Recording:
-    times = np.array(about["times"], np.float64)
-    if times.ndim != 1 or not np.isfinite(times).all():
-        raise ValueError("times are finite numbers, one a frame")
-    force, action, seen = about["force"], about["action"], about["image_times"]
-    tracks = {name: _track(track) for name, track in about["tracks"].items()}
-    surface = lazy.get("surface")
-    columns = {"times": times, "force": force, "action": action, "surface": surface, **tracks}
-    for name, column in columns.items():
-        if column is not None and len(column) != len(lazy["frames"]):
-            raise ValueError(f"{len(lazy['frames'])} frames and {len(column)} rows of {name}")
-    for name in ("key", "sensor", "source", "licence"):
-        if not isinstance(about[name], str):
-            raise TypeError(f"{name} is {about[name]!r}, not a string")
-    for name in ("object", "text"):
-        if not isinstance(about[name], str | None):
-            raise TypeError(f"{name} is {about[name]!r}, neither a string nor null")
-    none = [math.nan] * 3
-    rows = None if force is None else [none if row is None else row for row in force]
-    forces = None if rows is None else np.array(rows, np.float64).reshape(len(rows), 3)
-    if forces is not None and (np.abs(forces) > np.finfo(np.float32).max).any():
-        raise ValueError("a force that is none")
-    return Recording(
-        key=about["key"],
-        sensor=about["sensor"],
-        frames=lazy["frames"],
-        times=times,
-        no_contact=lazy.get("background"),
-        force=None if forces is None else forces.astype(np.float32),
-        action=None if action is None else np.array(action, np.int64),
-        object=about["object"],
-        text=about["text"],
-        image=lazy.get("image"),
-        image_times=None if seen is None else np.array(seen, np.float64),
-        surface=surface,
-        labels={name: math.nan if x is None else x for name, x in dict(about["labels"]).items()},
-        tracks=tracks,
-        source=about["source"],
-        tier=int(about["tier"]),
-        licence=about["licence"],
-    )
-
-
-def _track(track: Any) -> NDArray[Any]:
-    if track["dtype"] not in _DTYPES:
-        raise TypeError(f"a track of {track['dtype']!r}")
-    return np.array(track["values"], track["dtype"])

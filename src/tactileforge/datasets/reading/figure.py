@@ -7,7 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tactileforge.contracts import ACTIONS, Recording
+from tactileforge.contracts import Recording
+from tactileforge.pages.forces import draw_recording
 
 _SHOWN = 8
 _AXES = ("x right", "y down", "z into the gel")
@@ -32,16 +33,19 @@ def plot(recording: Recording) -> Figure:
     if (background := recording.background()) is not None:
         change = frames.astype(np.int16) - background.astype(np.int16)
         strips["minus background"] = np.clip(128 + change, 0, 255).astype(np.uint8)
-    curves = [name for name in ("force", "action") if getattr(recording, name) is not None]
-    heights = [1.0] * len(strips) + [1.2] * len(curves)
+    has_curves = recording.force is not None or recording.action is not None
+    heights = [1.0] * len(strips) + [1.2] * has_curves
     figure = Figure(figsize=(12, 1.5 * sum(heights) + 0.8), layout="constrained")
     panels = figure.subplots(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0]
     for panel, (name, strip) in zip(panels, strips.items(), strict=False):
         _strip(panel, name, strip)
-    for panel, name in zip(panels[len(strips) :], curves, strict=True):
-        _force(panel, recording) if name == "force" else _action(panel, recording)
-        panel.set_xlim(recording.times[0], max(recording.times[-1], recording.times[0] + 1e-3))
-        panel.set_xlabel("s")
+    if has_curves:
+        draw_recording(panels[-1], recording, shade="0.92")
+        for line, name in zip(panels[-1].lines, _AXES, strict=False):
+            line.set_label(name)
+        panels[-1].set_xlim(recording.times[0], max(recording.times[-1], recording.times[0] + 1e-3))
+        if panels[-1].lines:
+            panels[-1].legend(fontsize=7, loc="upper right")
     title = f"{recording.key} · {recording.sensor} · {count} frames"
     figure.suptitle(f"{title}\n{recording.text}" if recording.text else title, fontsize=10)
     return figure
@@ -52,18 +56,3 @@ def _strip(panel: Axes, name: str, strip: NDArray[np.uint8]) -> None:
     panel.set_ylabel(name, fontsize=8)
     panel.set_xticks([])
     panel.set_yticks([])
-
-
-def _force(panel: Axes, recording: Recording) -> None:
-    assert recording.force is not None
-    for values, name in zip(recording.force.T, _AXES, strict=True):
-        panel.plot(recording.times, values, label=name)
-    panel.set_ylabel("force, N", fontsize=8)
-    panel.legend(fontsize=7, loc="upper right")
-
-
-def _action(panel: Axes, recording: Recording) -> None:
-    assert recording.action is not None
-    panel.plot(recording.times, recording.action, ".", markersize=3)
-    panel.set_yticks([-1, *range(len(ACTIONS))], ["unknown", *ACTIONS], fontsize=6)
-    panel.set_ylim(-1.5, len(ACTIONS) - 0.5)

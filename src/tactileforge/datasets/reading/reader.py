@@ -270,10 +270,10 @@ def _open(path: Path) -> FileFrames:
 
 def _matches(folder: Path, pattern: str) -> tuple[list[Path], list[Path]]:
     """Files that match, in natural order: 2 before 10; and what matches and is none."""
-    found = sorted(folder.glob(pattern), key=lambda path: _natural(path.relative_to(folder)))
+    paths = sorted(folder.glob(pattern), key=lambda path: _natural(path.relative_to(folder)))
     is_for_files = "." in pattern.rpartition("/")[2]
-    odd = [path for path in found if not path.is_file() and (is_for_files or not path.is_dir())]
-    return [path for path in found if path.is_file()], odd
+    odd = [path for path in paths if not path.is_file() and (is_for_files or not path.is_dir())]
+    return [path for path in paths if path.is_file()], odd
 
 
 def _kind(path: Path) -> str:

@@ -8,13 +8,13 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.contracts import Frame, SensorSpec
+from tactileforge.contracts import Frame, Sensor, SensorSpec
 from tactileforge.errors import ConfigError, SensorError, TactileForgeError
 from tactileforge.sensors.drivers.v4l2 import attached_cameras, matching, video_devices, why_not
 from tactileforge.sensors.specs import spec
@@ -28,7 +28,7 @@ _AT_ONCE = 1.0
 _MANUAL = 1
 
 
-class Camera:
+class Camera(Sensor):
     """A camera read by OpenCV.
 
     What is asked for is checked: a camera that gives another resolution, or does not know a
@@ -299,13 +299,6 @@ class Camera:
         capture, self._capture, self.address = self._capture, None, ""
         if capture is not None:
             capture.release()
-
-    def __enter__(self) -> Self:
-        self.open()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()
 
 
 def open_capture(source: str, backend: int) -> Any:

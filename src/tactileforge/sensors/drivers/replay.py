@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.contracts import Frame, Frames, SensorSpec
+from tactileforge.contracts import Frame, Frames, Sensor, SensorSpec
 from tactileforge.data.frames.lazy import ImageFrames, VideoFrames
 from tactileforge.data.shards import shards
 from tactileforge.errors import ConfigError, DataNotFoundError, TactileForgeError, unknown
@@ -19,7 +19,7 @@ from tactileforge.sensors.specs import spec
 _IMAGES = {".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp"}
 
 
-class Replay:
+class Replay(Sensor):
     """Replays a video, a folder of images in the order of their numbers, or a recording of a shard.
 
     In real time it behaves like a camera: a frame comes when it is due, and one that nobody read in
@@ -168,13 +168,6 @@ class Replay:
     def close(self) -> None:
         """Closes the file; a second call does nothing."""
         self._frames = None
-
-    def __enter__(self) -> Replay:
-        self.open()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()
 
 
 def _by_number(file: Path) -> list[tuple[bool, int, str]]:

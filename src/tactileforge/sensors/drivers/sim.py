@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.contracts import Frame
+from tactileforge.contracts import Frame, Sensor
 from tactileforge.errors import TactileForgeError
 from tactileforge.sensors.specs import spec
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 _LATE = 0.1
 
 
-class SimSensor:
+class SimSensor(Sensor):
     """An endless sequence of simulated touches from a seed.
 
     In real time a frame comes when it is due; where nobody reads in time, or the machine is too
@@ -141,13 +141,6 @@ class SimSensor:
     def close(self) -> None:
         """Ends the touch; a second call does nothing."""
         self._frames = None
-
-    def __enter__(self) -> SimSensor:
-        self.open()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()
 
 
 def _rested(frames: Iterator[_Shown], number: int) -> Iterator[_Shown]:

@@ -5,17 +5,16 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import replace
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.contracts import Frame
+from tactileforge.contracts import Frame, Sensor
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.sensors.drivers.force_torque import NO_PICTURE, ForceTorque
 
 
-class SimWrench:
+class SimWrench(Sensor):
     """One press per ``period``: normal force ``newton`` (1 - cos) / 2, and shear of a fifth.
 
     It runs in real time. Samples that nobody has read yet come late and are not lost, as they wait
@@ -87,10 +86,3 @@ class SimWrench:
     def close(self) -> None:
         """Stops; a second call does nothing."""
         self.start = None
-
-    def __enter__(self) -> Self:
-        self.open()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()

@@ -50,7 +50,8 @@ class Probe(nn.Module):
         parts: What is predicted.
 
     Attributes:
-        tap: Features it reads: ``tokens`` (B, L, width), or ``projected`` (B, width).
+        tap: Features it reads, see `FrozenEncoder.features`: ``tokens`` (B, L, width), or others
+            (B, width).
         readings: Taps that it reads in turn, each a setting of its own; none takes ``tap`` alone.
         published: How it is trained, as published where it is.
         trained: Whether it is trained at all.

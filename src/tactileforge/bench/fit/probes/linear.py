@@ -109,8 +109,8 @@ class Linear(Probe):
             return error + (shrink * weight[:-1].square()).sum() / 2
 
         first = torch.cat([axes.right @ start[:-1] / scale[:, None], start[-1:]])
-        found = _minimise(loss, first)
-        return torch.cat([axes.right.T @ (scale[:, None] * found[:-1]), found[-1:]])
+        weights = _minimise(loss, first)
+        return torch.cat([axes.right.T @ (scale[:, None] * weights[:-1]), weights[-1:]])
 
     def scores(self, layer: Mapping[str, Tensor], asked: Tensor) -> Values:
         """Logits of classes or normalised vectors of each part, float64 (m, outputs)."""

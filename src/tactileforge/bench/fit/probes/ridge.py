@@ -28,7 +28,7 @@ class Ridge(Probe):
     """
 
     tap: ClassVar[str] = "pooled"
-    readings: ClassVar[tuple[str, ...]] = ("pooled", "patches")
+    readings: ClassVar[tuple[str, ...]] = ("pooled", "summary", "patches")
     trained: ClassVar[bool] = False
 
     def solve(

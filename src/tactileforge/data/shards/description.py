@@ -1,0 +1,157 @@
+"""A recording as plain data, without its images, and back (`docs/shards.md`)."""
+
+from __future__ import annotations
+
+import json
+import math
+import zlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import Recording
+from tactileforge.data.frames.image_codecs import PackedFrames
+from tactileforge.errors import DataError
+from tactileforge.untrusted import load_json
+
+#: Version of the layout; a reader refuses another.
+VERSION = 3
+
+#: Types that a track may have.
+_DTYPES = frozenset({"bool", *(f"{kind}{8 * n}" for kind in ("int", "uint") for n in (1, 2, 4, 8))})
+_DTYPES |= {"float16", "float32", "float64"}
+#: Errors that foreign plain data may raise where it is read.
+WRONG = (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
+
+
+def describe_recording(recording: Recording) -> dict[str, Any]:
+    """All of a recording but its images, as plain data."""
+    force = None
+    if recording.force is not None:
+        rows = _plain(recording.force.astype(float))
+        force = [None if row == [None] * 3 else row for row in rows]
+    seen = recording.image_times
+    return {
+        "version": VERSION,
+        "key": recording.key,
+        "sensor": recording.sensor,
+        "times": recording.times.tolist(),
+        "force": force,
+        "action": None if recording.action is None else recording.action.tolist(),
+        "object": recording.object,
+        "text": recording.text,
+        "image_times": None if seen is None else seen.tolist(),
+        "labels": {
+            name: None if isinstance(x, float) and math.isnan(x) else x
+            for name, x in recording.labels.items()
+        },
+        "tracks": {
+            name: {"dtype": values.dtype.name, "values": _plain(values)}
+            for name, values in recording.tracks.items()
+        },
+        "source": recording.source,
+        "tier": recording.tier,
+        "licence": recording.licence,
+    }
+
+
+def _plain(values: NDArray[Any]) -> list[Any]:
+    """Numbers as lists, NaN as None: there is no NaN in JSON."""
+    if values.dtype.kind == "f" and np.isnan(values).any():
+        unknown = np.isnan(values)
+        values = values.astype(object)
+        values[unknown] = None
+    out: list[Any] = values.tolist()
+    return out
+
+
+def checksum(about: dict[str, Any]) -> int:
+    """Checksum of a description, whatever the order of its keys."""
+    return zlib.crc32(json.dumps(about, sort_keys=True).encode())
+
+
+def parse_description(text: bytes, where: str) -> dict[str, Any]:
+    """The description of a recording, whose version and checksum are right.
+
+    Args:
+        text: JSON.
+        where: Named by errors.
+
+    Raises:
+        DataError: It is damaged, of another version, or no description.
+    """
+    try:
+        about = load_json(text)
+        stated = about.pop("crc32")
+        version = about["version"]
+        actual = checksum(about)
+    except WRONG as error:
+        raise DataError(f"{where}: no description of a recording ({error!r})") from error
+    if version != VERSION:
+        raise DataError(
+            f"{where}: shard version {version}, but this tactileforge reads {VERSION}; pack the "
+            "data again"
+        )
+    if stated != actual:
+        raise DataError(f"{where}: damaged (its checksum is another); download or pack it again")
+    return dict(about)
+
+
+def build_recording(about: dict[str, Any], lazy: dict[str, PackedFrames]) -> Recording:
+    """The recording of a description.
+
+    Args:
+        about: As `describe_recording` gives it, from others.
+        lazy: Frames of each group of images.
+
+    Raises:
+        ValueError: Columns have other lengths than the frames, or a number is out of range; other
+            errors of `WRONG` for values of another type.
+    """
+    times = np.array(about["times"], np.float64)
+    if times.ndim != 1 or not np.isfinite(times).all():
+        raise ValueError("times are finite numbers, one a frame")
+    force, action, seen = about["force"], about["action"], about["image_times"]
+    tracks = {name: _track(track) for name, track in about["tracks"].items()}
+    surface = lazy.get("surface")
+    columns = {"times": times, "force": force, "action": action, "surface": surface, **tracks}
+    for name, column in columns.items():
+        if column is not None and len(column) != len(lazy["frames"]):
+            raise ValueError(f"{len(lazy['frames'])} frames and {len(column)} rows of {name}")
+    for name in ("key", "sensor", "source", "licence"):
+        if not isinstance(about[name], str):
+            raise TypeError(f"{name} is {about[name]!r}, not a string")
+    for name in ("object", "text"):
+        if not isinstance(about[name], str | None):
+            raise TypeError(f"{name} is {about[name]!r}, neither a string nor null")
+    none = [math.nan] * 3
+    rows = None if force is None else [none if row is None else row for row in force]
+    forces = None if rows is None else np.array(rows, np.float64).reshape(len(rows), 3)
+    if forces is not None and (np.abs(forces) > np.finfo(np.float32).max).any():
+        raise ValueError("a force that is none")
+    return Recording(
+        key=about["key"],
+        sensor=about["sensor"],
+        frames=lazy["frames"],
+        times=times,
+        no_contact=lazy.get("background"),
+        force=None if forces is None else forces.astype(np.float32),
+        action=None if action is None else np.array(action, np.int64),
+        object=about["object"],
+        text=about["text"],
+        image=lazy.get("image"),
+        image_times=None if seen is None else np.array(seen, np.float64),
+        surface=surface,
+        labels={name: math.nan if x is None else x for name, x in dict(about["labels"]).items()},
+        tracks=tracks,
+        source=about["source"],
+        tier=int(about["tier"]),
+        licence=about["licence"],
+    )
+
+
+def _track(track: Any) -> NDArray[Any]:
+    if track["dtype"] not in _DTYPES:
+        raise TypeError(f"a track of {track['dtype']!r}")
+    return np.array(track["values"], track["dtype"])

@@ -1,0 +1,71 @@
+"""One vector of a clip from several depths of an encoder: where things are, and how they vary."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.nn import functional as F
+
+#: Most blocks that are read, evenly spaced, the last among them.
+BLOCKS = 4
+#: Rows and columns of cells whose means are taken.
+CELLS = 2
+
+
+def encode_summary(
+    encoder: Any, frames: Tensor, background: Tensor, sensor: Tensor
+) -> tuple[Tensor, Tensor, Tensor]:
+    """One pass of an encoder: its tokens, projected class tokens, and the summary.
+
+    Of at most four blocks, evenly spaced, the summary has the mean of the patch tokens in each
+    quarter of the image and their deviation over all of it. Deeper blocks know more of what was
+    trained, earlier ones more of texture and strength, and a mean alone hides how much a feature
+    varies. Of an encoder without blocks it summarises the tokens.
+    Source: blocks side by side as in DINOv2's linear probes (Oquab et al. 2023), means of quarters
+    as in spatial pyramids (Lazebnik et al. 2006), deviations as in statistics pooling (Snyder et
+    al. 2018).
+
+    Args:
+        encoder: A touch encoder; see `contracts.Encoder`.
+        frames: uint8 (B, T, 3, H, W).
+        background: uint8 (B, 3, H, W).
+        sensor: int64 (B,), rows of the sensor table.
+
+    Returns:
+        float (B, L, width), (B, projected) and (B, blocks * 5 * width).
+    """
+    states: list[Tensor] = []
+    hooks = [
+        block.register_forward_hook(lambda _module, _given, state: states.append(state))
+        for block in _spaced(getattr(getattr(encoder, "transformer", None), "blocks", ()))
+    ]
+    try:
+        tokens, projected = encoder(frames, background, sensor)
+    finally:
+        for hook in hooks:
+            hook.remove()
+    parts = [_summarise(state, encoder.grid) for state in states or [tokens]]
+    return tokens, projected, torch.cat(parts, dim=1)
+
+
+def summary_width(encoder: Any) -> int:
+    """Length of the summary of an encoder."""
+    blocks = _spaced(getattr(getattr(encoder, "transformer", None), "blocks", ()))
+    return max(1, len(blocks)) * (CELLS**2 + 1) * int(encoder.width)
+
+
+def _spaced(blocks: Sequence[Any]) -> list[Any]:
+    count = min(BLOCKS, len(blocks))
+    return [blocks[(i + 1) * len(blocks) // count - 1] for i in range(count)]
+
+
+def _summarise(tokens: Tensor, grid: tuple[int, int, int]) -> Tensor:
+    """(B, L, width) to (B, 5 * width); the last tokens are the patches, as the grid has them."""
+    slots, rows, columns = grid
+    patches = tokens[:, -slots * rows * columns :].float()
+    maps = patches.reshape(len(patches), *grid, -1).mean(1).permute(0, 3, 1, 2)
+    means = F.adaptive_avg_pool2d(maps, CELLS).flatten(2).mT
+    return torch.cat([means.flatten(1), patches.std(1, correction=0)], dim=1)

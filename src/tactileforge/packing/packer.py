@@ -1,0 +1,161 @@
+"""Decodes, filters and encodes one recording."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import Any, TypeAlias, cast
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import Frames, Recording
+from tactileforge.data.shards import shards
+from tactileforge.errors import DataError
+from tactileforge.packing import filters
+from tactileforge.packing.options import PackOptions
+
+#: Frames that are decoded at once.
+_CHUNK = 16
+#: Frames of a recording that may be unreadable; with more, all of it is.
+_MAX_FRAMES = 8
+
+#: Reads frames by number: arrays (n, H, W, 3), or encoded images.
+Fetch: TypeAlias = Callable[[Sequence[int]], Sequence[Any] | NDArray[np.uint8]]
+
+
+class Packer:
+    """Packs one recording.
+
+    Args:
+        recording: Its frames are lazy.
+        options: Filter, size and codec.
+
+    Attributes:
+        read: Frames that were read.
+        bad: What could not be read, a line each.
+    """
+
+    def __init__(self, recording: Recording, options: PackOptions) -> None:
+        self.recording = recording
+        self.options = options
+        self.read = 0
+        self.bad: list[str] = []
+
+    def pack(self, tick: Callable[[int], None]) -> tuple[Recording, shards.Packed] | None:
+        """The recording as it is kept, and its images; None where the filter leaves nothing."""
+        whole = self.recording
+        rows, frames = self._frames(tick)
+        if not rows:
+            return None
+        recording = _with_rows(whole, rows)
+        packed = shards.Packed(
+            shards.describe_recording(recording),
+            self.options.codec,
+            frames,
+            self._all(whole.no_contact),
+            self._all(whole.image),
+            [] if recording.surface is None else _lossless(recording.surface),
+        )
+        return recording, packed
+
+    def _frames(self, tick: Callable[[int], None]) -> tuple[list[int], list[bytes]]:
+        """Numbers of the frames that are kept, and the frames."""
+        options, whole = self.options, self.recording
+        wanted = filters.sample_in_time(whole.times, options.filter.every).tolist()
+        threshold = options.filter.threshold(whole.sensor)
+        if threshold is None or len(wanted) == 1:
+            shown = self._read(self._fetch(whole.frames), wanted, tick)
+        else:
+            shown = self._read(whole.frames.read, wanted, tick)
+            span = filters.reach(whole.times[wanted], options.filter.span)
+            shown = filters.only_lively(shown, whole.times, threshold, span)
+        rows, encoded = [], []
+        for row, frame in shown:
+            rows.append(row)
+            encoded.append(self._encoded(frame))
+        return rows, encoded
+
+    def _read(
+        self, fetch: Fetch, rows: Sequence[int], tick: Callable[[int], None]
+    ) -> Iterator[tuple[int, Any]]:
+        """Frames with their numbers, a chunk at a time; a few may be unreadable."""
+        for start in range(0, len(rows), _CHUNK):
+            chunk = rows[start : start + _CHUNK]
+            try:
+                frames = fetch(chunk)
+            except DataError:
+                for row in chunk:
+                    yield from self._one(fetch, row)
+            else:
+                self.read += len(chunk)
+                yield from zip(chunk, frames, strict=True)
+            tick(chunk[-1])
+
+    def _one(self, fetch: Fetch, row: int) -> Iterator[tuple[int, Any]]:
+        try:
+            frames = fetch([row])
+        except DataError as error:
+            if len(self.bad) == _MAX_FRAMES:
+                raise
+            self.bad.append(f"{self.recording.key}, frame {row}: {error}")
+            return
+        self.read += 1
+        yield row, frames[0]
+
+    def _all(self, frames: Frames | None) -> list[bytes]:
+        """All images of a group, as they are kept."""
+        if frames is None:
+            return []
+        fetch = self._fetch(frames)
+        rows = range(len(frames))
+        chunks = (rows[start : start + _CHUNK] for start in rows[::_CHUNK])
+        return [self._encoded(picture) for chunk in chunks for picture in fetch(chunk)]
+
+    def _fetch(self, frames: Frames) -> Fetch:
+        """Reads frames; those of a shard that need not be encoded anew as they lie there."""
+        is_same = isinstance(frames, shards.PackedFrames) and frames.codec == self.options.codec
+        if not is_same or self.options.quality or _smaller(frames.shape, self.options.size):
+            return frames.read
+        packed = cast(shards.PackedFrames, frames)
+        return lambda rows: [packed.encoded(row) for row in rows]
+
+    def _encoded(self, frame: NDArray[np.uint8] | bytes) -> bytes:
+        if isinstance(frame, bytes):
+            return frame
+        size = _smaller(frame.shape[:2], self.options.size)
+        shown: NDArray[np.uint8] = frame
+        if size:
+            shown = cv2.resize(frame, size[::-1], interpolation=cv2.INTER_AREA)
+        return shards.encode_image(shown, self.options.codec, self.options.quality)
+
+
+def _lossless(frames: Frames) -> list[bytes]:
+    """All images of a group that is never shrunk."""
+    return [shards.encode_image(image, "png") for image in frames.read(range(len(frames)))]
+
+
+def _smaller(shape: Sequence[int], size: int | None) -> tuple[int, int] | None:
+    """Height and width after shrinking; None where an image stays as it is."""
+    shorter = min(shape)
+    if size is None or shorter <= size:
+        return None
+    return round(shape[0] * size / shorter), round(shape[1] * size / shorter)
+
+
+def _with_rows(whole: Recording, rows: Sequence[int]) -> Recording:
+    """A recording of which some frames are left, with their labels; all camera views stay."""
+    if len(rows) == len(whole.frames):
+        return whole
+    seen = whole.image_times
+    if whole.image is not None and seen is None and len(whole.image) > 1:
+        seen = _view_times(whole.times, len(whole.image))
+    return replace(whole.select(rows), image_times=seen)
+
+
+def _view_times(times: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """Times of views that are spread evenly: each is in the middle of the frames it belongs to."""
+    frames = len(times)
+    middle = (np.arange(count) + 0.5) * frames / count - 0.5
+    return np.interp(middle, np.arange(frames), times)

@@ -1,0 +1,165 @@
+"""Figures of force: predicted against measured, and force over time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from tactileforge.contracts import ACTIONS, Recording
+from tactileforge.pages.figures import (
+    CLASSES,
+    INK,
+    SHADE,
+    SPLITS,
+    Points,
+    Series,
+    draw_points,
+    drawing,
+    svg,
+)
+
+#: Samples of a force curve that are drawn.
+_SAMPLES = 400
+#: Share of the time axis that the name of an action needs, a letter.
+_LETTER = 0.022
+
+
+def agreement_figure(
+    groups: Sequence[Points],
+    labels: tuple[str, str],
+    *,
+    limits: tuple[float, float] | None = None,
+    words: str = "",
+    name: str = "",
+) -> Markup:
+    """Predicted against measured values, with the line on which they agree.
+
+    Args:
+        groups: Drawn one over the other; classes by colour and shape.
+        labels: Of the axes, with units.
+        limits: Of both axes; points beyond lie on the edge. None for the span of the points.
+        words: Written into the corner.
+        name: Description for those who cannot see it; made of the labels if empty.
+    """
+    low, high = limits or _span(groups)
+    room = 0.02 * (high - low) if limits else max(0.05 * (high - low), 0.1 - (high - low) / 2)
+    ends = (low - room, high + room)
+    with drawing(3.9, 3.6) as (figure, axes):
+        axes.plot((low, high), (low, high), color=INK, linewidth=0.8, dashes=(4, 3), zorder=1.5)
+        for x, y, classes, strength in groups:
+            draw_points(axes, (x.clip(low, high), y.clip(low, high), classes, strength))
+        if words:
+            place = {"transform": axes.transAxes, "va": "top", "linespacing": 1.4, "zorder": 4}
+            axes.text(0.04, 0.97, words, **place)
+        axes.set(xlim=ends, ylim=ends, aspect="equal", xlabel=labels[0], ylabel=labels[1])
+        return svg(figure, name or f"{labels[1]} against {labels[0]}")
+
+
+def _span(groups: Sequence[Points]) -> tuple[float, float]:
+    values = np.concatenate([part for x, y, *_ in groups for part in (x, y)])
+    return float(values.min()), float(values.max())
+
+
+def prediction_figure(
+    measured: Sequence[Series], predicted: Mapping[str, Series], axis: str
+) -> Markup:
+    """One axis of the force of a recording over time, in N, and its predictions.
+
+    Args:
+        measured: Lines, one for each part of the recording.
+        predicted: Points, by split.
+        axis: Its name.
+    """
+    with drawing(4.2, 2.4) as (figure, axes):
+        for times, values in measured:
+            draw_force(axes, times, values[:, None], [INK], f"{axis} (N)")
+        for split, (times, values) in predicted.items():
+            colour = CLASSES[SPLITS[split]][0]
+            axes.plot(times, values, "o", color=colour, markersize=3, markeredgewidth=0)
+        _leave_room(axes)
+        return svg(figure, f"measured and predicted force along {axis} over time")
+
+
+def recording_figure(recording: Recording, shown: Sequence[float]) -> Markup:
+    """Force along x, y and z over time; stretches of one action are shaded and named.
+
+    Args:
+        recording: With force, or with actions.
+        shown: Times of the frames that are shown above, s; marked on the axis.
+    """
+    times = recording.times
+    with drawing(5.2, 0.9 if recording.force is None else 1.9) as (figure, axes):
+        draw_recording(axes, recording)
+        axes.plot(
+            shown, [0] * len(shown), "|", transform=axes.get_xaxis_transform(), clip_on=False,
+            color=INK, markersize=7,
+        )  # fmt: skip
+        axes.set_xlim(times[0], times[-1])
+        return svg(figure, f"{'actions' if recording.force is None else 'force'} over time")
+
+
+def draw_recording(axes: Any, recording: Recording, shade: str = SHADE) -> None:
+    """Draws force along x, y and z over time, N and s; shades and names stretches of one action.
+
+    Args:
+        axes: Of matplotlib.
+        recording: With force, or with actions.
+        shade: Colour of a stretch.
+    """
+    if recording.force is not None:
+        colours = [light for light, _ in CLASSES]
+        draw_force(axes, recording.times, recording.force, colours, "N")
+        _leave_room(axes)
+    else:
+        axes.set(yticks=[], ylim=(0, 1), xlabel="time (s)")
+    if recording.action is None:
+        return
+    span = recording.times[-1] - recording.times[0]
+    for name, start, stop in _stretches(recording.action, recording.times):
+        axes.axvspan(start, stop, color=shade, linewidth=0, zorder=0)
+        if (stop - start) > _LETTER * len(name) * span:
+            place = dict(x=(start + stop) / 2, y=1.0, s=name, ha="center", va="bottom")
+            axes.text(**place, transform=axes.get_xaxis_transform(), fontsize=8)
+
+
+def draw_force(
+    axes: Any, times: NDArray[Any], force: NDArray[Any], colours: Sequence[str], label: str
+) -> None:
+    """Draws force over time, at most 400 samples of it; NaN leaves a gap.
+
+    Args:
+        axes: Of matplotlib.
+        times: (T,) in s.
+        force: (T, n) in N, a line for each column.
+        colours: Of the columns.
+        label: Of the axis of force.
+    """
+    rows = np.unique(np.linspace(0, len(times) - 1, _SAMPLES).round().astype(int))
+    for values, colour in zip(force[rows].T, colours, strict=False):
+        axes.plot(times[rows], values, color=colour, linewidth=1.2)
+    axes.set(xlabel="time (s)", ylabel=label)
+
+
+def _leave_room(axes: Any) -> None:
+    """Keeps 0.2 N in sight, so that noise alone does not fill the panel."""
+    low, high = axes.get_ylim()
+    room = max(0.0, 0.1 - (high - low) / 2)
+    axes.set_ylim(low - room, high + room)
+
+
+def _stretches(
+    action: NDArray[np.int64], times: NDArray[np.float64]
+) -> list[tuple[str, float, float]]:
+    """Name, start and end of each stretch of one known action, with a gap between neighbours."""
+    edges = [0, *(np.flatnonzero(np.diff(action)) + 1).tolist(), len(action)]
+    gap = 0.002 * float(times[-1] - times[0])
+    return [
+        (ACTIONS[action[a]].replace("_", " "), float(times[a]) + gap, float(times[b - 1]) - gap)
+        for a, b in pairwise(edges)
+        if 0 <= action[a] < len(ACTIONS) and times[b - 1] - times[a] > 2 * gap
+    ]
