@@ -28,9 +28,7 @@ def words(root: Path) -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def train_policy(
-    words: list[str], tmp_path_factory: pytest.TempPathFactory
-) -> Callable[..., Path]:
+def train_policy(words: list[str], tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
     """Trains a small policy and gives the folder of its run."""
     from tactileforge.train import train
 

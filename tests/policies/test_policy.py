@@ -72,7 +72,7 @@ def test_the_best_weights_are_those_of_the_smallest_validation_loss(folder: Path
         ([*NARROW, "data.touch=force", "data.camera=false"], (False, False, True)),
         ([*IMITATE], (True, True, False)),
         ([*IMITATE, "+head@head.imitate=act"], (True, True, False)),
-        ([*NARROW, "encoder=pixels", "data.camera=false"], (True, False, False)),
+        ([*NARROW, "init=pixels", "data.camera=false"], (True, False, False)),
     ],
     ids=["no touch", "force", "regression", "act", "pixels"],
 )

@@ -86,7 +86,9 @@ def test_the_unet_is_the_published_one(horizon: int) -> None:
     steps = torch.tensor([0, 7, 99])
     found = net(actions, steps, condition)
     assert found.abs().max() > 0.1
-    torch.testing.assert_close(found, reference(net, actions, steps, condition), rtol=1e-4, atol=1e-5)
+    torch.testing.assert_close(
+        found, reference(net, actions, steps, condition), rtol=1e-4, atol=1e-5
+    )
     assert not torch.allclose(found, net(actions, steps + 1, condition), atol=1e-3)
 
 

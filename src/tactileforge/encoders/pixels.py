@@ -22,6 +22,7 @@ class PixelEncoder(Backbone):
         patch: Rows and columns of a patch.
         tube: Frames of a patch.
         spacing: Seconds between the frames of a clip.
+        sensors: Sensors it is used with; all are treated alike.
         pixels: Preprocessing, see `preprocess.Preprocess`.
 
     Attributes:
@@ -39,11 +40,12 @@ class PixelEncoder(Backbone):
         patch: int = 8,
         tube: int = 2,
         spacing: float = 1 / 15,
+        sensors: dict[str, int] | None = None,
         pixels: Mapping[str, Any] = ANYTOUCH2,
     ) -> None:
         super().__init__("tiny", None, frames, spacing, image_size, patch, tube, 0.0, pixels)
         self.width = self.projected = 3 * tube * patch * patch
-        self.sensors: dict[str, int] = {}
+        self.sensors = dict(sensors or {})
         self.project = torch.nn.Identity()
         place = sincos_position_embedding(self.grid, self.width)
         self.register_buffer("position", place, persistent=False)

@@ -13,7 +13,7 @@ def starting_weights(name: str) -> tuple[dict[str, Any], dict[str, Tensor]]:
     """Options of a model's encoder, and its weights under the names of a run's checkpoint.
 
     Args:
-        name: ``NAME.TAG`` or ``NAME`` of the zoo, or ``file:PATH``.
+        name: ``NAME.TAG`` or ``NAME`` of the zoo, ``file:PATH``, or ``pixels``: no weights.
 
     Returns:
         The plugin and constructor arguments of the encoder; tensors named ``encoder.*`` and, of the
@@ -22,6 +22,8 @@ def starting_weights(name: str) -> tuple[dict[str, Any], dict[str, Tensor]]:
     Raises:
         TactileForgeError: See `loading.load`.
     """
+    if name == "pixels":
+        return {"name": name}, {}
     model = load(name)
     modules = {"encoder": model.encoder}
     modules |= {f"heads.{key}": head for key, head in model.heads.items()}
