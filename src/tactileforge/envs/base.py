@@ -22,6 +22,7 @@ from tactileforge.envs.grip import Body, Grip, Held
 from tactileforge.envs.outer import Array, Outer, Solid, placed
 from tactileforge.envs.picture import SIZE, Picture
 from tactileforge.errors import ConfigError
+from tactileforge.sim.mechanics.contact import NotConverged
 from tactileforge.sim.mechanics.gel import Gel
 from tactileforge.sim.randomise.draw import Choice
 
@@ -224,7 +225,11 @@ class TouchEnv(gymnasium.Env[Any, Any]):
         if self.free:
             self.grip.place(self._seen(), self.opening)
         self.opening = max(float(opening), self.grip.narrowest())
-        held = self.grip.close(self.opening, self.tool, self.outer)
+        try:
+            held = self.grip.close(self.opening, self.tool, self.outer)
+        except NotConverged:  # one episode of many is lost, and says so
+            self.failure = "unsolved"
+            return
         if self.free and held.normal == 0:
             return
         self.object = held.pose + np.array([*self.tool, 0.0])

@@ -158,6 +158,7 @@ def pushed(outer: list[Outer], pose: Array) -> tuple[Array, Array]:
         moves[:, 0, 2], moves[:, 1, 2] = -arm[:, 1], arm[:, 0]
         wrench += np.einsum("kij,ki->j", moves, force)
         slope += np.einsum("kia,kij,kjb->ab", moves, stiff, moves)
+        slope[2, 2] -= (arm * force).sum()  # arms turn with the object
     return wrench, slope
 
 
