@@ -9,11 +9,8 @@ pytest.importorskip("gymnasium")
 
 from tactileforge.datasets.shards import Shards
 from tactileforge.errors import ConfigError, TactileForgeError
-from tactileforge.rollouts.demonstrations import (
-    DemonstrationOptions,
-    write_demonstrations,
-)
-from tactileforge.rollouts.options import TaskOptions
+from tactileforge.rollouts.demonstrations import write_demonstrations
+from tactileforge.rollouts.options import DemonstrationOptions, TaskOptions
 
 TASK = "reach_env:Reach-v0"
 

@@ -13,9 +13,10 @@ pytest.importorskip("gymnasium")
 
 from tactileforge import cli
 from tactileforge.errors import ConfigError, TactileForgeError
+from tactileforge.rollouts.options import RolloutOptions
 from tactileforge.rollouts.page import chosen_episodes, rollout_page
 from tactileforge.rollouts.results import EpisodeResult, wilson
-from tactileforge.rollouts.rollout import RolloutOptions, roll_out
+from tactileforge.rollouts.rollout import roll_out
 
 TASK = "reach_env:Reach-v0"
 

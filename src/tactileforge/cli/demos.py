@@ -5,11 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 from tactileforge.cli._command import Command
-from tactileforge.rollouts.demonstrations import DemonstrationOptions, write_demonstrations
+from tactileforge.rollouts.options import DemonstrationOptions
 
 
 def _demos(keys: DemonstrationOptions, _: dict[str, Any]) -> None:
     """Records the scripted expert of a task, as shards that policies are trained on."""
+    from tactileforge.rollouts.demonstrations import write_demonstrations
+
     made = write_demonstrations(keys)
     print(f"{made.episodes} episodes: {keys.out}")
     if made.failed:

@@ -6,15 +6,15 @@ from typing import Any
 
 from tactileforge.cli._command import Command
 from tactileforge.files import write_text
-from tactileforge.rollouts.rollout import PAGE, RESULTS, RolloutOptions, roll_out
+from tactileforge.rollouts.options import RolloutOptions
 
 
 def _rollout(keys: RolloutOptions, _: dict[str, Any]) -> None:
     """Rolls a policy out in a task: success with its interval, failures, videos and forces."""
-    rollouts = roll_out(keys)
-
     from tactileforge.rollouts.page import rollout_page
+    from tactileforge.rollouts.rollout import PAGE, RESULTS, roll_out
 
+    rollouts = roll_out(keys)
     write_text(keys.folder / PAGE, rollout_page(rollouts))
     summary = rollouts.summary
     print(f"{keys.word} on {keys.sensor}, {rollouts.facts['policy']}: {summary.line}")

@@ -18,17 +18,12 @@ from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards import shards
 from tactileforge.data.shards.index import Index, IndexEntry
-from tactileforge.errors import ConfigError, TactileForgeError
+from tactileforge.errors import TactileForgeError
 from tactileforge.files import claim, sealed, unsealed, write_text
 from tactileforge.processes import spread, while_waited_for
 from tactileforge.rollouts.actors import Expert
 from tactileforge.rollouts.episode import Episode, play_episode
-from tactileforge.rollouts.options import (
-    FIRST_DEMONSTRATION,
-    PER_SEED,
-    TaskOptions,
-    make_environment,
-)
+from tactileforge.rollouts.options import DemonstrationOptions, make_environment
 from tactileforge.threads import one_thread
 
 #: What the folder was made with.
@@ -38,39 +33,6 @@ _TIERS = {"grasp": 5, "wipe": 4, "insert": 2, "chip": 1}
 #: From here on episodes are worth the start of more processes.
 _MANY = 4
 _NONE = ArrayFrames(np.zeros((1, 1, 1, 3), np.uint8))
-
-
-@dataclass(frozen=True, kw_only=True)
-class DemonstrationOptions(TaskOptions):
-    """Demonstrations of the scripted expert, as shards that policies are trained on.
-
-    Attributes:
-        out: Folder of the shards.
-        n: Episodes to keep; those in which the expert fails are left out and named.
-        codec: How pictures are stored: without loss png or webp, or jpg (quality 95).
-        processes: Processes that simulate; None for one a core.
-    """
-
-    out: str
-    n: int = 50
-    codec: str = "png"
-    processes: int | None = None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not 1 <= self.n <= PER_SEED // 4:
-            raise ConfigError(f"n={self.n}: give 1 to {PER_SEED // 4} episodes")
-        if self.codec not in shards.CODECS:
-            raise ConfigError(f"codec={self.codec}; give one of {', '.join(shards.CODECS)}")
-
-    def episode_seed(self, number: int) -> int:
-        """Seed of a demonstration, which no rollout has.
-
-        Example:
-            >>> DemonstrationOptions(task="chip", out="x").episode_seed(7)
-            1000000007
-        """
-        return FIRST_DEMONSTRATION + super().episode_seed(number)
 
 
 @dataclass(frozen=True)

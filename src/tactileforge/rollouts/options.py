@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import importlib
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
+from tactileforge.data.frames.image_codecs import CODECS
 from tactileforge.errors import ConfigError, PluginError, unknown
 
 #: Namespace of the environments that come with the package.
@@ -60,6 +63,75 @@ class TaskOptions:
     def word(self) -> str:
         """The task's name in keys and folders."""
         return self.task.rpartition(":")[2].rpartition("/")[2].removesuffix("-v0").lower()
+
+
+@dataclass(frozen=True, kw_only=True)
+class DemonstrationOptions(TaskOptions):
+    """Demonstrations of the scripted expert, as shards that policies are trained on.
+
+    Attributes:
+        out: Folder of the shards.
+        n: Episodes to keep; those in which the expert fails are left out and named.
+        codec: How pictures are stored: without loss png or webp, or jpg (quality 95).
+        processes: Processes that simulate; None for one a core.
+    """
+
+    out: str
+    n: int = 50
+    codec: str = "png"
+    processes: int | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 1 <= self.n <= PER_SEED // 4:
+            raise ConfigError(f"n={self.n}: give 1 to {PER_SEED // 4} episodes")
+        if self.codec not in CODECS:
+            raise ConfigError(f"codec={self.codec}; give one of {', '.join(CODECS)}")
+
+    def episode_seed(self, number: int) -> int:
+        """Seed of a demonstration, which no rollout has.
+
+        Example:
+            >>> DemonstrationOptions(task="chip", out="x").episode_seed(7)
+            1000000007
+        """
+        return FIRST_DEMONSTRATION + super().episode_seed(number)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RolloutOptions(TaskOptions):
+    """Rollouts of a policy in a task.
+
+    Attributes:
+        policy: Folder of a run, a file, ``expert`` (scripted, reads the hidden state) or ``still``
+            (nothing moves).
+        n: Episodes.
+        cross_sensor: Whether the policy may have been trained on another sensor.
+        shown: Episodes on the page, failures and successes in turn.
+        processes: Processes that simulate; None for one a core.
+        out: Folder of the results; None for runs/rollouts/TASK-SENSOR-POLICY. Rollouts that were
+            stopped go on there, and a larger n adds to them.
+    """
+
+    policy: str
+    n: int = 100
+    cross_sensor: bool = False
+    shown: int = 12
+    processes: int | None = None
+    out: str | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 1 <= self.n <= PER_SEED:
+            raise ConfigError(f"n={self.n}: give 1 to {PER_SEED} episodes")
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the results."""
+        if self.out:
+            return Path(self.out)
+        words = f"{self.word}-{self.sensor}-{Path(self.policy).name}"
+        return Path("runs") / "rollouts" / re.sub(r"[^\w.-]+", "_", words)
 
 
 def make_environment(options: TaskOptions) -> Any:

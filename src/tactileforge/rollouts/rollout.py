@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
@@ -14,12 +13,12 @@ from typing import Any
 from tqdm import tqdm
 
 from tactileforge import strict
-from tactileforge.errors import ConfigError, TactileForgeError
+from tactileforge.errors import TactileForgeError
 from tactileforge.files import claim
 from tactileforge.processes import spread, while_waited_for
 from tactileforge.rollouts.actors import SCRIPTED, fingerprint, make_actor
 from tactileforge.rollouts.episode import Episode, play_episode
-from tactileforge.rollouts.options import PER_SEED, TaskOptions, make_environment
+from tactileforge.rollouts.options import RolloutOptions, make_environment
 from tactileforge.rollouts.results import EpisodeResult, Summary, write_results
 from tactileforge.rollouts.video import episode_frames, write_video
 from tactileforge.threads import one_thread
@@ -32,42 +31,6 @@ PAGE = "report.html"
 _MANY = 4
 #: Options that change no episode.
 _FREE = ("out", "processes", "n", "shown", "policy")
-
-
-@dataclass(frozen=True, kw_only=True)
-class RolloutOptions(TaskOptions):
-    """Rollouts of a policy in a task.
-
-    Attributes:
-        policy: Folder of a run, a file, ``expert`` (scripted, reads the hidden state) or ``still``
-            (nothing moves).
-        n: Episodes.
-        cross_sensor: Whether the policy may have been trained on another sensor.
-        shown: Episodes on the page, failures and successes in turn.
-        processes: Processes that simulate; None for one a core.
-        out: Folder of the results; None for runs/rollouts/TASK-SENSOR-POLICY. Rollouts that were
-            stopped go on there, and a larger n adds to them.
-    """
-
-    policy: str
-    n: int = 100
-    cross_sensor: bool = False
-    shown: int = 12
-    processes: int | None = None
-    out: str | None = None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not 1 <= self.n <= PER_SEED:
-            raise ConfigError(f"n={self.n}: give 1 to {PER_SEED} episodes")
-
-    @property
-    def folder(self) -> Path:
-        """Folder of the results."""
-        if self.out:
-            return Path(self.out)
-        words = f"{self.word}-{self.sensor}-{Path(self.policy).name}"
-        return Path("runs") / "rollouts" / re.sub(r"[^\w.-]+", "_", words)
 
 
 @dataclass(frozen=True)

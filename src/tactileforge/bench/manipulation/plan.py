@@ -10,9 +10,7 @@ from pathlib import Path
 from tactileforge.bench.fit.pretrain import PretrainJob
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.rollouts.actors import SCRIPTED
-from tactileforge.rollouts.demonstrations import DemonstrationOptions
-from tactileforge.rollouts.options import TaskOptions
-from tactileforge.rollouts.rollout import RolloutOptions
+from tactileforge.rollouts.options import DemonstrationOptions, RolloutOptions, TaskOptions
 
 
 @dataclass(frozen=True, kw_only=True)
