@@ -103,6 +103,7 @@ def test_seeds_are_not_those_of_rollouts(tmp_path):
     [
         ({"task": "reach_env:Raech-v0"}, "no such environment"),
         ({"task": "no_such_module:Reach-v0"}, "no such environment"),
+        ({"task": "chpi"}, "unknown task 'chpi'; did you mean 'chip'"),
         ({"env": {"tempo": 1}}, "tempo"),
         ({"n": 0}, "n=0"),
         ({"codec": "gif"}, "codec=gif"),
