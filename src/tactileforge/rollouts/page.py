@@ -9,7 +9,8 @@ from itertools import chain, zip_longest
 import numpy as np
 from markupsafe import Markup
 
-from tactileforge.pages.figures import CLASSES, drawing, over_time, svg
+from tactileforge.pages.figures import Series
+from tactileforge.pages.forces import force_curves_figure
 from tactileforge.pages.page import (
     Section,
     card,
@@ -29,8 +30,8 @@ from tactileforge.pages.templating import joined, piece
 from tactileforge.rollouts.results import EpisodeResult, wilson
 from tactileforge.rollouts.rollout import Rollouts
 
-#: Colours of success and failure.
-_COLOURS = {True: 2, False: 1}
+#: Classes of success and failure in figures.
+_CLASSES = {True: 2, False: 1}
 _AXES = ("x (shear)", "y (shear)", "z (normal)")
 #: Episodes in the figures of forces.
 _LINES = 100
@@ -103,13 +104,13 @@ def _video(rollouts: Rollouts, episode: EpisodeResult) -> Markup:
 
 
 def _own(episode: EpisodeResult) -> Markup:
-    with drawing(4.2, 1.6) as (figure, axes):
-        for place, rows in enumerate(episode.force.values()):
-            # fingers that press each other alike are both seen
-            style = {"color": CLASSES[place][0], "dashes": (4, 3) if place else (1, 0)}
-            axes.plot(episode.times, np.array(rows)[:, 2], **style)
-        over_time(axes, "z (N)")
-        return svg(figure, f"normal force on {' and '.join(episode.force)} over time")
+    curves = [(_curve(episode, finger, 2), place) for place, finger in enumerate(episode.force)]
+    words = f"normal force on {' and '.join(episode.force)} over time"
+    return force_curves_figure(curves, "z (N)", words, height=1.6)
+
+
+def _curve(episode: EpisodeResult, finger: str, axis: int) -> Series:
+    return np.array(episode.times), np.array(episode.force[finger])[:, axis]
 
 
 def _failures(rollouts: Rollouts) -> Markup:
@@ -128,7 +129,7 @@ def _failures(rollouts: Rollouts) -> Markup:
 
 
 def _forces(episodes: Sequence[EpisodeResult]) -> Markup:
-    names = {_COLOURS[True]: "success", _COLOURS[False]: "failure"}
+    names = {_CLASSES[True]: "success", _CLASSES[False]: "failure"}
     drawn = [
         panel(f"{finger}, {axis}", _overlaid(episodes[:_LINES], finger, place))
         for finger in episodes[0].force
@@ -139,13 +140,9 @@ def _forces(episodes: Sequence[EpisodeResult]) -> Markup:
 
 
 def _overlaid(episodes: Sequence[EpisodeResult], finger: str, axis: int) -> Markup:
-    with drawing(4.2, 2.4) as (figure, axes):
-        for episode in episodes:
-            colour = CLASSES[_COLOURS[episode.success]][0]
-            rows = np.array(episode.force[finger])[:, axis]
-            axes.plot(episode.times, rows, color=colour, linewidth=0.8, alpha=0.6)
-        over_time(axes, f"{'xyz'[axis]} (N)")
-        return svg(figure, f"force {'xyz'[axis]} on {finger} over time, an episode a line")
+    curves = [(_curve(e, finger, axis), _CLASSES[e.success]) for e in episodes]
+    words = f"force {'xyz'[axis]} on {finger} over time, an episode a line"
+    return force_curves_figure(curves, f"{'xyz'[axis]} (N)", words)
 
 
 def _about(rollouts: Rollouts) -> Markup:
