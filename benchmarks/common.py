@@ -8,7 +8,7 @@ import statistics
 import threading
 import time
 from collections.abc import Callable
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Self
 
@@ -93,16 +93,29 @@ def ratio(times: dict[str, dict[str, float]], ours: str, theirs: str) -> float:
 
 
 def save(name: str, result: dict[str, Any]) -> None:
-    """Writes a result with what it was measured on, and prints it."""
+    """Writes a result with what it was measured on to `RESULTS`, and prints it."""
+    write(RESULTS / f"{name}.json", result)
+    print(json.dumps(result, indent=2))
+
+
+def write(path: Path, result: dict[str, Any]) -> None:
+    """Writes a result with what it was measured on; the file is whole whenever it is read."""
     packages = ("torch", "transformers", "opencv-contrib-python-headless")
     result["machine"] = {
         "processor": platform.machine(),
         "threads": torch.get_num_threads(),
         "device": torch.cuda.get_device_name() if torch.cuda.is_available() else "cpu",
         "python": platform.python_version(),
-        **{package: version(package) for package in packages},
+        **{package: _version(package) for package in packages},
     }
-    RESULTS.mkdir(exist_ok=True)
-    text = json.dumps(result, indent=2)
-    (RESULTS / f"{name}.json").write_text(text + "\n")
-    print(text)
+    path.parent.mkdir(exist_ok=True)
+    part = path.with_suffix(".part")
+    part.write_text(json.dumps(result, indent=2) + "\n")
+    part.replace(path)
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed"

@@ -2,13 +2,14 @@
 
 Two fingers of 320 x 240, a camera of 96 x 96 and six numbers of state, with noise. Steps that
 predict a chunk and steps that take the next command of one are timed apart. Weights do not matter
-for time: the encoder is ``anytouch2.tiny``, the head is new. ``--size paper`` has the paper's U-Net.
+for time: the encoder is ``anytouch2.tiny``, the head is new. ``--size paper`` is the paper's U-Net.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
+from typing import Any
 
 import numpy as np
 import torch
@@ -16,9 +17,9 @@ from common import save
 from omegaconf import OmegaConf
 
 import tactileforge
+from tactileforge import registry
 from tactileforge.compose import compose
 from tactileforge.contracts import Robot
-from tactileforge.heads.policy.diffusion_policy import DiffusionPolicy
 from tactileforge.policy import Policy
 
 ROBOT = Robot(
@@ -34,11 +35,11 @@ ROBOT = Robot(
 def build(size: str) -> Policy:
     """A policy of the recipe, at a scale."""
     words = [f"scale={size}", "data=demonstrations", "data.root=-"]
-    config = OmegaConf.to_container(compose("diffusion_policy", words).head.denoise, resolve=True)
-    assert isinstance(config, dict)
-    config.pop("name")
+    node: Any = OmegaConf.to_container(
+        compose("diffusion_policy", words).head.denoise, resolve=True
+    )
     encoder = tactileforge.load("anytouch2.tiny").encoder
-    return Policy(encoder, DiffusionPolicy(encoder, ROBOT, **config))
+    return Policy(encoder, registry.build("heads", node, encoder=encoder, robot=ROBOT))
 
 
 def run(policy: Policy, count: int) -> dict[str, dict[str, float]]:

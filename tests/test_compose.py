@@ -3,6 +3,7 @@ from hydra.errors import ConfigCompositionException
 from omegaconf import MissingMandatoryValue, OmegaConf
 
 from tactileforge.compose import compose, node_of
+from tactileforge.curriculum import from_config
 from tactileforge.errors import ConfigError
 
 PLUGINS = """
@@ -140,3 +141,11 @@ def test_a_package_may_ship_presets(installed):
     installed("toy-conf", "[tactileforge.conf]\ntoy = toy_conf", modules)
     data = compose(overrides=["data=toy_preset"]).data
     assert (data.name, data.scenes) == ("sim", 7)
+
+
+def test_an_objective_without_a_row_of_the_curriculum_is_given_one() -> None:
+    words = ["objective=[pixel,surface]", "+curriculum.objective.surface={start: 0.2, end: 0.5}"]
+    config = compose("anytouch2", words)
+    plan = from_config(config.curriculum, {"pixel": 1.0, "surface": 2.0}, total=100, epoch=1)
+    assert [plan.weights(step)["surface"] for step in (0, 20, 35, 50, 99)] == [0, 0, 1, 2, 2]
+    assert plan.weights(0)["pixel"] == 1

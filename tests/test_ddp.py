@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 import torch
 
+from tactileforge.callbacks.checkpoints import read_checkpoint
+
 pytestmark = pytest.mark.slow
 
 SCRIPT = Path(__file__).with_name("ddp_gradients.py")
@@ -83,15 +85,60 @@ def test_balanced_gradients_are_those_of_the_joint_batch(tmp_path: Path) -> None
     assert differing(shared, alone) == []
 
 
-def test_two_processes_train_across_the_start_of_an_objective(tmp_path: Path) -> None:
+def trained(folder: Path, *words: str) -> list[dict[str, float]]:
+    """Losses of a run of two processes, step by step; force starts in the fifth of six."""
     command = [sys.executable, "-m", "tactileforge", "train", "scale=demo", "debug=steps"]
     command += ["data.scenes=6", "data.val=2", "data.size=32"]
     command += ["trainer.devices=2", "trainer.accelerator=cpu", "trainer.max_steps=6"]
-    command += ["encoder.image_size=32", "batch.size=8", f"hydra.run.dir={tmp_path}"]
+    command += ["encoder.image_size=32", "batch.size=8", f"hydra.run.dir={folder}"]
+    command += ["data.scenes=3", "data.val=1", "data.size=32", "batch.workers=0"]
     command += ["curriculum.objective.force.start=0.5", "curriculum.objective.force.end=1.0"]
-    subprocess.run(command, check=True, timeout=900, env=os.environ | {"OMP_NUM_THREADS": "1"})
-    text = (tmp_path / "metrics/version_0/metrics.csv").read_text()
-    rows = list(csv.DictReader(text.splitlines()))
-    force = {int(r["step"]): r["train/force"] for r in rows if r["train/pixel"]}
-    assert sorted(force) == list(range(6))
-    assert [bool(force[step]) for step in range(6)] == [False] * 4 + [True] * 2
+    env = os.environ | {"OMP_NUM_THREADS": "1"}
+    subprocess.run([*command, *words], check=True, timeout=900, env=env)
+    text = (folder / "metrics.csv").read_text()
+    rows = [row for row in csv.DictReader(text.splitlines()) if row["train/loss"]]
+    return [{k: float(v) for k, v in row.items() if k.startswith("train/") and v} for row in rows]
+
+
+def weights(folder: Path) -> dict[str, torch.Tensor]:
+    state: dict[str, torch.Tensor] = read_checkpoint(folder)["state_dict"]
+    return state
+
+
+@pytest.fixture(scope="module")
+def searched(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[dict[str, float]]]:
+    """A run that looks for unused parameters in every step, and its losses."""
+    folder = tmp_path_factory.mktemp("searched")
+    return folder, trained(folder, "trainer.strategy=ddp_find_unused_parameters_true")
+
+
+def test_two_processes_train_across_the_start_of_an_objective(
+    tmp_path: Path, searched: tuple[Path, list[dict[str, float]]]
+) -> None:
+    """A static graph a phase gives, to the bit, the weights of a search in every step."""
+    rows = trained(tmp_path)
+    assert ["train/force" in row for row in rows] == [False] * 4 + [True] * 2
+    assert rows == searched[1]
+    state, right = weights(tmp_path), weights(searched[0])
+    assert [key for key, value in right.items() if not torch.equal(state[key], value)] == []
+
+
+def test_shared_weights_train_as_whole_ones(
+    tmp_path: Path, searched: tuple[Path, list[dict[str, float]]]
+) -> None:
+    """FSDP2: losses of every step to rounding; the checkpoint and the report are whole.
+
+    Weights would not do: AdamW makes steps of one size out of the rounding of the biases of keys,
+    whose gradient is 0.
+    """
+    rows = trained(tmp_path, "trainer.strategy=fsdp2")
+    for row, right in zip(rows, searched[1], strict=True):
+        assert row == pytest.approx(right, rel=1e-4)
+    shapes = {key: value.shape for key, value in weights(searched[0]).items()}
+    assert {key: value.shape for key, value in weights(tmp_path).items()} == shapes
+    assert (tmp_path / "report.html").exists()
+
+
+def test_gradients_of_several_batches_make_a_step(tmp_path: Path) -> None:
+    trained(tmp_path, "trainer.accumulate_grad_batches=2", "trainer.max_steps=3")
+    assert read_checkpoint(tmp_path)["global_step"] == 3

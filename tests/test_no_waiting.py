@@ -116,6 +116,22 @@ def step(monkeypatch: pytest.MonkeyPatch, module: TouchModule, batch: dict[str, 
     assert watch.found == []
 
 
+@pytest.mark.parametrize("recipe", RECIPES)
+@pytest.mark.parametrize("paired", [True, False])
+def test_validation_waits_for_nothing(
+    recipe: str, paired: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module, batch = on_device(recipe)
+    weights = dict.fromkeys(module.objectives, 1.0)
+    logged: dict[str, Tensor] = {}
+    monkeypatch.setattr(module, "current_weights", lambda: dict(weights))
+    monkeypatch.setattr(module, "log_dict", lambda row, **_: logged.update(row))
+    with watched(monkeypatch) as watch:
+        module.validation_step(batch | {"paired": paired}, 0)
+    assert watch.found == []
+    assert ("val/match" in logged) == (paired and "match" in module.objectives)
+
+
 @pytest.mark.parametrize(
     ("waits", "name"),
     [

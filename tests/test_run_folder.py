@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -19,6 +20,8 @@ from tactileforge.callbacks.checkpoints import (
 )
 from tactileforge.errors import ConfigError, DataError, TactileForgeError
 from tactileforge.module import TouchModule
+from tactileforge.optim import optimiser
+from tactileforge.pages.curves import read_metrics
 
 SMALL = ["train", "scale=demo", "debug=steps", "encoder.image_size=32", "batch.workers=0"]
 SMALL += ["objective=[pixel]", "batch.size=8", "data.scenes=3", "data.val=1", "data.size=32"]
@@ -202,3 +205,69 @@ def test_no_room_is_an_error_with_numbers(tmp_path: Path) -> None:
     with pytest.raises(TactileForgeError, match=r"MB are left, and a checkpoint takes 1,000,000,0"):
         checkpoints.check_room(tmp_path / LAST, 10**15)
     checkpoints.check_room(tmp_path / LAST, 10)
+
+
+def test_a_finished_run_is_made_longer(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The rate is that of the new length, the curriculum that of the old one."""
+    staged = ["curriculum=staged", "objective=[pixel,force]", "optim.warmup=0.25"]
+    words = [*SMALL, *staged, "trainer.max_steps=8", "trainer.max_epochs=-1"]
+    assert cli.run([*words, f"hydra.run.dir={tmp_path}"]) == 0
+    before = read_metrics(tmp_path)
+    capsys.readouterr()
+    assert cli.run(["train", f"resume={tmp_path}", "trainer.max_steps=20"]) == 0
+    said = capsys.readouterr().out
+    assert "from step 8 on with trainer.max_steps=20" in said
+    assert "the curriculum stays as planned for 8 steps" in said
+
+    after = read_metrics(tmp_path)
+    assert after["lr"].steps.tolist() == list(range(20))
+    assert after["lr"].values[:8].tolist() == before["lr"].values.tolist()
+    # 5 of 20 steps are the warm-up; from then on 1e-3 (20 - step) / 16
+    wanted = [1e-3 * (20 - step) / 16 for step in range(8, 20)]
+    assert after["lr"].values[8:].tolist() == pytest.approx(wanted, rel=1e-5)
+    assert after["weight/force"].values[:8].tolist() == before["weight/force"].values.tolist()
+    assert set(after["weight/force"].values[8:]) == {before["weight/force"].values.max(), 1.0}
+    assert read_checkpoint(tmp_path)["global_step"] == 20
+
+    assert cli.run(["train", f"resume={tmp_path}", "trainer.max_steps=20"]) == 0  # nothing to do
+    assert cli.run(["train", f"resume={tmp_path}", "trainer.max_steps=12"]) == 1
+    assert "is already at step 20" in capsys.readouterr().err
+    assert cli.run(["train", f"resume={tmp_path}", "trainer.max_epochs=3"]) == 1
+    assert "ends by trainer.max_steps=20: give another" in capsys.readouterr().err
+    assert cli.run(["train", f"resume={tmp_path}", "trainer.max_steps=30", "optim.lr=1"]) == 1
+    assert "optim.lr=1 cannot be given with it, but for its length" in capsys.readouterr().err
+
+
+def test_a_longer_run_goes_on_where_it_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At a constant rate, 5 and then 4 steps have the bits of 9 steps."""
+
+    def constant(*given: Any, **options: Any) -> Any:
+        made = optimiser(*given, **options)
+        made["lr_scheduler"]["scheduler"].lr_lambdas = [lambda step: 1.0] * 2
+        return made
+
+    monkeypatch.setattr("tactileforge.module.optimiser", constant)
+    one, two = tmp_path / "one", tmp_path / "two"
+    words = [*SMALL, "curriculum=constant", "trainer.precision=32", "trainer.max_epochs=-1"]
+    assert cli.run([*words, "trainer.max_steps=9", f"hydra.run.dir={one}"]) == 0
+    assert cli.run([*words, "trainer.max_steps=5", f"hydra.run.dir={two}"]) == 0
+    assert cli.run(["train", f"resume={two}", "trainer.max_steps=9"]) == 0
+    states = [read_checkpoint(folder)["state_dict"] for folder in (one, two)]
+    assert states[0].keys() == states[1].keys()
+    assert all(torch.equal(states[0][key], states[1][key]) for key in states[0])
+
+
+def test_a_run_that_ends_by_its_epochs_gets_more_of_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [*SMALL, "trainer.max_steps=-1", "trainer.max_epochs=1", "batch.size=4"]
+    assert cli.run([*words, f"hydra.run.dir={tmp_path}"]) == 0
+    epoch = read_checkpoint(tmp_path)["global_step"]
+    assert cli.run(["train", f"resume={tmp_path}", "trainer.max_steps=999"]) == 1
+    assert "ends by trainer.max_epochs=1: give another" in capsys.readouterr().err
+    assert cli.run(["train", f"resume={tmp_path}", "trainer.max_epochs=2"]) == 0
+    assert read_checkpoint(tmp_path)["global_step"] == 2 * epoch

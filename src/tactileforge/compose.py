@@ -7,6 +7,7 @@ constructor's defaults become the node of the configuration.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from importlib.metadata import entry_points
 from inspect import Parameter
@@ -23,6 +24,7 @@ from hydra.errors import ConfigCompositionException
 from hydra.plugins.config_source import ConfigResult, ConfigSource
 from hydra.plugins.search_path_plugin import SearchPathPlugin
 from omegaconf import MISSING, DictConfig, OmegaConf
+from omegaconf.errors import InterpolationToMissingValueError
 
 from tactileforge import registry
 from tactileforge.errors import ConfigError, PluginError, unknown
@@ -198,7 +200,10 @@ def plain(config: DictConfig) -> dict[str, Any]:
     Raises:
         ConfigError: A key without a value.
     """
-    missing = sorted(map(str, OmegaConf.missing_keys(config)))
+    try:
+        missing = sorted(map(str, OmegaConf.missing_keys(config)))
+    except InterpolationToMissingValueError as error:  # a value that others are made of
+        missing = re.findall(r"[Mm]issing mandatory value: (\S+)", str(error))
     if missing:
         raise ConfigError(f"give {' '.join(f'{key}=...' for key in missing)}")
     out: dict[str, Any] = OmegaConf.to_container(config, resolve=True)  # type: ignore[assignment]

@@ -106,15 +106,17 @@ class SensorSpec:
 
     Attributes:
         name: The word users type.
-        height: Rows of a frame as the sensor gives it; 0 for a wrench sensor.
-        width: Columns of a frame; 0 for a wrench sensor.
+        height: Rows of a frame as the sensor gives it; 0 for a wrench or robot.
+        width: Columns of a frame; 0 for a wrench or robot.
         fps: Frames, or samples, per second that really arrive.
         area_mm: Height and width of the sensing area, mm; None where it is not public.
         force_scale: Newton per axis (x, y, z) that count as 1; forces are normalised by it.
         markers: Whether the gel carries markers.
         dome: Whether the gel is domed (else flat).
         kind: What `Frame` carries: ``image`` pixels of a camera; ``array`` taxels, drawn as pixels,
-            and their values; ``wrench`` forces and torques alone.
+            and their values; ``wrench`` forces and torques alone; ``robot`` its state and action.
+        states: Values of a robot that are its state; they come first.
+        actions: Values of a robot that are the command after that state.
     """
 
     name: str
@@ -125,7 +127,9 @@ class SensorSpec:
     force_scale: tuple[float, float, float]
     markers: bool = False
     dome: bool = False
-    kind: Literal["image", "array", "wrench"] = "image"
+    kind: Literal["image", "array", "wrench", "robot"] = "image"
+    states: int = 0
+    actions: int = 0
 
 
 class Frames(Protocol):
@@ -305,11 +309,12 @@ class Frame:
     Attributes:
         array: uint8 (H, W, 3), RGB. Of an ``array`` sensor its taxels, drawn by its layout: red,
             green and blue are x, y and z, and 128 is the value without contact (`sensors.taxels`).
-            Of a ``wrench`` sensor empty, (0, 0, 3).
+            Of a ``wrench`` or ``robot`` empty, (0, 0, 3).
         time: Monotonic seconds (``time.monotonic()``) at which it was taken.
         raw: float32, the values as the sensor gave them: of a ``wrench`` sensor (6,), forces x, y,
-            z in N and torques x, y, z in N m; of an ``array`` sensor (taxels, values of each);
-            None of an ``image`` sensor.
+            z in N and torques x, y, z in N m; of an ``array`` sensor (taxels, values of each); of a
+            ``robot`` (states + actions,), its state and the command that follows it; None of an
+            ``image`` sensor.
     """
 
     array: NDArray[np.uint8]
@@ -319,7 +324,7 @@ class Frame:
 
 @runtime_checkable
 class Sensor(Protocol):
-    """A live sensor: a camera, a taxel array or a wrench sensor, as its ``spec.kind`` says.
+    """A live sensor: a camera, taxel array, wrench sensor or robot, as its ``spec.kind`` says.
 
     Use it as a context manager; it closes on an exception. It needs no thread of its own: whoever
     records or shows it reads it in one, and opens it again after a `SensorError`. So `open` works
@@ -552,7 +557,10 @@ class Prepared(Protocol):
 
 @runtime_checkable
 class Scored(Protocol):
-    """An objective with scores of a whole split that are not means over batches, such as R2."""
+    """An objective with scores of a whole split that are not means over batches, such as R2.
+
+    In validation they take the place of its further scalars, which are logged in training.
+    """
 
     def sums(self, prediction: Any, batch: Batch) -> Tensor:
         """Sums of one batch that add up over batches and ranks; float64 of any shape."""

@@ -107,3 +107,27 @@ def from_config(
     row = config.get("universal") or {"high": 0.0}
     low, high = float(row.get("low", 0.0)), float(row.get("high", 0.0))
     return Curriculum(ramps, ramp("curriculum.universal", row, low, high))
+
+
+def in_steps(config: Mapping[str, Any], total: int, epoch: int) -> dict[str, Any]:
+    """The same curriculum in steps, which does not change with the length of the run.
+
+    Args:
+        config: See `from_config`.
+        total: Steps of the run.
+        epoch: Steps of an epoch.
+
+    Example:
+        >>> in_steps({"unit": "fraction", "objective": {"force": {"start": 0.5}}}, 200, 50)
+        {'unit': 'step', 'objective': {'force': {'start': 100.0, 'end': 200.0}}}
+    """
+    unit = {"fraction": total, "epoch": epoch, "step": 1}[config.get("unit", "fraction")]
+
+    def row(row: Mapping[str, Any]) -> dict[str, Any]:
+        end = row.get("end")
+        last = total if end is None else end * unit
+        return {**row, "start": float(row.get("start") or 0) * unit, "end": float(last)}
+
+    rows = {name: row(node) for name, node in (config.get("objective") or {}).items()}
+    universal = {"universal": row(config["universal"])} if config.get("universal") else {}
+    return {**config, "unit": "step", "objective": rows, **universal}

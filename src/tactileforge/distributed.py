@@ -5,12 +5,27 @@ And the seeds of a step, of which all its randomness is a function.
 
 from __future__ import annotations
 
+import os
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import torch
 import torch.distributed as dist
 from torch import Tensor
+
+
+def count_processes(options: Mapping[str, Any]) -> int:
+    """Number of processes that a run is to have; where it is not known yet, at least 2.
+
+    Args:
+        options: Of ``trainer``.
+    """
+    devices = options["devices"]
+    if devices in ("auto", -1, "-1"):
+        devices = 1 if options["accelerator"] == "cpu" else max(1, torch.cuda.device_count())
+    here = int(devices) if str(devices).isdecimal() else 2
+    return max(here * int(options["num_nodes"]), int(os.environ.get("WORLD_SIZE", 1)))
 
 
 def world() -> tuple[int, int]:
@@ -78,8 +93,8 @@ def gather_rows(x: Tensor) -> Tensor:
     return out
 
 
-def masked_mean(losses: Tensor, valid: Tensor) -> Tensor:
-    """Mean of the valid losses over all ranks; 0 where there is none.
+def masked_mean(losses: Tensor, valid: Tensor, empty: float = 0.0) -> Tensor:
+    """Mean of the valid losses over all ranks.
 
     DDP averages gradients over ranks that may hold different numbers of labelled samples. Each
     rank's sum is divided by the joint count and multiplied by the number of ranks, so that average
@@ -88,6 +103,7 @@ def masked_mean(losses: Tensor, valid: Tensor) -> Tensor:
     Args:
         losses: float (B,), one a sample, or of any other shape.
         valid: bool, alike.
+        empty: The mean where nothing is valid: 0 for a loss, NaN for a number that is shown.
 
     Returns:
         A scalar, connected to the graph even when nothing is valid.
@@ -102,4 +118,5 @@ def masked_mean(losses: Tensor, valid: Tensor) -> Tensor:
     size = world()[1]
     if size > 1:
         dist.all_reduce(count)
-    return total * size / count.clamp(min=1)
+    mean = total * size / count.clamp(min=1)
+    return mean if empty == 0 else mean.masked_fill(count == 0, empty)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from collections.abc import Set as AbstractSet
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Self
 
 import lightning as L
@@ -16,8 +17,9 @@ from tactileforge.curriculum import Curriculum, from_config
 from tactileforge.distributed import seed_step, sum_over_ranks
 from tactileforge.encoders.given import views_of
 from tactileforge.errors import ConfigError, TactileForgeError
-from tactileforge.optim import optimiser
+from tactileforge.optim import optimiser, set_rate
 from tactileforge.parts import Term, build_parts, logs_of
+from tactileforge.strategies import shard
 
 if TYPE_CHECKING:
     from tactileforge.data.batches.clips import Clips
@@ -73,6 +75,7 @@ class TouchModule(L.LightningModule):
         self.plan: Curriculum | None = None
         self.total = 0
         self._sums: dict[str, Tensor] = {}
+        self._sharded = False
 
     @classmethod
     def from_config(
@@ -110,12 +113,22 @@ class TouchModule(L.LightningModule):
             self.encoder.eval()
         return self
 
+    def configure_model(self) -> None:
+        """Shards the parameters, where the strategy says so (`strategies.Sharded`)."""
+        if self.device_mesh is not None and not self._sharded:
+            shard(self, self.device_mesh)
+            self._sharded = True
+
     def setup(self, stage: str) -> None:
         """Reads the curriculum, once the length of the run is known."""
         total = self.total = int(self.trainer.estimated_stepping_batches)
         epochs = self.trainer.max_epochs or -1
         epoch = max(1, total // epochs) if epochs > 0 else total
         self.plan = from_config(self.curriculum_config, self.weights, total, epoch)
+
+    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Keeps the length of the run."""
+        checkpoint["total"] = self.total
 
     def current_weights(self) -> dict[str, float]:
         """Weights of the objectives at this step."""
@@ -183,9 +196,11 @@ class TouchModule(L.LightningModule):
         return total
 
     def on_train_start(self) -> None:
-        """Initialises the EMA copies with the encoder's weights."""
+        """Initialises the EMA copies with the encoder's weights; takes the rate of this step."""
         if self.global_step == 0:
             self._follow(0)
+        schedule: Any = self.lr_schedulers()
+        set_rate(schedule)  # a resumed run may have another length
 
     def optimizer_step(self, *args: Any, **kwargs: Any) -> None:
         """Takes one optimiser step, then updates the EMA copies."""
@@ -201,7 +216,7 @@ class TouchModule(L.LightningModule):
         """Losses on held-out clips, with the same masks each time."""
         seed_step(self.seed, batch_idx, -1)
         weights = self.current_weights()
-        if not bool((batch["group"] >= 0).any()):
+        if not batch.get("paired", True):
             paired = [k for k, v in self.objectives.items() if getattr(v, "pairs", False)]
             weights |= dict.fromkeys(paired, 0.0)
         terms = self.terms(batch, weights)
@@ -209,6 +224,7 @@ class TouchModule(L.LightningModule):
             if isinstance(objective := self.objectives[key], Scored):
                 sums = objective.sums(term.prediction, batch)
                 self._sums[key] = self._sums[key] + sums if key in self._sums else sums
+                terms[key] = replace(term, extra={})  # its scores are those of the whole split
         logs = logs_of(terms)
         size = len(batch["group"])
         self.log_dict({f"val/{k}": v for k, v in logs.items()}, batch_size=size, on_epoch=True)

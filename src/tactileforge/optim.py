@@ -85,3 +85,16 @@ def _named(name: str, optimizer: torch.optim.Optimizer, warm: int, total: int) -
     if name not in names:
         raise ConfigError(unknown("optim.schedule", name, names))
     return known.get_scheduler(name, optimizer, num_warmup_steps=warm, num_training_steps=total)
+
+
+def set_rate(schedule: torch.optim.lr_scheduler.LambdaLR) -> None:
+    """Sets the learning rate to that of the schedule's step, which a checkpoint may not have had.
+
+    Args:
+        schedule: Of `optimiser`.
+    """
+    groups = zip(
+        schedule.optimizer.param_groups, schedule.base_lrs, schedule.lr_lambdas, strict=True
+    )
+    for group, rate, factor in groups:
+        group["lr"] = rate * factor(schedule.last_epoch)

@@ -106,9 +106,8 @@ class Policy:
             self._touch.append({name: self._resized(frames[name]) for name in self.fingers})
         self._seen.append(self._perceived(state, image, force))
         if not self._queue:
-            with self._packed, torch.no_grad():
-                batch = self._batch()
-                chunk = self._head.act(self._views(), batch, self._generator)
+            with torch.no_grad():
+                chunk = self._head.act(self._views(), self._batch(), self._generator)
             self._queue.extend(chunk[0, : self._head.execute].float().cpu().numpy())
         return self._queue.popleft()
 
@@ -155,7 +154,8 @@ class Policy:
         frames = torch.from_numpy(np.stack(clips)).movedim(-1, -3)
         rest = torch.from_numpy(np.stack([self._rest(name) for name in self.fingers]))
         sensor = self._encoder.sensor_ids(self.sensor)
-        tokens: Tensor = self._encoder(frames, rest.movedim(-1, -3), sensor)[0]
+        with self._packed:  # not the head: its layers are too many and too small to gain
+            tokens: Tensor = self._encoder(frames, rest.movedim(-1, -3), sensor)[0]
         # as in training, where tokens are kept as float16
         return GivenViews(self._encoder, tokens.half().float()[None])
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import os
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ import torch
 from tactileforge.contracts import Batch
 from tactileforge.data.batches.clips import Clips, collate
 from tactileforge.data.labels.augment import fill_captions
+from tactileforge.distributed import count_processes
 from tactileforge.module import TouchModule
 
 #: CPU seconds of a step in fp32 and in bf16.
@@ -58,7 +58,7 @@ def choose_precision(
         return Precision("32-true", "the accelerator has no bf16")
     if not (native := native_bf16() if native is None else native):
         return Precision("32-true", "this CPU has no fast bf16")
-    if _processes(options) > 1:  # each would measure, and they must not disagree
+    if count_processes(options) > 1:  # each would measure, and they must not disagree
         return Precision("32-true", "with several processes bf16 is not tried on a CPU")
     single, half = measure()
     gain = single / half
@@ -108,9 +108,3 @@ def _step(module: TouchModule, batch: Batch, half: bool) -> float:
     seconds = time.process_time() - start
     module.zero_grad()
     return seconds
-
-
-def _processes(options: Mapping[str, Any]) -> int:
-    devices, nodes = options["devices"], options["num_nodes"]
-    here = 1 if devices in ("auto", "1") else devices if isinstance(devices, int) else 2
-    return max(here * int(nodes), int(os.environ.get("WORLD_SIZE", 1)))

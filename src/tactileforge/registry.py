@@ -25,6 +25,7 @@ GROUPS = {
     "sensor": "sensors",
     "force": "sensors",
     "camera": "sensors",
+    "robot": "sensors",
     "data": "datasets",
     "encoder": "encoders",
     "head": "heads",

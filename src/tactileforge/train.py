@@ -7,6 +7,7 @@ import platform
 import sys
 import warnings
 from collections.abc import Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from functools import partial
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -17,7 +18,6 @@ from typing import Any
 import lightning as L
 import torch
 from lightning.pytorch.callbacks import Callback, Timer
-from lightning.pytorch.loggers import CSVLogger, Logger
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
@@ -27,15 +27,21 @@ from tactileforge.callbacks import checkpoints
 from tactileforge.callbacks.met import MetLabels, SkippedRecordings
 from tactileforge.callbacks.progress import Progress
 from tactileforge.callbacks.speed import Speed
+from tactileforge.compiled import compile_blocks
 from tactileforge.data.batches.datamodule import TouchData
+from tactileforge.distributed import count_processes
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.files import sealed, write_text
 from tactileforge.hub.starting_point import starting_weights
+from tactileforge.loggers import build_loggers, log_config, log_report
 from tactileforge.module import TouchModule
 from tactileforge.optim import OptimOptions
+from tactileforge.pages.drawings import collected_drawings
 from tactileforge.parts import check_size, plain_robot, robot_of
 from tactileforge.precompute import remember_features
 from tactileforge.provenance import commit
+from tactileforge.run_length import change_length
+from tactileforge.strategies import Sharded, choose_strategy
 
 log = logging.getLogger(__name__)
 
@@ -58,7 +64,7 @@ _EXPECTED = (
 def train(config: DictConfig | dict[str, Any], folder: Path) -> TouchModule:
     """Trains, and writes a report.
 
-    In ``folder``: ``config.yaml`` (resolved), ``versions.json``, ``metrics/*/metrics.csv``,
+    In ``folder``: ``config.yaml`` (resolved), ``versions.json``, ``metrics.csv``,
     ``checkpoints/last.ckpt`` and ``report.html``.
 
     Args:
@@ -77,11 +83,17 @@ def train(config: DictConfig | dict[str, Any], folder: Path) -> TouchModule:
     plain: dict[str, Any] = config if isinstance(config, dict) else _plain(config)
     resume = checkpoints.find_checkpoint(folder) if plain.get("resume") else None
     with run_folder.claimed(folder, resumes=resume is not None):
+        step, is_news = 0, True
         if resume:
-            checkpoints.read_own(resume, plain.get("run"))  # before data is made or read
+            state = checkpoints.read_own(resume, plain.get("run"))  # before data is made or read
+            step = int(state["global_step"])
+            is_news = change_length(plain, run_folder.read_config(folder), state)
+            if is_news:
+                _check(plain)
+                run_folder.write_config(folder, {**plain, "resume": None})
         else:
             plain["run"] = run_folder.identity()
-        return _train(plain, folder, resume)
+        return _train(plain, folder, resume, step, is_news)
 
 
 def _start_from(plain: dict[str, Any]) -> Mapping[str, Tensor]:
@@ -101,7 +113,9 @@ def _start_from(plain: dict[str, Any]) -> Mapping[str, Tensor]:
     return state
 
 
-def _train(plain: dict[str, Any], folder: Path, resume: Path | None) -> TouchModule:
+def _train(
+    plain: dict[str, Any], folder: Path, resume: Path | None, step: int, is_news: bool
+) -> TouchModule:
     L.seed_everything(plain["seed"], verbose=False)
     state = None if resume or not plain.get("init") else _start_from(plain)
     _check(plain)
@@ -121,9 +135,18 @@ def _train(plain: dict[str, Any], folder: Path, resume: Path | None) -> TouchMod
     if not resume:
         module.prepare(data.train)
     if plain["freeze"]:
+        if resume:  # Lightning loads the other weights later
+            kept = checkpoints.read_checkpoint(resume)["state_dict"].items()
+            own = {k.removeprefix("encoder."): v for k, v in kept if k.startswith("encoder.")}
+            module.encoder.load_state_dict(own)
         remember_features(module.encoder, data)
     why = _settle_precision(plain, module, data)
-    trainer, saver = build_trainer(plain, folder, [met, lost])
+    if plain.get("compile"):
+        compile_blocks(module)
+    static = getattr(module.encoder, "static_graph", False)
+    trainer, saver = build_trainer(plain, folder, [met, lost], step, static)
+    if is_news:
+        log_config(trainer.loggers[1:], plain, folder)
     if trainer.is_global_zero and not resume:
         licences = {kind.licence for split in data.sources for kind in data.summary(split)}
         _keep(plain, folder, sorted(licences), data.summary("train").sensors, why)
@@ -136,7 +159,11 @@ def _train(plain: dict[str, Any], folder: Path, resume: Path | None) -> TouchMod
     if trainer.is_global_zero:
         from tactileforge.report.run import write_report
 
-        print(f"report: {write_report(folder, module, data, lost.skipped, met.labels)}")
+        whole = _whole(plain, module, folder, data.summary("train").labels)
+        with collected_drawings(wanted=len(trainer.loggers) > 1) as drawings:
+            report = write_report(folder, whole, data, lost.skipped, met.labels)
+        log_report(trainer.loggers[1:], report, drawings, trainer.global_step)
+        print(f"report: {report}")
     return module
 
 
@@ -158,6 +185,17 @@ def _check_robot(config: Mapping[str, Any]) -> None:
                 f"demonstrations is {getattr(now, key)}; give demonstrations of its robot, or "
                 "leave init= out"
             )
+
+
+def _whole(
+    plain: dict[str, Any], module: TouchModule, folder: Path, labels: AbstractSet[str]
+) -> TouchModule:
+    """The module with all its weights on this process, which may hold a share of them alone."""
+    if not isinstance(module.trainer.strategy, Sharded):
+        return module
+    whole = TouchModule.from_config(plain, labels)
+    whole.load_state_dict(checkpoints.read_checkpoint(folder)["state_dict"])
+    return whole
 
 
 def _settle_precision(plain: dict[str, Any], module: TouchModule, data: TouchData) -> str:
@@ -225,19 +263,34 @@ def _check(config: Mapping[str, Any]) -> None:
 
 
 def build_trainer(
-    config: Mapping[str, Any], folder: Path, callbacks: Sequence[Callback] = ()
+    config: Mapping[str, Any],
+    folder: Path,
+    callbacks: Sequence[Callback] = (),
+    step: int = 0,
+    static: bool = False,
 ) -> tuple[L.Trainer, checkpoints.Checkpoints]:
-    """The Lightning trainer of a run, with further callbacks; and that of its checkpoints."""
+    """The Lightning trainer of a run, with further callbacks; and that of its checkpoints.
+
+    Args:
+        config: Finished.
+        folder: Folder of the run.
+        callbacks: In addition.
+        step: Step from which the run goes on.
+        static: Whether the encoder uses the same parameters for every batch.
+    """
     options = dict(config["trainer"])
     saver = checkpoints.Checkpoints(folder, options.pop("save_every"))
     best = checkpoints.best_checkpoint(folder, options.pop("keep_best", None))
-    if options["strategy"] == "auto" and options["devices"] not in (1, "1", "auto"):
-        # an objective that starts late, or a norm that none reads through, leaves parameters unused
-        options["strategy"] = "ddp_find_unused_parameters_true"
     kept = [*best, *callbacks]
+    options["strategy"] = choose_strategy(
+        options["strategy"],
+        count_processes(options),
+        static and options["accumulate_grad_batches"] == 1,  # torch cannot have both
+        (config.get("balance") or {}).get("name"),
+    )
     own: dict[str, Any] = dict(
         default_root_dir=folder,
-        logger=build_loggers(config["logger"], folder),
+        logger=build_loggers(config["logger"], folder, config.get("run"), step),
         # the timer is for the report: how long it took
         callbacks=[saver, Speed(config["batch"]["workers"]), Progress(), Timer(), *kept],
         plugins=[checkpoints.AtomicCheckpointIO(config.get("run"))],
@@ -253,25 +306,6 @@ def build_trainer(
         return L.Trainer(**options, **own), saver
     except (TypeError, ValueError) as error:  # also what Lightning itself raises for them
         raise ConfigError(f"trainer: {error}") from error
-
-
-def build_loggers(config: Mapping[str, Any], folder: Path) -> list[Logger]:
-    """A CSV logger, which starts a new file when a run is resumed, and the one asked for."""
-    loggers: list[Logger] = [CSVLogger(folder, name="metrics", flush_logs_every_n_steps=50)]
-    name, project = config["name"], config.get("project", "tactileforge")
-    if name == "tensorboard":
-        from lightning.pytorch.loggers import TensorBoardLogger
-
-        loggers.append(TensorBoardLogger(folder, name="tensorboard"))
-    elif name == "wandb":
-        from lightning.pytorch.loggers import WandbLogger
-
-        loggers.append(WandbLogger(project=project, save_dir=folder))
-    elif name == "mlflow":
-        from lightning.pytorch.loggers import MLFlowLogger
-
-        loggers.append(MLFlowLogger(project, save_dir=str(folder / "mlflow")))
-    return loggers
 
 
 def _keep(

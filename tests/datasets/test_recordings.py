@@ -426,7 +426,7 @@ def test_videos_are_indexed_without_decoding_a_frame(
     data = make_video("0.avi", count=40).read_bytes()
     for i in range(1, 20):
         (tmp_path / f"{i}.avi").write_bytes(data)
-    monkeypatch.setattr(video._Cursor, "frame", lambda *_: pytest.fail("a frame was decoded"))
+    monkeypatch.setattr(video._OpenCvCursor, "frame", lambda *_: pytest.fail("a frame was decoded"))
     assert [len(recording.times) for recording in read(tmp_path, **VIDEO)] == [40] * 20
 
 

@@ -180,6 +180,30 @@ def test_stills_without_anything(touch: Touch, listed: Any, tmp_path: Path) -> N
     assert "nan" not in words_of(text)
 
 
+def test_axes_without_force_are_left_out_and_named(
+    touch: Touch, listed: Any, tmp_path: Path
+) -> None:
+    force = np.full((90, 3), np.nan, np.float32)
+    force[:, 2] = 2.0  # a constant one, besides
+    recordings = [touch(i, force=force, action=np.full(90, -1)) for i in range(2)]
+    _, text = written(listed(recordings), tmp_path / "page.html")
+    Checked(text)
+    words = words_of(text)
+    assert "Force along z" in words
+    assert "Force along x" not in words
+    assert "No force is known along x and y." in words
+    assert "2 (z alone)" in words
+    (drawn,) = re.findall(r'aria-label="shares of frames by force along z".*?</svg>', text)
+    ticks = [float(number) for number in re.findall(r">([\d.]+)</text>", drawn)]
+    assert min(ticks) <= 2 < max(ticks)
+    assert max(ticks) - min(ticks) < 1  # the axis is around the one value
+    shares = re.findall(r">([\d.]+) %</text>", drawn)
+    assert shares == ["100"]  # no share above all of them
+    row = re.search(r"digit, training.*?</tr>", text, re.DOTALL)
+    assert row
+    assert row[0].count("<td>none</td>") == 5  # an action that is unknown throughout is none
+
+
 def test_times_that_stand_still(touch: Touch, listed: Any, tmp_path: Path) -> None:
     findings, text = written(
         listed([touch(0, times=np.zeros(90)), touch(1)]), tmp_path / "page.html"

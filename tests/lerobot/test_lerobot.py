@@ -7,60 +7,21 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from lerobot_recordings import PSNR, all_of, psnr, touch
+from omegaconf import OmegaConf
 
-from tactileforge import cli
-from tactileforge.contracts import Recording
+from tactileforge import cli, registry
+from tactileforge.compose import compose
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.datasets.lerobot import LeRobot
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.lerobot import folder
+from tactileforge.lerobot.options import LeRobotOptions
 from tactileforge.lerobot.statistics import image_statistics, number_statistics
-from tactileforge.lerobot.write import LeRobotOptions, write_dataset
+from tactileforge.lerobot.write import write_dataset
 from tactileforge.testing import check
 
 parquet = pytest.importorskip("pyarrow.parquet")
-
-#: What the video may lose on these pictures, dB.
-PSNR = 36.0
-
-
-def touch(number: int, sensor: str = "digit", frames: int = 24, fps: float = 30.0) -> Recording:
-    """A blob that moves over a coloured background, with forces, actions and a track."""
-    rng = np.random.default_rng([number, len(sensor)])
-    rows, columns = np.mgrid[:64, :48]
-    still = np.stack([80 + columns, 90 + rows * 0.5, 160 - columns], -1)
-    path = rng.uniform(12, 36, 2) + np.linspace(0, 8, frames)[:, None]
-    away = [(rows - r) ** 2 + (columns - c) ** 2 for r, c in path]
-    pictures = still + 60 * np.exp(-np.stack(away) / 60)[..., None] * [1, -0.5, 0.3]
-    force = rng.normal(0, 3, (frames, 3)).astype(np.float32)
-    return Recording(
-        key=f"touch/{number}/{sensor}",
-        sensor=sensor,
-        frames=ArrayFrames(pictures.clip(0, 255).round().astype(np.uint8)),
-        times=0.013 + np.arange(frames) / fps,
-        no_contact=ArrayFrames(still.round().astype(np.uint8)[None]),
-        force=force,
-        action=rng.integers(-1, 8, frames),
-        object="cup",
-        text="{action} the cup",
-        labels={"unit": "D1", "grip": 0.5},
-        tracks={"wrench": rng.normal(0, 1, (frames, 6)).astype(np.float32)},
-        source="a test",
-        tier=1,
-        licence="CC0-1.0",
-    )
-
-
-def psnr(images: np.ndarray, wanted: np.ndarray) -> float:
-    error = np.mean((images.astype(float) - wanted) ** 2)
-    return float(10 * np.log10(255**2 / error)) if error else 99.0
-
-
-def all_of(root: Path, **options: object) -> list[Recording]:
-    data = LeRobot(str(root), val=0.0, **options)
-    recordings = list(data.recordings("train"))
-    assert data.skipped == []
-    return recordings
 
 
 def test_a_round_trip_keeps_everything(tmp_path: Path) -> None:
@@ -201,6 +162,45 @@ def test_data_sets_of_others_are_read(tmp_path: Path) -> None:
         all_of(root, **options, force=["observation.force.digit"], force_columns=[3, 4, 5])
 
 
+def test_forces_of_several_sensors_are_columns_of_one_feature(tmp_path: Path) -> None:
+    root = tmp_path / "set"
+    write_dataset([touch(0)], root, LeRobotOptions())
+    (root / folder.TOUCH).unlink()
+    first, second = all_of(
+        root,
+        touch=["observation.images.digit"] * 2,
+        sensors=["digit", "gelsight_mini"],
+        force=["observation.wrench.digit"] * 2,
+        force_columns=[0, 1, 2, 5, 4, 3],
+    )
+    wrench = touch(0).tracks["wrench"]
+    np.testing.assert_array_equal(first.force, wrench[:, :3])
+    np.testing.assert_array_equal(second.force, wrench[:, [5, 4, 3]])
+
+
+def test_trex_has_ten_fingertips_without_forces(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Names of the features as its schema states them, on a folder of the same shape."""
+    fingers = ("thumb", "index", "middle", "ring", "pinky")
+    names = [f"tactile_{side}_raw_{finger}" for side in ("left", "right") for finger in fingers]
+    takes = [replace(touch(0), key=n, labels={"take": 0, "device": n}) for n in names]
+    write_dataset(takes, tmp_path / "set", LeRobotOptions())
+    (tmp_path / "set" / folder.TOUCH).unlink()
+    words = ["data=trex", f"data.root={tmp_path / 'set'}", "data.val=0", "trex.sensor=digit"]
+    config = compose("anytouch2", [*words, "data.camera=null"])
+    node = OmegaConf.to_container(config.data, resolve=True)
+    data = registry.build("datasets", {k: v for k, v in node.items() if k != "max_bad"})
+    found = list(data.recordings("train"))
+    assert [recording.key.rsplit("/", 1)[1] for recording in found] == names
+    assert {recording.sensor for recording in found} == {"digit"}
+    assert [recording.force for recording in found] == [None] * 10
+    assert data.provides == {"action", "text"}
+    assert compose("anytouch2", words).data.camera == "observation.images.head_left"
+    assert cli.run(["train", *words[:-1]]) == 1
+    assert "error: give trex.sensor=..." in capsys.readouterr().err
+
+
 def test_the_verbs_go_both_ways(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_dataset([touch(n) for n in range(4)], tmp_path / "a", LeRobotOptions(images="png"))
     words = ["data=lerobot", f"data.root={tmp_path / 'a'}", "data.val=0"]
@@ -287,6 +287,7 @@ def test_damage_is_named(tmp_path: Path) -> None:
         ({"touch": ["a"], "sensors": []}, "names 1 features and data.sensors 0"),
         ({"touch": ["a"], "sensors": ["digit"], "force": []}, "names 0 features, for 1"),
         ({"force_columns": [0, 1]}, "give x, y and z"),
+        ({"force_columns": [0] * 9, "touch": ["a", "b"], "sensors": ["c", "d"]}, "for each"),
     ],
 )
 def test_bad_options_are_named(options: dict[str, object], message: str) -> None:

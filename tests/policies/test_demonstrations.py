@@ -8,6 +8,7 @@ import pytest
 import torch
 from demonstrated import SIZE, demonstrations, episode, write
 
+from tactileforge.data.batches import episodes
 from tactileforge.data.batches.clips import collate
 from tactileforge.data.batches.episodes import Cutting, EpisodeClips
 from tactileforge.data.labels.episodes import episodes_of
@@ -50,7 +51,11 @@ def test_touch_is_left_out_or_given_as_forces() -> None:
     np.testing.assert_array_equal(forces[1], np.concatenate([one.force[3] for one in pair]))
 
 
-def test_tokens_are_computed_once_and_take_the_place_of_frames() -> None:
+@pytest.mark.parametrize("room", [2**31, 8], ids=["in memory", "in a file"])
+def test_tokens_are_computed_once_and_take_the_place_of_frames(
+    room: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(episodes, "_IN_MEMORY", room)
     cut = clips(episode(0, steps=5))
     asked = []
 
@@ -83,6 +88,14 @@ def test_eight_of_fifty_are_held_out(tmp_path: Path) -> None:
     assert {one.labels["episode"] for one in again.recordings("val")} == names["val"]
     other = Demonstrations(root, camera=False, seed=1)
     assert {one.labels["episode"] for one in other.recordings("val")} != names["val"]
+
+
+def test_an_episode_that_failed_is_left_out(tmp_path: Path) -> None:
+    failed = [replace(one, labels=dict(one.labels) | {"success": 0.0}) for one in episode(1)]
+    root = str(write(tmp_path, [*episode(0), *failed, *episode(2)]))
+    data = Demonstrations(root)
+    kept = [one.labels["episode"] for s in ("train", "val") for one in data.recordings(s)]
+    assert sorted(set(kept)) == ["follow_00000", "follow_00002"]
 
 
 def changed(one, **tracks):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tactileforge.contracts import Frame
-from tactileforge.record.frame_queue import FrameQueue, WrenchBuffer
+from tactileforge.record.frame_queue import FrameQueue, SampleBuffer
 
 
 def frame(time, value=7, raw=None):
@@ -75,7 +75,7 @@ def test_a_view_is_encoded_for_every_codec_in_use(pool):
 
 
 def test_samples_are_cut_and_held_back():
-    samples = WrenchBuffer(hold=5)
+    samples = SampleBuffer(hold=5)
     samples.start(1.0, 2.0)
     for time in np.arange(0.5, 4.5, 0.5):
         samples.take(frame(time, raw=np.full(6, time, np.float32)))

@@ -58,7 +58,7 @@ def number_of(sensor, picture):
 
 def test_two_sensors_forces_and_a_camera_on_one_clock(scripted, options):
     left, right = scripted(fps=60), scripted(fps=25, type="gelsight_mini")
-    camera, force = scripted(fps=20, type="camera"), SimWrench(fps=200, period=0.5)
+    camera, force = scripted(fps=20, type="camera"), SimWrench(fps=200, period=0.5, rest=0)
     given = options(object="ball", text="{action} a ball", action="press", labels={"who": "ana"})
     found = record(given, {"left": left, "right": right}, force, camera, say=quiet)
     taken = only(given)
@@ -111,7 +111,7 @@ def test_sensors_share_one_zero_of_time(scripted, options):
 
 
 def test_the_wrench_is_tared_and_turned(scripted, options):
-    force = SimWrench(fps=300, newton=0.0, bias=2.5)
+    force = SimWrench(fps=300, newton=0.0, bias=2.5, rest=0)
     axes = {"a": ["x", "-y", "-z"]}
     given = options(background=Background(seconds=0.3), axes=axes)
     record(given, {"a": scripted()}, force, say=quiet)
@@ -121,7 +121,7 @@ def test_the_wrench_is_tared_and_turned(scripted, options):
     wrenches = read_raw(Path(given.out) / "train-000000.tar")["force"][1]
     assert wrenches[:, :3] == pytest.approx(2.5)  # raw stays raw
     plain = options(background=Background(seconds=0.3), axes=axes, tare=False)
-    record(plain, {"a": scripted()}, SimWrench(fps=300, newton=0.0, bias=2.5), say=quiet)
+    record(plain, {"a": scripted()}, SimWrench(fps=300, newton=0.0, bias=2.5, rest=0), say=quiet)
     last = list(Shards(given.out).recordings("train"))[-1]
     assert np.nanmedian(last.force, axis=0) == pytest.approx([2.5, -2.5, -2.5])
 
@@ -260,7 +260,7 @@ def test_an_outage_of_all_sensors_loses_neither_forces_nor_what_comes_after(scri
     """Nothing comes for two segments; then everything goes on."""
     sensor = scripted(fps=50, events={10: SensorError("unplugged")})
     given = options(seconds=1.6, segment=0.2)
-    record(given, {"a": sensor}, SimWrench(fps=200), say=quiet)
+    record(given, {"a": sensor}, SimWrench(fps=200, rest=0), say=quiet)
     one = only(given)["a"]
     assert np.diff(one.times).max() > 0.45
     assert one.times[-1] > 1.4
@@ -273,7 +273,9 @@ def test_the_status_says_how_each_sensor_does_and_warns_once(scripted, options):
     dark.picture = lambda number: np.full((24, 32, 3), number % 3, np.uint8)
     said = io.StringIO()
     given = options()
-    record(given, {"a": scripted(), "b": dark}, SimWrench(), say=quiet, status=RecordStatus(said))
+    record(
+        given, {"a": scripted(), "b": dark}, SimWrench(rest=0), say=quiet, status=RecordStatus(said)
+    )
     text = said.getvalue()
     assert text.count("warning: b: pictures are black: is its light on") == 1
     assert "warning: a" not in text
@@ -319,7 +321,7 @@ def test_real_touch_is_recorded_as_it_was(realdata, options):
 
     path = str(realdata / "touchd_force_demo" / "digit_tactile_320x240.mp4")
     given = options(seconds=2.0, segment=0.5)
-    record(given, {"digit": Camera(path, type="digit")}, SimWrench(fps=200), say=quiet)
+    record(given, {"digit": Camera(path, type="digit")}, SimWrench(fps=200, rest=0), say=quiet)
     one = only(given)["digit"]
     capture, true = cv2.VideoCapture(path), []
     while len(true) < 90:
@@ -460,7 +462,14 @@ def test_simulated_touch_is_recorded_and_inspected(tmp_path, capsys):
         "sensor.sim.rest=1",
         "sensor.second.rest=1",
     ]
-    more = ["force=sim_wrench", "seconds=1", "segment=0.5", "background.seconds=0.3", "object=ball"]
+    more = [
+        "force=sim_wrench",
+        "force.rest=0",
+        "seconds=1",
+        "segment=0.5",
+        "background.seconds=0.3",
+        "object=ball",
+    ]
     assert run(["record", *words, *sizes, out, *more]) == 0
     said = capsys.readouterr().out
     assert "background: nothing may touch the sensors" in said

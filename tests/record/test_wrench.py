@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tactileforge.errors import ConfigError
-from tactileforge.record.wrench import axes_matrix, interpolate_wrenches, rotate_wrenches
+from tactileforge.record.wrench import axes_matrix, interpolate_samples, rotate_wrenches
 from tactileforge.sensors.drivers.sim_wrench import SimWrench
 
 
@@ -10,17 +10,17 @@ def test_between_samples_it_is_linear():
     times = np.arange(0, 1, 0.01)
     wrenches = np.outer(times, [1.0, -2.0, 3.0, 0.1, 0.0, 5.0])
     wanted = np.array([0.0, 0.1234, 0.5051, 0.99])
-    assert interpolate_wrenches(wanted, times, wrenches) == pytest.approx(
+    assert interpolate_samples(wanted, times, wrenches) == pytest.approx(
         np.outer(wanted, [1.0, -2.0, 3.0, 0.1, 0.0, 5.0]), rel=1e-5
     )
 
 
 def test_where_there_is_no_sample_on_both_sides_nothing_is_known():
     times = np.array([1.0, 1.05, 1.4, 1.45])
-    found = interpolate_wrenches(np.array([0.9, 1.02, 1.2, 1.42, 1.5]), times, np.ones((4, 6)))
+    found = interpolate_samples(np.array([0.9, 1.02, 1.2, 1.42, 1.5]), times, np.ones((4, 6)))
     assert np.isnan(found).all(1).tolist() == [True, False, True, False, True]
-    assert np.isnan(interpolate_wrenches(np.array([1.0]), times[:1], np.ones((1, 6)))).all()
-    assert interpolate_wrenches(np.array([]), times, np.ones((4, 6))).shape == (0, 6)
+    assert np.isnan(interpolate_samples(np.array([1.0]), times[:1], np.ones((1, 6)))).all()
+    assert interpolate_samples(np.array([]), times, np.ones((4, 6))).shape == (0, 6)
 
 
 def test_axes_turn_forces_and_torques_alike():

@@ -6,7 +6,7 @@ from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
-from tactileforge_bridge.ros2 import Ros2
+from tactileforge_bridge.ros2 import READING, Ros2
 from tactileforge_bridge.zeromq import ZeroMq
 
 from tactileforge.errors import ConfigError
@@ -102,13 +102,13 @@ def test_forces_are_wrenches_in_ros(sent):
     bridge.send({"sensor": "digit 1", "event": "lost"})
     bridge.close()
     bridge.close()
-    topics = [topic for topic, _ in sent]
-    assert topics == ["/tactile/digit_1/json", "/tactile/digit_1/wrench", "/tactile/digit_1/json"]
+    topics = [topic.removeprefix("/tactile/digit_1/") for topic, _ in sent]
+    assert topics == ["reading", "wrench", "event"]
     wrench = sent[1][1]
     assert (wrench.header.stamp.sec, wrench.header.stamp.nanosec) == (12, 250_000_000)
     force = wrench.wrench.force
     assert (wrench.header.frame_id, force.x, force.y, force.z) == ("digit 1", 1.0, -2.0, 3.0)
-    assert json.loads(sent[0][1].data) == MESSAGE
+    assert sent[2][1].data == "lost"
 
 
 def test_vectors_are_stamped_arrays_in_ros(sent):
@@ -116,9 +116,27 @@ def test_vectors_are_stamped_arrays_in_ros(sent):
     bridge.open()
     bridge.send(MESSAGE | {"force": None, "embedding": [0.5, -1.25, 3.0]})
     bridge.close()
+    assert len(sent) == 2  # no force, no wrench
     topic, image = sent[1]
     assert topic == "/tactile/digit_1/embedding"
     assert (image.header.stamp.sec, image.header.stamp.nanosec) == (12, 250_000_000)
     assert (image.header.frame_id, image.encoding, image.step) == ("digit 1", "32FC1", 12)
     assert np.frombuffer(image.data, np.float32).tolist() == [0.5, -1.25, 3.0]
     assert (image.height, image.width) == (1, 3)
+
+
+def test_readings_are_stamped_arrays_and_nothing_is_json_in_ros(sent):
+    bridge = Ros2()
+    bridge.open()
+    known = {"slip": None, "difference": 7.5, "depth_mm": 0.25, "latency_ms": 12.0}
+    bridge.send(MESSAGE | known)
+    bridge.close()
+    topic, image = sent[0]
+    assert topic == "/tactile/digit_1/reading"
+    assert (image.header.frame_id, image.header.stamp.sec) == ("digit 1", 12)
+    values = np.frombuffer(image.data, np.float32)
+    assert len(values) == len(READING) == image.width
+    np.testing.assert_array_equal(values, np.array([1, np.nan, 7.5, 0.25, 12], np.float32))
+    assert not any(
+        hasattr(message, "data") and isinstance(message.data, str) for _, message in sent
+    )

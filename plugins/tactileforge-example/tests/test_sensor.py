@@ -16,3 +16,12 @@ def test_gain_scales_contrast():
 
     assert contrast(0.0) == 20  # the gel's own colour
     assert contrast(0.5) < contrast(1.0)
+
+
+def test_it_rests_for_a_background_and_is_never_frozen():
+    with Dummy(rest=0.2) as sensor:
+        first, second = (sensor.read().array.astype(int) for _ in range(2))
+    gel = sensor._draw(0.0).astype(int)
+    assert abs(first - gel).max() == abs(second - gel).max() == 1
+    assert (first != second).any()
+    assert (sensor._draw(0.7) != gel).any()

@@ -48,7 +48,7 @@ def _live(keys: _Live, config: dict[str, Any]) -> None:
 
     Options of a sensor are sensor.NAME.option=value; several: sensor=[digit,gelsight_mini]
     """
-    sensors, _, _ = built_sensors(config)
+    sensors = built_sensors(config).touch
     publishers: list[Publisher] = build_publishers(keys.publish)
     if keys.json:
         publishers.append(JsonLines())

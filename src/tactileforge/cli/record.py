@@ -1,4 +1,4 @@
-"""Records sensors, forces and a camera, as shards."""
+"""Records sensors, forces, a camera and a robot, as shards."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from tactileforge.signals import stopped_by_signals
 
 
 def _record(keys: RecordOptions, config: dict[str, Any]) -> None:
-    """Records sensors, forces and a camera together (docs/record.md).
+    """Records sensors, forces, a camera and a robot together (docs/record.md).
 
-    Options of a sensor are sensor.NAME.option=value, and so are those of force and camera:
+    Options of a sensor are sensor.NAME.option=value, and so are those of force, camera and robot:
     force.option=value. A second sensor of one kind: +sensor@sensor.second=NAME
     """
-    sensors, force, camera = build_sensors(config)
+    touch, force, camera, robot = build_sensors(config)
     status = RecordStatus()
     with stopped_by_signals() as stop:
         try:
-            summary = record(keys, sensors, force, camera, stop, _say(status), status)
+            summary = record(keys, touch, force, camera, stop, _say(status), status, robot)
         finally:
             status.end()
     print(_told(summary))
@@ -47,5 +47,5 @@ def _told(summary: RecordSummary) -> str:
     )
 
 
-_SENSORS = {"sensor": "???", "force": None, "camera": None}
+_SENSORS = {"sensor": "???", "force": None, "camera": None, "robot": None}
 COMMANDS = {"": Command(run=_record, keys=RecordOptions, groups=_SENSORS)}

@@ -7,6 +7,7 @@ from typing import Any
 
 from tactileforge.cli._command import Command
 from tactileforge.errors import ConfigError
+from tactileforge.run_length import LENGTHS
 
 
 def _train(_: None, config: dict[str, Any]) -> float:
@@ -16,13 +17,35 @@ def _train(_: None, config: dict[str, Any]) -> float:
 
     folder = _folder()
     if config.get("resume"):
-        config = _of_run(config["resume"])
+        config = _with_given(_of_run(config["resume"]), config)
     try:
         return metric(train(config, folder), config.get("optimized_metric"))
     except KeyboardInterrupt as stop:
         kept = (folder / checkpoints.LAST).is_file()
         again = f"tactileforge train resume={folder}" if kept else "the same command again"
         raise KeyboardInterrupt(f"{stop or 'stopped'}; go on with: {again}") from stop
+
+
+#: What a resumed run may be given anew: its length, and its machine, which does not change what is
+#: learned from.
+_ANEW = (
+    *(f"trainer.{key}" for key in LENGTHS),
+    "batch.workers",
+    "batch.cache_mb",
+    "trainer.devices",
+    "trainer.num_nodes",
+)
+
+
+def _with_given(run: dict[str, Any], config: dict[str, Any]) -> dict[str, Any]:
+    """The configuration of a run, with what was given anew."""
+    from hydra.core.hydra_config import HydraConfig
+
+    given = {word.partition("=")[0] for word in HydraConfig.get().overrides.task}
+    for path in given.intersection(_ANEW):
+        group, key = path.split(".")
+        run[group] = {**run[group], key: config[group][key]}
+    return run
 
 
 def _folder() -> Path:
@@ -35,15 +58,16 @@ def _folder() -> Path:
 
 
 def _prepare(overrides: list[str]) -> list[str]:
-    """A resumed run stays in its folder; nothing else may be given with it."""
+    """A resumed run stays in its folder; of it, length and machine alone may change."""
     folders = [word.partition("=")[2] for word in overrides if word.startswith("resume=")]
     if not folders or folders[-1] in ("", "null"):
         return overrides
-    given = [word for word in overrides if not word.startswith(("resume=", "hydra."))]
+    free = ("resume=", "hydra.", *(f"{path}=" for path in _ANEW))
+    given = [word for word in overrides if not word.startswith(free)]
     if given:
         raise ConfigError(
-            f"resume= goes on with the same run, so {' '.join(given)} cannot be given with it; "
-            "init= starts a new run from its weights"
+            f"resume= goes on with the same run, so {' '.join(given)} cannot be given with it, but "
+            "for its length (trainer.max_steps=); init= starts a new run from its weights"
         )
     _of_run(folders[-1])  # before Hydra makes a folder
     return [*overrides, f"hydra.run.dir={folders[-1]}", "hydra.output_subdir=null"]

@@ -22,6 +22,7 @@ class Demonstrations:
     """Demonstrations in shards, one recording a finger (`docs/policies.md`).
 
     Episodes of both splits of the shards are taken together, and some are drawn for validation.
+    One that failed (its label ``success`` is 0) is left out.
 
     Args:
         root: Folder of the shards, or its URL.
@@ -76,7 +77,7 @@ class Demonstrations:
     @cached_property
     def _episodes(self) -> dict[str, list[Episode]]:
         both = [one for split in ("train", "val") for one in self.shards.recordings(split)]
-        episodes = episodes_of(both)
+        episodes = [one for one in episodes_of(both) if one.first.labels.get("success") != 0]
         if episodes:
             check_alike(episodes, self.cutting.camera)
         held = max(1, round(self.val * len(episodes))) if self.val and len(episodes) > 1 else 0

@@ -20,7 +20,9 @@ _BACKGROUNDS = ("first", "none")
 
 
 class LeRobot:
-    """Touch features of LeRobot episodes (`docs/lerobot.md`); an episode is a recording each.
+    """Touch features of LeRobot episodes (`docs/lerobot.md`); a feature of one is a recording.
+
+    ``observation.state`` and ``action`` are the tracks ``state`` and ``robot_action`` of each.
 
     What `tactileforge data lerobot` wrote needs no option but ``root``.
 
@@ -31,7 +33,8 @@ class LeRobot:
         sensors: Type of the sensor of each.
         force: Name of the feature that holds the force of each, "" for none; None where they have
             none.
-        force_columns: Which of its columns are x, y and z.
+        force_columns: Which of its columns are x, y and z; three more for each further feature of
+            touch, where these differ.
         camera: Name of the feature that shows the scene.
         background: ``first`` where episodes begin without contact, else ``none``.
         val: Share of the episodes that is held out for validation.
@@ -62,8 +65,10 @@ class LeRobot:
             )
         if touch is not None and force is not None and len(force) != len(touch):
             raise ConfigError(f"data.force names {len(force)} features, for {len(touch)} of touch")
-        if len(force_columns) != 3 or min(force_columns) < 0:
-            raise ConfigError(f"data.force_columns={list(force_columns)}: give x, y and z")
+        if len(force_columns) not in (3, 3 * len(touch or ())) or min(force_columns) < 0:
+            raise ConfigError(
+                f"data.force_columns={list(force_columns)}: give x, y and z, for all or for each"
+            )
         self.root = Path(root).expanduser()
         self.given, self.sensors, self.force = touch, list(sensors), force
         self.force_columns, self.camera = tuple(force_columns), camera
@@ -143,14 +148,17 @@ class LeRobot:
         folder = self.folder
         if self.given is not None:
             forces = self.force or [""] * len(self.given)
+            columns = self.force_columns * (len(self.given) if len(self.force_columns) == 3 else 1)
             return [
                 TouchFeature(
                     folder.known(images, "data.touch"),
                     sensor,
                     folder.known(force, "data.force") if force else "",
-                    self.force_columns,
+                    columns[3 * i : 3 * i + 3],
                 )
-                for images, sensor, force in zip(self.given, self.sensors, forces, strict=True)
+                for i, (images, sensor, force) in enumerate(
+                    zip(self.given, self.sensors, forces, strict=True)
+                )
             ]
         if not folder.touch:
             pictures = ", ".join(folder.info.pictures()) or "none"
@@ -161,6 +169,11 @@ class LeRobot:
         kinds = {
             name: about["sensor"] for features in folder.touch for name, about in features.items()
         }
+        if not any(f"observation.images.{name}" in folder.info.features for name in kinds):
+            raise ConfigError(
+                f"{self.root}: was written without frames of touch (images=camera), for LeRobot's "
+                "policies alone; read what it was made of"
+            )
         out = []
         for name, sensor in kinds.items():
             force = f"observation.force.{name}"

@@ -42,6 +42,7 @@ class Backbone(nn.Module):
         universal: Row of the universal sensor; None where there is none.
         pools_class_token: Whether the class token is all that `pool_tokens` reads, and `encode`
             knows ``class_only``.
+        static_graph: Whether every batch goes through the same parameters (`PhasedDDP`).
 
     Raises:
         ConfigError: Sizes that the tubes do not divide, or a mask that hides everything.
@@ -54,6 +55,7 @@ class Backbone(nn.Module):
     sensors: dict[str, int]
     universal: int | None = None
     pools_class_token = False
+    static_graph = True
 
     def __init__(
         self,

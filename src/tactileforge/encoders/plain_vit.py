@@ -156,6 +156,7 @@ class PlainViT(Backbone):
                 f"encoder: {stems} stems need encoder.sensors, a stem (0 to {stems - 1}) for each "
                 f"sensor; it is {self.sensors}"
             )
+        self.static_graph = stems == 1  # a batch may lack a type of sensor
         self.pool = pool
         self.pools_class_token = pool == "class"
         self.norm_tokens = norm == "tokens"

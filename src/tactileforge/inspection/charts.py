@@ -17,16 +17,27 @@ _NAME = 28
 
 
 def force_histogram(sensors: Sequence[Histogram], axis: str) -> Markup:
-    """Shares of the frames of each sensor by force along one axis, on a logarithmic scale."""
+    """Shares of the frames of each sensor by force along one axis, on a logarithmic scale.
+
+    Args:
+        sensors: At least one has counts.
+        axis: Its name.
+    """
     widest = max(sensors, key=lambda sensor: sensor.reach)
     counts = [sensor.over(widest.reach) for sensor in sensors]
     kept = np.flatnonzero(sum(counts))
     with drawing(4.2, 2.4) as (figure, axes):
-        for i, histogram in enumerate(counts if len(kept) else []):
+        least = 1.0
+        for i, histogram in enumerate(counts):
             shares = histogram[kept[0] : kept[-1] + 1] / max(1, histogram.sum())
             edges = widest.edges[kept[0] : kept[-1] + 2]
             axes.stairs(shares, edges, color=CLASSES[i % len(CLASSES)][0], linewidth=1.6)
+            least = min(least, *shares[shares > 0].tolist(), 1.0)
         axes.set(yscale="log", xlabel=f"{axis} (N)", ylabel="share of frames")
+        axes.set_ylim(least / 2, 2)
+        middle = (edges[0] + edges[-1]) / 2  # a force that is constant does not fill the panel
+        room = max(0.05, 0.55 * (edges[-1] - edges[0]))
+        axes.set_xlim(middle - room, middle + room)
         axes.yaxis.set_major_formatter(FuncFormatter(lambda share, _: f"{100 * share:g} %"))
         axes.yaxis.set_minor_formatter(FuncFormatter(lambda share, _: ""))
         return svg(figure, f"shares of frames by force along {axis}")

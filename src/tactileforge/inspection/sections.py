@@ -144,14 +144,15 @@ def label_histograms(survey: Scan) -> Section:
     body = Markup()
     if tally.forces:
         sensors = dict(sorted(tally.forces.items()))
+        by_axis = {axis: [of[i] for of in sensors.values()] for i, axis in enumerate(AXES)}
+        known = {axis: of for axis, of in by_axis.items() if any(one.counts.any() for one in of)}
         drawings = [
-            panel(
-                f"Force along {axis}",
-                charts.force_histogram([axes[i] for axes in sensors.values()], axis),
-            )
-            for i, axis in enumerate(AXES)
+            panel(f"Force along {axis}", charts.force_histogram(of, axis))
+            for axis, of in known.items()
         ]
         body += legend(dict(enumerate(sensors))) + panels(drawings)
+        if missing := [axis for axis in AXES if axis not in known]:
+            body += paragraph(f"No force is known along {' and '.join(missing)}.", soft=True)
     actions = dict(tally.names.top("action", len(ACTIONS) + 1))
     if actions:
         names = {name.replace("_", " "): count for name, count in actions.items()}

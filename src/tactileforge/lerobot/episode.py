@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Recording
 from tactileforge.errors import DataError
+from tactileforge.lerobot import folder
 from tactileforge.sensors.specs import spec
 
 
@@ -34,6 +35,12 @@ class Episode:
         return len(next(iter(self.rows.values())))
 
     @property
+    def seen(self) -> tuple[str, Recording]:
+        """Device and recording whose camera image is that of the episode."""
+        with_image = (item for item in self.parts.items() if item[1].image is not None)
+        return next(with_image, next(iter(self.parts.items())))
+
+    @property
     def task(self) -> str:
         """Description of the task in words."""
         first = next(iter(self.parts.values()))
@@ -43,7 +50,8 @@ class Episode:
 
 def device_word(recording: Recording) -> str:
     """The word for a recording's sensor in the names of features."""
-    name = str(recording.labels.get("device", recording.sensor))
+    labels = recording.labels
+    name = str(labels.get("device", labels.get("finger", recording.sensor)))
     return re.sub(r"[^A-Za-z0-9_]+", "_", name)
 
 
@@ -60,31 +68,72 @@ def episode_rate(recordings: Iterable[Recording]) -> int:
 
 
 def group_takes(recordings: Iterable[Recording]) -> Iterator[list[Recording]]:
-    """Recordings of one take, one a device; those without a label ``take`` are alone."""
+    """Recordings of one take or episode, one a device; those without such a label are alone.
 
-    def take(numbered: tuple[int, Recording]) -> Any:
+    Raises:
+        DataError: The recordings of an episode do not follow one another.
+    """
+
+    def made(numbered: tuple[int, Recording]) -> Any:
         number, recording = numbered
-        stored = recording.labels.get("take")
-        return (
-            number if stored is None else (stored, recording.labels.get("begun"), recording.source)
-        )
+        labels = recording.labels
+        if "episode" in labels:
+            return labels["episode"], recording.source
+        if "take" in labels:
+            return labels["take"], labels.get("begun"), recording.source
+        return number
 
-    for _, group in groupby(enumerate(recordings), take):
+    done = set()
+    for which, group in groupby(enumerate(recordings), made):
         by_device: dict[str, list[Recording]] = {}
+        if which in done:
+            raise DataError(
+                f"recordings of episode {which[0]} do not follow one another; pack each source "
+                "alone, with its keys as they are"
+            )
+        done.add(which)
         for _, recording in group:
             by_device.setdefault(device_word(recording), []).append(recording)
         for number in range(max(map(len, by_device.values()))):
             yield [parts[number] for parts in by_device.values() if number < len(parts)]
 
 
+def robot_part(parts: Iterable[Recording], track: str) -> Recording | None:
+    """The first recording of an episode that carries a track of the robot."""
+    return next((part for part in parts if track in part.tracks), None)
+
+
+def _known_span(recordings: Sequence[Recording]) -> tuple[float, float]:
+    """First and last time at which the robot's state and actions are known, s.
+
+    Raises:
+        DataError: They are never known, or not in between.
+    """
+    start, end = -np.inf, np.inf
+    for track in folder.ROBOT:
+        part = robot_part(recordings, track)
+        if part is None:
+            continue
+        known = np.isfinite(part.tracks[track].reshape(len(part.times), -1)).all(1)
+        rows = np.flatnonzero(known)
+        if not len(rows) or not known[rows[0] : rows[-1] + 1].all():
+            raise DataError(
+                f"{part.key}: {track} is not a number in {int((~known).sum())} of {len(known)} "
+                "rows; leave the recording out, or cut it where the robot was not read"
+            )
+        start, end = max(start, part.times[rows[0]]), min(end, part.times[rows[-1]])
+    return float(start), float(end)
+
+
 def episode(recordings: Sequence[Recording], fps: float) -> Episode:
     """Puts recordings on common rows: each row has the frame that is nearest to its time.
 
     Raises:
-        DataError: They share no time.
+        DataError: They share no time, or state or actions of the robot are unknown in between.
     """
-    start = max(float(recording.times[0]) for recording in recordings)
-    end = min(float(recording.times[-1]) for recording in recordings)
+    first, last = _known_span(recordings)
+    start = max(first, *(float(recording.times[0]) for recording in recordings))
+    end = min(last, *(float(recording.times[-1]) for recording in recordings))
     if end < start:
         keys = " and ".join(recording.key for recording in recordings)
         raise DataError(
@@ -112,23 +161,30 @@ def episode_features(shown: Episode, images: str) -> dict[str, dict[str, Any]]:
 
     Args:
         shown: The episode.
-        images: ``video``, ``png``, or ``auto``: arrays, whose every pixel counts, without loss.
+        images: ``video``; ``png``; ``auto``: arrays, whose every pixel counts, without loss; or
+            ``camera``: the paired camera alone.
     """
     declared: dict[str, dict[str, Any]] = {}
+    for track, feature in folder.ROBOT.items():
+        source = robot_part(shown.parts.values(), track)
+        if source is not None:
+            size = int(np.prod(source.tracks[track].shape[1:], dtype=int))
+            declared[feature] = _numbers("float32", size, [f"{track}_{i}" for i in range(size)])
     for name, part in shown.parts.items():
         lossless = images == "png" or (images == "auto" and spec(part.sensor).kind == "array")
-        declared[f"observation.images.{name}"] = _picture(part.frames.shape, lossless)
+        if images != "camera":
+            declared[f"observation.images.{name}"] = _picture(part.frames.shape, lossless)
         declared[f"observation.time.{name}"] = _numbers("float64", 1, ["seconds"])
         if part.force is not None:
             declared[f"observation.force.{name}"] = _numbers("float32", 3, ["x", "y", "z"])
         if part.action is not None:
             declared[f"observation.touch.{name}"] = _numbers("int64", 1, ["action"])
         for track, values in part.tracks.items():
-            if values.dtype.kind in "biuf":
+            if values.dtype.kind in "biuf" and track not in folder.ROBOT:
                 size = int(np.prod(values.shape[1:], dtype=int))
                 kind = "float32" if values.dtype == np.float32 else "float64"
                 declared[f"observation.{track}.{name}"] = _numbers(kind, size, None)
-    first = next(iter(shown.parts.values()))
+    _, first = shown.seen
     if first.image is not None:
         declared["observation.images.camera"] = _picture(first.image.shape, images == "png")
     return declared
@@ -149,6 +205,11 @@ def _numbers(dtype: str, size: int, names: list[str] | None) -> dict[str, Any]:
 
 def number_rows(shown: Episode, feature: str) -> NDArray[Any]:
     """The rows of a feature that is no image, (N, ...)."""
+    for track, name in folder.ROBOT.items():
+        source = robot_part(shown.parts.values(), track)
+        if feature == name and source is not None:
+            rows = shown.rows[device_word(source)]
+            return source.tracks[track][rows].reshape(len(rows), -1)
     _, kind, name = feature.split(".", 2)
     part, rows = shown.parts[name], shown.rows[name]
     known: dict[str, Any] = {"time": part.times, "force": part.force, "touch": part.action}
@@ -161,7 +222,7 @@ def image_rows(shown: Episode, feature: str) -> NDArray[np.uint8]:
     name = feature.removeprefix("observation.images.")
     if name in shown.parts:
         return shown.parts[name].frames.read(shown.rows[name].tolist())
-    name, first = next(iter(shown.parts.items()))
+    name, first = shown.seen
     assert first.image is not None
     views = len(first.image)
     if first.image_times is None:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.untrusted import load_json
@@ -22,6 +25,12 @@ TOUCH = "meta/tactileforge.json"
 TOUCH_VERSION = 1
 #: Files of a chunk.
 CHUNK = 1000
+#: Tracks of a robot, and LeRobot's features of them: one of an episode, whatever its sensors.
+ROBOT = {"state": "observation.state", "robot_action": "action"}
+#: Feature that LeRobot's policies read as it is; see `write_dataset`.
+ENVIRONMENT = "observation.environment_state"
+#: Row groups of images that stay in memory: LeRobot writes one an episode.
+_GROUPS = 8
 #: Features that every data set has.
 COMMON: dict[str, dict[str, Any]] = {
     "timestamp": {"dtype": "float32", "shape": [1], "names": None},
@@ -123,5 +132,32 @@ def read_parquet(path: Path, columns: tuple[str, ...] | None = None) -> Any:
         raise DataNotFoundError(f"{path}: not there; download the data set again")
     try:
         return parquet.read_table(path, columns=None if columns is None else list(columns))
+    except (OSError, ValueError, KeyError, import_arrow().lib.ArrowException) as error:
+        raise DataError(f"{path}: cannot be read ({error}); download it again") from error
+
+
+@cache
+def _group_starts(path: Path) -> NDArray[np.int64]:
+    """The first row of each row group of a parquet file, and the number of rows."""
+    about = import_arrow().parquet.read_metadata(path)
+    sizes = [about.row_group(i).num_rows for i in range(about.num_row_groups)]
+    return np.cumsum([0, *sizes])
+
+
+@lru_cache(maxsize=_GROUPS)
+def _read_group(path: Path, column: str, number: int) -> Any:
+    return import_arrow().parquet.ParquetFile(path).read_row_group(number, [column])[column]
+
+
+def read_cell(path: Path, column: str, row: int) -> Any:
+    """One cell of a large column; of each file no more than a few row groups stay in memory.
+
+    Raises:
+        DataError: The file cannot be read, or lacks the column.
+    """
+    try:
+        starts = _group_starts(path)
+        number = int(np.searchsorted(starts, row, side="right")) - 1
+        return _read_group(path, column, number)[row - int(starts[number])].as_py()
     except (OSError, ValueError, KeyError, import_arrow().lib.ArrowException) as error:
         raise DataError(f"{path}: cannot be read ({error}); download it again") from error

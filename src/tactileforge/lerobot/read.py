@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, overload
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from tactileforge.data.frames.video import VideoFrames
 from tactileforge.errors import DataError, DataNotFoundError, unknown
 from tactileforge.lerobot import folder
 from tactileforge.lerobot.folder import Info
+from tactileforge.lerobot.images import ColumnImages
 from tactileforge.untrusted import load_json
 
 
@@ -115,15 +116,12 @@ class LeRobotFolder:
         frames = self._frames(row, touch.images, shape)
         times = self._times(row, f"observation.time.{device}")
         kept = np.flatnonzero(np.diff(times, prepend=-np.inf) > 0)  # a row may show a frame again
+        if len(kept) < len(times) and folder.ROBOT["robot_action"] in self.info.features:
+            kept = np.arange(len(times))  # and no row of a demonstration can be spared
+            times = times[0] + kept / self.info.fps
         force = self._numbers(row, touch.force, touch.columns) if touch.force else None
-        tracks = {
-            name: np.asarray(self._numbers(row, f"observation.{name}.{device}"))[kept].reshape(
-                len(kept), *tail
-            )
-            for name, tail in (about.get("tracks") or {}).items()
-            if f"observation.{name}.{device}" in self.info.features
-        }
-        view = self._frames(row, camera, None) if camera else None
+        has_view = camera is not None and about.get("image", True)
+        view = self._frames(row, camera, None) if camera and has_view else None
         return Recording(
             key=str(about.get("key") or f"{self.root.name}/{number:06d}/{device}"),
             sensor=str(about.get("sensor") or touch.sensor),
@@ -136,19 +134,34 @@ class LeRobotFolder:
             text=about.get("text") or (None if about else self._task(row)),
             image=None if view is None else FrameSubset(view, kept.tolist()),
             image_times=None if view is None else times[kept],
-            labels=about.get("labels") or {"episode": float(number)},
-            tracks=tracks,
+            labels=about.get("labels")
+            or {"episode": f"{self.root.name}_{number:05d}", "finger": device},
+            tracks=self._tracks(row, device, about, kept),
             source=str(about.get("source") or f"LeRobot data set {self.root.name}"),
             tier=int(about.get("tier") or (1 if force is not None else 2)),
             licence=str(about.get("licence") or ""),
         )
+
+    def _tracks(
+        self, row: dict[str, Any], device: str, about: dict[str, Any], kept: NDArray[np.int64]
+    ) -> dict[str, NDArray[Any]]:
+        """Tracks that `write` has kept of a recording; of others, the state and the actions."""
+        tails: dict[str, list[int]] = about.get("tracks") or {}
+        tracks: dict[str, NDArray[Any]] = {}
+        for name in {*tails, *([] if about else folder.ROBOT)}:
+            feature = folder.ROBOT.get(name, f"observation.{name}.{device}")
+            if feature in self.info.features:
+                values = self._numbers(row, feature)[kept]
+                values = values.reshape(len(kept), *tails.get(name, values.shape[1:]))
+                tracks[name] = values.astype(np.float32) if name in folder.ROBOT else values
+        return dict(sorted(tracks.items()))
 
     def _frames(self, row: dict[str, Any], feature: str, shape: Sequence[int] | None) -> Frames:
         dtype = self.info.features[feature]["dtype"]
         length = int(row["length"])
         if dtype == "image":
             path, start = self._data(row)
-            images = _Images(path, feature, start, length)
+            images = ColumnImages(self.root, path, feature, start, length)
             return EncodedFrames(f"{path}, {feature}", images)
         file = self.info.video_path.format(
             video_key=feature,
@@ -222,7 +235,15 @@ class LeRobotFolder:
 
     def _task(self, row: dict[str, Any]) -> str | None:
         tasks = row.get("tasks") or []
-        return str(tasks[0]) if len(tasks) else None
+        if len(tasks):
+            return str(tasks[0])
+        if not (self.root / folder.TASKS).is_file():
+            return None
+        table = folder.read_parquet(self.root / folder.TASKS).to_pydict()
+        number = int(self._numbers(row, "task_index")[0, 0])
+        words = table.get("task", table.get("__index_level_0__", ()))
+        named = dict(zip(table["task_index"], words, strict=False))
+        return str(named[number]) if number in named else None
 
     def known(self, feature: str, what: str) -> str:
         """A feature, if there is one of that name.
@@ -234,29 +255,3 @@ class LeRobotFolder:
             message = unknown(f"feature in {what}", feature, self.info.features)
             raise DataError(f"{self.root}: {message}")
         return feature
-
-
-class _Images(Sequence[bytes]):
-    """Pictures in a column of a parquet file, read when they are asked for."""
-
-    def __init__(self, path: Path, feature: str, start: int, length: int) -> None:
-        self.path, self.feature, self.start, self.length = path, feature, start, length
-
-    def __len__(self) -> int:
-        return self.length
-
-    def __iter__(self) -> Iterator[bytes]:
-        return (self[i] for i in range(self.length))
-
-    @overload
-    def __getitem__(self, i: int) -> bytes: ...
-    @overload
-    def __getitem__(self, i: slice) -> list[bytes]: ...
-    def __getitem__(self, i: int | slice) -> bytes | list[bytes]:
-        if isinstance(i, slice):
-            return [self[j] for j in range(*i.indices(self.length))]
-        cell = folder.read_parquet(self.path, (self.feature,))[self.feature][self.start + i].as_py()
-        content = cell.get("bytes") if isinstance(cell, dict) else None
-        if not isinstance(content, bytes):
-            raise DataError(f"{self.path}, row {self.start + i}: no image in {self.feature}")
-        return content

@@ -118,8 +118,8 @@ class LiveSession:
         if not sensors:
             raise ConfigError("no sensor: choose some, e.g. sensor=digit")
         for name, sensor in sensors.items():
-            if sensor.spec.kind == "wrench":
-                raise ConfigError(f"{name} is a wrench sensor: it has no images to show")
+            if sensor.spec.kind in ("wrench", "robot"):
+                raise ConfigError(f"{name} ({sensor.spec.kind}) has no images to show")
         self.sensors, self.model = dict(sensors), model
         self.options = options or LiveOptions()
         self.fingers: dict[str, SensorStream] = {}

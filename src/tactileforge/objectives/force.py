@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import ClassVar
 
 import torch
@@ -60,7 +61,7 @@ class Force(nn.Module):
             self.deviation.copy_(torch.from_numpy(force_spread(clips)))
 
     def forward(self, prediction: Forces, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
-        """The loss; logs the mean absolute error of each axis in mN."""
+        """The loss; logs the mean absolute error of each axis, mN, NaN where none is labelled."""
         first = 0 if self.shear else 2
         valid = batch["force_valid"][:, first:]
         scale = batch["force_scale"][:, None]
@@ -70,7 +71,7 @@ class Force(nn.Module):
         loss = masked_mean((of_force + self.delta * of_delta).mean(1)[:, first:], valid)
         newton = ((prediction.force.detach() - force[:, 1:]) * scale).abs().mean(1)[:, first:]
         logs = {
-            f"mae_{axis}_mN": masked_mean(1000 * newton[:, i], valid[:, i])
+            f"mae_{axis}_mN": masked_mean(1000 * newton[:, i], valid[:, i], empty=math.nan)
             for i, axis in enumerate(AXES[first:])
         }
         return loss, logs
@@ -79,24 +80,27 @@ class Force(nn.Module):
         return _LOSSES[self.loss](predicted.float() / deviation, true / deviation, reduction="none")
 
     def sums(self, prediction: Forces, batch: Batch) -> Tensor:
-        """Moments of each axis, float64 (6, 3), N; see `contracts.Scored`."""
+        """Moments of each axis, float64 (7, 3), N; see `contracts.Scored`."""
         valid = batch["force_valid"][:, None].expand(prediction.force.shape)
         true = torch.where(valid, batch["force"][:, 1:], 0).double()
         scaled = prediction.force.detach() * batch["force_scale"][:, None]
         predicted = torch.where(valid, scaled, 0).double()
-        parts = (valid.double(), true, true**2, predicted, predicted**2, (predicted - true) ** 2)
+        error = predicted - true
+        parts = (valid.double(), true, true**2, predicted, predicted**2, error**2, error.abs())
         return torch.stack([part.sum((0, 1)) for part in parts])
 
     def scores(self, sums: Tensor) -> dict[str, float]:
-        """R2 of each axis that has labels and varies, and the deviation of what is predicted, mN.
+        """Mean absolute error and deviation of what is predicted, mN, and R2, by axis.
 
-        An axis whose predictions hardly deviate has collapsed: the same is said of every clip.
+        An axis without labels is left out, and R2 of one that does not vary. An axis whose
+        predictions hardly deviate has collapsed: the same is said of every clip.
         """
         scores: dict[str, float] = {}
         for i, axis in enumerate(AXES):
-            count, true, square, predicted, predicted_square, error = sums[:, i].tolist()
+            count, true, square, predicted, predicted_square, error, off = sums[:, i].tolist()
             if not count or (i < 2 and not self.shear):
                 continue
+            scores[f"mae_{axis}_mN"] = 1000 * off / count
             variance = square / count - (true / count) ** 2  # E[y^2] - E[y]^2, in float64
             if variance > 1e-12:
                 scores[f"r2_{axis}"] = 1 - error / count / variance

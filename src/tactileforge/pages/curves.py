@@ -1,4 +1,4 @@
-"""The logged values of a run, also of one that was resumed."""
+"""The logged values of a run."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+
+#: The file of all logged values, in the folder of a run.
+METRICS = "metrics.csv"
 
 
 @dataclass(frozen=True)
@@ -32,10 +35,7 @@ class Curve:
 
 
 def read_metrics(folder: Path) -> dict[str, Curve]:
-    """Reads ``metrics/version_*/metrics.csv`` of a run.
-
-    A resumed run starts a new file. What an earlier file says of steps that a later one logs again
-    was lost with the process that wrote it, so the later file wins from its first step on.
+    """Reads ``metrics.csv`` of a run.
 
     Args:
         folder: Folder of the run.
@@ -43,26 +43,21 @@ def read_metrics(folder: Path) -> dict[str, Curve]:
     Returns:
         Curves by name (``train/pixel``, ``val/pixel``, ``weight/pixel``, ``lr``, ...).
     """
-    kept: list[tuple[int, dict[str, str]]] = []
-    for path in sorted(folder.glob("metrics/version_*/metrics.csv"), key=_version):
-        with path.open(newline="") as file:
-            whole = (row for row in csv.DictReader(file) if None not in row.values())
-            rows = [
-                (int(row["step"]), row) for row in whole
-            ]  # a killed process may cut its last row
-        if rows:
-            first = min(step for step, _ in rows)
-            kept = [(step, row) for step, row in kept if step < first] + rows
     points: dict[str, dict[int, float]] = {}
-    for step, row in kept:
+    for row in metric_rows(folder / METRICS):
         for key, value in row.items():
-            if value and key not in ("step", "epoch"):
-                points.setdefault(key, {})[step] = float(value)
+            if value not in ("", "nan") and key not in ("step", "epoch"):
+                points.setdefault(key, {})[int(row["step"])] = float(value)
     return {key: _curve(values) for key, values in sorted(points.items())}
 
 
-def _version(path: Path) -> int:
-    return int(path.parent.name.removeprefix("version_"))
+def metric_rows(path: Path) -> list[dict[str, str]]:
+    """Rows of a CSV file of metrics, without one that a killed process cut off; none if absent."""
+    if not path.is_file():
+        return []
+    with path.open(newline="", encoding="utf-8") as file:
+        lines = [line for line in file if line.endswith("\n")]
+    return [row for row in csv.DictReader(lines) if None not in row.values()]
 
 
 def _curve(points: dict[int, float]) -> Curve:

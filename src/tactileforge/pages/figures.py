@@ -19,6 +19,7 @@ from matplotlib.path import Path
 from numpy.typing import NDArray
 
 from tactileforge.pages.curves import Curve
+from tactileforge.pages.drawings import collect
 
 #: Colours of classes, light and dark theme. After Okabe and Ito: the colour-blind tell them apart.
 CLASSES = (
@@ -79,6 +80,7 @@ def curve_figure(
     weight: Curve | None = None,
     *,
     unit: str = "step",
+    of: str = "",
 ) -> Markup:
     """A value in training and validation over the steps of a run.
 
@@ -89,6 +91,7 @@ def curve_figure(
         val: Points, joined.
         weight: Weight of the objective, a shaded area on an axis of its own.
         unit: Name of a step.
+        of: What has the value.
     """
     with drawing(4.2, 2.4) as (figure, axes):
         if weight is not None:
@@ -103,7 +106,7 @@ def curve_figure(
             _log_if_wide(axes, np.concatenate(values or [np.zeros(0)]))
         axes.set(xlim=(0, max(last_step, 1)), xlabel=unit, ylabel=label)
         shaded = ", and the weight of the objective" * (weight is not None)
-        return svg(figure, f"{label} over {unit}s{shaded}")
+        return svg(figure, f"{of} {label}".strip() + f" over {unit}s{shaded}")
 
 
 def lines_figure(label: str, last_step: int, lines: Mapping[str, Curve]) -> Markup:
@@ -211,6 +214,7 @@ def svg(figure: Figure, words: str) -> Markup:
         file, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type"))
     )
     text = file.getvalue()
+    collect(figure, words, {INK: "#222222", _LINE: "#cccccc", _OTHER: "#999999", SHADE: "#e8e8e8"})
     text = text[text.index("<svg") :]
     name = hashlib.sha256(text.encode()).hexdigest()[:8]
     used = set(re.findall(r'(?:href="#|url\(#)([^")]+)', text))

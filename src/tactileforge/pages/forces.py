@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -114,6 +115,8 @@ def recording_figure(recording: Recording, shown: Sequence[float]) -> Markup:
         shown: Times of the frames that are shown above, s; marked on the axis.
     """
     times = recording.times
+    if recording.force is not None and not np.isfinite(recording.force).any():
+        recording = replace(recording, force=None)
     with drawing(5.2, 0.9 if recording.force is None else 1.9) as (figure, axes):
         draw_recording(axes, recording)
         axes.plot(

@@ -1,4 +1,4 @@
-"""Queues of a running take: frames, encoded on arrival, and wrench samples."""
+"""Queues of a running take: frames, encoded on arrival, and samples of other devices."""
 
 from __future__ import annotations
 
@@ -105,22 +105,23 @@ class FrameQueue:
         return frames
 
 
-class WrenchBuffer:
-    """Buffer of wrenches of one sensor, kept until they are cut and written.
+class SampleBuffer:
+    """Buffer of the samples of a wrench sensor or robot, kept until they are cut and written.
 
     Args:
         hold: Samples that may wait; more are dropped and counted.
+        width: Numbers of a sample.
 
     Attributes:
         dropped: Samples dropped since `start`.
     """
 
-    def __init__(self, hold: int) -> None:
+    def __init__(self, hold: int, width: int = 6) -> None:
         self.hold = hold
         self.dropped = 0
         # arrays from the start: to make them of thousands of samples would hold up every thread
         self._times = np.empty(hold, np.float64)
-        self._values = np.empty((hold, 6), np.float32)
+        self._values = np.empty((hold, width), np.float32)
         self._count = 0
         self._lock = threading.Lock()
         self._from = math.inf
@@ -148,7 +149,7 @@ class WrenchBuffer:
             self._count += 1
 
     def all(self) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-        """Times (N,) and wrenches (N, 6) of what is kept."""
+        """Times (N,) and values (N, width) of what is kept."""
         with self._lock:
             return self._times[: self._count].copy(), self._values[: self._count].copy()
 

@@ -16,13 +16,15 @@ from numpy.typing import NDArray
 from tactileforge.contracts import Frame, Sensor
 from tactileforge.depth import depth_readers
 from tactileforge.errors import ConfigError, SensorError
-from tactileforge.record.frame_queue import FrameQueue, WrenchBuffer
+from tactileforge.record.frame_queue import FrameQueue, SampleBuffer
 from tactileforge.record.options import RecordOptions
 from tactileforge.sensors import background
 from tactileforge.sensors.capture import Capture, check
 from tactileforge.sensors.opening import open_all
 from tactileforge.sensors.specs import spec
 
+#: Devices that give no frames: their name, and the group that they are chosen with.
+_GROUPS = {"wrench": ("wrench sensor", "force"), "robot": ("robot", "robot")}
 #: Seconds of frames, beside two segments, that may wait for the disk.
 _SLACK = 10.0
 #: Seconds in which every device must begin to send.
@@ -41,8 +43,8 @@ class RigSensor:
         name: The key of its recordings.
         sensor: The sensor.
         capture: The thread that reads it.
-        keeps: What it gives during a take: `FrameQueue` of a camera or array, `WrenchBuffer` of a
-            wrench.
+        keeps: What it gives during a take: `FrameQueue` of a camera or array, `SampleBuffer` of a
+            wrench sensor or robot.
         background: Encoded frames without contact.
         rest: float64 (6,), the wrench without contact.
         seen: Frames for the next background; None while none is taken.
@@ -51,7 +53,7 @@ class RigSensor:
     name: str
     sensor: Sensor
     capture: Capture = field(init=False)
-    keeps: FrameQueue | WrenchBuffer = field(init=False)
+    keeps: FrameQueue | SampleBuffer = field(init=False)
     background: list[bytes] = field(default_factory=list)
     rest: NDArray[np.float64] = field(default_factory=lambda: np.zeros(6))
     seen: list[Frame] | None = None
@@ -72,11 +74,13 @@ class Rig:
         force: A wrench sensor.
         camera: A camera that looks on.
         options: How to record.
+        robot: A robot, for its state and actions.
 
     Attributes:
         devices: Of ``sensors``.
         force: The wrench sensor, if any.
         camera: The camera that looks on, if any.
+        robot: The robot, if any.
 
     Raises:
         ConfigError: There is no sensor, one is of the wrong kind, or of a type nobody knows.
@@ -88,22 +92,27 @@ class Rig:
         force: Sensor | None,
         camera: Sensor | None,
         options: RecordOptions,
+        robot: Sensor | None = None,
     ) -> None:
         self.options = options
         if not sensors:
             raise ConfigError("no sensor: choose some, e.g. sensor=[digit,gelsight_mini]")
         for name, sensor in sensors.items():
-            if sensor.spec.kind == "wrench":
-                raise ConfigError(f"{name} is a wrench sensor: choose it with force={name}")
+            if sensor.spec.kind in _GROUPS:
+                what, group = _GROUPS[sensor.spec.kind]
+                raise ConfigError(f"{name} is a {what}: choose it with {group}={name}")
             spec(sensor.spec.name)  # or nobody could read its recordings
         if force is not None and force.spec.kind != "wrench":
             raise ConfigError(f"force={force.spec.name} is no wrench sensor: choose it as sensor=")
         if camera is not None and camera.spec.kind != "image":
             raise ConfigError(f"camera={camera.spec.name} is no camera")
+        if robot is not None and (robot.spec.kind != "robot" or robot.spec.states < 1):
+            raise ConfigError(f"robot={robot.spec.name} is no robot: choose it as sensor=")
         self.devices = [RigSensor(name, sensor) for name, sensor in sensors.items()]
         self.force = None if force is None else RigSensor("force", force)
         self.camera = None if camera is None else RigSensor("view", camera)
-        if taken := sensors.keys() & {"force", "view"}:
+        self.robot = None if robot is None else RigSensor("robot", robot)
+        if taken := sensors.keys() & {"force", "view", "robot"}:
             raise ConfigError(f"no sensor can be called {taken.pop()}: choose another name for it")
         self._depth = depth_readers(options.depth, sensors, DEPTH_ROWS)
         self._stack = ExitStack()
@@ -113,7 +122,7 @@ class Rig:
         """Every device."""
         return [
             *self.devices,
-            *(device for device in (self.force, self.camera) if device is not None),
+            *(d for d in (self.force, self.camera, self.robot) if d is not None),
         ]
 
     def codec(self, device: RigSensor) -> str:
@@ -139,10 +148,12 @@ class Rig:
             self._stack = stack.pop_all()
         return self
 
-    def _keeper(self, device: RigSensor, pool: ThreadPoolExecutor) -> FrameQueue | WrenchBuffer:
+    def _keeper(self, device: RigSensor, pool: ThreadPoolExecutor) -> FrameQueue | SampleBuffer:
         hold = int(device.sensor.spec.fps * (2 * self.options.segment + _SLACK)) + 1
         if device is self.force:
-            return WrenchBuffer(hold)
+            return SampleBuffer(hold)
+        if device is self.robot:
+            return SampleBuffer(hold, device.sensor.spec.states + device.sensor.spec.actions)
         codecs = {self.codec(device)}
         if device is self.camera:
             codecs = {self.codec(device) for device in self.devices}
@@ -188,8 +199,9 @@ class Rig:
                 if device.name in self._depth:
                     still = np.median(chosen, axis=0).astype(np.uint8)
                     keeps.measure = partial(self._depth[device.name].micrometres, background=still)
-        if self.camera is not None:
-            self.camera.seen = None
+        for other in (self.camera, self.robot):
+            if other is not None:
+                other.seen = None
         if self.force is not None:
             self._tare(self.force)
 

@@ -13,32 +13,32 @@ from tactileforge.errors import ConfigError
 GAP = 0.1
 
 
-def interpolate_wrenches(
+def interpolate_samples(
     wanted: NDArray[np.float64],
     times: NDArray[np.float64],
-    wrenches: NDArray[np.floating],
+    samples: NDArray[np.floating],
     gap: float = GAP,
 ) -> NDArray[np.float32]:
-    """Wrenches at other times, interpolated linearly.
+    """Samples at other times, interpolated linearly.
 
     Args:
         wanted: float64 (T,), seconds.
         times: float64 (N,), seconds of the samples, ascending.
-        wrenches: Float (N, 6).
+        samples: Float (N, width).
         gap: Longest time between two samples, s, over which is interpolated.
 
     Returns:
-        float32 (T, 6); a row of NaN where there is no sample on both sides, or they are too far
+        float32 (T, width); a row of NaN where there is no sample on both sides, or they are too far
         apart.
     """
-    out = np.full((len(wanted), 6), np.nan, np.float32)
+    out = np.full((len(wanted), samples.shape[1]), np.nan, np.float32)
     if len(times) < 2:
         return out
     after = np.searchsorted(times, wanted).clip(1, len(times) - 1)
     known = (wanted >= times[0]) & (wanted <= times[-1])
     known &= times[after] - times[after - 1] <= gap
-    for axis in range(6):
-        out[known, axis] = np.interp(wanted[known], times, wrenches[:, axis])
+    for axis in range(samples.shape[1]):
+        out[known, axis] = np.interp(wanted[known], times, samples[:, axis])
     return out
 
 

@@ -59,7 +59,7 @@ def losses(curves: Mapping[str, Curve], objectives: Sequence[str], last_step: in
         asleep = (
             "" if logged[0] else "never computed: its weight was 0 whenever metrics were logged"
         )
-        parts.append(panel(key, curve_figure("loss", last_step, *logged), asleep))
+        parts.append(panel(key, curve_figure("loss", last_step, *logged, of=key), asleep))
     for key, title in (
         ("lr", "learning rate"),
         ("universal", "chance of the universal sensor token"),
@@ -70,7 +70,13 @@ def losses(curves: Mapping[str, Curve], objectives: Sequence[str], last_step: in
     parts_of = [
         panel(
             key,
-            curve_figure("value", last_step, curves.get(f"train/{key}"), curves.get(f"val/{key}")),
+            curve_figure(
+                "value",
+                last_step,
+                curves.get(f"train/{key}"),
+                curves.get(f"val/{key}"),
+                of=key.replace("/", " "),
+            ),
         )
         for key in sorted({name.partition("/")[2] for name in curves if name.count("/") == 2})
     ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from typing import Any
+from typing import Any, NamedTuple
 
 from tactileforge import registry
 from tactileforge.contracts import Sensor
@@ -15,10 +15,24 @@ from tactileforge.errors import ConfigError, SensorError, unknown
 _OPEN, _CLOSE = 30.0, 5.0
 
 
-def build_sensors(
-    config: Mapping[str, Any],
-) -> tuple[dict[str, Sensor], Sensor | None, Sensor | None]:
-    """Builds the sensors of a configuration, unopened: ``sensor`` by name, ``force``, ``camera``.
+class BuiltSensors(NamedTuple):
+    """Sensors that are not open.
+
+    Attributes:
+        touch: Cameras and arrays, by name.
+        force: A wrench sensor.
+        camera: A camera that looks on.
+        robot: Its state and actions.
+    """
+
+    touch: dict[str, Sensor]
+    force: Sensor | None
+    camera: Sensor | None
+    robot: Sensor | None
+
+
+def build_sensors(config: Mapping[str, Any]) -> BuiltSensors:
+    """Builds the sensors of a configuration, by its groups.
 
     Raises:
         ConfigError: A node names no plugin.
@@ -29,9 +43,9 @@ def build_sensors(
         if "name" not in node:
             raise ConfigError(unknown("sensor", key, registry.names("sensors")))
     sensors = {key: registry.build("sensors", node) for key, node in nodes.items()}
-    others = [config.get(group) for group in ("force", "camera")]
-    force, camera = (registry.build("sensors", node) if node else None for node in others)
-    return sensors, force, camera
+    others = [config.get(group) for group in ("force", "camera", "robot")]
+    built = [registry.build("sensors", node) if node else None for node in others]
+    return BuiltSensors(sensors, *built)
 
 
 def open_all(sensors: Mapping[str, Sensor], stack: ExitStack) -> None:

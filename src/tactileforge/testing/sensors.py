@@ -91,6 +91,11 @@ def _require_raw(frame: Frame, spec: SensorSpec) -> None:
     if spec.kind == "wrench":
         require((spec.height, spec.width) == (0, 0), "a wrench sensor has height and width 0")
         require(raw.shape == (6,), f"raw values are {raw.shape}: give (6,), in N and N m")
+    elif spec.kind == "robot":
+        require((spec.height, spec.width) == (0, 0), "a robot has height and width 0")
+        want = (spec.states + spec.actions,)
+        require(spec.states > 0, "its spec says states=0: a robot has a state")
+        require(raw.shape == want, f"raw values are {raw.shape}: its spec says {want}")
     else:
         require(raw.ndim == 2, f"raw values are {raw.shape}: give (taxels, values of each)")
 

@@ -172,10 +172,8 @@ def test_jobs_of_ray_train_in_its_processes(tmp_path: Path) -> None:
 
 
 def test_curves_of_a_run(tmp_path: Path) -> None:
-    folder = tmp_path / "metrics" / "version_0"
-    folder.mkdir(parents=True)
     rows = ["step,train/pixel,val/pixel,train/pixel/part,lr", "0,3.0,,1,1", "5,2.0,2.5,1,1"]
-    (folder / "metrics.csv").write_text("\n".join(rows) + "\n")
+    (tmp_path / "metrics.csv").write_text("\n".join(rows) + "\n")
     (curve,) = pretrain.curves("a", tmp_path)
     assert (curve.objective, curve.step, curve.train) == ("pixel", [0.0, 5.0], [3.0, 2.0])
     assert str(curve.validation) == "[nan, 2.5]"

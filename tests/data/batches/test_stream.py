@@ -351,13 +351,18 @@ def test_pairs_are_found_in_a_window(tmp_path: Path) -> None:
         assert stream[number]["group"].tolist() == [0, 0, 1, 1, -1, -1, -1, -1]
 
 
-def test_a_resumed_run_may_not_change_its_workers(tmp_path: Path) -> None:
+def test_a_resumed_run_may_change_its_workers_and_nothing_else(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     folder = pack(Memory(48), tmp_path, size=4)
     before = touch(Shards(str(folder)), window=8, workers=2)
     after = touch(Shards(str(folder)), window=8, workers=1)
     state = Loader.of(before.stream(), BatchIndexSampler(1), before.workers).state_dict()
-    with pytest.raises(ConfigError, match="resume: workers was 2 and is 1"):
+    with caplog.at_level("WARNING", "tactileforge"):
         Loader.of(after.stream(), BatchIndexSampler(1), after.workers).load_state_dict(state)
+    assert "resume: workers were 2 and are 1" in caplog.text
+    with pytest.raises(ConfigError, match="resume: seed was 5 and is 0"):
+        Loader.of(after.stream(), BatchIndexSampler(1), 1).load_state_dict(state | {"seed": 5})
 
 
 def flip(path: Path, place: int) -> None:

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from tactileforge.data.frames import video
+from tactileforge.data.frames import video, video_index
 from tactileforge.data.frames.lazy import ArrayFrames, ImageFrames, VideoFrames
 from tactileforge.errors import DataError, DataNotFoundError
 
@@ -415,7 +415,7 @@ def test_a_video_that_hides_how_many_frames_it_has_is_stopped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = write_video(tmp_path / "a.mkv", 12, "MJPG")
-    monkeypatch.setattr(video, "MAX_FRAMES", 10)
+    monkeypatch.setattr(video_index, "MAX_FRAMES", 10)
     with pytest.raises(DataError, match=r"a\.mkv: a video of 1\d frames, where 10 are the limit"):
         VideoFrames(path)
 

@@ -278,7 +278,7 @@ def test_conformance_of_the_simulated_wrench():
 
 
 def test_the_simulated_wrench_is_a_press_at_its_rate():
-    with SimWrench(fps=200, newton=4.0, period=1.0, bias=0.5) as sensor:
+    with SimWrench(fps=200, newton=4.0, period=1.0, bias=0.5, rest=0) as sensor:
         frames = [sensor.read() for _ in range(21)]
         start = sensor.start
     assert np.diff([frame.time for frame in frames]) == pytest.approx([1 / 200] * 20)

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
-import json
 import re
 import sys
 from array import array
+from collections.abc import Sequence
+from math import nan
 from typing import Any
 
 from tactileforge.errors import ConfigError
 
+#: Values of ``/tactile/NAME/reading``, in order; NaN where one is not known.
+READING = ("contact", "slip", "difference", "depth_mm", "latency_ms")
+
 
 class Ros2:
-    """Publishes ``/tactile/NAME/wrench``, ``/tactile/NAME/embedding`` and ``/tactile/NAME/json``.
+    """Publishes readings as ROS 2 messages with a stamp, the time of the frame.
 
-    A vector is an image of one row, 32FC1: the common message that has a stamp and an array.
+    For each sensor: ``/tactile/NAME/wrench``, the force; ``/tactile/NAME/embedding``, the vector;
+    ``/tactile/NAME/reading``, the values of `READING`; ``/tactile/NAME/event``, a word. An array is
+    an image of one row, 32FC1: the common message that has a stamp and an array.
 
     Args:
         node: Name of the node.
@@ -47,7 +53,8 @@ class Ros2:
         self._types = {
             "wrench": geometry_msgs.msg.WrenchStamped,
             "embedding": sensor_msgs.msg.Image,
-            "json": std_msgs.msg.String,
+            "reading": sensor_msgs.msg.Image,
+            "event": std_msgs.msg.String,
         }
         self._context = rclpy.Context()
         rclpy.init(context=self._context)
@@ -63,21 +70,29 @@ class Ros2:
     def send(self, message: dict[str, Any]) -> None:
         """Publishes a message."""
         sensor = str(message["sensor"])
-        text = self._types["json"]()
-        text.data = json.dumps(message)
-        self._topic(sensor, "json").publish(text)
+        if "event" in message:
+            word = self._types["event"]()
+            word.data = str(message["event"])
+            self._topic(sensor, "event").publish(word)
+            return
+        known = [message.get(name) for name in READING]
+        self._publish_array("reading", message, [nan if x is None else float(x) for x in known])
         if message.get("force") is not None:
             wrench = self._stamped("wrench", message)
             force = wrench.wrench.force
             force.x, force.y, force.z = map(float, message["force"])
             self._topic(sensor, "wrench").publish(wrench)
         if message.get("embedding") is not None:
-            vector = array("f", message["embedding"])
-            image = self._stamped("embedding", message)
-            image.height, image.width, image.encoding = 1, len(vector), "32FC1"
-            image.is_bigendian, image.step = int(sys.byteorder == "big"), 4 * len(vector)
-            image.data = vector.tobytes()
-            self._topic(sensor, "embedding").publish(image)
+            self._publish_array("embedding", message, message["embedding"])
+
+    def _publish_array(self, what: str, message: dict[str, Any], values: Sequence[float]) -> None:
+        """An array with a stamp: an image of one row."""
+        numbers = array("f", values)
+        image = self._stamped(what, message)
+        image.height, image.width, image.encoding = 1, len(numbers), "32FC1"
+        image.is_bigendian, image.step = int(sys.byteorder == "big"), 4 * len(numbers)
+        image.data = numbers.tobytes()
+        self._topic(str(message["sensor"]), what).publish(image)
 
     def _stamped(self, what: str, message: dict[str, Any]) -> Any:
         """A message of a type, with the time and the name of the sensor."""

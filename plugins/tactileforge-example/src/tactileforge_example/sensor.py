@@ -18,6 +18,7 @@ class Dummy:
 
     Args:
         gain: Contrast of what touches the gel.
+        rest: Seconds after it is opened before anything touches it: recorders take a background.
     """
 
     #: On the class: data sets and encoders look the type of sensor up by name.
@@ -30,8 +31,8 @@ class Dummy:
         force_scale=(1.0, 1.0, 5.0),
     )
 
-    def __init__(self, gain: float = 1.0) -> None:
-        self.gain = gain
+    def __init__(self, gain: float = 1.0, rest: float = 0.0) -> None:
+        self.gain, self.rest = gain, rest
         self._start: float | None = None
         self._next = 0
 
@@ -63,10 +64,15 @@ class Dummy:
             raise TimeoutError(f"no frame within {timeout} s")
         time.sleep(max(0.0, due - now))
         self._next = index + 1
-        return Frame(array=self._draw(index / self.spec.fps), time=due)
+        return Frame(array=self._noisy(self._draw(index / self.spec.fps), index), time=due)
+
+    def _noisy(self, image: NDArray[np.uint8], index: int) -> NDArray[np.uint8]:
+        """With the noise of a camera: a picture that comes again to the bit is a frozen one."""
+        noise = np.random.default_rng(index).integers(-1, 2, image.shape)
+        return (image + noise).clip(0, 255).astype(np.uint8)
 
     def _draw(self, seconds: float) -> NDArray[np.uint8]:
-        depth = 0.5 * max(0.0, math.sin(math.pi * seconds))
+        depth = 0.5 * max(0.0, math.sin(math.pi * max(0.0, seconds - self.rest)))
         image = press(depth, self.spec.height, self.spec.width)
         gel = np.asarray(GEL)
         amplified: NDArray[np.float64] = (gel + self.gain * (image - gel)).clip(0, 255)

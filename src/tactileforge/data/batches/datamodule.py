@@ -7,6 +7,7 @@ from functools import partial
 from itertools import chain
 
 import lightning as L
+import torch
 
 from tactileforge.contracts import Batch, Dataset, Recording
 from tactileforge.data.batches.allocate import allocate
@@ -21,6 +22,7 @@ from tactileforge.data.batches.source_samplers import (
 )
 from tactileforge.data.batches.sources import Source, sources_of
 from tactileforge.data.batches.stream import BatchIndexSampler, Stream
+from tactileforge.data.batches.transfer import Transfer
 from tactileforge.data.labels.augment import Augment, fill_captions
 from tactileforge.data.shards.summary import Summary
 from tactileforge.distributed import seed_step
@@ -93,6 +95,7 @@ class TouchData(L.LightningDataModule):
         self.val: Clips | None = None
         self._whole: dict[int, Clips] = {}
         self._bad: Skipped = {}
+        self._transfer = Transfer()
 
     @property
     def skipped(self) -> Skipped:
@@ -233,7 +236,7 @@ class TouchData(L.LightningDataModule):
         return Loader.of(stream, BatchIndexSampler(length), self.workers)
 
     def on_before_batch_transfer(self, batch: Batch, dataloader_idx: int) -> Batch:
-        """Draws flips on the host, and updates labels and captions."""
+        """Draws flips on the host, updates labels and captions; ``paired``: whether any are."""
         assert self.trainer is not None
         training = self.trainer.training
         if training:
@@ -242,9 +245,16 @@ class TouchData(L.LightningDataModule):
             if self.augment:
                 batch = self.augment.labels(batch)
         fill_captions(batch)
+        batch["paired"] = bool((batch["group"] >= 0).any())  # on a device it would be waited for
         for observe in self.observers:
             observe(batch, training)
         return batch
+
+    def transfer_batch_to_device(
+        self, batch: Batch, device: torch.device, dataloader_idx: int
+    ) -> Batch:
+        """See `Transfer`."""
+        return self._transfer(batch, device)
 
     def _clips(self, recordings: Sequence[Recording]) -> Clips:
         return self._cut(recordings, cache_mb=self.cache_mb)

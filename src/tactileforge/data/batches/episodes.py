@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
@@ -21,6 +23,8 @@ Touch: TypeAlias = Literal["frames", "force", "none"]
 Encode: TypeAlias = Callable[[Tensor, Tensor, Sequence[str]], Tensor]
 
 _BATCH = 32
+#: Bytes of tokens that are kept in memory.
+_IN_MEMORY = 2**31
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,9 +115,13 @@ class EpisodeClips(Clips):
         """
         if self.cutting.touch != "frames" or self._tokens is not None:
             return
-        rows = range(0, len(self), _BATCH)
-        parts = [self._encoded(list(range(i, min(i + _BATCH, len(self)))), encode) for i in rows]
-        self._tokens = torch.cat(parts)
+        tokens: Tensor | None = None
+        for start in range(0, len(self), _BATCH):
+            some = self._encoded(range(start, min(start + _BATCH, len(self))), encode)
+            if tokens is None:
+                tokens = _room((len(self), *some.shape[1:]))
+            tokens[start : start + len(some)] = some
+        self._tokens = tokens
         self._cache.clear("touch")
 
     def _encoded(self, samples: Sequence[int], encode: Encode) -> Tensor:
@@ -175,6 +183,14 @@ class EpisodeClips(Clips):
         rows = [view_of(recording, int(step)) for step in steps]
         read = self._frames(("image", number), recording.image, rows, size)
         return torch.from_numpy(read).movedim(-1, -3)
+
+
+def _room(shape: tuple[int, ...]) -> Tensor:
+    """Float16 in memory; more than `_IN_MEMORY` bytes in a file without a name, read as needed."""
+    if 2 * math.prod(shape) <= _IN_MEMORY:
+        return torch.empty(shape, dtype=torch.float16)
+    with tempfile.TemporaryFile() as file:
+        return torch.from_numpy(np.memmap(file, np.float16, "w+", shape=shape))
 
 
 def _robot(first: Episode, cutting: Cutting, stride: int) -> Robot:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import signal
 import time
 from collections.abc import Iterator, Mapping
@@ -15,14 +16,19 @@ from tactileforge.contracts import Batch
 from tactileforge.data.batches.stream import BatchIndexSampler, Stream
 from tactileforge.errors import ConfigError
 
+log = logging.getLogger(__name__)
+
 T = TypeVar("T")
+
+#: What a run that goes on elsewhere may have otherwise.
+_MACHINE = ("workers", "processes")
 
 
 class Loader(DataLoader[Batch]):
     """Data loader that can be resumed at any step.
 
-    Its place is that of the run (see `stream.BatchIndexSampler`); what it keeps is what may not
-    change in between.
+    Its place is that of the run (see `stream.BatchIndexSampler`); what it keeps is what must not
+    change in between, and what changes the batches if it does.
 
     Attributes:
         waited: Seconds that the process has waited for batches so far.
@@ -58,7 +64,7 @@ class Loader(DataLoader[Batch]):
             yield batch
 
     def state_dict(self) -> dict[str, Any]:
-        """Facts that the batches depend on; a resumed run must have the same."""
+        """Facts that the batches depend on."""
         stream = self.dataset
         assert isinstance(stream, Stream)
         state = {
@@ -72,18 +78,27 @@ class Loader(DataLoader[Batch]):
         return state
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Checks that nothing has changed.
+        """Checks that nothing has changed; readers and processes may, and it is said.
 
         Raises:
             ConfigError: Names what has, and both values.
         """
         for key, now in self.state_dict().items():
-            if state.get(key) != now:
-                raise ConfigError(
-                    f"resume: {key} was {state.get(key)} and is {now}; a resumed run goes on with "
-                    "the same data, batches, workers and processes (init= starts a new run from "
-                    "its weights)"
+            if (before := state.get(key)) == now:
+                continue
+            if key in _MACHINE:
+                log.warning(
+                    "resume: %s were %s and are %s: the run goes on with other batches of the same "
+                    "data, and not to the bit as it would have",
+                    key,
+                    before,
+                    now,
                 )
+                continue
+            raise ConfigError(
+                f"resume: {key} was {before} and is {now}; a resumed run goes on with the same "
+                "data and batches (init= starts a new run from its weights)"
+            )
 
 
 def _as_it_is(batch: T) -> T:

@@ -19,8 +19,13 @@ COUNTED = (*LABELS, *(f"force.{axis}" for axis in AXES))
 
 
 def labels_of(recording: Recording) -> list[str]:
-    """Labels of `COUNTED` that a recording has; a force that is NaN throughout is none."""
-    labels = [key for key in LABELS if key in _FIELDS and getattr(recording, key) is not None]
+    """Labels of `COUNTED` that a recording has.
+
+    A force that is NaN throughout is none, nor is an action that is unknown in every frame.
+    """
+    there = [key for key in LABELS if key in _FIELDS and getattr(recording, key) is not None]
+    acted = recording.action is not None and (recording.action >= 0).any()
+    labels = [key for key in there if key != "action" or acted]
     if ACTIONS_TRACK in recording.tracks:
         labels.append("action_chunk")
     if recording.force is None:
@@ -36,7 +41,11 @@ def counted(labels: Mapping[str, int], label: str) -> str:
     count = labels.get(label, 0)
     axes = {axis: labels.get(f"{label}.{axis}", 0) for axis in AXES}
     partial = label == "force" and any(axes.values()) and set(axes.values()) != {count}
+    alone = [axis for axis, n in axes.items() if n == count]
+    rest = [n for axis, n in axes.items() if axis not in alone]
     by_axis = ", ".join(f"{axis} {n:,}" for axis, n in axes.items())
+    if alone and not any(rest):
+        by_axis = " and ".join(alone) + " alone"
     return f"{count:,} ({by_axis})" if partial else f"{count:,}" if count else "none"
 
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,32 +10,20 @@ from numpy.typing import NDArray
 from tactileforge.contracts import SensorSpec
 from tactileforge.errors import ConfigError
 from tactileforge.sensors.continuity import Arrival
-from tactileforge.sensors.framing import (
-    Datagrams,
-    Framing,
-    PacketParser,
-    Parser,
-    hex_bytes,
-    measured,
-)
-from tactileforge.sensors.links import Link, SerialLink, TcpLink, UdpLink, attached_ports
-from tactileforge.sensors.stream import StreamSensor
+from tactileforge.sensors.drivers.packet_sensor import NO_PICTURE, Line, Marks, PacketSensor
 
-#: What a wrench sensor has for a picture.
-NO_PICTURE: NDArray[np.uint8] = np.zeros((0, 0, 3), np.uint8)
-_LINKS = ("serial", "udp", "tcp")
 #: The least size that is told from 0, and the largest change from packet to packet, of ``most``.
 _LEAST, _CHANGE = 1e-14, 0.1
 
 
-class ForceTorque(StreamSensor):
+class ForceTorque(PacketSensor):
     """A wrench sensor: forces and torques.
 
     A driver of a known device subclasses it, gives what is known to ``super().__init__``, and
     overrides `start`, `wrench` or `new_parser` where its protocol asks for more.
 
     Args:
-        port: Path of the serial port, or ``HOST:PORT``.
+        port: Path of the serial port, or ``HOST:PORT``; see `Line`.
         link: ``serial``, ``udp`` or ``tcp``.
         payload: What a packet carries, as `struct` writes it; its last six values are forces x, y,
             z and torques x, y, z.
@@ -82,62 +68,15 @@ class ForceTorque(StreamSensor):
         baudrate: int = 115200,
         usb: str = "",
     ) -> None:
-        super().__init__()
-        if link not in _LINKS:
-            raise ConfigError(f"link={link!r}: give {', '.join(_LINKS)}")
         if len(scale) != 6:
             raise ConfigError(f"scale has {len(scale)} numbers: give six, for N and N m")
         if len(most) != 2 or not min(most) > 0:
             raise ConfigError(f"most={list(most)}: give a force (N) and a torque (N m) above 0")
+        line = Line(port, link, baudrate, usb)
+        marks = Marks(header, footer, checksum, covers, request, farewell)
+        super().__init__(line, payload, 6, marks, fps)
         self.most = np.repeat(np.array(most, np.float64), 3)
-        self.port, self.link, self.baudrate, self.usb = port, link, baudrate, usb
-        self.payload = payload
         self.scale = np.array(scale, np.float64)
-        self.request = hex_bytes("request", request)
-        self.farewell = hex_bytes("farewell", farewell)
-        self.spec = replace(self.spec, fps=fps)
-        size, count = measured(payload)
-        if count < 6:
-            raise ConfigError(f"payload={payload!r} carries {count} values: a wrench has six")
-        self.framing = Framing(
-            payload=size,
-            header=hex_bytes("header", header),
-            footer=hex_bytes("footer", footer),
-            checksum=checksum,
-            covers=covers,
-        )
-
-    def discover(self) -> list[str]:
-        """Ports of the USB device, if one is named; else the port, if it exists."""
-        if self.link != "serial":
-            return []  # a network is not searched
-        return attached_ports(self.port, self.usb)
-
-    def connect(self) -> Link:
-        """Opens the serial port, or connects."""
-        if self.link == "serial":
-            return SerialLink(self.port or next(iter(self.discover()), ""), self.baudrate)
-        host, colon, number = self.port.rpartition(":")
-        if not colon or not number.isdigit():
-            raise ConfigError(f"port={self.port!r}: give HOST:PORT, e.g. 192.168.1.1:49152")
-        kind = UdpLink if self.link == "udp" else TcpLink
-        return kind(host, int(number))
-
-    def new_parser(self) -> Parser:
-        """Whole datagrams of UDP; else packets."""
-        if self.link == "udp":
-            return Datagrams(self.framing.payload)
-        return PacketParser(self.framing)
-
-    def start(self, link: Link) -> None:
-        """Sends the request, if there is one."""
-        if self.request:
-            link.send(self.request)
-
-    def stop(self, link: Link) -> None:
-        """Sends the farewell, if there is one."""
-        if self.farewell:
-            link.send(self.farewell)
 
     def wrench(self, payload: bytes) -> NDArray[np.float64]:
         """Forces and torques of a packet.
@@ -151,7 +90,7 @@ class ForceTorque(StreamSensor):
         Raises:
             ValueError: The packet says that it does not count; it is counted as bad.
         """
-        return np.array(struct.unpack(self.payload, payload)[-6:], np.float64) * self.scale
+        return self.numbers(payload)[-6:] * self.scale
 
     def decode(self, payload: bytes) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """An empty image, and the wrench."""

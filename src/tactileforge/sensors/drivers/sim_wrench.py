@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Frame, Sensor
 from tactileforge.errors import ConfigError, TactileForgeError
-from tactileforge.sensors.drivers.force_torque import NO_PICTURE, ForceTorque
+from tactileforge.sensors.drivers.force_torque import ForceTorque
+from tactileforge.sensors.drivers.packet_sensor import NO_PICTURE
 
 
 class SimWrench(Sensor):
@@ -40,7 +41,7 @@ class SimWrench(Sensor):
         newton: float = 5.0,
         period: float = 2.0,
         bias: float = 0.0,
-        rest: float = 0.0,
+        rest: float = 4.0,
     ) -> None:
         if not fps > 0 or not period > 0:
             raise ConfigError(f"fps={fps} and period={period}: give values above 0")

@@ -1,0 +1,248 @@
+"""Training on one card: clips a second, MFU, memory, and what the loader costs; under 8 minutes.
+
+A step is forward in bf16 autocast, backward, clipping and fused AdamW; ours also preprocesses
+uint8 frames. The peer is `VideoMAEForPreTraining` of transformers, of equal size (a decoder of 12
+layers, for our two of 6), given finished floats. MFU is `train_subjects.step_flops` over time and
+the dense bf16 peak of the card; what `torch.utils.flop_counter` counts in the same step stands
+beside it. Every row is written when it is measured, so a run that is stopped leaves what it has.
+
+Run: python gpu_train.py
+With no card, to see that it works: python gpu_train.py --tiny --device cpu
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import gc
+import statistics
+import time
+from collections.abc import Callable, Iterator
+from itertools import chain, repeat
+from pathlib import Path
+from typing import Any
+
+import torch
+from common import RESULTS, write
+from torch.nn.attention import SDPBackend, sdpa_kernel
+from torch.utils.flop_counter import FlopCounterMode
+from train_subjects import Case, Subject, build, config_of, step_flops
+
+from tactileforge.assemble import build_data
+from tactileforge.callbacks.speed import cpus, peak_of
+from tactileforge.contracts import Batch
+from tactileforge.data.batches.transfer import Transfer, pin
+from tactileforge.data.labels.augment import fill_captions
+
+#: Seconds that a row is timed for, steps before that, and most steps.
+SECONDS, WARMUP, STEPS = 3.0, 3, 60
+GIB = 2**30
+
+
+def cases() -> list[Case]:
+    """What is measured, the most important first."""
+    base = [
+        Case(subject, size, batch=batch, compiled=compiled)
+        for size, batch in (("base", 64), ("large", 32))
+        for compiled in (False, True)
+        for subject in ("pixel+diff", "videomae")
+    ]
+    loaded = [Case("pixel+diff", "base", compiled=True, data=x) for x in ("host", "loader")]
+    loaded += [Case("pixel+diff", size, batch=128, data="loader") for size in ("tiny",)]
+    five = [Case("all five", "base", compiled=compiled) for compiled in (False, True)]
+    growth = [Case("pixel+diff", "base", batch=batch) for batch in (8, 32, 128)]
+    growth += [Case("videomae", "base", batch=batch) for batch in (8, 32)]
+    long = [
+        Case(subject, "base", frames, batch)
+        for frames, batch in ((2, 128), (8, 32), (16, 16))
+        for subject in ("pixel+diff", "videomae")
+    ]
+    small = [
+        Case(subject, size, batch=128)
+        for size in ("small", "tiny")
+        for subject in ("pixel+diff", "videomae")
+    ]
+    other = [Case("pixel+diff", size, batch=128, compiled=True) for size in ("small", "tiny")]
+    deep = [Case("pixel+diff", "large", frames, batch) for frames, batch in ((2, 64), (16, 8))]
+    return [*base, *loaded, *five, *growth, *long, *small, *other, *deep]
+
+
+def tiny_cases() -> list[Case]:
+    """Each kind of row once, for a machine without a card."""
+    size: dict[str, Any] = {"size": "tiny", "frames": 2, "image": 32, "layers": 1, "scenes": 3}
+    rows = [Case(name, batch=4, **size) for name in ("pixel+diff", "videomae", "all five")]
+    rows += [Case("pixel+diff", batch=2, **size), Case("pixel+diff", batch=0, **size)]
+    return [*rows, *(Case("all five", batch=4, data=x, **size) for x in ("host", "loader"))]
+
+
+def measure(case: Case, device: torch.device, seconds: float) -> dict[str, Any]:
+    """Times a case.
+
+    Args:
+        case: Of `cases`.
+        device: Where it runs.
+        seconds: Of timing, at least.
+
+    Returns:
+        Clips a second, MFU, memory and operations; None where a value is not known here.
+    """
+    begun = time.perf_counter()
+    subject = build(case)
+    subject.module.to(device)
+    step = stepper(subject, device)
+    batches = source(case, subject, device)
+    counted = count(subject, next(batches), device)
+    if device.type == "cuda":
+        torch.cuda.reset_peak_memory_stats()
+    for _ in range(WARMUP):
+        step(next(batches))
+    finish(device)
+    ready = time.perf_counter() - begun
+    times = timed(lambda: step(next(batches)), device, seconds)
+    per_step = statistics.median(times)
+    flops = step_flops(case)
+    peak = peak_of(torch.cuda.get_device_name()) if device.type == "cuda" else None
+    return {
+        "clips_per_s": case.batch / per_step,
+        "step_s": per_step,
+        "step_s_min_max": [min(times), max(times)],
+        "mfu": (flops or counted) / per_step / peak if peak else None,
+        "flops": flops or None,
+        "flops_counted": counted,
+        "memory_gib": torch.cuda.max_memory_allocated() / GIB if device.type == "cuda" else None,
+        "seconds_before": ready,
+        "parameters": sum(p.numel() for p in subject.module.parameters()),
+    }
+
+
+def stepper(subject: Subject, device: torch.device) -> Callable[[Batch], None]:
+    """A training step of a subject, on batches that are on its device."""
+    parameters = [p for p in subject.module.parameters() if p.requires_grad]
+    optimizer = torch.optim.AdamW(parameters, lr=1e-4, fused=True)
+
+    def step(batch: Batch) -> None:
+        with torch.autocast(device.type, torch.bfloat16):
+            loss = subject.loss(batch)
+        torch.autograd.backward(loss)
+        torch.nn.utils.clip_grad_norm_(parameters, 1.0)
+        optimizer.step()
+        optimizer.zero_grad()
+
+    return step
+
+
+def source(case: Case, subject: Subject, device: torch.device) -> Iterator[Batch]:
+    """Batches of a case, on the device, without end."""
+    transfer = Transfer()
+    if case.data == "resident":
+        return repeat(transfer(subject.batch, device))
+    if case.data == "host":
+        kept = pin(subject.batch) if device.type == "cuda" else subject.batch
+        return (transfer(kept, device) for _ in repeat(None))
+    config = config_of(case)
+    config["batch"] |= {"workers": max(1, cpus() - 1)}
+    data, _ = build_data(config)
+    loader = data.train_dataloader()
+    return (transfer(_captioned(x), device) for x in chain.from_iterable(repeat(loader)))
+
+
+def _captioned(batch: Batch) -> Batch:
+    fill_captions(batch)
+    return batch
+
+
+def count(subject: Subject, batch: Batch, device: torch.device) -> int:
+    """Operations of a step as torch counts them, attention as matrix products."""
+    counter = FlopCounterMode(display=False)
+    few = {key: value[:1] for key, value in batch.items() if key != "skipped"}
+    size = len(batch["frames"])
+    with counter, sdpa_kernel(SDPBackend.MATH), torch.autocast(device.type, torch.bfloat16):
+        torch.autograd.backward(subject.loss(few))
+    subject.module.zero_grad()
+    return counter.get_total_flops() * size
+
+
+def timed(step: Callable[[], None], device: torch.device, seconds: float) -> list[float]:
+    """Seconds of a step, by rounds of steps of which only the end is waited for."""
+    times: list[float] = []
+    end = time.perf_counter() + seconds
+    while len(times) < 2 or (time.perf_counter() < end and 5 * len(times) < STEPS):
+        start = time.perf_counter()
+        for _ in range(5):
+            step()
+        finish(device)
+        times.append((time.perf_counter() - start) / 5)
+    return times
+
+
+def finish(device: torch.device) -> None:
+    """Waits for the device."""
+    if device.type == "cuda":
+        torch.cuda.synchronize()
+
+
+def attempt(case: Case, device: torch.device, seconds: float) -> dict[str, Any]:
+    """A row: what was measured, or why it was not; memory is given back."""
+    row = dataclasses.asdict(case)
+    try:
+        row |= measure(case, device, seconds)
+    except torch.OutOfMemoryError:
+        row["error"] = "out of memory"
+    except Exception as error:  # one row; the others go on
+        row["error"] = f"{type(error).__name__}: {str(error)[:300]}"
+    torch.compiler.reset()
+    gc.collect()
+    if device.type == "cuda":
+        torch.cuda.empty_cache()
+    return row
+
+
+def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Ratios to VideoMAE, what loading costs, and memory a clip, of what was measured."""
+    known = {_key(row): row for row in rows if "clips_per_s" in row}
+    found: dict[str, Any] = {}
+    for key, row in known.items():
+        subject, size, frames, batch, compiled, data = key
+        name = f"{size}, {frames} frames, batch of {batch}" + ", compiled" * compiled
+        peer = known.get(("videomae", *key[1:]))
+        if subject == "pixel+diff" and peer:
+            found[f"{name}: times as fast as VideoMAE"] = row["clips_per_s"] / peer["clips_per_s"]
+        resident = known.get((*key[:5], "resident"))
+        if data != "resident" and resident:
+            share = row["clips_per_s"] / resident["clips_per_s"]
+            found[f"{name}, {subject}: {data}, share of resident"] = share
+        least = [r for k, r in known.items() if k[:3] == key[:3] and k[4:] == key[4:]]
+        low = min(least, key=lambda r: r["batch"])
+        if row["memory_gib"] and low["batch"] < batch:
+            grown = (row["memory_gib"] - low["memory_gib"]) / (batch - low["batch"])
+            found[f"{name}, {subject}: GiB a clip"] = grown
+    return {key: round(value, 4) for key, value in found.items()}
+
+
+def _key(row: dict[str, Any]) -> tuple[str, str, int, int, bool, str]:
+    fields = ("subject", "size", "frames", "batch", "compiled", "data")
+    return tuple(row[name] for name in fields)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
+    parser.add_argument("--tiny", action="store_true", help="each kind of row once, in seconds")
+    parser.add_argument("--minutes", type=float, default=7.5, help="no row starts after that")
+    parser.add_argument("--out", type=Path, default=RESULTS / "gpu_train.json")
+    options = parser.parse_args()
+    device = torch.device(options.device)
+    end = time.perf_counter() + 60 * options.minutes
+    torch.set_float32_matmul_precision("high")
+    rows: list[dict[str, Any]] = []
+    for case in tiny_cases() if options.tiny else cases():
+        if time.perf_counter() < end:
+            rows.append(attempt(case, device, 0.2 if options.tiny else SECONDS))
+        else:
+            rows.append(dataclasses.asdict(case) | {"error": "out of time: --minutes"})
+        what = "a training step in bf16 on one device; memory_gib is the peak, mfu of step_flops"
+        write(options.out, {"what": what, "summary": summary(rows), "rows": rows})
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,100 @@
+"""From the command to the first training step of `scale=demo` on data that is cached; `--help`.
+
+CPU seconds (`getrusage`) of a process of its own, the median of three: other programs do not count.
+Readers, which work beside it, are not in it. Wall seconds stand beside, of the machine as it was.
+
+Run: python startup.py
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from typing import Any
+
+ROUNDS = 3
+TRAIN = ("train", "scale=demo", "debug=none")
+#: In the process that is measured: marks, and the end after the first step.
+CHILD = """
+import json, os, sys, time
+import tactileforge.cli as cli
+marks = {"command line": time.process_time()}
+import tactileforge.train as train
+marks["imports"] = time.process_time()
+def marked(owner, name, mark, ends=False):
+    call = getattr(owner, name)
+    def wrapped(*args, **options):
+        out = call(*args, **options)
+        marks[mark] = time.process_time()
+        if ends:
+            print(json.dumps(marks), flush=True)
+            os.killpg(0, 9)
+        return out
+    setattr(owner, name, wrapped)
+marked(train, "build_data", "configuration and data")
+marked(train, "_settle_precision", "model, and bf16 tried")
+marked(train.TouchModule, "optimizer_step", "trainer, readers, first step", ends=True)
+cli.run(sys.argv[1:])
+"""
+
+
+def train_once(folder: str) -> dict[str, float]:
+    """CPU seconds at each mark, and wall seconds."""
+    start = time.perf_counter()
+    done = subprocess.run(
+        [sys.executable, "-c", CHILD, *TRAIN, f"hydra.run.dir={folder}"],
+        capture_output=True,
+        text=True,
+        start_new_session=True,
+    )
+    marks: dict[str, float] = json.loads(done.stdout.strip().splitlines()[-1])
+    return marks | {"wall": time.perf_counter() - start}
+
+
+def help_once() -> dict[str, float]:
+    """CPU and wall seconds of ``train --help``."""
+    before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    command = [sys.executable, "-m", "tactileforge", "train", "--help"]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return {"cpu": cpu, "wall": time.perf_counter() - start}
+
+
+def medians(rows: list[dict[str, float]]) -> dict[str, float]:
+    """Median of each key."""
+    return {key: round(statistics.median(row[key] for row in rows), 3) for key in rows[0]}
+
+
+def main() -> None:
+    rounds = int(sys.argv[1]) if len(sys.argv) > 1 else ROUNDS
+    help_s = medians([help_once() for _ in range(rounds)])
+    with tempfile.TemporaryDirectory() as folder:
+        rows = [train_once(f"{folder}/{n}") for n in range(rounds + 1)][1:]  # the first makes data
+    total = medians(rows)
+    wall, marks = total.pop("wall"), list(total.items())
+    parts = {
+        name: round(value - (marks[i - 1][1] if i else 0), 3)
+        for i, (name, value) in enumerate(marks)
+    }
+    result: dict[str, Any] = {
+        "what": "CPU seconds from the command to the end of the first step, scale=demo",
+        "train --help": help_s,
+        "first step, cpu s": marks[-1][1],
+        "first step, wall s": wall,
+        "load": os.getloadavg()[0],
+        "parts, cpu s": parts,
+    }
+    from common import save
+
+    save("startup", result)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,194 @@
+"""A touch sensor that LeRobot reads as a camera."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any
+
+import cv2
+import numpy as np
+from lerobot.cameras.camera import Camera
+from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
+from numpy.typing import NDArray
+
+from lerobot_camera_tactileforge.config_tactileforge import TactileForgeCameraConfig
+from tactileforge import registry
+from tactileforge.contracts import Frame, Sensor
+from tactileforge.errors import SensorError, TactileForgeError
+from tactileforge.sensors.capture import Capture
+
+#: Seconds that the first frame, and a frame that `read` waits for, may take.
+_FIRST, _READ = 10.0, 5.0
+#: Seconds between two looks at a sensor that gives no frame.
+_LOOK = 0.1
+
+
+class TactileForgeCamera(Camera):
+    """A sensor plugin, read in a thread of its own; a lost one is opened again.
+
+    Frames are uint8 (height, width, 3), RGB. Of an array of taxels they are its picture, in which
+    128 is the value without contact.
+
+    Args:
+        config: Which sensor, and how.
+    """
+
+    def __init__(self, config: TactileForgeCameraConfig) -> None:
+        super().__init__(config)
+        self.config = config
+        self._capture: Capture | None = None
+        self._sensor: Sensor | None = None
+        self._new = threading.Condition()
+        self._frame: Frame | None = None
+        self._number = self._seen = 0
+
+    def __str__(self) -> str:
+        return f"TactileForgeCamera({self.config.sensor})"
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether it is open."""
+        return self._capture is not None
+
+    @staticmethod
+    def find_cameras() -> list[dict[str, Any]]:
+        """The attached sensors of all plugins that give pictures."""
+        found = []
+        for name in registry.names("sensors"):
+            try:
+                sensor: Sensor = registry.build("sensors", {"name": name})
+                addresses = sensor.discover() if sensor.spec.kind in ("image", "array") else []
+            except (TactileForgeError, OSError):  # it needs options, or its SDK is not there
+                continue
+            shape = {"width": sensor.spec.width, "height": sensor.spec.height}
+            profile = {**shape, "fps": sensor.spec.fps, "format": "RGB"}
+            found += [
+                {
+                    "type": "tactileforge",
+                    "name": f"{sensor.spec.name} {address}",
+                    "id": address,
+                    "sensor": name,
+                    "default_stream_profile": profile,
+                }
+                for address in addresses
+            ]
+        return found
+
+    def connect(self, warmup: bool = True) -> None:
+        """Opens the sensor.
+
+        Args:
+            warmup: Whether to wait for the first frame.
+
+        Raises:
+            DeviceAlreadyConnectedError: It is open.
+            ConnectionError: It is absent, busy, or gives no frame.
+        """
+        if self.is_connected:
+            raise DeviceAlreadyConnectedError(f"{self} is connected already")
+        self._frame, self._number, self._seen = None, 0, 0
+        self._sensor = self.config.build()
+        try:
+            self._sensor.open()
+        except (SensorError, OSError) as error:
+            raise ConnectionError(f"{self} cannot be opened: {error}") from error
+        reconnect = self.config.reconnect
+        self._capture = Capture(self.config.sensor, self._sensor, self._take, reconnect)
+        self._capture.start()
+        if warmup:
+            try:
+                self._wait(_FIRST)
+            except (TimeoutError, ConnectionError) as error:
+                self.disconnect()
+                raise ConnectionError(f"{self} gives no frame: {error}") from error
+
+    def _take(self, frame: Frame) -> None:
+        """Keeps a frame; called in the sensor's thread."""
+        with self._new:
+            self._frame, self._number = frame, self._number + 1
+            self._new.notify_all()
+
+    def _wait(self, seconds: float) -> Frame:
+        """The newest frame, once there is one that was not read.
+
+        Raises:
+            TimeoutError: None comes in time.
+            ConnectionError: The sensor has ended or is gone.
+        """
+        capture, end = self._opened(), time.monotonic() + seconds
+        with self._new:
+            while self._number == self._seen:
+                capture.watch()
+                if capture.is_done:
+                    raise ConnectionError(f"{self}: {capture.error or 'its source has ended'}")
+                left = end - time.monotonic()
+                if left <= 0:
+                    raise TimeoutError(f"{self}: no new frame within {1000 * seconds:.0f} ms")
+                self._new.wait(min(left, _LOOK))
+            assert self._frame is not None
+            return self._frame
+
+    def _opened(self) -> Capture:
+        if self._capture is None:
+            raise DeviceNotConnectedError(f"{self} is not connected; call connect()")
+        return self._capture
+
+    def _show(self, frame: Frame) -> NDArray[np.uint8]:
+        size = (int(self.width or 1), int(self.height or 1))
+        if frame.array.shape[1::-1] == size:
+            return frame.array
+        smaller = size[0] < frame.array.shape[1]
+        how = cv2.INTER_AREA if smaller else cv2.INTER_LINEAR
+        return np.asarray(cv2.resize(frame.array, size, interpolation=how), np.uint8)
+
+    def read(self) -> NDArray[np.uint8]:
+        """The next frame, from now on.
+
+        Raises:
+            DeviceNotConnectedError: It is not open.
+            TimeoutError: No frame comes.
+            ConnectionError: It is gone, and does not come back.
+        """
+        with self._new:
+            self._seen = self._number
+        return self.async_read(1000 * _READ)
+
+    def async_read(self, timeout_ms: float = 200) -> NDArray[np.uint8]:
+        """The newest frame, once: waits where it was read already; see `read`.
+
+        Args:
+            timeout_ms: How long to wait.
+        """
+        frame = self._wait(timeout_ms / 1000)
+        with self._new:
+            self._seen = self._number
+        return self._show(frame)
+
+    def read_latest(self, max_age_ms: int = 500) -> NDArray[np.uint8]:
+        """The newest frame, without waiting; it may have been read already.
+
+        Raises:
+            DeviceNotConnectedError: It is not open.
+            RuntimeError: There was no frame yet.
+            TimeoutError: It is older than ``max_age_ms``.
+        """
+        self._opened()
+        frame = self._frame
+        if frame is None:
+            raise RuntimeError(f"{self} has given no frame yet")
+        age = 1000 * (time.monotonic() - frame.time)
+        if age > max_age_ms:
+            raise TimeoutError(f"{self}: its newest frame is {age:.0f} ms old")
+        return self._show(frame)
+
+    def disconnect(self) -> None:
+        """Closes the sensor.
+
+        Raises:
+            DeviceNotConnectedError: It is not open.
+        """
+        capture, self._capture = self._opened(), None
+        capture.stop()
+        assert self._sensor is not None
+        self._sensor.close()

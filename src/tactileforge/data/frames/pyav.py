@@ -1,0 +1,111 @@
+"""Videos that OpenCV cannot decode, read by PyAV: AV1 is LeRobot's default."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.data.frames.video_index import HINT, VideoIndex
+from tactileforge.errors import ConfigError, DataError
+
+#: Codecs that builds of OpenCV open and then cannot decode.
+CODECS = frozenset({"av01"})
+
+
+def is_missing() -> bool:
+    """Whether PyAV is not installed."""
+    return find_spec("av") is None
+
+
+def missing(path: str, codec: str) -> ConfigError:
+    """Error of a video that only PyAV could decode."""
+    return ConfigError(
+        f"{path}: its codec is {codec}, which this OpenCV does not decode: "
+        "pip install 'tactileforge[lerobot]' brings PyAV, which does"
+    )
+
+
+class PyAvCursor:
+    """A video open in PyAV with its current frame number.
+
+    Args:
+        path: The file.
+        index: Its facts.
+
+    Raises:
+        DataError: Its first frame cannot be decoded.
+        ConfigError: PyAV is not installed.
+    """
+
+    def __init__(self, path: str, index: VideoIndex) -> None:
+        if is_missing():
+            raise missing(path, index.codec)
+        self.path, self.index = path, index
+        self._rewind()
+        self.seekable = len(index.keys) > 0
+
+    def _rewind(self) -> None:
+        import av
+
+        try:
+            self._container: Any = av.open(self.path)
+            self._stream: Any = self._container.streams.video[0]
+            # one thread, as in `open_video`
+            self._stream.codec_context.thread_count = 1
+            self._frames: Iterator[Any] = self._container.decode(self._stream)
+            self._frame = next(self._frames)
+        except (av.FFmpegError, OSError, IndexError, StopIteration) as error:
+            raise self._damaged(0) from error
+        self.at, self._start = 0, self._seconds()
+
+    def _seconds(self) -> float:
+        """Time of the current frame in the file."""
+        return float((self._frame.pts or 0) * self._stream.time_base)
+
+    def frame(self, wanted: int) -> NDArray[np.uint8]:
+        """Decodes a frame: uint8 (H, W, 3), BGR.
+
+        Raises:
+            DataError: It cannot be decoded.
+        """
+        import av
+
+        behind = wanted < self.at
+        skips = self.seekable and self.index.skips(self.at, wanted)
+        try:
+            if (behind or skips) and not self._seek(wanted):
+                self._rewind()
+            while self.at < wanted:
+                self._frame = next(self._frames)
+                self.at += 1
+            frame = np.asarray(self._frame.to_ndarray(format="bgr24"), np.uint8)
+        except (av.FFmpegError, StopIteration) as error:
+            raise self._damaged(wanted) from error
+        if frame.shape[:2] != self.index.shape:
+            raise self._damaged(wanted)
+        return frame
+
+    def _seek(self, wanted: int) -> bool:
+        """Seeks to the frame or before it; false where that cannot be verified."""
+        if not self.seekable:
+            return False
+        seconds = self._start + float(self.index.times[wanted])
+        place = round(seconds / self._stream.time_base)
+        self._container.seek(place, stream=self._stream)
+        self._frames = self._container.decode(self._stream)
+        self._frame = next(self._frames)
+        landed = self.index.number(self._seconds() - self._start + self.index.start)
+        if landed is None or landed > wanted:
+            return False
+        self.at = landed
+        return True
+
+    def _damaged(self, wanted: int) -> DataError:
+        count = len(self.index.times)
+        return DataError(
+            f"{self.path}: frame {wanted} of {count} cannot be decoded (damaged file); {HINT}"
+        )

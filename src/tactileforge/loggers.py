@@ -1,0 +1,152 @@
+"""Loggers of a run: its own CSV file, and TensorBoard, Weights & Biases or MLflow beside it."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from lightning.pytorch.loggers import Logger
+from lightning.pytorch.utilities import rank_zero_only
+
+from tactileforge.files import write_text
+from tactileforge.pages.curves import METRICS, metric_rows
+from tactileforge.pages.drawings import Drawing
+from tactileforge.untrusted import dump_yaml
+
+#: Where the identity that MLflow gave the run is kept, for when it is resumed.
+MLFLOW_RUN = "mlflow_run.txt"
+
+
+class MetricsFile(Logger):
+    """Writes ``metrics.csv``, a row as soon as values are logged.
+
+    A resumed run goes on with the file. Rows of steps that it takes again are dropped, as is a row
+    that a killed process cut off.
+
+    Args:
+        folder: Folder of the run.
+        step: Step from which the run goes on.
+    """
+
+    def __init__(self, folder: Path, step: int = 0) -> None:
+        super().__init__()
+        self.path = folder / METRICS
+        self._step = step
+        self._keys: set[str] | None = None
+
+    @property
+    def name(self) -> str:
+        """Name of the file."""
+        return METRICS
+
+    @property
+    def version(self) -> str:
+        """Empty: a run has one file."""
+        return ""
+
+    def log_hyperparams(self, *args: Any, **kwargs: Any) -> None:
+        """Does nothing: the configuration is in ``config.yaml``."""
+
+    @rank_zero_only
+    def log_metrics(self, metrics: Mapping[str, float], step: int | None = None) -> None:
+        """Appends a row; writes the whole file anew where the row has new names."""
+        row: dict[str, Any] = {"step": step, **metrics}
+        if self._keys is not None and row.keys() <= self._keys:
+            with self.path.open("a", newline="", encoding="utf-8") as file:
+                file.write(_text([row], self._keys))
+            return
+        rows: list[dict[str, Any]] = metric_rows(self.path)
+        if self._keys is None:
+            rows = [kept for kept in rows if int(kept["step"]) < self._step]
+        self._keys = {key for kept in [*rows, row] for key in kept}
+        write_text(self.path, _text([*rows, row], self._keys, head=True))
+
+
+def _text(rows: Iterable[Mapping[str, Any]], keys: Iterable[str], head: bool = False) -> str:
+    text = io.StringIO(newline="")
+    writer = csv.DictWriter(text, sorted(keys), lineterminator="\n")
+    if head:
+        writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+def build_loggers(
+    config: Mapping[str, Any], folder: Path, run: str | None = None, step: int = 0
+) -> list[Logger]:
+    """The run's CSV file, and the logger asked for; a resumed run goes on in both.
+
+    Args:
+        config: ``name`` (csv, tensorboard, wandb, mlflow) and ``project``.
+        folder: Folder of the run.
+        run: Identity of the run; see `run_folder.identity`.
+        step: Step from which the run goes on.
+    """
+    loggers: list[Logger] = [MetricsFile(folder, step)]
+    name, project = config["name"], config.get("project", "tactileforge")
+    if name == "tensorboard":
+        from lightning.pytorch.loggers import TensorBoardLogger
+
+        options: dict[str, Any] = {"name": "tensorboard", "version": "", "default_hp_metric": False}
+        if step:
+            options["purge_step"] = step  # hides the steps that are taken again
+        loggers.append(TensorBoardLogger(folder, **options))
+    elif name == "wandb":
+        from lightning.pytorch.loggers import WandbLogger
+
+        loggers.append(WandbLogger(project=project, save_dir=folder, id=run, resume="allow"))
+    elif name == "mlflow":
+        from lightning.pytorch.loggers import MLFlowLogger
+
+        kept = folder / MLFLOW_RUN
+        known = kept.read_text("utf-8").strip() if step and kept.is_file() else None
+        loggers.append(MLFlowLogger(project, save_dir=str(folder / "mlflow"), run_id=known))
+    return loggers
+
+
+@rank_zero_only
+def log_config(loggers: Iterable[Logger], config: Mapping[str, Any], folder: Path) -> None:
+    """Gives the resolved configuration to every logger, flat by key and whole as YAML."""
+    from lightning.pytorch.loggers import MLFlowLogger, TensorBoardLogger
+
+    for logger in loggers:
+        logger.log_hyperparams(dict(config))
+        if isinstance(logger, TensorBoardLogger):
+            text = "".join(f"    {line}\n" for line in dump_yaml(dict(config)).splitlines())
+            logger.experiment.add_text("config", text)
+        elif isinstance(logger, MLFlowLogger):
+            (folder / MLFLOW_RUN).write_text(str(logger.run_id), "utf-8")
+            logger.experiment.log_dict(logger.run_id, dict(config), "config.yaml")
+
+
+@rank_zero_only
+def log_report(
+    loggers: Iterable[Logger], report: Path, drawings: Iterable[Drawing], step: int
+) -> None:
+    """Gives the report's figures to every logger but the CSV file, and the page where it is shown.
+
+    Args:
+        loggers: Of the run.
+        report: The page.
+        drawings: Its figures.
+        step: Step at which it was made.
+    """
+    from lightning.pytorch.loggers import MLFlowLogger, TensorBoardLogger, WandbLogger
+
+    for logger in loggers:
+        if isinstance(logger, TensorBoardLogger):
+            for drawing in drawings:
+                name = f"report/{drawing.name}"
+                logger.experiment.add_image(name, drawing.pixels, step, dataformats="HWC")
+            logger.experiment.flush()
+        elif isinstance(logger, WandbLogger):
+            for drawing in drawings:
+                logger.log_image(f"report/{drawing.name}", [drawing.pixels])
+        elif isinstance(logger, MLFlowLogger):
+            for drawing in drawings:
+                path = f"report/{drawing.name}.png"
+                logger.experiment.log_image(logger.run_id, drawing.pixels, path)
+            logger.experiment.log_artifact(logger.run_id, str(report))

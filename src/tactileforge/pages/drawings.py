@@ -1,0 +1,74 @@
+"""Figures of a page as images, for those who show no page."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+_DPI = 150
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A figure as an image.
+
+    Attributes:
+        name: In words; no two of a page have the same.
+        pixels: uint8 (H, W, 3), on white.
+    """
+
+    name: str
+    pixels: NDArray[np.uint8]
+
+
+_drawings: ContextVar[list[Drawing] | None] = ContextVar("drawings", default=None)
+
+
+@contextmanager
+def collected_drawings(wanted: bool = True) -> Iterator[list[Drawing]]:
+    """Collects the figures that are drawn meanwhile as images; none where they are not wanted."""
+    drawings: list[Drawing] = []
+    token = _drawings.set(drawings if wanted else None)
+    try:
+        yield drawings
+    finally:
+        _drawings.reset(token)
+
+
+def collect(figure: Figure, words: str, colours: Mapping[str, str]) -> None:
+    """Adds a figure where figures are collected; it cannot be drawn for the page after.
+
+    Args:
+        figure: As drawn for the page.
+        words: Its name, but for a number where another has it.
+        colours: Stand-ins of the page's colours, and what they are on white.
+    """
+    drawings = _drawings.get()
+    if drawings is None:
+        return
+    _recolour(figure, colours)
+    figure.set(facecolor="white", dpi=_DPI)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    same = sum(re.sub(r" \(\d+\)$", "", other.name) == words for other in drawings)
+    name = f"{words} ({same + 1})" if same else words
+    drawings.append(Drawing(name, np.array(canvas.buffer_rgba())[..., :3]))
+
+
+def _recolour(figure: Figure, colours: Mapping[str, str]) -> None:
+    for artist in figure.findobj():
+        for kind in ("color", "facecolor", "edgecolor"):
+            found = getattr(artist, f"get_{kind}", lambda: None)()
+            found = np.atleast_2d(found) if isinstance(found, np.ndarray) else [found]
+            used = mpl.colors.to_hex(found[0]) if len(found) and found[0] is not None else ""
+            if used in colours:
+                getattr(artist, f"set_{kind}")(colours[used])

@@ -1,0 +1,252 @@
+"""One take of a recording, from its background to its shard."""
+
+from __future__ import annotations
+
+import math
+import shutil
+import threading
+import time
+from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import ACTIONS, Recording, Sensor
+from tactileforge.data.frames.lazy import ArrayFrames
+from tactileforge.data.shards import shards
+from tactileforge.errors import DataError, TactileForgeError
+from tactileforge.record.frame_queue import FrameQueue, PendingFrame
+from tactileforge.record.raw import Raw
+from tactileforge.record.rig import Rig, RigSensor
+from tactileforge.record.samples import SegmentSamples, robot_tracks
+from tactileforge.record.status import RecordStatus, RecordSummary
+from tactileforge.record.store import TakeStore
+from tactileforge.record.wrench import interpolate_samples, rotate_wrenches
+from tactileforge.sensors.capture import check
+
+#: Seconds that frames may be late before a segment is written without them (the next has them).
+_LATE = 2.0
+#: Seconds between two looks at everything.
+_TICK = 0.05
+_NO_FRAMES = ArrayFrames(np.zeros((1, 1, 1, 3), np.uint8))
+
+
+def unit_of(sensor: Sensor) -> str:
+    """Address of an open sensor, "" where it has none."""
+    return str(getattr(sensor, "address", ""))
+
+
+class Take:
+    """One take.
+
+    Args:
+        rig: The sensors, open.
+        store: Takes what is recorded.
+        matrices: From the axes of the wrench sensor to those of each gel.
+        known: Labels of calibrations, by sensor.
+        summary: Counts what is recorded.
+        say: Is told what happens.
+        status: Shows how it goes.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        store: TakeStore,
+        matrices: Mapping[str, NDArray[np.float64]],
+        known: Mapping[str, Mapping[str, str]],
+        summary: RecordSummary,
+        say: Callable[[str], None],
+        status: RecordStatus | None,
+    ) -> None:
+        self.rig, self.store, self.matrices = rig, store, matrices
+        self.known = known
+        self.summary, self.say, self.status = summary, say, status
+        self.options = rig.options
+        self.number = store.new_take()
+        self.segments = 0
+        self.saved = self.start = self.end = 0.0
+        others = [device for device in (rig.force, rig.robot) if device is not None]
+        self._samples = {device.name: SegmentSamples(device) for device in others}
+        self.begun = datetime.now(UTC).isoformat(timespec="seconds")
+
+    def run(self, stop: threading.Event) -> None:
+        """Records the take.
+
+        Raises:
+            SensorError: A sensor is lost; what came before is written.
+            OSError: The disk is full; segments written before are safe.
+        """
+        if self.options.background.seconds:
+            self.say("background: nothing may touch the sensors")
+        self.rig.take_background()
+        self.start = self.saved = time.monotonic()
+        self.end = self.start + (self.options.seconds or math.inf)
+        self.rig.start(self.start, self.end)
+        self.say(f"take {self.number}: recording" + " until Ctrl-C" * (not self.options.seconds))
+        try:
+            self._run(stop)
+            error = None
+        except TactileForgeError as lost:
+            error = lost
+        self._finish()
+        if error is not None:
+            raise error
+
+    def _run(self, stop: threading.Event) -> None:
+        while time.monotonic() < self.end and not self.rig.is_over and not stop.wait(_TICK):
+            self.rig.check()
+            due = self.saved + self.options.segment
+            late = time.monotonic() - due > _LATE
+            if due < self.end and (late or (time.monotonic() > due and self.rig.has_passed(due))):
+                self._save(due)
+                self._check_room()
+            if self.status is not None:
+                self.status.show(self.rig, self.number, time.monotonic() - self.start, self.summary)
+        check([device.capture for device in self.rig.all], at_end=True)
+
+    def _check_room(self) -> None:
+        free = shutil.disk_usage(self.store.out).free
+        if free < self.options.min_free_gb * 1e9:
+            raise TactileForgeError(
+                f"{self.store.out}: {free / 1e9:.2f} GB are left on the disk, min_free_gb="
+                f"{self.options.min_free_gb}; the take has ended, and what was recorded is safe"
+            )
+
+    def _finish(self) -> None:
+        """Writes the remaining frames, and joins the segments."""
+        end = min(time.monotonic(), self.end)
+        patience = time.monotonic() + _LATE
+        while not self.rig.has_passed(end) and time.monotonic() < patience:
+            time.sleep(_TICK)
+        self.rig.stop()
+        self._save(end)
+        for device in self.rig.all:
+            dropped = self.summary.dropped
+            dropped[device.name] = dropped.get(device.name, 0) + device.keeps.dropped
+            late = {"late": dropped[device.name]}
+            self.summary.reasons[device.name] = late | device.capture.drops()
+        if not self.segments:
+            self.say(f"take {self.number}: nothing came")
+            return
+        self.summary.takes += 1
+        if self.options.join:
+            try:
+                self.store.join(self.number)
+            except DataError as error:
+                self.say(f"take {self.number} stays in {self.segments} segments: {error}")
+        self.say(f"take {self.number}: {end - self.start:.1f} s")
+
+    def _save(self, until: float) -> None:
+        """Writes everything before a time as one segment."""
+        rig, shots = self.rig, {}
+        for device in rig.devices:
+            assert isinstance(device.keeps, FrameQueue)
+            shots[device.name] = device.keeps.cut(until)
+        begun, self.saved = self.saved, until
+        if not any(shots.values()):  # all are lost: forces and views wait for the next segment
+            return
+        views = rig.camera.keeps.cut(until) if rig.camera is not None else []
+        raw = {name: _raw(held, self.start) for name, held in shots.items() if _has_raw(held)}
+        known: dict[str, Raw] = {}
+        for name, samples in self._samples.items():
+            known[name], (times, values) = samples.cut(until)
+            raw[name] = (times - self.start, values)
+        packed = [
+            self._packed(device, shots[device.name], views, known)
+            for device in rig.devices
+            if shots[device.name]
+        ]
+        entry = self.store.write(self.number, self.segments, packed, raw)
+        self.segments += 1
+        self.summary.bytes += entry.bytes
+        self.summary.seconds += until - begun
+        for name, held in shots.items():
+            self.summary.frames[name] += len(held)
+
+    def _packed(
+        self, device: RigSensor, shots: list[PendingFrame], views: Any, known: Mapping[str, Raw]
+    ) -> shards.Packed:
+        """One sensor's part of a segment."""
+        options, codec = self.options, self.rig.codec(device)
+        times = np.array([shot.time for shot in shots], np.float64)
+        tracks = self._tracks(device, times, known)
+        force = tracks["wrench"][:, :3] if "wrench" in tracks else None
+        if depths := [shot.depth.result() for shot in shots if shot.depth is not None]:
+            tracks["depth_um"] = np.stack(depths)
+        action = None
+        if options.action is not None:
+            action = np.full(len(shots), ACTIONS.index(options.action), np.int64)
+        about = Recording(
+            key=f"{self.store.out.resolve().name}/{self.number:06d}/{device.name}/{self.segments:04d}",
+            sensor=device.sensor.spec.name,
+            frames=_NO_FRAMES,
+            times=times - self.start,
+            no_contact=None,
+            force=force,
+            action=action,
+            object=options.object,
+            text=options.text,
+            image_times=np.array([v.time for v in views]) - self.start if views else None,
+            labels=self._labels(device),
+            tracks=tracks,
+            source=options.source,
+            tier=options.tier or (1 if force is not None else 2 if action is None else 3),
+            licence=options.licence,
+        )
+        pictures = [shot.encoded.result()[codec] for shot in shots]
+        seen = [view.encoded.result()[codec] for view in views]
+        return shards.Packed(
+            shards.describe_recording(about), codec, pictures, device.background, seen
+        )
+
+    def _tracks(
+        self, device: RigSensor, times: NDArray[np.float64], known: Mapping[str, Raw]
+    ) -> dict[str, NDArray[Any]]:
+        """Wrenches in the axes of a gel, and the robot's state and actions, at some times."""
+        rig = self.rig
+        tracks: dict[str, NDArray[Any]] = {}
+        if rig.force is not None:
+            samples = interpolate_samples(times, *known[rig.force.name])
+            wrench = samples - rig.force.rest.astype(np.float32)
+            tracks["wrench"] = rotate_wrenches(wrench, self.matrices[device.name])
+        if rig.robot is not None:
+            spec = rig.robot.sensor.spec
+            tracks |= robot_tracks(times, known[rig.robot.name], spec.states, 1 / spec.fps)
+        return tracks
+
+    def _episode(self, device: RigSensor) -> dict[str, str | float]:
+        """Labels of a demonstration, where the robot is recorded."""
+        if self.rig.robot is None:
+            return {}
+        folder = self.store.out.resolve().name
+        return {"episode": f"{folder}_{self.number:05d}", "finger": device.name}
+
+    def _labels(self, device: RigSensor) -> dict[str, str | float]:
+        counts = device.capture.counts
+        return {
+            **self.options.labels,
+            **self.known.get(device.name, {}),
+            **self._episode(device),
+            "take": self.number,
+            "segment": self.segments,
+            "device": device.name,
+            "unit": unit_of(device.sensor),
+            "begun": self.begun,
+            "clock": self.start,
+            "dropped": device.keeps.dropped,
+            **device.capture.drops(),
+            "stalled": counts.stalled,
+            "reopened": counts.reopened,
+        }
+
+
+def _has_raw(shots: list[PendingFrame]) -> bool:
+    return bool(shots) and shots[0].raw is not None
+
+
+def _raw(shots: list[PendingFrame], start: float) -> Raw:
+    times = np.array([shot.time - start for shot in shots], np.float64)
+    return times, np.array([shot.raw for shot in shots], np.float32)

@@ -1,0 +1,114 @@
+"""State and actions of a robot, as packets over a serial port or the network."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import SensorSpec
+from tactileforge.errors import ConfigError
+from tactileforge.sensors.continuity import Arrival
+from tactileforge.sensors.drivers.packet_sensor import NO_PICTURE, Line, Marks, PacketSensor
+
+#: Largest change of a state from packet to packet, of the range of the limits.
+_CHANGE = 0.1
+
+
+class SerialRobot(PacketSensor):
+    """A robot, or its controller, that sends its state and the command that it follows.
+
+    Each packet carries the state (joint angles, opening of the gripper) before a step, and then the
+    command of that step. Angles must go on without jumps of a turn: they are interpolated.
+
+    Args:
+        port: Path of the serial port, or ``HOST:PORT``; see `Line`.
+        link: ``serial``, ``udp`` or ``tcp``.
+        payload: What a packet carries, as `struct` writes it.
+        states: How many of its values are the state; the others are the action.
+        scale: What each value is multiplied by; one number for all, or one each.
+        header: What a packet begins with, hexadecimal.
+        footer: What it ends with, hexadecimal.
+        checksum: See `checksums.CHECKSUMS`.
+        covers: What the checksum is of: ``packet`` (header and payload) or ``payload``.
+        request: What makes it send, hexadecimal; "" for one that sends by itself.
+        farewell: What makes it stop, hexadecimal.
+        limits: Least and largest value that can be true, after scaling. Where there is no checksum,
+            a packet whose state changes by more than a tenth of that must be borne out by the next.
+        fps: Packets a second.
+        baudrate: Bits a second.
+        usb: Vendor and product of the USB device that the serial port belongs to.
+
+    Raises:
+        ConfigError: An option makes no sense.
+    """
+
+    spec = SensorSpec(
+        name="serial_robot",
+        height=0,
+        width=0,
+        fps=50.0,
+        area_mm=None,
+        force_scale=(1.0, 1.0, 1.0),
+        kind="robot",
+        states=7,
+        actions=7,
+    )
+
+    def __init__(
+        self,
+        port: str = "",
+        link: str = "serial",
+        payload: str = "<14f",
+        states: int = 7,
+        scale: Sequence[float] = (1.0,),
+        header: str = "aa55",
+        footer: str = "",
+        checksum: str = "none",
+        covers: str = "packet",
+        request: str = "",
+        farewell: str = "",
+        limits: Sequence[float] = (-1e4, 1e4),
+        fps: float = 50.0,
+        baudrate: int = 115200,
+        usb: str = "",
+    ) -> None:
+        line = Line(port, link, baudrate, usb)
+        marks = Marks(header, footer, checksum, covers, request, farewell)
+        super().__init__(line, payload, max(1, states), marks, fps)
+        if states < 1:
+            raise ConfigError(f"states={states}: a robot has a state; give 1 or more")
+        if len(scale) not in (1, self.count):
+            raise ConfigError(f"scale has {len(scale)} numbers: give one, or {self.count}")
+        if len(limits) != 2 or not limits[0] < limits[1]:
+            raise ConfigError(f"limits={list(limits)}: give the least and the largest value")
+        self.scale = np.array(scale, np.float64)
+        self.limits = (float(limits[0]), float(limits[1]))
+        self.spec = replace(self.spec, states=states, actions=self.count - states)
+
+    def decode(self, payload: bytes) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """An empty image, and state and action.
+
+        Raises:
+            ValueError: A value is outside the limits.
+        """
+        values = self.numbers(payload) * self.scale
+        least, most = self.limits
+        if not ((values >= least) & (values <= most)).all():  # nor where one is no number
+            raise ValueError("a value that cannot be")
+        return NO_PICTURE, values.astype(np.float32)
+
+    def follows(self, before: Arrival | None, after: Arrival) -> bool:
+        """Whether the state has changed by no more than can be; a checksum says it as well."""
+        if self.framing.checksum != "none":
+            return True
+        if before is None:
+            return False
+        old, new = before.frame, after.frame
+        assert old.raw is not None
+        assert new.raw is not None
+        packets = max(1.0, (new.time - old.time) * self.spec.fps)
+        change = np.abs(new.raw - old.raw)[: self.spec.states].max()
+        return bool(change <= _CHANGE * (self.limits[1] - self.limits[0]) * packets)

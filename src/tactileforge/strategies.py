@@ -1,0 +1,109 @@
+"""Several processes: DDP with a static graph a phase of the curriculum, and FSDP2."""
+
+from __future__ import annotations
+
+import gc
+from typing import TYPE_CHECKING, Any
+
+from lightning.pytorch.strategies import DDPStrategy, ModelParallelStrategy, Strategy
+from torch import Tensor, nn
+
+from tactileforge.distributed import sum_over_ranks, world
+from tactileforge.encoders.transformer import Block
+from tactileforge.errors import ConfigError
+
+if TYPE_CHECKING:
+    from torch.distributed.device_mesh import DeviceMesh
+
+
+class PhasedDDP(DDPStrategy):
+    """DDP that learns in the first step of a phase what its steps compute, and then relies on it.
+
+    A phase is the steps in which the same objectives are awake. No step looks for parameters that
+    it does not use, and gradients are sent while others are still computed.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(static_graph=True)
+        self._phase: frozenset[str] | None = None
+
+    def training_step(self, *args: Any, **kwargs: Any) -> Any:
+        """A step; the first of a phase starts with a new graph."""
+        module: Any = self.lightning_module
+        phase = frozenset(key for key, weight in module.current_weights().items() if weight)
+        if self._phase not in (None, phase):
+            self.model = None
+            gc.collect()  # its hooks on the parameters go with it
+            self.model = self._setup_model(module)
+            self._register_ddp_hooks()
+        self._phase = phase
+        return super().training_step(*args, **kwargs)
+
+
+class Sharded(ModelParallelStrategy):
+    """FSDP2 over all processes: each keeps its share of weights, gradients and AdamW's averages.
+
+    Checkpoints are those of one process: whole, and read by any number.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(tensor_parallel_size=1, save_distributed_checkpoint=False)
+
+    def setup_environment(self) -> None:
+        """Starts the processes, and lays them out in a row."""
+        self._data_parallel_size = self.num_nodes * self.num_processes
+        super().setup_environment()
+
+
+def shard(module: nn.Module, mesh: DeviceMesh) -> None:
+    """Shards a module over processes, block by block; in place.
+
+    Args:
+        module: Whose ``training_step`` and ``validation_step`` use its parameters.
+        mesh: With a dimension ``data_parallel``.
+    """
+    from torch.distributed.fsdp import fully_shard, register_fsdp_forward_method  # a second
+
+    row = mesh["data_parallel"]
+    for part in list(module.modules()):
+        if isinstance(part, Block):
+            fully_shard(part, mesh=row)
+    scalars = {p for p in module.parameters() if not p.ndim}  # each process keeps them
+    for scalar in scalars:
+        scalar.register_post_accumulate_grad_hook(_average)  # type: ignore[no-untyped-call]
+    fully_shard(module, mesh=row, ignored_params=scalars)
+    for name in ("training_step", "validation_step"):
+        register_fsdp_forward_method(module, name)
+
+
+def _average(parameter: Tensor) -> None:
+    """Makes the gradient that of the joint batch; what was accumulated before is that already."""
+    assert parameter.grad is not None
+    parameter.grad = sum_over_ranks(parameter.grad) / world()[1]
+
+
+def choose_strategy(
+    name: Any, processes: int, static: bool, balance: str | None
+) -> str | Strategy | Any:
+    """What Lightning's trainer is given for ``trainer.strategy``.
+
+    Args:
+        name: ``auto``, ``fsdp2``, or what Lightning knows.
+        processes: Number of them, where more than one is asked for.
+        static: Whether the encoder uses the same parameters for every batch, and every batch ends
+            with a step.
+        balance: Name of the balance, or None.
+
+    Raises:
+        ConfigError: FSDP2 with a balance, which needs whole gradients.
+    """
+    if name == "fsdp2":
+        if balance not in (None, "none"):
+            raise ConfigError(
+                f"trainer.strategy=fsdp2 has no whole gradients for balance={balance} to measure; "
+                "give balance=none, or trainer.strategy=auto"
+            )
+        return Sharded()
+    if name != "auto" or processes == 1:
+        return name
+    return PhasedDDP() if static else "ddp_find_unused_parameters_true"

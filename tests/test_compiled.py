@@ -1,0 +1,79 @@
+"""Compiled blocks compute what the others do, under the same names."""
+
+import shutil
+from typing import Any
+
+import pytest
+import torch
+from omegaconf import OmegaConf
+from torch._dynamo.utils import counters
+from torch.utils.flop_counter import FlopCounterMode
+
+from tactileforge.compiled import compile_blocks
+from tactileforge.compose import compose
+from tactileforge.contracts import Batch
+from tactileforge.encoders.preprocess import Preprocess
+from tactileforge.encoders.transformer import Block
+from tactileforge.module import TouchModule
+from tactileforge.testing import batch as make_batch
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not shutil.which("g++"), reason="kernels for a CPU need g++"),
+    pytest.mark.filterwarnings("ignore"),  # what torch's compiler meets
+]
+
+#: Kernels sum in another order: float32 has 24 bits, and gradients pass through 8 blocks.
+LOSS, GRADIENT = 1e-5, 1e-4
+
+
+def build() -> TouchModule:
+    words = ["scale=demo", "encoder.image_size=32"]
+    config: Any = OmegaConf.to_container(compose("anytouch2", words), resolve=True)
+    torch.manual_seed(0)
+    return TouchModule.from_config(config, {"text", "image"})
+
+
+def step(module: TouchModule, batch: Batch) -> dict[str, torch.Tensor]:
+    """Losses of a step that leaves its gradients."""
+    torch.manual_seed(1)
+    module.zero_grad()
+    total, logs = module.losses(batch, dict.fromkeys(module.objectives, 1.0))
+    total.backward()
+    return logs
+
+
+def operations(module: TouchModule, batch: Batch) -> int:
+    with FlopCounterMode(display=False) as counter:
+        step(module, batch)
+    return counter.get_total_flops()
+
+
+def test_a_compiled_step_is_the_same_step() -> None:
+    plain, compiled = build(), build()
+    towers = ("text_encoder", "image_encoder")
+    parts = [
+        name
+        for name, part in compiled.named_modules()
+        if isinstance(part, Block | Preprocess) and not any(word in name for word in towers)
+    ]
+    assert compile_blocks(compiled) == len(parts) == 1 + 4 + 2 * 2
+    assert list(plain.state_dict()) == list(compiled.state_dict())
+    batch = make_batch(size=4, frames=4, image=32)
+    left, right = step(plain, batch), step(compiled, batch)
+    assert {k: v.item() for k, v in right.items()} == pytest.approx(
+        {k: v.item() for k, v in left.items()}, rel=LOSS
+    )
+    grads = dict(compiled.named_parameters())
+    for name, parameter in plain.named_parameters():
+        if parameter.grad is not None:
+            error = (grads[name].grad - parameter.grad).abs().max()
+            assert error <= GRADIENT * parameter.grad.abs().max() + 1e-7, name
+    graphs = counters["stats"]["unique_graphs"]
+    assert graphs > 3  # a block of the encoder, and two kinds of the decoder
+    with torch.no_grad():
+        compiled.eval().losses(batch, dict.fromkeys(compiled.objectives, 1.0))
+    assert counters["stats"]["unique_graphs"] > graphs  # kernels without gradients
+    assert not counters["graph_break"]
+    assert not counters["recompile_limit"]
+    assert operations(plain, batch) == operations(compiled, batch)  # what MFU is computed from
