@@ -148,8 +148,8 @@ class TouchEnv(gymnasium.Env[Any, Any]):
             self._judge()
         if self.elapsed >= self.steps and not (self.success or self.failure):
             self.failure = "timeout"
-        done = self.success or self.failure not in ("", "timeout")
-        return self._observation(), self.score - before, done, False, self._info()
+        done = bool(self.success or self.failure not in ("", "timeout"))
+        return self._observation(), float(self.score - before), done, False, self._info()
 
     def render(self) -> NDArray[np.uint8]:
         """Left finger, third-person view, right finger, side by side: uint8 (192, 576, 3)."""
@@ -263,8 +263,8 @@ class TouchEnv(gymnasium.Env[Any, Any]):
 
     def _info(self) -> dict[str, Any]:
         return {
-            "success": self.success,
-            "score": self.score,
+            "success": bool(self.success),
+            "score": float(self.score),
             "failure": self.failure,
             "force": self.wrench(),
         }
