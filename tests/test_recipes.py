@@ -25,7 +25,7 @@ RECIPES = sorted(path.stem for path in ZOO.glob("*.yaml"))
 def test_two_steps(recipe: str, tmp_path: Path) -> None:
     overrides = ["scale=demo", "debug=steps", "encoder.image_size=32", "batch.size=8"]
     if recipe == "diffusion_policy":
-        root = demonstrations(tmp_path / "data", 3, steps=6)
+        root = demonstrations(tmp_path / "data", 4, steps=6)
         overrides += ["data=demonstrations", f"data.root={root}", "init=null"]
     else:
         overrides += ["data.scenes=3", "data.val=1", "data.size=32"]

@@ -15,6 +15,7 @@ from tactileforge.data.batches.clips import collate
 from tactileforge.datasets.demonstrations import Demonstrations
 from tactileforge.encoders.given import views_of
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, TactileForgeError
+from tactileforge.pages.curves import read_metrics
 from tactileforge.train import train
 
 NARROW = ["head.denoise.channels=[16,32]", "head.denoise.step_width=16", "head.denoise.steps=4"]
@@ -52,16 +53,11 @@ def test_a_run_steps_as_its_samples_say(folder: Path, root: Path) -> None:
 
 
 def test_the_best_weights_are_those_of_the_smallest_validation_loss(folder: Path) -> None:
-    rows = [
-        line.split(",")
-        for line in next(folder.glob("metrics/*/metrics.csv")).read_text().splitlines()
-    ]
-    losses = [float(row[rows[0].index("val/denoise")] or "nan") for row in rows[1:]]
-    steps = [int(row[rows[0].index("step")]) + 1 for row in rows[1:]]
+    curve = read_metrics(folder)["val/denoise"]
     best = read_checkpoint(folder / BEST)
-    assert len([loss for loss in losses if loss == loss]) == 4
+    assert len(curve.values) == 4
     assert read_checkpoint(folder / LAST)["global_step"] >= best["global_step"]
-    assert best["global_step"] == steps[int(np.nanargmin(losses))]
+    assert best["global_step"] == curve.steps[np.argmin(curve.values)] + 1
 
 
 @pytest.mark.slow
