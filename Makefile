@@ -1,10 +1,10 @@
-# make demo | make bench-mini | make test-fast | make test | make lint | make docs
+# make demo | make demo-policy | make bench-mini | make test-fast | make test | make lint | make docs
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: demo bench-mini test test-fast lint docs clean
+.PHONY: demo demo-policy bench-mini test test-fast lint docs clean
 
 # from the weights of the zoo; from random weights: make demo SCALE=demo
 SCALE ?= finetune
@@ -13,6 +13,16 @@ demo: $(VENV)/.installed
 	rm -rf runs/demo
 	$(BIN)/tactileforge train scale=$(SCALE) $(INIT) hydra.run.dir=runs/demo
 	@echo "open runs/demo/report.html"
+
+# a scripted expert, a diffusion policy on a frozen touch encoder, and its rollouts; another task: TASK=wipe
+TASK ?= chip
+demo-policy: $(VENV)/.installed-policies
+	rm -rf runs/demo-policy
+	$(BIN)/tactileforge demos task=$(TASK) n=50 out=runs/demo-policy/demonstrations
+	$(BIN)/tactileforge train recipe=diffusion_policy scale=tiny data=demonstrations \
+	  data.root=runs/demo-policy/demonstrations hydra.run.dir=runs/demo-policy/policy
+	$(BIN)/tactileforge rollout task=$(TASK) policy=runs/demo-policy/policy n=20 out=runs/demo-policy/rollouts
+	@echo "open runs/demo-policy/rollouts/report.html"
 
 # the paper in miniature; TACTILEFORGE_REALDATA is the folder of the public samples, where they are at hand
 bench-mini: $(VENV)/.installed
@@ -40,6 +50,10 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(PIP) torch
 	$(PIP) --editable .
+	touch $@
+
+$(VENV)/.installed-policies: $(VENV)/.installed
+	$(PIP) --editable '.[policies]'
 	touch $@
 
 $(VENV)/.installed-dev: $(VENV)/.installed

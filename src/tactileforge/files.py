@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-from tactileforge.errors import DataError
+from tactileforge.errors import ConfigError, DataError
 from tactileforge.untrusted import dump_yaml, load_json, load_yaml
 
 #: Seconds after which a part that nobody writes to is that of a process that was killed.
@@ -111,6 +111,32 @@ def unsealed(text: str | bytes) -> dict[str, Any]:
     if stated != _checksum(plain):
         raise ValueError("its checksum is another: bytes of it have changed")
     return plain
+
+
+def claim(path: Path, made: Mapping[str, Any], what: str) -> None:
+    """Records in a folder what it is made with, or checks that it is made with the same.
+
+    Args:
+        path: File of the record.
+        made: Plain data.
+        what: The content of the folder, for errors.
+
+    Raises:
+        ConfigError: The folder is made with something else, or the record is damaged.
+    """
+    wanted = json.loads(json.dumps(made))
+    if not path.exists():
+        write_text(path, sealed(wanted))
+        return
+    try:
+        recorded = unsealed(path.read_bytes())
+    except ValueError as error:
+        raise ConfigError(f"{path}: damaged ({error}); give another out=") from error
+    if changed := [key for key in wanted if recorded.get(key) != wanted[key]]:
+        raise ConfigError(
+            f"{path.parent} holds {what} of another configuration (other {', '.join(changed)}); "
+            "give another out="
+        )
 
 
 def sealed_yaml(plain: Mapping[str, Any], **options: Any) -> str:

@@ -65,6 +65,9 @@ class _Bench:
             does (suites real and real_held_out).
         suites: Titles of the suites, by name; suite=NAME gives them.
         tasks: Of the suites; suite=NAME gives them.
+        manipulation: Policies that are trained and rolled out in simulated tasks
+            (suite=manipulation; docs/manipulation.md); there, model= chooses policies, and seeds=
+            are trainings of each.
     """
 
     model: list[str] | str = field(default_factory=list)
@@ -83,12 +86,15 @@ class _Bench:
     baselines: list[str] = field(default_factory=list)
     suites: dict[str, str] = field(default_factory=dict)
     tasks: dict[str, Any] = field(default_factory=dict)
+    manipulation: dict[str, Any] = field(default_factory=dict)
 
 
 def _bench(_: _Bench, config: dict[str, Any]) -> int:
     """Compares encoders; suites say on what (docs/bench.md)."""
     for key in ("model", "task"):
         config[key] = [config[key]] if isinstance(config[key], str) else config[key]
+    if config["manipulation"]:
+        return _manipulation(config)
     from tactileforge.bench.fit import models, pretrain
     from tactileforge.bench.run import write_outputs
 
@@ -119,6 +125,27 @@ def _bench(_: _Bench, config: dict[str, Any]) -> int:
     bench.writer.write()
     print(write_outputs(folder))
     return _report(bench.writer)
+
+
+def _manipulation(config: dict[str, Any]) -> int:
+    """Trains policies, rolls them out and compares them; gives the exit status."""
+    from tactileforge import strict
+    from tactileforge.bench.manipulation.output import write_outputs
+    from tactileforge.bench.manipulation.plan import ManipulationOptions, make_plan
+    from tactileforge.bench.manipulation.run import run_plan
+
+    options = strict.build(ManipulationOptions, "manipulation", config["manipulation"])
+    folder = Path(config["out"] or "runs/bench/manipulation")
+    plan = make_plan(options, folder, config["seeds"], config["model"], config["task"])
+    print(plan.told(), flush=True)
+    results = run_plan(plan)
+    _, table, report = write_outputs(plan, results)
+    print(table.read_text("utf-8"))
+    print(f"report: {report}")
+    failed = {f"{r.cell.rollouts.folder.name}: {r.reason}" for r in results if r.reason}
+    for line in sorted(failed):
+        print(f"not run: {line}")
+    return NOT_RUN if failed else 0
 
 
 def _opened(config: dict[str, Any], suite: str, folder: Path, facts: dict[str, str]) -> Bench:

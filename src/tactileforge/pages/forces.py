@@ -86,6 +86,27 @@ def prediction_figure(
         return svg(figure, f"measured and predicted force along {axis} over time")
 
 
+def force_curves_figure(
+    curves: Sequence[tuple[Series, int]], label: str, words: str, height: float = 2.4
+) -> Markup:
+    """Several curves of force over time, N and s, each in the colour of its class.
+
+    Args:
+        curves: Times and values, and the class; classes of odd number are dashed, so that curves
+            that lie on each other are both seen.
+        label: Of the axis of force.
+        words: Description for those who cannot see it.
+        height: Of the figure, inches.
+    """
+    with drawing(4.2, height) as (figure, axes):
+        for (times, values), number in curves:
+            draw_force(axes, times, values[:, None], [CLASSES[number][0]], label)
+            if number % 2:
+                axes.lines[-1].set_dashes((4, 3))
+        _leave_room(axes)
+        return svg(figure, words)
+
+
 def recording_figure(recording: Recording, shown: Sequence[float]) -> Markup:
     """Force along x, y and z over time; stretches of one action are shaded and named.
 

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
 import sys
-import time
 from collections.abc import Sequence
-from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -22,7 +19,8 @@ from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards import shards
 from tactileforge.data.shards.index import Index, IndexEntry
 from tactileforge.errors import ConfigError, TactileForgeError
-from tactileforge.files import sealed, unsealed, write_text
+from tactileforge.files import claim
+from tactileforge.processes import spread, while_waited_for
 from tactileforge.sim.config import FIRST_VAL, SimConfig
 from tactileforge.sim.optics.scene_camera import render_scene_image
 from tactileforge.sim.play import play_scenes
@@ -126,7 +124,8 @@ def write_scenes(
     many = len(missing) >= _MANY
     with tqdm(total=len(missing), desc="simulating", unit="touch", disable=not many) as bar:
         if many and count > 1:
-            _spread(config, folder, missing, count, bar)
+            command = [__name__, json.dumps(asdict(config)), str(folder)]
+            spread(command, missing, count, lambda n: path_of(folder, n).exists(), bar)
             return
         for number in missing:
             try:
@@ -141,29 +140,6 @@ def _unwritten(folder: Path, error: OSError) -> TactileForgeError:
         f"{folder}: cannot be written ({error.strerror or error}). Touches that are whole stay: "
         "make room, and run the same command again"
     )
-
-
-def _spread(
-    config: SimConfig, folder: Path, numbers: Sequence[int], count: int, bar: tqdm[Any]
-) -> None:
-    """Simulates in processes of their own; they stop when one fails, or this one is stopped."""
-    command = [sys.executable, "-m", __name__, json.dumps(asdict(config)), str(folder)]
-    with ExitStack() as stack:
-        running = []
-        for share in range(count):
-            words = [*command, *map(str, numbers[share::count])]
-            process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
-            running.append(stack.enter_context(process))
-            stack.callback(process.kill)
-        while any(process.poll() is None for process in running):
-            time.sleep(0.1)
-            if new := sum(path_of(folder, n).exists() for n in numbers) - int(bar.n):
-                bar.update(new)
-            for process in running:
-                if process.poll():
-                    stderr = process.stderr.read() if process.stderr else ""
-                    raise TactileForgeError(stderr.strip().rpartition("\n")[2])
-        bar.update(len(numbers) - int(bar.n))
 
 
 def _write(config: SimConfig, folder: Path, number: int) -> None:
@@ -192,7 +168,7 @@ def write_seconds(
     """
     if not seconds > 0 or not 0 <= val < 1:
         raise ConfigError(f"sim: seconds={seconds} and val={val}; give > 0, and 0 or more, below 1")
-    _claim(config, folder)
+    claim(folder / "sim.json", asdict(config), "touches")
     numbers: list[int] = []
     total = 0.0
     while total < seconds:
@@ -213,39 +189,13 @@ def write_seconds(
     return len(numbers) - held_out, held_out
 
 
-def _claim(config: SimConfig, folder: Path) -> None:
-    """Records the configuration in the folder, or checks that it matches."""
-    path = folder / "sim.json"
-    wanted = json.loads(json.dumps(asdict(config)))
-    if path.exists():
-        recorded = _held(path)
-        changed = [key for key in wanted if recorded.get(key) != wanted[key]]
-        if changed:
-            raise ConfigError(
-                f"{folder} holds touches of another configuration (other "
-                f"{', '.join(changed)}); give another out="
-            )
-        return
-    write_text(path, sealed(wanted))
-
-
-def _held(path: Path) -> dict[str, Any]:
-    try:
-        return unsealed(path.read_bytes())
-    except ValueError as error:
-        raise ConfigError(f"{path}: damaged ({error}); give another out=") from error
-
-
 def _main(config: str, folder: str, *numbers: str) -> None:
     """A process that simulates a share of the scenes."""
     keys: dict[str, Any] = {
         k: tuple(v) if isinstance(v, list) else v for k, v in json.loads(config).items()
     }
-    parent = os.getppid()
-    for number in numbers:
-        if os.getppid() != parent:  # it was killed: nobody waits for these touches
-            return
-        _write(SimConfig(**keys), Path(folder), int(number))
+    for number in while_waited_for(map(int, numbers)):
+        _write(SimConfig(**keys), Path(folder), number)
 
 
 if __name__ == "__main__":

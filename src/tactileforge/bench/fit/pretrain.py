@@ -194,7 +194,7 @@ def _claim(job: PretrainJob) -> None:
     if before != list(job.words):
         raise ConfigError(
             f"{job.folder} holds a run of other settings ({' '.join(before)}); remove it, or give "
-            "another pretrain.folder"
+            "another folder (out=, pretrain.folder=)"
         )
 
 

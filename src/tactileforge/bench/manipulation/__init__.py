@@ -1,0 +1,1 @@
+"""The suite ``manipulation``: policies trained on demonstrations, rolled out, and compared."""

@@ -1,0 +1,71 @@
+"""Numbered work, spread over processes; each leaves files, so that a killed command goes on."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack
+from tempfile import TemporaryFile
+from typing import IO, Any
+
+from tactileforge.errors import TactileForgeError
+
+
+def spread(
+    command: Sequence[str],
+    numbers: Sequence[int],
+    count: int,
+    done: Callable[[int], bool],
+    bar: Any,
+) -> None:
+    """Runs ``python -m COMMAND NUMBERS`` in processes; they stop when one fails, or this one stops.
+
+    Args:
+        command: Module and words; each process is given its share of the numbers after them.
+        numbers: The work, in order.
+        count: How many processes.
+        done: Whether a number is done.
+        bar: Progress bar, advanced by what is done.
+
+    Raises:
+        TactileForgeError: A process failed; its last line says why.
+    """
+    before = int(bar.n)
+
+    def advance() -> None:
+        if new := sum(map(done, numbers)) + before - int(bar.n):
+            bar.update(new)
+
+    with ExitStack() as stack:
+        running = []
+        for share in range(count):
+            words = [sys.executable, "-m", *command, *map(str, numbers[share::count])]
+            said = stack.enter_context(TemporaryFile("w+"))  # a pipe that nobody reads fills up
+            process = stack.enter_context(subprocess.Popen(words, stderr=said))
+            stack.callback(process.kill)
+            running.append((process, said))
+        while any([_runs(process, said) for process, said in running]):
+            time.sleep(0.1)
+            advance()
+        advance()
+
+
+def _runs(process: subprocess.Popen[bytes], said: IO[str]) -> bool:
+    """Whether it still runs; raises where it failed."""
+    if status := process.poll():
+        said.seek(0)
+        last = said.read().strip().rpartition("\n")[2]
+        raise TactileForgeError(last or f"a process ended with status {status}")
+    return status is None
+
+
+def while_waited_for(numbers: Iterable[int]) -> Iterator[int]:
+    """Numbers of a share, as long as the process that started this one is there."""
+    parent = os.getppid()
+    for number in numbers:
+        if os.getppid() != parent:  # it was killed: nobody waits for the rest
+            return
+        yield number

@@ -1,0 +1,1 @@
+"""Tasks of manipulation in closed loop: demonstrations, rollouts, their videos and their page."""

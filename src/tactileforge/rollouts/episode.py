@@ -1,0 +1,139 @@
+"""One episode in closed loop: what was seen, felt and done, and how it ended."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.errors import TactileForgeError
+
+Observation = Mapping[str, NDArray[Any]]
+Forces = Mapping[str, NDArray[np.float32]]
+
+
+class Actor(Protocol):
+    """Whoever acts: a policy, the scripted expert, or nobody."""
+
+    def reset(self, env: Any, seed: int) -> None:
+        """Prepares for an episode whose environment was just reset."""
+        ...
+
+    def act(self, observation: Observation, force: Forces) -> NDArray[np.float32]:
+        """Chooses the action (A,) of a step.
+
+        Args:
+            observation: Of the environment.
+            force: Of each finger, (3,), N: privileged, for policies that were trained on it.
+        """
+        ...
+
+
+@dataclass
+class Episode:
+    """An episode of T steps.
+
+    Attributes:
+        seed: Of its start and physics.
+        rate: Steps of a second of the task, Hz.
+        fingers: Their names.
+        background: Picture of each untouched finger, uint8 (H, W, 3).
+        observations: T + 1, the last after the last action.
+        forces: T + 1, on each finger, (3,), N.
+        actions: T, float32 (A,).
+        success: Whether the task was done.
+        score: 0 to 1; part of the task counts.
+        failure: How it failed; "" for success.
+        seconds: Time that simulation and actor took, s.
+        act_seconds: Time of each action of the actor, s.
+    """
+
+    seed: int
+    rate: float
+    fingers: tuple[str, ...]
+    background: Mapping[str, NDArray[np.uint8]]
+    observations: list[Observation] = field(default_factory=list)
+    forces: list[Forces] = field(default_factory=list)
+    actions: list[NDArray[np.float32]] = field(default_factory=list)
+    success: bool = False
+    score: float = 0.0
+    failure: str = ""
+    seconds: float = 0.0
+    act_seconds: list[float] = field(default_factory=list)
+
+    @property
+    def times(self) -> NDArray[np.float64]:
+        """Times of the observations, s, (T + 1,)."""
+        return np.arange(len(self.observations)) / self.rate
+
+    def seen(self, name: str) -> NDArray[Any]:
+        """One part of all observations, (T + 1, ...)."""
+        return np.stack([observation[name] for observation in self.observations])
+
+    def force_of(self, finger: str) -> NDArray[np.float32]:
+        """Forces on a finger, (T + 1, 3), N."""
+        return np.stack([forces[finger] for forces in self.forces])
+
+
+def play_episode(env: Any, actor: Actor, seed: int) -> Episode:
+    """Plays one episode to its end.
+
+    Args:
+        env: An environment whose episodes end; see `make_environment`.
+        actor: Who acts.
+        seed: Of start and physics.
+
+    Raises:
+        TactileForgeError: An action is no number, or of another size; names the step.
+    """
+    began = time.perf_counter()
+    observation, _ = env.reset(seed=seed)
+    plain = env.unwrapped
+    backgrounds = {name: np.array(image) for name, image in plain.background().items()}
+    episode = Episode(seed, float(plain.control_rate), tuple(plain.fingers), backgrounds)
+    _observe(episode, plain, observation)
+    actor.reset(env, seed)
+    ended = False
+    while not ended:
+        asked = time.perf_counter()
+        action = np.asarray(actor.act(observation, episode.forces[-1]), np.float32)
+        episode.act_seconds.append(time.perf_counter() - asked)
+        _check_action(action, env.action_space.shape, episode)
+        # a command beyond what the arm can do is cut, as an arm does
+        action = np.clip(action, env.action_space.low, env.action_space.high)
+        observation, _, terminated, truncated, info = env.step(action)
+        episode.actions.append(action)
+        _observe(episode, plain, observation)
+        ended = bool(terminated or truncated)
+    _end(episode, info, truncated=bool(truncated and not terminated))
+    episode.seconds = time.perf_counter() - began
+    return episode
+
+
+def _observe(episode: Episode, env: Any, observation: Observation) -> None:
+    episode.observations.append({name: np.array(part) for name, part in observation.items()})
+    episode.forces.append({name: np.array(f, np.float32) for name, f in env.wrench().items()})
+
+
+def _end(episode: Episode, info: Mapping[str, Any], truncated: bool) -> None:
+    episode.success = bool(info["success"])
+    episode.score = float(info["score"])
+    kind = str(info.get("failure") or "") or ("timeout" if truncated else "failed")
+    episode.failure = "" if episode.success else kind
+
+
+def _check_action(action: NDArray[np.float32], shape: Sequence[int], episode: Episode) -> None:
+    where = f"seed {episode.seed}, step {len(episode.actions)}"
+    if action.shape != tuple(shape):
+        raise TactileForgeError(
+            f"{where}: an action of shape {action.shape}, but the task takes {tuple(shape)}; "
+            "train the policy on demonstrations of this task"
+        )
+    if not np.isfinite(action).all():
+        raise TactileForgeError(
+            f"{where}: the action {action.tolist()} is no number; the policy's training diverged"
+        )
