@@ -54,7 +54,7 @@ class Losses(nn.Module):
         return total
 
 
-def local_mean(losses: Tensor, valid: Tensor) -> Tensor:
+def local_mean(losses: Tensor, valid: Tensor, empty: float = 0.0) -> Tensor:
     return torch.where(valid, losses, 0.0).sum() / valid.sum().clamp(min=1)
 
 
