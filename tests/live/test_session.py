@@ -262,7 +262,7 @@ def test_two_sensors_are_both_read(scripted, model):
 def test_what_cannot_be_shown(scripted):
     with pytest.raises(ConfigError, match="no sensor: choose some"):
         LiveSession({})
-    with pytest.raises(ConfigError, match="left is a wrench sensor"):
+    with pytest.raises(ConfigError, match=r"left \(wrench\) has no images to show"):
         LiveSession({"left": scripted(kind="wrench")})
 
 
