@@ -44,7 +44,7 @@ def test_unknown_name_lists_what_is_installed_and_the_nearest():
         registry.get("objectives", "pixle")
     text = str(error.value)
     assert "did you mean 'pixel'?" in text
-    assert "align, classify, diff, dino, force, jepa, match, pixel" in text
+    assert "align, classify, denoise, diff, dino, force, imitate, jepa, match, pixel" in text
     assert "pip install tactileforge-pixle" in text
 
 
