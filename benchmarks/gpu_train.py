@@ -40,7 +40,7 @@ GIB = 2**30
 
 
 def cases() -> list[Case]:
-    """What is measured, the most important first."""
+    """Cases to measure, the most important first."""
     base = [
         Case(subject, size, batch=batch, compiled=compiled)
         for size, batch in (("base", 64), ("large", 32))

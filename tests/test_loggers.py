@@ -91,7 +91,7 @@ def test_tensorboard_gets_configuration_and_figures_of_a_run(tmp_path: Path) -> 
 
 
 class FakeWandb:
-    """What Weights & Biases is called with."""
+    """Records the calls to Weights & Biases."""
 
     def __init__(self) -> None:
         self.config: dict[str, Any] = {}
@@ -132,7 +132,7 @@ def test_wandb_gets_configuration_and_figures(
 
 
 class FakeMlflow:
-    """What MLflow's client is called with."""
+    """Records the calls to MLflow's client."""
 
     def __init__(self) -> None:
         self.params: dict[str, str] = {}

@@ -1,4 +1,4 @@
-"""How several processes are chosen; what they compute: test_ddp.py."""
+"""Choice of the strategy of several processes; their results are in test_ddp.py."""
 
 from typing import Any
 

@@ -22,7 +22,7 @@ _VECTORS = ("pooled", "cls", "projected")
 
 @dataclass(frozen=True, kw_only=True)
 class EmbedOptions:
-    """How touch becomes vectors.
+    """Options of encoding touch as vectors.
 
     Attributes:
         vector: ``pooled``, the mean of the patch tokens; ``cls``, the class token; or
@@ -67,7 +67,7 @@ class TouchVectors:
 
     @property
     def about(self) -> dict[str, Any]:
-        """What must be the same where a policy runs, as plain data."""
+        """Settings that must be the same where a policy runs, as plain data."""
         clip = {"frames": self.model.frames, "spacing": self.model.spacing}
         return {"model": self.name, **asdict(self.options), **clip, "devices": self.devices}
 

@@ -85,7 +85,7 @@ def _average(parameter: Tensor) -> None:
 def choose_strategy(
     name: Any, processes: int, static: bool, balance: str | None
 ) -> str | Strategy | Any:
-    """What Lightning's trainer is given for ``trainer.strategy``.
+    """Chooses the strategy of Lightning's trainer for ``trainer.strategy``.
 
     Args:
         name: ``auto``, ``fsdp2``, or what Lightning knows.

@@ -20,7 +20,7 @@ def inputs(encoder: TactileViT | PlainViT) -> tuple[torch.Tensor, torch.Tensor, 
 
 
 def states(encoder: nn.Module, *given: torch.Tensor) -> list[np.ndarray]:
-    """What each block gives, found by rerunning the blocks one by one."""
+    """Output of each block, by rerunning the blocks one by one."""
     seen: list[torch.Tensor] = []
     blocks = encoder.transformer.blocks  # type: ignore[union-attr]
     hook = blocks[0].register_forward_pre_hook(lambda _m, x: seen.append(x[0]))  # type: ignore

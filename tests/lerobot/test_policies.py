@@ -1,4 +1,4 @@
-"""What a policy is trained on: state, actions, task, of one episode with several fingers."""
+"""Training data of a policy: state, actions, task, of one episode with several fingers."""
 
 import json
 from dataclasses import replace

@@ -48,6 +48,6 @@ def test_axes_that_are_none(axes, message):
 def test_a_simulated_wrench_rests_while_it_is_tared():
     wrench = SimWrench(newton=4.0, period=2.0, bias=0.5, rest=3.0)
     for seconds in (0.0, 1.0, 3.0):
-        assert wrench.wrench(seconds)[:3] == pytest.approx(0.5)
-    assert wrench.wrench(4.0)[2] == pytest.approx(4.5)  # half a period later
-    assert min(wrench.wrench(3 + i / 10)[2] for i in range(40)) >= 0.5  # it never pulls
+        assert wrench.sample(seconds)[:3] == pytest.approx(0.5)
+    assert wrench.sample(4.0)[2] == pytest.approx(4.5)  # half a period later
+    assert min(wrench.sample(3 + i / 10)[2] for i in range(40)) >= 0.5  # it never pulls

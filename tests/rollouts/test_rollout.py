@@ -34,7 +34,7 @@ def options(out, **given):
 
 
 def outcome(folder):
-    """What is in the results but for times."""
+    """Results without times."""
     plain = json.loads((Path(folder) / "results.json").read_text())
     return [{k: v for k, v in row.items() if "seconds" not in k} for row in plain["episodes"]]
 

@@ -146,7 +146,7 @@ class Checkpoints(Callback):
 
 
 def best_checkpoint(folder: Path, metric: str | None) -> list[Callback]:
-    """What keeps the weights of the validation with the smallest value of a metric, in `BEST`.
+    """Builds the callback that keeps the weights with the smallest value of a metric in `BEST`.
 
     Args:
         folder: Folder of the run.

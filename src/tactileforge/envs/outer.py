@@ -19,7 +19,7 @@ Inside: TypeAlias = Callable[[Array], tuple[Array, Array]]
 
 
 class Outer(Protocol):
-    """What pushes points that are fixed to the object.
+    """A body that pushes points which are fixed to the object.
 
     Attributes:
         points: float64 (K, 2), mm in the frame of the object.
@@ -139,7 +139,7 @@ def placed(points: Array, pose: Array) -> Array:
 
 
 def pushed(outer: list[Outer], pose: Array) -> tuple[Array, Array]:
-    """What the world does to an object at a pose.
+    """Sums the forces of the world on an object at a pose.
 
     Args:
         outer: What pushes it.

@@ -16,11 +16,11 @@ _IMAGES = ("auto", "video", "png", "camera")
 
 
 class Vectors(Protocol):
-    """What gives the rows of an episode their ``observation.environment_state``."""
+    """Source of the ``observation.environment_state`` of an episode's rows."""
 
     @property
     def about(self) -> dict[str, Any]:
-        """Where they come from, as plain data."""
+        """Their provenance, as plain data."""
         ...
 
     def __call__(self, shown: Episode) -> NDArray[np.float32]:

@@ -16,7 +16,7 @@ _STILLS = 9
 
 
 def describe_touch(root: Path, number: int, name: str, part: Recording) -> dict[str, Any]:
-    """What is kept of a recording beside the tables; writes its background.
+    """Describes what the tables of a recording leave out, and writes its background.
 
     Args:
         root: The data set.

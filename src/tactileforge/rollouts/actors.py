@@ -1,4 +1,4 @@
-"""Who acts in an episode: a trained policy, the scripted expert, or nobody."""
+"""Actors of an episode: a trained policy, the scripted expert, or none that moves."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def check_policy(word: str, policy: Any, env: Any, cross_sensor: bool) -> None:
 
 
 def fingerprint(word: str) -> str:
-    """What an actor is made of: the hash of its weights, so that no other's results are kept.
+    """Hash of an actor's weights, so that results of other weights are not kept.
 
     Raises:
         ConfigError: There is no such policy.

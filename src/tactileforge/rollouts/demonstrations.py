@@ -202,7 +202,7 @@ def _kinds(failed: dict[int, str]) -> str:
 
 
 def _made(options: DemonstrationOptions) -> dict[str, Any]:
-    """What decides over the bytes: neither the folder nor the number of processes."""
+    """Options that decide the bytes: neither the folder nor the number of processes."""
     return {k: v for k, v in asdict(options).items() if k not in ("out", "processes")}
 
 

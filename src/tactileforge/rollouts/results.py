@@ -21,7 +21,7 @@ _Z = NormalDist().inv_cdf(0.975)
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeResult:
-    """How one episode went.
+    """Result of one episode.
 
     Attributes:
         seed: Of its start and physics.

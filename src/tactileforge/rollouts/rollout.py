@@ -122,7 +122,7 @@ def _path(folder: Path, number: int) -> Path:
 
 
 def _made(options: RolloutOptions) -> dict[str, Any]:
-    """What decides over the results; of a policy its weights, wherever they lie."""
+    """Options that decide the results; of a policy its weights, wherever they lie."""
     plain = {k: v for k, v in asdict(options).items() if k not in _FREE}
     weights = fingerprint(options.policy)
     name = options.policy if options.policy in SCRIPTED else Path(options.policy).name

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from tactileforge.contracts import Frame
 
@@ -18,6 +21,30 @@ class Arrival(NamedTuple):
 
     payload: bytes
     frame: Frame
+
+
+def changes_by_at_most(
+    most: NDArray[np.float64] | float,
+    before: Arrival,
+    after: Arrival,
+    fps: float,
+    columns: Sequence[int] | slice = slice(None),
+) -> bool:
+    """Whether values change by no more than they may, in the packets between two.
+
+    Args:
+        most: Largest change of a value from packet to packet.
+        before: The earlier packet.
+        after: The later one; packets may have been lost between them.
+        fps: Packets a second.
+        columns: Of ``Frame.raw``, along its last axis; all without.
+    """
+    old, new = before.frame, after.frame
+    assert old.raw is not None
+    assert new.raw is not None
+    packets = max(1.0, (new.time - old.time) * fps)
+    change = np.abs(new.raw.astype(np.float64) - old.raw)[..., columns]
+    return bool((change <= most * packets).all())
 
 
 class Continuity:

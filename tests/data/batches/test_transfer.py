@@ -25,7 +25,7 @@ class Stream:
 
 @pytest.fixture
 def told(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """What a card is told; its tensors are those of the meta device."""
+    """Log of the calls to a card; its tensors are those of the meta device."""
     told: list[str] = []
     pinned: set[int] = set()
     move = Tensor.to

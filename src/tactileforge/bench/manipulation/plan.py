@@ -1,4 +1,4 @@
-"""Which policies are trained in which tasks, and in what they are rolled out."""
+"""The plan of a comparison: policies, the tasks they are trained in, and their rollouts."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ class Plan:
         return out
 
     def demonstrations(self) -> list[DemonstrationOptions]:
-        """What trainings need; none where nothing is trained."""
+        """Sets of demonstrations that trainings need; none where nothing is trained."""
         if all(row.actor for row in self.policies.values()):
             return []
         return [
@@ -157,7 +157,7 @@ class Plan:
         ]
 
     def cells(self) -> list[Cell]:
-        """What is rolled out, column by column."""
+        """Rollouts of every policy in every setting, column by column."""
         return [
             self._cell(name, row, seed, setting)
             for setting in self.settings
@@ -190,7 +190,7 @@ class Plan:
         return self.folder / "demonstrations" / f"{TaskOptions(task=task).word}-{sensor}"
 
     def told(self) -> str:
-        """How much there is to do, in words."""
+        """The amount of work, in words."""
         cells = self.cells()
         jobs = {cell.train.name: cell.train for cell in cells if cell.train}
         done = sum(job.finished for job in jobs.values())

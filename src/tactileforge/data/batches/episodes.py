@@ -29,7 +29,7 @@ _IN_MEMORY = 2**31
 
 @dataclass(frozen=True, kw_only=True)
 class Cutting:
-    """How demonstrations are cut.
+    """Options of cutting demonstrations into samples.
 
     Attributes:
         horizon: Commands of a chunk.

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.data.frames.video_index import HINT, VideoIndex
-from tactileforge.errors import ConfigError, DataError
+from tactileforge.data.frames.video_index import VideoIndex
+from tactileforge.errors import ConfigError
 
 #: Codecs that builds of OpenCV open and then cannot decode.
 CODECS = frozenset({"av01"})
@@ -59,7 +59,7 @@ class PyAvCursor:
             self._frames: Iterator[Any] = self._container.decode(self._stream)
             self._frame = next(self._frames)
         except (av.FFmpegError, OSError, IndexError, StopIteration) as error:
-            raise self._damaged(0) from error
+            raise self.index.damaged(self.path, 0) from error
         self.at, self._start = 0, self._seconds()
 
     def _seconds(self) -> float:
@@ -84,9 +84,9 @@ class PyAvCursor:
                 self.at += 1
             frame = np.asarray(self._frame.to_ndarray(format="bgr24"), np.uint8)
         except (av.FFmpegError, StopIteration) as error:
-            raise self._damaged(wanted) from error
+            raise self.index.damaged(self.path, wanted) from error
         if frame.shape[:2] != self.index.shape:
-            raise self._damaged(wanted)
+            raise self.index.damaged(self.path, wanted)
         return frame
 
     def _seek(self, wanted: int) -> bool:
@@ -103,9 +103,3 @@ class PyAvCursor:
             return False
         self.at = landed
         return True
-
-    def _damaged(self, wanted: int) -> DataError:
-        count = len(self.index.times)
-        return DataError(
-            f"{self.path}: frame {wanted} of {count} cannot be decoded (damaged file); {HINT}"
-        )

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tactileforge.data.frames.crop import Crop, Cropped, check_range
 from tactileforge.data.frames.pyav import CODECS, PyAvCursor, is_missing, missing
-from tactileforge.data.frames.video_index import HINT, VideoIndex, open_video, read_index
+from tactileforge.data.frames.video_index import VideoIndex, open_video, read_index
 from tactileforge.errors import DataError
 
 VIDEO_SUFFIXES = frozenset({".avi", ".gif", ".m4v", ".mkv", ".mov", ".mp4", ".mpg", ".ts", ".webm"})
@@ -87,7 +87,7 @@ class _OpenCvCursor:
     def _rewind(self) -> None:
         self.capture = open_video(self.path)
         if not self.capture.grab():
-            raise self._damaged(0)
+            raise self.index.damaged(self.path, 0)
         self.at = 0
         self.seekable = len(self.index.keys) > 0 and self._number() == 0
 
@@ -103,11 +103,11 @@ class _OpenCvCursor:
             self._rewind()
         while self.at < wanted:
             if not self.capture.grab():
-                raise self._damaged(wanted)
+                raise self.index.damaged(self.path, wanted)
             self.at += 1
         good, frame = self.capture.retrieve()
         if not good:
-            raise self._damaged(wanted)
+            raise self.index.damaged(self.path, wanted)
         out: NDArray[np.uint8] = frame
         return out
 
@@ -124,12 +124,6 @@ class _OpenCvCursor:
             return False
         self.at = landed
         return True
-
-    def _damaged(self, wanted: int) -> DataError:
-        count = len(self.index.times)
-        return DataError(
-            f"{self.path}: frame {wanted} of {count} cannot be decoded (damaged file); {HINT}"
-        )
 
 
 Cursor: TypeAlias = _OpenCvCursor | PyAvCursor

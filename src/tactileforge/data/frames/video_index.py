@@ -57,6 +57,12 @@ class VideoIndex:
         before = int(np.searchsorted(self.keys, wanted - _SEEK_MARGIN, side="right")) - 1
         return before >= 0 and int(self.keys[before]) > at + 1
 
+    def damaged(self, path: str, number: int) -> DataError:
+        """Error of a frame that cannot be decoded."""
+        return DataError(
+            f"{path}: frame {number} of {len(self.times)} cannot be decoded (damaged file); {HINT}"
+        )
+
     def number(self, seconds: float) -> int | None:
         """Number of the frame with this time in the file; None where there is none."""
         seconds -= self.start

@@ -10,11 +10,11 @@ from torch import Tensor, nn
 
 from tactileforge.contracts import Batch, Encoder, Robot, Views
 from tactileforge.encoders.transformer import AttentivePooler, Transformer, init_weights
-from tactileforge.heads.policy.base import ChunkPrediction, PolicyHead
+from tactileforge.heads.policy.base import DirectHead
 from tactileforge.heads.policy.observation import POOLER
 
 
-class ActHead(PolicyHead):
+class ActHead(DirectHead):
     """A transformer over what is perceived, read by one learned query for each command.
 
     Small, and without the variational encoder of the original (its style variable is 0 at test
@@ -49,16 +49,8 @@ class ActHead(PolicyHead):
         self.out = nn.Linear(width, self.robot.action_size)
         self.transformer.apply(init_weights)
 
-    def forward(self, views: Views, batch: Batch) -> ChunkPrediction:
-        """Commands as predicted and as demonstrated, from -1 to 1."""
-        target = self.action(batch["action_chunk"])
-        return ChunkPrediction(self._predict(views, batch), target, self.action.unit)
-
-    def chunk(self, views: Views, batch: Batch, generator: torch.Generator) -> Tensor:
-        """Commands from -1 to 1; see `PolicyHead.chunk`."""
-        return self._predict(views, batch)
-
-    def _predict(self, views: Views, batch: Batch) -> Tensor:
+    def predict(self, views: Views, batch: Batch) -> Tensor:
+        """Commands from -1 to 1; see `DirectHead.predict`."""
         touch, rest = self.observe(views, batch)
         tokens = self.of_rest(rest)[:, None]
         if self.of_touch is not None:

@@ -95,3 +95,20 @@ class PolicyHead(nn.Module):
     def act(self, views: Views, batch: Batch, generator: torch.Generator) -> Tensor:
         """Commands in the robot's units, float (B, H, A), within their ranges; see `chunk`."""
         return self.action.invert(self.chunk(views, batch, generator).clamp(-1, 1))
+
+
+class DirectHead(PolicyHead):
+    """A policy that predicts commands themselves, without random numbers."""
+
+    @abstractmethod
+    def predict(self, views: Views, batch: Batch) -> Tensor:
+        """Commands from -1 to 1, float (B, H, A)."""
+
+    def forward(self, views: Views, batch: Batch) -> ChunkPrediction:
+        """Commands as predicted and as demonstrated, from -1 to 1."""
+        target = self.action(batch["action_chunk"])
+        return ChunkPrediction(self.predict(views, batch), target, self.action.unit)
+
+    def chunk(self, views: Views, batch: Batch, generator: torch.Generator) -> Tensor:
+        """Commands from -1 to 1; see `PolicyHead.chunk`."""
+        return self.predict(views, batch)

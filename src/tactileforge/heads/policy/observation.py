@@ -1,4 +1,4 @@
-"""What a policy perceives: touch of each finger, camera and proprioception, as vectors."""
+"""Observation of a policy: touch of each finger, camera and proprioception, as vectors."""
 
 from __future__ import annotations
 

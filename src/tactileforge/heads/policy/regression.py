@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from torch import Generator, Tensor, nn
+from torch import Tensor, nn
 
 from tactileforge.contracts import Batch, Encoder, Robot, Views
-from tactileforge.heads.policy.base import ChunkPrediction, PolicyHead
+from tactileforge.heads.policy.base import DirectHead
 from tactileforge.heads.policy.observation import POOLER, flat
 
 
-class RegressionHead(PolicyHead):
+class RegressionHead(DirectHead):
     """Two hidden layers on all that is perceived: the plainest policy.
 
     Where demonstrations act in several ways, it takes their mean.
@@ -43,15 +43,7 @@ class RegressionHead(PolicyHead):
             nn.Linear(hidden, out),
         )
 
-    def forward(self, views: Views, batch: Batch) -> ChunkPrediction:
-        """Commands as predicted and as demonstrated, from -1 to 1."""
-        target = self.action(batch["action_chunk"])
-        return ChunkPrediction(self._predict(views, batch), target, self.action.unit)
-
-    def chunk(self, views: Views, batch: Batch, generator: Generator) -> Tensor:
-        """Commands from -1 to 1; see `PolicyHead.chunk`."""
-        return self._predict(views, batch)
-
-    def _predict(self, views: Views, batch: Batch) -> Tensor:
+    def predict(self, views: Views, batch: Batch) -> Tensor:
+        """Commands from -1 to 1; see `DirectHead.predict`."""
         out: Tensor = self.layers(flat(self.observe(views, batch)))
         return out.view(len(out), self.robot.horizon, self.robot.action_size)

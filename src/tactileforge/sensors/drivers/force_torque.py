@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import SensorSpec
 from tactileforge.errors import ConfigError
-from tactileforge.sensors.continuity import Arrival
 from tactileforge.sensors.drivers.packet_sensor import NO_PICTURE, Line, Marks, PacketSensor
 
 #: The least size that is told from 0, and the largest change from packet to packet, of ``most``.
@@ -76,6 +75,7 @@ class ForceTorque(PacketSensor):
         marks = Marks(header, footer, checksum, covers, request, farewell)
         super().__init__(line, payload, 6, marks, fps)
         self.most = np.repeat(np.array(most, np.float64), 3)
+        self.most_change = _CHANGE * self.most
         self.scale = np.array(scale, np.float64)
 
     def wrench(self, payload: bytes) -> NDArray[np.float64]:
@@ -101,20 +101,3 @@ class ForceTorque(PacketSensor):
         if ((sizes > 0) & (sizes < _LEAST * self.most)).any():
             raise ValueError("a wrench of parts that are too small to be measured")
         return NO_PICTURE, wrench.astype(np.float32)
-
-    def follows(self, before: Arrival | None, after: Arrival) -> bool:
-        """Whether it has changed by no more than can be; a checksum says it as well."""
-        if self.framing.checksum != "none":
-            return True
-        if before is None:
-            return False
-        return self.is_smooth(before, after)
-
-    def is_smooth(self, before: Arrival, after: Arrival) -> bool:
-        """Whether it has changed by no more than can be from packet to packet."""
-        old, new = before.frame, after.frame
-        assert old.raw is not None
-        assert new.raw is not None
-        packets = max(1.0, (new.time - old.time) * self.spec.fps)
-        change = np.abs(new.raw.astype(np.float64) - old.raw)
-        return bool((change <= _CHANGE * self.most * packets).all())

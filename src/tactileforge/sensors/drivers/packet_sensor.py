@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.errors import ConfigError
+from tactileforge.sensors.continuity import Arrival, changes_by_at_most
 from tactileforge.sensors.framing import (
     Datagrams,
     Framing,
@@ -28,7 +29,7 @@ _LINKS = ("serial", "udp", "tcp")
 
 @dataclass(frozen=True)
 class Line:
-    """How a device is reached.
+    """Connection to a device.
 
     Attributes:
         port: Path of the serial port, or ``HOST:PORT``; ``:PORT`` takes datagrams that
@@ -46,7 +47,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Marks:
-    """What is around the numbers of a packet; all but the checksum hexadecimal.
+    """Framing of the numbers of a packet; all but the checksum hexadecimal.
 
     Attributes:
         header: What a packet begins with.
@@ -75,9 +76,15 @@ class PacketSensor(StreamSensor):
         marks: What is around them.
         fps: Packets a second.
 
+    Attributes:
+        most_change: Largest change of each value of ``Frame.raw`` from packet to packet, set by the
+            subclass. Where there is no checksum, a larger one must be borne out by the next packet.
+
     Raises:
         ConfigError: An option makes no sense.
     """
+
+    most_change: NDArray[np.float64]
 
     def __init__(self, line: Line, payload: str, least: int, marks: Marks, fps: float) -> None:
         super().__init__()
@@ -136,6 +143,16 @@ class PacketSensor(StreamSensor):
         """Sends the farewell, if there is one."""
         if self.farewell:
             link.send(self.farewell)
+
+    def follows(self, before: Arrival | None, after: Arrival) -> bool:
+        """Whether it has changed by no more than can be; a checksum says it as well."""
+        if self.framing.checksum != "none":
+            return True
+        return before is not None and self.is_smooth(before, after)
+
+    def is_smooth(self, before: Arrival, after: Arrival) -> bool:
+        """Whether it has changed by no more than can be from packet to packet."""
+        return changes_by_at_most(self.most_change, before, after, self.spec.fps)
 
     def numbers(self, payload: bytes) -> NDArray[np.float64]:
         """The numbers of a packet, float64 (count,)."""

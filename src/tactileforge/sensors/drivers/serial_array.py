@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import SensorSpec
 from tactileforge.errors import ConfigError, SensorError
-from tactileforge.sensors.continuity import Arrival
+from tactileforge.sensors.continuity import Arrival, changes_by_at_most
 from tactileforge.sensors.framing import Framing, PacketParser, Parser, hex_bytes, measured
 from tactileforge.sensors.links import Link, SerialLink, attached_ports
 from tactileforge.sensors.specs import spec
@@ -131,13 +131,8 @@ class SerialArray(StreamSensor):
             return True
         if before is None:
             return False
-        old, new = before.frame, after.frame
-        assert old.raw is not None
-        assert new.raw is not None
-        packets = max(1.0, (new.time - old.time) * self.spec.fps)
         most = self._span if self.rate is None else self.rate / self.spec.fps
-        change = np.abs(new.raw.astype(np.float64) - old.raw)[:, self.layout.channels]
-        return bool((change <= most * packets).all())
+        return changes_by_at_most(most, before, after, self.spec.fps, self.layout.channels)
 
     def unpack(self, payload: bytes) -> NDArray[np.float32]:
         """The values of a payload, float32 (taxels, values)."""

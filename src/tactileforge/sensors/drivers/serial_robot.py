@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import SensorSpec
 from tactileforge.errors import ConfigError
-from tactileforge.sensors.continuity import Arrival
 from tactileforge.sensors.drivers.packet_sensor import NO_PICTURE, Line, Marks, PacketSensor
 
 #: Largest change of a state from packet to packet, of the range of the limits.
@@ -87,6 +86,8 @@ class SerialRobot(PacketSensor):
         self.scale = np.array(scale, np.float64)
         self.limits = (float(limits[0]), float(limits[1]))
         self.spec = replace(self.spec, states=states, actions=self.count - states)
+        self.most_change = np.full(self.count, np.inf)  # commands may jump
+        self.most_change[:states] = _CHANGE * (self.limits[1] - self.limits[0])
 
     def decode(self, payload: bytes) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """An empty image, and state and action.
@@ -99,16 +100,3 @@ class SerialRobot(PacketSensor):
         if not ((values >= least) & (values <= most)).all():  # nor where one is no number
             raise ValueError("a value that cannot be")
         return NO_PICTURE, values.astype(np.float32)
-
-    def follows(self, before: Arrival | None, after: Arrival) -> bool:
-        """Whether the state has changed by no more than can be; a checksum says it as well."""
-        if self.framing.checksum != "none":
-            return True
-        if before is None:
-            return False
-        old, new = before.frame, after.frame
-        assert old.raw is not None
-        assert new.raw is not None
-        packets = max(1.0, (new.time - old.time) * self.spec.fps)
-        change = np.abs(new.raw - old.raw)[: self.spec.states].max()
-        return bool(change <= _CHANGE * (self.limits[1] - self.limits[0]) * packets)

@@ -1,4 +1,4 @@
-"""Where objects lie against gels: their poses, motion, and overlap with the undeformed gel."""
+"""Placement of objects against gels: poses, motion, and overlap with the undeformed gel."""
 
 from __future__ import annotations
 
