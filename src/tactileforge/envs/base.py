@@ -7,7 +7,7 @@ mm, x to the right and z up; forces are N. Nothing of the observation says a for
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, ClassVar, TypeAlias
 
@@ -28,8 +28,8 @@ from tactileforge.sim.randomise.draw import Choice
 
 Observation: TypeAlias = dict[str, NDArray[Any]]
 Action: TypeAlias = NDArray[np.float32]
-#: A scripted expert: what it yields is the next action, mm (3,).
-Plan: TypeAlias = Iterator[tuple[float, float, float]]
+#: Change of x, z and opening, mm.
+Advice: TypeAlias = tuple[float, float, float]
 
 #: Fall that any object survives, mm.
 _DROP = 0.6
@@ -65,7 +65,7 @@ class TouchEnv(gymnasium.Env[Any, Any]):
         "units": {"state": "mm", "action": "mm per step"},
     }
     #: Largest motion of a step, mm.
-    reach: ClassVar[tuple[float, float, float]] = (3.0, 3.0, 2.0)
+    reach: ClassVar[tuple[float, float, float]] = (1.5, 1.5, 0.3)
     #: Lowest and highest x, z and opening, mm.
     room: ClassVar[tuple[tuple[float, float], ...]] = ((-20.0, 50.0), (0.0, 40.0), (0.0, 30.0))
 
@@ -110,8 +110,8 @@ class TouchEnv(gymnasium.Env[Any, Any]):
         """Draws the scene, without the gripper's arm."""
 
     @abstractmethod
-    def _plan(self) -> Plan:
-        """The expert's actions; it may look at everything."""
+    def _advise(self) -> Advice:
+        """The expert's action now: a function of everything there is, of nothing that was."""
 
     def _survives(self, drop: float) -> bool:
         """Whether the object survives a fall (mm) from where it is."""
@@ -171,11 +171,9 @@ class TouchEnv(gymnasium.Env[Any, Any]):
 
     def expert(self) -> Callable[[Observation | None], Action]:
         """A scripted expert for the episode that has begun; it knows what policies do not."""
-        plan = self._plan()
 
         def act(observation: Observation | None = None) -> Action:
-            wanted = np.array(next(plan, (0.0, 0.0, 0.0)), np.float32)
-            return np.clip(wanted, *self._bounds)
+            return np.clip(np.array(self._advise(), np.float32), *self._bounds)
 
         return act
 
@@ -204,11 +202,9 @@ class TouchEnv(gymnasium.Env[Any, Any]):
         """Height of the object above a solid, mm."""
         return float(-solid.inside(placed(solid.points, self.object))[0].max())
 
-    def go(self, x: float, z: float, pace: float = 3.0) -> Plan:
-        """The expert's way to a place, straight and at most ``pace`` mm a step."""
-        while (far := float(np.hypot(x - self.x, z - self.z))) > 1e-3:
-            share = min(1.0, pace / far)
-            yield share * (x - self.x), share * (z - self.z), 0.0
+    def squeeze(self, newton: float, gain: float, least: float, most: float) -> float:
+        """The expert's change of opening towards a normal force: ``gain`` mm/N, within bounds."""
+        return -float(np.clip(gain * (newton - self.held.normal), least, most))
 
     def _gel(self, body: Body) -> Gel:
         return replace(self._fingers.gel, friction=body.friction)

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tactileforge.envs.base import Plan, TouchEnv
+from tactileforge.envs.base import Advice, TouchEnv
 from tactileforge.envs.grip import Body
 from tactileforge.envs.outer import Array, Slot, Solid, ground
 from tactileforge.envs.picture import Picture
@@ -47,13 +47,13 @@ class Chip(TouchEnv):
             "weight": rng.uniform(0.02, 0.05),
             "friction": rng.uniform(0.5 * (low + high), high),
             "holds": rng.uniform(0.3, 0.6),
-            "to": rng.uniform(20.0, 26.0),
+            "to": rng.uniform(17.0, 21.0),
             "floor": rng.uniform(-1.5, 1.5),
         }
         self.floor = Solid(_RIM, ground(self._height), 2.0, 0.5)
         self.outer = [self.floor, Slot(self._holds, 10.0)]
         body = Body(FACE, d["thickness"] / 2, d["weight"], d["friction"])
-        start = (rng.uniform(-4, 4), rng.uniform(12, 16), rng.uniform(7, 10))
+        start = (rng.uniform(-3, 3), rng.uniform(9, 11), rng.uniform(4, 5.5))
         return body, np.array([0.0, -_RADIUS, 0.0]), np.array(start)
 
     def _height(self, x: Array) -> Array:
@@ -86,17 +86,26 @@ class Chip(TouchEnv):
         picture.box(0.0, -6.0, 11.0, 9.0, (150, 60, 50))
         picture.box(self.drawn["to"], -6.0, 11.0, 10.0, (50, 90, 150))
 
-    def _plan(self) -> Plan:
-        d = self.drawn
-        yield from self.go(0.0, _RADIUS + 1.0)
-        while self.opening > 3.4:
-            yield 0.0, 0.0, max(-2.0, 3.4 - self.opening)
-        while self.held.normal < 1.1:
-            yield 0.0, 0.0, -0.12 if self.held.normal < 0.02 else -0.06
-        yield from self.go(self.x, _RADIUS + 8.0, 1.5)
-        yield from self.go(d["to"], _RADIUS + 8.0)
-        yield from self.go(self.x, _RADIUS + 3.0)
-        while self.load(self.floor) < 0.4:
-            yield 0.0, -0.15 if self.load(self.floor) == 0 else -0.1, 0.0
-        while True:
-            yield 0.0, 0.0, 0.5
+    def _advise(self) -> Advice:
+        aside = float(np.clip(self.drawn["to"] - self.x, -1.5, 1.5))
+        if abs(aside) < 1.0:
+            return self._set_down(aside)
+        if self.held.normal < 1.0 and self.object[1] > -_RADIUS - 0.5:
+            return self._pick_up()
+        up = float(np.clip(12.0 - self.z, -1.5, 1.5))
+        return aside if self.z > 10.0 else 0.0, up, self.squeeze(1.2, 0.1, -0.1, 0.1)
+
+    def _pick_up(self) -> Advice:
+        x, z = -self.x, _RADIUS + 1.0 - self.z
+        if np.hypot(x, z) > 1.0:
+            return x, z, 0.0
+        if self.held.normal < 0.02:
+            return x, z, -0.3 if self.opening > 3.0 else -0.15
+        return x, z, self.squeeze(1.4, 0.12, 0.04, 0.12)
+
+    def _set_down(self, aside: float) -> Advice:
+        load = self.load(self.floor)
+        if load > 0.35 or self.held.normal < 0.8:
+            return 0.0, 0.0, 0.3
+        slowly = float(np.clip(0.5 * (self.z - 8.6), 0.2, 1.5))
+        return aside, -0.1 if load > 0 else -slowly, self.squeeze(1.2, 0.1, -0.1, 0.1)

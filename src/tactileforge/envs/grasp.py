@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tactileforge.envs.base import Plan, TouchEnv
+from tactileforge.envs.base import Advice, TouchEnv
 from tactileforge.envs.grip import Body
 from tactileforge.envs.outer import Array, Solid, ground
 from tactileforge.envs.picture import Picture
@@ -16,7 +16,7 @@ from tactileforge.sim.geometry.indenter_geometry import DEEP, Shape, ball, shape
 _SEEN_RADIUS = 7.0
 _STAND, _BOX = 5.0, 6.0
 #: x of the boxes of soft and of hard balls, mm.
-_BOXES = {True: -20.0, False: 20.0}
+_BOXES = {True: -17.0, False: 17.0}
 
 
 class Grasp(TouchEnv):
@@ -54,7 +54,7 @@ class Grasp(TouchEnv):
         self.outer = [self.floor]
         face = _face(radius, self.soft, int(rng.integers(1 << 31)))
         body = Body(face, radius, d["weight"], d["friction"], d["softness"])
-        start = (rng.uniform(-3, 3), rng.uniform(14, 18), rng.uniform(20, 24))
+        start = (rng.uniform(-2, 2), rng.uniform(10, 12), rng.uniform(16.5, 18))
         return body, np.array([rng.uniform(-1, 1), -radius, 0.0]), np.array(start)
 
     def _survives(self, drop: float) -> bool:
@@ -89,18 +89,24 @@ class Grasp(TouchEnv):
     def _view(self) -> Picture:
         return Picture(-32.0, -6.0, 64.0)
 
-    def _plan(self) -> Plan:
-        yield from self.go(float(self.object[0]), self.drawn["radius"] + 0.5)
-        while self.opening > 16.2:
-            yield 0.0, 0.0, max(-2.0, 16.2 - self.opening)
-        while self.held.normal < (1.0 if self.soft else 3.0):
-            slow = self.held.normal > 0.02
-            yield 0.0, 0.0, -0.12 if slow else -0.2
-        yield from self.go(self.x, 18.0, 2.0)
-        yield from self.go(_BOXES[self.soft], 18.0)
-        yield from self.go(self.x, 11.0)
-        while True:
-            yield 0.0, 0.0, 1.0
+    def _advise(self) -> Advice:
+        aside = float(np.clip(_BOXES[self.soft] - self.x, -1.5, 1.5))
+        if abs(aside) < 1.5:
+            return 0.0, 0.0, 0.3
+        force = 1.0 if self.soft else 3.0
+        stands = float(self.object[1]) > -self.drawn["radius"] - 0.5
+        if stands and self.held.normal < 0.9 * force:
+            return self._pick_up(force)
+        up = float(np.clip(14.0 - self.z, -1.5, 1.5))
+        return aside if self.z > 12.0 else 0.0, up, self.squeeze(force, 0.05, -0.1, 0.1)
+
+    def _pick_up(self, force: float) -> Advice:
+        x, z = float(self.object[0]) - self.x, self.drawn["radius"] + 0.5 - self.z
+        if np.hypot(x, z) > 1.2:
+            return x, z, 0.0
+        if self.held.normal < 0.02:
+            return x, z, -0.3 if self.opening > 15.4 else -0.15
+        return 0.0, 0.0, self.squeeze(1.2 * force, 0.1, 0.04, 0.2)
 
 
 def _height(x: Array) -> Array:

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tactileforge.envs.base import Plan, TouchEnv
+from tactileforge.envs.base import Advice, TouchEnv
 from tactileforge.envs.grip import Body
 from tactileforge.envs.outer import Array, Inside, Slot, Solid, placed
 from tactileforge.envs.picture import Picture
@@ -22,7 +22,7 @@ _TONGUE = np.array(
     + [(x, _LONG) for x in (-_WIDE, -1.5, 0.0, 1.5, _WIDE)]
 )
 #: Chamfer of a socket's rim, mm, and where the second one is thought to be.
-_CHAMFER, _NOMINAL = 0.4, 22.0
+_CHAMFER, _NOMINAL = 0.2, 18.0
 
 FACE = shape_of("plug", join(lift(extrude(box(8, 9)), 0.25), extrude(cross(6, 1.8))))
 
@@ -30,7 +30,7 @@ FACE = shape_of("plug", join(lift(extrude(box(8, 9)), 0.25), extrude(cross(6, 1.
 class Insert(TouchEnv):
     """A plug is held in its socket; it is pulled out and pushed into a second one.
 
-    The gap around the tongue is ``clearance`` mm in all. The second socket is up to 1.2 mm beside
+    The gap around the tongue is ``clearance`` mm in all. The second socket is up to 1.5 mm beside
     the place that the camera shows; a tongue that meets its rim is turned in the grip, to one
     side or the other. Above ``jams`` N the socket would break.
     """
@@ -38,13 +38,13 @@ class Insert(TouchEnv):
     task = "insert"
     instruction = "pull the plug out of the left socket and push it into the right one"
     room: ClassVar[tuple[tuple[float, float], ...]] = ((-8.0, 32.0), (4.0, 36.0), (2.0, 14.0))
-    reach: ClassVar[tuple[float, float, float]] = (2.0, 2.0, 0.5)
+    reach: ClassVar[tuple[float, float, float]] = (1.5, 1.0, 0.1)
 
     def _draw(self, rng: np.random.Generator) -> tuple[Body, Array, Array]:
         low, high = self._fingers.friction
         self.drawn = d = {
             "clearance": rng.uniform(0.1, 0.3),
-            "beside": rng.uniform(-1.2, 1.2),
+            "beside": rng.uniform(-1.5, 1.5),
             "holds": rng.uniform(0.8, 1.5),
             "jams": rng.uniform(6.0, 7.0),
             "thickness": rng.uniform(5.0, 6.0),
@@ -93,19 +93,18 @@ class Insert(TouchEnv):
     def _view(self) -> Picture:
         return Picture(-18.0, -10.0, 58.0)
 
-    def _plan(self) -> Plan:
-        up = _LONG + 3.0
-        while self.depth > -1.5:
-            yield 0.0, 1.0, 0.0
-        yield from self.go(self.x, up)
-        yield from self.go(_NOMINAL - float(self.held.pose[0]), up, 2.0)
-        while self.load(self.sockets) < 0.8 and self.depth < 1.0:
-            yield 0.0, -0.3, 0.0
-        while self.depth < 1.0:
-            down = 0.2 * (self.load(self.sockets) - 1.2)
-            yield self._aside(0.25), float(np.clip(down, -0.25, 0.25)), 0.0
-        while True:
-            yield self._aside(0.1), -0.5, 0.0
+    def _advise(self) -> Advice:
+        place, up = _NOMINAL - float(self.object[0]), _LONG + 3.0
+        if abs(place) > 2.5:
+            out = self.depth < -0.5
+            return float(np.clip(place, -1.5, 1.5)) if out else 0.0, up - self.z, 0.0
+        load, depth = self.load(self.sockets), self.depth
+        if depth > 1.0:
+            return self._aside(0.1), -0.5, 0.0
+        if load == 0:
+            aside = self._aside(0.25) if depth > 0 else float(np.clip(place, -1.5, 1.5))
+            return aside, -float(np.clip(0.5 * (self.z - 14.5), 0.25, 1.0)), 0.0
+        return self._aside(0.25), float(np.clip(0.2 * (load - 1.2), -0.25, 0.25)), 0.0
 
     def _aside(self, pace: float) -> float:
         """Step along x that brings the tongue's tip over the socket, mm."""

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tactileforge.envs.base import Plan, TouchEnv
+from tactileforge.envs.base import Advice, TouchEnv
 from tactileforge.envs.grip import Body
 from tactileforge.envs.outer import Array, Solid, ground
 from tactileforge.envs.picture import Picture
@@ -40,6 +40,7 @@ class Wipe(TouchEnv):
     task = "wipe"
     instruction = "wipe the ink off the board in one pass to the right"
     room: ClassVar[tuple[tuple[float, float], ...]] = ((-12.0, 48.0), (2.0, 30.0), (0.0, 20.0))
+    reach: ClassVar[tuple[float, float, float]] = (1.5, 1.0, 0.1)
 
     def _draw(self, rng: np.random.Generator) -> tuple[Body, Array, Array]:
         low, high = self._fingers.friction
@@ -57,7 +58,7 @@ class Wipe(TouchEnv):
         self.outer = [self.board]
         self.ink = np.ones(_LAST - _FIRST)
         body = Body(FACE, d["thickness"] / 2, 0.1, d["friction"])
-        x, z = rng.uniform(-6, -2), rng.uniform(12, 15)
+        x, z = rng.uniform(-5, -1), rng.uniform(11, 13)
         place = np.array([x + rng.uniform(-1, 1), -z + rng.uniform(-1, 1), 0.0])
         self._was = float(place[0])
         return body, place, np.array([x, z, d["thickness"] - 2 * d["squeeze"]])
@@ -97,9 +98,9 @@ class Wipe(TouchEnv):
             shade = round(60 + 130 * (1 - float(left)))
             picture.box(_FIRST + cell + 0.5, -3.0, 1.0, 3.0, (shade, shade, shade))
 
-    def _plan(self) -> Plan:
-        yield from self.go(0.0, _TALL + 4.0)
-        while self.load(self.board) < 1.5:
-            yield 0.0, -0.3, 0.0
-        while True:
-            yield 1.5, float(np.clip(0.4 * (self.load(self.board) - 1.65), -0.3, 0.3)), 0.0
+    def _advise(self) -> Advice:
+        load = self.load(self.board)
+        if load == 0:
+            return -0.5 * self.x, -float(np.clip(0.5 * (self.z - _TALL - 2.0), 0.25, 1.0)), 0.0
+        along = 1.5 * float(np.clip((load - 0.8) / 0.4, 0.0, 1.0))
+        return along, float(np.clip(0.3 * (load - 1.65), -0.25, 0.25)), 0.0

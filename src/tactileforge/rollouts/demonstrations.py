@@ -98,7 +98,7 @@ def _write(
     env = make_environment(options)
     with one_thread():  # the bytes are those of any machine
         for number in numbers:
-            episode = play_episode(env, expert, options.episode_seed(number))
+            episode = play_episode(env, expert, options.episode_seed(number), options.noise)
             if episode.success:
                 packed = pack_episode(episode, env, f"{options.word}_{number:05d}", options)
                 shards.write_shard(_path(folder, number), packed)

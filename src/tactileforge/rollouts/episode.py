@@ -44,7 +44,7 @@ class Episode:
         background: Picture of each untouched finger, uint8 (H, W, 3).
         observations: T + 1, the last after the last action.
         forces: T + 1, on each finger, (3,), N.
-        actions: T, float32 (A,).
+        actions: T, float32 (A,), as chosen: without what noise added.
         success: Whether the task was done.
         score: 0 to 1; part of the task counts.
         failure: How it failed; "" for success.
@@ -79,13 +79,15 @@ class Episode:
         return np.stack([forces[finger] for forces in self.forces])
 
 
-def play_episode(env: Any, actor: Actor, seed: int) -> Episode:
+def play_episode(env: Any, actor: Actor, seed: int, noise: float = 0.0) -> Episode:
     """Plays one episode to its end.
 
     Args:
         env: An environment whose episodes end; see `make_environment`.
         actor: Who acts.
-        seed: Of start and physics.
+        seed: Of start, physics and noise.
+        noise: Standard deviation of what is added to each action before it is carried out, as a
+            share of the largest one.
 
     Raises:
         TactileForgeError: An action is no number, or of another size; names the step.
@@ -97,15 +99,19 @@ def play_episode(env: Any, actor: Actor, seed: int) -> Episode:
     episode = Episode(seed, float(plain.control_rate), tuple(plain.fingers), backgrounds)
     _observe(episode, plain, observation)
     actor.reset(env, seed)
+    space, draw = env.action_space, np.random.default_rng(seed)
     ended = False
     while not ended:
         asked = time.perf_counter()
         action = np.asarray(actor.act(observation, episode.forces[-1]), np.float32)
         episode.act_seconds.append(time.perf_counter() - asked)
-        _check_action(action, env.action_space.shape, episode)
+        _check_action(action, space.shape, episode)
         # a command beyond what the arm can do is cut, as an arm does
-        action = np.clip(action, env.action_space.low, env.action_space.high)
-        observation, _, terminated, truncated, info = env.step(action)
+        action = np.clip(action, space.low, space.high)
+        pushed = noise * space.high * draw.standard_normal(space.shape, np.float32)
+        observation, _, terminated, truncated, info = env.step(
+            np.clip(action + pushed, space.low, space.high)
+        )
         episode.actions.append(action)
         _observe(episode, plain, observation)
         ended = bool(terminated or truncated)

@@ -72,12 +72,16 @@ class DemonstrationOptions(TaskOptions):
     Attributes:
         out: Folder of the shards.
         n: Episodes to keep; those in which the expert fails are left out and named.
+        noise: Standard deviation of what is added to the expert's actions before they are carried
+            out, as a share of the largest; what is written down is what it meant to do. So a
+            policy sees how the expert comes back to its way (Laskey et al. 2017, DART).
         codec: How pictures are stored: without loss png or webp, or jpg (quality 95).
         processes: Processes that simulate; None for one a core.
     """
 
     out: str
     n: int = 50
+    noise: float = 0.1
     codec: str = "png"
     processes: int | None = None
 
@@ -85,6 +89,8 @@ class DemonstrationOptions(TaskOptions):
         super().__post_init__()
         if not 1 <= self.n <= PER_SEED // 4:
             raise ConfigError(f"n={self.n}: give 1 to {PER_SEED // 4} episodes")
+        if not 0 <= self.noise <= 1:
+            raise ConfigError(f"noise={self.noise}: give a share from 0 to 1 of the largest action")
         if self.codec not in CODECS:
             raise ConfigError(f"codec={self.codec}; give one of {', '.join(CODECS)}")
 

@@ -7,7 +7,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-#: Ranges below this are of a number that does not change; it is only centred.
+#: Ranges below this are of a number that does not change: it is centred, and given back as it was.
 _LEAST = 1e-6
 
 
@@ -34,7 +34,7 @@ class Ranges(nn.Module):
     def forward(self, values: Tensor) -> Tensor:
         """(..., size) to the same, ``2 (x - low) / (high - low) - 1``."""
         centre, half = self._scale()
-        return (values - centre) / half
+        return (values - centre) / torch.where(half > 0, half, 1.0)
 
     def invert(self, values: Tensor) -> Tensor:
         """(..., size) from -1..1 to the robot's units."""
@@ -48,4 +48,4 @@ class Ranges(nn.Module):
 
     def _scale(self) -> tuple[Tensor, Tensor]:
         half = (self.high - self.low) / 2
-        return (self.high + self.low) / 2, torch.where(half > _LEAST, half, 1.0)
+        return (self.high + self.low) / 2, torch.where(half > _LEAST, half, 0.0)
