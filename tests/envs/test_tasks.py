@@ -128,10 +128,10 @@ def test_a_ball_in_the_wrong_box_is_no_success():
     env.reset(seed=0)
     plain = env.unwrapped
     act = plain.expert()
-    while plain.z < 17.9 or plain.free:
+    while plain.z < 13.9 or plain.free:
         env.step(act(None))
-    way = 3.0 if plain.soft else -3.0
-    while abs(plain.x) < 19:
+    way = 1.5 if plain.soft else -1.5
+    while way * plain.x < 1.5 * 16:
         env.step(np.array([way, 0, 0], np.float32))
     info = pushed_on(env, 20, [0, 0, 1])
     assert (info["failure"], info["success"]) == ("wrong box", False)

@@ -17,7 +17,7 @@ TASK = "reach_env:Reach-v0"
 
 def options(out, **given):
     return DemonstrationOptions(
-        **{"task": TASK, "out": str(out), "size": 32, "processes": 1} | given
+        **{"task": TASK, "out": str(out), "size": 32, "processes": 1, "noise": 0.0} | given
     )
 
 
@@ -61,6 +61,21 @@ def test_episodes_are_recordings_of_each_finger(tmp_path):
     assert right.image is None
     np.testing.assert_array_equal(left.image_times, left.times)
     assert left.image.shape == (96, 96)
+
+
+def test_noise_moves_the_arm_and_what_the_expert_meant_is_written_down(tmp_path):
+    write_demonstrations(options(tmp_path / "d", n=6, noise=0.05))
+    missed = []
+    for recording in Shards(str(tmp_path / "d")).recordings("train"):
+        places, meant = recording.tracks["state"][:, 0], recording.tracks["robot_action"][:, 0]
+        # the finger's picture says where the goal is, to 0.1
+        goal = (recording.frames.read([0])[0, 0, 0, 0] - 128.0) / 10
+        if recording.labels["finger"] == "left":
+            np.testing.assert_allclose(meant, np.clip(goal - places, -2, 2), atol=0.1)
+            missed += [*(np.diff(places) - meant[:-1])]
+    # 0.05 of the largest action, 10
+    assert len(missed) > 20
+    assert 0.35 < np.std(missed) < 0.65
 
 
 def test_failures_are_left_out_and_named(tmp_path):
