@@ -14,13 +14,14 @@ demo: $(VENV)/.installed
 	$(BIN)/tactileforge train scale=$(SCALE) $(INIT) hydra.run.dir=runs/demo
 	@echo "open runs/demo/report.html"
 
-# a scripted expert, a diffusion policy on a frozen touch encoder, and its rollouts; another task: TASK=wipe
+# a scripted expert, a policy on a frozen touch encoder that imitates it, and its rollouts; another task: TASK=wipe
 TASK ?= chip
 demo-policy: $(VENV)/.installed-policies
 	rm -rf runs/demo-policy
-	$(BIN)/tactileforge demos task=$(TASK) n=50 out=runs/demo-policy/demonstrations
+	$(BIN)/tactileforge demos task=$(TASK) n=40 out=runs/demo-policy/demonstrations
 	$(BIN)/tactileforge train recipe=diffusion_policy scale=tiny data=demonstrations \
-	  data.root=runs/demo-policy/demonstrations hydra.run.dir=runs/demo-policy/policy
+	  data.root=runs/demo-policy/demonstrations hydra.run.dir=runs/demo-policy/policy \
+	  "objective=[imitate]" trainer.keep_best=val/imitate trainer.max_epochs=15 optim.lr=1e-3 data.image_size=32
 	$(BIN)/tactileforge rollout task=$(TASK) policy=runs/demo-policy/policy n=20 out=runs/demo-policy/rollouts
 	@echo "open runs/demo-policy/rollouts/report.html"
 
