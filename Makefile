@@ -21,7 +21,7 @@ demo-policy: $(VENV)/.installed-policies
 	$(BIN)/tactileforge demos task=$(TASK) n=40 out=runs/demo-policy/demonstrations
 	$(BIN)/tactileforge train recipe=diffusion_policy scale=tiny data=demonstrations \
 	  data.root=runs/demo-policy/demonstrations hydra.run.dir=runs/demo-policy/policy \
-	  "objective=[imitate]" trainer.keep_best=val/imitate trainer.max_epochs=15 optim.lr=1e-3 data.image_size=32
+	  "objective=[imitate]" trainer.keep_best=val/imitate trainer.max_epochs=30 batch.size=32 optim.lr=1e-3 data.image_size=32
 	$(BIN)/tactileforge rollout task=$(TASK) policy=runs/demo-policy/policy n=20 out=runs/demo-policy/rollouts
 	@echo "open runs/demo-policy/rollouts/report.html"
 

@@ -45,7 +45,7 @@ class Wipe(TouchEnv):
     def _draw(self, rng: np.random.Generator) -> tuple[Body, Array, Array]:
         low, high = self._fingers.friction
         self.drawn = d = {
-            "height": rng.uniform(-1.5, 1.5),
+            "height": rng.uniform(-2.0, 2.0),
             "slope": rng.uniform(-0.06, 0.06),
             "drag": rng.uniform(0.2, 0.4),
             "needs": rng.uniform(0.7, 0.9),
@@ -58,7 +58,7 @@ class Wipe(TouchEnv):
         self.outer = [self.board]
         self.ink = np.ones(_LAST - _FIRST)
         body = Body(FACE, d["thickness"] / 2, 0.1, d["friction"])
-        x, z = rng.uniform(-5, -1), rng.uniform(11, 13)
+        x, z = rng.uniform(-5, -1), rng.uniform(12, 14)
         place = np.array([x + rng.uniform(-1, 1), -z + rng.uniform(-1, 1), 0.0])
         self._was = float(place[0])
         return body, place, np.array([x, z, d["thickness"] - 2 * d["squeeze"]])
@@ -101,6 +101,6 @@ class Wipe(TouchEnv):
     def _advise(self) -> Advice:
         load = self.load(self.board)
         if load == 0:
-            return -0.5 * self.x, -float(np.clip(0.5 * (self.z - _TALL - 2.0), 0.25, 1.0)), 0.0
+            return -0.5 * self.x, -float(np.clip(0.5 * (self.z - _TALL - 4.0), 0.3, 1.0)), 0.0
         along = 1.5 * float(np.clip((load - 0.8) / 0.4, 0.0, 1.0))
         return along, float(np.clip(0.3 * (load - 1.65), -0.25, 0.25)), 0.0
