@@ -65,6 +65,7 @@ def test_a_miniature_that_is_trained_twice_is_the_same_file(run: Path, tmp_path:
     assert files[0].read_bytes() == files[1].read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("objective", ["jepa", "dino"])
 def test_the_slow_copy_is_what_is_packed(objective: str, tmp_path: Path) -> None:
     small = ["encoder.image_size=32", "batch.size=4", "data.scenes=3", "data.val=1"]

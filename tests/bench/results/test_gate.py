@@ -63,6 +63,7 @@ def bench(folder: Path, right: float, count: int = 3) -> Results:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("right", "wins"), [(0.9, 3), (0.6, 0), (0.3, 0)])
 def test_who_is_better_passes(right: float, wins: int, tmp_path: Path) -> None:
     results = bench(tmp_path, right)
@@ -81,6 +82,7 @@ def test_who_is_better_passes(right: float, wins: int, tmp_path: Path) -> None:
     assert marks == {(right == 0.9, right == 0.3)}
 
 
+@pytest.mark.slow
 def test_one_task_of_three_is_no_majority(tmp_path: Path) -> None:
     rows = gate.compute_gate(tmp_path, bench(tmp_path, 0.9))
     worse = gate.compute_gate(tmp_path, bench(tmp_path, 0.6))
