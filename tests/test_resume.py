@@ -12,13 +12,8 @@ import torch
 
 from tactileforge import cli
 from tactileforge.balance import GradNorm
-from tactileforge.callbacks.checkpoints import (
-    AtomicCheckpointIO,
-    find_checkpoint,
-    initialise,
-    read_checkpoint,
-    seal,
-)
+from tactileforge.callbacks.checkpoints import AtomicCheckpointIO
+from tactileforge.checkpoint_file import find_checkpoint, initialise, read_checkpoint, seal
 from tactileforge.errors import ConfigError, DataNotFoundError, TactileForgeError
 from tactileforge.sim.config import SimConfig
 from tactileforge.sim.generate import write_seconds

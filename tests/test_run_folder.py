@@ -11,17 +11,13 @@ import torch
 
 from tactileforge import cli, run_folder
 from tactileforge.callbacks import checkpoints
-from tactileforge.callbacks.checkpoints import (
-    LAST,
-    AtomicCheckpointIO,
-    read_checkpoint,
-    read_own,
-    seal,
-)
+from tactileforge.callbacks.checkpoints import AtomicCheckpointIO
+from tactileforge.checkpoint_file import read_checkpoint, read_own, seal
 from tactileforge.errors import ConfigError, DataError, TactileForgeError
 from tactileforge.module import TouchModule
 from tactileforge.optim import optimiser
 from tactileforge.pages.curves import read_metrics
+from tactileforge.run_folder import LAST
 
 SMALL = ["train", "scale=demo", "debug=steps", "encoder.image_size=32", "batch.workers=0"]
 SMALL += ["objective=[pixel]", "batch.size=8", "data.scenes=3", "data.val=1", "data.size=32"]

@@ -90,7 +90,7 @@ def test_multirun_of_a_verb_without_plugins(capsys: pytest.CaptureFixture[str]) 
 
 @pytest.mark.slow
 def test_multirun_trains_each_in_a_folder_of_its_own() -> None:
-    from tactileforge.callbacks.checkpoints import read_checkpoint
+    from tactileforge.checkpoint_file import read_checkpoint
 
     assert cli.run(["train", "-m", "seed=0,1", *SMALL]) == 0
     (sweep,) = Path("runs/sweeps").iterdir()
