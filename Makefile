@@ -32,11 +32,11 @@ bench-mini: $(VENV)/.installed
 
 # while writing: nothing that builds a wheel, installs by pip, trains for long or runs the docs
 test-fast: $(VENV)/.installed-dev
-	$(BIN)/pytest -n 2 --dist worksteal -m "not slow"
+	$(BIN)/pytest -n 3 --dist worksteal -m "not slow"
 
 # worksteal: a file with many long tests, as the commands of the docs, does not hang on one worker
 test: $(VENV)/.installed-dev lint
-	$(BIN)/pytest -n 2 --dist worksteal
+	$(BIN)/pytest -n 3 --dist worksteal
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check .

@@ -4,9 +4,12 @@
   beside a loader as published: PIL decodes four frames and the background of each clip, which
   become float, lose the background, are clamped, resized with antialiasing and normalised. Ours
   are counted where uint8 leaves the worker; the rest happens once a batch, on the device.
-- Resident memory after so many batches, and seconds to the first one, of 1,000 and of 1,000,000
-  recordings. The index is real; its shards are one file under many names. Each is measured in a
-  process of its own.
+- Seconds to read the index and to the first batch, and resident memory after 300 batches, of
+  1,000 to 1,000,000 recordings of 20 s: 100 clips each. The index is real; its shards are one file
+  under many names, whose checksum is therefore not compared. Each is measured in a process of its
+  own.
+- Reading from a URL: batches and megabytes a second of a first pass over shards behind a server of
+  this machine, beside the same pass over the folder, and beside the bare download of these files.
 - Frames decoded for the frames that clips of a video ask for.
 
 Run: python data.py
@@ -15,23 +18,28 @@ Run: python data.py
 from __future__ import annotations
 
 import io
+import itertools
 import json
 import os
+import socket
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from urllib.request import urlopen
 
 os.environ["OMP_NUM_THREADS"] = "1"
 
 import cv2
 import numpy as np
 import torch
-from common import memory_mb, save, side_by_side
+from common import memory_mb, ratio, save, side_by_side
+from numpy.typing import NDArray
 from PIL import Image
 from torch.nn import functional as F
 
@@ -40,11 +48,14 @@ from tactileforge.data.batches.clips import Clips, collate
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.data.frames.lazy import VideoFrames
 from tactileforge.data.shards import shards
+from tactileforge.data.shards.fetch import ShardFolder
 from tactileforge.data.shards.index import Index, IndexEntry
 from tactileforge.datasets.shards import Shards
 from tactileforge.datasets.sim import Sim
 from tactileforge.encoders.tactile_vit import CLIP_MEAN, CLIP_STD
 
+#: Frames of a recording of a large stream: 20 s.
+FRAMES = 600
 CUT: dict[str, Any] = {"frames": 4, "spacing": 1 / 15, "hop": 0.2}
 ROUNDS = 5
 
@@ -121,26 +132,10 @@ def loaders() -> dict[str, Any]:
     }
 
 
-def fake(folder: Path, recordings: int, each: int = 1000) -> None:
-    """Shards of ``each`` recordings of two thirds of a second: one file under many names."""
-    picture = np.random.default_rng(0).integers(0, 256, (32, 32, 3), np.uint8)
-    raw = shards.encode_image(picture)
+def fake(folder: Path, recordings: int, each: int = 100) -> None:
+    """Shards of ``each`` recordings of 20 s: one file under many names."""
     first = folder / "train-000000.tar"
-
-    def packed(number: int) -> shards.Packed:
-        touch = Recording(
-            key=f"r{number}",
-            sensor=("digit", "gelsight")[number % 2],
-            frames=VIDEO,
-            times=np.arange(20) / 30,
-            no_contact=None,
-            force=np.zeros((20, 3), np.float32),
-            action=np.full(20, number % 8),
-            object=f"o{number // 2}",
-        )
-        return shards.Packed(shards.describe_recording(touch), "jpg", [raw] * 20, [raw], [])
-
-    shards.write_shard(first, map(packed, range(each)))
+    write(first, range(each))
     entry = IndexEntry.of(first)
     entries = []
     for number in range(recordings // each):
@@ -151,27 +146,68 @@ def fake(folder: Path, recordings: int, each: int = 1000) -> None:
     Index("fake", {"train": entries, "val": []}).save(folder)
 
 
-class Still:
-    """Frames of which only the number matters."""
+def write(path: Path, numbers: range, size: int = 32) -> None:
+    """A shard of recordings of 600 frames, all of one picture."""
+    picture = np.random.default_rng(0).integers(0, 256, (size, size, 3), np.uint8)
+    raw = shards.encode_image(picture)
+    frames = Still((size, size))
 
-    shape = (32, 32)
+    def packed(number: int) -> shards.Packed:
+        touch = Recording(
+            key=f"r{number}",
+            sensor=("digit", "gelsight")[number % 2],
+            frames=frames,
+            times=np.arange(FRAMES) / 30,
+            no_contact=None,
+            force=np.zeros((FRAMES, 3), np.float32),
+            action=np.full(FRAMES, number % 8),
+            object=f"o{number // 2}",
+        )
+        head = shards.describe_recording(touch)
+        return shards.Packed(head, "jpg", [raw] * FRAMES, [raw], [])
+
+    shards.write_shard(path, map(packed, numbers))
+
+
+class Still:
+    """Frames of which only number and size matter."""
+
+    def __init__(self, shape: tuple[int, int]) -> None:
+        self.shape = shape
 
     def __len__(self) -> int:
-        return 20
+        return FRAMES
+
+    def read(self, indices: object) -> NDArray[np.uint8]:
+        """Is not called: the shard is given encoded frames."""
+        raise NotImplementedError
 
 
-VIDEO: Any = Still()
+def touch_data(root: str, cache: str | None = None, size: int = 32) -> TouchData:
+    """Batches of 32 clips of 4 frames, read by this process."""
+    data = TouchData(
+        Shards(root, cache),
+        frames=4,
+        size=(size, size),
+        workers=0,
+        batch_size=32,
+        cache_mb=16,
+        hop=0.2,
+    )
+    data.setup()
+    return data
 
 
 def streamed(folder: str) -> dict[str, float]:
     """Seconds to the first batch, and megabytes after 300."""
+    ShardFolder._is = lambda *_: True  # type: ignore[method-assign]  # see `fake`
     before = memory_mb()
     start = time.perf_counter()
-    data = TouchData(
-        Shards(folder), frames=4, size=(32, 32), workers=0, batch_size=32, cache_mb=16, hop=0.2
-    )
-    data.setup()
-    stream = data.stream()
+    index = Shards(folder).index
+    assert index is not None
+    read = time.perf_counter() - start
+    start = time.perf_counter()
+    stream = touch_data(folder).stream()
     stream[0]
     first = time.perf_counter() - start
     peak = memory_mb()
@@ -179,7 +215,10 @@ def streamed(folder: str) -> dict[str, float]:
         stream[number * 7]
         peak = max(peak, memory_mb())
     return {
-        "first batch, s": round(first, 2),
+        "index, MB": round((Path(folder) / "index.json").stat().st_size / 2**20, 2),
+        "index, s": round(read, 2),
+        "first batch with the index, s": round(first, 2),
+        "clips, estimated": sum(track.size for track in stream.tracks),
         "before, MB": round(before, 1),
         "peak, MB": round(peak, 1),
     }
@@ -195,6 +234,71 @@ def large() -> dict[str, Any]:
             done = subprocess.run(command, check=True, capture_output=True, text=True)
             found[f"{recordings} recordings"] = json.loads(done.stdout)
     return found
+
+
+def remote() -> dict[str, Any]:
+    """A first pass over shards behind a server of this machine, beside the folder itself."""
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place) / "shards"
+        paths = [folder / f"train-{number:06d}.tar" for number in range(8)]
+        for number, path in enumerate(paths):
+            write(path, range(10 * number, 10 * number + 10), size=64)
+        entries = [IndexEntry.of(path) for path in paths]
+        Index("served", {"train": entries, "val": []}).save(folder)
+        mb = sum(path.stat().st_size for path in paths) / 2**20
+        port = socket.create_server(("127.0.0.1", 0)).getsockname()[1]
+        server = [sys.executable, "-m", "http.server", str(port), "--bind", "127.0.0.1"]
+        url = f"http://127.0.0.1:{port}"
+        with subprocess.Popen([*server, "-d", str(folder)], stderr=subprocess.DEVNULL) as process:
+            try:
+                while True:
+                    with suppress(OSError):
+                        socket.create_connection(("127.0.0.1", port)).close()
+                        break
+                    time.sleep(0.1)
+                return {"MB": round(mb, 1)} | rates(url, folder, paths, Path(place), mb)
+            finally:
+                process.terminate()
+
+
+def rates(url: str, folder: Path, paths: list[Path], place: Path, mb: float) -> dict[str, Any]:
+    """Megabytes and clips a second from the URL, from the folder, and of the bare download."""
+    passes = itertools.count()
+
+    def download() -> object:
+        return [len(urlopen(f"{url}/{path.name}").read()) for path in paths]
+
+    def fetch() -> object:
+        there = ShardFolder(url, place / f"fetched{next(passes)}")
+        index = Shards(str(folder)).index
+        assert index is not None
+        return [there.get(e.file, e.bytes, e.sha256) for e in index.splits["train"]]
+
+    def read(root: str) -> object:
+        cache = place / f"cache{next(passes)}"
+        stream = touch_data(root, str(cache), 64).stream()
+        return [stream[number] for number in range(len(stream))]
+
+    subjects: dict[str, Callable[[], object]] = {
+        "download": download,
+        "fetched and checked": fetch,
+        "a pass from the URL": lambda: read(url),
+        "a pass from the folder": lambda: read(str(folder)),
+    }
+    times = side_by_side(subjects, ROUNDS)
+    return {
+        "MB a second": {
+            name: round(mb / times[name]["median_s"], 1)
+            for name in ("download", "fetched and checked")
+        },
+        "fetched and checked, as fast as the download": ratio(
+            times, "fetched and checked", "download"
+        ),
+        "from the URL, as fast as from the folder": ratio(
+            times, "a pass from the URL", "a pass from the folder"
+        ),
+        "times": times,
+    }
 
 
 class Counting(VideoFrames):
@@ -259,6 +363,7 @@ def main() -> None:
             "what": "reading clips of 4 frames",
             "one core, from shards": loaders(),
             "a large stream": large(),
+            "from a URL": remote(),
             "decoding a video": decoding(),
         },
     )

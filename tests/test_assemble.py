@@ -49,6 +49,7 @@ def test_an_encoder_that_computes_in_its_constructor_is_built(
         outline({"name": "eager", "size": 1})
 
 
+@pytest.mark.slow
 def test_first_weights_depend_on_the_seed_and_not_on_the_data() -> None:
     config = plain("anytouch2", "scale=demo", "data.scenes=3", "data.val=1", "objective=[pixel]")
     torch.manual_seed(3)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from tactileforge.callbacks.checkpoints import read_checkpoint
+from tactileforge.checkpoint_file import read_checkpoint
 
 pytestmark = pytest.mark.slow
 

@@ -104,6 +104,7 @@ def test_live_tells_the_deepest_place(scripted, tmp_path):
         LiveSession({"left": sensor}, None, LiveOptions(depth={"lefft": "digit"})).__enter__()
 
 
+@pytest.mark.slow
 def test_record_keeps_a_track_that_shards_give_back(scripted, tmp_path):
     (still, picture), true = dented()
     events = {n: showing(still if n < 40 else picture) for n in range(50_000)}
@@ -130,6 +131,7 @@ def test_record_keeps_a_track_that_shards_give_back(scripted, tmp_path):
         RecordOptions(out="x", depth={"a": "digit"}, background=Background(seconds=0.0))
 
 
+@pytest.mark.slow
 @pytest.mark.realdata
 @pytest.mark.parametrize(
     ("name", "least", "share"),

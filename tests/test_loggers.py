@@ -71,6 +71,7 @@ def test_figures_are_collected_as_images_with_names_of_their_own() -> None:
     assert not (pixels == (4, 5, 6)).all(-1).any()  # stand-ins of the page's colours
 
 
+@pytest.mark.slow
 def test_tensorboard_gets_configuration_and_figures_of_a_run(tmp_path: Path) -> None:
     events = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
     words = [*SMALL, "trainer.max_steps=4", "logger=tensorboard", f"hydra.run.dir={tmp_path}"]

@@ -117,6 +117,7 @@ def test_t3_gives_each_sensor_a_stem_and_then_labels() -> None:
     assert config.curriculum.objective.classify.start == 0.5
 
 
+@pytest.mark.slow
 def test_what_follows_the_encoder_starts_with_it_and_goes_along(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

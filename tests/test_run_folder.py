@@ -11,17 +11,13 @@ import torch
 
 from tactileforge import cli, run_folder
 from tactileforge.callbacks import checkpoints
-from tactileforge.callbacks.checkpoints import (
-    LAST,
-    AtomicCheckpointIO,
-    read_checkpoint,
-    read_own,
-    seal,
-)
+from tactileforge.callbacks.checkpoints import AtomicCheckpointIO
+from tactileforge.checkpoint_file import read_checkpoint, read_own, seal
 from tactileforge.errors import ConfigError, DataError, TactileForgeError
 from tactileforge.module import TouchModule
 from tactileforge.optim import optimiser
 from tactileforge.pages.curves import read_metrics
+from tactileforge.run_folder import LAST
 
 SMALL = ["train", "scale=demo", "debug=steps", "encoder.image_size=32", "batch.workers=0"]
 SMALL += ["objective=[pixel]", "batch.size=8", "data.scenes=3", "data.val=1", "data.size=32"]
@@ -61,6 +57,7 @@ def test_two_runs_of_one_second_have_two_folders(capsys: pytest.CaptureFixture[s
     assert len(folders) == 2
 
 
+@pytest.mark.slow
 def test_the_folder_of_a_run_is_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A second run is refused, and another run's checkpoint is not gone on with."""
     one, other = tmp_path / "one", tmp_path / "other"
@@ -113,6 +110,7 @@ def test_what_is_sealed_is_not_sealed_again(tmp_path: Path) -> None:
         seal(file)
 
 
+@pytest.mark.slow
 def test_a_configuration_that_has_changed_is_an_error(tmp_path: Path) -> None:
     plain = {"optim": {"lr": 0.001}, "data": {"root": "${oc.env:HOME}"}, "seed": 3}
     run_folder.write_config(tmp_path, plain)
@@ -207,6 +205,7 @@ def test_no_room_is_an_error_with_numbers(tmp_path: Path) -> None:
     checkpoints.check_room(tmp_path / LAST, 10)
 
 
+@pytest.mark.slow
 def test_a_finished_run_is_made_longer(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -240,6 +239,7 @@ def test_a_finished_run_is_made_longer(
     assert "optim.lr=1 cannot be given with it, but for its length" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_longer_run_goes_on_where_it_ended(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -261,6 +261,7 @@ def test_a_longer_run_goes_on_where_it_ended(
     assert all(torch.equal(states[0][key], states[1][key]) for key in states[0])
 
 
+@pytest.mark.slow
 def test_a_run_that_ends_by_its_epochs_gets_more_of_them(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

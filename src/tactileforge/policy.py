@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from tactileforge import run_folder
-from tactileforge.callbacks.checkpoints import BEST, read_checkpoint
+from tactileforge.checkpoint_file import read_checkpoint
 from tactileforge.contracts import NEUTRAL_BACKGROUND, Batch, Robot
 from tactileforge.data.batches.clips import resize_frame
 from tactileforge.encoders.given import GivenViews
@@ -213,7 +213,7 @@ def load_policy(run: str | Path) -> Policy:
     config = run_folder.read_config(folder)
     if not config.get("robot"):
         raise ConfigError(f"{folder}: its run trained no policy; train recipe=diffusion_policy")
-    best = folder / BEST
+    best = folder / run_folder.BEST
     state = read_checkpoint(path if path.is_file() or not best.is_file() else best)["state_dict"]
     encoder, heads, _ = build_parts(config, frozenset({"action_chunk"}))
     found = {key: head for key, head in heads.items() if isinstance(head, PolicyHead)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -9,9 +10,12 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from tempfile import TemporaryFile
-from typing import IO, Any
+from typing import IO, Any, TypeVar
 
+from tactileforge import strict
 from tactileforge.errors import TactileForgeError
+
+Options = TypeVar("Options")
 
 
 def spread(
@@ -69,3 +73,20 @@ def while_waited_for(numbers: Iterable[int]) -> Iterator[int]:
         if os.getppid() != parent:  # it was killed: nobody waits for the rest
             return
         yield number
+
+
+def run_share(
+    kind: type[Options], work: Callable[[Options, Iterable[int], Callable[[], object]], None]
+) -> None:
+    """Does the share of one process of `spread`: its words are options as JSON, then numbers.
+
+    Args:
+        kind: Dataclass of the options.
+        work: Does numbers, given the options, the numbers and what to call after each.
+    """
+    config, *numbers = sys.argv[1:]
+    try:
+        options = strict.build(kind, "", json.loads(config))
+        work(options, while_waited_for(map(int, numbers)), lambda: None)
+    except (TactileForgeError, OSError) as error:
+        sys.exit(str(error))

@@ -19,6 +19,10 @@ LOCK = ".lock"
 CONFIG = "config.yaml"
 #: By what it was made: command, packages, plugins, licences.
 VERSIONS = "versions.json"
+#: The checkpoint that it resumes from.
+LAST = Path("checkpoints") / "last.ckpt"
+#: Its best weights, if it is asked to keep them.
+BEST = Path("checkpoints") / "best.ckpt"
 
 
 def identity() -> str:
@@ -79,8 +83,6 @@ def claimed(folder: Path, resumes: bool) -> Iterator[None]:
         ConfigError: Another process writes into it, or it holds a run.
     """
     from lightning.fabric.utilities import rank_zero
-
-    from tactileforge.callbacks.checkpoints import LAST
 
     if getattr(rank_zero.rank_zero_only, "rank", 0) != 0:
         yield

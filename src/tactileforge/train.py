@@ -27,6 +27,7 @@ from tactileforge.callbacks import checkpoints
 from tactileforge.callbacks.met import MetLabels, SkippedRecordings
 from tactileforge.callbacks.progress import Progress
 from tactileforge.callbacks.speed import Speed
+from tactileforge.checkpoint_file import find_checkpoint, initialise, read_checkpoint, read_own
 from tactileforge.compiled import compile_blocks
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.distributed import count_processes
@@ -81,11 +82,11 @@ def train(config: DictConfig | dict[str, Any], folder: Path) -> TouchModule:
     """
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
     plain: dict[str, Any] = config if isinstance(config, dict) else _plain(config)
-    resume = checkpoints.find_checkpoint(folder) if plain.get("resume") else None
+    resume = find_checkpoint(folder) if plain.get("resume") else None
     with run_folder.claimed(folder, resumes=resume is not None):
         step, is_news = 0, True
         if resume:
-            state = checkpoints.read_own(resume, plain.get("run"))  # before data is made or read
+            state = read_own(resume, plain.get("run"))  # before data is made or read
             step = int(state["global_step"])
             is_news = change_length(plain, run_folder.read_config(folder), state)
             if is_news:
@@ -103,7 +104,7 @@ def _start_from(plain: dict[str, Any]) -> Mapping[str, Tensor]:
     """
     init = str(plain["init"])
     if not init.startswith("file:") and (Path(init).exists() or "/" in init):
-        state: Mapping[str, Tensor] = checkpoints.read_checkpoint(init)["state_dict"]
+        state: Mapping[str, Tensor] = read_checkpoint(init)["state_dict"]
         return state
     node, state = starting_weights(init)
     same = plain["encoder"]["name"] == node["name"]
@@ -131,12 +132,12 @@ def _train(
     lost.skip(data.skipped)
     data.observers += [met.observe, lost.observe]
     if state is not None:
-        log.info(checkpoints.initialise(module, state))
+        log.info(initialise(module, state))
     if not resume:
         module.prepare(data.train)
     if plain["freeze"]:
         if resume:  # Lightning loads the other weights later
-            kept = checkpoints.read_checkpoint(resume)["state_dict"].items()
+            kept = read_checkpoint(resume)["state_dict"].items()
             own = {k.removeprefix("encoder."): v for k, v in kept if k.startswith("encoder.")}
             module.encoder.load_state_dict(own)
         remember_features(module.encoder, data)
@@ -194,7 +195,7 @@ def _whole(
     if not isinstance(module.trainer.strategy, Sharded):
         return module
     whole = TouchModule.from_config(plain, labels)
-    whole.load_state_dict(checkpoints.read_checkpoint(folder)["state_dict"])
+    whole.load_state_dict(read_checkpoint(folder)["state_dict"])
     return whole
 
 

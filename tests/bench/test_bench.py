@@ -200,6 +200,7 @@ def test_learning_rates_are_settings_and_validation_orders_them(data: Any, tmp_p
     assert len({cell.predictions for cell in loaded}) == 4
 
 
+@pytest.mark.slow
 def test_neighbours_fine_tuning_and_flips(data: Any, tmp_path: Path) -> None:
     knn = HARD | {"probe": {"name": "knn", "neighbours": 3}}
     tuned = FORCE | {"probe": {"name": "force", "epochs": 8, "finetune": 3e-4, "lr": 1e-3}}

@@ -55,6 +55,7 @@ def head_of(folder: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_predictions_and_a_confusion_matrix_are_written(done: Path) -> None:
     mine, pixels = read_results(done / "out").cells
     assert mine.metrics["accuracy"] > 80, "chance is a third"
@@ -70,6 +71,7 @@ def test_predictions_and_a_confusion_matrix_are_written(done: Path) -> None:
     assert 'id="confusions"' in page
 
 
+@pytest.mark.slow
 def test_a_model_classifies_with_the_head(done: Path) -> None:
     model = tactileforge.load(done / "mine.safetensors")
     new = [(name, image(name, number)) for name in NAMES for number in range(100, 110)]
@@ -84,6 +86,7 @@ def test_a_model_classifies_with_the_head(done: Path) -> None:
     assert still.name == found.name[0]
 
 
+@pytest.mark.slow
 def test_a_head_of_another_model_and_a_damaged_one_are_refused(done: Path, tmp_path: Path) -> None:
     model = tactileforge.load(done / "mine.safetensors")
     with torch.no_grad():

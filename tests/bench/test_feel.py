@@ -32,6 +32,7 @@ def write(root: Path, moment: str) -> None:
     (root / "feel" / "feel.csv").write_text("\n".join(rows) + "\n")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("moment", "least", "most"), [("during", 95, 100), ("after", 20, 75)])
 def test_a_lift_is_told_from_the_grasp_alone(
     tmp_path: Path, moment: str, least: float, most: float

@@ -330,6 +330,7 @@ def test_files_at_fault_are_named(old: str, new: str, message: str) -> None:
         file.parse_calibration(text.replace(old, new), "a.yaml")
 
 
+@pytest.mark.slow
 def test_a_flipped_bit_of_a_calibration_is_named(tmp_path: Path) -> None:
     axis = file.Axis(0.1, {"area": 3.0}, 0.2, 0.9, [0.0, 5.0])
     force = file.ForceModel("pictures", 3.0, 0.0, {"z": axis})

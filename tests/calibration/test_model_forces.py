@@ -164,6 +164,7 @@ def test_half_a_real_trial_calibrates_the_other_half(realdata: Path, name: str) 
     assert rmse(calibration.forces(second), second) < 0.6 * still
 
 
+@pytest.mark.slow
 @pytest.mark.realdata
 @pytest.mark.parametrize("name", ["touchd_force_gelsight_mini", "touchd_force_digit"])
 def test_the_shipped_model_reads_real_forces(realdata: Path, name: str) -> None:
@@ -182,6 +183,7 @@ def test_the_shipped_model_reads_real_forces(realdata: Path, name: str) -> None:
         assert np.corrcoef(estimated[:, axis], recording.force[ends, axis])[0, 1] > 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.realdata
 def test_half_a_real_trial_calibrates_the_shipped_model(realdata: Path) -> None:
     """The first half in time gives the factors; the error of the second falls."""

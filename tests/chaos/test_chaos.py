@@ -31,6 +31,7 @@ from waiting import wait_until
 from tactileforge import cli, run_folder
 from tactileforge.calibration.file import Axis, Calibration, ForceModel, load_calibration
 from tactileforge.callbacks import checkpoints
+from tactileforge.checkpoint_file import read_checkpoint, seal
 from tactileforge.contracts import Frame, SensorSpec
 from tactileforge.data.frames.image_codecs import encode_image
 from tactileforge.data.frames.lazy import ImageFrames, VideoFrames
@@ -48,6 +49,7 @@ from tactileforge.packing import PackOptions, pack
 from tactileforge.record.options import RecordOptions
 from tactileforge.record.raw import read_raw
 from tactileforge.record.record import record
+from tactileforge.run_folder import LAST
 from tactileforge.sensors import capture as capture_module
 from tactileforge.sensors.background import Background
 from tactileforge.sensors.capture import Capture
@@ -112,7 +114,7 @@ def everything(path: Path) -> list[Any]:
 def written(folder: Path, packed: Path) -> dict[str, tuple[Path, Callable[[Path], Any]]]:
     """A file of every kind that carries a checksum, and who reads it."""
     state = {"state_dict": {"w": torch.arange(500.0)}, "global_step": 3}
-    checkpoints.AtomicCheckpointIO("a").save_checkpoint(state, folder / checkpoints.LAST)
+    checkpoints.AtomicCheckpointIO("a").save_checkpoint(state, folder / LAST)
     run_folder.write_config(folder, {"optim": {"lr": 1e-3}, "data": {"root": "x"}, "seed": 0})
     first = min(packed.glob("*.tar"))
     for path in (first, packed / index.NAME):
@@ -125,11 +127,11 @@ def written(folder: Path, packed: Path) -> dict[str, tuple[Path, Callable[[Path]
     )
 
     def told(path: Path) -> Any:
-        found = checkpoints.read_checkpoint(path)
+        found = read_checkpoint(path)
         return {**found, "state_dict": found["state_dict"]["w"].tolist()}
 
     return {
-        "checkpoint": (folder / checkpoints.LAST, told),
+        "checkpoint": (folder / LAST, told),
         "config.yaml": (folder / "config.yaml", lambda path: run_folder.read_config(path.parent)),
         "model": (_model(folder), lambda path: open_encoder(path)[1]),
         "calibration": (_calibration(folder), load_calibration),
@@ -193,7 +195,7 @@ def killed(work: Callable[[], object], after: float) -> None:
 
 
 def test_kills_while_a_checkpoint_is_written(tmp_path: Path) -> None:
-    path, rng = tmp_path / checkpoints.LAST, np.random.default_rng(1)
+    path, rng = tmp_path / LAST, np.random.default_rng(1)
 
     def save_all() -> None:
         for number in range(10_000):
@@ -205,7 +207,7 @@ def test_kills_while_a_checkpoint_is_written(tmp_path: Path) -> None:
     )
     for _ in range(10):
         killed(save_all, float(rng.uniform(0.02, 0.2)))
-        assert checkpoints.read_checkpoint(path)["state_dict"]["w"].unique().numel() == 1
+        assert read_checkpoint(path)["state_dict"]["w"].unique().numel() == 1
     note("kill -9 while checkpoints are written", 10, "10 left a whole one")
 
 
@@ -216,7 +218,7 @@ def test_kills_while_a_model_is_trained(tmp_path: Path) -> None:
     words = "train scale=demo encoder.image_size=32 batch.size=4 batch.workers=0"
     words += " data.scenes=3 data.val=1 data.size=32 trainer.limit_val_batches=0"
     words += " trainer.max_steps=30 trainer.save_every=3"
-    rng, kills, last = np.random.default_rng(6), 0, tmp_path / "killed" / checkpoints.LAST
+    rng, kills, last = np.random.default_rng(6), 0, tmp_path / "killed" / LAST
 
     def ends(*more: str) -> None:
         process = FORK.Process(target=lambda: sys.exit(cli.run([*more])))
@@ -225,7 +227,7 @@ def test_kills_while_a_model_is_trained(tmp_path: Path) -> None:
         assert process.exitcode == 0
 
     def step() -> int:
-        return checkpoints.read_checkpoint(last)["global_step"] if last.exists() else 0
+        return read_checkpoint(last)["global_step"] if last.exists() else 0
 
     torch.set_num_threads(1)
     ends(*words.split(), f"hydra.run.dir={tmp_path / 'whole'}")
@@ -243,7 +245,7 @@ def test_kills_while_a_model_is_trained(tmp_path: Path) -> None:
         kills += 1
         command = ["train", f"resume={tmp_path / 'killed'}"]
     ends(*command)
-    weights = [checkpoints.read_checkpoint(tmp_path / name) for name in ("whole", "killed")]
+    weights = [read_checkpoint(tmp_path / name) for name in ("whole", "killed")]
     assert weights[0]["global_step"] == weights[1]["global_step"] == 30
     for key, value in weights[0]["state_dict"].items():
         assert torch.equal(value, weights[1]["state_dict"][key]), key
@@ -334,7 +336,7 @@ def parsers(folder: Path, packed: Path) -> dict[str, tuple[bytes, Callable[[Path
     labels = parse_layout("a", layout | {"labels": {"file": "file"}})
     whole = io.BytesIO()
     torch.save({"state_dict": {"w": torch.zeros(9)}}, whole)
-    checkpoints.seal(whole)
+    seal(whole)
     png = encode_image(np.zeros((9, 9, 3), np.uint8), "png")
     tar = min(packed.glob("*.tar")).read_bytes()
 
@@ -348,7 +350,7 @@ def parsers(folder: Path, packed: Path) -> dict[str, tuple[bytes, Callable[[Path
             (packed / index.NAME).read_bytes(),
             lambda p: index.parse_index(p.read_bytes(), "x"),
         ),
-        "checkpoint": (whole.getvalue(), checkpoints.read_checkpoint),
+        "checkpoint": (whole.getvalue(), read_checkpoint),
         "model": (_model(folder).read_bytes()[:20_000], read_header),
         "calibration": (_calibration(folder).read_bytes(), load_calibration),
         "video": (video.read_bytes(), lambda path: VideoFrames(path).read([0])),

@@ -35,6 +35,7 @@ def test_an_unknown_verb_shows_the_usage(capsys: pytest.CaptureFixture[str]) -> 
     assert "unknown verb 'trian'" in error_of(capsys, "trian")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("word", "message"),
     [

@@ -8,6 +8,7 @@ from tactileforge.datasets.shards import Shards
 SIM = ["data=sim", "data.scenes=6", "data.val=2", "data.size=32"]
 
 
+@pytest.mark.slow
 def test_pack_writes_what_shards_reads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "packed"
     assert cli.run(["data", "pack", *SIM, f"out={out}", "pack.processes=1", "pack.codec=png"]) == 0
@@ -17,6 +18,7 @@ def test_pack_writes_what_shards_reads(tmp_path: Path, capsys: pytest.CaptureFix
     assert data.skipped == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "page"),
     [

@@ -90,7 +90,7 @@ def test_multirun_of_a_verb_without_plugins(capsys: pytest.CaptureFixture[str]) 
 
 @pytest.mark.slow
 def test_multirun_trains_each_in_a_folder_of_its_own() -> None:
-    from tactileforge.callbacks.checkpoints import read_checkpoint
+    from tactileforge.checkpoint_file import read_checkpoint
 
     assert cli.run(["train", "-m", "seed=0,1", *SMALL]) == 0
     (sweep,) = Path("runs/sweeps").iterdir()
@@ -103,12 +103,12 @@ def test_multirun_trains_each_in_a_folder_of_its_own() -> None:
 
 
 @pytest.mark.slow
-def test_the_jobs_of_a_launcher_are_gathered_in_a_table() -> None:
+@pytest.mark.parametrize("launcher", ["joblib", "ray"])
+def test_the_jobs_of_a_launcher_are_gathered_in_a_table(launcher: str) -> None:
     """Two processes at once, each in a folder of its own; the smallest loss comes first."""
-    pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
-    launcher = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
+    pytest.importorskip(f"hydra_plugins.hydra_{launcher}_launcher")
     code = "import sys; from tactileforge.cli import run; sys.exit(run(sys.argv[1:]))"
-    words = ["train", "-m", "optim.lr=1e-5,1e-2", *launcher, *SMALL]
+    words = ["train", "-m", "optim.lr=1e-5,1e-2", f"hydra/launcher={launcher}", *SMALL]
     done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     (sweep,) = Path("runs/sweeps").iterdir()

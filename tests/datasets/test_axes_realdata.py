@@ -35,6 +35,7 @@ def motion_and_force(
     return np.array(moved), recording.force[rows + STEP // 2, :2], change[:, :2]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["touchd_force_gelsight_mini", "touchd_force_digit"])
 def test_the_imprint_moves_where_the_shear_points(realdata: Path, name: str) -> None:
     """Each direction of motion follows the shear of its own axis, and not that of the other.

@@ -35,6 +35,7 @@ def test_conformance() -> None:
     assert [result for result in results if result.status == "failed"] == []
 
 
+@pytest.mark.slow
 def test_what_matching_needs_is_there(touches: list[Recording]) -> None:
     assert len({recording.key for recording in touches}) == 36
     for trio in zip(*[iter(touches)] * 3, strict=True):
@@ -50,6 +51,7 @@ def test_what_matching_needs_is_there(touches: list[Recording]) -> None:
     assert {"press", "leave", "slide_left"} < seen
 
 
+@pytest.mark.slow
 def test_a_recording_has_everything(touches: list[Recording]) -> None:
     recording = touches[2]
     assert recording.sensor == "gelsight_mini"
@@ -66,6 +68,7 @@ def test_a_recording_has_everything(touches: list[Recording]) -> None:
     assert touches[0].frames.shape == (64, 48)
 
 
+@pytest.mark.slow
 def test_forces_obey_coulomb(touches: list[Recording]) -> None:
     for recording in touches:
         assert recording.force is not None
@@ -78,6 +81,7 @@ def test_forces_obey_coulomb(touches: list[Recording]) -> None:
         assert normal[0] == normal[-1] == 0
 
 
+@pytest.mark.slow
 def test_actions_agree_with_those_read_from_the_force(touches: list[Recording]) -> None:
     same = both = 0
     for recording in touches:
@@ -93,6 +97,7 @@ def test_actions_agree_with_those_read_from_the_force(touches: list[Recording]) 
     assert same / both > 0.85
 
 
+@pytest.mark.slow
 def test_pictures_change_with_contact_and_only_then() -> None:
     for recording in Sim(scenes=2, val=0, size=48, randomise="none").recordings("train"):
         assert recording.force is not None
@@ -145,6 +150,7 @@ def test_validation_does_not_depend_on_the_number_of_scenes() -> None:
     assert few.key == many.key
 
 
+@pytest.mark.slow
 def test_bench_holds_out_the_papers_indenters() -> None:
     config = Sim(indenters="bench").config
     train = {config.scene(i).shape.index for i in range(14)}
@@ -153,6 +159,7 @@ def test_bench_holds_out_the_papers_indenters() -> None:
     assert held_out == {63, 64, 69}
 
 
+@pytest.mark.slow
 def test_by_default_every_shape_of_validation_is_one_of_training() -> None:
     config = Sim().config
     train = {config.scene(i).shape.name for i in range(40)}
@@ -160,6 +167,7 @@ def test_by_default_every_shape_of_validation_is_one_of_training() -> None:
     assert {config.scene(generate.FIRST_VAL + i).shape.name for i in range(8)} <= train
 
 
+@pytest.mark.slow
 def test_pretraining_never_sees_the_bench() -> None:
     config = Sim(indenters="pretrain").config
     shapes = [config.scene(i).shape for i in range(61)]
@@ -184,6 +192,7 @@ def test_mistakes_are_named() -> None:
             next(Sim(**wrong, scenes=1).recordings("train"))
 
 
+@pytest.mark.slow
 def test_an_error_of_a_process_reaches_the_caller(tmp_path: Path) -> None:
     data = Sim(scenes=5, val=0, size=4, cache=str(tmp_path), processes=2)
     with pytest.raises(TactileForgeError, match="size is 4 pixels"):

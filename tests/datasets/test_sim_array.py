@@ -136,6 +136,7 @@ def test_it_conforms(cache: str) -> None:
     assert sum(r.status == "ran" for r in results) > 5
 
 
+@pytest.mark.slow
 def test_the_recipe_learns_forces_from_taxels(cache: str, tmp_path: Path) -> None:
     overrides = [
         "data=sim_array",

@@ -161,6 +161,7 @@ def test_anytouch1(published: ModuleType) -> None:
     torch.testing.assert_close(found.double(), pooled, atol=2e-5, rtol=0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "registers"), [("dino", 1), ("mae", 0)])
 def test_sparsh_of_two_frames(published: ModuleType, method: str, registers: int) -> None:
     state = published.fill(published.sparsh(registers=registers))
@@ -175,6 +176,7 @@ def test_sparsh_of_two_frames(published: ModuleType, method: str, registers: int
     torch.testing.assert_close(normed, tokens, atol=2e-5, rtol=0)
 
 
+@pytest.mark.slow
 def test_sparsh_of_four_frames(published: ModuleType) -> None:
     state = published.fill(published.sparsh((3, 2, 16, 16)))
     state["pos_embed.frequency_bands"] = published.bands(768, 3)

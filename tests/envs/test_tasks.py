@@ -38,6 +38,7 @@ def test_gymnasium_checks_the_environment(task):
         check_env(made(task, render_mode="rgb_array").unwrapped)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", envs.TASKS)
 def test_the_expert_succeeds_and_the_episode_repeats_to_the_byte(task):
     env = made(task)

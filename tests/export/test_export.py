@@ -76,6 +76,7 @@ def run_onnx(path: str, *inputs: torch.Tensor) -> list[torch.Tensor]:
     return [torch.from_numpy(value) for value in session.run(["tokens", "cls"], feed)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("batch", [1, 2, 5])
 @pytest.mark.parametrize("size", [(48, 64), (61, 47), (32, 32), (20, 30), (240, 320)])
 def test_onnx_of_any_size(
@@ -91,6 +92,7 @@ def test_onnx_of_any_size(
         assert mine.std() > 0.1
 
 
+@pytest.mark.slow
 def test_onnx_file_is_named_and_says_nothing_of_this_machine(any_size: Exported) -> None:
     model = onnx.load(any_size.path)
     onnx.checker.check_model(model, full_check=True)
@@ -110,6 +112,7 @@ def test_onnx_file_is_named_and_says_nothing_of_this_machine(any_size: Exported)
     assert b"site-packages" not in data
 
 
+@pytest.mark.slow
 def test_metadata(any_size: Exported, vit: TactileViT) -> None:
     assert read_facts(any_size.path) == any_size
     assert any_size.error < 2e-5
@@ -137,6 +140,7 @@ def test_metadata(any_size: Exported, vit: TactileViT) -> None:
         any_size.sensor_ids(["digitt"])
 
 
+@pytest.mark.slow
 def test_torch_export(vit: TactileViT, tmp_path: Path) -> None:
     done = export(vit, tmp_path / "thing.pt2", format="torch_export", size=(48, 64))
     assert done.error == 0
@@ -228,6 +232,7 @@ def test_int8(vit: TactileViT, any_size: Exported, rounded: Path) -> None:
     assert sum(node.op_type == "MatMul" for node in nodes) == 2 * 2 + 2
 
 
+@pytest.mark.slow
 def test_a_file_that_differs_is_not_kept(
     vit: TactileViT, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -248,6 +253,7 @@ def test_a_file_that_differs_is_not_kept(
     assert done.error == pytest.approx(2e-4, rel=1e-2)
 
 
+@pytest.mark.slow
 def test_numbers_that_are_not_finite_are_a_difference(vit: TactileViT) -> None:
     def run(*inputs: torch.Tensor) -> Any:
         tokens, cls = vit(*inputs)
@@ -256,6 +262,7 @@ def test_numbers_that_are_not_finite_are_a_difference(vit: TactileViT) -> None:
     assert program.compare_outputs(run, vit, [(40, 40)]).largest == float("inf")
 
 
+@pytest.mark.slow
 def test_clips_are_the_same_each_time_and_use_every_row(vit: TactileViT) -> None:
     first, again = (program.synthetic_clips(vit, 6, (40, 50)) for _ in range(2))
     assert all(torch.equal(a, b) for a, b in zip(first, again, strict=True))
@@ -267,6 +274,7 @@ def test_clips_are_the_same_each_time_and_use_every_row(vit: TactileViT) -> None
     assert (change[:, -1] > 2 * change[:, 0]).all()
 
 
+@pytest.mark.slow
 def test_bad_input(vit: TactileViT, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "file"
     with pytest.raises(ConfigError, match="unknown format 'onx'; did you mean 'onnx'"):
@@ -292,6 +300,7 @@ def test_bad_input(vit: TactileViT, tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_read_says_what_is_wrong(tmp_path: Path, any_size: Exported) -> None:
     with pytest.raises(DataNotFoundError, match="no such file"):
         read_facts(tmp_path / "nothing.onnx")
@@ -306,6 +315,7 @@ def test_read_says_what_is_wrong(tmp_path: Path, any_size: Exported) -> None:
         read_facts(other)
 
 
+@pytest.mark.slow
 def test_verb(
     checkpoint: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:

@@ -58,6 +58,7 @@ def run(path: str, frames: np.ndarray, rows: list[int], *names: str) -> list[np.
     return found
 
 
+@pytest.mark.slow
 def test_forces_are_the_models(file: Path, exported: str) -> None:
     model = tactileforge.load(file)
     facts = read_facts(exported)
@@ -73,6 +74,7 @@ def test_forces_are_the_models(file: Path, exported: str) -> None:
     assert facts.error < 5e-5
 
 
+@pytest.mark.slow
 def test_no_scale_is_no_number_and_an_untrained_row_is_refused(exported: str) -> None:
     facts = read_facts(exported)
     assert facts.sensors == {"digit": 1, "gelsight": 3, "universal": 19}
@@ -94,6 +96,7 @@ def test_the_torch_program_too(file: Path, tmp_path: Path) -> None:
     torch.testing.assert_close(force, expected, atol=1e-5, rtol=0)
 
 
+@pytest.mark.slow
 def test_rounded_weights_are_not_exported(file: Path, tmp_path: Path) -> None:
     for dtype in ("bfloat16", "int8"):
         model = tactileforge.load(file, dtype=dtype)  # type: ignore[arg-type]
@@ -128,6 +131,7 @@ sys.meta_path.insert(0, Refuse())
 """
 
 
+@pytest.mark.slow
 def test_the_script_of_the_page_needs_neither_torch_nor_tactileforge(
     file: Path, exported: str, tmp_path: Path
 ) -> None:

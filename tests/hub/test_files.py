@@ -209,6 +209,7 @@ def test_weights_of_another_model(checkpoint: Path, header: Header) -> None:
         tactileforge.load(checkpoint)
 
 
+@pytest.mark.slow
 def test_a_kill_while_packing_leaves_the_file_as_it_was(checkpoint: Path) -> None:
     """The process is killed when everything is written and not yet renamed."""
     before = checkpoint.read_bytes()
@@ -273,6 +274,7 @@ def test_a_header_leads_nowhere_and_is_bounded(
     assert set(built) <= {"meta"}, "nothing that takes memory was built"
 
 
+@pytest.mark.slow
 def test_a_flipped_bit_is_named(checkpoint: Path) -> None:
     raw = checkpoint.read_bytes()
     length = 8 + int.from_bytes(raw[:8], "little")

@@ -10,7 +10,7 @@ from omegaconf import OmegaConf
 from safetensors.torch import load_file, save_file
 
 import tactileforge
-from tactileforge.callbacks.checkpoints import LAST, AtomicCheckpointIO
+from tactileforge.callbacks.checkpoints import AtomicCheckpointIO
 from tactileforge.data.labels.displacement import decode_displacement
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataError, PluginError
@@ -19,6 +19,7 @@ from tactileforge.heads.surface import SurfaceHead
 from tactileforge.hub import pack
 from tactileforge.hub.files import make_header, open_model, save_checkpoint
 from tactileforge.hub.starting_point import starting_weights
+from tactileforge.run_folder import LAST
 from tactileforge.sensors.specs import spec
 from tactileforge.train import _start_from
 

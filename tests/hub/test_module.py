@@ -98,6 +98,7 @@ def test_a_model_in_somebodys_lightning_module(
     assert ("touch.encoder.embed.weight" in changed) == trained
 
 
+@pytest.mark.slow
 def test_compiled(model: Model, frames: np.ndarray) -> None:
     """Without generated code (`aot_eager`): that is torch's to test."""
     compiled = torch.compile(model, backend="aot_eager")

@@ -15,7 +15,7 @@ import pytest
 import torch
 
 import tactileforge
-from tactileforge.callbacks import checkpoints
+from tactileforge.checkpoint_file import read_checkpoint
 from tactileforge.cli import dispatch
 from tactileforge.compose import compose
 from tactileforge.encoders import published
@@ -42,7 +42,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_run_is_packed_and_loaded(run: Path, tmp_path: Path) -> None:
     path = pack.pack_run(run, tmp_path / "a.safetensors", name="mine.tiny", licence="CC0-1.0")
     model = tactileforge.load(path)
-    state = checkpoints.read_checkpoint(run)["state_dict"]
+    state = read_checkpoint(run)["state_dict"]
     for key, value in model.encoder.state_dict().items():
         assert torch.equal(value, state[f"encoder.{key}"])
     header = model.header
@@ -65,12 +65,13 @@ def test_a_miniature_that_is_trained_twice_is_the_same_file(run: Path, tmp_path:
     assert files[0].read_bytes() == files[1].read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("objective", ["jepa", "dino"])
 def test_the_slow_copy_is_what_is_packed(objective: str, tmp_path: Path) -> None:
     small = ["encoder.image_size=32", "batch.size=4", "data.scenes=3", "data.val=1"]
     recipe = {"jepa": "vjepa", "dino": "dino"}[objective]
     train(compose(recipe, ["scale=demo", "debug=steps", *small]), tmp_path)
-    state = checkpoints.read_checkpoint(tmp_path)["state_dict"]
+    state = read_checkpoint(tmp_path)["state_dict"]
     places = {"slow": f"heads.{objective}.target.network", "trained": "encoder"}
     for encoder, kind in ((None, "slow"), ("slow", "slow"), ("trained", "trained")):
         model = tactileforge.load(pack.pack_run(tmp_path, encoder=encoder))

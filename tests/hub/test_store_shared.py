@@ -106,6 +106,7 @@ def test_a_header_of_many_blocks_costs_no_memory(
         tactileforge.load(checkpoint)
 
 
+@pytest.mark.slow
 def test_a_disk_that_is_full_is_one_line(checkpoint: Path, tmp_path: Path) -> None:
     """A limit on the size of files stands for a disk."""
     code = (

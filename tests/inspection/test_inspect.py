@@ -56,6 +56,7 @@ def words_of(text: str) -> str:
     return re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", text.partition("<nav")[2]))
 
 
+@pytest.mark.slow
 def test_the_page_is_whole_and_needs_no_network(touch: Touch, listed: Any, tmp_path: Path) -> None:
     action = np.repeat([0, 1, 3], 30)
     train = [touch(i, action=action, object=f"object {i}") for i in range(4)]
@@ -287,6 +288,7 @@ def test_errors_that_are_the_users(touch: Touch, listed: Any, tmp_path: Path) ->
     assert not page.exists()
 
 
+@pytest.mark.slow
 def test_simulated_touch_is_not_suspicious(tmp_path: Path) -> None:
     data = Sim(scenes=1, val=0, size=64, processes=1, motions="slide_right", randomise="none")
     findings, text = written(data, tmp_path / "page.html")

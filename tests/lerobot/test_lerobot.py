@@ -178,6 +178,7 @@ def test_forces_of_several_sensors_are_columns_of_one_feature(tmp_path: Path) ->
     np.testing.assert_array_equal(second.force, wrench[:, [5, 4, 3]])
 
 
+@pytest.mark.slow
 def test_trex_has_ten_fingertips_without_forces(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -112,14 +112,15 @@ class Browser:
 
     def __init__(self, profile):
         (read, self.out), (self.answers, write) = os.pipe(), os.pipe()
+        # the shell puts the pipes where the browser looks for them
         command = [
+            "bash", "-c", f'exec "$@" 3<&{read} 4>&{write}', "bash",
             BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
             f"--user-data-dir={profile}", "--remote-debugging-pipe", "about:blank",
         ]  # fmt: skip
         self.process = subprocess.Popen(
             command,
-            preexec_fn=lambda: (os.dup2(read, 3), os.dup2(write, 4)),  # where it looks for them
-            pass_fds=(3, 4),
+            pass_fds=(read, write),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             start_new_session=True,

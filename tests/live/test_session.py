@@ -196,6 +196,7 @@ def test_contact_without_a_model(scripted):
 # bad input
 
 
+@pytest.mark.slow
 def test_black_frames_are_no_reading_of_force(scripted, model):
     def black(frame):
         return Frame(array=np.zeros_like(frame.array), time=frame.time)
@@ -210,6 +211,7 @@ def test_black_frames_are_no_reading_of_force(scripted, model):
     assert "left: black" in notes
 
 
+@pytest.mark.slow
 def test_an_unplugged_sensor_comes_back_and_it_is_said(scripted, model):
     sensor = scripted(fps=50.0, limit=80, events={40: SensorError("gone")})
     messages, notes = messages_of(LiveSession({"left": sensor}, model, options()))
@@ -227,6 +229,7 @@ def test_a_sensor_that_stays_away_is_an_error(scripted, model):
             run_session(view, say=lambda line: None)
 
 
+@pytest.mark.slow
 def test_frozen_frames_are_said(scripted, model):
     still = np.random.default_rng(0).integers(100, 150, (24, 32, 3)).astype(np.uint8)
 
@@ -291,6 +294,7 @@ def test_the_background_is_the_median_or_a_file(scripted, tmp_path):
         view.take_background()
 
 
+@pytest.mark.slow
 def test_it_ends_when_stopped(scripted, model):
     stop = threading.Event()
     threading.Timer(3.0, stop.set).start()

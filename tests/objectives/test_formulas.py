@@ -189,6 +189,7 @@ OBJECTIVES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", OBJECTIVES)
 def test_one_batch_is_overfitted(name: str, encoder: TactileViT, batch: Batch) -> None:
     objective, build = OBJECTIVES[name][0](), OBJECTIVES[name][1](encoder)

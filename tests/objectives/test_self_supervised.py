@@ -98,6 +98,7 @@ LEARNERS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LEARNERS)
 def test_one_batch_is_overfitted_without_collapse(name: str) -> None:
     """The loss falls, though its targets move; clips stay as far apart as they were at first."""

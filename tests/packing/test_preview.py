@@ -45,6 +45,7 @@ def fact(text: str, name: str) -> str:
     return match[1]
 
 
+@pytest.mark.slow
 def test_the_page_says_what_packing_keeps(packable: ModuleType, make: Make, tmp_path: Path) -> None:
     data = packable.Given(
         make("a", slice(20, 30)), make("b", slice(0, 0)), val=(make("c", slice(50, 51)),)

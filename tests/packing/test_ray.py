@@ -1,9 +1,11 @@
 import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+from waiting import wait_until
 
 from tactileforge.errors import ConfigError
 from tactileforge.packing import PackOptions, pack
@@ -26,10 +28,7 @@ def test_ray_gives_the_same_shards_though_a_worker_dies(
     _, said = process.communicate(timeout=180)
     assert process.returncode == 0, said
     assert len(list(deaths.iterdir())) == 1
-    for path in (tmp_path / "here").rglob("*"):
-        if path.is_file():
-            there = tmp_path / "ray" / path.relative_to(tmp_path / "here")
-            assert there.read_bytes() == path.read_bytes(), path.name
+    same_files(tmp_path / "here", tmp_path / "ray")
 
 
 @pytest.mark.slow
@@ -45,6 +44,59 @@ def test_a_worker_that_dies_twice_names_the_shard(
     assert len(list(deaths.iterdir())) == 2
     assert "the process that made it was killed, twice" in said
     assert "train/2/" in said
+
+
+CLUSTER = """
+import sys, time
+from ray.cluster_utils import Cluster
+
+cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1})
+node = cluster.add_node(num_cpus=1)
+print(cluster.address, flush=True)
+sys.stdin.readline()
+cluster.remove_node(node, allow_graceful=False)
+print("killed", flush=True)
+sys.stdin.readline()
+cluster.shutdown()
+"""
+
+
+@pytest.mark.slow
+def test_two_nodes_give_the_same_shards_though_one_is_killed(
+    packable: ModuleType,
+    command: Callable[..., "subprocess.Popen[str]"],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Both nodes are processes of this machine, and see the same folder."""
+    pytest.importorskip("ray")
+    options = {"codec": "png", "shard_frames": 24}
+    pack(packable.Touches(objects=8), "touches", tmp_path / "here", PackOptions(**options))
+    words = [sys.executable, "-c", CLUSTER]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(words, stdin=pipe, stdout=pipe, text=True) as cluster:
+        assert cluster.stdin
+        assert cluster.stdout
+        monkeypatch.setenv("RAY_ADDRESS", cluster.stdout.readline().strip())
+        given = options | {"executor": "ray"}
+        process = command(tmp_path / "ray", given, objects=8, delay=0.05)
+        wait_until(lambda: any((tmp_path / "ray").rglob("*.tar")), 60)
+        cluster.stdin.write("\n")
+        cluster.stdin.flush()
+        assert cluster.stdout.readline() == "killed\n"
+        assert process.poll() is None, "packing had ended before"
+        _, said = process.communicate(timeout=180)
+        cluster.stdin.close()
+    assert process.returncode == 0, said
+    same_files(tmp_path / "here", tmp_path / "ray")
+
+
+def same_files(folder: Path, other: Path) -> None:
+    """Every file of a folder is in another, to the byte."""
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    assert files
+    for path in files:
+        assert (other / path.relative_to(folder)).read_bytes() == path.read_bytes(), path.name
 
 
 def test_without_ray_the_error_says_how_to_get_it(

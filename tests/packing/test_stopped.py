@@ -45,6 +45,7 @@ def is_alive(pid: int) -> bool:
     return status.exists() and "State:\tZ" not in status.read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
 def test_a_run_that_is_stopped_goes_on(
     how: signal.Signals,
@@ -106,6 +107,7 @@ def test_a_process_that_dies_twice_is_an_error_that_names_the_shard(
     assert not list((tmp_path / "out").glob("*.part"))
 
 
+@pytest.mark.slow
 def test_a_full_disk_leaves_whole_shards_and_says_so(
     packable: ModuleType, command: Command, tmp_path: Path
 ) -> None:

@@ -98,6 +98,7 @@ def test_a_difference_lies_around_mid_grey_and_is_clipped() -> None:
     assert images.difference(change, 4.0).tolist() == [[[128, 132, 124], [129, 255, 0]]]
 
 
+@pytest.mark.slow
 def test_markup_is_written_in_templates_only() -> None:
     tag = re.compile(r"</(div|p|ul|li|dl|figure|section|table|td|th|details|h\d|pre)>|<img ")
     written = [

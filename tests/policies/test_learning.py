@@ -10,7 +10,8 @@ from diffusers.optimization import get_scheduler
 from diffusers.training_utils import EMAModel
 
 from tactileforge import load_policy
-from tactileforge.callbacks.checkpoints import LAST, Checkpoints, read_checkpoint
+from tactileforge.callbacks.checkpoints import Checkpoints
+from tactileforge.checkpoint_file import read_checkpoint
 from tactileforge.compose import compose
 from tactileforge.contracts import Robot
 from tactileforge.encoders.tactile_vit import TactileViT
@@ -18,7 +19,7 @@ from tactileforge.heads.policy.diffusion_policy import DiffusionPolicy, PowerEMA
 from tactileforge.heads.policy.ranges import Ranges
 from tactileforge.module import TouchModule
 from tactileforge.optim import optimiser
-from tactileforge.run_folder import read_config
+from tactileforge.run_folder import LAST, read_config
 from tactileforge.train import train
 
 

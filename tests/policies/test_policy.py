@@ -9,13 +9,14 @@ import torch
 from demonstrated import dent, episode, rest, write
 
 from tactileforge import load_policy, run_folder
-from tactileforge.callbacks.checkpoints import BEST, LAST, read_checkpoint
+from tactileforge.checkpoint_file import read_checkpoint
 from tactileforge.compose import compose
 from tactileforge.data.batches.clips import collate
 from tactileforge.datasets.demonstrations import Demonstrations
 from tactileforge.encoders.given import views_of
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, TactileForgeError
 from tactileforge.pages.curves import read_metrics
+from tactileforge.run_folder import BEST, LAST
 from tactileforge.train import train
 
 NARROW = ["head.denoise.channels=[16,32]", "head.denoise.step_width=16", "head.denoise.steps=4"]

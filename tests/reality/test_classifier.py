@@ -26,11 +26,13 @@ def score(view: str, **how: float) -> float:
     return result.auc
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("view", VIEWS)
 def test_sets_that_are_alike_are_not_told_apart(view):
     assert score(view) == pytest.approx(0.5, abs=0.12)
 
 
+@pytest.mark.slow
 def test_what_differs_is_seen_by_what_looks_at_it():
     assert score("spectrum", blur=0.8) > 0.99
     assert score("colour", red=2.0) > 0.99

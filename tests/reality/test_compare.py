@@ -57,6 +57,7 @@ class Listed:
         raise NotImplementedError
 
 
+@pytest.mark.slow
 def test_a_recording_is_a_touch_for_each_part_of_it():
     assert len(strongest_touches(recording(0))) == 1
     assert len(strongest_touches(recording(0, frames=196))) == 3
@@ -103,6 +104,7 @@ def test_sources_are_folders_or_what_is_given_where_these_are_many():
     assert list(by_source(many)) == ["source not given"]
 
 
+@pytest.mark.slow
 def test_sides_are_compared(tmp_path):
     held = [recording(seed, source="ab"[seed % 2]) for seed in range(4)]
     how = CompareOptions(scenes=1, trials=0, indenters=("small_sphere",), newton=(4.0, 6.0))
@@ -141,6 +143,7 @@ def test_options_that_are_none_are_told():
         CompareOptions(recordings=0)
 
 
+@pytest.mark.slow
 def test_the_page_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "page.html"
     assert cli.run(["sim", "compare", *SIM, *FEW, f"out={out}"]) == 0

@@ -30,6 +30,7 @@ def test_real_pictures_fall_off_with_frequency(realdata: Path) -> None:
     assert measured.stored == ["png"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("sensor", "shear", "relative"),
     [("gelsight_mini", (1.50, 1.23), 0.09), ("digit", (0.76, 1.31), 0.06)],

@@ -110,6 +110,7 @@ def test_sensors_share_one_zero_of_time(scripted, options):
         assert one.frames.codec == "png"
 
 
+@pytest.mark.slow
 def test_the_wrench_is_tared_and_turned(scripted, options):
     force = SimWrench(fps=300, newton=0.0, bias=2.5, rest=0)
     axes = {"a": ["x", "-y", "-z"]}
@@ -314,6 +315,7 @@ def test_no_room_ends_it_before_the_disk_is_full(scripted, options):
     assert len(only(given)["a"].frames) >= 9
 
 
+@pytest.mark.slow
 @pytest.mark.realdata
 def test_real_touch_is_recorded_as_it_was(realdata, options):
     """A real video played by OpenCV, recorded with forces: frames equal those of the file."""
@@ -367,6 +369,7 @@ def check_numbers(one, seed):
         assert np.array_equal(picture, made.picture(seed, first + round(after * 30)))
 
 
+@pytest.mark.slow
 def test_what_was_acknowledged_before_sigkill_is_whole(command, tmp_path):
     out = tmp_path / "out"
     process = command(out, segment=0.3)
@@ -390,6 +393,7 @@ def test_what_was_acknowledged_before_sigkill_is_whole(command, tmp_path):
     assert len(killed.frames) >= sum(len(o.frames) for o in before if o.labels["device"] == "left")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
 def test_the_command_ends_well_when_it_is_stopped(how, tmp_path):
     words = ["sensor=sim", "sensor.sim.size=32", f"out={tmp_path}/out", "segment=0.5"]
@@ -408,6 +412,7 @@ def test_the_command_ends_well_when_it_is_stopped(how, tmp_path):
     assert [p.name for p in (tmp_path / "out").glob("*.tar")] == ["train-000000.tar"]
 
 
+@pytest.mark.slow
 def test_a_full_disk_keeps_what_was_acknowledged_and_says_so(command, tmp_path):
     """Segments of 24 frames of 10 kB fit under the limit, and the whole take does not."""
     out = tmp_path / "out"
@@ -425,6 +430,7 @@ def test_a_full_disk_keeps_what_was_acknowledged_and_says_so(command, tmp_path):
     assert len(list(out.glob("*.tar"))) == 2
 
 
+@pytest.mark.slow
 def test_a_disk_that_is_full_from_the_start(command, tmp_path):
     process = command(tmp_path / "out", segment=0.4, seconds=9.0, file_limit=50_000)
     _, errors = process.communicate(timeout=60)
@@ -451,6 +457,7 @@ def test_a_disk_that_fills_up_in_the_middle(scripted, options, monkeypatch):
     assert sum(len(one.frames) for one in held) == pytest.approx(20, abs=1)
 
 
+@pytest.mark.slow
 def test_simulated_touch_is_recorded_and_inspected(tmp_path, capsys):
     from tactileforge.cli import run
 
@@ -511,6 +518,7 @@ def test_a_simulated_finger_that_rests_has_a_background(options):
     assert one.sensor == "digit"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", ["blocks", "exits", "untimed", "backwards"])
 def test_a_sensor_that_dies_in_silence_ends_the_recording(scripted, options, monkeypatch, fault):
     release = threading.Event()

@@ -162,6 +162,7 @@ def test_it_conforms(name):
     assert not [one for one in check("sensor", name) if one.status == "failed"]
 
 
+@pytest.mark.slow
 def test_what_is_recorded_is_a_demonstration_in_lerobots_format(tmp_path, capsys):
     pytest.importorskip("pyarrow")
     out = tmp_path / "demos"

@@ -175,6 +175,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 # the whole page
 
 
+@pytest.mark.slow
 def test_the_report_of_a_run_is_written_again_to_the_byte(run: Path) -> None:
     at_the_end = (run / "report.html").read_bytes()
     torch.manual_seed(5)
@@ -185,6 +186,7 @@ def test_the_report_of_a_run_is_written_again_to_the_byte(run: Path) -> None:
     assert torch.equal(before, torch.get_rng_state())
 
 
+@pytest.mark.slow
 def test_the_page_loads_nothing_and_is_whole(run: Path) -> None:
     html = (run / "report.html").read_text()
     assert len(html) < 3_000_000
@@ -206,6 +208,7 @@ def test_the_page_loads_nothing_and_is_whole(run: Path) -> None:
     assert links == [f"#{name}" for name in names]
 
 
+@pytest.mark.slow
 def test_the_numbers_follow_from_the_metrics_of_the_run(run: Path) -> None:
     page = Page((run / "report.html").read_text())
     curves = read_metrics(run)
@@ -227,6 +230,7 @@ def test_the_numbers_follow_from_the_metrics_of_the_run(run: Path) -> None:
     assert "scenes: 2" in page.text  # the recipe
 
 
+@pytest.mark.slow
 def test_data_and_licences_are_counted(run: Path) -> None:
     page = Page((run / "report.html").read_text())
     rows = {row[0]: row[1:] for row in page.tables["recordings"]}
@@ -388,6 +392,7 @@ def test_skipped_recordings_are_listed(write: Write, monkeypatch: pytest.MonkeyP
     assert "2 recordings could not be read" in page.text
 
 
+@pytest.mark.slow
 def test_a_folder_that_is_no_run(tmp_path: Path, run: Path) -> None:
     with pytest.raises(DataNotFoundError, match=r"no config\.yaml there; give the folder of a run"):
         report_of_run(tmp_path)

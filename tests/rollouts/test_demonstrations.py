@@ -84,6 +84,7 @@ def test_failures_are_left_out_and_named(tmp_path):
     assert len(contents(tmp_path / "d")) == made.episodes == 8
 
 
+@pytest.mark.slow
 def test_same_seed_same_bytes_with_any_number_of_processes(tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[1] / "helpers"))
     write_demonstrations(options(tmp_path / "a", n=6))

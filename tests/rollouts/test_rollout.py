@@ -73,6 +73,7 @@ def test_a_policy_succeeds_by_touch(tmp_path, policy):
         roll_out(options(tmp_path / "s", policy=policy.path, n=1))
 
 
+@pytest.mark.slow
 def test_seeds_are_the_same_for_all_and_processes_change_nothing(tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[1] / "helpers"))
     roll_out(options(tmp_path / "a", n=5))

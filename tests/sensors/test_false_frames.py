@@ -72,6 +72,7 @@ def per_million(count: int) -> str:
     return f"{count / million:,.4g}" if count else f"< {1 / million:g}"
 
 
+@pytest.mark.slow
 def test_the_table_of_false_frames_is_what_random_bytes_give() -> None:
     lines = [
         "| protocol | packets by their marks | with values that can be | frames |",

@@ -105,6 +105,7 @@ def test_force_follows_shear_where_the_table_is_not_level() -> None:
     np.testing.assert_allclose((depth - level_depth)[deep], (moved @ sway.slope)[deep], atol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("motion", ["slide_left", "rotate_cw", "manipulation", "force_trial"])
 def test_scenes_start_and_end_clear_of_the_gel(motion: str) -> None:
     for seed in range(8):
@@ -125,6 +126,7 @@ def test_a_force_that_a_shape_does_not_reach_is_refused() -> None:
     assert most.path.poses[:, 3].max() < 1.5
 
 
+@pytest.mark.slow
 def test_scenes_together_are_scenes_alone() -> None:
     touches = [
         draw_scene(seed, shape(name), "slide_up", seconds=0.2, randomise="all")

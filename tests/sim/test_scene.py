@@ -51,6 +51,7 @@ def test_the_depth_gives_the_force_asked_for(name: str) -> None:
     assert float(force[:, 2].max()) == pytest.approx(wanted, rel=0.1)
 
 
+@pytest.mark.slow
 def test_sensors_together_are_sensors_alone(touch: Scene) -> None:
     sensors = ("digit", "gelsight", "gelsight_mini", "duragel")
     for sensor, (pictures, force) in zip(sensors, film(touch, *sensors), strict=True):

@@ -7,6 +7,7 @@ from torch import nn
 DECODER = {"width": 32, "depth": 1, "heads": 2}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "options"),
     [

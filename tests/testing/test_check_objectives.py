@@ -46,6 +46,7 @@ class SmallDinoHead(DinoHead):
         super().__init__(encoder, prototypes=64, hidden=64, bottleneck=16)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "head"),
     [
@@ -170,6 +171,7 @@ class Mumbles(Push):
 UNLABELLED = "unlabelled samples change nothing"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("plugin", "name", "detail"),
     [

@@ -1,34 +1,22 @@
-"""Crash-safe checkpoints: written under another name and renamed, read without executing code."""
+"""Crash-safe checkpoints: written beside their place and renamed."""
 
 from __future__ import annotations
 
-import hashlib
 import os
 import shutil
 import signal
-from collections.abc import Mapping
 from pathlib import Path
 from types import FrameType
-from typing import IO, Any
+from typing import Any
 
 import lightning as L
 import torch
 from lightning.pytorch.callbacks import Callback, ModelCheckpoint
 from lightning.pytorch.plugins.io import TorchCheckpointIO
-from torch import nn
 
-from tactileforge.errors import ConfigError, DataNotFoundError, TactileForgeError
-
-#: Where a run keeps the checkpoint that it resumes from.
-LAST = Path("checkpoints") / "last.ckpt"
-#: Where a run keeps its best weights, if it is asked to.
-BEST = Path("checkpoints") / "best.ckpt"
-
-#: A checkpoint is a zip file; its comment is this and the SHA-256 of all that comes before.
-_SEAL = b"tactileforge sha256 "
-_SEALED = len(_SEAL) + 64
-#: What a zip file ends with where it has no comment: a record of 22 bytes.
-_END, _END_BYTES = b"PK\x05\x06", 22
+from tactileforge.checkpoint_file import read_own, seal
+from tactileforge.errors import TactileForgeError
+from tactileforge.run_folder import BEST, LAST
 
 
 class AtomicCheckpointIO(TorchCheckpointIO):
@@ -185,126 +173,3 @@ def _size(trainer: L.Trainer) -> int:
     state = trainer.lightning_module.state_dict().values()
     kept = [x for optim in trainer.optimizers for one in optim.state.values() for x in one.values()]
     return sum(x.nbytes for x in [*state, *kept] if isinstance(x, torch.Tensor))
-
-
-def find_checkpoint(path: str | Path) -> Path:
-    """Finds the checkpoint of a run folder, or returns the file itself.
-
-    Raises:
-        DataNotFoundError: There is none; says what to give.
-    """
-    path = Path(path)
-    file = path / LAST if path.is_dir() else path
-    if not file.is_file():
-        raise DataNotFoundError(f"no checkpoint at {file}; give the folder of a run, or its file")
-    return file
-
-
-def seal(file: IO[bytes]) -> None:
-    """Appends the checksum of a file of ``torch.save``, as the comment of the zip file it is.
-
-    Raises:
-        ValueError: The file is no such file, or is sealed.
-    """
-    file.seek(-_END_BYTES, os.SEEK_END)
-    end = file.read()
-    if not end.startswith(_END) or end[-2:] != b"\0\0":
-        raise ValueError("no file of torch.save, or one that has a checksum")
-    file.seek(-2, os.SEEK_END)
-    file.write(_SEALED.to_bytes(2, "little"))
-    file.seek(0)
-    digest = hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
-    file.seek(0, os.SEEK_END)
-    file.write(_SEAL + digest.encode())
-    file.flush()
-
-
-def _check_seal(path: Path) -> None:
-    size = path.stat().st_size
-    with path.open("rb") as file:
-        file.seek(max(0, size - _SEALED))
-        comment = file.read()
-        if not comment.startswith(_SEAL):
-            raise ValueError("it has no checksum at its end: cut off, or of another program")
-        file.seek(0)
-        digest, left = hashlib.sha256(), size - _SEALED
-        while left and (chunk := file.read(min(left, 1 << 20))):
-            digest.update(chunk)
-            left -= len(chunk)
-    if comment != _SEAL + digest.hexdigest().encode():
-        raise ValueError("its checksum is another: bytes of it have changed")
-
-
-def read_own(path: str | Path, run: str | None) -> dict[str, Any]:
-    """Reads a checkpoint, which must be of one run.
-
-    Args:
-        path: See `find_checkpoint`.
-        run: Identity of the run.
-
-    Raises:
-        DataNotFoundError: See `find_checkpoint`.
-        ConfigError: See `read_checkpoint`; or it is another run's.
-    """
-    found = read_checkpoint(path)
-    if found.get("run") != run:
-        raise ConfigError(
-            f"{find_checkpoint(path)} is a checkpoint of run {found.get('run')}, but config.yaml "
-            f"beside it is of run {run}: one of the two was copied or overwritten. Start a new "
-            "run from the weights with init=, or put the right file back"
-        )
-    return found
-
-
-def read_checkpoint(path: str | Path) -> dict[str, Any]:
-    """Reads a checkpoint on the CPU; tensors and plain data only, no code.
-
-    Raises:
-        DataNotFoundError: See `find_checkpoint`.
-        ConfigError: The file is not a checkpoint, or its checksum is another.
-    """
-    file = find_checkpoint(path)
-    try:
-        _check_seal(file)
-        checkpoint: dict[str, Any] = torch.load(
-            file, map_location="cpu", weights_only=True, mmap=True
-        )
-        if not isinstance(checkpoint, dict) or "state_dict" not in checkpoint:
-            raise ValueError("no state_dict in it")
-    except Exception as error:
-        raise ConfigError(
-            f"{file} is not a checkpoint that can be read ({error}); nothing in it was executed"
-        ) from error
-    return checkpoint
-
-
-def initialise(module: nn.Module, state: Mapping[str, torch.Tensor]) -> str:
-    """Initialises a module from the weights of another run; the whole encoder must match.
-
-    Heads and objectives are taken where name and shape agree, because the new run may have others;
-    how they were balanced is not.
-
-    Returns:
-        A line that says what was taken and what was not.
-
-    Raises:
-        ConfigError: Encoder tensors are missing, left over, or of another shape; names them.
-    """
-    current, state = (
-        {key: value for key, value in states.items() if not key.startswith("balance.")}
-        for states in (module.state_dict(), state)
-    )
-    fits = {k: v for k, v in state.items() if k in current and current[k].shape == v.shape}
-    wrong = [
-        f"{key} ({tuple(state[key].shape) if key in state else 'missing'} in the checkpoint, "
-        f"{tuple(current[key].shape) if key in current else 'absent'} here)"
-        for key in sorted(current.keys() | state.keys())
-        if key.startswith("encoder.") and key not in fits
-    ]
-    if wrong:
-        some = "; ".join(wrong[:5])
-        raise ConfigError(f"init: the encoder does not fit: {some} ({len(wrong)} in all)")
-    module.load_state_dict(fits, strict=False)
-    fresh = sorted({key.rsplit(".", 1)[0] for key in current.keys() - fits.keys()})
-    left = sorted({key.rsplit(".", 1)[0] for key in state.keys() - fits.keys()})
-    return f"init: {len(fits)} tensors taken; new: {fresh or 'none'}; not used: {left or 'none'}"

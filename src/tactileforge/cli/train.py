@@ -12,7 +12,7 @@ from tactileforge.run_length import LENGTHS
 
 def _train(_: None, config: dict[str, Any]) -> float:
     """Trains a recipe; a run that was stopped goes on with resume=RUN."""
-    from tactileforge.callbacks import checkpoints
+    from tactileforge.run_folder import LAST
     from tactileforge.train import metric, train
 
     folder = _folder()
@@ -21,7 +21,7 @@ def _train(_: None, config: dict[str, Any]) -> float:
     try:
         return metric(train(config, folder), config.get("optimized_metric"))
     except KeyboardInterrupt as stop:
-        kept = (folder / checkpoints.LAST).is_file()
+        kept = (folder / LAST).is_file()
         again = f"tactileforge train resume={folder}" if kept else "the same command again"
         raise KeyboardInterrupt(f"{stop or 'stopped'}; go on with: {again}") from stop
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import torch
@@ -40,7 +39,7 @@ def encode_summary(
     states: list[Tensor] = []
     hooks = [
         block.register_forward_hook(lambda _module, _given, state: states.append(state))
-        for block in _spaced(getattr(getattr(encoder, "transformer", None), "blocks", ()))
+        for block in _chosen_blocks(encoder)
     ]
     try:
         tokens, projected = encoder(frames, background, sensor)
@@ -53,11 +52,11 @@ def encode_summary(
 
 def summary_width(encoder: Any) -> int:
     """Length of the summary of an encoder."""
-    blocks = _spaced(getattr(getattr(encoder, "transformer", None), "blocks", ()))
-    return max(1, len(blocks)) * (CELLS**2 + 1) * int(encoder.width)
+    return max(1, len(_chosen_blocks(encoder))) * (CELLS**2 + 1) * int(encoder.width)
 
 
-def _spaced(blocks: Sequence[Any]) -> list[Any]:
+def _chosen_blocks(encoder: Any) -> list[Any]:
+    blocks = getattr(getattr(encoder, "transformer", None), "blocks", ())
     count = min(BLOCKS, len(blocks))
     return [blocks[(i + 1) * len(blocks) // count - 1] for i in range(count)]
 

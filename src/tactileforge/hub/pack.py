@@ -11,7 +11,7 @@ from typing import Any, Literal
 from torch import Tensor, nn
 
 from tactileforge import registry, run_folder
-from tactileforge.callbacks import checkpoints
+from tactileforge.checkpoint_file import read_own
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
 from tactileforge.files import new_part, sha256, writing
 from tactileforge.hub import cards, files, store
@@ -63,7 +63,7 @@ def pack_run(
     if (known := config["encoder"].get("sensors")) and (trained := kept.get("sensors")):
         # rows of other sensors were never trained
         config["encoder"]["sensors"] = {name: known[name] for name in known if name in trained}
-    checkpoint = checkpoints.read_own(run, config.pop("run", None))
+    checkpoint = read_own(run, config.pop("run", None))
     kind, state = _choose(checkpoint["state_dict"], encoder, run)
     built = registry.build("encoders", config["encoder"])
     files.fill_weights(built, state, str(run))

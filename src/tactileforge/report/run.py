@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from tactileforge import run_folder
-from tactileforge.callbacks import checkpoints
+from tactileforge.checkpoint_file import read_checkpoint, read_own
 from tactileforge.data.batches.clips import Skipped
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import ConfigError
@@ -37,7 +37,7 @@ def report_of_run(folder: Path) -> Path:
     from tactileforge.assemble import build_data
 
     config = _config(folder)
-    state = checkpoints.read_own(folder, config.get("run"))
+    state = read_own(folder, config.get("run"))
     data, _ = build_data(config)
     module = TouchModule.from_config(config, data.summary("train").labels)
     try:
@@ -111,9 +111,9 @@ def _config(folder: Path) -> dict[str, Any]:
 
 def _progress(folder: Path, curves: Mapping[str, Curve]) -> tuple[int, float | None]:
     """Steps done, and seconds of training over all of a run's processes where they were kept."""
-    if not (folder / checkpoints.LAST).is_file():
+    if not (folder / run_folder.LAST).is_file():
         return max((int(curve.steps[-1]) + 1 for curve in curves.values()), default=0), None
-    state = checkpoints.read_checkpoint(folder)
+    state = read_checkpoint(folder)
     timer = state.get("callbacks", {}).get("Timer", {})
     seconds = timer.get("time_elapsed", {}).get("train")
     return int(state["global_step"]), seconds

@@ -127,7 +127,7 @@ def fingerprint(word: str) -> str:
         raise ConfigError(
             f"policy={word}: neither {' nor '.join(SCRIPTED)}, nor the folder of a run or a file"
         )
-    from tactileforge.callbacks.checkpoints import BEST, LAST
+    from tactileforge.run_folder import BEST, LAST
 
     # those that `load_policy` takes
     files = [path] if path.is_file() else [path / BEST, path / LAST]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -13,14 +12,13 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from tactileforge import strict
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards import shards
 from tactileforge.data.shards.index import Index, IndexEntry
 from tactileforge.errors import TactileForgeError
 from tactileforge.files import claim, sealed, unsealed, write_text
-from tactileforge.processes import spread, while_waited_for
+from tactileforge.processes import run_share, spread
 from tactileforge.rollouts.actors import Expert
 from tactileforge.rollouts.episode import Episode, play_episode
 from tactileforge.rollouts.options import DemonstrationOptions, make_environment
@@ -206,14 +204,5 @@ def _made(options: DemonstrationOptions) -> dict[str, Any]:
     return {k: v for k, v in asdict(options).items() if k not in ("out", "processes")}
 
 
-def _main(config: str, *numbers: str) -> None:
-    """A process that plays a share of the episodes."""
-    options = strict.build(DemonstrationOptions, "", json.loads(config))
-    _write(options, while_waited_for(map(int, numbers)), lambda: None)
-
-
 if __name__ == "__main__":
-    try:
-        _main(*sys.argv[1:])
-    except (TactileForgeError, OSError) as error:
-        sys.exit(str(error))
+    run_share(DemonstrationOptions, _write)

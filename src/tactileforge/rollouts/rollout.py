@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -12,10 +11,8 @@ from typing import Any
 
 from tqdm import tqdm
 
-from tactileforge import strict
-from tactileforge.errors import TactileForgeError
 from tactileforge.files import claim
-from tactileforge.processes import spread, while_waited_for
+from tactileforge.processes import run_share, spread
 from tactileforge.rollouts.actors import SCRIPTED, fingerprint, make_actor
 from tactileforge.rollouts.episode import Episode, play_episode
 from tactileforge.rollouts.options import RolloutOptions, make_environment
@@ -129,14 +126,5 @@ def _made(options: RolloutOptions) -> dict[str, Any]:
     return {"policy": name, "weights": weights, **plain}
 
 
-def _main(config: str, *numbers: str) -> None:
-    """A process that plays a share of the episodes."""
-    options = strict.build(RolloutOptions, "", json.loads(config))
-    _write(options, while_waited_for(map(int, numbers)), lambda: None)
-
-
 if __name__ == "__main__":
-    try:
-        _main(*sys.argv[1:])
-    except (TactileForgeError, OSError) as error:
-        sys.exit(str(error))
+    run_share(RolloutOptions, _write)

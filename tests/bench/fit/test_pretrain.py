@@ -22,6 +22,7 @@ def miniature() -> dict[str, Any]:
     return COMMANDS[""].compose("bench", ["suite=[sim,public_samples]", "pretrain=miniature"])
 
 
+@pytest.mark.slow
 def test_the_miniature_is_what_the_issue_of_the_paper_is() -> None:
     """Objectives and frames of every model; the same data, steps and input for all."""
     config = miniature()

@@ -66,6 +66,7 @@ def halves(part: TargetPart, x: Tensor, y: Tensor, groups: list[str] | None = No
     return out["a"]
 
 
+@pytest.mark.slow
 def test_it_tells_classes_apart_that_are_apart_and_only_those() -> None:
     right: dict[str, list[float]] = {"own": [], "shuffled": []}
     for seed in range(12):

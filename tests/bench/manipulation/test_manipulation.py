@@ -134,6 +134,7 @@ def _trained(monkeypatch):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_trained")
 def test_the_verb_writes_table_json_and_page(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)

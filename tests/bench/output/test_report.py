@@ -131,6 +131,7 @@ def test_the_page_is_one_file_with_every_table_and_picture(tmp_path: Path) -> No
     assert "All 4 pairs of a model and a task were run." in parsed.text
 
 
+@pytest.mark.slow
 def test_losses_of_probes_are_drawn_where_they_are_known(tmp_path: Path) -> None:
     content = bench(tmp_path)
     _, before = page(tmp_path, content)
@@ -164,6 +165,7 @@ def test_what_was_not_run_is_told(tmp_path: Path) -> None:
     assert "3 of 4 pairs of a model and a task were not run" in parsed.text
 
 
+@pytest.mark.slow
 def test_predictions_that_are_gone_or_not_finite_are_told(tmp_path: Path) -> None:
     content = bench(tmp_path)
     (tmp_path / content["cells"][0]["predictions"]).unlink()

@@ -36,6 +36,7 @@ def test_a_suite_can_be_run(name: str) -> None:
             registry.build("datasets", task.data)
 
 
+@pytest.mark.slow
 def test_what_is_published_has_a_task_of_its_title() -> None:
     titles = {task.title for name in SUITES for task in suite(name).values()}
     published = {row.task for row in published_scores()}
@@ -90,6 +91,7 @@ def test_public_samples(name: str, recordings: int, tested: int | None, realdata
         assert count == pytest.approx(tested, rel=0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.realdata
 @pytest.mark.parametrize(("name", "half"), [("real", "train"), ("real_held_out", "val")])
 def test_the_gate_never_shares_a_recording_or_an_object(

@@ -1,5 +1,6 @@
 """Videos that OpenCV cannot decode; and that PyAV sees what OpenCV sees where both can."""
 
+import multiprocessing
 from pathlib import Path
 
 import cv2
@@ -55,6 +56,19 @@ def test_every_frame_of_av1_is_read_in_any_order(av1: Path) -> None:
     assert away.argmin(1).tolist() == list(range(COUNT))
     for order in ([59], [3, 41, 2, 2, 58], [0], [55, 5]):
         np.testing.assert_array_equal(frames.read(order), everything[order])
+
+
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
+def test_a_forked_process_does_not_wait_for_threads_of_its_parent(av1: Path) -> None:
+    """Decoders of AV1 have threads; a fork has none, and closing what it inherited would hang."""
+    frames = VideoFrames(av1)
+    frames.read([3])
+    context = multiprocessing.get_context("fork")
+    process = context.Process(target=frames.read, args=([40],))
+    process.start()
+    process.join(timeout=60)
+    process.kill()
+    assert process.exitcode == 0
 
 
 def test_pyav_sees_what_opencv_sees(tmp_path: Path) -> None:

@@ -130,6 +130,7 @@ def demo(realdata: Path, name: str, lag_s: float | None) -> tuple[Recording, Lag
     )
 
 
+@pytest.mark.slow
 @pytest.mark.realdata
 @pytest.mark.parametrize(
     ("name", "frames"), [("touchd_force_gelsight_mini", 6), ("touchd_force_digit", 2)]

@@ -124,6 +124,7 @@ def test_another_file_than_was_indexed_is_refused(
     assert not list((tmp_path / "cache").rglob("train-000001*"))
 
 
+@pytest.mark.slow
 def test_what_cannot_be_reached_is_named(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"127\.0\.0\.1:9/index\.json: cannot be read"):
         list(Shards("http://127.0.0.1:9", cache=str(tmp_path)).recordings("train"))

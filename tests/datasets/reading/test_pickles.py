@@ -138,6 +138,7 @@ def test_a_file_that_shrinks_afterwards(tmp_path: Path) -> None:
         blob.read()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [b"\x85", b"t"])
 @pytest.mark.parametrize("use", [b"", b"s", b"\x8f(Ne\x90"])
 def test_tuples_nested_without_end_are_an_error(tmp_path: Path, make: bytes, use: bytes) -> None:

@@ -8,6 +8,7 @@ from tactileforge.sensors.drivers.sim import SimSensor
 from tactileforge.testing import check
 
 
+@pytest.mark.slow
 def test_conformance() -> None:
     results = check("sensor", SimSensor("digit", size=32))
     assert [one for one in results if one.status == "failed"] == []

@@ -208,6 +208,7 @@ def test_a_mesh_of_too_many_bytes_is_refused_before_it_is_read(tmp_path, monkeyp
         mesh_shape(path)
 
 
+@pytest.mark.slow
 def test_an_archive_counts_as_what_it_unpacks_to(tmp_path):
     """600 MB of zeros in 600 kB; 3MF is such an archive."""
     path = tmp_path / "bomb.3mf"

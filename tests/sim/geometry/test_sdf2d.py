@@ -22,6 +22,7 @@ def _crescent(radius, bite, shift):
     return PI * radius**2 - lens
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mask", "area"),
     [

@@ -161,6 +161,7 @@ def test_arrays_have_separate_tips(index, count):
     assert _components(touching) == count
 
 
+@pytest.mark.slow
 def test_the_contact_area_converges_with_resolution():
     for name in (
         "pentagram",

@@ -29,6 +29,7 @@ def sphere(radius: float, depths: Tensor, points: int, spacing: float) -> Tensor
     return depths[:, None, None] - rise
 
 
+@pytest.mark.slow
 def test_hertz_over_a_decade_of_depth() -> None:
     radius = 10.0
     for depth in (0.03, 0.1, 0.3):
@@ -43,6 +44,7 @@ def test_hertz_over_a_decade_of_depth() -> None:
         assert measured == pytest.approx(wanted, rel=0.03)
 
 
+@pytest.mark.slow
 def test_flat_punch_is_sneddons() -> None:
     gel, radius, depth, spacing = Gel(thickness=200.0, poisson=0.4), 2.0, 0.1, 5 / 128
     x, y = plane(128, spacing)

@@ -46,6 +46,7 @@ def error(made, calibration, numbers):
     return math.sqrt(np.mean([float(w.square().mean()) for w in wrong]))
 
 
+@pytest.mark.slow
 def test_fit_finds_the_calibration_that_made_the_pictures():
     made = presses()
     fitted = fit.fit_optics(made.part(slice(0, 6)))

@@ -46,6 +46,7 @@ def test_crop_is_the_one_of_the_published_baseline():
     assert psnr(test, [test.background] * len(test)) == pytest.approx(21.55, abs=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "least"),
     [("gelsight", 32.0), ("gelsight_mini", 33.0), ("gelsight_fots", 28.0), ("digit", 27.5)],

@@ -142,12 +142,13 @@ class _Extraction:
         if done:
             arrays = {what: np.lib.format.open_memmap(p, "r+") for what, p in parts.items()}
         flips = tuple(dict.fromkeys(flip for _, flip in self.paths))
+        summary = any(tap == "summary" for tap, _ in self.paths)
         with tqdm(
             total=self.total, initial=done, desc=f"features of {self.subject.name}", unit="clip"
         ) as bar:
             for number, (places, batch) in enumerate(self._batches(done), start=1):
                 for flip in flips:
-                    readings = self.subject.features(batch, flip, self.policy)
+                    readings = self.subject.features(batch, flip, self.policy, summary)
                     for what in [what for what in self.paths if what[1] == flip]:
                         values = _half(readings[what[0]], self.subject.name)
                         if what not in arrays:

@@ -111,8 +111,16 @@ class FrozenEncoder:
                 unknown.append(name)
         return unknown
 
-    def features(self, batch: Batch, flip: tuple[bool, bool], policy: str) -> dict[str, Tensor]:
+    def features(
+        self, batch: Batch, flip: tuple[bool, bool], policy: str, summary: bool = True
+    ) -> dict[str, Tensor]:
         """Features for probes, without gradients.
+
+        Args:
+            batch: See `run`.
+            flip: See `run`.
+            policy: See `run`.
+            summary: Whether ``summary`` is asked for.
 
         Returns:
             ``tokens`` (B, L, width) and ``projected`` (B, projected). ``patches`` (B, n width), the
@@ -121,18 +129,21 @@ class FrozenEncoder:
             ``projected``, and ``summary`` is not there.
         """
         with torch.inference_mode():
-            taps = self.run(batch, flip, policy)
+            taps = self.run(batch, flip, policy, summary and not self.flat)
             patches = taps["tokens"][:, self.encoder.prefix :]
             pooled = taps["projected"] if self.flat else patches.float().mean(1)
             return taps | {"pooled": pooled, "patches": patches.flatten(1)}
 
-    def run(self, batch: Batch, flip: tuple[bool, bool], policy: str) -> dict[str, Tensor]:
+    def run(
+        self, batch: Batch, flip: tuple[bool, bool], policy: str, summary: bool = False
+    ) -> dict[str, Tensor]:
         """The same, with gradients where the encoder has them.
 
         Args:
             batch: See `tactileforge.contracts`.
             flip: Whether it is mirrored left to right, and top to bottom.
             policy: What to do with an unknown sensor: ``error`` or ``universal``.
+            summary: Whether to add the summary, see `encode_summary`.
         """
         frames = batch["frames"].to(self.device, non_blocking=True)
         background = batch["background"].to(self.device, non_blocking=True)
@@ -141,9 +152,10 @@ class FrozenEncoder:
             frames, background = frames.flip(mirrored), background.flip(mirrored)
         rows = self._rows(batch["sensor"], policy).to(self.device)
         if not self.single:
-            return self._taps(frames, background, rows)
+            return self._taps(summary, frames, background, rows)
         count = frames.shape[1]
         taps = self._taps(
+            summary,
             frames.flatten(0, 1)[:, None],
             background.repeat_interleave(count, 0),
             rows.repeat_interleave(count),
@@ -152,12 +164,12 @@ class FrozenEncoder:
             tap: value.reshape(-1, count, *value.shape[1:]).mean(1) for tap, value in taps.items()
         }
 
-    def _taps(self, *inputs: Tensor) -> dict[str, Tensor]:
-        if self.flat or torch.is_grad_enabled():  # a probe that fine-tunes reads no summary
+    def _taps(self, summary: bool, *inputs: Tensor) -> dict[str, Tensor]:
+        if not summary:
             tokens, projected = self.encoder(*inputs)
             return {"tokens": tokens, "projected": projected}
-        tokens, projected, summary = encode_summary(self.encoder, *inputs)
-        return {"tokens": tokens, "projected": projected, "summary": summary}
+        tokens, projected, vector = encode_summary(self.encoder, *inputs)
+        return {"tokens": tokens, "projected": projected, "summary": vector}
 
     def _rows(self, sensors: Sequence[str], policy: str) -> Tensor:
         if hasattr(self.encoder, "unknown_sensor"):

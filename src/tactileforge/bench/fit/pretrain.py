@@ -18,9 +18,9 @@ from tactileforge import strict
 from tactileforge.bench.fit.frozen_encoder import FrozenEncoder
 from tactileforge.bench.fit.models import ModelEntry, encoder_of_run
 from tactileforge.bench.results.results import LossCurve
-from tactileforge.callbacks import checkpoints
 from tactileforge.errors import ConfigError, TactileForgeError, unknown
 from tactileforge.files import write_text
+from tactileforge.run_folder import LAST
 
 #: Written before a run starts: what it is trained with.
 _WORDS = "bench.json"
@@ -71,7 +71,7 @@ class PretrainJob:
     @property
     def has_checkpoint(self) -> bool:
         """Whether it can be resumed."""
-        return (self.folder / checkpoints.LAST).is_file()
+        return (self.folder / LAST).is_file()
 
     @property
     def failed(self) -> str:

@@ -14,7 +14,7 @@ from tactileforge.bench.manipulation.plan import Plan, Setting
 from tactileforge.bench.manipulation.run import CellResult
 from tactileforge.bench.output.grid import ColumnHead, Notes, Table, TableEntry, Tone
 from tactileforge.bench.output.render import render_html, render_markdown
-from tactileforge.bench.results.gate import GateScore, GroupedScore, compared
+from tactileforge.bench.results.bootstrap import GroupedScore, ScoreInterval, compared
 from tactileforge.files import write_text
 from tactileforge.pages.page import MINUS, Section, page, paragraph
 from tactileforge.provenance import commit
@@ -41,7 +41,7 @@ def tally(result: CellResult) -> GroupedScore:
     return GroupedScore(groups, top, np.ones_like(top), 0.0, 1.0)
 
 
-def difference(ours: Sequence[CellResult], theirs: Sequence[CellResult]) -> GateScore:
+def difference(ours: Sequence[CellResult], theirs: Sequence[CellResult]) -> ScoreInterval:
     """Difference of two policies' success, of the same starts, by the paired bootstrap."""
     return compared([tally(cell) for cell in ours], [tally(cell) for cell in theirs])
 

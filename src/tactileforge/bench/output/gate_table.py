@@ -8,7 +8,8 @@ from pathlib import Path
 
 from tactileforge.bench.output.grid import ColumnHead, Table, TableEntry, fixed
 from tactileforge.bench.results import gate
-from tactileforge.bench.results.gate import GateRow, GateScore
+from tactileforge.bench.results.bootstrap import ScoreInterval
+from tactileforge.bench.results.gate import GateRow
 from tactileforge.bench.results.results import Results
 from tactileforge.bench.results.scores import titles
 from tactileforge.files import write_text
@@ -74,7 +75,7 @@ def _entry(row: GateRow | None) -> TableEntry:
     )
 
 
-def _signed(score: GateScore) -> str:
+def _signed(score: ScoreInterval) -> str:
     return f"{fixed(score.value, 3, signed=True)} (> {fixed(score.low, 2, signed=True)})"
 
 

@@ -1,8 +1,6 @@
 """The release gate: compares a model with random weights and raw pixels, beyond the interval.
 
-Every test clip is scored, clips of one recording (or object) are drawn together, with replacement,
-and differences are taken within a draw: the paired bootstrap over groups, by percentiles. Of random
-weights one network is drawn each time too, so that their spread counts.
+Intervals are those of `bench.results.bootstrap`: paired, over recordings or objects.
 """
 
 from __future__ import annotations
@@ -12,166 +10,22 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from tactileforge.bench.results.predictions import read_predictions
+from tactileforge.bench.results.bootstrap import (
+    GroupedScore,
+    ScoreInterval,
+    compared,
+    compared_over_tasks,
+    grouped_score,
+)
 from tactileforge.bench.results.results import Cell, Results, ResultTask
-from tactileforge.errors import DataError
 
 FILE = "gate.json"
 #: What a model has to beat; ``random`` are its own architecture's.
 AGAINST = ("random", "pixels")
-DRAWS = 2000
 #: Words of models that are compared with, besides ``untrained:NAME``.
 _BASELINES = ("pixels", "statistics", "motion", "hog", "background", "chance")
 #: Name of the row of all tasks together, whose metrics are all 1 at best.
 MEAN = "mean"
-_SEED = 20261122
-
-Sums = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class GroupedScore:
-    """A score as sums over groups, so that the bootstrap over groups is a matrix product.
-
-    The score is ``start + sign * mean_k(top_k / bottom_k)``, tops and bottoms summed over groups.
-
-    Attributes:
-        groups: Names, in the order of the rows.
-        top: float64 (groups, k).
-        bottom: float64 (groups, k).
-        start: 0, or 1 for a coefficient of determination.
-        sign: 1, or -1 for that.
-    """
-
-    groups: tuple[str, ...]
-    top: Sums
-    bottom: Sums
-    start: float
-    sign: float
-
-    def scores(self, counts: Sums) -> Sums:
-        """Scores (draws,) from the number of times each group was drawn, (draws, groups)."""
-        top, bottom = counts @ self.top, counts @ self.bottom
-        # a draw may miss a class entirely: its recall is left out of the mean
-        there = bottom > 0
-        share = np.divide(top, bottom, out=np.zeros_like(top), where=there)
-        scores: Sums = self.start + self.sign * share.sum(1) / np.maximum(there.sum(1), 1)
-        return scores
-
-
-def grouped_score(path: Path, metric: str) -> GroupedScore:
-    """Scores of the test clips of a cell.
-
-    Args:
-        path: Its predictions.
-        metric: ``accuracy``, ``balanced_accuracy`` or ``r2``.
-
-    Raises:
-        DataError: The file does not say which clips belong together, or the metric is another.
-    """
-    predictions = read_predictions(path)
-    with np.load(path, allow_pickle=False) as file:
-        if "units" not in file.files:
-            raise DataError(f"{path}: array 'units' is missing; run the bench again")
-        names, of = np.unique(file["units"], return_inverse=True)
-    if metric == "r2":
-        # deviations are from the mean of all clips, not of a draw: else they do not sum over groups
-        truth = predictions.truth.astype(float)
-        error = (predictions.predicted - predictions.truth).astype(float)
-        parts = error**2, (truth - truth.mean(0)) ** 2
-    elif metric in ("accuracy", "balanced_accuracy"):
-        # one column per class gives the mean recall, one column for all the accuracy
-        right = (predictions.truth == predictions.predicted).astype(float)
-        per_class = predictions.truth[:, :1] == np.unique(predictions.truth)
-        classes = per_class if metric != "accuracy" else [[True]]
-        parts = right * classes, np.ones_like(right) * classes
-    else:
-        raise DataError(f"{path}: the gate knows accuracy, balanced_accuracy and r2, not {metric}")
-    sums = [np.zeros((len(names), part.shape[1])) for part in parts]
-    for total, part in zip(sums, parts, strict=True):
-        np.add.at(total, of, part)
-    start, sign = (1.0, -1.0) if metric == "r2" else (0.0, 1.0)
-    return GroupedScore(tuple(names.tolist()), sums[0], sums[1], start, sign)
-
-
-@dataclass(frozen=True)
-class GateScore:
-    """A score, or a difference of two, with its 95 % interval.
-
-    Attributes:
-        value: The score; of classes as a share.
-        low: Lower end.
-        high: Upper end.
-    """
-
-    value: float
-    low: float
-    high: float
-
-
-def compared(tallies: Sequence[GroupedScore], others: Sequence[GroupedScore] = ()) -> GateScore:
-    """Mean score of some networks, or its difference to that of others, by the bootstrap.
-
-    Args:
-        tallies: A tally each.
-        others: Alike; none to give the score itself.
-
-    Raises:
-        DataError: They were not tested on the same groups.
-    """
-    value, draws = _bootstrap(tallies, others)
-    return _interval(value, draws)
-
-
-def compared_over_tasks(
-    tasks: Sequence[tuple[Sequence[GroupedScore], Sequence[GroupedScore]]],
-) -> GateScore:
-    """Mean over tasks of what `compared` gives for each; tasks are drawn from independently.
-
-    Args:
-        tasks: Networks and others of each task; see `compared`.
-
-    Raises:
-        DataError: See `compared`.
-    """
-    parts = [_bootstrap(*task, seed=_SEED + number) for number, task in enumerate(tasks)]
-    return _interval(
-        float(np.mean([value for value, _ in parts])), np.mean([draws for _, draws in parts], 0)
-    )
-
-
-def _interval(value: float, draws: Sums) -> GateScore:
-    low, high = np.quantile(draws, (0.025, 0.975))
-    return GateScore(value, float(low), float(high))
-
-
-def _bootstrap(
-    tallies: Sequence[GroupedScore], others: Sequence[GroupedScore] = (), seed: int = _SEED
-) -> tuple[float, Sums]:
-    """Mean score or difference, and those of ``DRAWS`` draws; see `compared`."""
-    every = [*tallies, *others]
-    groups = every[0].groups
-    if any(network.groups != groups for network in every):
-        raise DataError("models were tested on other recordings; run the bench again, all at once")
-    rng = np.random.default_rng(seed)
-    # the same draws of groups for all networks: the test is paired
-    counts = rng.multinomial(len(groups), np.full(len(groups), 1 / len(groups)), DRAWS)
-    all_once = np.ones((1, len(groups)))
-
-    def drawn(networks: Sequence[GroupedScore]) -> Sums:
-        table = np.stack([network.scores(counts.astype(float)) for network in networks])
-        # networks are drawn too, so that the interval covers the spread of seeds
-        chosen = rng.integers(len(networks), size=(len(networks), DRAWS))
-        means: Sums = np.take_along_axis(table, chosen, axis=0).mean(0)
-        return means
-
-    values = drawn(tallies) - drawn(others) if others else drawn(tallies)
-    mean = np.mean([network.scores(all_once) for network in tallies])
-    mean -= np.mean([network.scores(all_once) for network in others]) if others else 0.0
-    return float(mean), values
 
 
 @dataclass(frozen=True)
@@ -189,8 +43,8 @@ class GateRow:
     task: str
     model: str
     reading: str
-    score: GateScore
-    above: Mapping[str, GateScore] = field(default_factory=dict)
+    score: ScoreInterval
+    above: Mapping[str, ScoreInterval] = field(default_factory=dict)
 
     @property
     def beats(self) -> bool:
@@ -308,5 +162,5 @@ def gate_to_plain(gate_rows: Sequence[GateRow], results: Results) -> dict[str, A
     }
 
 
-def _score(score: GateScore) -> dict[str, float]:
+def _score(score: ScoreInterval) -> dict[str, float]:
     return {key: round(getattr(score, key), 4) for key in ("value", "low", "high")}

@@ -143,10 +143,18 @@ class _Pool:
     """The videos used last in this process."""
 
     def __init__(self) -> None:
-        self.reset()
+        self._inherited: list[object] = []
+        self._clear()
 
     def reset(self) -> None:
-        """Forgets everything: a forked process shares the file positions of its parent."""
+        """Forgets everything: a forked process shares the file positions of its parent.
+
+        Closing a decoder waits for its threads, which only the parent has: so none is closed.
+        """
+        self._inherited.append(self.cursors)
+        self._clear()
+
+    def _clear(self) -> None:
         self.lock = threading.Lock()
         self.cursors: OrderedDict[tuple[str, tuple[int, int]], Cursor] = OrderedDict()
 

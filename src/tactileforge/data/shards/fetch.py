@@ -84,8 +84,7 @@ class ShardFolder:
     def _is(self, path: Path, sha256: str) -> bool:
         """Whether a file has a checksum; each state of a file is read once in a process."""
         try:
-            status = path.stat()
-            state = (str(path), status.st_ino, status.st_size, status.st_mtime_ns, sha256)
+            state = _state(path, sha256)
             if state not in _CHECKED:
                 with path.open("rb") as file:
                     if hashlib.file_digest(file, "sha256").hexdigest() != sha256:
@@ -113,6 +112,7 @@ class ShardFolder:
                     f"index says {size} with {sha256[:12]}...; upload the shard again"
                 )
             part.replace(path)
+            _CHECKED.add(_state(path, sha256))
         except OSError as error:
             raise DataError(f"{url}: cannot be fetched ({error})") from error
         finally:
@@ -128,3 +128,8 @@ class ShardFolder:
                 break
             total -= path.stat().st_size
             path.unlink(missing_ok=True)
+
+
+def _state(path: Path, sha256: str) -> tuple[str, int, int, int, str]:
+    status = path.stat()
+    return str(path), status.st_ino, status.st_size, status.st_mtime_ns, sha256

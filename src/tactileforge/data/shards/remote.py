@@ -5,9 +5,10 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import closing
+from collections.abc import Generator, Iterator
+from contextlib import closing, suppress
 from http.client import HTTPException
+from queue import Empty, Queue
 from typing import Any
 from urllib.error import HTTPError
 from urllib.parse import urlparse
@@ -15,6 +16,8 @@ from urllib.request import Request, urlopen
 
 #: Bytes of a read. One that takes longer than the second, in seconds, is silence.
 _CHUNK, _SILENCE = 1 << 16, 30.0
+#: Chunks that are read before they are asked for.
+_AHEAD = 16
 #: Attempts to open a URL, and seconds before the second; then twice as many, and so on.
 _ATTEMPTS, _PAUSE = 4, 0.5
 
@@ -30,8 +33,8 @@ def chunks(url: str, limit: int) -> Iterator[bytes]:
         OSError: It cannot be reached, sends nothing for too long, or sends more.
     """
     left = limit
-    with closing(_opened(url)) as stream:
-        while chunk := _read(stream, min(_CHUNK, left + 1)):
+    with closing(_opened(url)) as stream, closing(_read_ahead(stream, limit + 1)) as arrived:
+        for chunk in arrived:
             left -= len(chunk)
             if left < 0:
                 raise OSError(f"it sends more than the {limit} bytes that are stated")
@@ -60,24 +63,46 @@ def _open(url: str) -> Any:
     return gopen(url)
 
 
-def _read(stream: Any, count: int) -> bytes:
-    """Bytes of a stream, whoever gives them; what is silent is left behind."""
-    answer: list[bytes | BaseException] = []
+def _read_ahead(stream: Any, limit: int) -> Generator[bytes, None, None]:
+    """Chunks of a stream, whoever gives them; what is silent is left behind.
+
+    A thread reads: not every stream has a timeout of its own.
+    """
+    arrived: Queue[bytes | BaseException] = Queue(_AHEAD)
+    unwanted = threading.Event()
 
     def read() -> None:
+        left = limit
         try:
-            answer.append(stream.read(count))
+            while left and not unwanted.is_set():
+                chunk = stream.read(min(_CHUNK, left))
+                left -= len(chunk)
+                arrived.put(chunk)
+                if not chunk:
+                    return
+            arrived.put(b"")
         except BaseException as error:
-            answer.append(error)
+            arrived.put(error)
 
-    thread = threading.Thread(target=read, daemon=True)
-    thread.start()
-    thread.join(_SILENCE)
-    if not answer:
+    threading.Thread(target=read, daemon=True).start()
+    try:
+        while chunk := _next(arrived, stream):
+            yield chunk
+    finally:
+        unwanted.set()
+        with suppress(Empty):  # makes room for what the thread has still to put
+            while True:
+                arrived.get_nowait()
+
+
+def _next(arrived: Queue[bytes | BaseException], stream: Any) -> bytes:
+    try:
+        answer = arrived.get(timeout=_SILENCE)
+    except Empty:
         process = getattr(stream, "proc", None)
         if process is not None:
             process.kill()
-        raise TimeoutError(f"it sends less than {count} bytes in {_SILENCE:g} s")
-    if isinstance(answer[0], BaseException):
-        raise OSError(str(answer[0]) or repr(answer[0])) from answer[0]
-    return answer[0]
+        raise TimeoutError(f"it sends less than {_CHUNK} bytes in {_SILENCE:g} s") from None
+    if isinstance(answer, BaseException):
+        raise OSError(str(answer) or repr(answer)) from answer
+    return answer
