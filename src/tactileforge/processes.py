@@ -15,7 +15,7 @@ from typing import IO, Any, TypeVar
 from tactileforge import strict
 from tactileforge.errors import TactileForgeError
 
-Options = TypeVar("Options")
+_Options = TypeVar("_Options")
 
 
 def spread(
@@ -76,7 +76,7 @@ def while_waited_for(numbers: Iterable[int]) -> Iterator[int]:
 
 
 def run_share(
-    kind: type[Options], work: Callable[[Options, Iterable[int], Callable[[], object]], None]
+    kind: type[_Options], work: Callable[[_Options, Iterable[int], Callable[[], object]], None]
 ) -> None:
     """Does the share of one process of `spread`: its words are options as JSON, then numbers.
 

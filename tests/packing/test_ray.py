@@ -47,7 +47,7 @@ def test_a_worker_that_dies_twice_names_the_shard(
 
 
 CLUSTER = """
-import sys, time
+import sys
 from ray.cluster_utils import Cluster
 
 cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1})
