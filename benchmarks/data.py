@@ -8,8 +8,6 @@
   1,000 to 1,000,000 recordings of 20 s: 100 clips each. The index is real; its shards are one file
   under many names, whose checksum is therefore not compared. Each is measured in a process of its
   own.
-- Reading from a URL: batches and megabytes a second of a first pass over shards behind a server of
-  this machine, beside the same pass over the folder, and beside the bare download of these files.
 - Frames decoded for the frames that clips of a video ask for.
 
 Run: python data.py
@@ -18,27 +16,23 @@ Run: python data.py
 from __future__ import annotations
 
 import io
-import itertools
 import json
 import os
-import socket
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-from urllib.request import urlopen
 
 os.environ["OMP_NUM_THREADS"] = "1"
 
 import cv2
 import numpy as np
 import torch
-from common import memory_mb, ratio, save, side_by_side
+from common import memory_mb, save, side_by_side
 from numpy.typing import NDArray
 from PIL import Image
 from torch.nn import functional as F
@@ -236,71 +230,6 @@ def large() -> dict[str, Any]:
     return found
 
 
-def remote() -> dict[str, Any]:
-    """A first pass over shards behind a server of this machine, beside the folder itself."""
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place) / "shards"
-        paths = [folder / f"train-{number:06d}.tar" for number in range(8)]
-        for number, path in enumerate(paths):
-            write(path, range(10 * number, 10 * number + 10), size=64)
-        entries = [IndexEntry.of(path) for path in paths]
-        Index("served", {"train": entries, "val": []}).save(folder)
-        mb = sum(path.stat().st_size for path in paths) / 2**20
-        port = socket.create_server(("127.0.0.1", 0)).getsockname()[1]
-        server = [sys.executable, "-m", "http.server", str(port), "--bind", "127.0.0.1"]
-        url = f"http://127.0.0.1:{port}"
-        with subprocess.Popen([*server, "-d", str(folder)], stderr=subprocess.DEVNULL) as process:
-            try:
-                while True:
-                    with suppress(OSError):
-                        socket.create_connection(("127.0.0.1", port)).close()
-                        break
-                    time.sleep(0.1)
-                return {"MB": round(mb, 1)} | rates(url, folder, paths, Path(place), mb)
-            finally:
-                process.terminate()
-
-
-def rates(url: str, folder: Path, paths: list[Path], place: Path, mb: float) -> dict[str, Any]:
-    """Megabytes and clips a second from the URL, from the folder, and of the bare download."""
-    passes = itertools.count()
-
-    def download() -> object:
-        return [len(urlopen(f"{url}/{path.name}").read()) for path in paths]
-
-    def fetch() -> object:
-        there = ShardFolder(url, place / f"fetched{next(passes)}")
-        index = Shards(str(folder)).index
-        assert index is not None
-        return [there.get(e.file, e.bytes, e.sha256) for e in index.splits["train"]]
-
-    def read(root: str) -> object:
-        cache = place / f"cache{next(passes)}"
-        stream = touch_data(root, str(cache), 64).stream()
-        return [stream[number] for number in range(len(stream))]
-
-    subjects: dict[str, Callable[[], object]] = {
-        "download": download,
-        "fetched and checked": fetch,
-        "a pass from the URL": lambda: read(url),
-        "a pass from the folder": lambda: read(str(folder)),
-    }
-    times = side_by_side(subjects, ROUNDS)
-    return {
-        "MB a second": {
-            name: round(mb / times[name]["median_s"], 1)
-            for name in ("download", "fetched and checked")
-        },
-        "fetched and checked, as fast as the download": ratio(
-            times, "fetched and checked", "download"
-        ),
-        "from the URL, as fast as from the folder": ratio(
-            times, "a pass from the URL", "a pass from the folder"
-        ),
-        "times": times,
-    }
-
-
 class Counting(VideoFrames):
     """A video that counts the frames it is asked for."""
 
@@ -363,7 +292,6 @@ def main() -> None:
             "what": "reading clips of 4 frames",
             "one core, from shards": loaders(),
             "a large stream": large(),
-            "from a URL": remote(),
             "decoding a video": decoding(),
         },
     )
