@@ -19,9 +19,8 @@ TASK ?= chip
 demo-policy: $(VENV)/.installed-policies
 	rm -rf runs/demo-policy
 	$(BIN)/tactileforge demos task=$(TASK) n=40 out=runs/demo-policy/demonstrations
-	$(BIN)/tactileforge train recipe=diffusion_policy scale=tiny data=demonstrations \
-	  data.root=runs/demo-policy/demonstrations hydra.run.dir=runs/demo-policy/policy \
-	  "objective=[imitate]" trainer.keep_best=val/imitate trainer.max_epochs=30 batch.size=32 optim.lr=1e-3 data.image_size=32
+	$(BIN)/tactileforge train recipe=imitation scale=tiny data=demonstrations data.image_size=32 \
+	  data.root=runs/demo-policy/demonstrations hydra.run.dir=runs/demo-policy/policy
 	$(BIN)/tactileforge rollout task=$(TASK) policy=runs/demo-policy/policy n=20 out=runs/demo-policy/rollouts
 	@echo "open runs/demo-policy/rollouts/report.html"
 

@@ -36,7 +36,7 @@ from tactileforge.contracts import Batch
 from tactileforge.module import TouchModule
 from tactileforge.testing import batch as make_batch
 
-ROUNDS, CLIPS = 4, 4
+ROUNDS, CLIPS = 30, 4
 WAYS: dict[str, dict[str, Any] | None] = {
     "alone": None,
     "static graph": {"static_graph": True},

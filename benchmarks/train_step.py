@@ -23,7 +23,7 @@ from common import save
 from gpu_train import count
 from train_subjects import Case, build, step_flops
 
-BATCH, ROUNDS, SIDE = 2, 3, 1024
+BATCH, ROUNDS, SIDE = 2, 7, 1024
 
 
 def stepper(case: Case) -> tuple[Callable[[], object], int]:

@@ -24,7 +24,7 @@ RECIPES = sorted(path.stem for path in ZOO.glob("*.yaml"))
 @pytest.mark.parametrize("recipe", RECIPES)
 def test_two_steps(recipe: str, tmp_path: Path) -> None:
     overrides = ["scale=demo", "debug=steps", "encoder.image_size=32", "batch.size=8"]
-    if recipe == "diffusion_policy":
+    if recipe in ("diffusion_policy", "imitation"):
         root = demonstrations(tmp_path / "data", 4, steps=6)
         overrides += ["data=demonstrations", f"data.root={root}", "init=null"]
     else:
