@@ -8,7 +8,7 @@ from tactileforge.distributed import count_processes
 from tactileforge.encoders.plain_vit import PlainViT
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError
-from tactileforge.strategies import PhasedDDP, Sharded, choose_strategy
+from tactileforge.strategies import PhasedDDP, Sharded, check_started, choose_strategy
 
 
 @pytest.mark.parametrize(
@@ -41,6 +41,16 @@ def test_the_strategy_follows_the_encoder() -> None:
     assert isinstance(choose_strategy("fsdp2", 8, True, "none"), Sharded)
     with pytest.raises(ConfigError, match=r"fsdp2 .*balance=gradnorm"):
         choose_strategy("fsdp2", 8, True, "gradnorm")
+
+
+def test_torchrun_starts_what_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("LOCAL_WORLD_SIZE", raising=False)
+    check_started(1)
+    monkeypatch.setenv("LOCAL_WORLD_SIZE", "2")
+    for devices in (2, "2", "auto", "0,1"):
+        check_started(devices)
+    with pytest.raises(ConfigError, match=r"2 processes.*give trainer.devices=2, or .*node=1"):
+        check_started(1)
 
 
 def test_a_stem_a_sensor_is_not_static() -> None:

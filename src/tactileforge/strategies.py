@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import os
 from typing import TYPE_CHECKING, Any
 
 from lightning.pytorch.strategies import DDPStrategy, ModelParallelStrategy, Strategy
@@ -107,3 +108,20 @@ def choose_strategy(
     if name != "auto" or processes == 1:
         return name
     return PhasedDDP() if static else "ddp_find_unused_parameters_true"
+
+
+def check_started(devices: Any) -> None:
+    """Checks that torchrun, where it starts the processes, started as many as are asked for.
+
+    Args:
+        devices: Of ``trainer``: a number, or another way to choose them, which is not checked.
+
+    Raises:
+        ConfigError: It started others.
+    """
+    started = os.environ.get("LOCAL_WORLD_SIZE")
+    if started and str(devices).isdecimal() and int(devices) != int(started):
+        raise ConfigError(
+            f"torchrun started {started} processes on this machine and trainer.devices={devices}; "
+            f"give trainer.devices={started}, or torchrun --nproc-per-node={devices}"
+        )

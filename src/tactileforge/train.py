@@ -42,7 +42,7 @@ from tactileforge.parts import check_size, plain_robot, robot_of
 from tactileforge.precompute import remember_features
 from tactileforge.provenance import commit
 from tactileforge.run_length import change_length
-from tactileforge.strategies import Sharded, choose_strategy
+from tactileforge.strategies import Sharded, check_started, choose_strategy
 
 log = logging.getLogger(__name__)
 
@@ -249,6 +249,7 @@ def _check(config: Mapping[str, Any]) -> None:
     """
     strict.build(OptimOptions, "optim", config["optim"])
     check_size(config["encoder"])
+    check_started(config["trainer"]["devices"])
     known = {*signature(L.Trainer).parameters, "save_every", "keep_best"}
     for key, value in config["trainer"].items():
         if key not in known:

@@ -170,6 +170,8 @@ def check_room(path: Path, size: int) -> None:
 
 def _size(trainer: L.Trainer) -> int:
     """About how large the next checkpoint is, bytes: weights, and what the optimiser keeps."""
-    state = trainer.lightning_module.state_dict().values()
+    # a state_dict() of sharded weights has to be asked for by all processes, and this one is not
+    module = trainer.lightning_module
+    state = [*module.parameters(), *module.buffers()]
     kept = [x for optim in trainer.optimizers for one in optim.state.values() for x in one.values()]
     return sum(x.nbytes for x in [*state, *kept] if isinstance(x, torch.Tensor))
