@@ -188,6 +188,7 @@ def test_a_browser_shows_it(page, tmp_path, width):
         while look(loaded) < 2 and time.monotonic() < end:
             pass
         assert look(loaded) == 2
+        assert "no frame yet" not in look("document.body.innerText")
         assert look("longest([[0], [0.02], [0.04], [3]])") == 0.5
         assert look("longest([[0], [1], [2], [3]])") == 3  # one reading a second is one line
         captions = "[...document.querySelectorAll('figcaption')].map(it => it.textContent).join()"
