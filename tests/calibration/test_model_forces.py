@@ -21,7 +21,7 @@ from tactileforge.heads.force import ForceHead
 from tactileforge.hub.files import make_header
 from tactileforge.hub.model import Model
 
-pytestmark = pytest.mark.filterwarnings("ignore:force. no unit of")
+pytestmark = pytest.mark.filterwarnings("ignore:force. an estimate")
 
 NODE = {"name": "tactile_vit", "size": "tiny", "frames": 4, "image_size": 32}
 SCALE = {"digit": [2.0, 2.0, 4.0], "gelsight": [2.0, 2.0, 4.0]}

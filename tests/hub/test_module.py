@@ -21,9 +21,10 @@ from tactileforge.hub.int8_linear import Int8Linear
 from tactileforge.hub.model import Model
 from tactileforge.hub.precision import has_bfloat16_units
 
+pytestmark = pytest.mark.filterwarnings("ignore:force. an estimate")
+
 NODE = {"name": "tactile_vit", "size": "tiny", "frames": 4, "image_size": 32}
 HEADS = {"force": {"node": {"name": "force"}, "scale": {"digit": [1.0] * 3}}}
-HEADS["force"]["calibrated"] = ["digit"]
 
 
 @pytest.fixture

@@ -156,7 +156,7 @@ def test_the_force_is_the_models_own(scripted, model):
         finger.stream.buffer.newest = lambda: shots.append(newest()) or shots[-1]
         reading = next(r for r in view.readings() if r is not None)
     still = finger.stream.prepare(finger.stream.background)
-    with pytest.warns(UserWarning, match="was calibrated for this model"):
+    with pytest.warns(UserWarning, match="no calibration= of this unit"):
         expected = model.force(shots[-1].clip, still, "digit")[-1]
     assert reading.force == pytest.approx(expected.tolist(), abs=1e-6)
     assert shots[-1].clip.shape == (4, 32, 32, 3)

@@ -51,8 +51,8 @@ class Exported:
         weights: Hash of the weights, see `Model.fingerprint`; of the encoder and the force head.
         preprocessing: What is done to the pixels inside: see `hub.files.describe_input`.
         outputs: Type, shape and meaning of each output.
-        force: ``unit``, ``axes``, the ``scale`` that is in the graph, by sensor, and the sensors a
-            unit of which was ``calibrated``; empty without a force head.
+        force: ``unit``, ``axes``, and the ``scale`` that is in the graph, by sensor; empty without
+            a force head.
         background: How the background is had.
         error: Largest difference between the outputs of the float graph and those of the module.
         int8: Of int8 weights, against the module's ``cls``: ``relative``, the length of the

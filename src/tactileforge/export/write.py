@@ -138,9 +138,7 @@ def _open(model: str | Path | Model | nn.Module) -> tuple[GraphModule, dict[str,
 
 def _force(kept: Mapping[str, Any], sensors: Mapping[str, int]) -> dict[str, Any]:
     scale = {name: list(kept["scale"][name]) for name in sensors if name in kept["scale"]}
-    return {"unit": "N", "axes": AXES_OF_FORCE, "scale": scale} | {
-        "calibrated": list(kept.get("calibrated", ()))
-    }
+    return {"unit": "N", "axes": AXES_OF_FORCE, "scale": scale}
 
 
 def _file(format: str, program: Any, outputs: Sequence[str]) -> Any:

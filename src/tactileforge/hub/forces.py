@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -43,14 +44,18 @@ def scales(entry: Mapping[str, Any], sensors: Sequence[str]) -> Tensor | None:
     return torch.tensor([known[name] for name in sensors])[:, None]
 
 
-def uncalibrated(entry: Mapping[str, Any], sensors: Sequence[str]) -> list[str]:
-    """Sensors without any calibrated unit, sorted.
+def warn_of_estimates(stacklevel: int = 3) -> None:
+    """Warns of forces without a calibration of the unit.
 
     Args:
-        entry: Of a head, see `Header.heads`.
-        sensors: Names.
+        stacklevel: See `warnings.warn`.
     """
-    return sorted(set(sensors) - set(entry.get("calibrated", ())))
+    warnings.warn(
+        "force: an estimate, not a measurement, since no calibration= of this unit was given and "
+        "units differ in gel and light: fit one (tactileforge calibrate model=...), or compare "
+        "with a force sensor before use",
+        stacklevel=stacklevel,
+    )
 
 
 def calibration_inputs(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -39,8 +38,8 @@ class HeadModel(FeatureModel):
     ) -> Tensor:
         """The force of the object on the gel in frames 2..T of each clip.
 
-        Warns where no unit of the sensor was calibrated for this model: units differ in gel and
-        light, and the newtons are then an estimate, no measurement.
+        Warns without a calibration of the unit: units differ in gel and light, and the newtons are
+        then an estimate, no measurement.
 
         Args:
             frames: See `encode`.
@@ -68,24 +67,8 @@ class HeadModel(FeatureModel):
             known = self.header.heads["force"].get("scale", {})
             raise ConfigError(f"force: say which sensor it is, one of: {', '.join(known)}")
         if calibration is None:
-            self.warn_of_estimates(sensor)
+            forces.warn_of_estimates()
         return force
-
-    def warn_of_estimates(self, sensor: str | Sequence[str] | None, stacklevel: int = 3) -> None:
-        """Warns where no unit of a sensor was calibrated for the model's forces.
-
-        Args:
-            sensor: See `encode`.
-            stacklevel: See `warnings.warn`.
-        """
-        names = [sensor] if isinstance(sensor, str) else list(sensor or self.encoder.sensors)
-        strange = forces.uncalibrated(self.header.heads["force"], names)
-        if strange:
-            warnings.warn(
-                f"force: no unit of {', '.join(strange)} was calibrated for this model; its forces "
-                "are an estimate, not a measurement: compare them with a force sensor before use",
-                stacklevel=stacklevel,
-            )
 
     def surface(
         self,

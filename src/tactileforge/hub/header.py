@@ -50,8 +50,7 @@ class Header:
         recipe: The resolved recipe; empty for imported weights.
         source: Steps of the run, or the published file and its sha256.
         heads: Heads that are kept with the encoder, by name: plugin and constructor arguments
-            (``node``), the newton that count as 1 for each sensor (``scale``), and the sensors a
-            unit of which was calibrated (``calibrated``).
+            (``node``), and the newton that count as 1 for each sensor (``scale``).
     """
 
     format: int

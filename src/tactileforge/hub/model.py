@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from tactileforge.contracts import Frames
+from tactileforge.hub import forces
 from tactileforge.hub.feature_model import check_batch_size
 from tactileforge.hub.head_model import HeadModel
 from tactileforge.hub.inputs import Images
@@ -163,5 +164,5 @@ class Model(HeadModel):
             calibration=calibration,
         )
         if calibration is None and self._scale([stream.sensor or ""]) is not None:
-            self.warn_of_estimates(stream.sensor)
+            forces.warn_of_estimates()
         return stream
