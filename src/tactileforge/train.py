@@ -10,39 +10,31 @@ from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from functools import partial
 from importlib.metadata import version
-from importlib.util import find_spec
-from inspect import signature
 from pathlib import Path
 from typing import Any
 
 import lightning as L
-import torch
-from lightning.pytorch.callbacks import Callback, Timer
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
-from tactileforge import curriculum, precision, registry, run_folder, strict
+from tactileforge import curriculum, precision, registry, run_folder
 from tactileforge.assemble import build_data
-from tactileforge.callbacks import checkpoints
 from tactileforge.callbacks.met import MetLabels, SkippedRecordings
-from tactileforge.callbacks.progress import Progress
-from tactileforge.callbacks.speed import Speed
 from tactileforge.checkpoint_file import find_checkpoint, initialise, read_checkpoint, read_own
 from tactileforge.compiled import compile_blocks
 from tactileforge.data.batches.datamodule import TouchData
-from tactileforge.distributed import count_processes
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.files import sealed, write_text
 from tactileforge.hub.starting_point import starting_weights
-from tactileforge.loggers import build_loggers, log_config, log_report
+from tactileforge.loggers import log_config, log_report
 from tactileforge.module import TouchModule
-from tactileforge.optim import OptimOptions
 from tactileforge.pages.drawings import collected_drawings
-from tactileforge.parts import check_size, plain_robot, robot_of
+from tactileforge.parts import plain_robot, robot_of
 from tactileforge.precompute import remember_features
 from tactileforge.provenance import commit
 from tactileforge.run_length import change_length
-from tactileforge.strategies import Sharded, check_started, choose_strategy
+from tactileforge.strategies import Sharded
+from tactileforge.trainer import build_trainer, check_options
 
 log = logging.getLogger(__name__)
 
@@ -90,7 +82,7 @@ def train(config: DictConfig | dict[str, Any], folder: Path) -> TouchModule:
             step = int(state["global_step"])
             is_news = change_length(plain, run_folder.read_config(folder), state)
             if is_news:
-                _check(plain)
+                check_options(plain)
                 run_folder.write_config(folder, {**plain, "resume": None})
         else:
             plain["run"] = run_folder.identity()
@@ -119,7 +111,7 @@ def _train(
 ) -> TouchModule:
     L.seed_everything(plain["seed"], verbose=False)
     state = None if resume or not plain.get("init") else _start_from(plain)
-    _check(plain)
+    check_options(plain)
     # Mistakes are named before data is made or read; the length of the run is not known yet.
     weights = {key: node["weight"] for key, node in plain["objective"].items()}
     curriculum.from_config(plain["curriculum"], weights, total=sys.maxsize, epoch=1)
@@ -234,80 +226,6 @@ def metric(module: TouchModule, name: str | None = None) -> float:
 
 def _plain(config: DictConfig) -> dict[str, Any]:
     return OmegaConf.to_container(config, resolve=True)  # type: ignore[return-value]
-
-
-#: Packages that a logger needs one of.
-_LOGGERS = {"csv": (), "tensorboard": ("tensorboard", "tensorboardX"), "wandb": ("wandb",)}
-_LOGGERS |= {"mlflow": ("mlflow",)}
-
-
-def _check(config: Mapping[str, Any]) -> None:
-    """Names a mistake in ``optim``, ``trainer`` or ``logger`` before data is made or read.
-
-    Raises:
-        ConfigError: See there.
-    """
-    strict.build(OptimOptions, "optim", config["optim"])
-    check_size(config["encoder"])
-    check_started(config["trainer"]["devices"])
-    known = {*signature(L.Trainer).parameters, "save_every", "keep_best"}
-    for key, value in config["trainer"].items():
-        if key not in known:
-            raise ConfigError(unknown("key of trainer", key, known))
-        whole = key.startswith(("max_", "save_", "log_every", "accumulate", "num_nodes"))
-        if whole and not (value is None or isinstance(value, int)):
-            raise ConfigError(f"trainer.{key}={value}: give a whole number")
-    name = config["logger"]["name"]
-    if name not in _LOGGERS:
-        raise ConfigError(f"unknown logger {name!r}: csv, tensorboard, wandb or mlflow")
-    if _LOGGERS[name] and not any(find_spec(package) for package in _LOGGERS[name]):
-        raise ConfigError(f"logger={name} is not installed: pip install 'tactileforge[{name}]'")
-
-
-def build_trainer(
-    config: Mapping[str, Any],
-    folder: Path,
-    callbacks: Sequence[Callback] = (),
-    step: int = 0,
-    static: bool = False,
-) -> tuple[L.Trainer, checkpoints.Checkpoints]:
-    """The Lightning trainer of a run, with further callbacks; and that of its checkpoints.
-
-    Args:
-        config: Finished.
-        folder: Folder of the run.
-        callbacks: In addition.
-        step: Step from which the run goes on.
-        static: Whether the encoder uses the same parameters for every batch.
-    """
-    options = dict(config["trainer"])
-    saver = checkpoints.Checkpoints(folder, options.pop("save_every"))
-    best = checkpoints.best_checkpoint(folder, options.pop("keep_best", None))
-    kept = [*best, *callbacks]
-    options["strategy"] = choose_strategy(
-        options["strategy"],
-        count_processes(options),
-        static and options["accumulate_grad_batches"] == 1,  # torch cannot have both
-        (config.get("balance") or {}).get("name"),
-    )
-    own: dict[str, Any] = dict(
-        default_root_dir=folder,
-        logger=build_loggers(config["logger"], folder, config.get("run"), step),
-        # the timer is for the report: how long it took
-        callbacks=[saver, Speed(config["batch"]["workers"]), Progress(), Timer(), *kept],
-        plugins=[checkpoints.AtomicCheckpointIO(config.get("run"))],
-        gradient_clip_val=config["optim"].get("clip"),
-        use_distributed_sampler=False,
-        enable_checkpointing=bool(best),
-        enable_model_summary=False,
-        enable_progress_bar=False,
-        num_sanity_val_steps=0,
-        deterministic=True if not torch.cuda.is_available() else "warn",
-    )
-    try:
-        return L.Trainer(**options, **own), saver
-    except (TypeError, ValueError) as error:  # also what Lightning itself raises for them
-        raise ConfigError(f"trainer: {error}") from error
 
 
 def _keep(
