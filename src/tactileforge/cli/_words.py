@@ -16,6 +16,8 @@ _FLAGS = {
     **dict.fromkeys(("--cfg", "-c", "--config-dir", "-cd", "--package", "-p"), True),
     **dict.fromkeys(("--info", "-i", "--experimental-rerun"), True),
 }
+#: Options of a group that holds several, each under its own name.
+_SEVERAL = re.compile(r"(sensor|objective|head)=\[(.*)\]")
 #: Keys that are Hydra's own, and what adds or takes a key away.
 _OF_HYDRA = re.compile(r"hydra[./]|[+~]")
 
@@ -50,7 +52,7 @@ def read(argv: Sequence[str]) -> Words:
     ``--key value`` and ``--key=value`` are ``key=value``, and ``--key`` alone is ``key=true``.
 
     Raises:
-        ConfigError: A flag that nobody knows, or that lacks its value.
+        ConfigError: A flag that nobody knows or that lacks its value; a plugin given twice.
     """
     words, rest = Words(), list(argv)
     while rest:
@@ -78,7 +80,25 @@ def read(argv: Sequence[str]) -> Words:
             words.overrides.append(word)
         else:
             words.bare.append(word)
+    _check_twice(words.overrides)
     return words
+
+
+def _check_twice(overrides: Sequence[str]) -> None:
+    """Names a plugin that is given twice, which Hydra would take for one.
+
+    Raises:
+        ConfigError: See there.
+    """
+    for word in overrides:
+        if match := _SEVERAL.fullmatch(word):
+            group, names = match[1], [name.strip() for name in match[2].split(",")]
+            for name in names:
+                if names.count(name) > 1:
+                    raise ConfigError(
+                        f"{word} has {name} twice, and each has a name of its own: give it once, "
+                        f"and a second one by a name, +{group}@{group}.second={name}"
+                    )
 
 
 def fill(words: Words, keys: Sequence[str], several: bool, verb: str) -> dict[str, Any]:
