@@ -19,9 +19,9 @@ class Reach(gymnasium.Env):
     action_names = ("dplace", "dopening")
     state_names = ("place", "opening")
 
-    def __init__(self, sensor="digit", size=32, rate=6.0, hopeless=False):
+    def __init__(self, sensor="digit", size=32, rate=6.0, hopeless=False, unit=0):
         self.sensor, self.size, self.control_rate = sensor, size, rate
-        self.hopeless = hopeless
+        self.hopeless, self.unit = hopeless, unit
         picture = spaces.Box(0, 255, (size, size, 3), np.uint8)
         camera = spaces.Box(0, 255, (96, 96, 3), np.uint8)
         state = spaces.Box(-100, 100, (2,), np.float32)
@@ -45,7 +45,9 @@ class Reach(gymnasium.Env):
         return self._observation(), info["score"], info["success"] or self.broken, False, info
 
     def background(self):
-        return {name: np.full((self.size, self.size, 3), 128, np.uint8) for name in FINGERS}
+        return {
+            name: np.full((self.size, self.size, 3), 128 + self.unit, np.uint8) for name in FINGERS
+        }
 
     def wrench(self):
         return {"left": np.array([0, 0, 1.0]), "right": np.array([0.1, 0, abs(self.place)])}

@@ -94,6 +94,19 @@ def test_same_seed_same_bytes_with_any_number_of_processes(tmp_path, monkeypatch
     assert not set(contents(tmp_path / "a").values()) & set(contents(tmp_path / "c").values())
 
 
+def test_units_take_turns(tmp_path, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[1] / "helpers"))
+    write_demonstrations(options(tmp_path / "a", n=6, units=[0, 30]))
+    write_demonstrations(options(tmp_path / "b", n=6, units=[0, 30], processes=2))
+    assert contents(tmp_path / "a") == contents(tmp_path / "b")
+    rests = {
+        recording.labels["episode"][-1]: int(recording.no_contact.read([0]).max())
+        for recording in Shards(str(tmp_path / "a")).recordings("train")
+    }
+    # the episode of number 3 fails
+    assert rests == {"0": 128, "1": 158, "2": 128, "4": 128, "5": 158, "6": 128}
+
+
 def test_a_killed_command_goes_on(tmp_path):
     write_demonstrations(options(tmp_path / "a", n=6))
     whole = contents(tmp_path / "a")
@@ -124,6 +137,8 @@ def test_seeds_are_not_those_of_rollouts(tmp_path):
         ({"n": 0}, "n=0"),
         ({"codec": "gif"}, "codec=gif"),
         ({"seed": -1}, "seed=-1"),
+        ({"units": []}, r"units=\[\]: give one or more"),
+        ({"units": [1], "env": {"unit": 2}}, "env.unit= not beside it"),
         ({"limit": 0}, "limit=0"),
     ],
 )

@@ -56,7 +56,7 @@ def write_demonstrations(options: DemonstrationOptions) -> Demonstrations:
         ConfigError: The folder holds other demonstrations.
         TactileForgeError: The expert fails more often than it succeeds.
     """
-    make_environment(options).close()  # mistakes are named before processes start
+    make_environment(options.of_unit(0)).close()  # mistakes are named before processes start
     folder = Path(options.out)
     claim(folder / MADE, _made(options), "demonstrations")
     tried = 0
@@ -93,9 +93,12 @@ def _write(
 ) -> None:
     """Plays episodes and writes each: a shard, or how it failed."""
     folder, expert = Path(options.out), Expert()
-    env = make_environment(options)
+    envs: dict[Any, Any] = {}
     with one_thread():  # the bytes are those of any machine
         for number in numbers:
+            played = options.of_unit(number)
+            unit = played.env.get("unit")
+            env = envs[unit] if unit in envs else envs.setdefault(unit, make_environment(played))
             episode = play_episode(env, expert, options.episode_seed(number), options.noise)
             if episode.success:
                 packed = pack_episode(episode, env, f"{options.word}_{number:05d}", options)
@@ -103,7 +106,8 @@ def _write(
                 told()
             else:
                 write_text(_failure(folder, number), sealed({"failure": episode.failure}))
-    env.close()
+    for env in envs.values():
+        env.close()
 
 
 def pack_episode(

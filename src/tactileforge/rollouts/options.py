@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -75,6 +75,8 @@ class DemonstrationOptions(TaskOptions):
         noise: Standard deviation of what is added to the expert's actions before they are carried
             out, as a share of the largest; what is written down is what it meant to do. So a
             policy sees how the expert comes back to its way (Laskey et al. 2017, DART).
+        units: Units of the sensors, one an episode, in turns: policies see gels and lights that
+            differ; None for the unit of ``env``.
         codec: How pictures are stored: without loss png or webp, or jpg (quality 95).
         processes: Processes that simulate; None for one a core.
     """
@@ -82,6 +84,7 @@ class DemonstrationOptions(TaskOptions):
     out: str
     n: int = 50
     noise: float = 0.1
+    units: list[int] | None = None
     codec: str = "png"
     processes: int | None = None
 
@@ -91,6 +94,8 @@ class DemonstrationOptions(TaskOptions):
             raise ConfigError(f"n={self.n}: give 1 to {PER_SEED // 4} episodes")
         if not 0 <= self.noise <= 1:
             raise ConfigError(f"noise={self.noise}: give a share from 0 to 1 of the largest action")
+        if self.units is not None and (not self.units or "unit" in self.env):
+            raise ConfigError(f"units={self.units}: give one or more, and env.unit= not beside it")
         if self.codec not in CODECS:
             raise ConfigError(f"codec={self.codec}; give one of {', '.join(CODECS)}")
 
@@ -102,6 +107,13 @@ class DemonstrationOptions(TaskOptions):
             1000000007
         """
         return FIRST_DEMONSTRATION + super().episode_seed(number)
+
+    def of_unit(self, number: int) -> DemonstrationOptions:
+        """Options whose environment has the unit of an episode."""
+        if self.units is None:
+            return self
+        unit = self.units[number % len(self.units)]
+        return replace(self, units=None, env={**self.env, "unit": unit})
 
 
 @dataclass(frozen=True, kw_only=True)

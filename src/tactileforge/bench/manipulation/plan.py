@@ -41,6 +41,7 @@ class ManipulationOptions:
         sensors: Types of sensors; each has demonstrations and policies of its own.
         size: Rows and columns of their pictures.
         demonstrations: Episodes of the expert that a policy is trained on.
+        units: Units of the sensors of the demonstrations, in turns; None for one.
         rollouts: Episodes of each policy, the same starts and physics for all.
         policies: Rows, by name.
         against: Rows that all others are compared with.
@@ -55,6 +56,7 @@ class ManipulationOptions:
     policies: dict[str, ComparedPolicy]
     size: int = 64
     demonstrations: int = 50
+    units: list[int] | None = None
     rollouts: int = 100
     against: list[str] = field(default_factory=list)
     train: list[str] = field(default_factory=list)
@@ -149,6 +151,7 @@ class Plan:
                 sensor=sensor,
                 size=self.options.size,
                 n=self.options.demonstrations,
+                units=self.options.units,
                 processes=self.options.processes,
                 out=str(self._demonstrations(task, sensor)),
             )
