@@ -106,7 +106,7 @@ def test_it_is_an_option_of_every_command(example):
             *("objective=[pixel,contact_area]", "objective.contact_area.threshold=5"),
         ]
     )
-    assert config.sensor.dummy == {"name": "dummy", "gain": 3, "rest": 0.0}
+    assert config.sensor.dummy == {"name": "dummy", "gain": 3, "rest": 2.0}
     assert config.data == {
         "name": "dummy_presses",
         "sensor": "dummy",

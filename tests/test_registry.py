@@ -45,7 +45,9 @@ def test_unknown_name_lists_what_is_installed_and_the_nearest():
     text = str(error.value)
     assert "did you mean 'pixel'?" in text
     assert "align, classify, denoise, diff, dino, force, imitate, jepa, match, pixel" in text
-    assert "pip install tactileforge-pixle" in text
+    assert "nstall" not in text  # a typing mistake is no package
+    with pytest.raises(PluginError, match="Install the package that provides it"):
+        registry.get("objectives", "thermal")
 
 
 def test_unknown_kind():

@@ -11,7 +11,7 @@ import re
 from collections.abc import Mapping, Sequence
 from importlib.metadata import entry_points
 from inspect import Parameter
-from typing import Any
+from typing import Any, ClassVar
 
 from hydra import compose as hydra_compose
 from hydra import initialize_config_module
@@ -79,10 +79,18 @@ class PluginSource(ConfigSource):
 
 
 class SearchPath(SearchPathPlugin):
-    """conf/ first, then zoo/, then each plugin's own YAML, then the bare plugins."""
+    """conf/ first, then zoo/, then each plugin's own YAML, then the bare plugins.
+
+    Attributes:
+        also: Places that the command line names, where Hydra itself does not see to them.
+    """
+
+    also: ClassVar[list[str]] = []
 
     def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
         """Appends the places where options are looked for."""
+        for place in SearchPath.also:
+            search_path.append("command-line", place)
         search_path.append("tactileforge-zoo", "pkg://tactileforge.zoo")
         for entry in entry_points(group="tactileforge.conf"):
             search_path.append(entry.name, f"pkg://{entry.value}")
@@ -106,6 +114,8 @@ def register() -> None:
     Plugins.instance().register(SearchPath)
 
 
+#: Groups of presets, whose keys are those of the whole configuration.
+_PRESETS = ("recipe", "scale", "ablation", "debug", "tuned", "early")
 #: What every command but `train` wants of Hydra: no folder and no log of its own; jobs of ``-m``
 #: keep their record in one folder.
 _QUIET = {
@@ -221,6 +231,12 @@ def finish(config: DictConfig) -> DictConfig:
         ConfigError: No objective, or a row for something that is not one.
         PluginError: A plugin is not installed.
     """
+    for group in _PRESETS:
+        if config.get(group):
+            raise ConfigError(
+                f"{group}=: the first line of its YAML has to be '# @package _global_', or its "
+                "keys stay below its own name, where nothing reads them"
+            )
     chosen = _chosen("objective", config)
     if not chosen:
         raise ConfigError("no objective: choose some, e.g. objective=[pixel,diff]")

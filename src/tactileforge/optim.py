@@ -34,6 +34,13 @@ class OptimOptions:
     clip: float | None = None
     schedule: str = "linear"
 
+    def __post_init__(self) -> None:
+        if self.lr < 0 or self.weight_decay < 0 or not 0 <= self.warmup <= 1:
+            raise ConfigError(
+                f"optim.lr={self.lr}, optim.weight_decay={self.weight_decay}, "
+                f"optim.warmup={self.warmup}: none may be below 0, nor a share above 1"
+            )
+
 
 def optimiser(
     parameters: Iterable[nn.Parameter],

@@ -14,7 +14,7 @@ from typing import Any, get_type_hints
 
 from tactileforge import strict
 from tactileforge.contracts import CONTEXT
-from tactileforge.errors import ConfigError, PluginError, unknown
+from tactileforge.errors import ConfigError, PluginError, nearest_name, unknown
 
 KINDS = ("sensors", "datasets", "encoders", "heads", "objectives")
 #: Kinds that have no conformance suite.
@@ -107,7 +107,8 @@ def get(kind: str, name: str) -> type[Any]:
     """
     entries = _entries(kind).get(name, [])
     if not entries:
-        fix = f"Install the package that provides it, e.g. pip install tactileforge-{name}"
+        is_typo = nearest_name(name, names(kind)) != "."
+        fix = "" if is_typo else "Install the package that provides it"
         raise PluginError(unknown(kind.removesuffix("s"), name, names(kind), fix))
     if len(entries) > 1:
         claims = " and ".join(_describe(kind, entry) for entry in entries)

@@ -109,6 +109,8 @@ def _start_from(plain: dict[str, Any]) -> Mapping[str, Tensor]:
 def _train(
     plain: dict[str, Any], folder: Path, resume: Path | None, step: int, is_news: bool
 ) -> TouchModule:
+    if not isinstance(plain["seed"], int) or plain["seed"] < 0:
+        raise ConfigError(f"seed={plain['seed']}: give a whole number, 0 or more")
     L.seed_everything(plain["seed"], verbose=False)
     state = None if resume or not plain.get("init") else _start_from(plain)
     check_options(plain)

@@ -40,7 +40,7 @@ def test_an_unknown_verb_shows_the_usage(capsys: pytest.CaptureFixture[str]) -> 
     ("word", "message"),
     [
         ("data=recordngs", "recordings"),
-        ("objective=[pixl]", "did you mean 'pixel'"),
+        ("objective=[pixl]", "error: unknown objective 'pixl'; did you mean 'pixel'? Known: align"),
         ("objective=[pixel, pixel]", "a second one by a name, +objective@objective.second=pixel"),
         ("recipe=anytouch3", "anytouch2"),
         ("encoder=tactile_vitt", "tactile_vit"),
@@ -51,6 +51,8 @@ def test_an_unknown_verb_shows_the_usage(capsys: pytest.CaptureFixture[str]) -> 
         ("data.scenes=0", "scenes=0"),
         ("init=/nowhere", "no checkpoint at /nowhere"),
         ("logger.name=csvv", "csv, tensorboard, wandb or mlflow"),
+        ("seed=abc", "seed=abc: give a whole number"),
+        ("optim.lr=-1", "optim.lr=-1"),
         ("text_encoder=vit", "text_encoder=vit encodes image, not text"),
     ],
 )

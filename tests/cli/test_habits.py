@@ -208,6 +208,12 @@ def test_a_recipe_of_ones_own_wins_over_a_scale(capsys: pytest.CaptureFixture[st
         assert config["objective"]["force"]["weight"] == 0.3
         assert config["objective"]["match"]["weight"] == 0.1, "of the scale"
         assert config["encoder"]["norm_in"] is False, "tuned for the recipe that it derives from"
+        key = "objective.force.weight"
+        told = said(capsys, "train", *where, "recipe=soft", "scale=demo", "--explain", key)
+        assert told.startswith(f"{key} = 0.3\n")
+    Path("mine/recipe/soft.yaml").write_text(DERIVED.partition("\n")[2])
+    message = error_of(capsys, "train", "--config-dir", "mine", "recipe=soft", "scale=demo")
+    assert "the first line of its YAML has to be '# @package _global_'" in message
 
 
 def test_explain_says_where_a_value_is_from(capsys: pytest.CaptureFixture[str]) -> None:

@@ -121,6 +121,13 @@ def test_a_killed_command_goes_on(tmp_path):
         write_demonstrations(options(tmp_path / "a", n=6, seed=1))
 
 
+def test_shards_of_something_else_stay(tmp_path):
+    (tmp_path / "index.json").write_text("{}")
+    with pytest.raises(ConfigError, match="holds shards of something else; give another out="):
+        write_demonstrations(options(tmp_path, n=1))
+    assert (tmp_path / "index.json").read_text() == "{}"
+
+
 def test_seeds_are_not_those_of_rollouts(tmp_path):
     rollouts = {TaskOptions(task="x", seed=s).episode_seed(99_999) for s in (0, 9_999)}
     first = options(tmp_path).episode_seed(0)

@@ -11,7 +11,7 @@ def test_conformance():
 
 def test_gain_scales_contrast():
     def contrast(gain):
-        sensor = Dummy(gain=gain)
+        sensor = Dummy(gain, rest=0.0)
         return np.ptp(sensor._draw(0.5).astype(int))
 
     assert contrast(0.0) == 20  # the gel's own colour

@@ -8,6 +8,7 @@ with ``_`` are what verbs share: `_command` runs them, `_words` reads what was t
 from __future__ import annotations
 
 import ast
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from importlib import import_module
@@ -39,7 +40,13 @@ Completion, in bash: complete -o nospace -C 'tactileforge --complete' tactilefor
 
 def main() -> None:
     """Entry point of ``tactileforge``; exits with 1 for an error and 130 when stopped."""
-    sys.exit(run(sys.argv[1:]))
+    try:
+        status = run(sys.argv[1:])
+        sys.stdout.flush()
+    except BrokenPipeError:  # who read it has read enough, as head does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python flushes again
+        status = 1
+    sys.exit(status)
 
 
 def run(argv: Sequence[str]) -> int:

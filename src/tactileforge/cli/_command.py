@@ -118,7 +118,7 @@ def run(verb: str, command: Command, argv: Sequence[str]) -> int:
         from tactileforge.cli._explain import explain
 
         with _hydra.told(verb, command, words.overrides):
-            print(explain(command.declare(verb), words.explain, words.overrides))
+            print(explain(command.declare(verb), words.explain, words.overrides, words.flags))
         return 0
     if command.yaml or words.asks_hydra:
         return _status(_hydra.run(verb, command, words))

@@ -101,7 +101,9 @@ def told(verb: str, command: Command, overrides: Sequence[str]) -> Iterator[None
     try:
         yield
     except (HydraException, OmegaConfBaseException) as error:
-        said = _told(command.name(verb), f"{error}\n{error.__cause__ or ''}", overrides)
+        said, cause = str(error), str(error.__cause__ or "")
+        whole = said if cause in said else f"{said}\n{cause}"
+        said = _told(command.name(verb), whole, overrides)
         raise ConfigError(said) from error
 
 

@@ -18,7 +18,7 @@ def _demos(keys: DemonstrationOptions, _: dict[str, Any]) -> None:
         kinds = ", ".join(f"{seed} {kind}" for seed, kind in made.failed.items())
         tried = made.episodes + len(made.failed)
         print(f"left out, the expert failed in {len(made.failed)} of {tried}; seeds: {kinds}")
-    words = "recipe=diffusion_policy data=demonstrations"
+    words = "recipe=imitation data=demonstrations"
     print(f"train on them: tactileforge train {words} data.root={keys.out}")
 
 

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
@@ -156,7 +157,8 @@ def classify(
 
 def _still(image: Images, count: int) -> Images:
     """A clip in which one image stands still."""
-    clip: Tensor = torch.as_tensor(image)[None].expand(count, -1, -1, -1)
+    still = image if isinstance(image, Tensor) else torch.from_numpy(np.array(image))
+    clip: Tensor = still[None].expand(count, -1, -1, -1)
     return clip
 
 

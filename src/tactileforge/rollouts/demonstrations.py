@@ -14,9 +14,9 @@ from tqdm import tqdm
 
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
-from tactileforge.data.shards import shards
+from tactileforge.data.shards import index, shards
 from tactileforge.data.shards.index import Index, IndexEntry
-from tactileforge.errors import TactileForgeError
+from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.files import claim, sealed, unsealed, write_text
 from tactileforge.processes import run_share, spread
 from tactileforge.rollouts.actors import Expert
@@ -58,6 +58,8 @@ def write_demonstrations(options: DemonstrationOptions) -> Demonstrations:
     """
     make_environment(options.of_unit(0)).close()  # mistakes are named before processes start
     folder = Path(options.out)
+    if (folder / index.NAME).exists() and not (folder / MADE).exists():
+        raise ConfigError(f"{folder} holds shards of something else; give another out=")
     claim(folder / MADE, _made(options), "demonstrations")
     tried = 0
     with tqdm(total=options.n, desc="demonstrations", unit="episode") as bar:

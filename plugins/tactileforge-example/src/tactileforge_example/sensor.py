@@ -31,7 +31,7 @@ class Dummy:
         force_scale=(1.0, 1.0, 5.0),
     )
 
-    def __init__(self, gain: float = 1.0, rest: float = 0.0) -> None:
+    def __init__(self, gain: float = 1.0, rest: float = 2.0) -> None:
         self.gain, self.rest = gain, rest
         self._start: float | None = None
         self._next = 0
