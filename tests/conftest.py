@@ -26,6 +26,12 @@ def pytest_configure(config: pytest.Config) -> None:
         os.environ["OMP_NUM_THREADS"] = "1"  # they are started with these variables
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What takes minutes starts first: at the end two processes would wait for the third."""
+    long = ("test_docs.py", "test_ddp.py", "test_learning.py", "test_resume.py")
+    items.sort(key=lambda item: item.path.name not in long)
+
+
 @pytest.fixture(autouse=True, scope="session")
 def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Touches that tests simulate are kept for the other tests, and thrown away after them.

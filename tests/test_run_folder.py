@@ -231,6 +231,7 @@ def test_a_finished_run_is_made_longer(
     assert read_checkpoint(tmp_path)["global_step"] == 20
 
     assert cli.run(["train", f"resume={tmp_path}", "trainer.max_steps=20"]) == 0  # nothing to do
+    assert "the run has ended at step 20" in capsys.readouterr().out
     assert cli.run(["train", f"resume={tmp_path}", "trainer.max_steps=12"]) == 1
     assert "is already at step 20" in capsys.readouterr().err
     assert cli.run(["train", f"resume={tmp_path}", "trainer.max_epochs=3"]) == 1

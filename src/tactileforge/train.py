@@ -84,6 +84,8 @@ def train(config: DictConfig | dict[str, Any], folder: Path) -> TouchModule:
             if is_news:
                 check_options(plain)
                 run_folder.write_config(folder, {**plain, "resume": None})
+            if 0 < plain["trainer"]["max_steps"] <= step:
+                log.info("the run has ended at step %d; to go further: trainer.max_steps=", step)
         else:
             plain["run"] = run_folder.identity()
         return _train(plain, folder, resume, step, is_news)
