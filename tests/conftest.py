@@ -27,7 +27,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What takes minutes starts first: at the end two processes would wait for the third."""
+    """Starts tests that take minutes first: at the end two processes would wait for the third."""
     long = ("test_docs.py", "test_ddp.py", "test_learning.py", "test_resume.py")
     items.sort(key=lambda item: item.path.name not in long)
 

@@ -116,6 +116,8 @@ def unsealed(text: str | bytes) -> dict[str, Any]:
 def claim(path: Path, made: Mapping[str, Any], what: str) -> None:
     """Records in a folder what it is made with, or checks that it is made with the same.
 
+    Shards without a record are those of something else.
+
     Args:
         path: File of the record.
         made: Plain data.
@@ -126,6 +128,8 @@ def claim(path: Path, made: Mapping[str, Any], what: str) -> None:
     """
     wanted = json.loads(json.dumps(made))
     if not path.exists():
+        if any(path.parent.glob("*.tar")):
+            raise ConfigError(f"{path.parent} holds shards of something else; give another out=")
         write_text(path, sealed(wanted))
         return
     try:

@@ -55,8 +55,11 @@ def test_forces_are_those_of_the_head_in_newton(
         expected = head(views, {}).force * torch.tensor([1.0, 2.0, 4.0])
     with pytest.warns(UserWarning, match=r"^force: an estimate, not a measurement"):
         force = model.force(frames, "first", "digit")
+    with pytest.warns(UserWarning, match=r"^force: an estimate"):
+        single = model.force(frames[1], "first", "digit")
     assert force.shape == (2, 3, 3)
     assert torch.allclose(force, expected, atol=1e-5)
+    assert torch.allclose(single, expected[1], atol=1e-5)
     both = model.readings(frames, "first", ["digit", "digit"])
     assert torch.allclose(both.vector, model.encode(frames, "first", "digit"), atol=1e-5)
     assert not any(p.requires_grad for p in model.heads["force"].parameters())

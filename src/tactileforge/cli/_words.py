@@ -90,15 +90,13 @@ def _check_twice(overrides: Sequence[str]) -> None:
     Raises:
         ConfigError: See there.
     """
-    for word in overrides:
-        if match := _SEVERAL.fullmatch(word):
-            group, names = match[1], [name.strip() for name in match[2].split(",")]
-            for name in names:
-                if names.count(name) > 1:
-                    raise ConfigError(
-                        f"{word} has {name} twice, and each has a name of its own: give it once, "
-                        f"and a second one by a name, +{group}@{group}.second={name}"
-                    )
+    for match in filter(None, map(_SEVERAL.fullmatch, overrides)):
+        group, names = match[1], [name.strip() for name in match[2].split(",")]
+        if twice := [name for name in names if names.count(name) > 1]:
+            raise ConfigError(
+                f"{match[0]} has {twice[0]} twice, and each has a name of its own: give it once, "
+                f"and a second one by a name, +{group}@{group}.second={twice[0]}"
+            )
 
 
 def fill(words: Words, keys: Sequence[str], several: bool, verb: str) -> dict[str, Any]:

@@ -8,7 +8,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
@@ -147,19 +146,10 @@ def classify(
     unknown_sensor: Policy,
 ) -> Classes:
     """Classes of clips; see `Model.classify`."""
-    if getattr(frames, "ndim", 0) == 3:
-        frames = _still(frames, model.frames)
     weight, bias, known = _layer(model, head, names)
     vectors = model.encode(frames, background, sensor, unknown_sensor=unknown_sensor)
     logits = vectors @ weight.to(vectors.device).T + bias.to(vectors.device)
     return Classes(known, logits.softmax(-1))
-
-
-def _still(image: Images, count: int) -> Images:
-    """A clip in which one image stands still."""
-    still = image if isinstance(image, Tensor) else torch.from_numpy(np.array(image))
-    clip: Tensor = still[None].expand(count, -1, -1, -1)
-    return clip
 
 
 def _layer(

@@ -14,9 +14,9 @@ from tqdm import tqdm
 
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
-from tactileforge.data.shards import index, shards
+from tactileforge.data.shards import shards
 from tactileforge.data.shards.index import Index, IndexEntry
-from tactileforge.errors import ConfigError, TactileForgeError
+from tactileforge.errors import TactileForgeError
 from tactileforge.files import claim, sealed, unsealed, write_text
 from tactileforge.processes import run_share, spread
 from tactileforge.rollouts.actors import Expert
@@ -58,8 +58,6 @@ def write_demonstrations(options: DemonstrationOptions) -> Demonstrations:
     """
     make_environment(options.of_unit(0)).close()  # mistakes are named before processes start
     folder = Path(options.out)
-    if (folder / index.NAME).exists() and not (folder / MADE).exists():
-        raise ConfigError(f"{folder} holds shards of something else; give another out=")
     claim(folder / MADE, _made(options), "demonstrations")
     tried = 0
     with tqdm(total=options.n, desc="demonstrations", unit="episode") as bar:
@@ -100,7 +98,9 @@ def _write(
         for number in numbers:
             played = options.of_unit(number)
             unit = played.env.get("unit")
-            env = envs[unit] if unit in envs else envs.setdefault(unit, make_environment(played))
+            if unit not in envs:
+                envs[unit] = make_environment(played)
+            env = envs[unit]
             episode = play_episode(env, expert, options.episode_seed(number), options.noise)
             if episode.success:
                 packed = pack_episode(episode, env, f"{options.word}_{number:05d}", options)
