@@ -30,6 +30,9 @@ TINY += ["data.scenes=3", "data.val=1", "data.size=32", "debug=steps"]
         ({"devices": 2}, "AMX", None, "32-true", "several processes"),
         ({"devices": "4"}, "AMX", None, "32-true", "several processes"),
         ({"num_nodes": 2}, "AMX", None, "32-true", "several processes"),
+        ({"max_steps": 49}, "AMX", None, "32-true", "not tried for less than 50 steps"),
+        ({"max_steps": 50}, "AMX", (2.0, 1.0), "bf16-mixed", "2.00 times"),
+        ({"max_steps": -1}, "AMX", (2.0, 1.0), "bf16-mixed", "2.00 times"),
         ({"precision": "64-true"}, "AMX", None, "64-true", "as asked for"),
     ],
 )
@@ -96,6 +99,7 @@ def test_the_probe_times_both_and_changes_nothing() -> None:
 def test_a_run_keeps_what_was_chosen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(precision, "native_bf16", lambda: "AMX")
     monkeypatch.setattr(precision, "step_times", lambda module, clips: (3.0, 2.0))
+    monkeypatch.setattr(precision, "_STEPS", 2)
     train(compose("anytouch2", TINY), tmp_path)
     config = run_folder.read_config(tmp_path)
     assert config["trainer"]["precision"] == "bf16-mixed"

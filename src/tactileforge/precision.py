@@ -23,6 +23,8 @@ Timing: TypeAlias = tuple[float, float]
 _NATIVE = {"amx_bf16": "AMX", "avx512_bf16": "AVX-512 BF16"}
 #: How much faster a step must be in bf16: near 1, two equal runs could differ in their arithmetic.
 GAIN = 1.3
+#: Steps that a run must have for the probe, which costs several, to be worth it.
+_STEPS = 50
 #: Clips of the probe, timed rounds, and seconds after which no further round starts.
 _CLIPS, _ROUNDS, _SECONDS = 2, 3, 10.0
 
@@ -60,6 +62,8 @@ def choose_precision(
         return Precision("32-true", "this CPU has no fast bf16")
     if count_processes(options) > 1:  # each would measure, and they must not disagree
         return Precision("32-true", "with several processes bf16 is not tried on a CPU")
+    if 0 <= options.get("max_steps", -1) < _STEPS:
+        return Precision("32-true", f"bf16 is not tried for less than {_STEPS} steps")
     single, half = measure()
     gain = single / half
     measured = f"{native}: a step in bf16 is {gain:.2f} times as fast as in fp32"

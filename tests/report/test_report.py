@@ -31,12 +31,12 @@ from tactileforge.report.forces import ForceResult
 from tactileforge.report.pictures import strips_of
 from tactileforge.report.run import report_of_run, write_report
 from tactileforge.report.samples import (
+    ClipReader,
     ClipSample,
     ForceReading,
     batches,
     explained,
     liveliest,
-    read_forces,
     spread,
 )
 from tactileforge.train import train
@@ -481,7 +481,8 @@ def clips() -> Clips:
 
 
 def test_forces_are_read_in_newton(clips: Clips) -> None:
-    reading = read_forces(with_head(Oracle(0.25)), clips, range(len(clips)), "x")
+    reader = ClipReader(with_head(Oracle(0.25)), clips, ["x"], {})
+    reading = reader.forces(range(len(clips)), "x")
     assert reading.clips.tolist() == list(range(len(clips)))
     rows = clips.rows(7)[1:]
     truth = clips.recordings[clips.index[7, 0]].force[rows]
@@ -496,9 +497,10 @@ def test_forces_are_read_in_newton(clips: Clips) -> None:
 
 def test_clips_without_a_label_are_no_points(clips: Clips) -> None:
     clips.recordings[0].force[:] = np.nan
-    reading = read_forces(with_head(Oracle(0)), clips, range(len(clips)), "x")
+    reader = ClipReader(with_head(Oracle(0)), clips, ["x"], {})
+    reading = reader.forces(range(len(clips)), "x")
     assert set(clips.index[reading.clips, 0]) == set(range(1, 12))
-    assert read_forces(with_head(Oracle(0)), clips, [0], "x") is None
+    assert reader.forces([0], "x") is None
 
 
 def test_a_force_that_does_not_vary_has_no_correlation() -> None:

@@ -8,14 +8,16 @@ from tactileforge.data.batches.clips import Clips, Skipped
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import DataError
 from tactileforge.heads.decoder import Reconstruction
+from tactileforge.heads.force import Forces
 from tactileforge.module import TouchModule
 from tactileforge.report.embedding import Embedding, NeighbourScore, embedding_of, neighbours
 from tactileforge.report.forces import ForceResult, force_results
 from tactileforge.report.pictures import Strips, strips_of
-from tactileforge.report.samples import embed_clips, explained, liveliest, predictions, spread
+from tactileforge.report.samples import ClipReader, explained, liveliest, predictions, spread
 
-#: Clips of a split that are embedded, clips that are reconstructed, and clips that are shown.
-_CLIPS = 200
+#: Clips of a split that are embedded and whose forces are read, clips that are reconstructed, and
+#: clips that are shown; at most.
+CLIPS = 200
 _REBUILT = 64
 _SHOWN = 6
 
@@ -47,13 +49,16 @@ class RunFindings:
     skipped: list[str]
 
 
-def run_findings(module: TouchModule, data: TouchData, skipped: Skipped) -> RunFindings:
+def run_findings(
+    module: TouchModule, data: TouchData, skipped: Skipped, count: int = CLIPS
+) -> RunFindings:
     """Runs a module on some clips of its data.
 
     Args:
         module: Trained.
         data: Set up.
         skipped: Recordings that training could not read.
+        count: Clips of a split, at most.
 
     Raises:
         DataError: The data is not set up.
@@ -63,11 +68,13 @@ def run_findings(module: TouchModule, data: TouchData, skipped: Skipped) -> RunF
     if "train" not in present:
         raise DataError("setup() has not been called")
     skipped = data.skipped | dict(skipped)
-    looks = {
-        split: embed_clips(module, clips, spread(clips, _CLIPS), skipped)
-        for split, clips in present.items()
-    }
     split, clips = next(iter(present.items()))
+    _, tried = predictions(module, clips, [0])
+    forces = [key for key, value in tried.items() if isinstance(value, Forces)]
+    readers = {
+        split: ClipReader(module, clips, forces, skipped) for split, clips in present.items()
+    }
+    looks = {split: reader.embed(spread(reader.clips, count)) for split, reader in readers.items()}
     shown = liveliest(clips, looks[split], _SHOWN)
     patches, predicted = predictions(module, clips, shown)
     rebuilt = {key: value for key, value in predicted.items() if isinstance(value, Reconstruction)}
@@ -80,8 +87,8 @@ def run_findings(module: TouchModule, data: TouchData, skipped: Skipped) -> RunF
             strips_of(module.encoder, patches, list(rebuilt.values()), row)
             for row in range(len(shown))
         ],
-        explained=explained(module, clips, spread(clips, _REBUILT), list(rebuilt)),
-        forces=force_results(module, data, predicted),
+        explained=explained(module, clips, spread(clips, min(_REBUILT, count)), list(rebuilt)),
+        forces=force_results(readers, forces, count),
         embedding=embedding,
         scores={kind: neighbours(embedding, kind) for kind in embedding.labels},
         skipped=[line for line, _ in skipped.values()],

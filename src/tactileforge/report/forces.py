@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from tactileforge.contracts import AXES, Recording
 from tactileforge.data.batches.clips import Clips
 from tactileforge.data.batches.datamodule import TouchData
-from tactileforge.heads.force import Forces
-from tactileforge.module import TouchModule
 from tactileforge.pages.curves import Curve
 from tactileforge.pages.figures import SPLITS, lines_figure
 from tactileforge.pages.forces import agreement_figure, prediction_figure
@@ -30,9 +28,7 @@ from tactileforge.pages.page import (
     table,
 )
 from tactileforge.report.axes import AxisScore, axis_score
-from tactileforge.report.samples import ForceReading, read_forces, spread, spread_places, whole_key
-
-_CLIPS = 200
+from tactileforge.report.samples import ClipReader, ForceReading, spread, spread_places, whole_key
 
 
 @dataclass(frozen=True)
@@ -61,31 +57,29 @@ class ForceResult:
 
 
 def force_results(
-    module: TouchModule, data: TouchData, predictions: dict[str, object]
+    readers: Mapping[str, ClipReader], keys: Sequence[str], count: int
 ) -> list[ForceResult]:
     """Predicts the forces of labelled clips with every head that can.
 
     Args:
-        module: The trained module.
-        data: The data of the run.
-        predictions: One prediction of each head, which tells what it predicts.
+        readers: By split.
+        keys: Objectives whose heads predict forces.
+        count: Clips of a split that are read, at most, and as many of one recording.
     """
     results = []
-    for key in (key for key, value in predictions.items() if isinstance(value, Forces)):
+    for key in keys:
         readings: dict[str, ForceReading] = {}
-        for split in SPLIT_WORDS:
-            clips: Clips | None = getattr(data, split)
-            which = spread(clips, _CLIPS, _has_force) if clips else []
-            reading = read_forces(module, clips, which, key) if clips else None
+        for split, reader in readers.items():
+            reading = reader.forces(spread(reader.clips, count, _has_force), key)
             if reading:
                 readings[split] = reading
-        recording = _liveliest(data, readings)
+        recording = _liveliest(readers, readings)
         curve = {}
         for split in readings:
-            clips = getattr(data, split)
+            clips = readers[split].clips
             clips_of_it = [i for i, r in enumerate(clips.recordings) if whole_key(r) == recording]
             cut = np.flatnonzero(np.isin(clips.index[:, 0], clips_of_it))
-            reading = read_forces(module, clips, cut[spread_places(len(cut), _CLIPS)].tolist(), key)
+            reading = readers[split].forces(cut[spread_places(len(cut), count)].tolist(), key)
             if reading:
                 curve[split] = reading
         results.append(ForceResult(key, readings, recording, curve))
@@ -96,11 +90,11 @@ def _has_force(recording: Recording) -> bool:
     return recording.force is not None
 
 
-def _liveliest(data: TouchData, readings: dict[str, ForceReading]) -> str:
+def _liveliest(readers: Mapping[str, ClipReader], readings: Mapping[str, ForceReading]) -> str:
     """The recording whose force varies most, of those that are held out at least in part."""
     forces: dict[str, list[NDArray[np.float32]]] = {}
     for split, reading in readings.items():
-        clips: Clips = getattr(data, split)
+        clips = readers[split].clips
         for row in np.unique(clips.index[reading.clips, 0]).tolist():
             recording = clips.recordings[row]
             if split == next(iter(readings)) and recording.force is not None:

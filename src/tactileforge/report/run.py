@@ -17,7 +17,7 @@ from tactileforge.module import TouchModule
 from tactileforge.pages.curves import Curve, read_metrics
 from tactileforge.pages.page import Section, page
 from tactileforge.report import embedding, forces, sections, summary
-from tactileforge.report.findings import RunFindings, run_findings
+from tactileforge.report.findings import CLIPS, RunFindings, run_findings
 
 
 def report_of_run(folder: Path) -> Path:
@@ -70,7 +70,7 @@ def write_report(
     steps, seconds = _progress(folder, curves)
     weights = {key: float(node["weight"]) for key, node in config["objective"].items()}
     is_policy = bool(config.get("robot"))
-    findings = None if is_policy else run_findings(module, data, skipped)
+    findings = None if is_policy else run_findings(module, data, skipped, _clips(config))
     lines = [line for line, _ in (data.skipped | dict(skipped)).values()]
     lines = lines if findings is None else findings.skipped
     kept = sections.kept_versions(folder)
@@ -90,6 +90,12 @@ def write_report(
     title = f"{what}, trained with {', '.join(weights)}"
     write_text(report, page(title, top, parts))
     return report
+
+
+def _clips(config: Mapping[str, Any]) -> int:
+    """As many clips as a validation has, and not more than the report shows."""
+    limit = config["trainer"]["limit_val_batches"]
+    return min(CLIPS, limit * config["batch"]["size"]) if isinstance(limit, int) else CLIPS
 
 
 def _of_clips(

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -17,7 +17,6 @@ from tactileforge.contracts import Batch, Recording
 from tactileforge.data.batches.clips import Clips, Skipped, collate
 from tactileforge.data.labels.augment import fill_captions
 from tactileforge.heads.decoder import Reconstruction
-from tactileforge.heads.force import Forces
 from tactileforge.module import TouchModule
 from tactileforge.report.pictures import kind_of, residuals, share
 
@@ -52,6 +51,15 @@ class ClipSample:
     clips: NDArray[np.int64]
     cls: NDArray[np.float32]
     moved: NDArray[np.float32]
+
+
+class _Row(NamedTuple):
+    """One clip: its class token, its motion, and forces of frames 2..T in newton."""
+
+    cls: NDArray[np.float32]
+    moved: NDArray[np.float32]
+    measured: NDArray[np.float32]
+    forces: dict[str, NDArray[np.float32]]
 
 
 @contextmanager
@@ -104,27 +112,67 @@ def batches(module: TouchModule, clips: Clips, which: Sequence[int]) -> Iterator
         yield {k: v.to(module.device) if isinstance(v, Tensor) else v for k, v in batch.items()}
 
 
-def embed_clips(
-    module: TouchModule, clips: Clips, which: Sequence[int], skipped: Skipped
-) -> ClipSample:
-    """Embeds clips; one that cannot be read is left out, and ``skipped`` grows by a line.
+class ClipReader:
+    """Reads clips of a split, each of them once.
 
     Args:
         module: The trained module.
-        clips: The split that the clips belong to.
-        which: Clips to embed.
-        skipped: Recordings that could not be read.
+        clips: The split.
+        forces: Objectives whose heads predict `heads.force.Forces`.
+        skipped: Recordings that could not be read; grows by a line for each new one.
     """
-    rows, moved, numbers = [], [], []
-    with quiet(module):
-        for batch in batches(module, clips, which):
-            skipped |= batch["skipped"]
-            rows.append(module.encoder.views(batch).full.cls.float().cpu().numpy())
-            change = batch["frames"].float() - batch["frames"][:, :1].float()
-            moved.append(change.abs().mean((1, 2, 3, 4)).cpu().numpy())
-            numbers.append(batch["clip"].cpu().numpy())
-    places, first = np.unique(np.concatenate(numbers), return_index=True)
-    return ClipSample(places, np.concatenate(rows)[first], np.concatenate(moved)[first])
+
+    def __init__(
+        self, module: TouchModule, clips: Clips, forces: Sequence[str], skipped: Skipped
+    ) -> None:
+        self.clips = clips
+        self._module, self._forces, self._skipped = module, forces, skipped
+        self._asked: dict[int, int] = {}
+        self._rows: dict[int, _Row] = {}
+
+    def embed(self, which: Sequence[int]) -> ClipSample:
+        """Class tokens and motion of clips, in the order of their numbers."""
+        places = np.unique(self._read(which))
+        rows = [self._rows[place] for place in places.tolist()]
+        return ClipSample(
+            places, np.stack([row.cls for row in rows]), np.stack([row.moved for row in rows])
+        )
+
+    def forces(self, which: Sequence[int], key: str) -> ForceReading | None:
+        """Forces as measured and as one head predicts them; None without a labelled clip."""
+        kept = [clip for clip in self._read(which) if np.isfinite(self._rows[clip].measured).any()]
+        if not kept:
+            return None
+        rows = [self._rows[clip] for clip in kept]
+        measured = np.stack([row.measured for row in rows])
+        return ForceReading(measured, np.stack([row.forces[key] for row in rows]), np.array(kept))
+
+    def _read(self, which: Sequence[int]) -> list[int]:
+        """The clips that stand for those asked for: others, where a recording is unreadable."""
+        missing = [clip for clip in which if clip not in self._asked]
+        read: list[int] = []
+        with quiet(self._module):
+            for batch in batches(self._module, self.clips, missing):
+                self._skipped |= batch["skipped"]
+                numbers = batch["clip"].tolist()
+                self._rows |= zip(numbers, self._rows_of(batch), strict=True)
+                read += numbers
+        self._asked |= zip(missing, read, strict=True)
+        return [self._asked[clip] for clip in which]
+
+    def _rows_of(self, batch: Batch) -> Iterator[_Row]:
+        views = self._module.encoder.views(batch)
+        frames = batch["frames"].float()
+        scale = batch["force_scale"][:, None]
+        heads = {key: self._module.heads[key](views, batch) for key in self._forces}
+        columns = [
+            views.full.cls.float(),
+            (frames - frames[:, :1]).abs().mean((1, 2, 3, 4)),
+            torch.where(batch["force_valid"][:, None], batch["force"][:, 1:], torch.nan),
+            *(head.force.float() * scale for head in heads.values()),
+        ]
+        for cls, moved, measured, *forces in zip(*(c.cpu().numpy() for c in columns), strict=True):
+            yield _Row(cls, moved, measured, dict(zip(heads, forces, strict=True)))
 
 
 def liveliest(clips: Clips, seen: ClipSample, count: int) -> list[int]:
@@ -190,30 +238,3 @@ def explained(
                         reconstruction, kind
                     ).sum(0)
     return {kind: share(residual) for kind, residual in sums.items()}
-
-
-def read_forces(
-    module: TouchModule, clips: Clips, which: Sequence[int], key: str
-) -> ForceReading | None:
-    """Forces as measured and as one head predicts them; None without a labelled clip.
-
-    Args:
-        module: The trained module.
-        clips: The split that the clips belong to.
-        which: Clips to read.
-        key: The objective; its head predicts `heads.force.Forces`.
-    """
-    measured, predicted, numbers = [], [], []
-    with quiet(module):
-        for batch in batches(module, clips, which):
-            forces: Forces = module.heads[key](module.encoder.views(batch), batch)
-            valid = batch["force_valid"][:, None]
-            scaled = forces.force.float() * batch["force_scale"][:, None]
-            true = torch.where(valid, batch["force"][:, 1:], torch.nan)
-            kept = batch["force_valid"].any(1)
-            predicted.append(scaled[kept].cpu().numpy())
-            measured.append(true[kept].cpu().numpy())
-            numbers.append(batch["clip"][kept].cpu().numpy())
-    if not sum(map(len, numbers)):
-        return None
-    return ForceReading(*(np.concatenate(part) for part in (measured, predicted, numbers)))
