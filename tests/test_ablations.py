@@ -88,6 +88,7 @@ def test_force_without_shear_learns_the_normal_force() -> None:
     assert plain("ablation=force_without_shear")["objective"]["force"]["shear"] is False
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", DATA)
 def test_tiers_are_left_out_and_objectives_that_need_them(name: str) -> None:
     sources, objectives = DATA[name]

@@ -84,6 +84,7 @@ def showing(picture):
     return lambda frame: Frame(array=picture, time=frame.time)
 
 
+@pytest.mark.slow
 def test_live_tells_the_deepest_place(scripted, tmp_path):
     (still, picture), _ = dented()
     cv2.imwrite(str(tmp_path / "still.png"), still)

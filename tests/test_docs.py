@@ -2,6 +2,7 @@
 
 Python blocks of a page share one namespace; bash blocks run with ``bash -e``. Both run in one
 temporary folder a page, from top to bottom. A block after ``<!-- no-run: reason -->`` is left out.
+The README's ``tactileforge`` is the installed one, that of other pages is forked (`warm`).
 """
 
 import contextlib
@@ -10,21 +11,29 @@ import re
 import subprocess
 import sys
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from warm import warm_commands
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCK = re.compile(r"(<!-- no-run: [^>]+-->\s*)?^```(python|bash)\n(.*?)^```$", re.M | re.S)
 
 
-def run_bash(code: str, folder: Path) -> None:
-    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+@pytest.fixture(scope="module")
+def warm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    with warm_commands(tmp_path_factory.mktemp("warm")) as folder:
+        yield folder
+
+
+def run_bash(code: str, folder: Path, *commands: Path) -> None:
+    places = [*commands, Path(sys.executable).parent, os.environ["PATH"]]
     done = subprocess.run(
         ["bash", "-euo", "pipefail", "-c", code],
         cwd=folder,
-        env=os.environ | {"PATH": path},
+        env=os.environ | {"PATH": os.pathsep.join(map(str, places))},
         capture_output=True,
         text=True,
         timeout=600,
@@ -34,7 +43,7 @@ def run_bash(code: str, folder: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_code_blocks_run(page: Path, tmp_path: Path) -> None:
+def test_code_blocks_run(page: Path, tmp_path: Path, warm: Path) -> None:
     blocks = BLOCK.findall(page.read_text())
     if not any(not skipped for skipped, _, _ in blocks):
         pytest.skip("no code to run on this page")
@@ -43,7 +52,7 @@ def test_code_blocks_run(page: Path, tmp_path: Path) -> None:
         if skipped:
             continue
         if language == "bash":
-            run_bash(code, tmp_path)
+            run_bash(code, tmp_path, *([] if page.name == "README.md" else [warm]))
         else:
             with contextlib.chdir(tmp_path), warnings.catch_warnings():
                 warnings.simplefilter("default")

@@ -60,6 +60,7 @@ def code() -> dict[str, frozenset[str]]:
     return {here: frozenset(names - {here, ""}) for here, names in found.items() if here}
 
 
+@pytest.mark.slow
 def test_every_package_is_on_the_map() -> None:
     assert set(page()) == set(code())
 

@@ -95,6 +95,7 @@ def test_a_step_waits_for_nothing(recipe: str, monkeypatch: pytest.MonkeyPatch) 
     step(monkeypatch, *on_device(recipe))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("balance", ["clip", "gradnorm", "uncertainty"])
 def test_a_balance_waits_for_nothing(balance: str, monkeypatch: pytest.MonkeyPatch) -> None:
     step(monkeypatch, *on_device("anytouch2", f"balance={balance}"))
@@ -116,6 +117,7 @@ def step(monkeypatch: pytest.MonkeyPatch, module: TouchModule, batch: dict[str, 
     assert watch.found == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("recipe", RECIPES)
 @pytest.mark.parametrize("paired", [True, False])
 def test_validation_waits_for_nothing(

@@ -77,6 +77,7 @@ def test_abilities_of_a_cpu(
     assert native_bf16() == name
 
 
+@pytest.mark.slow
 def test_the_probe_times_both_and_changes_nothing() -> None:
     config: Any = OmegaConf.to_container(compose("anytouch2", TINY), resolve=True)
     data, config["encoder"] = build_data(config)

@@ -62,6 +62,7 @@ BOMB = "a0: &a0 [x, x]\n" + "".join(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -79,6 +80,7 @@ def test_hostile_yaml_is_an_error(text: str, said: str) -> None:
         load_yaml(text)
 
 
+@pytest.mark.slow
 def test_nested_brackets_are_an_error() -> None:
     for text in ("[" * 100_000, '{"a":' * 100_000):
         with pytest.raises(ValueError, match="nested too deep"):

@@ -141,6 +141,7 @@ def test_everything_is_in_the_file(data: Any, tmp_path: Path) -> None:
     assert "unseen in test: object" in loaded.tasks[0].split
 
 
+@pytest.mark.slow
 def test_cells_that_are_there_are_kept(
     data: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -247,6 +247,7 @@ def shard(path: Path, recordings: list[Recording]) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_the_verb_writes_a_file_and_a_page(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

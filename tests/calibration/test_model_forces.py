@@ -106,6 +106,7 @@ def test_the_model_gives_calibrated_forces(model: Model, calibrated: Calibration
     assert not torch.allclose(plain.force, both.force, atol=0.1)
 
 
+@pytest.mark.slow
 def test_an_axis_that_is_left_out_stays_what_the_model_says(model: Model) -> None:
     alone = calibrate(touches(model), CalibrateOptions(axes=["z"]), model=model).calibration
     touch = touches(model, 1)[0]

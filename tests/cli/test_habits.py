@@ -196,6 +196,7 @@ def test_an_explicit_curriculum_wins_over_a_scale() -> None:
 DERIVED = "# @package _global_\ndefaults: [anytouch2, _self_]\nobjective: {force: {weight: 0.3}}\n"
 
 
+@pytest.mark.slow
 def test_a_recipe_of_ones_own_wins_over_a_scale(capsys: pytest.CaptureFixture[str]) -> None:
     Path("mine/recipe").mkdir(parents=True)
     Path("mine/recipe/soft.yaml").write_text(DERIVED)
@@ -257,6 +258,7 @@ LAYOUT = """layouts:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "extra", "message"),
     [

@@ -83,6 +83,7 @@ def test_check_passes_options_on_and_fails_by_exit_code(toy, capsys):
     assert "failed   constructing does no io: ValueError: too loud" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_check_takes_every_kind_that_has_the_name(capsys):
     assert main(["check", "clip", "replay"]) == 0
     lines = [line for line in capsys.readouterr().out.splitlines() if not line.startswith("  ")]

@@ -85,6 +85,7 @@ def test_defects(root: Path, write: Make, levels: Make) -> None:
         list(data.recordings("train"))
 
 
+@pytest.mark.slow
 def test_conformance(root: Path, conforms: Make) -> None:
     conforms(Octopi, root=str(root))
 

@@ -29,6 +29,7 @@ def digest(folder: Path) -> dict[str, str]:
     return {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in folder.glob("*.tar")}
 
 
+@pytest.mark.slow
 def test_conformance() -> None:
     assert isinstance(Sim(), Dataset)
     results = check("dataset", Sim(**SMALL))
@@ -123,6 +124,7 @@ def test_the_same_numbers_give_the_same_bytes_however_they_are_made(tmp_path: Pa
     assert other.folder != folders[0]
 
 
+@pytest.mark.slow
 def test_pictures_may_come_late(tmp_path: Path) -> None:
     config = {"scenes": 1, "val": 0, "size": 16, "sensors": ["digit"], "cache": str(tmp_path)}
     (now,), (late,) = (list(Sim(**config, lag=lag).recordings("train")) for lag in (0.0, 0.1))
@@ -240,6 +242,7 @@ def test_the_verb_writes_what_shards_reads(tmp_path: Path) -> None:
     assert "other seed" in other.stderr
 
 
+@pytest.mark.slow
 def test_shards_that_are_damaged_or_missing(tmp_path: Path) -> None:
     with pytest.raises(DataNotFoundError, match=r"neither index\.json nor train-\*\.tar"):
         list(Shards(str(tmp_path)).recordings("train"))

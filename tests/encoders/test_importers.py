@@ -130,6 +130,7 @@ def made(encoder: Backbone, size: int = 2) -> Batch:
     return batch(size, frames=encoder.frames, image=48) | {"sensor": ["digit", "gelsight_mini"]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", FILES)
 def test_from_file_to_encoder_and_back(published: ModuleType, case: str, tmp_path: Path) -> None:
     name, frames, length, _ = FILES[case]

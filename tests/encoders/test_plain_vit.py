@@ -46,6 +46,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", VARIANTS)
 def test_it_keeps_the_contract(name: str) -> None:
     results = check("encoder", PlainViT, **VARIANTS[name])
@@ -53,6 +54,7 @@ def test_it_keeps_the_contract(name: str) -> None:
     assert len([result for result in results if result.status == "ran"]) >= 8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
     [

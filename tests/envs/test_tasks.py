@@ -30,6 +30,7 @@ def played(env, seed, actions=None):
     return seen, done
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", envs.TASKS)
 def test_gymnasium_checks_the_environment(task):
     with warnings.catch_warnings():
@@ -109,6 +110,7 @@ def test_a_chip_breaks_above_its_force_and_not_below(seed):
     assert before <= env.unwrapped.drawn["breaks"] < env.unwrapped.held.normal
 
 
+@pytest.mark.slow
 def test_a_chip_is_snapped_by_the_floor():
     env = made("chip")
     env.reset(seed=2)
@@ -124,6 +126,7 @@ def test_what_is_let_go_of_is_dropped():
     assert pushed_on(env, 20, [0, 0, 2])["failure"] == "dropped"
 
 
+@pytest.mark.slow
 def test_a_ball_in_the_wrong_box_is_no_success():
     env = made("grasp")
     env.reset(seed=0)
@@ -138,6 +141,7 @@ def test_a_ball_in_the_wrong_box_is_no_success():
     assert (info["failure"], info["success"]) == ("wrong box", False)
 
 
+@pytest.mark.slow
 def test_an_eraser_stalls_when_pressed_hard_and_misses_when_it_hovers():
     env = made("wipe")
     env.reset(seed=0)

@@ -189,6 +189,7 @@ class Resize(nn.Module):
         return F.interpolate(x, (224, 224), mode="bilinear", antialias=True)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_resizing_is_torchs(tmp_path: Path) -> None:
     """Matrices that are made when the graph runs, against torch's kernel, on sizes of sensors."""

@@ -190,6 +190,7 @@ def test_a_missing_plugin_says_what_to_install(checkpoint: Path) -> None:
         tactileforge.load(checkpoint)
 
 
+@pytest.mark.slow
 def test_weights_of_another_model(checkpoint: Path, header: Header) -> None:
     deeper = TactileViT("small", frames=2, image_size=32)
     save_checkpoint(checkpoint, deeper, header)

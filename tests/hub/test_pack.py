@@ -57,6 +57,7 @@ def test_a_run_is_packed_and_loaded(run: Path, tmp_path: Path) -> None:
     assert len(header.commit.removesuffix("-dirty")) in (0, 40)
 
 
+@pytest.mark.slow
 def test_a_miniature_that_is_trained_twice_is_the_same_file(run: Path, tmp_path: Path) -> None:
     again = tmp_path / run.name
     small = ["encoder.image_size=32", "batch.size=4", "data.scenes=3", "data.val=1"]

@@ -66,6 +66,7 @@ def test_it_reads_forces_and_surfaces_of_touches_it_never_saw() -> None:
     assert (errors < 0.75 * np.abs(true - np.median(true, 0)).mean(0)).all()
 
 
+@pytest.mark.slow
 @pytest.mark.realdata
 def test_the_deepest_place_is_where_a_real_ball_presses(realdata: Path) -> None:
     """Circles were drawn by hand on images of a lab GelSight; none of its images was trained on."""

@@ -37,6 +37,7 @@ def test_files_are_as_readable_as_the_umask_says(
     assert (tmp_path / "a.safetensors").stat().st_mode & 0o777 == 0o666 & ~mask
 
 
+@pytest.mark.slow
 def test_two_imports_at_once_and_loads_meanwhile(
     add_card: AddCard, vit: TactileViT, header: Header, tmp_path: Path
 ) -> None:

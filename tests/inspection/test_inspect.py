@@ -82,6 +82,7 @@ def test_the_page_is_whole_and_needs_no_network(touch: Touch, listed: Any, tmp_p
     assert written(listed(train, [touch(20)]), tmp_path / "again.html")[1] == text
 
 
+@pytest.mark.slow
 def test_faults_are_counted_and_the_worst_come_first(
     touch: Touch, listed: Any, tmp_path: Path
 ) -> None:
@@ -117,6 +118,7 @@ def test_faults_are_counted_and_the_worst_come_first(
     ]
 
 
+@pytest.mark.slow
 def test_what_cannot_be_read_is_named_and_never_fatal(
     touch: Touch, listed: Any, make_broken: Callable[[], ImageFrames], tmp_path: Path
 ) -> None:
@@ -156,6 +158,7 @@ def make_broken(tmp_path: Path) -> Callable[[], ImageFrames]:
     return make
 
 
+@pytest.mark.slow
 def test_duplicates_across_splits_and_keys(touch: Touch, listed: Any, tmp_path: Path) -> None:
     train = [touch(0), touch(1), touch(1, key="made/copy")]
     dataset = listed(train, [touch(0, key="made/leak"), touch(5, key="made/1")])
@@ -205,6 +208,7 @@ def test_axes_without_force_are_left_out_and_named(
     assert row[0].count("<td>none</td>") == 6  # an action that is unknown throughout is none
 
 
+@pytest.mark.slow
 def test_times_that_stand_still(touch: Touch, listed: Any, tmp_path: Path) -> None:
     findings, text = written(
         listed([touch(0, times=np.zeros(90)), touch(1)]), tmp_path / "page.html"

@@ -85,6 +85,7 @@ def test_other_devices_are_named(model) -> None:
             EmbedOptions(**wrong)
 
 
+@pytest.mark.slow
 def test_the_verb_writes_what_lerobots_policies_read(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

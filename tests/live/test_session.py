@@ -180,6 +180,7 @@ def test_a_slow_model_reads_the_newest_frame_and_skips_the_others(scripted, mode
     assert not finger.stream.is_fresh
 
 
+@pytest.mark.slow
 def test_contact_without_a_model(scripted):
     def press(frame):
         return Frame(array=np.full_like(frame.array, 200), time=frame.time)
@@ -220,6 +221,7 @@ def test_an_unplugged_sensor_comes_back_and_it_is_said(scripted, model):
     assert sensor.opened == 2
 
 
+@pytest.mark.slow
 def test_a_sensor_that_stays_away_is_an_error(scripted, model):
     sensor = scripted(fps=50.0, events={20: SensorError("gone")})
     view = LiveSession({"left": sensor}, model, options(reconnect=0.6))

@@ -88,6 +88,7 @@ def test_the_other_policies_of_the_table_train_and_step(train_policy, more, flag
     assert (first <= high + 1e-6).all()
 
 
+@pytest.mark.slow
 def test_wrong_robots_are_named(folder: Path, words: list[str], tmp_path: Path) -> None:
     policy = load_policy(folder)
     frames = {name: rest() for name in policy.fingers}

@@ -74,6 +74,7 @@ def test_a_recording_is_a_touch_for_each_part_of_it():
         strongest_touches(recording(0, no_contact=small))
 
 
+@pytest.mark.slow
 def test_equal_sets_are_not_apart_and_others_by_what_differs():
     first = profile("a", "digit", [recording(seed) for seed in range(12)])
     assert (len(first.looks), first.faint, first.stored, len(first.shown)) == (12, 0, [], 3)

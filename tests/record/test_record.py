@@ -127,6 +127,7 @@ def test_the_wrench_is_tared_and_turned(scripted, options):
     assert np.nanmedian(last.force, axis=0) == pytest.approx([2.5, -2.5, -2.5])
 
 
+@pytest.mark.slow
 def test_a_background_is_taken_before_every_take(scripted, options):
     given = options(takes=2, seconds=0.3, background=Background(seconds=0.2, frames=3))
     sensor = scripted(fps=60)
@@ -180,6 +181,7 @@ def test_frames_are_dropped_and_counted_when_encoding_cannot_follow(scripted, op
     assert one.times - one.times[0] == pytest.approx(true - true[0], abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_sensor_that_is_lost_ends_it_and_keeps_what_came(scripted, options):
     lost = scripted(fps=50, events={20: SensorError("unplugged")})
     given = options(seconds=5.0, reconnect=0.2)
@@ -203,6 +205,7 @@ def _once(sensor):
     return sensor
 
 
+@pytest.mark.slow
 def test_a_sensor_that_comes_back_goes_on(scripted, options):
     given = options(seconds=1.5)
     sensor = scripted(fps=50, events={20: SensorError("unplugged")})
@@ -222,6 +225,7 @@ def test_it_ends_when_the_sources_are_over(scripted, options):
     assert sorted(found.frames.values()) == pytest.approx([48, 68], abs=8)
 
 
+@pytest.mark.slow
 def test_it_ends_when_it_is_told_to(scripted, options):
     stop = threading.Event()
     threading.Timer(1.0, stop.set).start()
@@ -257,6 +261,7 @@ def test_rigs_that_cannot_be(scripted, options, make, message):
     assert not any(sensor.is_open for sensor in sensors.values())
 
 
+@pytest.mark.slow
 def test_an_outage_of_all_sensors_loses_neither_forces_nor_what_comes_after(scripted, options):
     """Nothing comes for two segments; then everything goes on."""
     sensor = scripted(fps=50, events={10: SensorError("unplugged")})
@@ -509,6 +514,7 @@ def test_what_the_command_refuses(capsys, tmp_path):
         assert message in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_simulated_finger_that_rests_has_a_background(options):
     sensor = SimSensor("digit", size=32, rest=1.5)
     given = options(background=Background(seconds=0.4), seconds=0.4)
@@ -570,6 +576,7 @@ def test_dropped_frames_are_told_by_reason(scripted, options):
     assert (labels["backwards"], labels["untimed"], labels["frozen"]) == (1, 1, 0)
 
 
+@pytest.mark.slow
 def test_packets_that_cannot_be_are_told_by_reason(options):
     """Two of five false packets are out of range, one jumps alone, two jump apart."""
     false = {40: 65_000, 50: 65_000, 60: 50_000, 70: 50_000, 71: 20_000}

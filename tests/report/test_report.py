@@ -255,6 +255,7 @@ def test_first_and_last_are_means_of_a_tenth(write: Write) -> None:
     assert (val_first, val_last, val_change) == ("0.5", "0.5", NONE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("last", "told"), [(0.5, "for 1 of 1"), (0.995, "for 0 of 1"), (1.5, "for 0 of 1")]
 )
@@ -281,6 +282,7 @@ def test_without_metrics_and_files(write: Write) -> None:
     assert page.tables["losses-summary"][1] == ["pixel", *NONE * 6, "1"]
 
 
+@pytest.mark.slow
 def test_without_validation(write: Write) -> None:
     metrics = [{"step": 1, "train/pixel": 1.0}]
     page = write(Touches(val=True), "objective=[pixel,force]", metrics=metrics)
@@ -294,6 +296,7 @@ def test_without_validation(write: Write) -> None:
     assert "Training clips are drawn faintly" not in page.text
 
 
+@pytest.mark.slow
 def test_without_force_and_labels(write: Write) -> None:
     page = write(Touches(labels=True), "objective=[pixel,diff]")
     assert "No objective predicts force." in page.text
@@ -333,6 +336,7 @@ def test_what_reaches_the_encoder_is_drawn(write: Write) -> None:
     assert (product.steps.tolist(), product.values.tolist()) == ([19], [1.0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("objective", "rows", "told"),
     [
@@ -359,6 +363,7 @@ def test_rows_of_pictures(write: Write, objective: str, rows: list[str], told: s
     assert told in page.text
 
 
+@pytest.mark.slow
 def test_single_frames_of_one_sensor(write: Write) -> None:
     page = write(Touches(("digit",), motion=True), "objective=[pixel,diff,force]")
     assert page.tables["neighbours"][1][1].startswith("no answer: one class")
@@ -366,6 +371,7 @@ def test_single_frames_of_one_sensor(write: Write) -> None:
     assert "0 s" in page.tables["recordings"][1]
 
 
+@pytest.mark.slow
 def test_an_objective_that_never_woke(write: Write) -> None:
     metrics = [
         {"step": i, "train/pixel": 1.0, "weight/pixel": 1.0, "weight/force": 0.0} for i in (1, 2)
@@ -375,6 +381,7 @@ def test_an_objective_that_never_woke(write: Write) -> None:
     assert "force logged less than twice" in page.text
 
 
+@pytest.mark.slow
 def test_skipped_recordings_are_listed(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
     dataset = Touches()
     dataset.skipped.append("a.mp4: truncated")

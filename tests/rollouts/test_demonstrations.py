@@ -94,6 +94,7 @@ def test_same_seed_same_bytes_with_any_number_of_processes(tmp_path, monkeypatch
     assert not set(contents(tmp_path / "a").values()) & set(contents(tmp_path / "c").values())
 
 
+@pytest.mark.slow
 def test_units_take_turns(tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[1] / "helpers"))
     write_demonstrations(options(tmp_path / "a", n=6, units=[0, 30]))

@@ -178,6 +178,7 @@ def test_the_page_has_videos_forces_and_failures(tmp_path):
     assert text.count("<svg role") == 6 + 3
 
 
+@pytest.mark.slow
 def test_the_verbs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     words = [f"task={TASK}", "size=32", "processes=1"]

@@ -66,6 +66,7 @@ def test_frames_that_cannot_be_true_end_it(scripted, change, message):
         raise capture.error
 
 
+@pytest.mark.slow
 def test_a_picture_that_stays_for_a_second_is_dropped_and_counted(scripted):
     sensor = scripted(fps=100)
     sensor.picture = lambda number: np.full((24, 32, 3), 90 if number >= 20 else number, np.uint8)
@@ -104,6 +105,7 @@ def test_a_sensor_that_does_not_come_back_is_an_error(scripted, monkeypatch):
     assert str(capture.error) == text
 
 
+@pytest.mark.slow
 def test_silence_counts_as_lost(scripted, monkeypatch):
     monkeypatch.setattr(module, "_RETRY", 0.01)
     silent = {number: TimeoutError("no frame") for number in range(5, 30)}

@@ -31,6 +31,7 @@ def touch() -> Scene:
     return draw_scene(3, shape("pentagram"), "slide_right", force=(3, 3), seconds=0.3)
 
 
+@pytest.mark.slow
 def test_a_seed_draws_one_touch(touch: Scene) -> None:
     again = draw_scene(3, shape("pentagram"), "slide_right", force=(3, 3), seconds=0.3)
     np.testing.assert_array_equal(again.path.poses, touch.path.poses)

@@ -106,6 +106,7 @@ def test_broken_encoder(result_of, plugin, name):
     assert result_of("encoder", plugin, name).status == "failed"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "options"), [("tactile_vit", small()), ("byte", {}), ("vit", {}), ("clip", {})]
 )

@@ -72,6 +72,7 @@ class ForgetfulHead(Mean):
         return super().forward(views, batch)["score"] + self.shift
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("plugin", "names"),
     [

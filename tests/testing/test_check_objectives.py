@@ -197,6 +197,7 @@ def test_broken_objective(result_of, plugin, name, detail):
     assert detail in result.detail
 
 
+@pytest.mark.slow
 def test_good_objective_passes(failed):
     assert not failed("objective", Push, head=Mean)
 

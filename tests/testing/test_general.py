@@ -122,6 +122,7 @@ class Sensor:
 GUARDED = "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import acme_sdk\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("helper", "said"),
     [

@@ -61,6 +61,7 @@ def test_a_file_without_a_recipe_says_what_it_knows() -> None:
     assert trained_on(HEADER) == ["unknown"]
 
 
+@pytest.mark.slow
 @pytest.mark.realdata
 def test_training_and_the_gate_agree_on_the_slip_objects(realdata: Path) -> None:
     words = ["data=gsmini_slip", f"data.root={realdata}"]

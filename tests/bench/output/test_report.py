@@ -113,6 +113,7 @@ def page(folder: Path, content: dict[str, Any]) -> tuple[Page, str]:
     return Page(html), html
 
 
+@pytest.mark.slow
 def test_the_page_is_one_file_with_every_table_and_picture(tmp_path: Path) -> None:
     parsed, html = page(tmp_path, bench(tmp_path))
     assert not [link for link in parsed.links if not link.startswith(("#", "data:"))]
@@ -180,6 +181,7 @@ def test_predictions_that_are_gone_or_not_finite_are_told(tmp_path: Path) -> Non
     assert html.count("<svg role") == 2 + 1 + 1
 
 
+@pytest.mark.slow
 def test_fifteen_models_in_six_tasks_stay_below_five_megabytes(tmp_path: Path) -> None:
     """By what one picture of each kind takes, with as many points as are ever drawn."""
     _, html = page(tmp_path, bench(tmp_path, models=1, points=1000))

@@ -69,6 +69,7 @@ def test_transfer_never_shows_the_third_sensor() -> None:
     assert set(split.unseen) == {"object", "sensor"}
 
 
+@pytest.mark.slow
 @pytest.mark.realdata
 @pytest.mark.parametrize(
     ("name", "recordings", "tested"),

@@ -333,6 +333,7 @@ def test_small_shards_give_the_batches_of_the_data_they_were_packed_from(tmp_pat
     assert all(same(first[number], other[number]) for number in range(2 * len(first)))
 
 
+@pytest.mark.slow
 def test_large_shards_are_read_by_workers_as_by_none(tmp_path: Path) -> None:
     folder = pack(Memory(48), tmp_path, size=4)
     data = touch(Shards(str(folder)), window=8, workers=2, match=0.5)

@@ -358,6 +358,7 @@ def test_arrays() -> None:
         ArrayFrames(array.astype(float))  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 @pytest.mark.realdata
 @pytest.mark.parametrize(
     ("name", "count", "fps"),

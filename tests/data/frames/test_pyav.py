@@ -46,6 +46,7 @@ def av1(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
     return path
 
 
+@pytest.mark.slow
 def test_every_frame_of_av1_is_read_in_any_order(av1: Path) -> None:
     frames, wanted = VideoFrames(av1), pictures()
     assert (len(frames), frames.shape) == (COUNT, (48, 64))

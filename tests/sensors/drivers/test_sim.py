@@ -14,6 +14,7 @@ def test_conformance() -> None:
     assert [one for one in results if one.status == "failed"] == []
 
 
+@pytest.mark.slow
 def test_touches_follow_each_other_with_their_forces() -> None:
     with SimSensor("digit", "small_sphere", "slide_left", size=32, realtime=False) as sensor:
         assert (sensor.spec.height, sensor.spec.width, sensor.spec.fps) == (43, 32, 30)
@@ -30,6 +31,7 @@ def test_touches_follow_each_other_with_their_forces() -> None:
     assert np.abs(still - still[0]).max() < 30
 
 
+@pytest.mark.slow
 def test_a_late_reader_gets_the_newest_frame() -> None:
     with SimSensor("gelsight_mini", size=16) as sensor:
         first = sensor.read()

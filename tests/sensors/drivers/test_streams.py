@@ -261,6 +261,7 @@ def test_conformance_without_a_device(name):
     assert "failed" not in statuses.values()
 
 
+@pytest.mark.slow
 def test_conformance_of_a_live_array(pty):
     packets = itertools.repeat(taxel_packet(range(6)))
     options = {"shape": (2, 3), "payload": "6B", "baseline": 3}

@@ -58,6 +58,7 @@ def test_fit_finds_the_calibration_that_made_the_pictures():
     assert np.cos(turn).min() > 0.9
 
 
+@pytest.mark.slow
 def test_noise_is_measured():
     assert fit.camera_noise(presses(noise=3.0)) == pytest.approx(3 / math.sqrt(2), rel=0.15)
 

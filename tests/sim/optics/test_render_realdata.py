@@ -60,6 +60,7 @@ def test_held_out_presses_are_met_better_than_by_simpler_models(name, least):
     assert ours > psnr(test, linear(train, test)) + 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", KNOWN)
 def test_shipped_numbers_are_those_of_the_pictures(name):
     presses = read_known(name, DATA).part(slice(0, None, 6))
