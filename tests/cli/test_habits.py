@@ -212,9 +212,13 @@ def test_a_recipe_of_ones_own_wins_over_a_scale(capsys: pytest.CaptureFixture[st
         key = "objective.force.weight"
         told = said(capsys, "train", *where, "recipe=soft", "scale=demo", "--explain", key)
         assert told.startswith(f"{key} = 0.3\n")
+        assert "did you mean 'soft'" in error_of(capsys, "train", *where, "recipe=sof")
     Path("mine/recipe/soft.yaml").write_text(DERIVED.partition("\n")[2])
     message = error_of(capsys, "train", "--config-dir", "mine", "recipe=soft", "scale=demo")
     assert "the first line of its YAML has to be '# @package _global_'" in message
+    Path("mine/recipe/soft.yaml").write_text(DERIVED.replace("[anytouch2", "[{/recipe: anytouch2}"))
+    message = error_of(capsys, "train", "--config-dir", "mine", "recipe=soft", "scale=demo")
+    assert "begins with defaults: [OTHER, _self_]" in message
 
 
 def test_explain_says_where_a_value_is_from(capsys: pytest.CaptureFixture[str]) -> None:

@@ -117,12 +117,12 @@ def run(verb: str, command: Command, argv: Sequence[str]) -> int:
     if words.explain:
         from tactileforge.cli._explain import explain
 
-        with _hydra.told(verb, command, words.overrides):
+        with _hydra.told(verb, command, words):
             print(explain(command.declare(verb), words.explain, words.overrides, words.flags))
         return 0
     if command.yaml or words.asks_hydra:
         return _status(_hydra.run(verb, command, words))
-    with _hydra.told(verb, command, words.overrides):
+    with _hydra.told(verb, command, words):
         config = command.compose(verb, words.overrides)
     return _status(command.run(command.build(config), config))
 

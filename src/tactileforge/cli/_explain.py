@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 from hydra import initialize_config_module
@@ -12,11 +10,9 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
+from tactileforge.cli._options import own_places
 from tactileforge.compose import SearchPath, composed, register
 from tactileforge.errors import ConfigError, unknown
-
-#: Flags of Hydra that name a folder of options.
-_FOLDER = ("--config-dir", "-cd")
 
 
 def explain(name: str, key: str, overrides: Sequence[str], flags: Sequence[str] = ()) -> str:
@@ -32,7 +28,7 @@ def explain(name: str, key: str, overrides: Sequence[str], flags: Sequence[str] 
         ConfigError: The configuration has no such key.
         HydraException: An override that does not fit.
     """
-    overrides, SearchPath.also = _places(overrides, flags)
+    overrides, SearchPath.also = own_places(overrides, flags)
     try:
         config = composed(name, overrides)
         rows = [*_files(name, key, overrides), *_typed(key, overrides)]
@@ -65,20 +61,6 @@ def _files(name: str, key: str, overrides: Sequence[str]) -> Iterator[tuple[str,
             if OmegaConf.is_config(config) and _has(config, key):
                 value = OmegaConf.select(config, key, throw_on_missing=False)
                 yield f"{default.config_path}.yaml", _shown(value)
-
-
-def _places(overrides: Sequence[str], flags: Sequence[str]) -> tuple[list[str], list[str]]:
-    """The overrides without ``hydra.searchpath``, and the places that it and the flags name."""
-    pairs = pairwise(flags)
-    places = [f"file://{Path(value).absolute()}" for flag, value in pairs if flag in _FOLDER]
-    rest = []
-    for word in overrides:
-        name, _, value = word.partition("=")
-        if name == "hydra.searchpath":
-            places += [item.strip("'\" ") for item in value.strip("[]").split(",")]
-        else:
-            rest.append(word)
-    return rest, places
 
 
 def _has(config: Any, key: str) -> bool:

@@ -15,7 +15,7 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from tactileforge.cli._options import options
+from tactileforge.cli._options import options, own_places
 from tactileforge.errors import ConfigError, TactileForgeError, nearest_name, unknown
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def run(verb: str, command: Command, words: Words) -> Result:
     name = command.declare(verb)
     sys.argv = ["tactileforge", *words.flags, *words.overrides]
     try:
-        with told(verb, command, words.overrides):
+        with told(verb, command, words):
             hydra.main(version_base="1.3", config_path="pkg://tactileforge.conf", config_name=name)(
                 task
             )()
@@ -87,13 +87,13 @@ def _forget(hydra: Any) -> None:
 
 
 @contextmanager
-def told(verb: str, command: Command, overrides: Sequence[str]) -> Iterator[None]:
+def told(verb: str, command: Command, words: Words) -> Iterator[None]:
     """Turns what Hydra and OmegaConf raise into a ConfigError of one line.
 
     Args:
         verb: As it is typed.
         command: Whose configuration is composed.
-        overrides: ``key=value`` words.
+        words: What was typed.
 
     Raises:
         ConfigError: See there.
@@ -103,18 +103,23 @@ def told(verb: str, command: Command, overrides: Sequence[str]) -> Iterator[None
     except (HydraException, OmegaConfBaseException) as error:
         said, cause = str(error), str(error.__cause__ or "")
         whole = said if cause in said else f"{said}\n{cause}"
-        said = _told(command.name(verb), whole, overrides)
-        raise ConfigError(said) from error
+        raise ConfigError(_told(command.name(verb), whole, words)) from error
+    except RecursionError as error:
+        raise ConfigError(
+            "the defaults of a YAML of yours choose its own group: an option that changes another "
+            "one of its group begins with defaults: [OTHER, _self_]"
+        ) from error
 
 
-def _told(name: str, said: str, overrides: Sequence[str]) -> str:
+def _told(name: str, said: str, words: Words) -> str:
+    overrides, own = own_places(words.overrides, words.flags)
     if match := re.search(r"Could not override '(.+?)'\.? ?(No match in the defaults list)?", said):
         key = match[1].removesuffix("@_global_")
         return _unknown_key(name, key, overrides)
     if match := re.search(r"Could not find '([\w/]+)/(.+?)'", said):
-        return unknown(match[1], match[2], options(match[1]))
+        return unknown(match[1], match[2], options(match[1], own))
     if match := re.search(r"You must specify '(\w+)'", said):
-        return f"give {match[1]}=NAME; Known: {', '.join(options(match[1]))}"
+        return f"give {match[1]}=NAME; Known: {', '.join(options(match[1], own))}"
     if match := re.search(r"LexerNoViableAltException: (.*)", said):
         return f"{match[1]}: not key=value; quote values with special characters: 'key=\"value\"'"
     return re.sub(r"\s*\n\s*", "; ", said.partition("\nprimary config")[0].strip()).strip("; ")

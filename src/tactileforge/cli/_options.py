@@ -2,22 +2,57 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib.metadata import entry_points
 from importlib.resources import files
+from itertools import pairwise
+from pathlib import Path
 
 from tactileforge import registry
 
+#: Flags of Hydra that name a folder of options.
+_FOLDER = ("--config-dir", "-cd")
 
-def options(group: str) -> list[str]:
+
+def own_places(overrides: Sequence[str], flags: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Finds the user's own folders and packages of options on a command line.
+
+    Args:
+        overrides: ``key=value`` words; ``hydra.searchpath`` may be one.
+        flags: Of Hydra; ``--config-dir`` may be one.
+
+    Returns:
+        The other overrides; and the places, as Hydra's search path names them.
+
+    Example:
+        >>> own_places(["seed=1", "hydra.searchpath=[pkg://mine]"], [])
+        (['seed=1'], ['pkg://mine'])
+    """
+    pairs = pairwise(flags)
+    places = [f"file://{Path(value).absolute()}" for flag, value in pairs if flag in _FOLDER]
+    rest = []
+    for word in overrides:
+        name, _, value = word.partition("=")
+        if name == "hydra.searchpath":
+            places += [item.strip("'\" ") for item in value.strip("[]").split(",")]
+        else:
+            rest.append(word)
+    return rest, places
+
+
+def options(group: str, own: Sequence[str] = ()) -> list[str]:
     """The options of a group, sorted; imports no plugin.
 
-    Those of ``--config-dir`` and ``hydra.searchpath`` are not among them.
+    Args:
+        group: Such as ``recipe``.
+        own: Further places, see `own_places`.
     """
     names = set(registry.names(registry.GROUPS[group])) if group in registry.GROUPS else set()
     places = ["tactileforge.conf", "tactileforge.zoo"]
     places += [entry.value for entry in entry_points(group="tactileforge.conf")]
-    for place in places:
-        folder = files(place) / group
+    for place in [*places, *own]:
+        kind, _, name = place.rpartition("://")
+        folder = (Path(name) if kind == "file" else files(name)) / group
         if folder.is_dir():
             entries = [item.name for item in folder.iterdir()]
             names |= {name.removesuffix(".yaml") for name in entries if name.endswith(".yaml")}
