@@ -13,6 +13,7 @@ import torch
 from opened import Opened
 from PIL import Image
 from waiting import wait_until
+from warm import Warm, warm_commands
 
 from tactileforge import registry
 from tactileforge.contracts import Batch, Frame, Frames, SensorSpec
@@ -45,6 +46,13 @@ def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("TACTILEFORGE_CACHE", str(folder))
         yield
+
+
+@pytest.fixture(scope="session")
+def warm(tmp_path_factory: pytest.TempPathFactory, _cache: None) -> Iterator[Warm]:
+    """Where commands start at once, each in a process of its own."""
+    with warm_commands(tmp_path_factory.mktemp("warm")) as commands:
+        yield commands
 
 
 @pytest.fixture(autouse=True)

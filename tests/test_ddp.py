@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from warm import Warm
 
 from tactileforge.checkpoint_file import read_checkpoint
 
@@ -85,16 +86,15 @@ def test_balanced_gradients_are_those_of_the_joint_batch(tmp_path: Path) -> None
     assert differing(shared, alone) == []
 
 
-def trained(folder: Path, *words: str) -> list[dict[str, float]]:
+def trained(warm: Warm, folder: Path, *words: str) -> list[dict[str, float]]:
     """Losses of a run of two processes, step by step; force starts in the fifth of six."""
-    command = [sys.executable, "-m", "tactileforge", "train", "scale=demo", "debug=steps"]
+    command = ["train", "scale=demo", "debug=steps"]
     command += ["data.scenes=6", "data.val=2", "data.size=32"]
     command += ["trainer.devices=2", "trainer.accelerator=cpu", "trainer.max_steps=6"]
     command += ["encoder.image_size=32", "batch.size=8", f"hydra.run.dir={folder}"]
     command += ["data.scenes=3", "data.val=1", "data.size=32", "batch.workers=0"]
     command += ["curriculum.objective.force.start=0.5", "curriculum.objective.force.end=1.0"]
-    env = os.environ | {"OMP_NUM_THREADS": "1"}
-    subprocess.run([*command, *words], check=True, timeout=900, env=env)
+    assert warm.start(*command, *words, OMP_NUM_THREADS="1").wait() == 0
     text = (folder / "metrics.csv").read_text()
     rows = [row for row in csv.DictReader(text.splitlines()) if row["train/loss"]]
     return [{k: float(v) for k, v in row.items() if k.startswith("train/") and v} for row in rows]
@@ -106,17 +106,19 @@ def weights(folder: Path) -> dict[str, torch.Tensor]:
 
 
 @pytest.fixture(scope="module")
-def searched(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[dict[str, float]]]:
+def searched(
+    warm: Warm, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, list[dict[str, float]]]:
     """A run that looks for unused parameters in every step, and its losses."""
     folder = tmp_path_factory.mktemp("searched")
-    return folder, trained(folder, "trainer.strategy=ddp_find_unused_parameters_true")
+    return folder, trained(warm, folder, "trainer.strategy=ddp_find_unused_parameters_true")
 
 
 def test_two_processes_train_across_the_start_of_an_objective(
-    tmp_path: Path, searched: tuple[Path, list[dict[str, float]]]
+    tmp_path: Path, warm: Warm, searched: tuple[Path, list[dict[str, float]]]
 ) -> None:
     """A static graph a phase gives, to the bit, the weights of a search in every step."""
-    rows = trained(tmp_path)
+    rows = trained(warm, tmp_path)
     assert ["train/force" in row for row in rows] == [False] * 4 + [True] * 2
     assert rows == searched[1]
     state, right = weights(tmp_path), weights(searched[0])
@@ -124,14 +126,14 @@ def test_two_processes_train_across_the_start_of_an_objective(
 
 
 def test_shared_weights_train_as_whole_ones(
-    tmp_path: Path, searched: tuple[Path, list[dict[str, float]]]
+    tmp_path: Path, warm: Warm, searched: tuple[Path, list[dict[str, float]]]
 ) -> None:
     """FSDP2: losses of every step to rounding; the checkpoint and the report are whole.
 
     Weights would not do: AdamW makes steps of one size out of the rounding of the biases of keys,
     whose gradient is 0.
     """
-    rows = trained(tmp_path, "trainer.strategy=fsdp2")
+    rows = trained(warm, tmp_path, "trainer.strategy=fsdp2")
     for row, right in zip(rows, searched[1], strict=True):
         assert row == pytest.approx(right, rel=1e-4)
     shapes = {key: value.shape for key, value in weights(searched[0]).items()}
@@ -139,6 +141,6 @@ def test_shared_weights_train_as_whole_ones(
     assert (tmp_path / "report.html").exists()
 
 
-def test_gradients_of_several_batches_make_a_step(tmp_path: Path) -> None:
-    trained(tmp_path, "trainer.accumulate_grad_batches=2", "trainer.max_steps=3")
+def test_gradients_of_several_batches_make_a_step(tmp_path: Path, warm: Warm) -> None:
+    trained(warm, tmp_path, "trainer.accumulate_grad_batches=2", "trainer.max_steps=3")
     assert read_checkpoint(tmp_path)["global_step"] == 3

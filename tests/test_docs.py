@@ -11,21 +11,14 @@ import re
 import subprocess
 import sys
 import warnings
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from warm import warm_commands
+from warm import Warm
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCK = re.compile(r"(<!-- no-run: [^>]+-->\s*)?^```(python|bash)\n(.*?)^```$", re.M | re.S)
-
-
-@pytest.fixture(scope="module")
-def warm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    with warm_commands(tmp_path_factory.mktemp("warm")) as folder:
-        yield folder
 
 
 def run_bash(code: str, folder: Path, *commands: Path) -> None:
@@ -43,7 +36,7 @@ def run_bash(code: str, folder: Path, *commands: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_code_blocks_run(page: Path, tmp_path: Path, warm: Path) -> None:
+def test_code_blocks_run(page: Path, tmp_path: Path, warm: Warm) -> None:
     blocks = BLOCK.findall(page.read_text())
     if not any(not skipped for skipped, _, _ in blocks):
         pytest.skip("no code to run on this page")
@@ -52,7 +45,7 @@ def test_code_blocks_run(page: Path, tmp_path: Path, warm: Path) -> None:
         if skipped:
             continue
         if language == "bash":
-            run_bash(code, tmp_path, *([] if page.name == "README.md" else [warm]))
+            run_bash(code, tmp_path, *([] if page.name == "README.md" else [warm.bin]))
         else:
             with contextlib.chdir(tmp_path), warnings.catch_warnings():
                 warnings.simplefilter("default")

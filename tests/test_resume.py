@@ -2,13 +2,13 @@
 
 import os
 import signal
-import subprocess
-import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
 import torch
+from warm import Started, Warm
 
 from tactileforge import cli
 from tactileforge.balance import GradNorm
@@ -24,15 +24,7 @@ OPTIONS += ["augment.jitter=0.1", "logger=csv"]
 SMALL = ["data.scenes=3", "data.val=1", "data.size=32"]
 
 
-def start(*words: str) -> subprocess.Popen[bytes]:
-    return subprocess.Popen(
-        [sys.executable, "-m", "tactileforge", "train", *words],
-        env=os.environ | {"OMP_NUM_THREADS": "1"},
-        start_new_session=True,
-    )
-
-
-def wait_for_checkpoint(folder: Path, process: subprocess.Popen[bytes]) -> None:
+def wait_for_checkpoint(folder: Path, process: Started) -> None:
     while not (folder / "checkpoints" / "last.ckpt").exists():
         assert process.poll() is None, "the run ended before it was to be stopped"
         time.sleep(0.02)
@@ -98,7 +90,8 @@ def options_of(data: str, folder: Path) -> list[str]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("data", ["whole", "windows", "dino", "sharded", "compiled"])
-def test_a_killed_run_resumes_bit_identically(tmp_path: Path, data: str) -> None:
+def test_a_killed_run_resumes_bit_identically(tmp_path: Path, data: str, warm: Warm) -> None:
+    start = partial(warm.start, "train", OMP_NUM_THREADS="1")
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     options = options_of(data, tmp_path / "shards")
     assert start(*options, f"hydra.run.dir={whole}").wait(timeout=300) == 0
@@ -119,9 +112,9 @@ def test_a_killed_run_resumes_bit_identically(tmp_path: Path, data: str) -> None
 
 
 @pytest.mark.slow
-def test_ctrl_c_leaves_a_checkpoint_that_resumes(tmp_path: Path) -> None:
+def test_ctrl_c_leaves_a_checkpoint_that_resumes(tmp_path: Path, warm: Warm) -> None:
     options = [*OPTIONS, *SMALL, "trainer.max_steps=100000", f"hydra.run.dir={tmp_path}"]
-    run = start(*options)
+    run = warm.start("train", *options, OMP_NUM_THREADS="1")
     wait_for_checkpoint(tmp_path, run)
     before = read_checkpoint(tmp_path)["global_step"]
     time.sleep(0.5)

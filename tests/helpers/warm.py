@@ -7,7 +7,6 @@ It is a process of its own (``python warm.py SOCKET``), which tests nothing and 
 import gc
 import json
 import os
-import shlex
 import signal
 import socket
 import subprocess
@@ -26,25 +25,69 @@ _CLIENT = """\
 import json, os, socket, sys
 with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as server:
     server.connect({address!r})
-    words = json.dumps([sys.argv[1:], os.getcwd(), dict(os.environ)]).encode()
+    words = json.dumps([sys.argv[1:], os.getcwd(), dict(os.environ), False]).encode()
     socket.send_fds(server, [words], [0, 1, 2])
-    status = server.recv(16)
-sys.exit(int(status or 1))
+    server.recv(16)
+    status = int(server.recv(16) or 1)
+sys.exit(status if status >= 0 else 128 - status)
 """
 
 
+class Started:
+    """A command that runs, in a session of its own; as `subprocess.Popen`."""
+
+    def __init__(self, server: socket.socket) -> None:
+        self._server, self._status = server, None
+        self.pid = int(server.recv(16))
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Its exit status, or minus the signal that ended it; TimeoutError after so long."""
+        if self._status is None:
+            self._server.settimeout(timeout)
+            self._status = int(self._server.recv(16))
+            self._server.close()
+        return self._status
+
+    def poll(self) -> int | None:
+        """Its exit status, if it has ended."""
+        try:
+            return self.wait(0)
+        except BlockingIOError:
+            return None
+
+
+class Warm:
+    """Where commands start at once.
+
+    Args:
+        folder: For the socket, and for a folder for PATH, ``bin``.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.bin = folder / "bin"
+        self.address = str(folder / "socket")
+        self.bin.mkdir()
+        command = self.bin / "tactileforge"
+        command.write_text(_CLIENT.format(python=sys.executable, address=self.address))
+        command.chmod(0o755)
+
+    def start(self, *words: str, **variables: str) -> Started:
+        """Starts ``tactileforge WORDS`` here."""
+        server = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        server.connect(self.address)
+        request = json.dumps([words, os.getcwd(), os.environ | variables, True]).encode()
+        socket.send_fds(server, [request], [0, 1, 2])
+        return Started(server)
+
+
 @contextmanager
-def warm_commands(folder: Path) -> Iterator[Path]:
-    """A folder for PATH with a ``tactileforge`` that starts at once, for as long as this lasts."""
-    address = folder / "socket"
-    command = folder / "bin" / "tactileforge"
-    command.parent.mkdir()
-    command.write_text(_CLIENT.format(python=sys.executable, address=str(address)))
-    command.chmod(0o755)
-    server = subprocess.Popen([sys.executable, __file__, str(address)])
+def warm_commands(folder: Path) -> Iterator[Warm]:
+    """Keeps the process that commands are forked from."""
+    warm = Warm(folder)
+    server = subprocess.Popen([sys.executable, __file__, warm.address])
     try:
-        wait_until(address.exists, 120, shlex.join(map(str, server.args)))
-        yield command.parent
+        wait_until(Path(warm.address).exists, 120, "the process for commands does not start")
+        yield warm
     finally:
         server.terminate()
         server.wait()
@@ -65,9 +108,11 @@ def serve(address: str) -> list[str]:
         listener.close()
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
         request, streams, _, _ = socket.recv_fds(asked, 1 << 20, 3)
+        words, folder, variables, alone = json.loads(request)
         if (child := os.fork()) == 0:
             asked.close()
-            words, folder, variables = json.loads(request)
+            if alone:
+                os.setsid()
             for number, stream in enumerate(streams):
                 os.dup2(stream, number)
                 os.close(stream)
@@ -75,8 +120,8 @@ def serve(address: str) -> list[str]:
             os.environ.clear()
             os.environ.update(variables)
             return words
-        status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-        asked.send(str(status if status >= 0 else 128 - status).encode())
+        asked.send(str(child).encode())
+        asked.send(str(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])).encode())
         os._exit(0)
 
 

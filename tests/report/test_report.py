@@ -364,6 +364,29 @@ def test_rows_of_pictures(write: Write, objective: str, rows: list[str], told: s
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("limit", "count"), [("0", 8), ("1", 8), ("2", 16), ("1.0", 36)])
+def test_as_many_clips_as_a_validation_has(write: Write, limit: str, count: int) -> None:
+    words = ["objective=[force]", "batch.size=8", f"trainer.limit_val_batches={limit}"]
+    page = write(Touches(), *words)
+    assert f"{count} validation clips and {count} training clips" in page.text
+
+
+def test_a_clip_is_read_once(clips: Clips, monkeypatch: pytest.MonkeyPatch) -> None:
+    module, read = with_head(Oracle(0)), []
+    views = module.encoder.views
+
+    def counted(batch: dict) -> object:
+        read.extend(batch["clip"].tolist())
+        return views(batch)
+
+    monkeypatch.setattr(module.encoder, "views", counted)
+    reader = ClipReader(module, clips, ["x"], {})
+    assert reader.embed([5, 0, 7]).clips.tolist() == [0, 5, 7]
+    assert reader.forces([7, 2], "x").clips.tolist() == [7, 2]
+    assert read == [5, 0, 7, 2]
+
+
+@pytest.mark.slow
 def test_single_frames_of_one_sensor(write: Write) -> None:
     page = write(Touches(("digit",), motion=True), "objective=[pixel,diff,force]")
     assert page.tables["neighbours"][1][1].startswith("no answer: one class")

@@ -93,9 +93,9 @@ def write_report(
 
 
 def _clips(config: Mapping[str, Any]) -> int:
-    """As many clips as a validation has, and not more than the report shows."""
+    """As many clips as a validation has, one batch at least and `CLIPS` at most."""
     limit = config["trainer"]["limit_val_batches"]
-    return min(CLIPS, limit * config["batch"]["size"]) if isinstance(limit, int) else CLIPS
+    return min(CLIPS, max(1, limit) * config["batch"]["size"]) if isinstance(limit, int) else CLIPS
 
 
 def _of_clips(
