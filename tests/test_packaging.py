@@ -77,6 +77,7 @@ def test_the_wheel_trains_outside_the_checkout(wheel: Path, tmp_path: Path) -> N
             str(tmp_path / "venv/bin/python"),
             *("-c", "from tactileforge.cli import main; main()", "train", "scale=demo"),
             *("debug=steps", "encoder.image_size=32", "batch.size=4", "hydra.run.dir=run"),
+            *("data.scenes=3", "data.val=1", "data.size=32"),
         ],
         cwd=work,
         env=env,

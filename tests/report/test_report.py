@@ -364,10 +364,12 @@ def test_rows_of_pictures(write: Write, objective: str, rows: list[str], told: s
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("limit", "count"), [("0", 8), ("1", 8), ("2", 16), ("1.0", 36)])
-def test_as_many_clips_as_a_validation_has(write: Write, limit: str, count: int) -> None:
-    words = ["objective=[force]", "batch.size=8", f"trainer.limit_val_batches={limit}"]
-    page = write(Touches(), *words)
+@pytest.mark.parametrize(("step", "count"), [(0, 8), (1, 16), (9, 36)])
+def test_as_many_clips_are_looked_at_as_were_learned_from(
+    write: Write, step: int, count: int
+) -> None:
+    metrics = [{"step": step, "train/force": 1.0}]
+    page = write(Touches(), "objective=[force]", "batch.size=8", metrics=metrics)
     assert f"{count} validation clips and {count} training clips" in page.text
 
 

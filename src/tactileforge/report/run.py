@@ -70,7 +70,8 @@ def write_report(
     steps, seconds = _progress(folder, curves)
     weights = {key: float(node["weight"]) for key, node in config["objective"].items()}
     is_policy = bool(config.get("robot"))
-    findings = None if is_policy else run_findings(module, data, skipped, _clips(config))
+    count = min(CLIPS, max(1, steps) * config["batch"]["size"])  # not more than were learned from
+    findings = None if is_policy else run_findings(module, data, skipped, count)
     lines = [line for line, _ in (data.skipped | dict(skipped)).values()]
     lines = lines if findings is None else findings.skipped
     kept = sections.kept_versions(folder)
@@ -90,12 +91,6 @@ def write_report(
     title = f"{what}, trained with {', '.join(weights)}"
     write_text(report, page(title, top, parts))
     return report
-
-
-def _clips(config: Mapping[str, Any]) -> int:
-    """As many clips as a validation has, one batch at least and `CLIPS` at most."""
-    limit = config["trainer"]["limit_val_batches"]
-    return min(CLIPS, max(1, limit) * config["batch"]["size"]) if isinstance(limit, int) else CLIPS
 
 
 def _of_clips(
