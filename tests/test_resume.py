@@ -172,7 +172,7 @@ def test_init_takes_what_fits_and_refuses_another_encoder() -> None:
     state = {"encoder.weight": torch.ones(3, 2), "encoder.bias": torch.ones(3)}
     line = initialise(module, state | {"heads.weight": torch.ones(1, 5), "old.bias": torch.ones(1)})
     assert (module["encoder"].weight == 1).all()
-    assert "2 tensors taken; new: ['heads']; not used: ['heads', 'old']" in line
+    assert "2 tensors taken; new: heads; not used: heads, old" in line
     module["balance"] = GradNorm(["a"])
     initialise(module, state | {"balance.factor": torch.full((1,), 5.0)})
     assert module["balance"].factor.tolist() == [1.0]  # of that run

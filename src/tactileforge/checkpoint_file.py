@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import IO, Any
 
@@ -139,6 +139,11 @@ def initialise(module: nn.Module, state: Mapping[str, torch.Tensor]) -> str:
         some = "; ".join(wrong[:5])
         raise ConfigError(f"init: the encoder does not fit: {some} ({len(wrong)} in all)")
     module.load_state_dict(fits, strict=False)
-    fresh = sorted({key.rsplit(".", 1)[0] for key in current.keys() - fits.keys()})
-    left = sorted({key.rsplit(".", 1)[0] for key in state.keys() - fits.keys()})
-    return f"init: {len(fits)} tensors taken; new: {fresh or 'none'}; not used: {left or 'none'}"
+    fresh, left = (_parts(keys - fits.keys()) for keys in (current.keys(), state.keys()))
+    return f"init: {len(fits)} tensors taken; new: {fresh}; not used: {left}"
+
+
+def _parts(keys: Iterable[str]) -> str:
+    """Parts of a module that some of its tensors belong to, such as ``heads.align``."""
+    parts = {".".join(key.split(".")[:-1][:2]) for key in keys}
+    return ", ".join(sorted(parts)) or "none"
