@@ -94,14 +94,19 @@ def warm_commands(folder: Path) -> Iterator[Warm]:
 
 
 def serve(address: str) -> list[str]:
-    """Answers commands for ever; returns in a new process for each, with its words."""
+    """Answers while its parent lives; returns in a new process for each command, with its words."""
+    parent = os.getppid()
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     listener.bind(address)
     listener.listen()
+    listener.settimeout(5.0)
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for those that wait
     gc.freeze()
-    while True:
-        asked, _ = listener.accept()
+    while os.getppid() == parent:
+        try:
+            asked, _ = listener.accept()
+        except TimeoutError:
+            continue
         if os.fork():
             asked.close()
             continue
@@ -123,6 +128,7 @@ def serve(address: str) -> list[str]:
         asked.send(str(child).encode())
         asked.send(str(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])).encode())
         os._exit(0)
+    sys.exit("the tests are gone")
 
 
 if __name__ == "__main__":
