@@ -50,7 +50,7 @@ def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def warm(tmp_path_factory: pytest.TempPathFactory, _cache: None) -> Iterator[Warm]:
-    """Where commands start at once, each in a process of its own."""
+    """Commands that start at once, each in a process of its own."""
     with warm_commands(tmp_path_factory.mktemp("warm")) as commands:
         yield commands
 

@@ -94,7 +94,7 @@ def trained(warm: Warm, folder: Path, *words: str) -> list[dict[str, float]]:
     command += ["encoder.image_size=32", "batch.size=8", f"hydra.run.dir={folder}"]
     command += ["data.scenes=3", "data.val=1", "data.size=32", "batch.workers=0"]
     command += ["curriculum.objective.force.start=0.5", "curriculum.objective.force.end=1.0"]
-    assert warm.start(*command, *words, OMP_NUM_THREADS="1").wait() == 0
+    assert warm.start(*command, *words).wait(timeout=900) == 0
     text = (folder / "metrics.csv").read_text()
     rows = [row for row in csv.DictReader(text.splitlines()) if row["train/loss"]]
     return [{k: float(v) for k, v in row.items() if k.startswith("train/") and v} for row in rows]

@@ -91,7 +91,7 @@ def options_of(data: str, folder: Path) -> list[str]:
 @pytest.mark.slow
 @pytest.mark.parametrize("data", ["whole", "windows", "dino", "sharded", "compiled"])
 def test_a_killed_run_resumes_bit_identically(tmp_path: Path, data: str, warm: Warm) -> None:
-    start = partial(warm.start, "train", OMP_NUM_THREADS="1")
+    start = partial(warm.start, "train")
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     options = options_of(data, tmp_path / "shards")
     assert start(*options, f"hydra.run.dir={whole}").wait(timeout=300) == 0
@@ -114,7 +114,7 @@ def test_a_killed_run_resumes_bit_identically(tmp_path: Path, data: str, warm: W
 @pytest.mark.slow
 def test_ctrl_c_leaves_a_checkpoint_that_resumes(tmp_path: Path, warm: Warm) -> None:
     options = [*OPTIONS, *SMALL, "trainer.max_steps=100000", f"hydra.run.dir={tmp_path}"]
-    run = warm.start("train", *options, OMP_NUM_THREADS="1")
+    run = warm.start("train", *options)
     wait_for_checkpoint(tmp_path, run)
     before = read_checkpoint(tmp_path)["global_step"]
     time.sleep(0.5)

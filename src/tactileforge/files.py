@@ -113,6 +113,16 @@ def unsealed(text: str | bytes) -> dict[str, Any]:
     return plain
 
 
+def refuse_shards(folder: Path) -> None:
+    """Refuses a folder that holds shards, or their index.
+
+    Raises:
+        ConfigError: It does; says the fix.
+    """
+    if any([*folder.glob("*.tar"), *folder.glob("index.json")]):
+        raise ConfigError(f"{folder} holds shards of something else; give another out=")
+
+
 def claim(path: Path, made: Mapping[str, Any], what: str) -> None:
     """Records in a folder what it is made with, or checks that it is made with the same.
 
@@ -128,8 +138,7 @@ def claim(path: Path, made: Mapping[str, Any], what: str) -> None:
     """
     wanted = json.loads(json.dumps(made))
     if not path.exists():
-        if any(path.parent.glob("*.tar")):
-            raise ConfigError(f"{path.parent} holds shards of something else; give another out=")
+        refuse_shards(path.parent)
         write_text(path, sealed(wanted))
         return
     try:

@@ -17,6 +17,7 @@ from omegaconf import OmegaConf
 
 from tactileforge import cli
 from tactileforge.cli._complete import complete
+from tactileforge.cli._options import options
 from tactileforge.cli._sweep import SweepTable
 from tactileforge.compose import compose
 from tactileforge.errors import ConfigError
@@ -213,6 +214,8 @@ def test_a_recipe_of_ones_own_wins_over_a_scale(capsys: pytest.CaptureFixture[st
         told = said(capsys, "train", *where, "recipe=soft", "scale=demo", "--explain", key)
         assert told.startswith(f"{key} = 0.3\n")
         assert "did you mean 'soft'" in error_of(capsys, "train", *where, "recipe=sof")
+    assert "mean 'soft'" in error_of(capsys, "train", "hydra.searchpath=[mine]", "recipe=sof")
+    assert options("recipe", ["pkg://nowhere"]) == options("recipe")
     Path("mine/recipe/soft.yaml").write_text(DERIVED.partition("\n")[2])
     message = error_of(capsys, "train", "--config-dir", "mine", "recipe=soft", "scale=demo")
     assert "the first line of its YAML has to be '# @package _global_'" in message

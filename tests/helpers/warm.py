@@ -19,6 +19,8 @@ from pathlib import Path
 from waiting import wait_until
 
 _MODULES = ("cli._hydra", "train", "trainer", "report.run", "datasets.sim", "bench.run", "sim.play")
+#: Read when torch is imported, so a command cannot change it; and by the processes that it starts.
+_ONE_THREAD = {"OMP_NUM_THREADS": "1"}
 #: The command that tests call: it hands over its words, folder, variables and streams.
 _CLIENT = """\
 #!{python} -SE
@@ -57,7 +59,7 @@ class Started:
 
 
 class Warm:
-    """Where commands start at once.
+    """Commands that start at once, with one thread each.
 
     Args:
         folder: For the socket, and for a folder for PATH, ``bin``.
@@ -71,11 +73,11 @@ class Warm:
         command.write_text(_CLIENT.format(python=sys.executable, address=self.address))
         command.chmod(0o755)
 
-    def start(self, *words: str, **variables: str) -> Started:
+    def start(self, *words: str) -> Started:
         """Starts ``tactileforge WORDS`` here."""
         server = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         server.connect(self.address)
-        request = json.dumps([words, os.getcwd(), os.environ | variables, True]).encode()
+        request = json.dumps([words, os.getcwd(), os.environ | _ONE_THREAD, True]).encode()
         socket.send_fds(server, [request], [0, 1, 2])
         return Started(server)
 
@@ -84,7 +86,8 @@ class Warm:
 def warm_commands(folder: Path) -> Iterator[Warm]:
     """Keeps the process that commands are forked from."""
     warm = Warm(folder)
-    server = subprocess.Popen([sys.executable, __file__, warm.address])
+    command = [sys.executable, __file__, warm.address]
+    server = subprocess.Popen(command, env=os.environ | _ONE_THREAD)
     try:
         wait_until(Path(warm.address).exists, 120, "the process for commands does not start")
         yield warm

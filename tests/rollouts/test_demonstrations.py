@@ -124,10 +124,12 @@ def test_a_killed_command_goes_on(tmp_path):
 
 def test_shards_of_something_else_stay(tmp_path):
     (tmp_path / "index.json").write_text("{}")
-    (tmp_path / "train-000000.tar").touch()
     with pytest.raises(ConfigError, match="holds shards of something else; give another out="):
         write_demonstrations(options(tmp_path, n=1))
     assert (tmp_path / "index.json").read_text() == "{}"
+    (tmp_path / "index.json").rename(tmp_path / "train-000000.tar")
+    with pytest.raises(ConfigError, match="holds shards of something else; give another out="):
+        write_demonstrations(options(tmp_path, n=1))
 
 
 def test_seeds_are_not_those_of_rollouts(tmp_path):

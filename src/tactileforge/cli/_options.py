@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from importlib.metadata import entry_points
 from importlib.resources import files
+from importlib.resources.abc import Traversable
 from itertools import pairwise
 from pathlib import Path
 
@@ -34,7 +35,8 @@ def own_places(overrides: Sequence[str], flags: Sequence[str]) -> tuple[list[str
     for word in overrides:
         name, _, value = word.partition("=")
         if name == "hydra.searchpath":
-            places += [item.strip("'\" ") for item in value.strip("[]").split(",")]
+            items = [item.strip("'\" ") for item in value.strip("[]").split(",")]
+            places += [item if "://" in item else f"file://{item}" for item in items]
         else:
             rest.append(word)
     return rest, places
@@ -51,12 +53,22 @@ def options(group: str, own: Sequence[str] = ()) -> list[str]:
     places = ["tactileforge.conf", "tactileforge.zoo"]
     places += [entry.value for entry in entry_points(group="tactileforge.conf")]
     for place in [*places, *own]:
-        kind, _, name = place.rpartition("://")
-        folder = (Path(name) if kind == "file" else files(name)) / group
-        if folder.is_dir():
+        folder = _folder(place, group)
+        if folder is not None and folder.is_dir():
             entries = [item.name for item in folder.iterdir()]
             names |= {name.removesuffix(".yaml") for name in entries if name.endswith(".yaml")}
     return sorted(names)
+
+
+def _folder(place: str, group: str) -> Traversable | None:
+    """Folder of a group in a package, or in a folder; None where there is no such package."""
+    kind, _, name = place.rpartition("://")
+    if kind == "file":
+        return Path(name) / group
+    try:
+        return files(name) / group
+    except ModuleNotFoundError:
+        return None
 
 
 def yaml_text(name: str) -> str:

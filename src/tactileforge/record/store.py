@@ -18,6 +18,7 @@ from typing import IO, Self
 from tactileforge.data.shards import index, shards
 from tactileforge.data.shards.index import Index, IndexEntry
 from tactileforge.errors import ConfigError, DataError
+from tactileforge.files import refuse_shards
 from tactileforge.record.merge_segments import merge_segments
 from tactileforge.record.raw import Raw, append_raw, merge_raw
 
@@ -87,8 +88,8 @@ class TakeStore:
                 self._entries = {
                     entry.file: entry for rows in held.splits.values() for entry in rows
                 }
-        if not ours and any([path.exists(), *self.out.glob("*.tar")]):
-            raise ConfigError(f"{self.out} holds shards of something else; give another out=")
+        if not ours:
+            refuse_shards(self.out)
 
     def _recover(self) -> None:
         """Drops partial files, keeps complete ones, and joins interrupted takes."""

@@ -17,7 +17,7 @@ from tactileforge.report.samples import ClipReader, explained, liveliest, predic
 
 #: Clips of a split that are embedded and whose forces are read, clips that are reconstructed, and
 #: clips that are shown; at most.
-CLIPS = 200
+_CLIPS = 200
 _REBUILT = 64
 _SHOWN = 6
 
@@ -50,7 +50,7 @@ class RunFindings:
 
 
 def run_findings(
-    module: TouchModule, data: TouchData, skipped: Skipped, count: int = CLIPS
+    module: TouchModule, data: TouchData, skipped: Skipped, learned: int
 ) -> RunFindings:
     """Runs a module on some clips of its data.
 
@@ -58,7 +58,7 @@ def run_findings(
         module: Trained.
         data: Set up.
         skipped: Recordings that training could not read.
-        count: Clips of a split, at most.
+        learned: Clips that it was trained on; not more of a split are looked at.
 
     Raises:
         DataError: The data is not set up.
@@ -67,7 +67,7 @@ def run_findings(
     present = {split: clips for split, clips in splits.items() if clips is not None}
     if "train" not in present:
         raise DataError("setup() has not been called")
-    skipped = data.skipped | dict(skipped)
+    skipped, count = data.skipped | dict(skipped), min(_CLIPS, learned)
     split, clips = next(iter(present.items()))
     _, tried = predictions(module, clips, [0])
     forces = [key for key, value in tried.items() if isinstance(value, Forces)]

@@ -17,7 +17,7 @@ from tactileforge.module import TouchModule
 from tactileforge.pages.curves import Curve, read_metrics
 from tactileforge.pages.page import Section, page
 from tactileforge.report import embedding, forces, sections, summary
-from tactileforge.report.findings import CLIPS, RunFindings, run_findings
+from tactileforge.report.findings import RunFindings, run_findings
 
 
 def report_of_run(folder: Path) -> Path:
@@ -70,8 +70,8 @@ def write_report(
     steps, seconds = _progress(folder, curves)
     weights = {key: float(node["weight"]) for key, node in config["objective"].items()}
     is_policy = bool(config.get("robot"))
-    count = min(CLIPS, max(1, steps) * config["batch"]["size"])  # not more than were learned from
-    findings = None if is_policy else run_findings(module, data, skipped, count)
+    learned = max(1, steps) * config["batch"]["size"]
+    findings = None if is_policy else run_findings(module, data, skipped, learned)
     lines = [line for line, _ in (data.skipped | dict(skipped)).values()]
     lines = lines if findings is None else findings.skipped
     kept = sections.kept_versions(folder)
