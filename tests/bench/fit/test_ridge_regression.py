@@ -1,11 +1,12 @@
-"""The closed-form probe against brute force, and against data of which the answer is known."""
+"""The probes ridge and logistic against brute force, and on data of which the answer is known."""
 
 import numpy as np
 import pytest
 import torch
 from torch import Tensor
 
-from tactileforge.bench.fit.probes import probe_class, ridge_regression
+from tactileforge.bench.fit.probes import convex, probe_class, ridge_regression
+from tactileforge.bench.fit.probes.logistic import Logistic, balanced_error, inner_folds
 from tactileforge.bench.fit.probes.ridge import Ridge
 from tactileforge.bench.tasks.targets import TargetPart
 
@@ -57,37 +58,39 @@ def classes(names: int) -> TargetPart:
     )
 
 
-def halves(part: TargetPart, x: Tensor, y: Tensor, groups: list[str] | None = None) -> Tensor:
+def halves(part: TargetPart, x: Tensor, y: Tensor, kind: type[Ridge] = Ridge) -> Tensor:
     """Predictions of the second half."""
     half = len(x) // 2
-    names = groups or [str(i) for i in range(half)]
-    model = Ridge(x.shape[1], {"a": part})
+    names = [str(i) for i in range(half)]
+    model = kind(x.shape[1], {"a": part})
     _, out = model.solve(x[:half], {"a": y[:half]}, names, x[half:])
     return out["a"]
 
 
 @pytest.mark.slow
-def test_it_tells_classes_apart_that_are_apart_and_only_those() -> None:
+@pytest.mark.parametrize("kind", [Ridge, Logistic])
+def test_it_tells_classes_apart_that_are_apart_and_only_those(kind: type[Ridge]) -> None:
     right: dict[str, list[float]] = {"own": [], "shuffled": []}
     for seed in range(12):
         noise, rng = made(240, 40, seed)
         y = torch.randint(3, (240, 1), generator=rng).float()
         x = noise + 1.5 * torch.nn.functional.one_hot(y[:, 0].long(), 40)
-        right["own"].append(float((halves(classes(3), x, y) == y[120:]).float().mean()))
+        right["own"].append(float((halves(classes(3), x, y, kind) == y[120:]).float().mean()))
         mixed = y[torch.randperm(240, generator=rng)]
         right["shuffled"].append(
-            float((halves(classes(3), x, mixed) == mixed[120:]).float().mean())
+            float((halves(classes(3), x, mixed, kind) == mixed[120:]).float().mean())
         )
     assert np.mean(right["own"]) > 0.65
     # 1,440 guesses: the standard error of a third is 0.012
     assert np.mean(right["shuffled"]) == pytest.approx(1 / 3, abs=0.04)
 
 
-def test_rare_classes_count_as_much_as_common_ones() -> None:
+@pytest.mark.parametrize("kind", [Ridge, Logistic])
+def test_rare_classes_count_as_much_as_common_ones(kind: type[Ridge]) -> None:
     noise, rng = made(600, 10)
     y = (torch.rand(600, 1, generator=rng) < 0.1).float()
     x = noise + 1.0 * torch.cat([y, torch.zeros(600, 9)], 1)
-    fitted, truth = halves(classes(2), x, y), y[300:]
+    fitted, truth = halves(classes(2), x, y, kind), y[300:]
     recall = [float((fitted[truth == k] == k).float().mean()) for k in (0, 1)]
     assert abs(recall[0] - recall[1]) < 0.2
     assert min(recall) > 0.55
@@ -119,7 +122,65 @@ def test_inner_folds_go_by_group() -> None:
     assert error([str(int(i)) for i in group]) > 0.7
 
 
-def test_it_has_a_name() -> None:
-    assert probe_class("ridge") is Ridge
-    assert not Ridge.trained
-    assert Ridge.readings == ("pooled", "summary", "patches")
+def test_logistic_inner_folds_go_by_group() -> None:
+    """A feature that names the recording explains the class of its own clips, and no others'."""
+    rng = torch.Generator().manual_seed(3)
+    group = torch.arange(20).repeat_interleave(6)
+    y = torch.randint(2, (20,), generator=rng)[group][:, None].float()
+    x = torch.randn(20, 30, generator=rng)[group] + 0.01 * torch.randn(120, 30, generator=rng)
+
+    def right(names: list[str]) -> float:
+        inner, _ = Logistic(30, {"a": classes(2)}).solve(x, {"a": y}, names, x)
+        return float((inner["a"] == y).float().mean())
+
+    assert right([str(i) for i in range(120)]) == 1
+    assert right([str(int(i)) for i in group]) < 0.75
+
+
+def test_groups_are_dealt_whole_to_folds_of_like_size() -> None:
+    groups = list(torch.arange(30).split([8, 1, 5, 3, 7, 2, 4]))
+    folds = inner_folds(groups)
+    assert sorted(torch.cat(folds).tolist()) == list(range(30))
+    assert [len(fold) for fold in folds] == [8, 8, 7, 7]
+    for places in groups:
+        assert sum(bool(torch.isin(places, fold).any()) for fold in folds) == 1
+    assert len(inner_folds(groups[:2])) == 2
+
+
+def test_the_logistic_fit_is_where_its_gradient_vanishes() -> None:
+    x, rng = made(60, 200)
+    y = torch.randint(3, (60, 1), generator=rng).float()
+    error, centred = balanced_error(classes(3), y), (x - x.mean(0)).double()
+    layer = convex.fit_layer(
+        convex.axes_of(centred), error, 0.5, torch.zeros(201, 3, dtype=torch.float64)
+    )
+    layer.requires_grad_()
+    loss = error(centred @ layer[:-1] + layer[-1]) + 0.5 * layer[:-1].square().sum() / 2
+    loss.backward()
+    assert layer.grad is not None
+    assert layer.grad.abs().max() < 1e-5
+    assert layer[:-1].detach().norm() > 0.1
+
+
+def test_coordinates_keep_every_product() -> None:
+    x, rng = made(20, 50)
+    new = torch.randn(7, 50, generator=rng)
+    gram, cross = (x @ x.T).double(), (new @ x.T).double()
+    known, asked = ridge_regression.coordinates(gram, cross)
+    assert known.shape == (20, 20)
+    assert torch.allclose(known @ known.T, gram, atol=1e-8)
+    assert torch.allclose(asked @ known.T, cross, atol=1e-8)
+
+
+def test_logistic_reads_numbers_as_ridge_does() -> None:
+    x, rng = made(80, 30)
+    y = x[:, :1] + torch.randn(80, 1, generator=rng)
+    part = TargetPart("numbers", torch.zeros(0, 1), torch.zeros(0, 1), ("a",))
+    assert torch.equal(halves(part, x, y, Logistic), halves(part, x, y))
+
+
+@pytest.mark.parametrize("kind", [Ridge, Logistic])
+def test_it_has_a_name(kind: type[Ridge]) -> None:
+    assert probe_class(kind.__name__.lower()) is kind
+    assert not kind.trained
+    assert kind.readings == ("pooled", "summary", "patches")

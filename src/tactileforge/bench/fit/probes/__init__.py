@@ -21,6 +21,7 @@ PROBES = {
     "pose": "pose:Pose",
     "knn": "knn:Knn",
     "ridge": "ridge:Ridge",
+    "logistic": "logistic:Logistic",
 }
 
 

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import torch
 from torch import Tensor
 
+from tactileforge.bench.fit.probes import convex
 from tactileforge.bench.fit.probes.base import Probe, Values
 from tactileforge.bench.fit.probes.ridge_regression import feature_scale
 from tactileforge.bench.tasks.targets import TargetPart
 
 #: Penalties on the squared weights that are tried, strongest first.
 PENALTIES = tuple(10.0 ** (-power / 2) for power in range(-2, 11))
-#: Iterations of L-BFGS at most, and the largest gradient at which it has converged.
-_ITERATIONS, _CONVERGED = 200, 1e-6
 
 
 class Linear(Probe):
@@ -81,36 +80,21 @@ class Linear(Probe):
         """The same for several penalties, each started at the solution of the one before."""
         known = known.double()
         mean, factor = feature_scale(known)
-        axes = _Axes(*torch.linalg.svd((known - mean) * factor, full_matrices=False))
+        axes = convex.axes_of((known - mean) * factor)
         layers: list[Values] = [{} for _ in penalties]
         for name, part in self.parts.items():
+            error = self._error(part, truth[name])
             weight = known.new_zeros(self.width + 1, part.outputs)
             for layer, penalty in zip(layers, penalties, strict=True):
-                weight = self._solve(part, axes, truth[name], penalty, weight)
+                weight = convex.fit_layer(axes, error, penalty, weight)
                 plain = weight[:-1] * factor[:, None]
                 layer[name] = torch.cat([plain, (weight[-1] - mean @ plain)[None]])
         return layers
 
-    def _solve(
-        self, part: TargetPart, axes: _Axes, truth: Tensor, penalty: float, start: Tensor
-    ) -> Tensor:
-        """Weights of standardised features, and the offset."""
-        # along these axes, so scaled, the curvature of the objective is near 1: few iterations
-        scale = (axes.lengths**2 / len(axes.left) + penalty).rsqrt()
-        rows = torch.cat([axes.left * (axes.lengths * scale), torch.ones_like(axes.left[:, :1])], 1)
-        shrink = penalty * scale[:, None] ** 2
-
-        def loss(weight: Tensor) -> Tensor:
-            out = rows @ weight
-            if part.kind == "classes":
-                error = self.loss_of(part, out, truth)
-            else:
-                error = (out - truth).square().mean() / 2
-            return error + (shrink * weight[:-1].square()).sum() / 2
-
-        first = torch.cat([axes.right @ start[:-1] / scale[:, None], start[-1:]])
-        weights = _minimise(loss, first)
-        return torch.cat([axes.right.T @ (scale[:, None] * weights[:-1]), weights[-1:]])
+    def _error(self, part: TargetPart, truth: Tensor) -> Callable[[Tensor], Tensor]:
+        if part.kind == "classes":
+            return lambda out: self.loss_of(part, out, truth)
+        return lambda out: (out - truth).square().mean() / 2
 
     def scores(self, layer: Mapping[str, Tensor], asked: Tensor) -> Values:
         """Logits of classes or normalised vectors of each part, float64 (m, outputs)."""
@@ -121,31 +105,3 @@ class Linear(Probe):
         """Class indices or normalised vectors of each part, float32 (m, columns)."""
         decoded = self.decode(self.scores(layer, asked))
         return {name: values.float().cpu() for name, values in decoded.items()}
-
-
-class _Axes(NamedTuple):
-    """Singular vectors of the samples (n, k) and features (k, width), and the values (k,)."""
-
-    left: Tensor
-    lengths: Tensor
-    right: Tensor
-
-
-def _minimise(loss: Callable[[Tensor], Tensor], start: Tensor) -> Tensor:
-    weight = start.clone().requires_grad_()
-    optimiser = torch.optim.LBFGS(
-        [weight],
-        max_iter=_ITERATIONS,
-        tolerance_grad=_CONVERGED,
-        tolerance_change=1e-12,
-        line_search_fn="strong_wolfe",
-    )
-
-    def closure() -> Tensor:
-        optimiser.zero_grad()
-        value = loss(weight)
-        value.backward()  # type: ignore[no-untyped-call]
-        return value
-
-    optimiser.step(closure)  # type: ignore[no-untyped-call]
-    return weight.detach()

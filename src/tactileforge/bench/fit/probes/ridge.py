@@ -43,23 +43,38 @@ class Ridge(Probe):
             asked: (m, d).
         """
         known, asked = ridge_regression.standardise(known, asked)
-        gram, cross = known @ known.T, (asked @ known.T).double()
-        places = _places(groups)
-        inner: Values = {}
-        outer: Values = {}
-        for name, part in self.parts.items():
-            fit = ridge_regression.fit_ridge(gram, _coded(part, truth[name]))
-            tried = [fit.left_out(penalty, places) for penalty in fit.penalties]
-            best = _best(part, torch.stack(tried), truth[name])
-            inner[name] = _decoded(part, _chosen(tried, best))
-            used = sorted(set(best.tolist()))
-            far = [cross @ fit.dual(fit.penalties[i]) + fit.mean for i in used]
-            where = torch.tensor([used.index(i) for i in best.tolist()])
-            outer[name] = _decoded(part, _chosen(far, where))
+        gram, cross = (known @ known.T).double(), (asked @ known.T).double()
+        solved = {
+            name: self.solve_part(part, gram, cross, truth[name], groups)
+            for name, part in self.parts.items()
+        }
+        inner, outer = ({name: pair[i] for name, pair in solved.items()} for i in range(2))
         return inner, outer
 
+    def solve_part(
+        self, part: TargetPart, gram: Tensor, cross: Tensor, truth: Tensor, groups: Sequence[str]
+    ) -> tuple[Tensor, Tensor]:
+        """The same for one part.
 
-def _places(groups: Sequence[str]) -> list[Tensor]:
+        Args:
+            part: What is predicted.
+            gram: float64 (n, n), products of the training samples.
+            cross: float64 (m, n), products of new samples with these.
+            truth: (n, columns).
+            groups: See `solve`.
+        """
+        fit = ridge_regression.fit_ridge(gram, _coded(part, truth))
+        places = places_of(groups)
+        tried = [fit.left_out(penalty, places) for penalty in fit.penalties]
+        best = _best(part, torch.stack(tried), truth)
+        used = sorted(set(best.tolist()))
+        far = [cross @ fit.dual(fit.penalties[i]) + fit.mean for i in used]
+        where = torch.tensor([used.index(i) for i in best.tolist()])
+        return _decoded(part, _chosen(tried, best)), _decoded(part, _chosen(far, where))
+
+
+def places_of(groups: Sequence[str]) -> list[Tensor]:
+    """int64 places of the samples of each group, by its name."""
     by_group: dict[str, list[int]] = {}
     for place, name in enumerate(groups):
         by_group.setdefault(name, []).append(place)
@@ -91,12 +106,22 @@ def _best(part: TargetPart, tried: Tensor, truth: Tensor) -> Tensor:
     """
     if part.kind != "classes":
         return (tried - truth).square().mean(1).argmin(0)
-    right = torch.stack([_decoded(part, values) == truth for values in tried]).double()
+    decoded = torch.stack([_decoded(part, values) for values in tried.flip(0)])
+    best = len(tried) - 1 - best_of_classes(part, decoded, truth)
+    return torch.tensor(best).expand(tried.shape[2])
+
+
+def best_of_classes(part: TargetPart, tried: Tensor, truth: Tensor) -> int:
+    """Index of the best balanced accuracy; of equals the first.
+
+    Args:
+        part: What is predicted.
+        tried: (penalties, n, columns), class indices, the largest penalty first.
+        truth: (n, columns).
+    """
     weight = 1 / torch.bincount(truth.flatten().long(), minlength=len(part.names)).clamp(min=1)
-    score = (right * weight[truth.long()]).sum((1, 2))
-    # of equals the largest penalty
-    best = len(score) - 1 - score.flip(0).argmax()
-    return best.expand(tried.shape[2])
+    score = ((tried == truth).double() * weight[truth.long()]).sum((1, 2))
+    return int(score.argmax())
 
 
 def _chosen(rows: Sequence[Tensor], best: Tensor) -> Tensor:

@@ -73,6 +73,22 @@ def standardise(known: Tensor, asked: Tensor) -> tuple[Tensor, Tensor]:
     return (known - mean) * factor, (asked - mean) * factor
 
 
+def coordinates(gram: Tensor, cross: Tensor) -> tuple[Tensor, Tensor]:
+    """Samples along the axes that the training samples span, with the same products.
+
+    Args:
+        gram: float64 (n, n), products of the training samples.
+        cross: float64 (m, n), products of new samples with these.
+
+    Returns:
+        Training samples (n, k) and new ones (m, k), k <= n.
+    """
+    values, vectors = torch.linalg.eigh(gram)
+    spanned = values > len(gram) * torch.finfo(gram.dtype).eps * values[-1]
+    length, vectors = values[spanned].sqrt(), vectors[:, spanned]
+    return vectors * length, cross @ vectors / length
+
+
 def feature_scale(known: Tensor) -> tuple[Tensor, Tensor]:
     """Mean of each feature and the factor that gives it deviation 1; 0 for constant features.
 

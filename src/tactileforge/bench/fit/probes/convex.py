@@ -1,0 +1,72 @@
+"""Linear layers under a penalty, fitted by L-BFGS until they have converged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+#: Iterations of L-BFGS at most, and the largest gradient at which it has converged.
+_ITERATIONS, _CONVERGED = 200, 1e-6
+
+
+class Axes(NamedTuple):
+    """Singular vectors of the samples (n, k) and features (k, width), and the values (k,)."""
+
+    left: Tensor
+    lengths: Tensor
+    right: Tensor
+
+
+def axes_of(features: Tensor) -> Axes:
+    """Singular value decomposition of features that are centred, float64 (n, width)."""
+    return Axes(*torch.linalg.svd(features, full_matrices=False))
+
+
+def fit_layer(
+    axes: Axes, error: Callable[[Tensor], Tensor], penalty: float, start: Tensor
+) -> Tensor:
+    """Minimises an error plus half the penalty times the squared weights.
+
+    Args:
+        axes: Of the training samples.
+        error: Convex, of the outputs (n, outputs); a mean over the samples.
+        penalty: On the squared weights; the offset is not penalised.
+        start: Weights and offset to start from, float64 (width + 1, outputs).
+
+    Returns:
+        Weights of the features, and the offset, float64 (width + 1, outputs).
+    """
+    # along these axes, so scaled, the curvature of the objective is near 1: few iterations
+    scale = (axes.lengths**2 / len(axes.left) + penalty).rsqrt()
+    rows = torch.cat([axes.left * (axes.lengths * scale), torch.ones_like(axes.left[:, :1])], 1)
+    shrink = penalty * scale[:, None] ** 2
+
+    def loss(weight: Tensor) -> Tensor:
+        return error(rows @ weight) + (shrink * weight[:-1].square()).sum() / 2
+
+    first = torch.cat([axes.right @ start[:-1] / scale[:, None], start[-1:]])
+    weights = _minimise(loss, first)
+    return torch.cat([axes.right.T @ (scale[:, None] * weights[:-1]), weights[-1:]])
+
+
+def _minimise(loss: Callable[[Tensor], Tensor], start: Tensor) -> Tensor:
+    weight = start.clone().requires_grad_()
+    optimiser = torch.optim.LBFGS(
+        [weight],
+        max_iter=_ITERATIONS,
+        tolerance_grad=_CONVERGED,
+        tolerance_change=1e-12,
+        line_search_fn="strong_wolfe",
+    )
+
+    def closure() -> Tensor:
+        optimiser.zero_grad()
+        value = loss(weight)
+        value.backward()  # type: ignore[no-untyped-call]
+        return value
+
+    optimiser.step(closure)  # type: ignore[no-untyped-call]
+    return weight.detach()

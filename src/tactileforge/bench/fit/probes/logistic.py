@@ -1,0 +1,96 @@
+"""The probe ``logistic``: logistic regression, its penalty chosen by inner folds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import torch
+from torch import Tensor
+from torch.nn import functional as F
+
+from tactileforge.bench.fit.probes import convex, ridge_regression
+from tactileforge.bench.fit.probes.ridge import Ridge, best_of_classes, places_of
+from tactileforge.bench.tasks.targets import TargetPart
+
+#: Penalties that are tried, as shares of the mean square of the standardised features' length.
+PENALTIES = tuple(10.0 ** (-power / 2) for power in range(2, 11))
+#: Inner folds at most.
+_FOLDS = 4
+
+
+class Logistic(Ridge):
+    """Multinomial logistic regression on standardised features by L-BFGS; numbers as `Ridge` does.
+
+    Each class counts the same. Training groups are dealt to at most four inner folds; of nine
+    penalties that with the best balanced accuracy of the left out predictions is taken, the largest
+    of equals. The problem is convex and nothing is drawn at random.
+
+    Args:
+        width: Size of a token; not needed.
+        parts: What is predicted.
+    """
+
+    def solve_part(
+        self, part: TargetPart, gram: Tensor, cross: Tensor, truth: Tensor, groups: Sequence[str]
+    ) -> tuple[Tensor, Tensor]:
+        """See `Ridge.solve_part`."""
+        if part.kind != "classes":
+            return super().solve_part(part, gram, cross, truth, groups)
+        known, asked = ridge_regression.coordinates(gram, cross)
+        penalties = [share * float(known.square().sum(1).mean()) for share in PENALTIES]
+        tried = torch.empty(len(penalties), *truth.shape)
+        folds = inner_folds(places_of(groups))
+        for left_out in folds:
+            rest = torch.ones(len(truth), dtype=torch.bool)
+            rest[left_out] = False
+            layers = _path(part, known[rest], truth[rest], penalties)
+            for row, layer in zip(tried, layers, strict=True):
+                row[left_out] = _decoded(part, known[left_out], layer)
+        best = best_of_classes(part, tried, truth)
+        layer = _path(part, known, truth, penalties[: best + 1])[-1]
+        return tried[best], _decoded(part, asked, layer)
+
+
+def inner_folds(groups: Sequence[Tensor]) -> list[Tensor]:
+    """Deals groups to folds, the largest first to the fold that is smallest so far.
+
+    Args:
+        groups: int64 places of the samples of each group.
+    """
+    dealt: list[list[Tensor]] = [[] for _ in range(min(_FOLDS, len(groups)))]
+    for places in sorted(groups, key=len, reverse=True):
+        min(dealt, key=lambda fold: sum(map(len, fold))).append(places)
+    return [torch.cat(fold) for fold in dealt]
+
+
+def _path(
+    part: TargetPart, known: Tensor, truth: Tensor, penalties: Sequence[float]
+) -> list[tuple[Tensor, Tensor]]:
+    """Mean of the features and the fitted layer, at each penalty."""
+    mean = known.mean(0)
+    axes = convex.axes_of(known - mean)
+    weight = known.new_zeros(known.shape[1] + 1, part.outputs)
+    layers = []
+    for penalty in penalties:
+        weight = convex.fit_layer(axes, balanced_error(part, truth), penalty, weight)
+        layers.append((mean, weight))
+    return layers
+
+
+def balanced_error(part: TargetPart, truth: Tensor) -> Callable[[Tensor], Tensor]:
+    """Cross-entropy of logits (n, outputs) in which each class counts the same.
+
+    Args:
+        part: What is predicted.
+        truth: (n, columns), class indices.
+    """
+    classes = truth.flatten().long()
+    count = torch.bincount(classes, minlength=len(part.names))
+    weight = (1 / count.clamp(min=1)).double()
+    return lambda out: F.cross_entropy(out.reshape(-1, len(part.names)), classes, weight=weight)
+
+
+def _decoded(part: TargetPart, features: Tensor, layer: tuple[Tensor, Tensor]) -> Tensor:
+    mean, weight = layer
+    out = (features - mean) @ weight[:-1] + weight[-1]
+    return out.reshape(len(out), -1, len(part.names)).argmax(-1).float()
