@@ -8,8 +8,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-#: Iterations of L-BFGS at most, and the largest gradient at which it has converged.
-_ITERATIONS, _CONVERGED = 200, 1e-6
+#: Iterations of L-BFGS at most.
+_ITERATIONS = 200
 
 
 class Axes(NamedTuple):
@@ -26,7 +26,11 @@ def axes_of(features: Tensor) -> Axes:
 
 
 def fit_layer(
-    axes: Axes, error: Callable[[Tensor], Tensor], penalty: float, start: Tensor
+    axes: Axes,
+    error: Callable[[Tensor], Tensor],
+    penalty: float,
+    start: Tensor,
+    tolerance: float = 1e-6,
 ) -> Tensor:
     """Minimises an error plus half the penalty times the squared weights.
 
@@ -35,6 +39,7 @@ def fit_layer(
         error: Convex, of the outputs (n, outputs); a mean over the samples.
         penalty: On the squared weights; the offset is not penalised.
         start: Weights and offset to start from, float64 (width + 1, outputs).
+        tolerance: Largest component of the gradient at which it has converged.
 
     Returns:
         Weights of the features, and the offset, float64 (width + 1, outputs).
@@ -48,16 +53,16 @@ def fit_layer(
         return error(rows @ weight) + (shrink * weight[:-1].square()).sum() / 2
 
     first = torch.cat([axes.right @ start[:-1] / scale[:, None], start[-1:]])
-    weights = _minimise(loss, first)
+    weights = _minimise(loss, first, tolerance)
     return torch.cat([axes.right.T @ (scale[:, None] * weights[:-1]), weights[-1:]])
 
 
-def _minimise(loss: Callable[[Tensor], Tensor], start: Tensor) -> Tensor:
+def _minimise(loss: Callable[[Tensor], Tensor], start: Tensor, tolerance: float) -> Tensor:
     weight = start.clone().requires_grad_()
     optimiser = torch.optim.LBFGS(
         [weight],
         max_iter=_ITERATIONS,
-        tolerance_grad=_CONVERGED,
+        tolerance_grad=tolerance,
         tolerance_change=1e-12,
         line_search_fn="strong_wolfe",
     )
