@@ -21,8 +21,15 @@ CONFIG = "config.yaml"
 VERSIONS = "versions.json"
 #: The checkpoint that it resumes from.
 LAST = Path("checkpoints") / "last.ckpt"
+#: Options of an encoder that its weights do not depend on.
+OF_TRAINING = ("mask_ratio", "unknown_sensor")
 #: Its best weights, if it is asked to keep them.
 BEST = Path("checkpoints") / "best.ckpt"
+
+
+def is_run(init: str) -> bool:
+    """Whether ``init=`` names a run or a checkpoint of one, not a model of the zoo or a file."""
+    return not init.startswith("file:") and ("/" in init or Path(init).exists())
 
 
 def identity() -> str:

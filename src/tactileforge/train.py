@@ -41,9 +41,6 @@ log = logging.getLogger(__name__)
 #: Packages whose versions a run keeps.
 _PACKAGES = ("tactileforge", "torch", "lightning", "hydra-core", "kornia", "numpy")
 
-#: Options of an encoder that its weights do not depend on.
-_OF_TRAINING = ("mask_ratio", "unknown_sensor")
-
 #: What Lightning warns of although it is meant to be so.
 _EXPECTED = (
     r".*isinstance\(treespec, LeafSpec\).*",
@@ -97,12 +94,16 @@ def _start_from(plain: dict[str, Any]) -> Mapping[str, Tensor]:
     What an encoder does in training alone, as how much it masks, stays that of the run.
     """
     init = str(plain["init"])
-    if not init.startswith("file:") and (Path(init).exists() or "/" in init):
+    if run_folder.is_run(init):
         state: Mapping[str, Tensor] = read_checkpoint(init)["state_dict"]
         return state
     node, state = starting_weights(init)
     same = plain["encoder"]["name"] == node["name"]
-    kept = {key: plain["encoder"][key] for key in _OF_TRAINING if same and key in plain["encoder"]}
+    kept = {
+        key: plain["encoder"][key]
+        for key in run_folder.OF_TRAINING
+        if same and key in plain["encoder"]
+    }
     plain["encoder"] = node | kept
     log.info("init: the encoder and its options are those of %s", init)
     return state

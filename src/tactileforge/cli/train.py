@@ -18,12 +18,35 @@ def _train(_: None, config: dict[str, Any]) -> float:
     folder = _folder()
     if config.get("resume"):
         config = _with_given(_of_run(config["resume"]), config)
+    elif config.get("init"):
+        _check_encoder(str(config["init"]))
     try:
         return metric(train(config, folder), config.get("optimized_metric"))
     except KeyboardInterrupt as stop:
         kept = (folder / LAST).is_file()
         again = f"tactileforge train resume={folder}" if kept else "the same command again"
         raise KeyboardInterrupt(f"{stop or 'stopped'}; go on with: {again}") from stop
+
+
+def _check_encoder(init: str) -> None:
+    """Refuses options of an encoder that are typed beside a model that brings its own.
+
+    Raises:
+        ConfigError: There is such an option.
+    """
+    from hydra.core.hydra_config import HydraConfig
+
+    from tactileforge.run_folder import OF_TRAINING, is_run
+
+    if is_run(init):  # its encoder has to match, which is checked when its weights are read
+        return
+    free = tuple(f"encoder.{key}=" for key in OF_TRAINING)
+    typed = [w for w in HydraConfig.get().overrides.task if w.startswith(("encoder=", "encoder."))]
+    if given := [word for word in typed if not word.startswith(free)]:
+        raise ConfigError(
+            f"init={init} brings its encoder with its options, so {' '.join(given)} cannot be "
+            "given with it; leave that out, or start from random weights with init=null"
+        )
 
 
 #: What a resumed run may be given anew: its length, and its machine, which does not change what is
