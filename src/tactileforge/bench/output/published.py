@@ -44,6 +44,12 @@ def published_scores() -> list[PublishedScore]:
     ]
 
 
+def published_beside(results: Results) -> list[PublishedScore]:
+    """Published numbers of the tasks of some results."""
+    ours = [task.title for task in results.tasks]
+    return [row for row in published_scores() if any(same_name(row.task, name) for name in ours)]
+
+
 def same_name(ours: str, theirs: str) -> bool:
     """Whether two names are equal up to case, punctuation and the word ``of``.
 

@@ -44,7 +44,7 @@ def write_all(folder: Path) -> list[Path]:
     """
     results = read_results(folder)
     all_scores = collect_scores(results)
-    rows = published.published_scores()
+    rows = published.published_beside(results)
     gate = gate_table.gate_table(gate_table.write_gate(folder, results), results)
     grids = tables(results, all_scores, rows, gate)
     texts = {
