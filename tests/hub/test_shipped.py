@@ -12,10 +12,13 @@ from tactileforge.data.batches.clips import Clips
 from tactileforge.data.labels.displacement import decode_displacement
 from tactileforge.datasets.sim import Sim
 from tactileforge.hub import cards
+from tactileforge.hub.gates import MEAN
 from tactileforge.hub.header import read_header
 
+SHIPPED = ["anytouch2.tiny", "anytouch2.tiny-real", "mae.tiny"]
 
-@pytest.mark.parametrize("name", ["anytouch2.tiny", "mae.tiny"])
+
+@pytest.mark.parametrize("name", SHIPPED)
 def test_it_works_without_a_network_and_is_small(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -30,7 +33,7 @@ def test_it_works_without_a_network_and_is_small(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("name", ["anytouch2.tiny", "mae.tiny"])
+@pytest.mark.parametrize("name", SHIPPED)
 def test_its_card_says_how_it_was_made(name: str) -> None:
     """Data, commit, commands, machine and time stand on the card."""
     card, weight = cards.find_card(name)
@@ -42,6 +45,19 @@ def test_its_card_says_how_it_was_made(name: str) -> None:
     assert header.commit[:7] in below
     for word in ("tactileforge train", "zoo pack", "core", "minutes", "seed"):
         assert word in below, word
+
+
+def test_what_saw_real_video_alone_is_above_random_weights_with_its_patches() -> None:
+    """In the mean of all tasks, beyond the interval, on the held out suite as well."""
+    card, weight = cards.find_card("anytouch2.tiny-real")
+    means = {
+        row.suite: row
+        for row in card.gate(weight)
+        if row.metric == MEAN and row.tokens == "patches"
+    }
+    assert set(means) == {"real", "real_held_out"}
+    assert all(row.random_low > 0 for row in means.values())
+    assert means["real"].pixels_low > 0
 
 
 @pytest.mark.slow
