@@ -135,6 +135,7 @@ def test_logistic_inner_folds_go_by_group() -> None:
 
     assert right([str(i) for i in range(120)]) == 1
     assert right([str(int(i)) for i in group]) < 0.75
+    assert right(["one"] * 120) == 1, "a single group is dealt sample by sample"
 
 
 def test_groups_are_dealt_whole_to_folds_of_like_size() -> None:

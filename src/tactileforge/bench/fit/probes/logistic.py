@@ -25,7 +25,8 @@ class Logistic(Ridge):
 
     Each class counts the same. Training groups are dealt to at most four inner folds; of five
     penalties that with the best balanced accuracy of the left out predictions is taken, the largest
-    of equals. The problem is convex and nothing is drawn at random.
+    of equals. Samples of a single group are dealt one by one. The problem is convex and nothing is
+    drawn at random.
 
     Args:
         width: Size of a token; not needed.
@@ -40,9 +41,9 @@ class Logistic(Ridge):
             return super().solve_part(part, gram, cross, truth, groups)
         known, asked = ridge_regression.coordinates(gram, cross)
         penalties = [share * float(known.square().sum(1).mean()) for share in PENALTIES]
-        tried = torch.empty(len(penalties), *truth.shape)
-        folds = inner_folds(places_of(groups))
-        for left_out in folds:
+        tried = truth.new_empty(len(penalties), *truth.shape)
+        places = places_of(groups)
+        for left_out in inner_folds(places if len(places) > 1 else list(places[0][:, None])):
             rest = torch.ones(len(truth), dtype=torch.bool)
             rest[left_out] = False
             layers = _path(part, known[rest], truth[rest], penalties)
