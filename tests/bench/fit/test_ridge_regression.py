@@ -96,6 +96,13 @@ def test_rare_classes_count_as_much_as_common_ones(kind: type[Ridge]) -> None:
     assert min(recall) > 0.55
 
 
+@pytest.mark.parametrize("kind", [Ridge, Logistic])
+def test_features_that_say_nothing_give_one_class(kind: type[Ridge]) -> None:
+    """As those of the baseline ``chance``."""
+    y = torch.randint(3, (60, 1), generator=made(1, 1)[1]).float()
+    assert halves(classes(3), torch.ones(60, 4), y, kind).unique().numel() == 1
+
+
 def test_each_axis_has_a_penalty_of_its_own() -> None:
     x, rng = made(120, 200)
     plain = x[:, :1]

@@ -46,7 +46,8 @@ def fit_layer(
     """
     # along these axes, so scaled, the curvature of the objective is near 1: few iterations
     scale = (axes.lengths**2 / len(axes.left) + penalty).rsqrt()
-    rows = torch.cat([axes.left * (axes.lengths * scale), torch.ones_like(axes.left[:, :1])], 1)
+    ones = axes.left.new_ones(len(axes.left), 1)
+    rows = torch.cat([axes.left * (axes.lengths * scale), ones], 1)
     shrink = penalty * scale[:, None] ** 2
 
     def loss(weight: Tensor) -> Tensor:
