@@ -111,6 +111,7 @@ def test_the_head_of_a_run_chooses_among_names(tmp_path: Path) -> None:
     torch.manual_seed(1)
     vit = TactileViT("tiny", frames=4, image_size=32).eval()
     head = ClassifyHead(vit, classes=64)
+    head.met[[object_id(name) % 64 for name in NAMES]] = True
     heads = {"classify": {"node": {"name": "classify", "classes": 64}}}
     header = make_header(vit, NODE, licence="MIT", spacing=0.05, heads=heads)
     save_checkpoint(tmp_path / "a.safetensors", vit, header, heads={"classify": head})
@@ -124,3 +125,5 @@ def test_the_head_of_a_run_chooses_among_names(tmp_path: Path) -> None:
         model.classify(clip, "none", "digit")
     with pytest.raises(ConfigError, match="share a class"):
         model.classify(clip, "none", "digit", names=["bar", "bar"])
+    with pytest.raises(ConfigError, match="not trained on 'mug'; give names"):
+        model.classify(clip, "none", "digit", names=["bar", "mug"])

@@ -1,6 +1,8 @@
 """The objectives of the baselines: their formulas, and that they learn without collapse."""
 
 import math
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import torch
@@ -61,6 +63,16 @@ def test_classify_is_cross_entropy_over_the_labelled(batch: Batch) -> None:
     assert loss.item() == pytest.approx(expected, rel=1e-5)
     right = sum(int(logits[i].argmax()) == c for i, c in enumerate(classes))
     assert logs["accuracy"].item() == pytest.approx(right / 6)
+
+
+def test_a_classifier_remembers_which_classes_training_has_met() -> None:
+    views: Any = SimpleNamespace(full=SimpleNamespace(cls=torch.zeros(3, 4)))
+    encoder: Any = SimpleNamespace(projected=4)
+    head = ClassifyHead(encoder, 16)
+    head(views, {"object": torch.tensor([2**62 + 5, 3, -1])})
+    head.eval()
+    head(views, {"object": torch.tensor([7, 8, 9])})
+    assert head.met.nonzero().flatten().tolist() == sorted({(2**62 + 5) % 16, 3})
 
 
 def test_a_part_of_matching_can_be_left_out(batch: Batch) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import torch
 from torch import Tensor, nn
 
 from tactileforge.contracts import Batch, Encoder, Views
+from tactileforge.distributed import sum_over_ranks
 
 
 class ClassifyHead(nn.Module):
@@ -13,15 +15,26 @@ class ClassifyHead(nn.Module):
     Args:
         encoder: The touch encoder (given by the framework).
         classes: Number of classes; see `objectives.classify.Classify`.
+
+    Attributes:
+        met: bool (classes,), whether training has met an object of the class.
     """
+
+    met: Tensor
 
     def __init__(self, encoder: Encoder, classes: int = 1024) -> None:
         super().__init__()
         self.linear = nn.Linear(encoder.projected, classes)
         nn.init.normal_(self.linear.weight, std=0.02)
         nn.init.zeros_(self.linear.bias)
+        self.register_buffer("met", torch.zeros(classes, dtype=torch.bool))
 
     def forward(self, views: Views, batch: Batch) -> Tensor:
         """Logits, float (B, classes)."""
+        if self.training:
+            known = batch["object"] >= 0
+            count = torch.zeros_like(self.met, dtype=torch.int64)
+            count.index_add_(0, batch["object"].remainder(len(count)), known.long())
+            self.met |= sum_over_ranks(count) > 0
         out: Tensor = self.linear(views.full.cls)
         return out

@@ -179,8 +179,13 @@ def _packed(
         )
     if names is None or len(names) < 2:
         raise ConfigError("names: give the names of two objects of the training data, or more")
-    linear = heads["classify"].linear
+    linear, met = heads["classify"].linear, heads["classify"].met
     rows = [object_class(name, len(linear.bias)) for name in names]
+    if strange := [name for name, row in zip(names, rows, strict=True) if not met[row]]:
+        raise ConfigError(
+            f"names: the head was not trained on {', '.join(map(repr, strange))}; give names of "
+            "objects of its training data, spelled as there"
+        )
     for place, row in enumerate(rows):
         if row in rows[:place]:
             other = names[rows.index(row)]
