@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import torch
 from torch import nn
 
 from tactileforge import registry
@@ -52,7 +53,9 @@ def published_heads(
         name = "published_probe" if "pooler.queries" in converted.probe else "classify"
         count = len(converted.probe["linear.weight"])
         entries["classes"] = {"node": {"name": name, "classes": count}}
-        states["classes"] = converted.probe
+        states["classes"] = dict(converted.probe)
+        if name == "classify":  # of its own classes, all of which it was trained on
+            states["classes"]["met"] = torch.ones(count, dtype=torch.bool)
     heads = {}
     for name, entry in entries.items():
         heads[name] = registry.build("heads", entry["node"], encoder=encoder)
