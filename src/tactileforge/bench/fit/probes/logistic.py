@@ -9,7 +9,8 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from tactileforge.bench.fit.probes import convex, ridge_regression
-from tactileforge.bench.fit.probes.ridge import Ridge, best_of_classes, places_of
+from tactileforge.bench.fit.probes.base import class_scores
+from tactileforge.bench.fit.probes.ridge import Ridge, balanced_scores, class_weights, places_of
 from tactileforge.bench.tasks.targets import TargetPart
 
 #: Penalties that are tried, as shares of the mean square of the standardised features' length.
@@ -49,7 +50,7 @@ class Logistic(Ridge):
             layers = _path(part, known[rest], truth[rest], penalties)
             for row, layer in zip(tried, layers, strict=True):
                 row[left_out] = _decoded(part, known[left_out], layer)
-        best = best_of_classes(part, tried, truth)
+        best = int(balanced_scores(part, tried, truth).argmax())  # of equals the largest penalty
         layer = _path(part, known, truth, penalties[: best + 1])[-1]
         return tried[best], _decoded(part, asked, layer)
 
@@ -68,15 +69,15 @@ def inner_folds(groups: Sequence[Tensor]) -> list[Tensor]:
 
 def _path(
     part: TargetPart, known: Tensor, truth: Tensor, penalties: Sequence[float]
-) -> list[tuple[Tensor, Tensor]]:
-    """Mean of the features and the fitted layer, at each penalty."""
+) -> list[Tensor]:
+    """The fitted layer at each penalty: weights and offset, for features as they are."""
     mean = known.mean(0)
     axes, error = convex.axes_of(known - mean), balanced_error(part, truth)
     weight = known.new_zeros(known.shape[1] + 1, part.outputs)
     layers = []
     for penalty in penalties:
         weight = convex.fit_layer(axes, error, penalty, weight, _CONVERGED)
-        layers.append((mean, weight))
+        layers.append(torch.cat([weight[:-1], (weight[-1] - mean @ weight[:-1])[None]]))
     return layers
 
 
@@ -87,13 +88,9 @@ def balanced_error(part: TargetPart, truth: Tensor) -> Callable[[Tensor], Tensor
         part: What is predicted.
         truth: (n, columns), class indices.
     """
-    classes = truth.flatten().long()
-    count = torch.bincount(classes, minlength=len(part.names))
-    weight = (1 / count.clamp(min=1)).double()
-    return lambda out: F.cross_entropy(out.reshape(-1, len(part.names)), classes, weight=weight)
+    classes, weight = truth.flatten().long(), class_weights(part, truth)
+    return lambda out: F.cross_entropy(class_scores(part, out).flatten(0, 1), classes, weight)
 
 
-def _decoded(part: TargetPart, features: Tensor, layer: tuple[Tensor, Tensor]) -> Tensor:
-    mean, weight = layer
-    out = (features - mean) @ weight[:-1] + weight[-1]
-    return out.reshape(len(out), -1, len(part.names)).argmax(-1).float()
+def _decoded(part: TargetPart, features: Tensor, layer: Tensor) -> Tensor:
+    return class_scores(part, features @ layer[:-1] + layer[-1]).argmax(2).float()

@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from tactileforge.bench.fit.probes import ridge_regression
-from tactileforge.bench.fit.probes.base import Probe, Values
+from tactileforge.bench.fit.probes.base import Probe, Values, class_scores
 from tactileforge.bench.tasks.targets import TargetPart
 
 
@@ -93,7 +93,7 @@ def _decoded(part: TargetPart, values: Tensor) -> Tensor:
     """Class indices, or normalised vectors, float32 (n, columns)."""
     if part.kind != "classes":
         return values.float()
-    return values.reshape(len(values), -1, len(part.names)).argmax(-1).float()
+    return class_scores(part, values).argmax(2).float()
 
 
 def _best(part: TargetPart, tried: Tensor, truth: Tensor) -> Tensor:
@@ -106,22 +106,28 @@ def _best(part: TargetPart, tried: Tensor, truth: Tensor) -> Tensor:
     """
     if part.kind != "classes":
         return (tried - truth).square().mean(1).argmin(0)
-    decoded = torch.stack([_decoded(part, values) for values in tried.flip(0)])
-    best = len(tried) - 1 - best_of_classes(part, decoded, truth)
-    return torch.tensor(best).expand(tried.shape[2])
+    decoded = torch.stack([_decoded(part, values) for values in tried])
+    score = balanced_scores(part, decoded, truth)
+    # of equals the largest penalty
+    best = len(score) - 1 - score.flip(0).argmax()
+    return best.expand(tried.shape[2])
 
 
-def best_of_classes(part: TargetPart, tried: Tensor, truth: Tensor) -> int:
-    """Index of the best balanced accuracy; of equals the first.
+def balanced_scores(part: TargetPart, tried: Tensor, truth: Tensor) -> Tensor:
+    """What goes as the balanced accuracy, float64 (penalties,).
 
     Args:
         part: What is predicted.
-        tried: (penalties, n, columns), class indices, the largest penalty first.
+        tried: (penalties, n, columns), class indices.
         truth: (n, columns).
     """
-    weight = 1 / torch.bincount(truth.flatten().long(), minlength=len(part.names)).clamp(min=1)
-    score = ((tried == truth).double() * weight[truth.long()]).sum((1, 2))
-    return int(score.argmax())
+    return ((tried == truth).double() * class_weights(part, truth)[truth.long()]).sum((1, 2))
+
+
+def class_weights(part: TargetPart, truth: Tensor) -> Tensor:
+    """Weight of a sample of each class with which all count the same, float64 (classes,)."""
+    count = torch.bincount(truth.flatten().long(), minlength=len(part.names))
+    return 1 / count.clamp(min=1).double()
 
 
 def _chosen(rows: Sequence[Tensor], best: Tensor) -> Tensor:
