@@ -263,6 +263,7 @@ class Robot:
         stride: Steps from one frame of a clip to the next.
         touch: Input of touch: ``frames``, ``force`` (N, privileged) or ``none``.
         image_size: Height and width of a camera image; 0 without a camera.
+        tasks: Names of the tasks, from the label ``task``; empty where no demonstration has one.
     """
 
     fingers: tuple[str, ...]
@@ -275,6 +276,7 @@ class Robot:
     stride: int = 1
     touch: Literal["frames", "force", "none"] = "frames"
     image_size: int = 0
+    tasks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

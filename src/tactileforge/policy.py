@@ -38,6 +38,7 @@ class Policy:
         state_size: Numbers of the proprioception.
         action_size: Numbers of a command.
         rate: Commands a second that it was trained at, Hz.
+        tasks: That it learned, by the label ``task`` of its demonstrations; may be empty.
         uses_touch: Whether it reads pictures of touch.
         uses_image: Whether it reads the camera.
         uses_force: Whether it reads forces, N.
@@ -49,6 +50,7 @@ class Policy:
         self.sensor = list(self.robot.sensors)
         self.state_size, self.action_size = self.robot.state_size, self.robot.action_size
         self.rate = self.robot.rate
+        self.tasks = self.robot.tasks
         self.uses_touch = self.robot.touch == "frames"
         self.uses_force = self.robot.touch == "force"
         self.uses_image = bool(self.robot.image_size)

@@ -43,6 +43,18 @@ def test_a_sample_is_what_was_perceived_and_what_came_next() -> None:
     np.testing.assert_array_equal(batch["frames"][2], late["frames"][0])
 
 
+def test_a_robot_knows_the_tasks_of_its_demonstrations() -> None:
+    wipe, chip = (
+        [replace(one, labels=one.labels | {"task": task}) for one in episode(number, steps=5)]
+        for number, task in enumerate(("wipe", "chip"))
+    )
+    plain = [
+        replace(one, labels={k: v for k, v in one.labels.items() if k != "task"}) for one in wipe
+    ]
+    assert clips([*wipe, *chip]).robot.tasks == ("chip", "wipe")
+    assert clips(plain).robot.tasks == ()
+
+
 def test_touch_is_left_out_or_given_as_forces() -> None:
     pair = episode(0, steps=5)
     bare = clips(pair, touch="none", camera=False)[3]

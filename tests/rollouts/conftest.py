@@ -13,6 +13,7 @@ class Feels:
     sensor = ("digit", "digit")
     state_size = action_size = 2
     rate = 6.0
+    tasks = ()
     uses_touch, uses_image, uses_force = True, False, False
 
     def reset(self, background=None, seed=0):

@@ -108,6 +108,7 @@ def test_a_folder_of_other_rollouts_is_refused(tmp_path, policy):
         ("state_size", 5, "numbers of the state: 5, but task reach has 2"),
         ("action_size", 3, "numbers of an action: 3"),
         ("rate", 3.0, r"steps of a second: 3.0, but task reach has 6.0"),
+        ("tasks", ("chip", "wipe"), "learned chip, wipe: give task=chip, or train it on reach"),
         ("sensor", ("gelsight", "gelsight"), "sensor=gelsight, or cross_sensor=true"),
     ],
 )

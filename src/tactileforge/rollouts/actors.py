@@ -74,7 +74,8 @@ def make_actor(word: str, env: Any, cross_sensor: bool = False) -> Actor:
         cross_sensor: Whether a policy may be of another sensor.
 
     Raises:
-        ConfigError: The policy is for another number of fingers, sensor, rate, state or action.
+        ConfigError: The policy is for another task, sensor, rate, or number of fingers, or
+            another size of state or action.
     """
     if word == "expert":
         return Expert()
@@ -106,6 +107,11 @@ def check_policy(word: str, policy: Any, env: Any, cross_sensor: bool) -> None:
                 f"policy={word} has {name}: {ours}, but task {plain.task} has {theirs}; train it "
                 f"on demonstrations of this task (tactileforge demos task={plain.task} out=DIR)"
             )
+    if policy.tasks and plain.task not in policy.tasks:
+        raise ConfigError(
+            f"policy={word} learned {', '.join(policy.tasks)}: give task={policy.tasks[0]}, or "
+            f"train it on {plain.task} too (tactileforge demos task={plain.task} out=DIR)"
+        )
     sensors = [policy.sensor] if isinstance(policy.sensor, str) else list(policy.sensor)
     if policy.uses_touch and set(sensors) != {plain.sensor} and not cross_sensor:
         raise ConfigError(

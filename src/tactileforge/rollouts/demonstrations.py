@@ -130,7 +130,7 @@ def pack_episode(
         "state": episode.seen("state")[:steps].astype(np.float32),
         "robot_action": np.stack(episode.actions).astype(np.float32),
     }
-    labels = {"episode": name, "task": options.word}
+    labels = {"episode": name, "task": plain.task}
     numbers = {"seed": float(episode.seed), "success": float(episode.success)}
     out = []
     for place, finger in enumerate(episode.fingers):

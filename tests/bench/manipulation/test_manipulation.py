@@ -103,6 +103,7 @@ class Reads:
     sensor = ("digit", "digit")
     state_size = action_size = 2
     rate = 6.0
+    tasks = ()
     uses_image = uses_force = False
 
     def __init__(self, touch):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
@@ -85,7 +86,8 @@ class EpisodeClips(Clips):
         kept = [each.fingers[name] for each in self.episodes for name in first.fingers]
         super().__init__(kept, frames, spacing, 0.0, size, cutting.image_size, cache_mb)
         self.cutting = cutting
-        self.robot = _robot(first, cutting, max(1, round(spacing / first.period)))
+        tasks = {str(each.labels["task"]) for each in kept if "task" in each.labels}
+        self.robot = _robot(first, cutting, max(1, round(spacing / first.period)), tasks)
         self.strides[:] = self.robot.stride
         steps = [len(each.times) for each in self.episodes]
         fingers = len(first.fingers)
@@ -193,7 +195,7 @@ def _room(shape: tuple[int, ...]) -> Tensor:
         return torch.from_numpy(np.memmap(file, np.float16, "w+", shape=shape))
 
 
-def _robot(first: Episode, cutting: Cutting, stride: int) -> Robot:
+def _robot(first: Episode, cutting: Cutting, stride: int, tasks: AbstractSet[str]) -> Robot:
     sensors = tuple(spec(one.sensor).name for one in first.fingers.values())
     return Robot(
         fingers=tuple(first.fingers),
@@ -206,4 +208,5 @@ def _robot(first: Episode, cutting: Cutting, stride: int) -> Robot:
         stride=stride,
         touch=cutting.touch,
         image_size=cutting.image_size if cutting.camera else 0,
+        tasks=tuple(sorted(tasks)),
     )
