@@ -97,7 +97,7 @@ AXES = ("x", "y", "z")
 NEUTRAL_BACKGROUND = 130
 
 #: Constructor parameters that the framework fills in; they never appear in a configuration.
-CONTEXT = frozenset({"encoder", "text_encoder", "image_encoder", "robot"})
+CONTEXT = frozenset({"encoder", "text_encoder", "image_encoder", "teacher", "robot"})
 
 
 @dataclass(frozen=True, kw_only=True)

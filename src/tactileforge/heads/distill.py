@@ -1,0 +1,140 @@
+"""The head that predicts what a pretrained image model sees in a touch."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from tactileforge.contracts import Batch, Encoder, Views
+
+if TYPE_CHECKING:
+    from tactileforge.data.batches.clips import Clips
+
+#: Clips that the teacher's features are measured on before the first step, and how many at once.
+_MEASURED, _AT_ONCE = 256, 32
+#: Least deviation of a feature of the teacher.
+_LEAST = 1e-3
+
+
+@dataclass(frozen=True)
+class Taught:
+    """Features of the teacher, and what the encoder's tokens say of them.
+
+    Features have mean 0 and deviation 1 over the training data.
+
+    Attributes:
+        predicted: Of each map float (B, C, h, w), then float (B, n) of the whole picture.
+        target: The same shapes; no gradient.
+    """
+
+    predicted: tuple[Tensor, ...]
+    target: tuple[Tensor, ...]
+
+
+class DistillHead(nn.Module):
+    """Linear layers from the tokens to the features of a frozen image model, the teacher.
+
+    The teacher sees the last frame less the one without contact, about mid-grey and ``gain`` times
+    as strong. Its maps are predicted place by place from the tokens of the last frames, and mean
+    and deviation of every map from the mean of all tokens. The layers are linear, so the tokens
+    have to carry the features where any other linear reading finds them. Source: Theia (Shang et
+    al. 2024) distils vision models so, for robots, and scales features by their deviation too.
+
+    Args:
+        encoder: The touch encoder (given by the framework).
+        teacher: A frozen image tower (given by the framework: ``image_encoder``). One with ``maps``
+            gives features of places; any other its vector alone.
+        gain: How many times as strong as they are differences from the frame without contact are
+            shown to the teacher.
+    """
+
+    mean: Tensor
+    deviation: Tensor
+
+    def __init__(self, encoder: Encoder, teacher: nn.Module, gain: float = 1.5) -> None:
+        super().__init__()
+        self.teacher: Any = teacher.requires_grad_(False)
+        self.gain = gain
+        self.grid, self.prefix = encoder.grid, encoder.prefix
+        with torch.no_grad():
+            blank = [len(one[0]) for one in self._features(torch.zeros(1, 3, 32, 32))]
+        *maps, whole = blank
+        self.places = nn.ModuleList(nn.Linear(encoder.width, size) for size in maps)
+        self.whole = nn.Linear(encoder.width, whole)
+        for layer in (*self.places, self.whole):
+            nn.init.normal_(layer.weight, std=0.01)
+            nn.init.zeros_(layer.bias)
+        self.sizes = blank
+        self.register_buffer("mean", torch.zeros(sum(blank)))
+        self.register_buffer("deviation", torch.ones(sum(blank)))
+
+    def train(self, mode: bool = True) -> DistillHead:
+        """The teacher stays in evaluation mode."""
+        super().train(mode)
+        self.teacher.eval()
+        return self
+
+    def prepare(self, clips: Clips) -> None:
+        """Measures mean and deviation of the teacher's features; see `contracts.Prepared`."""
+        moments = torch.zeros(3, len(self.mean), dtype=torch.float64)
+        for pictures in self._pictures(clips):
+            parts = [one.transpose(0, 1).flatten(1).double() for one in self._features(pictures)]
+            sums = [
+                torch.stack([torch.full((len(x),), x.shape[1]), x.sum(1), x.square().sum(1)])
+                for x in parts
+            ]
+            moments += torch.cat(sums, 1).cpu()
+        count, total, squares = moments
+        mean = total / count
+        self.mean.copy_(mean)
+        self.deviation.copy_((squares / count - mean**2).clamp(min=_LEAST**2).sqrt())
+
+    def _pictures(self, clips: Clips) -> Iterator[Tensor]:
+        chosen = torch.linspace(0, len(clips) - 1, min(_MEASURED, len(clips))).long().tolist()
+        for start in range(0, len(chosen), _AT_ONCE):
+            rows: list[dict[str, Any]] = [clips[i] for i in chosen[start : start + _AT_ONCE]]
+            last = torch.stack([row["frames"][-1] for row in rows]).to(self.mean.device)
+            still = torch.stack([row["background"] for row in rows]).to(self.mean.device)
+            yield self._shown(last, still)
+
+    def _shown(self, frame: Tensor, background: Tensor) -> Tensor:
+        return 127.5 + self.gain * (frame.float() - background.float())
+
+    def _features(self, pictures: Tensor) -> list[Tensor]:
+        """Maps (B, C, h, w), and of the whole picture (B, n); always in float32."""
+        with torch.no_grad(), torch.autocast(pictures.device.type, enabled=False):
+            if not hasattr(self.teacher, "maps"):
+                return [self.teacher(pictures)]
+            maps: list[Tensor] = self.teacher.maps(pictures)
+            flat = [one.flatten(2) for one in maps]
+            whole = [part for x in flat for part in (x.mean(2), x.std(2, correction=0))]
+            _, rows, columns = self.grid
+            kept = [
+                F.adaptive_avg_pool2d(x, (min(x.shape[2], rows), min(x.shape[3], columns)))
+                for x in maps
+            ]
+            return [*kept, torch.cat(whole, 1)]
+
+    def forward(self, views: Views, batch: Batch) -> Taught:
+        """Predicted and true features of the last frames."""
+        found = self._features(self._shown(batch["frames"][:, -1], batch["background"]))
+        scales = zip(
+            *(torch.split(x, self.sizes) for x in (self.mean, self.deviation)), strict=True
+        )
+        target = [
+            (x - mean.view(-1, *[1] * (x.ndim - 2))) / deviation.view(-1, *[1] * (x.ndim - 2))
+            for x, (mean, deviation) in zip(found, scales, strict=True)
+        ]
+        tokens = views.full.tokens[:, self.prefix :]
+        tokens = tokens.reshape(len(tokens), *self.grid, -1)
+        last = tokens[:, -1].permute(0, 3, 1, 2)
+        predicted = [
+            layer(F.adaptive_avg_pool2d(last, x.shape[2:]).movedim(1, -1)).movedim(-1, 1)
+            for layer, x in zip(self.places, target[:-1], strict=True)
+        ]
+        return Taught((*predicted, self.whole(tokens.mean((1, 2, 3)))), tuple(target))
