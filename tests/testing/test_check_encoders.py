@@ -108,7 +108,8 @@ def test_broken_encoder(result_of, plugin, name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "options"), [("tactile_vit", small()), ("byte", {}), ("vit", {}), ("clip", {})]
+    ("name", "options"),
+    [("tactile_vit", small()), ("byte", {}), ("vit", {}), ("efficientnet_lite", {}), ("clip", {})],
 )
 def test_built_in_encoders(failed, name, options):
     assert not failed("encoder", name, **options)

@@ -19,6 +19,7 @@ DECODER = {"width": 32, "depth": 1, "heads": 2}
         ("jepa", DECODER),
         ("dino", {"prototypes": 64, "hidden": 64, "bottleneck": 16}),
         ("classify", {}),
+        ("distill", {}),
     ],
 )
 def test_built_in_heads(statuses, name, options):

@@ -58,13 +58,15 @@ class SmallDinoHead(DinoHead):
         ("jepa", SmallJepaHead),
         ("dino", SmallDinoHead),
         ("classify", None),
+        ("distill", None),
     ],
 )
 def test_built_in_objectives(statuses, name, head):
     status_by_name = statuses("objective", name, head=head)
     unlabelled = {"unlabelled samples change nothing", "missing key is named"}
     skipped = {name for name, status in status_by_name.items() if status == "skipped"}
-    assert skipped == (unlabelled if name in ("pixel", "diff", "jepa", "dino") else set())
+    free = ("pixel", "diff", "jepa", "dino", "distill")
+    assert skipped == (unlabelled if name in free else set())
     assert set(status_by_name.values()) <= {"ran", "skipped"}
 
 
