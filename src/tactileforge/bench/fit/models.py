@@ -124,7 +124,7 @@ def untrained_encoder(
 
 
 def baseline_encoder(word: str, device: str = "cpu") -> FrozenEncoder:
-    """No encoder at all: see `baselines.BASELINES`."""
+    """No encoder of touch at all: see `baselines.BASELINES`."""
     encoder = BASELINES[word][0]()
     header = files.make_header(encoder, {"name": word}, licence="Apache-2.0", spacing=0.2)
     return FrozenEncoder(word, encoder, header, device=device)
