@@ -57,14 +57,24 @@ def test_targets_have_mean_0_and_deviation_1_over_the_training_data(batch: Batch
 
 
 def test_the_teacher_sees_the_last_frame_less_the_background(batch: Batch) -> None:
-    head = DistillHead(encoder(), Brightness(), gain=2.0)
-    seen = []
-    head.teacher.register_forward_pre_hook(lambda _, given: seen.append(given[0]))
-    still = batch["frames"][:, -1].clone()
-    maps = head._features(head._shown(still, still))
-    assert all(one.abs().max() < 1e-6 for one in (maps[0][:, 0], maps[1][:, 0]))
-    brighter = head._features(head._shown(still.float() + 10, still))
-    assert brighter[0][:, 0].mean().item() == pytest.approx(2.0 * 10 / 50, rel=1e-4)
+    touch = encoder()
+    head = DistillHead(touch, Brightness(), gain=2.0)
+    seen: list[Tensor] = []
+    maps = head.teacher.maps
+
+    def noted(pictures: Tensor) -> Any:
+        seen.append(pictures)
+        return maps(pictures)
+
+    head.teacher.maps = noted
+    batch = batch | {"frames": batch["frames"].clone(), "background": batch["frames"][:, -1]}
+    batch["frames"][:, :-1] = 0  # earlier frames are not seen
+    head(touch.views(batch), batch)
+    assert (seen[0] == 127.5).all()
+    darker = batch | {"background": batch["background"].clamp(min=10) - 10}
+    head(touch.views(darker), darker)
+    change = batch["background"].float() - darker["background"].float()
+    assert torch.equal(seen[1], 127.5 + 2.0 * change)
 
 
 def test_it_learns_and_the_teacher_does_not(batch: Batch) -> None:

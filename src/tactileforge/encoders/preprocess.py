@@ -32,6 +32,9 @@ SPARSH: dict[str, Any] = {
     "std": (1.0, 1.0, 1.0),
 }
 
+#: How many times as strong as they are, differences are shown to a model of photographs.
+GAIN = 3.4
+
 FITS = ("squash", "cover", "portrait", "pad")
 FILTERS = ("bilinear", "bicubic")
 
@@ -168,3 +171,17 @@ def _centre(x: Tensor, height: int, width: int) -> Tensor:
     """The central pixels of (..., H, W)."""
     top, left = round((x.shape[-2] - height) / 2), round((x.shape[-1] - width) / 2)
     return x[..., top : top + height, left : left + width]
+
+
+def difference_picture(frame: Tensor, background: Tensor, gain: float = GAIN) -> Tensor:
+    """What a touch changes, as a picture for a model of photographs.
+
+    Args:
+        frame: uint8 (..., 3, H, W).
+        background: The frame without contact, of the same shape.
+        gain: How many times as strong as it is the difference is shown.
+
+    Returns:
+        float (..., 3, H, W), about 127.5; not cut off at 0 and 255.
+    """
+    return 127.5 + gain * (frame.float() - background.float())

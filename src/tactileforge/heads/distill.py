@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from tactileforge.contracts import Batch, Encoder, Views
+from tactileforge.encoders.preprocess import GAIN, difference_picture
 
 if TYPE_CHECKING:
     from tactileforge.data.batches.clips import Clips
@@ -56,7 +57,7 @@ class DistillHead(nn.Module):
     mean: Tensor
     deviation: Tensor
 
-    def __init__(self, encoder: Encoder, teacher: nn.Module, gain: float = 1.5) -> None:
+    def __init__(self, encoder: Encoder, teacher: nn.Module, gain: float = GAIN) -> None:
         super().__init__()
         self.teacher: Any = teacher.requires_grad_(False)
         self.gain = gain
@@ -100,10 +101,7 @@ class DistillHead(nn.Module):
             rows: list[dict[str, Any]] = [clips[i] for i in chosen[start : start + _AT_ONCE]]
             last = torch.stack([row["frames"][-1] for row in rows]).to(self.mean.device)
             still = torch.stack([row["background"] for row in rows]).to(self.mean.device)
-            yield self._shown(last, still)
-
-    def _shown(self, frame: Tensor, background: Tensor) -> Tensor:
-        return 127.5 + self.gain * (frame.float() - background.float())
+            yield difference_picture(last, still, self.gain)
 
     def _features(self, pictures: Tensor) -> list[Tensor]:
         """Maps (B, C, h, w), and of the whole picture (B, n); always in float32."""
@@ -122,7 +120,8 @@ class DistillHead(nn.Module):
 
     def forward(self, views: Views, batch: Batch) -> Taught:
         """Predicted and true features of the last frames."""
-        found = self._features(self._shown(batch["frames"][:, -1], batch["background"]))
+        picture = difference_picture(batch["frames"][:, -1], batch["background"], self.gain)
+        found = self._features(picture)
         scales = zip(
             *(torch.split(x, self.sizes) for x in (self.mean, self.deviation)), strict=True
         )

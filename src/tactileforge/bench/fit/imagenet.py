@@ -7,11 +7,9 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from tactileforge.encoders.efficientnet_lite import EfficientNetLite
-from tactileforge.encoders.preprocess import ANYTOUCH2, Preprocess
+from tactileforge.encoders.preprocess import ANYTOUCH2, Preprocess, difference_picture
 
 _SIZE, _PATCH = 128, 16
-#: How many times as strong as it is the difference from the background is shown.
-_GAIN = 3.4
 
 
 class ImageNetFeatures(nn.Module):
@@ -40,7 +38,7 @@ class ImageNetFeatures(nn.Module):
 
     def forward(self, frames: Tensor, background: Tensor, sensor: Tensor) -> tuple[Tensor, Tensor]:
         """(B, 64, width) and (B, projected) of uint8 frames (B, 2, 3, H, W)."""
-        picture = 127.5 + _GAIN * (frames[:, -1].float() - background.float())
+        picture = difference_picture(frames[:, -1], background)
         maps = [
             F.adaptive_avg_pool2d(x, self.grid[1:])
             if x.shape[2] > self.grid[1]
