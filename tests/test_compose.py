@@ -79,7 +79,10 @@ def test_a_second_name_can_have_a_head_of_its_own():
     [
         (
             "objective=[pixle]",
-            ["did you mean 'pixel'?", "align, classify, denoise, diff, dino, force, imitate, jepa"],
+            [
+                "did you mean 'pixel'?",
+                "align, classify, denoise, diff, dino, distill, force, imitate",
+            ],
         ),
         ("data=simm", ["sim", "recordings", "public_samples"]),
         ("encoder=tactile_vti", ["tactile_vit"]),
