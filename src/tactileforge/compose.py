@@ -225,7 +225,8 @@ def finish(config: DictConfig) -> DictConfig:
 
     Rows that a recipe writes for objectives that are not chosen are left out, and so are heads that
     no objective uses. An objective that is null (``objective.diff=null``) is not chosen. An
-    objective without a head is given the one its class names.
+    objective without a head is given the one its class names, with the options that are written for
+    it.
 
     Raises:
         ConfigError: No objective, or a row for something that is not one.
@@ -241,6 +242,7 @@ def finish(config: DictConfig) -> DictConfig:
     if not chosen:
         raise ConfigError("no objective: choose some, e.g. objective=[pixel,diff]")
     heads = _chosen("head", config)
+    options: Mapping[str, Any] = config.get("head") or {}
     rows: Mapping[str, Any] = config.curriculum.get("objective") or {}
     for key in rows:
         if key not in chosen and key not in registry.names("objectives"):
@@ -249,12 +251,18 @@ def finish(config: DictConfig) -> DictConfig:
     OmegaConf.set_struct(config, False)
     config.objective = chosen
     config.head = {
-        key: heads.get(key) or node_of("head", registry.get("objectives", node["name"]).head)
+        key: heads.get(key) or _own_head(node["name"], options.get(key))
         for key, node in chosen.items()
     }
     config.curriculum.objective = {key: row for key, row in rows.items() if key in chosen}
     OmegaConf.set_struct(config, True)
     return config
+
+
+def _own_head(objective: str, options: Any) -> Any:
+    """The head that an objective's class names, with what was said of it (by a scale, or a +)."""
+    node = node_of("head", registry.get("objectives", objective).head)
+    return OmegaConf.merge(node, options or {})
 
 
 def _chosen(group: str, config: DictConfig) -> dict[str, Any]:

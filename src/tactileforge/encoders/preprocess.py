@@ -33,7 +33,7 @@ SPARSH: dict[str, Any] = {
 }
 
 #: How many times as strong as they are, differences are shown to a model of photographs.
-GAIN = 3.4
+GAIN = 1.5
 
 FITS = ("squash", "cover", "portrait", "pad")
 FILTERS = ("bilinear", "bicubic")
