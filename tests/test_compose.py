@@ -68,8 +68,6 @@ def test_options_of_a_head_that_only_an_objective_brings_are_kept():
     config = compose(overrides=["objective=[pixel,dino]", "scale=tiny", "head.dino.hidden=32"])
     assert (config.head.dino.prototypes, config.head.dino.hidden) == (256, 32)
     assert config.head.dino.centring == 0.9
-    twice = ["objective=[pixel]", "+objective@objective.second=diff", "+head.second.depth=2"]
-    assert compose(overrides=twice).head.second.depth == 2
 
 
 def test_a_second_name_can_have_a_head_of_its_own():

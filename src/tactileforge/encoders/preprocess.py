@@ -173,7 +173,7 @@ def _centre(x: Tensor, height: int, width: int) -> Tensor:
     return x[..., top : top + height, left : left + width]
 
 
-def difference_picture(frame: Tensor, background: Tensor, gain: float = GAIN) -> Tensor:
+def difference_picture(frame: Tensor, background: Tensor, gain: float | Tensor = GAIN) -> Tensor:
     """What a touch changes, as a picture for a model of photographs.
 
     Args:

@@ -7,7 +7,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from tactileforge.encoders.efficientnet_lite import EfficientNetLite
-from tactileforge.encoders.preprocess import ANYTOUCH2, Preprocess, difference_picture
+from tactileforge.encoders.preprocess import ANYTOUCH2, GAIN, Preprocess, difference_picture
 
 _SIZE, _PATCH = 128, 16
 
@@ -33,12 +33,16 @@ class ImageNetFeatures(nn.Module):
         self.sensors: dict[str, int] = {}
         self.pixels = Preprocess.of(self.image_size, ANYTOUCH2)
         self.tower = EfficientNetLite(image_size=_SIZE)
+        self.register_buffer(
+            "gain", torch.tensor(GAIN)
+        )  # features are kept by what is in the state
+        self.gain: Tensor
         self.projected = self.tower.width
         self.width = sum(one.shape[1] for one in self.tower.maps(torch.zeros(1, 3, 32, 32)))
 
     def forward(self, frames: Tensor, background: Tensor, sensor: Tensor) -> tuple[Tensor, Tensor]:
         """(B, 64, width) and (B, projected) of uint8 frames (B, 2, 3, H, W)."""
-        picture = difference_picture(frames[:, -1], background)
+        picture = difference_picture(frames[:, -1], background, self.gain)
         maps = [
             F.adaptive_avg_pool2d(x, self.grid[1:])
             if x.shape[2] > self.grid[1]
