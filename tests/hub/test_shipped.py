@@ -47,17 +47,14 @@ def test_its_card_says_how_it_was_made(name: str) -> None:
         assert word in below, word
 
 
-def test_what_saw_real_video_alone_is_above_random_weights_with_its_patches() -> None:
-    """In the mean of all tasks, beyond the interval, on the held out suite as well."""
+def test_what_saw_real_video_alone_is_above_random_weights() -> None:
+    """In the mean of the tasks of `real`, beyond the interval; held out it is not, and says so."""
     card, weight = cards.find_card("anytouch2.tiny-real")
-    means = {
-        row.suite: row
-        for row in card.gate(weight)
-        if row.metric == MEAN and row.tokens == "patches"
-    }
-    assert set(means) == {"real", "real_held_out"}
-    assert all(row.random_low > 0 for row in means.values())
-    assert means["real"].pixels_low > 0
+    means = {(row.suite, row.tokens): row for row in card.gate(weight) if row.metric == MEAN}
+    for tokens in ("patches", "summary", "pooled"):
+        assert means["real", tokens].random_low > 0, tokens
+    assert means["real", "patches"].pixels_low > 0
+    assert means["real", "summary"].pixels_low > 0
 
 
 @pytest.mark.slow

@@ -33,20 +33,20 @@ class ImageNetFeatures(nn.Module):
         self.sensors: dict[str, int] = {}
         self.pixels = Preprocess.of(self.image_size, ANYTOUCH2)
         self.tower = EfficientNetLite(image_size=_SIZE)
-        self.register_buffer(
-            "gain", torch.tensor(GAIN)
-        )  # features are kept by what is in the state
+        # in the state, by which features are kept for the next run
+        self.register_buffer("gain", torch.tensor(GAIN))
         self.gain: Tensor
         self.projected = self.tower.width
         self.width = sum(one.shape[1] for one in self.tower.maps(torch.zeros(1, 3, 32, 32)))
 
     def forward(self, frames: Tensor, background: Tensor, sensor: Tensor) -> tuple[Tensor, Tensor]:
         """(B, 64, width) and (B, projected) of uint8 frames (B, 2, 3, H, W)."""
-        picture = difference_picture(frames[:, -1], background, self.gain)
-        maps = [
+        maps = self.tower.maps(difference_picture(frames[:, -1], background, self.gain))
+        placed = [
             F.adaptive_avg_pool2d(x, self.grid[1:])
             if x.shape[2] > self.grid[1]
             else F.interpolate(x, self.grid[1:])
-            for x in self.tower.maps(picture)
+            for x in maps
         ]
-        return torch.cat(maps, 1).flatten(2).mT, self.tower(picture)
+        vector: Tensor = self.tower.top(maps[-1]).mean((2, 3))
+        return torch.cat(placed, 1).flatten(2).mT, vector
