@@ -53,12 +53,14 @@ def options_of(data: str, folder: Path) -> list[str]:
     """One data set sampled as a whole, in bf16; or two, window by window, with balanced losses.
 
     `dino` has a slow copy of the encoder, a centre and a temperature that change step by step; in
-    `sharded`, two processes have a share of them each (FSDP2).
+    `sharded`, two processes have a share of them each (FSDP2). `compiled` has a teacher, whose
+    features are measured before the first step alone.
     """
     if data == "whole":
         return [*OPTIONS, *SMALL, "trainer.precision=bf16-mixed"]
     if data == "compiled":
-        compiled = ["compile=true", "objective=[pixel]", "trainer.limit_val_batches=0"]
+        compiled = ["compile=true", "objective=[pixel,distill]", "trainer.limit_val_batches=0"]
+        compiled += ["image_encoder=efficientnet_lite"]
         return [*OPTIONS, *SMALL, *compiled]
     if data == "dino":
         return ["recipe=dino", *OPTIONS, *SMALL]
