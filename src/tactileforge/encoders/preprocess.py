@@ -14,6 +14,8 @@ from tactileforge.errors import ConfigError, unknown
 
 CLIP_MEAN = (0.48145466, 0.4578275, 0.40821073)
 CLIP_STD = (0.26862954, 0.26130258, 0.27577711)
+IMAGENET_MEAN = (0.485, 0.456, 0.406)
+IMAGENET_STD = (0.229, 0.224, 0.225)
 
 #: AnyTouch 2: difference with the background, squashed to size, CLIP's numbers.
 ANYTOUCH2: dict[str, Any] = {
@@ -174,7 +176,7 @@ def _centre(x: Tensor, height: int, width: int) -> Tensor:
 
 
 def difference_picture(frame: Tensor, background: Tensor, gain: float | Tensor = GAIN) -> Tensor:
-    """What a touch changes, as a picture for a model of photographs.
+    """The change from the background, as a picture for a model of photographs.
 
     Args:
         frame: uint8 (..., 3, H, W).

@@ -62,17 +62,15 @@ class DistillHead(nn.Module):
         self.teacher: Any = teacher.requires_grad_(False)
         self.gain = gain
         self.grid, self.prefix = encoder.grid, encoder.prefix
-        with torch.no_grad():
-            blank = [len(one[0]) for one in self._features(torch.zeros(1, 3, 32, 32))]
-        *maps, whole = blank
+        self.sizes = [len(one[0]) for one in self._features(torch.zeros(1, 3, 32, 32))]
+        *maps, whole = self.sizes
         self.places = nn.ModuleList(nn.Linear(encoder.width, size) for size in maps)
         self.whole = nn.Linear(encoder.width, whole)
         for layer in (*self.places, self.whole):
             nn.init.normal_(layer.weight, std=0.01)
             nn.init.zeros_(layer.bias)
-        self.sizes = blank
-        self.register_buffer("mean", torch.zeros(sum(blank)))
-        self.register_buffer("deviation", torch.ones(sum(blank)))
+        self.register_buffer("mean", torch.zeros(sum(self.sizes)))
+        self.register_buffer("deviation", torch.ones(sum(self.sizes)))
 
     def train(self, mode: bool = True) -> DistillHead:
         """The teacher stays in evaluation mode."""
@@ -82,18 +80,11 @@ class DistillHead(nn.Module):
 
     def prepare(self, clips: Clips) -> None:
         """Measures mean and deviation of the teacher's features; see `contracts.Prepared`."""
-        moments = torch.zeros(3, len(self.mean), dtype=torch.float64)
-        for pictures in self._pictures(clips):
-            parts = [one.transpose(0, 1).flatten(1).double() for one in self._features(pictures)]
-            sums = [
-                torch.stack([torch.full((len(x),), x.shape[1]), x.sum(1), x.square().sum(1)])
-                for x in parts
-            ]
-            moments += torch.cat(sums, 1).cpu()
-        count, total, squares = moments
-        mean = total / count
-        self.mean.copy_(mean)
-        self.deviation.copy_((squares / count - mean**2).clamp(min=_LEAST**2).sqrt())
+        batches = zip(*map(self._features, self._pictures(clips)), strict=True)
+        parts = [torch.cat(found).movedim(1, 0).flatten(1).double() for found in batches]
+        self.mean.copy_(torch.cat([one.mean(1) for one in parts]))
+        deviation = torch.cat([one.std(1, correction=0) for one in parts])
+        self.deviation.copy_(deviation.clamp(min=_LEAST))
 
     def _pictures(self, clips: Clips) -> Iterator[Tensor]:
         chosen = torch.linspace(0, len(clips) - 1, min(_MEASURED, len(clips))).long().tolist()
@@ -126,7 +117,7 @@ class DistillHead(nn.Module):
             *(torch.split(x, self.sizes) for x in (self.mean, self.deviation)), strict=True
         )
         target = [
-            (x - mean.view(-1, *[1] * (x.ndim - 2))) / deviation.view(-1, *[1] * (x.ndim - 2))
+            ((x.movedim(1, -1) - mean) / deviation).movedim(-1, 1)
             for x, (mean, deviation) in zip(found, scales, strict=True)
         ]
         tokens = views.full.tokens[:, self.prefix :]

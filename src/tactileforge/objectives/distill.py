@@ -9,6 +9,7 @@ from torch import Tensor, nn
 
 from tactileforge.contracts import Batch
 from tactileforge.heads.distill import Taught
+from tactileforge.objectives.r_squared import r_squared
 
 
 class Distill(nn.Module):
@@ -27,25 +28,19 @@ class Distill(nn.Module):
 
     def sums(self, prediction: Taught, batch: Batch) -> Tensor:
         """Moments of maps and of the whole picture, float64 (4, 2); see `contracts.Scored`."""
-        *maps, whole = zip(prediction.predicted, prediction.target, strict=True)
-        return torch.stack([_moments(maps), _moments([whole])], 1)
+        pairs = zip(prediction.predicted, prediction.target, strict=True)
+        *maps, whole = (_moments(predicted, target) for predicted, target in pairs)
+        return torch.stack([sum(maps, torch.zeros_like(whole)), whole], 1)
 
     def scores(self, sums: Tensor) -> dict[str, float]:
         """R2 of the maps and of the whole picture; one without variance is left out."""
-        count, total, square, error = sums
-        variance = square / count - (total / count) ** 2
-        return {
-            f"r2_{name}": 1 - float(error[i] / count[i] / variance[i])
-            for i, name in enumerate(("maps", "whole"))
-            if count[i] and variance[i] > 1e-12
-        }
+        names = enumerate(("r2_maps", "r2_whole"))
+        scores = {name: r_squared(*sums[:, i].tolist()) for i, name in names}
+        return {name: score for name, score in scores.items() if score is not None}
 
 
-def _moments(pairs: list[tuple[Tensor, Tensor]]) -> Tensor:
+def _moments(predicted: Tensor, target: Tensor) -> Tensor:
     """Count, sum, sum of squares and squared error, float64 (4,)."""
-    out = torch.zeros(4, dtype=torch.float64)
-    for predicted, target in pairs:
-        true, error = target.double(), predicted.detach().double() - target.double()
-        parts = (torch.ones_like(true), true, true**2, error**2)
-        out = out.to(true.device) + torch.stack([part.sum() for part in parts])
-    return out
+    true = target.double()
+    error = (predicted.detach().double() - true) ** 2
+    return torch.stack([part.sum() for part in (torch.ones_like(true), true, true**2, error)])

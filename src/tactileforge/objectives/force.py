@@ -15,6 +15,7 @@ from tactileforge.data.batches.force_spread import force_spread
 from tactileforge.distributed import masked_mean
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.heads.force import Forces
+from tactileforge.objectives.r_squared import r_squared
 
 #: Losses by name, of errors in units of what counts as 1; ``huber`` is linear from 1 on.
 _LOSSES = {"l1": F.l1_loss, "huber": F.smooth_l1_loss, "mse": F.mse_loss}
@@ -101,9 +102,8 @@ class Force(nn.Module):
             if not count or (i < 2 and not self.shear):
                 continue
             scores[f"mae_{axis}_mN"] = 1000 * off / count
-            variance = square / count - (true / count) ** 2  # E[y^2] - E[y]^2, in float64
-            if variance > 1e-12:
-                scores[f"r2_{axis}"] = 1 - error / count / variance
+            if (r2 := r_squared(count, true, square, error)) is not None:
+                scores[f"r2_{axis}"] = r2
             spread = max(predicted_square / count - (predicted / count) ** 2, 0.0)
             scores[f"deviation_{axis}_mN"] = 1000 * spread**0.5
         return scores

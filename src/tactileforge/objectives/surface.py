@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from tactileforge.contracts import AXES, Batch
 from tactileforge.data.labels import displacement
 from tactileforge.distributed import masked_mean
+from tactileforge.objectives.r_squared import r_squared
 
 
 class Surface(nn.Module):
@@ -47,10 +48,5 @@ class Surface(nn.Module):
 
     def scores(self, sums: Tensor) -> dict[str, float]:
         """R2 along each axis over all places and clips."""
-        count, total, square, error = sums
-        variance = square / count - (total / count) ** 2
-        return {
-            f"r2_{axis}": 1 - float(error[i] / count[i] / variance[i])
-            for i, axis in enumerate(AXES)
-            if count[i] and variance[i] > 1e-12
-        }
+        scores = {f"r2_{axis}": r_squared(*sums[:, i].tolist()) for i, axis in enumerate(AXES)}
+        return {name: score for name, score in scores.items() if score is not None}

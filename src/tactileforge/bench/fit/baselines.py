@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from itertools import pairwise
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn import functional as F
 
+from tactileforge.bench.fit.baseline import Baseline
 from tactileforge.bench.fit.imagenet import ImageNetFeatures
 from tactileforge.bench.fit.pixels import PixelFeatures
-from tactileforge.encoders.preprocess import ANYTOUCH2, Preprocess
 
 _SIZE = 128
 _QUANTILES = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
@@ -21,11 +22,10 @@ _CELL, _BINS = 16, 9
 _SMALL = 16
 
 
-class Flat(nn.Module):
+class Flat(Baseline):
     """Base of fixed features: two frames less their background, to one vector.
 
     Attributes:
-        frames: 2.
         width: Size of the vector, which is the only token.
         projected: The same.
         flat: True: it has no patches.
@@ -34,12 +34,7 @@ class Flat(nn.Module):
     flat = True
 
     def __init__(self) -> None:
-        super().__init__()
-        self.frames, self.tube, self.prefix, self.patch = 2, 2, 0, _SIZE
-        self.image_size = (_SIZE, _SIZE)
-        self.grid = (1, 1, 1)
-        self.sensors: dict[str, int] = {}
-        self.pixels = Preprocess.of(self.image_size, ANYTOUCH2)
+        super().__init__(_SIZE, _SIZE)
         blank = torch.zeros(1, 2, 3, _SIZE, _SIZE, dtype=torch.uint8)
         self.width = self.projected = self(blank, blank[:, 0], torch.zeros(1))[1].shape[1]
 
@@ -138,7 +133,7 @@ def rings(x: Tensor) -> Tensor:
 
 
 #: Baseline by the word that names it, and its name in print.
-BASELINES: dict[str, tuple[type[nn.Module], str]] = {
+BASELINES: dict[str, tuple[Callable[[], Baseline], str]] = {
     "pixels": (PixelFeatures, "16 x 16 pixels of the difference"),
     "statistics": (FrameStatistics, "picture statistics"),
     "motion": (Motion, "motion energy"),

@@ -3,35 +3,29 @@
 from __future__ import annotations
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn import functional as F
 
+from tactileforge.bench.fit.baseline import Baseline
 from tactileforge.encoders.efficientnet_lite import EfficientNetLite
-from tactileforge.encoders.preprocess import ANYTOUCH2, GAIN, Preprocess, difference_picture
+from tactileforge.encoders.preprocess import GAIN, difference_picture
 
 _SIZE, _PATCH = 128, 16
 
 
-class ImageNetFeatures(nn.Module):
+class ImageNetFeatures(Baseline):
     """EfficientNet-Lite0's maps of the last frame less its background, as patch tokens.
 
-    What `objectives.distill` teaches, so a row that a distilled encoder is compared with. A token
-    has the maps at an eighth, averaged, a sixteenth, and a thirty-second of the size at its place.
+    The row to compare an encoder with that `objectives.distill` has taught. A token has the maps
+    at an eighth, averaged, a sixteenth, and a thirty-second of the size at its place.
 
     Attributes:
-        frames: 2, of which the last is read.
         width: Size of a token, 472.
         projected: Size of the vector of the picture, 1280.
     """
 
     def __init__(self) -> None:
-        super().__init__()
-        side = _SIZE // _PATCH
-        self.frames, self.tube, self.patch, self.prefix = 2, 2, _PATCH, 0
-        self.image_size = (_SIZE, _SIZE)
-        self.grid = (1, side, side)
-        self.sensors: dict[str, int] = {}
-        self.pixels = Preprocess.of(self.image_size, ANYTOUCH2)
+        super().__init__(_SIZE, _PATCH)
         self.tower = EfficientNetLite(image_size=_SIZE)
         # in the state, by which features are kept for the next run
         self.register_buffer("gain", torch.tensor(GAIN))
@@ -48,5 +42,4 @@ class ImageNetFeatures(nn.Module):
             else F.interpolate(x, self.grid[1:])
             for x in maps
         ]
-        vector: Tensor = self.tower.top(maps[-1]).mean((2, 3))
-        return torch.cat(placed, 1).flatten(2).mT, vector
+        return torch.cat(placed, 1).flatten(2).mT, self.tower.vector(maps)

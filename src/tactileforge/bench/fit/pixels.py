@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn import functional as F
 
+from tactileforge.bench.fit.baseline import Baseline
 from tactileforge.encoders.positions import sincos_position_embedding
-from tactileforge.encoders.preprocess import ANYTOUCH2, Preprocess
 
 _SIZE, _PATCH, _SMALL = 64, 8, 16
 
 
-class PixelFeatures(nn.Module):
+class PixelFeatures(Baseline):
     """Two frames less their background: patches with their positions, and a small image.
 
     It has no weights. Tokens are the patches of both frames, to which fixed positions are added;
@@ -20,7 +20,6 @@ class PixelFeatures(nn.Module):
 
     Attributes:
         flat: True: a closed-form probe reads the small pictures alone.
-        frames: 2.
         width: Size of a token.
         projected: Size of the small picture.
     """
@@ -28,15 +27,9 @@ class PixelFeatures(nn.Module):
     flat = True
 
     def __init__(self) -> None:
-        super().__init__()
-        side = _SIZE // _PATCH
-        self.frames, self.tube, self.patch, self.prefix = 2, 2, _PATCH, 0
-        self.image_size = (_SIZE, _SIZE)
-        self.grid = (1, side, side)
+        super().__init__(_SIZE, _PATCH)
         self.width = 2 * 3 * _PATCH * _PATCH
         self.projected = 2 * 3 * _SMALL * _SMALL
-        self.sensors: dict[str, int] = {}
-        self.pixels = Preprocess.of(self.image_size, ANYTOUCH2)
         self.register_buffer(
             "position", sincos_position_embedding(self.grid, self.width), persistent=False
         )

@@ -6,7 +6,7 @@ from typing import Any
 
 from torch import Tensor
 
-from tactileforge.encoders.preprocess import ANYTOUCH2
+from tactileforge.encoders.preprocess import ANYTOUCH2, IMAGENET_MEAN, IMAGENET_STD
 from tactileforge.encoders.published.clip import HF_BLOCK
 from tactileforge.encoders.published.layout import (
     ConversionPlan,
@@ -33,8 +33,8 @@ _IMAGENET: dict[str, Any] = {
     "offset": None,
     "fit": "squash",
     "filter": "bilinear",
-    "mean": (0.485, 0.456, 0.406),
-    "std": (0.229, 0.224, 0.225),
+    "mean": IMAGENET_MEAN,
+    "std": IMAGENET_STD,
 }
 _PATCH = "touch_model.embeddings.patch_embedding.weight"
 _VIDEO = "video_patch_embedding.weight"
