@@ -112,11 +112,16 @@ def read_checkpoint(path: str | Path) -> dict[str, Any]:
     return checkpoint
 
 
-def initialise(module: nn.Module, state: Mapping[str, torch.Tensor]) -> str:
+def initialise(module: nn.Module, state: Mapping[str, torch.Tensor], part: bool = False) -> str:
     """Initialises a module from the weights of another run; the whole encoder must match.
 
     Heads and objectives are taken where name and shape agree, because the new run may have others;
     how they were balanced is not.
+
+    Args:
+        module: Of the new run.
+        state: Weights.
+        part: Whether they are those of a part of the encoder.
 
     Returns:
         A line that says what was taken and what was not.
@@ -132,7 +137,7 @@ def initialise(module: nn.Module, state: Mapping[str, torch.Tensor]) -> str:
     wrong = [
         f"{key} ({tuple(state[key].shape) if key in state else 'missing'} in the checkpoint, "
         f"{tuple(current[key].shape) if key in current else 'absent'} here)"
-        for key in sorted(current.keys() | state.keys())
+        for key in sorted(state.keys() if part else current.keys() | state.keys())
         if key.startswith("encoder.") and key not in fits
     ]
     if wrong:

@@ -25,7 +25,7 @@ from tactileforge.compiled import compile_blocks
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.files import sealed, write_text
-from tactileforge.hub.starting_point import starting_weights
+from tactileforge.hub.starting_point import imagenet_weights, starting_weights
 from tactileforge.loggers import log_config, log_report
 from tactileforge.module import TouchModule
 from tactileforge.pages.drawings import collected_drawings
@@ -94,6 +94,14 @@ def _start_from(plain: dict[str, Any]) -> Mapping[str, Tensor]:
     What an encoder does in training alone, as how much it masks, stays that of the run.
     """
     init = str(plain["init"])
+    if init == run_folder.IMAGENET:
+        if "stem" not in plain["encoder"]:
+            raise ConfigError(
+                f"init={init}: encoder={plain['encoder']['name']} has no stem that looks at "
+                "pictures as at photographs; give encoder=tactile_vit"
+            )
+        plain["encoder"]["stem"] = "photo"
+        return imagenet_weights()
     if run_folder.is_run(init):
         state: Mapping[str, Tensor] = read_checkpoint(init)["state_dict"]
         return state
@@ -116,6 +124,11 @@ def _train(
         raise ConfigError(f"seed={plain['seed']}: give a whole number, 0 or more")
     L.seed_everything(plain["seed"], verbose=False)
     state = None if resume or not plain.get("init") else _start_from(plain)
+    if not resume and state is None and plain["encoder"].get("stem") == "photo":
+        raise ConfigError(
+            "encoder.stem=photo has random weights, which training leaves as they are; give "
+            f"init={run_folder.IMAGENET}, or a model or run that has such a stem"
+        )
     check_options(plain)
     # Mistakes are named before data is made or read; the length of the run is not known yet.
     weights = {key: node["weight"] for key, node in plain["objective"].items()}
@@ -129,7 +142,7 @@ def _train(
     lost.skip(data.skipped)
     data.observers += [met.observe, lost.observe]
     if state is not None:
-        log.info(initialise(module, state))
+        log.info(initialise(module, state, part=plain["init"] == run_folder.IMAGENET))
     if not resume:
         module.prepare(data.train)
     if plain["freeze"]:

@@ -36,9 +36,9 @@ def _check_encoder(init: str) -> None:
     """
     from hydra.core.hydra_config import HydraConfig
 
-    from tactileforge.run_folder import OF_TRAINING, is_run
+    from tactileforge.run_folder import IMAGENET, OF_TRAINING, is_run
 
-    if is_run(init):  # its encoder has to match, which is checked when its weights are read
+    if init == IMAGENET or is_run(init):  # whether it matches is checked when its weights are read
         return
     free = tuple(f"encoder.{key}=" for key in OF_TRAINING)
     typed = [w for w in HydraConfig.get().overrides.task if w.startswith(("encoder=", "encoder."))]

