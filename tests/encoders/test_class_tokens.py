@@ -15,6 +15,7 @@ PLAIN = {"size": "tiny", "frames": 4, "image_size": 32, "class_token": True}
 ENCODERS: dict[str, tuple[type[Backbone], dict[str, Any]]] = {
     "AnyTouch 2": (TactileViT, TACTILE),
     "ImageBind": (TactileViT, TACTILE | {"bias_kv": True, "norm_in": False, "sensor_tokens": 0}),
+    "two streams": (TactileViT, TACTILE | {"depth": 1, "photo_stream": True}),
     "no blocks": (TactileViT, TACTILE | {"depth": 0}),
     "class": (PlainViT, PLAIN | {"pool": "class", "registers": 2}),
     "class, pooled": (PlainViT, PLAIN | {"pool": "class", "norm": "pooled", "projected": 8}),

@@ -52,6 +52,17 @@ def test_it_has_means_of_quarters_and_deviations_of_blocks(depth: int, chosen: l
     assert torch.equal(projected, plain[1])
 
 
+def test_a_second_stream_is_summarised_like_a_block() -> None:
+    encoder = TactileViT("tiny", depth=1, image_size=64, photo_stream=True).eval()
+    with torch.no_grad():
+        tokens, _, summary = encode_summary(encoder, *inputs(encoder))
+    assert summary.shape == (3, summary_width(encoder)) == (3, 2 * 5 * 192)
+    patches = tokens[:, encoder.prefix :, 192:].numpy()  # its tokens are the second half
+    cells = patches.reshape(3, 2, 2, 2, 2, 2, 192).mean((1, 3, 5)).reshape(3, -1)
+    wanted = np.concatenate([cells, patches.std(1)], 1)
+    np.testing.assert_allclose(summary[:, 5 * 192 :].numpy(), wanted, atol=2e-5)
+
+
 def test_no_hook_is_left() -> None:
     encoder = TactileViT("tiny", depth=2, image_size=32)
     frames, background, rows = inputs(encoder)

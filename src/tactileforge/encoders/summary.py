@@ -22,7 +22,8 @@ def encode_summary(
     Of at most four blocks, evenly spaced, the summary has the mean of the patch tokens in each
     quarter of the image and their deviation over all of it. Deeper blocks know more of what was
     trained, earlier ones more of texture and strength, and a mean alone hides how much a feature
-    varies. Of an encoder without blocks it summarises the tokens.
+    varies. A second stream is summarised like a block. Of an encoder without blocks it summarises
+    the tokens.
     Source: blocks side by side as in DINOv2's linear probes (Oquab et al. 2023), means of quarters
     as in spatial pyramids (Lazebnik et al. 2006), deviations as in statistics pooling (Snyder et
     al. 2018).
@@ -34,12 +35,12 @@ def encode_summary(
         sensor: int64 (B,), rows of the sensor table.
 
     Returns:
-        float (B, L, width), (B, projected) and (B, blocks * 5 * width).
+        float (B, L, width), (B, projected) and (B, `summary_width`).
     """
     states: list[Tensor] = []
     hooks = [
-        block.register_forward_hook(lambda _module, _given, state: states.append(state))
-        for block in _chosen_blocks(encoder)
+        part.register_forward_hook(lambda _module, _given, state: states.append(state))
+        for part in _parts(encoder)
     ]
     try:
         tokens, projected = encoder(frames, background, sensor)
@@ -52,13 +53,24 @@ def encode_summary(
 
 def summary_width(encoder: Any) -> int:
     """Length of the summary of an encoder."""
-    return max(1, len(_chosen_blocks(encoder))) * (CELLS**2 + 1) * int(encoder.width)
+    count = max(1, len(_parts(encoder)))
+    width = int(encoder.width)
+    if _second_stream(encoder):  # whose tokens lie beside those of the blocks, half of the width
+        width //= 2
+    return count * (CELLS**2 + 1) * width
 
 
-def _chosen_blocks(encoder: Any) -> list[Any]:
+def _parts(encoder: Any) -> list[Any]:
+    """Modules whose outputs are summarised."""
     blocks = getattr(getattr(encoder, "transformer", None), "blocks", ())
     count = min(BLOCKS, len(blocks))
-    return [blocks[(i + 1) * len(blocks) // count - 1] for i in range(count)]
+    chosen = [blocks[(i + 1) * len(blocks) // count - 1] for i in range(count)]
+    return [*chosen, *_second_stream(encoder)]
+
+
+def _second_stream(encoder: Any) -> list[Any]:
+    stream = getattr(encoder, "photo_stream", None)
+    return [] if stream is None else [stream]
 
 
 def _summarise(tokens: Tensor, grid: tuple[int, int, int]) -> Tensor:

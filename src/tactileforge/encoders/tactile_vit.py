@@ -7,9 +7,10 @@ from typing import Any, Literal
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional as F
 
 from tactileforge.encoders.backbone import Backbone, rescale_norm, visible_patches
-from tactileforge.encoders.photo_stem import PhotoStem
+from tactileforge.encoders.photo_stream import PhotoStream
 from tactileforge.encoders.positions import sincos_grid
 from tactileforge.encoders.preprocess import ANYTOUCH2, CLIP_MEAN, CLIP_STD
 from tactileforge.encoders.transformer import Transformer, init_weights
@@ -59,9 +60,10 @@ class TactileViT(Backbone):
         bias_kv: Whether attention has a learned key and value besides the tokens (ImageBind).
         length: Projected class tokens are scaled to this length; None leaves them as they are.
         pixels: Preprocessing, see `preprocess.Preprocess`.
-        stem: ``patches``: pixels alone make the tokens; ``photo``: and what a network of
-            photographs sees in them, see `photo_stem.PhotoStem`. A run gives it weights of ImageNet
-            by ``init=imagenet``.
+        photo_stream: Whether tokens are twice as wide: beside those of the transformer lie those of
+            a network of photographs, see `photo_stream.PhotoStream`. The class token has the mean
+            of its patches, tokens of the sensor have zeros there. A run gives it weights of
+            ImageNet by ``init=imagenet``.
 
     Attributes:
         width: Size of a token.
@@ -103,7 +105,7 @@ class TactileViT(Backbone):
         bias_kv: bool = False,
         length: float | None = None,
         pixels: Mapping[str, Any] = ANYTOUCH2,
-        stem: Literal["patches", "photo"] = "patches",
+        photo_stream: bool = False,
     ) -> None:
         super().__init__(size, depth, frames, spacing, image_size, patch, tube, mask_ratio, pixels)
         self.sensors = dict(PUBLISHED_SENSORS if sensors is None else sensors)
@@ -128,17 +130,19 @@ class TactileViT(Backbone):
         self.embed = nn.Linear(3 * tube * patch * patch, self.width, bias=False)
         self.norm_in = nn.LayerNorm(self.width, eps) if norm_in else nn.Identity()
         self.transformer = Transformer(self.width, self.depth, self.heads, eps, activation, bias_kv)
-        self.norm_out = nn.LayerNorm(self.width, eps)
-        self.project = nn.Linear(self.width, projected, bias=False)
+        out = self.width * (1 + photo_stream)
+        self.norm_out = nn.LayerNorm(out, eps)
+        self.project = nn.Linear(out, projected, bias=False)
         self.apply(init_weights)
         for parameter in (self.class_token, self.sensor_table, self.position):
             if parameter is not None:
                 nn.init.normal_(parameter, std=0.02)
         with torch.no_grad():  # patches that differ little are told apart by their places at once
             self.position[1:] = 0.5 * sincos_grid(self.grid, self.width).flatten(0, 2)
-        self.stem = None
-        if stem == "photo":
-            self.stem = PhotoStem(self.grid, tube, patch, self.width, self.pixels)
+        self.photo_stream = None
+        if photo_stream:
+            self.photo_stream = PhotoStream(self.grid, tube, patch, self.width, self.pixels)
+            self.width = out
 
     def sensor_ids(self, sensor: Sequence[str]) -> Tensor:
         """Rows of the sensor table, int64 (B,).
@@ -162,15 +166,20 @@ class TactileViT(Backbone):
         class_only: bool = False,
     ) -> Tensor:
         """Last hidden state, before the last norm; see `Backbone.encode`."""
-        seen = 0 if self.stem is None else self.stem(patches, kept)
-        patches, position = visible_patches(patches, self.position[1:], kept)
-        x = (self.embed(patches.to(position.dtype)) + position + seen).flatten(1, 2)
+        shown, position = visible_patches(patches, self.position[1:], kept)
+        x = (self.embed(shown.to(position.dtype)) + position).flatten(1, 2)
         head = [(self.class_token + self.position[0]).expand(len(x), 1, -1)]
         if self.sensor_table is not None:
             head.append(self.sensor_table[sensor])
         x = self.norm_in(torch.cat([*head, x], dim=1))
         hidden: Tensor = self.transformer(x, only=slice(0, 1) if class_only else None)
-        return hidden
+        if self.photo_stream is None:
+            return hidden
+        seen = self.photo_stream(patches, kept)
+        beside = seen.mean(1, keepdim=True)
+        if not class_only:
+            beside = torch.cat([F.pad(beside, (0, 0, 0, self.prefix - 1)), seen], dim=1)
+        return torch.cat([hidden, beside], dim=2)
 
     def pool_tokens(self, tokens: Tensor) -> Tensor:
         """The class token, normed and projected: (B, L, width) to (B, projected)."""

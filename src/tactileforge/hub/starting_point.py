@@ -37,11 +37,13 @@ def starting_weights(name: str) -> tuple[dict[str, Any], dict[str, Tensor]]:
 
 
 def imagenet_weights() -> dict[str, Tensor]:
-    """Weights of ImageNet for the stem of an encoder, as `starting_weights` has them.
+    """Weights of ImageNet for the photo stream of an encoder, as `starting_weights` has them.
 
     Raises:
         PluginError: They are not installed; see `Lite0.load_published`.
     """
     network = Lite0()
     network.load_published()
-    return {f"encoder.stem.network.{key}": value for key, value in network.state_dict().items()}
+    return {
+        f"encoder.photo_stream.network.{key}": value for key, value in network.state_dict().items()
+    }

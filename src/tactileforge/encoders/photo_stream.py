@@ -1,4 +1,4 @@
-"""A stem that looks at a touch with a network of photographs."""
+"""A second stream of an encoder, which looks at a touch as at a photograph."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from tactileforge.errors import ConfigError
 _DEVIATIONS = (2.3, 2.6, 0.62)
 
 
-class PhotoStem(nn.Module):
-    """What EfficientNet-Lite0 sees in each tube, added to the tokens; its weights stay as they are.
+class PhotoStream(nn.Module):
+    """What EfficientNet-Lite0 sees in each tube, as tokens; the network stays as it is.
 
     The network is shown the last frame of a tube less the one without contact, about mid-grey. Its
     maps at an eighth, a sixteenth and a thirty-second of the size are brought to the grid of the
-    patches, and a linear layer makes tokens of them. Hidden patches are shown as if they had not
-    changed, so nothing of them reaches the tokens of their neighbours.
-    Source: convolutions before a transformer as in Xiao et al. (2021), weights of photographs as
+    patches, and a linear layer, orthogonal at first, makes tokens of them. Hidden patches are shown
+    as if they had not changed, so that nothing of them reaches their neighbours.
+    Source: two streams side by side as in Simonyan and Zisserman (2014), weights of photographs as
     AnyTouch 2 takes those of CLIP.
 
     Args:
         grid: Temporal slots, rows, columns.
         tube: Frames of a patch.
         patch: Rows and columns of a patch.
-        width: Size of a token.
+        width: Size of a token, at most 472.
         pixels: Preprocessing of the frames.
 
     Raises:
@@ -44,31 +44,30 @@ class PhotoStem(nn.Module):
         super().__init__()
         if any(side % 32 for side in pixels.size):
             raise ConfigError(
-                f"encoder.stem=photo needs height and width that are multiples of 32, and "
+                "encoder.photo_stream needs height and width that are multiples of 32, and "
                 f"encoder.image_size is {pixels.size}"
             )
         if pixels.mean.ndim != 3:
-            raise ConfigError("encoder.stem=photo needs one encoder.pixels.mean for all sensors")
-        self.grid, self.tube, self.patch = grid, tube, patch
+            raise ConfigError("encoder.photo_stream needs one encoder.pixels.mean for all sensors")
+        self.grid, self.tube, self.patch, self.pixels = grid, tube, patch, pixels
+        self.grey = (NEUTRAL_BACKGROUND if pixels.offset is None else pixels.offset) / 255
         self.network = Lite0().requires_grad_(False)
         sizes = zip(_DEVIATIONS, Lite0.channels, strict=True)
         deviation = torch.cat([torch.full((count,), value) for value, count in sizes])
         self.register_buffer("deviation", deviation, persistent=False)
-        self.pixels = pixels
-        self.grey = (NEUTRAL_BACKGROUND if pixels.offset is None else pixels.offset) / 255
         self.project = nn.Linear(len(deviation), width)
-        nn.init.normal_(self.project.weight, std=len(deviation) ** -0.5)
+        nn.init.orthogonal_(self.project.weight)
         nn.init.zeros_(self.project.bias)
         self.train(self.training)
 
-    def train(self, mode: bool = True) -> PhotoStem:
+    def train(self, mode: bool = True) -> PhotoStream:
         """The network stays in evaluation mode."""
         super().train(mode)
         self.network.eval()
         return self
 
     def forward(self, patches: Tensor, kept: Tensor | None) -> Tensor:
-        """What is added to the tokens of the patches, float (B, slots, K or N, width).
+        """Tokens, float (B, slots * (K or N), width).
 
         Args:
             patches: float (B, slots, N, P), normalised frames.
@@ -79,7 +78,7 @@ class PhotoStem(nn.Module):
             if kept is not None:
                 index = kept[:, None, :, None].expand(-1, maps.shape[1], -1, maps.shape[3])
                 maps = maps.gather(2, index)
-        out: Tensor = self.project(maps / self.deviation)
+        out: Tensor = self.project((maps / self.deviation).flatten(1, 2))
         return out
 
     def maps(self, patches: Tensor, kept: Tensor | None) -> Tensor:
@@ -92,19 +91,15 @@ class PhotoStem(nn.Module):
             else F.interpolate(found, (rows, columns))
             for found in self.network.features(pictures.flatten(0, 1))
         ]
-        return (
-            torch.cat(placed, 1)
-            .flatten(2)
-            .mT.reshape(-1, slots, rows * columns, len(self.deviation))
-        )
+        maps = torch.cat(placed, 1).flatten(2).mT
+        return maps.reshape(-1, slots, rows * columns, len(self.deviation))
 
     def pictures(self, patches: Tensor, kept: Tensor | None) -> Tensor:
         """What the network is shown, about 0.5, (B, slots, 3, H, W); arguments as of `forward`."""
         slots, rows, columns = self.grid
         cells = (len(patches), slots, rows, columns, 3, self.patch, self.patch)
         tubes = patches.view(*patches.shape[:3], 3, self.tube, self.patch, self.patch)
-        x = tubes[:, :, :, :, -1]
-        x = GAIN * (x * self.pixels.std + self.pixels.mean - self.grey)
+        x = GAIN * (tubes[:, :, :, :, -1] * self.pixels.std + self.pixels.mean - self.grey)
         if kept is not None:
             shown = x.new_zeros(len(x), rows * columns).scatter(1, kept, 1.0)
             x = x * shown[:, None, :, None, None, None]
