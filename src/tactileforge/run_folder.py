@@ -23,7 +23,7 @@ VERSIONS = "versions.json"
 LAST = Path("checkpoints") / "last.ckpt"
 #: Options of an encoder that its weights do not depend on.
 OF_TRAINING = ("mask_ratio", "unknown_sensor")
-#: What ``init=`` calls the weights of a network of photographs, for an encoder's photo stream.
+#: Word of ``init=`` for weights of a network of photographs, which an encoder's photo stream takes.
 IMAGENET = "imagenet"
 #: Its best weights, if it is asked to keep them.
 BEST = Path("checkpoints") / "best.ckpt"

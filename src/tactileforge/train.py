@@ -88,11 +88,24 @@ def train(config: DictConfig | dict[str, Any], folder: Path) -> TouchModule:
         return _train(plain, folder, resume, step, is_news)
 
 
-def _start_from(plain: dict[str, Any]) -> Mapping[str, Tensor]:
+def _start_from(plain: dict[str, Any]) -> Mapping[str, Tensor] | None:
     """Weights that a run starts from; the encoder of a model of the zoo is taken with its options.
 
     What an encoder does in training alone, as how much it masks, stays that of the run.
+
+    Returns:
+        None where all are random.
+
+    Raises:
+        ConfigError: There are no such weights, or they do not go with the encoder.
     """
+    if not plain.get("init"):
+        if plain["encoder"].get("photo_stream"):
+            raise ConfigError(
+                "encoder.photo_stream has random weights, which training leaves as they are; give "
+                f"init={run_folder.IMAGENET}, or a model or run that has such a stream"
+            )
+        return None
     init = str(plain["init"])
     if init == run_folder.IMAGENET:
         if "photo_stream" not in plain["encoder"]:
@@ -123,12 +136,7 @@ def _train(
     if not isinstance(plain["seed"], int) or plain["seed"] < 0:
         raise ConfigError(f"seed={plain['seed']}: give a whole number, 0 or more")
     L.seed_everything(plain["seed"], verbose=False)
-    state = None if resume or not plain.get("init") else _start_from(plain)
-    if not resume and state is None and plain["encoder"].get("photo_stream"):
-        raise ConfigError(
-            "encoder.photo_stream has random weights, which training leaves as they are; give "
-            f"init={run_folder.IMAGENET}, or a model or run that has such a stream"
-        )
+    state = None if resume else _start_from(plain)
     check_options(plain)
     # Mistakes are named before data is made or read; the length of the run is not known yet.
     weights = {key: node["weight"] for key, node in plain["objective"].items()}

@@ -10,7 +10,7 @@ from tactileforge.encoders.preprocess import CLIP_MEAN, CLIP_STD, difference_pic
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError
 
-#: What reads both streams.
+#: The stream, and the layers that read both.
 _WIDER = ("norm_out", "project", "photo_stream")
 
 

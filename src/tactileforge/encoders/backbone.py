@@ -235,11 +235,13 @@ def visible_patches(
     position = position.view(1, slots, count, -1)
     if kept is None:
         return patches, position
-    index = kept[:, None, :, None]
-    patches = patches.gather(2, index.expand(-1, slots, -1, patches.shape[-1]))
-    position = position.expand(batch, -1, -1, -1)
-    position = position.gather(2, index.expand(-1, slots, -1, position.shape[-1]))
-    return patches, position
+    return patches_at(patches, kept), patches_at(position.expand(batch, -1, -1, -1), kept)
+
+
+def patches_at(patches: Tensor, places: Tensor) -> Tensor:
+    """Patches or tokens (B, slots, N, P) at spatial positions int64 (B, K): (B, slots, K, P)."""
+    index = places[:, None, :, None].expand(-1, patches.shape[1], -1, patches.shape[-1])
+    return patches.gather(2, index)
 
 
 def rescale_norm(x: Tensor, length: float | None) -> Tensor:

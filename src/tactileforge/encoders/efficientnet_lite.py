@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import ClassVar
@@ -105,6 +105,17 @@ class Lite0(nn.Module):
             if number in _MAPS:
                 found.append(x)
         return found
+
+
+def on_grid(maps: Sequence[Tensor], grid: tuple[int, int]) -> Tensor:
+    """Maps (B, C, h, w) brought to rows and columns, side by side: (B, rows * columns, all C)."""
+    placed = [
+        F.adaptive_avg_pool2d(found, grid)
+        if found.shape[2] > grid[0]
+        else F.interpolate(found, grid)
+        for found in maps
+    ]
+    return torch.cat(placed, 1).flatten(2).mT
 
 
 class EfficientNetLite(Lite0):

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import torch
 from torch import Tensor, nn
-from torch.nn import functional as F
 
 from tactileforge.contracts import NEUTRAL_BACKGROUND
-from tactileforge.encoders.efficientnet_lite import Lite0
+from tactileforge.encoders.backbone import patches_at
+from tactileforge.encoders.efficientnet_lite import Lite0, on_grid
 from tactileforge.encoders.preprocess import GAIN, Preprocess
 from tactileforge.errors import ConfigError
 
@@ -16,7 +16,7 @@ _DEVIATIONS = (2.3, 2.6, 0.62)
 
 
 class PhotoStream(nn.Module):
-    """What EfficientNet-Lite0 sees in each tube, as tokens; the network stays as it is.
+    """Maps of a frozen EfficientNet-Lite0 that is shown each tube, as tokens.
 
     The network is shown the last frame of a tube less the one without contact, about mid-grey. Its
     maps at an eighth, a sixteenth and a thirty-second of the size are brought to the grid of the
@@ -76,8 +76,7 @@ class PhotoStream(nn.Module):
         with torch.no_grad():
             maps = self.maps(patches, kept)
             if kept is not None:
-                index = kept[:, None, :, None].expand(-1, maps.shape[1], -1, maps.shape[3])
-                maps = maps.gather(2, index)
+                maps = patches_at(maps, kept)
         out: Tensor = self.project((maps / self.deviation).flatten(1, 2))
         return out
 
@@ -85,17 +84,11 @@ class PhotoStream(nn.Module):
         """Maps of the network, float (B, slots, N, 472); arguments as of `forward`."""
         slots, rows, columns = self.grid
         pictures = self.pictures(patches, kept).to(self.deviation.dtype)
-        placed = [
-            F.adaptive_avg_pool2d(found, (rows, columns))
-            if found.shape[2] > rows
-            else F.interpolate(found, (rows, columns))
-            for found in self.network.features(pictures.flatten(0, 1))
-        ]
-        maps = torch.cat(placed, 1).flatten(2).mT
-        return maps.reshape(-1, slots, rows * columns, len(self.deviation))
+        maps = on_grid(self.network.features(pictures.flatten(0, 1)), (rows, columns))
+        return maps.reshape(-1, slots, *maps.shape[1:])
 
     def pictures(self, patches: Tensor, kept: Tensor | None) -> Tensor:
-        """What the network is shown, about 0.5, (B, slots, 3, H, W); arguments as of `forward`."""
+        """Input of the network, about 0.5, (B, slots, 3, H, W); arguments as of `forward`."""
         slots, rows, columns = self.grid
         cells = (len(patches), slots, rows, columns, 3, self.patch, self.patch)
         tubes = patches.view(*patches.shape[:3], 3, self.tube, self.patch, self.patch)

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from tactileforge.contracts import Encoder, MaskedFeatures
+from tactileforge.encoders.backbone import patches_at
 from tactileforge.encoders.positions import sincos_grid
 from tactileforge.encoders.relative import Relative, RelativeBias
 from tactileforge.encoders.transformer import Transformer, init_weights
@@ -125,5 +126,4 @@ class MaskedDecoder(nn.Module):
 
 def masked_patches(patches: Tensor, features: MaskedFeatures) -> Tensor:
     """The patches or tokens (B, slots, N, P) at the masked positions: (B, slots, M, P)."""
-    index = features.masked[:, None, :, None].expand(-1, patches.shape[1], -1, patches.shape[-1])
-    return patches.gather(2, index)
+    return patches_at(patches, features.masked)

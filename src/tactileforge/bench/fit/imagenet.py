@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import torch
 from torch import Tensor
-from torch.nn import functional as F
 
 from tactileforge.bench.fit.baseline import Baseline
-from tactileforge.encoders.efficientnet_lite import EfficientNetLite
+from tactileforge.encoders.efficientnet_lite import EfficientNetLite, on_grid
 from tactileforge.encoders.preprocess import GAIN, difference_picture
 
 _SIZE, _PATCH = 128, 16
@@ -31,15 +30,9 @@ class ImageNetFeatures(Baseline):
         self.register_buffer("gain", torch.tensor(GAIN))
         self.gain: Tensor
         self.projected = self.tower.width
-        self.width = sum(one.shape[1] for one in self.tower.maps(torch.zeros(1, 3, 32, 32)))
+        self.width = sum(self.tower.channels)
 
     def forward(self, frames: Tensor, background: Tensor, sensor: Tensor) -> tuple[Tensor, Tensor]:
         """(B, 64, width) and (B, projected) of uint8 frames (B, 2, 3, H, W)."""
         maps = self.tower.maps(difference_picture(frames[:, -1], background, self.gain))
-        placed = [
-            F.adaptive_avg_pool2d(x, self.grid[1:])
-            if x.shape[2] > self.grid[1]
-            else F.interpolate(x, self.grid[1:])
-            for x in maps
-        ]
-        return torch.cat(placed, 1).flatten(2).mT, self.tower.vector(maps)
+        return on_grid(maps, self.grid[1:]), self.tower.vector(maps)
