@@ -12,6 +12,8 @@ from safetensors.torch import load_file, save_file
 import tactileforge
 from tactileforge import cli
 from tactileforge.bench.results.load import read_results
+from tactileforge.bench.results.results import NotRun
+from tactileforge.bench.results.scores import sentences
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.heads.classify import ClassifyHead
@@ -127,3 +129,24 @@ def test_the_head_of_a_run_chooses_among_names(tmp_path: Path) -> None:
         model.classify(clip, "none", "digit", names=["bar", "bar"])
     with pytest.raises(ConfigError, match="not trained on 'mug'; give names"):
         model.classify(clip, "none", "digit", names=["bar", "mug"])
+
+
+def test_images_that_are_absent_are_told_by_keys_of_this_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [f"classes.root={tmp_path}/photo", "classes.sensor=digit", "model=[pixels]"]
+    words += [f"out={tmp_path}/out", f"cache={tmp_path}/cache", "workers=0"]
+    assert cli.run(["bench", "suite=classes", *words]) == 3
+    said = capsys.readouterr().out
+    assert f"{tmp_path}/photo: no such folder; set tasks.classes.data.root to the folder" in said
+    (tmp_path / "photo" / "bar").mkdir(parents=True)
+    assert cli.run(["bench", "suite=classes", *words, f"out={tmp_path}/other"]) == 3
+    said = capsys.readouterr().out
+    assert "no file matches" in said
+    assert " data." not in said
+
+
+def test_a_reason_starts_with_a_capital_and_a_path_stays_as_it_is() -> None:
+    assert sentences(NotRun(reason="labels of one class")) == "Labels of one class."
+    gone = NotRun(reason="photos: no such folder", fix="Download it from https://a.b.")
+    assert sentences(gone) == "photos: no such folder. Download it from https://a.b."

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -80,6 +81,8 @@ class Bench:
                 )
             except DataError as error:
                 reason, fix = _split(error)
+                # what a run calls data.root is, on this command line, the task's
+                reason = re.sub(r"\bdata\.(?=root|layouts)", f"tasks.{task.name}.data.", reason)
                 writer.not_run(reason, task=task.name, fix=fix)
 
     def run(self, entry: ModelEntry) -> None:

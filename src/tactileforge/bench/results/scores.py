@@ -95,9 +95,14 @@ def words(results: Results, task: str, model: str) -> list[str]:
 
 
 def sentences(skipped: NotRun) -> str:
-    """Reason and fix, each as a sentence."""
+    """Reason and fix, each as a sentence; a path that one starts with stays as it is."""
     parts = (part.strip().rstrip(".") for part in (skipped.reason, skipped.fix))
-    return " ".join(f"{part[0].upper()}{part[1:]}." for part in parts if part)
+    return " ".join(f"{_capital(part)}." for part in parts if part)
+
+
+def _capital(text: str) -> str:
+    first = text.partition(" ")[0]
+    return text if first.endswith(":") else text[0].upper() + text[1:]
 
 
 def missing(results: Results, task: str, model: str) -> list[str]:
