@@ -1,8 +1,13 @@
 """Features are computed once, whole or not at all, and are those of the encoder."""
 
 import json
+import shutil
+import subprocess
+import sys
+import threading
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -106,6 +111,33 @@ def test_the_encoder_is_not_asked_twice(
     assert sum(calls) == 2 * len(of)
 
 
+def test_another_process_that_computes_them_is_waited_for(
+    subject: FrozenEncoder, store: FeatureStore, calls: list[int], tmp_path: Path
+) -> None:
+    of = source()
+    extract_features(store, subject, of, every(of), ["tokens"])
+    (folder,) = store.folder.iterdir()
+    same = tmp_path / "other" / folder.name
+    same.mkdir(parents=True)
+    hold = "import fcntl, sys; f = open(sys.argv[1], 'a'); fcntl.lockf(f, fcntl.LOCK_EX); "
+    hold += "print('held', flush=True); sys.stdin.read()"
+    words = [sys.executable, "-c", hold, str(same / "lock")]
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+        assert other.stdout
+        assert other.stdout.readline() == b"held\n"
+        late = replace(store, folder=tmp_path / "other")
+        wait = partial(extract_features, late, subject, of, every(of), ["tokens"])
+        thread = threading.Thread(target=wait)
+        thread.start()
+        thread.join(0.3)
+        assert thread.is_alive()
+        shutil.copy(folder / "tokens.npy", same)
+        other.communicate()
+        thread.join(30)
+    assert not thread.is_alive()
+    assert sum(calls) == len(of), "the other process had computed them"
+
+
 @pytest.mark.parametrize("what", ["weights", "pixels", "clips", "spacing", "policy"])
 def test_what_changes_them_changes_the_key(
     what: str, subject: FrozenEncoder, store: FeatureStore, calls: list[int]
@@ -157,7 +189,7 @@ def test_a_stopped_extraction_goes_on(
     arrays = extract_features(store, subject, of, every(of), ["tokens"])
     assert sum(calls) == len(of) - 12
     np.testing.assert_array_equal(arrays["tokens", PLAIN], whole["tokens", PLAIN])
-    assert [p.name for p in store.folder.rglob("*") if p.is_file()] == ["tokens.npy"]
+    assert {p.name for p in store.folder.rglob("*") if p.is_file()} == {"tokens.npy", "lock"}
 
 
 def test_mirror_images(subject: FrozenEncoder, store: FeatureStore) -> None:

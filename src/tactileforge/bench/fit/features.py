@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -63,7 +64,7 @@ def extract_features(
     """Features of some clips of a source; what is on disk already is not computed again.
 
     They are float16, and only mapped: memory does not grow with the number of clips. A stopped
-    extraction goes on where it was.
+    extraction goes on where it was, and of two processes that need the same one computes it.
 
     Args:
         store: Where they are kept.
@@ -87,10 +88,21 @@ def extract_features(
         for tap in taps
         for flip in flips
     }
-    missing = {what: path for what, path in wanted.items() if not path.is_file()}
-    if missing:
-        (store.folder / key).mkdir(parents=True, exist_ok=True)
-        _Extraction(store, subject, source, clips, missing, policy).run()
+    if not _missing(wanted):
+        return _mapped(wanted)
+    (store.folder / key).mkdir(parents=True, exist_ok=True)
+    with (store.folder / key / "lock").open("a") as lock:
+        fcntl.lockf(lock, fcntl.LOCK_EX)  # another bench may be at it: it is waited for
+        if missing := _missing(wanted):
+            _Extraction(store, subject, source, clips, missing, policy).run()
+    return _mapped(wanted)
+
+
+def _missing(wanted: Mapping[tuple[str, Flip], Path]) -> dict[tuple[str, Flip], Path]:
+    return {what: path for what, path in wanted.items() if not path.is_file()}
+
+
+def _mapped(wanted: Mapping[tuple[str, Flip], Path]) -> dict[tuple[str, Flip], Array]:
     return {what: np.load(path, mmap_mode="r") for what, path in wanted.items()}
 
 
