@@ -58,6 +58,16 @@ def test_what_saw_real_video_alone_is_above_random_weights() -> None:
     assert means["real_held_out", "patches"].pixels_low > 0
 
 
+def test_the_masked_autoencoder_is_above_random_weights() -> None:
+    """In the mean of the tasks of both suites, beyond the interval, but for the pooled tokens."""
+    card, weight = cards.find_card("mae.tiny")
+    means = {(row.suite, row.tokens): row for row in card.gate(weight) if row.metric == MEAN}
+    for tokens in ("patches", "summary"):
+        assert means["real", tokens].random_low > 0, tokens
+        assert means["real", tokens].pixels_low > 0, tokens
+        assert means["real_held_out", tokens].random_low > 0, tokens
+
+
 @pytest.mark.slow
 def test_it_reads_forces_and_surfaces_of_touches_it_never_saw() -> None:
     """Force trials of the bench's indenters, by units and hands that it was not trained on."""
