@@ -88,21 +88,16 @@ def extract_features(
         for tap in taps
         for flip in flips
     }
-    if not _missing(wanted):
-        return _mapped(wanted)
-    (store.folder / key).mkdir(parents=True, exist_ok=True)
-    with (store.folder / key / "lock").open("a") as lock:
-        fcntl.lockf(lock, fcntl.LOCK_EX)  # another bench may be at it: it is waited for
-        if missing := _missing(wanted):
-            _Extraction(store, subject, source, clips, missing, policy).run()
-    return _mapped(wanted)
 
+    def absent() -> dict[tuple[str, Flip], Path]:
+        return {what: path for what, path in wanted.items() if not path.is_file()}
 
-def _missing(wanted: Mapping[tuple[str, Flip], Path]) -> dict[tuple[str, Flip], Path]:
-    return {what: path for what, path in wanted.items() if not path.is_file()}
-
-
-def _mapped(wanted: Mapping[tuple[str, Flip], Path]) -> dict[tuple[str, Flip], Array]:
+    if absent():
+        (store.folder / key).mkdir(parents=True, exist_ok=True)
+        with (store.folder / key / "lock").open("a") as lock:
+            fcntl.lockf(lock, fcntl.LOCK_EX)  # another bench may be at it: it is waited for
+            if missing := absent():
+                _Extraction(store, subject, source, clips, missing, policy).run()
     return {what: np.load(path, mmap_mode="r") for what, path in wanted.items()}
 
 
