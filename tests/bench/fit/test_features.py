@@ -117,15 +117,17 @@ def test_another_process_that_computes_them_is_waited_for(
     of = source()
     extract_features(store, subject, of, every(of), ["tokens"])
     (folder,) = store.folder.iterdir()
-    same = tmp_path / "other" / folder.name
+    same = tmp_path / "other" / "features" / folder.name
     same.mkdir(parents=True)
+    lock = tmp_path / "other" / "locks" / folder.name
+    lock.parent.mkdir()
     hold = "import fcntl, sys; f = open(sys.argv[1], 'a'); fcntl.lockf(f, fcntl.LOCK_EX); "
     hold += "print('held', flush=True); sys.stdin.read()"
-    words = [sys.executable, "-c", hold, str(same / "lock")]
+    words = [sys.executable, "-c", hold, str(lock)]
     with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
         assert other.stdout
         assert other.stdout.readline() == b"held\n"
-        late = replace(store, folder=tmp_path / "other")
+        late = replace(store, folder=same.parent)
         wait = partial(extract_features, late, subject, of, every(of), ["tokens"])
         thread = threading.Thread(target=wait)
         thread.start()
@@ -189,7 +191,7 @@ def test_a_stopped_extraction_goes_on(
     arrays = extract_features(store, subject, of, every(of), ["tokens"])
     assert sum(calls) == len(of) - 12
     np.testing.assert_array_equal(arrays["tokens", PLAIN], whole["tokens", PLAIN])
-    assert {p.name for p in store.folder.rglob("*") if p.is_file()} == {"tokens.npy", "lock"}
+    assert [p.name for p in store.folder.rglob("*") if p.is_file()] == ["tokens.npy"]
 
 
 def test_mirror_images(subject: FrozenEncoder, store: FeatureStore) -> None:

@@ -93,8 +93,10 @@ def extract_features(
         return {what: path for what, path in wanted.items() if not path.is_file()}
 
     if absent():
-        (store.folder / key).mkdir(parents=True, exist_ok=True)
-        with (store.folder / key / "lock").open("a") as lock:
+        locks = store.folder.parent / "locks"
+        for folder in (store.folder / key, locks):
+            folder.mkdir(parents=True, exist_ok=True)
+        with (locks / key).open("a") as lock:
             fcntl.lockf(lock, fcntl.LOCK_EX)  # another bench may be at it: it is waited for
             if missing := absent():
                 _Extraction(store, subject, source, clips, missing, policy).run()
