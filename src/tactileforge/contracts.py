@@ -330,12 +330,14 @@ class Sensor(Protocol):
 
     Use it as a context manager; it closes on an exception. It needs no thread of its own: whoever
     records or shows it reads it in one, and opens it again after a `SensorError`. So `open` works
-    again after `close`.
+    again after `close`. A sensor that takes a zero in `open` has a ``reopen`` too, which is called
+    then in its place and keeps the zero.
 
     A class that inherits from this one is opened and closed by ``with`` as it stands.
 
     A sensor may have an ``address``, a string: which device is open, for example
-    ``/dev/video2``, "" while none is. Two open sensors must not have the same.
+    ``/dev/video2``, "" while none is. Two open sensors must not have the same. It may also have a
+    ``unit``, the serial number of the open device, which it keeps wherever it is plugged in.
     """
 
     spec: SensorSpec

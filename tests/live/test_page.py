@@ -79,9 +79,16 @@ def test_the_state_is_that_of_the_sensor(page):
     time, force, contact, slip, _, deepest = first["readings"][-1]
     assert (force, slip, deepest) == (None, None, None)
     assert contact in (False, True)
-    later = json.loads(get(f"{page.url}state?after={time}")[0])["sensors"]["left"]
+    later = json.loads(get(f"{page.url}state?left={time}")[0])["sensors"]["left"]
     assert all(reading[0] > time for reading in later["readings"])
-    assert json.loads(get(page.url + "state?after=x")[0])["sensors"].keys() == {"left"}
+    assert json.loads(get(page.url + "state?left=x")[0])["sensors"].keys() == {"left"}
+
+
+def test_readings_of_a_sensor_do_not_hide_those_of_one_that_is_later(page):
+    seen = json.loads(get(page.url + "state?right=9999999999")[0])["sensors"]["left"]
+    while not seen["readings"]:
+        seen = json.loads(get(page.url + "state?right=9999999999")[0])["sensors"]["left"]
+    assert "state?after" not in get(page.url)[0].decode()
 
 
 def test_pictures_are_those_of_the_sensor(page):

@@ -97,6 +97,14 @@ def test_the_difference_is_that_of_a_square_and_not_of_noise():
     assert difference(pressed) == pytest.approx(30, abs=0.01)
 
 
+def test_the_difference_of_an_array_is_that_of_a_taxel():
+    still = np.full((12, 32, 3), 128, np.uint8)
+    pressed = still.copy()
+    pressed[5, 7] = 255
+    assert BackgroundChange(still)(pressed) < 8
+    assert BackgroundChange(still, camera=False)(pressed) == 127
+
+
 def test_contact_has_two_thresholds():
     contact = ContactDetector(ContactOptions(begin=8.0, end=5.0))
     assert [contact.update(x) for x in (4, 7, 8, 6, 5, 4.9, 6)] == [

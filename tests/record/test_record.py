@@ -94,6 +94,13 @@ def test_two_sensors_forces_and_a_camera_on_one_clock(scripted, options):
         assert one.tracks["wrench"][inside, 0] == pytest.approx(one.force[inside, 0])
 
 
+@pytest.mark.slow
+def test_forces_of_a_slow_sensor_are_kept(scripted, options):
+    given = options(seconds=1.5)
+    record(given, {"a": scripted(fps=30)}, scripted(fps=5, kind="wrench"), say=quiet)
+    assert np.isfinite(only(given)["a"].force).all(1).mean() > 0.5
+
+
 def test_sensors_share_one_zero_of_time(scripted, options):
     """Two sensors see one clock: pictures that show it agree with the times of both."""
     sensors = {"a": scripted(fps=50), "b": scripted(fps=30)}

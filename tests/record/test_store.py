@@ -272,3 +272,10 @@ def test_raw_values_that_lie_about_their_size_are_an_error(tmp_path, content):
         tar.addfile(info, io.BytesIO(content))
     with pytest.raises(DataError, match=r"a\.tar: raw\.force\.npz is damaged"):
         read_raw(path)
+
+
+def test_files_of_others_stay(tmp_path):
+    (tmp_path / "thesis.zip.part").write_text("mine")
+    with TakeStore(tmp_path, "train"):
+        pass
+    assert (tmp_path / "thesis.zip.part").read_text() == "mine"

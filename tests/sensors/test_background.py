@@ -4,6 +4,7 @@ import pytest
 from tactileforge.errors import SensorError
 from tactileforge.sensors.background import check_background, spread_frames, variation
 from tactileforge.sensors.drivers.sim import SimSensor
+from tactileforge.sensors.opening import unit_of
 
 
 def pictures(count=20, noise=4, seed=0):
@@ -58,3 +59,27 @@ def test_the_frames_that_are_kept_are_spread_evenly():
     assert len(spread_frames(frames[:2], 5)) == 2
     assert spread_frames([], 5) == []
     assert len(spread_frames(frames, 1)) == 1
+
+
+def test_taxels_are_compared_one_by_one():
+    rest = [np.full((4, 4, 3), 128, np.uint8)] * 9
+    touched = rest[0].copy()
+    touched[1, 2] = 160
+    assert variation([*rest, touched]) < 4
+    with pytest.raises(SensorError, match="something touches it"):
+        check_background("array", [*rest, touched], 4.0, camera=False)
+
+
+@pytest.mark.parametrize(
+    ("address", "unit", "known"),
+    [
+        ("/dev/video0", "D20001", "D20001"),
+        ("/dev/video0", "", ""),
+        ("udp:10.0.0.2:49152", "", "udp:10.0.0.2:49152"),
+        ("", "", ""),
+    ],
+)
+def test_a_unit_is_known_by_what_stays_with_it(scripted, address, unit, known):
+    sensor = scripted(address=address)
+    sensor.unit = unit
+    assert unit_of(sensor) == known

@@ -205,3 +205,22 @@ def test_calls_that_hang_or_exit_are_left_behind():
     with pytest.raises(ZeroDivisionError):
         within(1, "a: open()", lambda: 1 / 0)
     within(1, "a: open()", lambda: None)
+
+
+def test_a_sensor_that_opens_and_gives_nothing_is_given_up(scripted, monkeypatch):
+    monkeypatch.setattr(module, "_RETRY", 0.02)
+    broken = {number: SensorError("ends at once") for number in range(3, 1000)}
+    capture, frames = run(scripted(fps=200, events=broken), over, reconnect=0.2)
+    assert len(frames) == 3
+    assert capture.counts.reopened > 1
+    assert str(capture.error) == "left: ends at once (it has not come back within 0.2 s)"
+
+
+def test_a_sensor_that_was_lost_is_reopened_where_it_can_be(scripted, monkeypatch):
+    monkeypatch.setattr(module, "_RETRY", 0.02)
+    sensor = scripted(fps=200, limit=20, events={5: SensorError("unplugged")})
+    calls = []
+    sensor.reopen = lambda: calls.append("reopen") or type(sensor).open(sensor)
+    _, frames = run(sensor, over)
+    assert calls == ["reopen"]
+    assert len(frames) == 19

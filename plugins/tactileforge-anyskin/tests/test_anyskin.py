@@ -200,3 +200,28 @@ def test_conformance_with_nothing_attached():
 def test_the_types_have_their_own_names():
     assert (AnySkin().spec.name, ReSkin().spec.name) == ("anyskin", "reskin")
     assert np.shape(ReSkin().rest) == (5, 4)
+
+
+def test_after_a_loss_the_baseline_stays(board):
+    def play(z):
+        board.play((packet(z=z + 0.01 * (i % 7)) for i in itertools.count()), fps=400)
+
+    play(100.0)
+    with AnySkin(port=board.port) as sensor:
+        rest = sensor.rest.copy()
+        board.halt()
+        play(400.0)
+        sensor.reopen()
+        assert sensor.rest.tolist() == rest.tolist()
+        sensor.open()  # on purpose: a new zero
+        assert sensor.rest[0, 3] == pytest.approx(400.0, abs=0.1)
+
+
+def test_the_rate_is_that_of_the_packets_and_not_of_a_board_that_boots(board):
+    def late():
+        time.sleep(1.0)
+        yield from (packet(z=0.01 * (i % 7)) for i in itertools.count())
+
+    board.play(late(), fps=200)
+    with AnySkin(port=board.port) as sensor:
+        assert sensor.spec.fps == pytest.approx(200, rel=0.3)

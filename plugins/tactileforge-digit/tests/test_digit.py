@@ -118,7 +118,7 @@ def device(monkeypatch):
 )
 def test_modes(two, device, given, size, shape):
     with Digit(serial="D20001", **given) as sensor:
-        assert sensor.address == "/dev/video2"
+        assert (sensor.address, sensor.unit) == ("/dev/video2", "D20001")
         frame = sensor.read().array
         assert (sensor.spec.height, sensor.spec.width) == shape
         assert (sensor.spec.name, sensor.spec.fps) == ("digit", size[2])

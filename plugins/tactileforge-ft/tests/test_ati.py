@@ -84,6 +84,16 @@ def test_bias_is_asked_for_first(device, options):
         assert device.wait_for_driver() == request(ati.START)
 
 
+def test_after_a_loss_its_zero_stays(device, options):
+    with AtiNetFT(**options, bias=True) as sensor:
+        assert device.wait_for_driver() == request(ati.BIAS)
+        assert device.wait_for_driver() == request(ati.START)
+        sensor.close()
+        assert device.wait_for_driver() == request(ati.STOP)
+        sensor.reopen()
+        assert device.wait_for_driver() == request(ati.START)
+
+
 def test_lost_doubled_late_and_damaged_records(device, options):
     with AtiNetFT(**options) as sensor:
         device.wait_for_driver()

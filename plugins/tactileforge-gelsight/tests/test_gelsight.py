@@ -83,7 +83,7 @@ def test_the_rate_that_comes_is_measured_on_frames_that_are_thrown_away(system, 
     monkeypatch.setattr(camera, "open_capture", lambda source, backend: made)
     monkeypatch.setattr(camera.Path, "exists", lambda path: True)
     with GelSightMini(unit="28CZ-3YA2", width=328, height=246) as sensor:
-        assert sensor.address == "/dev/video6"
+        assert (sensor.address, sensor.unit) == ("/dev/video6", "28CZ-3YA2")
         assert sensor.spec.fps == pytest.approx(18.75)  # 25 is promised
         assert sensor.read().array.min() == 100
     assert made.count == 21

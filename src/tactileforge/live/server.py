@@ -7,9 +7,10 @@ import json
 import secrets
 import threading
 import time
+from collections.abc import Mapping
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, Self
-from urllib.parse import parse_qs, unquote, urlsplit
+from urllib.parse import parse_qsl, unquote, urlsplit
 
 import cv2
 import numpy as np
@@ -100,10 +101,7 @@ class _Handler(BaseHTTPRequestHandler):
             nonce = secrets.token_urlsafe(12)
             self._answer(200, "text/html; charset=utf-8", page_html(nonce).encode(), nonce)
         elif rest == "state":
-            after = parse_qs(url.query).get("after", ["0"])[0]
-            content = page_state(
-                self.view, float(after) if after.replace(".", "", 1).isdigit() else 0.0
-            )
+            content = page_state(self.view, dict(parse_qsl(url.query)))
             self._answer(200, "application/json", json.dumps(content).encode())
         elif what in ("frame", "difference", "depth") and unquote(name) in self.view.fingers:
             self._picture(self.view.fingers[unquote(name)], what)
@@ -147,13 +145,15 @@ class _Handler(BaseHTTPRequestHandler):
         """Logs nothing: the terminal has its status line."""
 
 
-def page_state(view: LiveSession, after: float) -> dict[str, Any]:
+def page_state(view: LiveSession, after: Mapping[str, str]) -> dict[str, Any]:
     """State of the page, as plain data.
 
     Args:
         view: Open.
-        after: Monotonic seconds; only later readings are given.
+        after: Monotonic seconds, by sensor; only later readings of it are given. Sensors differ in
+            how late their frames come.
     """
+    seen = {name: _seconds(after.get(name, "")) for name in view.fingers}
     p50, p99 = (None if x != x else round(1000 * x, 1) for x in view.latency.percentiles())
     now = time.monotonic()
     model = view.model
@@ -162,8 +162,12 @@ def page_state(view: LiveSession, after: float) -> dict[str, Any]:
         "model": "" if model is None else model.header.name or model.header.encoder["name"],
         "p50": p50,
         "p99": p99,
-        "sensors": {name: _of(finger, after, now) for name, finger in view.fingers.items()},
+        "sensors": {name: _of(f, seen[name], now) for name, f in view.fingers.items()},
     }
+
+
+def _seconds(text: str) -> float:
+    return float(text) if text.replace(".", "", 1).isdigit() else 0.0
 
 
 def _of(finger: SensorStream, after: float, now: float) -> dict[str, Any]:

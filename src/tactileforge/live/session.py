@@ -21,7 +21,7 @@ from tactileforge.live.sensor_stream import Reading, SensorStream, StreamOptions
 from tactileforge.sensors.background import Background
 from tactileforge.sensors.capture import check
 from tactileforge.sensors.low_latency_threads import low_latency_threads
-from tactileforge.sensors.opening import open_all
+from tactileforge.sensors.opening import open_all, unit_of
 
 #: Seconds in which every sensor must begin to send; and that the loop waits for a frame.
 _PATIENCE, _WAIT = 10.0, 0.1
@@ -139,6 +139,8 @@ class LiveSession:
         with ExitStack() as stack:
             stack.enter_context(low_latency_threads())
             open_all(self.sensors, stack)
+            for name, calibration in known.items():
+                calibration.check(self.sensors[name].spec.name, unit_of(self.sensors[name]))
             self.fingers = {
                 name: SensorStream(
                     name,

@@ -14,9 +14,10 @@ from tactileforge.record.options import RecordOptions
 from tactileforge.record.rig import Rig
 from tactileforge.record.status import RecordStatus, RecordSummary
 from tactileforge.record.store import TakeStore
-from tactileforge.record.take import Take, unit_of
+from tactileforge.record.take import Take
 from tactileforge.record.wrench import axes_matrix
 from tactileforge.sensors.low_latency_threads import low_latency_threads
+from tactileforge.sensors.opening import unit_of
 
 
 def record(
@@ -65,6 +66,8 @@ def record(
                     break
                 Take(rig, store, matrices, known, summary, say, status).run(stop)
                 count += 1
+    except BrokenPipeError:  # nobody reads what is told
+        raise
     except OSError as error:
         raise TactileForgeError(
             f"{options.out}: cannot be written ({error.strerror or error}). {summary.seconds:.1f} "

@@ -191,7 +191,8 @@ class Rig:
             if given.seconds:
                 step = -(-len(seen) // _LOOKED_AT) or 1
                 frames = [frame.array for frame in seen[::step]]
-                background.check_background(device.name, frames, given.threshold)
+                camera = device.sensor.spec.kind == "image"
+                background.check_background(device.name, frames, given.threshold, camera)
                 codec, keeps = self.codec(device), device.keeps
                 assert isinstance(keeps, FrameQueue)
                 chosen = background.spread_frames(frames, given.frames)

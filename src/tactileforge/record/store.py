@@ -93,7 +93,7 @@ class TakeStore:
 
     def _recover(self) -> None:
         """Drops partial files, keeps complete ones, and joins interrupted takes."""
-        for path in [*self.out.glob("*.part"), *(self.out / NOTES).glob("*.tar*")]:
+        for path in (self.out / NOTES).glob("*.tar*"):
             path.unlink()
         for name in list(self._entries):
             if not (self.out / name).exists():

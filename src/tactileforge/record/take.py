@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.contracts import ACTIONS, Recording, Sensor
+from tactileforge.contracts import ACTIONS, Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards import shards
 from tactileforge.errors import DataError, TactileForgeError
@@ -23,19 +23,15 @@ from tactileforge.record.rig import Rig, RigSensor
 from tactileforge.record.samples import SegmentSamples, robot_tracks
 from tactileforge.record.status import RecordStatus, RecordSummary
 from tactileforge.record.store import TakeStore
-from tactileforge.record.wrench import interpolate_samples, rotate_wrenches
+from tactileforge.record.wrench import GAP, interpolate_samples, rotate_wrenches
 from tactileforge.sensors.capture import check
+from tactileforge.sensors.opening import unit_of
 
 #: Seconds that frames may be late before a segment is written without them (the next has them).
 _LATE = 2.0
 #: Seconds between two looks at everything.
 _TICK = 0.05
 _NO_FRAMES = ArrayFrames(np.zeros((1, 1, 1, 3), np.uint8))
-
-
-def unit_of(sensor: Sensor) -> str:
-    """Address of an open sensor, "" where it has none."""
-    return str(getattr(sensor, "address", ""))
 
 
 class Take:
@@ -209,7 +205,8 @@ class Take:
         rig = self.rig
         tracks: dict[str, NDArray[Any]] = {}
         if rig.force is not None:
-            samples = interpolate_samples(times, *known[rig.force.name])
+            gap = max(GAP, 2 / rig.force.sensor.spec.fps)
+            samples = interpolate_samples(times, *known[rig.force.name], gap)
             wrench = samples - rig.force.rest.astype(np.float32)
             tracks["wrench"] = rotate_wrenches(wrench, self.matrices[device.name])
         if rig.robot is not None:

@@ -31,7 +31,22 @@ class Background:
     threshold: float = 4.0
 
 
-def variation(frames: Sequence[NDArray[np.uint8]]) -> float:
+def squares(image: NDArray[np.uint8], camera: bool) -> NDArray[np.float32]:
+    """Mean of every square of eight pixels, float32 (h, w, 3); of an array, its taxels.
+
+    Args:
+        image: uint8 (H, W, 3).
+        camera: Whether it is the picture of a camera.
+    """
+    if not camera:
+        return image.astype(np.float32)
+    height, width = image.shape[:2]
+    size = (max(1, width // _SQUARE), max(1, height // _SQUARE))
+    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    return np.asarray(small, np.float32)
+
+
+def variation(frames: Sequence[NDArray[np.uint8]], camera: bool = True) -> float:
     """Variation of images over time, grey levels.
 
     Of each picture, the mean of every square of eight pixels is compared with the median of all
@@ -39,26 +54,23 @@ def variation(frames: Sequence[NDArray[np.uint8]]) -> float:
 
     Args:
         frames: uint8 (H, W, 3) each, at least one.
+        camera: Whether they are of a camera; taxels are compared one by one.
     """
-    height, width = frames[0].shape[:2]
-    size = (max(1, width // _SQUARE), max(1, height // _SQUARE))
-    small = np.stack(
-        [
-            cv2.resize(frame, size, interpolation=cv2.INTER_AREA).astype(np.float32)
-            for frame in frames
-        ]
-    )
+    small = np.stack([squares(frame, camera) for frame in frames])
     change = np.abs(small - np.median(small, axis=0))
     return max(float(np.percentile(difference, 99)) for difference in change)
 
 
-def check_background(name: str, frames: Sequence[NDArray[np.uint8]], threshold: float) -> None:
+def check_background(
+    name: str, frames: Sequence[NDArray[np.uint8]], threshold: float, camera: bool = True
+) -> None:
     """Raises an error where the frames cannot be a background.
 
     Args:
         name: Of the sensor.
         frames: uint8 (H, W, 3) each, over a second or so.
         threshold: Largest `variation`, grey levels.
+        camera: See `variation`.
 
     Raises:
         SensorError: There is no picture, it is black or saturated, or something moves on the gel.
@@ -67,7 +79,7 @@ def check_background(name: str, frames: Sequence[NDArray[np.uint8]], threshold: 
         raise SensorError(f"{name}: no frame came for its background; does it still run?")
     if trouble := exposure_trouble(frames[len(frames) // 2]):
         raise SensorError(f"{name}: its background is {trouble}: {TROUBLES[trouble]}")
-    change = variation(frames)
+    change = variation(frames, camera)
     if change > threshold:
         raise SensorError(
             f"{name}: something touches it, or its light flickers: its pictures change by "

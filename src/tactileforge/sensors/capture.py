@@ -79,6 +79,7 @@ class Capture:
         self.is_lost = False
         self.latest = -math.inf
         self._good = self._opened = time.monotonic()  # the last good frame, and open()
+        self._lost: float | None = None  # when it was; None while frames come
         self._call: tuple[str, float] | None = None  # of the driver, that has not returned
         self._recent: deque[float] = deque(maxlen=_RATE_OVER)
         self._stop = threading.Event()
@@ -190,13 +191,16 @@ class Capture:
         self.is_lost = True
         with self._calls("close"):
             self.sensor.close()
-        end = time.monotonic() + self.reconnect
+        if self._lost is None:
+            self._lost = time.monotonic()
+        # one without a zero to keep is opened as at first
+        reopen = getattr(self.sensor, "reopen", self.sensor.open)
         while not self._stop.wait(_RETRY):
-            if time.monotonic() > end:
+            if time.monotonic() > self._lost + self.reconnect:
                 raise SensorError(f"{cause} (it has not come back within {self.reconnect:g} s)")
             try:
                 with self._calls("open"):
-                    self.sensor.open()
+                    reopen()
             except (SensorError, OSError):
                 continue
             self.counts.reopened += 1
@@ -226,7 +230,7 @@ class Capture:
             raise SensorError(f"a frame of {got} pixels, and its spec says {want}")
         self.latest = frame.time
         self._good = time.monotonic()
-        self.is_lost = False
+        self.is_lost, self._lost = False, None
         self._recent.append(frame.time)
         if self.health.look(frame) == "frozen":
             self.counts.frozen += 1

@@ -60,6 +60,7 @@ class SerialLink:
         except (serial.SerialException, OSError, ValueError) as error:
             raise SensorError(_why(port, error)) from error
         self._port.reset_input_buffer()
+        self.unit = serial_number_of(self.address)
 
     def receive(self, timeout: float) -> bytes:
         """See `Link.receive`."""
@@ -107,6 +108,14 @@ def serial_ports(usb: str = "", serial_number: str = "") -> list[str]:
         if usb.lower() in ("", ids) and serial_number in ("", port.serial_number):
             ports.append(port.device)
     return sorted(ports)
+
+
+def serial_number_of(path: str) -> str:
+    """Serial number of the device at a serial port, "" where it has none."""
+    from serial.tools.list_ports import comports
+
+    known = (port.serial_number for port in comports() if os.path.realpath(port.device) == path)
+    return next(known, None) or ""
 
 
 def attached_ports(port: str, usb: str = "", serial_number: str = "") -> list[str]:

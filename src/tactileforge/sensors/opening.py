@@ -70,6 +70,15 @@ def open_all(sensors: Mapping[str, Sensor], stack: ExitStack) -> None:
         owners[address] = name
 
 
+def unit_of(sensor: Sensor) -> str:
+    """Serial number of an open sensor, or the address that names it; "" where neither does.
+
+    Paths such as ``/dev/video0`` do not: they change with the order of plugging in.
+    """
+    address = str(getattr(sensor, "address", ""))
+    return str(getattr(sensor, "unit", "")) or ("" if address.startswith("/dev/") else address)
+
+
 def within(seconds: float, what: str, call: Callable[[], object]) -> None:
     """Calls a driver in a thread of its own, which is left behind if it does not return.
 

@@ -44,16 +44,20 @@ class StreamSensor(Sensor, ABC):
     Attributes:
         spec: What it gives.
         address: Which device is open; "" while none is.
+        unit: Its serial number; "" where it has none.
         parser: Of the open connection, with its counters; None before the first.
         continuity: Of the open connection, with the packets that jumped.
+        keeps_zero: Whether the open connection goes on from a lost one, so that no new zero is
+            taken: it may be under load.
     """
 
     spec: SensorSpec
 
     def __init__(self) -> None:
-        self.address = ""
+        self.address = self.unit = ""
         self.parser: Parser | None = None
         self.continuity = Continuity(self.follows)
+        self.keeps_zero = False
         self._before: dict[str, int] = {}  # drops of earlier connections
         self._link: Link | None = None
         self._frames: deque[Frame] = deque()
@@ -120,9 +124,18 @@ class StreamSensor(Sensor, ABC):
             SensorError: The device is absent or busy.
             ConfigError: An option is missing or wrong.
         """
+        self._open(keeps_zero=False)
+
+    def reopen(self) -> None:
+        """Connects again after it was lost, and keeps its zero; raises what `open` raises."""
+        self._open(keeps_zero=True)
+
+    def _open(self, keeps_zero: bool) -> None:
         self.close()
+        self.keeps_zero = keeps_zero
         link = self.connect()
         self._link, self.address = link, link.address
+        self.unit = getattr(link, "unit", "")
         self._before = self.drops
         self.parser = self.new_parser()
         self.continuity = Continuity(self.follows)
@@ -181,7 +194,8 @@ class StreamSensor(Sensor, ABC):
 
     def close(self) -> None:
         """Closes the device; a second call does nothing."""
-        link, self._link, self.address = self._link, None, ""
+        link, self._link = self._link, None
+        self.address = self.unit = ""
         self._frames.clear()
         if link is None:
             return

@@ -6,14 +6,11 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.errors import ConfigError
-
-#: Pixels on the side of the squares that are averaged, so that noise does not count as touch.
-_SQUARE = 8
+from tactileforge.sensors.background import squares
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,24 +59,22 @@ class BackgroundChange:
     """Difference of images from the background, in grey levels.
 
     Both are averaged over squares of eight pixels; a hundredth of the squares may differ more, in
-    their strongest colour, than the result.
+    their strongest colour, than the result. Of an array it is the taxel that differs most.
 
     Args:
         background: uint8 (H, W, 3).
+        camera: Whether images are of a camera.
     """
 
-    def __init__(self, background: NDArray[np.uint8]) -> None:
-        height, width = background.shape[:2]
-        self._size = (max(1, width // _SQUARE), max(1, height // _SQUARE))
-        self._still = self._small(background)
-
-    def _small(self, image: NDArray[np.uint8]) -> NDArray[np.float32]:
-        small = cv2.resize(image, self._size, interpolation=cv2.INTER_AREA)
-        return np.asarray(small, np.float32)
+    def __init__(self, background: NDArray[np.uint8], camera: bool = True) -> None:
+        self._camera = camera
+        self._still = squares(background, camera)
+        self._percent = 99 if camera else 100
 
     def __call__(self, image: NDArray[np.uint8]) -> float:
         """The difference of uint8 (H, W, 3), grey levels."""
-        return float(np.percentile(np.abs(self._small(image) - self._still).max(-1), 99))
+        change = np.abs(squares(image, self._camera) - self._still).max(-1)
+        return float(np.percentile(change, self._percent))
 
 
 class ContactDetector:

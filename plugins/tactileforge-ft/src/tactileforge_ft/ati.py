@@ -126,8 +126,8 @@ class AtiNetFT(ForceTorque):
         return super().connect()
 
     def start(self, link: Link) -> None:
-        """Asks for records without end."""
-        if self.bias:
+        """Asks for records without end; what it shows becomes zero, unless it was lost."""
+        if self.bias and not self.keeps_zero:
             link.send(request(BIAS))
         link.send(request(START))
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from tactileforge.errors import ConfigError
 from tactileforge.sensors.drivers.camera import Camera
+from tactileforge.sensors.drivers.v4l2 import VideoDevice
 from tactileforge.sensors.specs import SPECS
 
 #: What every Mini's name begins with. Its USB id is that of other cameras as well.
@@ -58,6 +59,10 @@ class GelSightMini(Camera):
             resize=SHAPE,
         )
         self.frames = warmup
+
+    def number(self, camera: VideoDevice) -> str:
+        """Its serial number; else the last word of its name, the number on the unit."""
+        return camera.serial or camera.name.removeprefix(NAME).split(":")[0].strip().split(" ")[-1]
 
     def open(self) -> None:
         """Claims the camera, and measures its rate.

@@ -16,7 +16,13 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Frame, Sensor, SensorSpec
 from tactileforge.errors import ConfigError, SensorError, TactileForgeError
-from tactileforge.sensors.drivers.v4l2 import attached_cameras, matching, video_devices, why_not
+from tactileforge.sensors.drivers.v4l2 import (
+    VideoDevice,
+    attached_cameras,
+    matching,
+    video_devices,
+    why_not,
+)
 from tactileforge.sensors.specs import spec
 
 # Seconds that OpenCV waits for a frame of a device; it reads them once.
@@ -57,6 +63,7 @@ class Camera(Sensor):
     Attributes:
         spec: That of the type; once open with height, width and rate of the frames.
         address: Path of the open device; "" while none is open, and of a file.
+        unit: Its serial number; "" where it has none.
         damaged: Frames that could not be decoded.
     """
 
@@ -97,7 +104,7 @@ class Camera(Sensor):
         self.spec = self.spec if type == self.spec.name else spec(type)
         if width and height:
             self.spec = self._specified((height, width), fps)
-        self.address = ""
+        self.address = self.unit = ""
         self.damaged = 0
         self._capture: Any = None
         self._size = (0, 0)
@@ -133,12 +140,18 @@ class Camera(Sensor):
                 raise SensorError(why_not(source))
             self._set_up(capture, source)
             self.address = os.path.realpath(source) if is_device else ""
+            there = (self.number(c) for c in video_devices() if c.path == self.address)
+            self.unit = next(there, "")
             for _ in range(self.warmup):
                 capture.grab()
         except BaseException:
             self.close()
             raise
         self._start, self._next = time.monotonic(), 0
+
+    def number(self, camera: VideoDevice) -> str:
+        """Serial number of an attached camera, "" where it has none."""
+        return camera.serial
 
     def _locate(self) -> str:
         """The device, file or URL to open."""
@@ -296,7 +309,8 @@ class Camera(Sensor):
 
     def close(self) -> None:
         """Releases the camera; a second call does nothing."""
-        capture, self._capture, self.address = self._capture, None, ""
+        capture, self._capture = self._capture, None
+        self.address = self.unit = ""
         if capture is not None:
             capture.release()
 

@@ -168,25 +168,28 @@ class SerialArray(StreamSensor):
     def ready(self) -> None:
         """Takes the baseline, and measures the rate of a device that is ``free_running``.
 
+        After a loss the baseline stays, as something may press by now.
+
         Raises:
             SensorError: Too few packets come.
         """
-        start = time.monotonic()
-        end = start + _PATIENCE
+        end = time.monotonic() + _PATIENCE
         seen: list[NDArray[np.float32]] = []
+        times: list[float] = []
         while len(seen) < self.baseline:
             try:
-                raw = self.read(max(0.0, end - time.monotonic())).raw
+                frame = self.read(max(0.0, end - time.monotonic()))
             except TimeoutError as error:
                 raise SensorError(
                     f"{error} Its baseline needs {self.baseline} packets, {len(seen)} came"
                 ) from error
-            assert raw is not None
-            seen.append(raw)
-        if seen:
+            assert frame.raw is not None
+            seen.append(frame.raw)
+            times.append(frame.time)
+        if seen and not self.keeps_zero:
             self.rest = np.median(seen, axis=0).astype(np.float32)
-            if self.free_running:
-                self.set_rate(len(seen) / (time.monotonic() - start))
+        if self.free_running and len(times) > 1:  # from the first packet: a board has to boot
+            self.set_rate((len(times) - 1) / (times[-1] - times[0]))
         self._frames.clear()  # they were drawn without it
 
     def decode(self, payload: bytes) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
