@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Frames, Recording
-from tactileforge.data.batches.clips import resize_frame
 from tactileforge.errors import DataError, unknown
 from tactileforge.sensors.taxels import REST
 
@@ -134,17 +133,14 @@ def _pictures(
 
 def _read_by(model: Model, recording: Recording) -> Iterator[dict[str, NDArray[np.float64]]]:
     """Features of a model for the last frame of the clips that end at each frame."""
-    rest, size = median_background(recording).round().astype(np.uint8), model.encoder.image_size
-    rest = resize_frame(rest, size) if model.recipe else rest
+    rest = model.squash(median_background(recording).round().astype(np.uint8))
     stride = max(1, round(model.spacing / (recording.period or 1.0)))
     back = np.arange(model.frames - 1, -1, -1) * stride
     for start in range(0, len(recording.frames), _CHUNK):
         ends = np.arange(start, min(start + _CHUNK, len(recording.frames)))
         rows = np.maximum(ends[:, None] - back, 0)
         known, places = np.unique(rows, return_inverse=True)
-        pictures = recording.frames.read(known.tolist())
-        if model.recipe:  # trained here, on pictures of the size of its input
-            pictures = np.stack([resize_frame(image, size) for image in pictures])
+        pictures = model.squash(recording.frames.read(known.tolist()))
         clips = pictures[places.reshape(rows.shape)]
         inputs = model.force_inputs(clips, rest, recording.sensor)
         yield {name: value[:, -1].cpu().double().numpy() for name, value in inputs.items()}

@@ -49,7 +49,8 @@ class Exported:
         licence: SPDX identifier of the weights; "" if unknown.
         version: Of the tactileforge that wrote it.
         weights: Hash of the weights, see `Model.fingerprint`; of the encoder and the force head.
-        preprocessing: What is done to the pixels inside: see `hub.files.describe_input`.
+        preprocessing: What is done to the pixels inside: see `hub.files.describe_input`; before
+            that, frames of a model that was trained here are ``squashed`` to a height and width.
         outputs: Type, shape and meaning of each output.
         force: ``unit``, ``axes``, and the ``scale`` that is in the graph, by sensor; empty without
             a force head.

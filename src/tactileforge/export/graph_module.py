@@ -9,6 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from tactileforge.errors import ConfigError
+from tactileforge.export.squash import Squash
 from tactileforge.hub.forces import views_of
 
 #: Row of a sensor that was not trained: no table reaches as far, so that a graph stops at it.
@@ -25,6 +26,7 @@ class GraphModule(nn.Module):
         encoder: A touch encoder in eval mode.
         head: Of the forces; None without.
         scale: Newton per unit of the head's output along x, y and z, for each sensor.
+        squashed: Height and width that training squashed frames to; None for imported weights.
 
     Attributes:
         outputs: Names of what it returns.
@@ -35,8 +37,10 @@ class GraphModule(nn.Module):
         encoder: Any,
         head: nn.Module | None = None,
         scale: Mapping[str, Sequence[float]] | None = None,
+        squashed: tuple[int, int] | None = None,
     ) -> None:
         super().__init__()
+        self.squash = None if squashed is None else Squash(squashed)
         self.encoder, self.head = encoder, head
         self.outputs = ("tokens", "cls", "force")[: 2 if head is None else 3]
         self.frames, self.image_size = encoder.frames, encoder.image_size
@@ -62,6 +66,8 @@ class GraphModule(nn.Module):
             sensor: int64 (B,), rows of the sensor table.
         """
         sensor = self.known[sensor] if self._checks else sensor
+        if self.squash is not None:
+            frames, background = self.squash(frames), self.squash(background)
         tokens, cls = self.encoder(frames, background, sensor)
         if self.head is None:
             return tokens, cls

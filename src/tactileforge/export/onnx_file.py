@@ -19,6 +19,7 @@ from torch.nn import functional as F
 from tactileforge.errors import ConfigError
 from tactileforge.export.facts import KEY
 from tactileforge.export.program import INPUTS, Outputs, Run
+from tactileforge.export.squash import Squash
 
 #: A protobuf, which ONNX is, holds no more bytes.
 _LARGEST = 2**31 - 1
@@ -97,7 +98,8 @@ class OnnxFile:
 
 
 def _resizes(node: Any) -> bool:
-    return any("upsample_" in entry.value for entry in node.metadata_props)
+    marks = ("upsample_", f"{Squash.__module__}.{Squash.__qualname__}")
+    return any(mark in entry.value for entry in node.metadata_props for mark in marks)
 
 
 def _clean(model: Any) -> None:

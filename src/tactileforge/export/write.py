@@ -115,14 +115,15 @@ def _open(model: str | Path | Model | nn.Module) -> tuple[GraphModule, dict[str,
     """The module of the graph, on the CPU in eval mode, and its facts."""
     opened: Any = load(model) if isinstance(model, str | Path) else model
     known = {"model": "", "licence": "", "spacing": float(getattr(opened, "spacing", 0.0))}
-    head, kept = None, {}
+    head, kept, squashed = None, {}, None
     encoder = opened.encoder if isinstance(opened, Model) else opened
     if isinstance(opened, Model):
         known |= {"model": opened.header.name, "licence": opened.header.licence}
+        squashed = opened.squashed
         if "force" in opened.heads:
             head, kept = opened.heads["force"], opened.header.heads["force"]
     check_float32(encoder)
-    module = GraphModule(encoder, head, kept.get("scale"))
+    module = GraphModule(encoder, head, kept.get("scale"), squashed)
     module = copy.deepcopy(module).cpu().eval().requires_grad_(False)
     return module, {
         **known,
@@ -130,7 +131,8 @@ def _open(model: str | Path | Model | nn.Module) -> tuple[GraphModule, dict[str,
         "frames": encoder.frames,
         "version": __version__,
         "weights": forces.fingerprint([encoder] if head is None else [encoder, head]),
-        "preprocessing": describe_input(encoder),
+        "preprocessing": describe_input(encoder)
+        | ({} if squashed is None else {"squashed": list(squashed)}),
         "outputs": {name: OUTPUTS[name] for name in module.outputs},
         "force": {} if head is None else _force(kept, module.sensors),
     }

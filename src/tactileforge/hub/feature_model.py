@@ -7,13 +7,21 @@ from contextlib import nullcontext
 from itertools import chain
 from typing import Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from tactileforge.errors import ConfigError
 from tactileforge.hub.cards import Card
 from tactileforge.hub.header import Header
-from tactileforge.hub.inputs import ClipInputs, Images, prepare_clips
+from tactileforge.hub.inputs import (
+    ClipInputs,
+    Images,
+    prepare_clips,
+    squash_clips,
+    squash_images,
+)
 from tactileforge.hub.packed_linear import PackedLinears
 from tactileforge.hub.sensor_rows import Policy, name_each, row_each, takes_any_sensor
 from tactileforge.hub.taps import Tap, check_tap, is_plain, read_tap
@@ -63,6 +71,23 @@ class FeatureModel(nn.Module):
     def recipe(self) -> dict[str, Any]:
         """The resolved recipe that trained it; empty for imported weights."""
         return self.header.recipe
+
+    @property
+    def squashed(self) -> tuple[int, int] | None:
+        """Height and width that training squashed frames to, whatever the encoder does after that.
+
+        None for imported weights: their encoder was trained on frames of any size.
+        """
+        size: tuple[int, int] = self.encoder.image_size
+        return size if self.recipe else None
+
+    def squash(self, images: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Images as training showed them to the encoder; `encode` and the others do it themselves.
+
+        Args:
+            images: uint8 (..., H, W, 3).
+        """
+        return squash_images(images, self.squashed)
 
     def __repr__(self) -> str:
         size = sum(p.numel() for p in self.encoder.parameters()) / 1e6
@@ -186,10 +211,11 @@ class FeatureModel(nn.Module):
         return out[0] if single else out
 
     def _prepare(self, frames: Images, background: Images | str | None) -> ClipInputs:
-        """Frames and backgrounds of a batch, uint8, and whether it was given as one clip."""
+        """Frames and backgrounds of a batch, uint8, as in training; whether it was one clip."""
         steps = getattr(self.encoder, "pixels", None)
         needed = getattr(steps, "offset", 0) is not None
-        return prepare_clips(frames, background, self.frames, needed)
+        clips = prepare_clips(frames, background, self.frames, needed)
+        return squash_clips(clips, self.squashed)
 
     def _read(self, tap: str, frames: Tensor, background: Tensor, rows: Tensor) -> Tensor:
         """The encoder's output at a tap."""

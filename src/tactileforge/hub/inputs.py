@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from tactileforge.contracts import NEUTRAL_BACKGROUND
+from tactileforge.data.batches.clips import resize_frame
 from tactileforge.errors import ConfigError, DataError
 
 Images: TypeAlias = NDArray[Any] | Tensor
@@ -62,6 +63,34 @@ def prepare_clips(
         f"{what}: give a frame without contact of the same recording; background='first' takes "
         "the first frame of each clip, background='none' subtracts nothing"
     )
+
+
+def squash_images(images: NDArray[np.uint8], size: tuple[int, int] | None) -> NDArray[np.uint8]:
+    """Images as training reads them from disk: its encoder sees no others.
+
+    Args:
+        images: uint8 (..., H, W, 3).
+        size: Height and width; None leaves them as they are, as do images of that size.
+    """
+    if size is None or images.shape[-3:-1] == size:
+        return images
+    flat = images.reshape(-1, *images.shape[-3:])
+    small = np.stack([resize_frame(image, size) for image in flat])
+    return small.reshape(*images.shape[:-3], *small.shape[1:])
+
+
+def squash_clips(clips: ClipInputs, size: tuple[int, int] | None) -> ClipInputs:
+    """Clips whose frames and backgrounds are squashed; see `squash_images`."""
+    if size is None or tuple(clips.frames.shape[-2:]) == size:
+        return clips
+    frames, background = (_squashed(x, size) for x in (clips.frames, clips.background))
+    return clips._replace(frames=frames, background=background)
+
+
+def _squashed(images: Tensor, size: tuple[int, int]) -> Tensor:
+    """The same for a tensor (..., 3, H, W), on its device."""
+    small = squash_images(images.movedim(-3, -1).cpu().numpy(), size)
+    return torch.from_numpy(small).movedim(-1, -3).to(images.device)
 
 
 def _repeat_stills(frames: Images, count: int) -> tuple[Images, bool]:

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Frame
-from tactileforge.data.batches.clips import resize_frame
 from tactileforge.errors import ConfigError, DataError, SensorError
 from tactileforge.sensors.background import Background, check_background, spread_frames
 from tactileforge.sensors.health import exposure_trouble
@@ -193,7 +192,7 @@ class TouchStream:
         """
         seen, self._seen = self._seen or [], None
         if image is None and options is not None and options.seconds:
-            check_background(name, seen, options.threshold)
+            check_background(name, seen, options.threshold, self._camera)
             image = median_image(spread_frames(seen, options.frames))
         elif image is None:
             shot = self.buffer.newest()
@@ -202,17 +201,11 @@ class TouchStream:
             image = shot.frame.array
         self.background = image
         self._still = self.prepare(image)
-        self._difference = BackgroundChange(image)
+        self._difference = BackgroundChange(image, self._camera)
 
     def prepare(self, image: Image) -> Image:
-        """Prepares an image as in training.
-
-        A model that was trained here saw images of the size of its input; what was imported does
-        its own resizing.
-        """
-        if self.model is None or not self.model.recipe:
-            return image
-        return resize_frame(image, self.model.encoder.image_size)
+        """Prepares an image as in training, once, however many clips it is part of."""
+        return image if self.model is None else self.model.squash(image)
 
     @property
     def is_fresh(self) -> bool:

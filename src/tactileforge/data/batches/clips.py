@@ -25,7 +25,7 @@ Skipped: TypeAlias = dict[str, tuple[str, int]]
 _MAX_FAILURES = 20
 #: Frames that shrink at least this much are averaged; below, bilinear interpolation sees all pixels
 #: and is six times as fast.
-_AVERAGE = 1.5
+AVERAGED_FROM = 1.5
 
 
 class Clips(Dataset[dict[str, Any]]):
@@ -261,7 +261,7 @@ def resize_frame(frame: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.
     if frame.shape[:2] == size:
         return np.ascontiguousarray(frame)
     shrinks = min(frame.shape[0] / size[0], frame.shape[1] / size[1]) >= 1
-    much = max(frame.shape[0] / size[0], frame.shape[1] / size[1]) >= _AVERAGE
+    much = max(frame.shape[0] / size[0], frame.shape[1] / size[1]) >= AVERAGED_FROM
     how = cv2.INTER_AREA if shrinks and much else cv2.INTER_LINEAR
     out: NDArray[np.uint8] = cv2.resize(frame, size[::-1], interpolation=how)
     return out

@@ -1,0 +1,59 @@
+"""Resizing of uint8 images as training does it, by OpenCV, in operators that a graph has."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from tactileforge.data.batches.clips import AVERAGED_FROM
+
+
+class Squash(nn.Module):
+    """Squashes images to a size, as `data.batches.clips.resize_frame` does, to a grey level.
+
+    Weights are whole numbers, and so is every sum, so that rounding is the same wherever the graph
+    runs. Which way of resizing is taken is an output of the graph too: it takes any size.
+
+    Args:
+        size: Height and width.
+    """
+
+    def __init__(self, size: tuple[int, int]) -> None:
+        super().__init__()
+        self.size = size
+
+    def forward(self, images: Tensor) -> Tensor:
+        """Float32 (..., 3, height, width), of whole numbers.
+
+        Args:
+            images: uint8 (..., 3, H, W).
+        """
+        ways = [
+            _ways(images, axis, wanted) for axis, wanted in zip((-2, -1), self.size, strict=True)
+        ]
+        shrinks = [length / wanted for (_, _, length), wanted in zip(ways, self.size, strict=True)]
+        least, most = torch.minimum(*shrinks), torch.maximum(*shrinks)
+        averages = (least >= 1) & (most >= AVERAGED_FROM)
+        rows, columns = (torch.where(averages, mean, line) for mean, line, _ in ways)
+        # the first sums are below 2 ** 24, so exact in float32; the second are not
+        sums = (rows @ images.float()).double() @ columns.double().T
+        whole = rows[0].double().sum() * columns[0].double().sum()
+        half = torch.where(averages, 0.5, 0.375)  # OpenCV's interpolation cuts off an eighth
+        return torch.floor(sums / whole + half).float()
+
+
+def _ways(images: Tensor, axis: int, wanted: int) -> tuple[Tensor, Tensor, Tensor]:
+    """Weights (wanted, length) of averaging and of bilinear interpolation, and the length."""
+    length = images.shape[axis]
+    pixel = torch.arange(length, device=images.device)
+    place = torch.arange(wanted, device=images.device)[:, None]
+    count = pixel.amax(0) + 1
+    # in units of 1 / wanted pixel: what a pixel of the result covers of each
+    low, high = place * count, (place + 1) * count
+    ends = torch.minimum(high, (pixel + 1) * wanted) - torch.maximum(low, pixel * wanted)
+    # in units of half of that: distance from the centre, which stays within the image
+    unit = 2 * wanted
+    centre = ((2 * place + 1) * count - wanted).clamp(min=0)
+    centre = torch.minimum(centre, unit * (count - 1))
+    near = unit - (unit * pixel - centre).abs()
+    return ends.clamp(min=0).float(), near.clamp(min=0).float(), count.float()

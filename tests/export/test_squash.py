@@ -1,0 +1,69 @@
+"""Exported graphs squash frames as training did."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+import tactileforge
+from tactileforge.data.batches.clips import resize_frame
+from tactileforge.export import export, read_facts
+from tactileforge.export.squash import Squash
+
+
+@pytest.mark.parametrize("wanted", [(128, 128), (224, 224), (320, 240)])
+@pytest.mark.parametrize(
+    "size", [(240, 320), (480, 640), (152, 184), (265, 133), (61, 47), (320, 240), (200, 100)]
+)
+def test_squashing_is_opencvs_to_a_grey_level(
+    size: tuple[int, int], wanted: tuple[int, int]
+) -> None:
+    image = np.random.default_rng(0).integers(0, 256, (*size, 3), np.uint8)
+    found = Squash(wanted)(torch.from_numpy(image).movedim(-1, 0)).movedim(0, -1).numpy()
+    change = np.abs(found - resize_frame(image, wanted))
+    assert change.max() <= 1
+    assert change.mean() < 0.08
+
+
+@pytest.mark.parametrize("size", [(240, 320), (480, 640), (128, 128)])
+def test_the_usual_sizes_of_cameras_are_opencvs_exactly(size: tuple[int, int]) -> None:
+    image = np.random.default_rng(0).integers(0, 256, (*size, 3), np.uint8)
+    found = Squash((128, 128))(torch.from_numpy(image).movedim(-1, 0)).movedim(0, -1).numpy()
+    assert np.array_equal(found, resize_frame(image, (128, 128)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [None, (240, 320)])
+def test_the_graph_of_a_model_that_was_trained_here_is_encode(
+    size: tuple[int, int] | None, tmp_path: Path
+) -> None:
+    onnxruntime = pytest.importorskip("onnxruntime")
+    pytest.importorskip("onnxscript")
+    model = tactileforge.load("mae.tiny")
+    coarse = np.random.default_rng(0).normal(120, 40, (3, model.frames, 12, 16, 3))
+    clips = coarse.repeat(20, 2).repeat(20, 3).clip(0, 255).astype(np.uint8)
+    expected = model.encode(clips, "first", "digit").numpy()
+    frames = np.ascontiguousarray(np.moveaxis(clips, -1, 2))
+    feed = {"frames": frames, "background": frames[:, 0]}
+    for int8, most in ((False, 1e-4), (True, 0.5)):
+        done = export(model, tmp_path / "mae.onnx", size=size, int8=int8)
+        assert read_facts(done.path).preprocessing["squashed"] == [128, 128]
+        session = onnxruntime.InferenceSession(done.path, providers=["CPUExecutionProvider"])
+        rows = np.array(done.sensor_ids(["digit"] * 3))
+        [vectors] = session.run(["cls"], feed | {"sensor": rows})
+        assert np.abs(vectors - expected).max() < most
+        if int8:
+            assert done.int8["cosine"] > 0.99
+
+
+@pytest.mark.slow
+def test_a_program_of_any_size_is_encode(tmp_path: Path) -> None:
+    model = tactileforge.load("mae.tiny")
+    done = export(model, tmp_path / "mae.pt2", format="torch_export")
+    program = torch.export.load(done.path).module()
+    rng = np.random.default_rng(0)
+    frames = torch.from_numpy(rng.integers(0, 256, (2, model.frames, 3, 240, 320), np.uint8))
+    rows = torch.tensor(done.sensor_ids(["digit", "gelsight"]))
+    expected = model.encode(frames, "first", ["digit", "gelsight"])
+    torch.testing.assert_close(program(frames, frames[:, 0], rows)[1], expected, atol=1e-4, rtol=0)
