@@ -2,6 +2,7 @@
 
 import io
 import json
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -18,6 +19,7 @@ from tactileforge.live.session import LiveOptions, LiveSession, ShowBackground, 
 from tactileforge.record.options import RecordOptions
 from tactileforge.record.record import record
 from tactileforge.sensors.background import Background
+from tactileforge.sensors.specs import spec
 from tactileforge.sim.optics import fit
 from tactileforge.sim.optics.lighting import load_optics
 from tactileforge.sim.optics.presses import read_known
@@ -78,6 +80,19 @@ def test_files_of_calibrations_are_checked(tmp_path):
         DepthReader("duragel")
     with pytest.raises(DataError, match="give"):
         DepthReader("digit").read(picture, still[:5])
+
+
+def test_a_calibration_serves_a_sensor_of_any_name(tmp_path):
+    path = tmp_path / "mine.json"
+    fit.save_optics(load_optics("digit"), path, "me")
+    (still, picture), _ = dented()
+    wanted = DepthReader("digit", path, rows=24).read(picture, still).depth
+    sized = DepthReader("mine", path, rows=24, mm_per_pixel=SPACING)
+    torch.testing.assert_close(sized.read(picture, still).depth, wanted)
+    own = replace(spec("digit"), name="mine")
+    torch.testing.assert_close(DepthReader(own, path, 24).read(picture, still).depth, wanted)
+    with pytest.raises(ConfigError, match="area of mine is not known: give mm_per_pixel="):
+        DepthReader("mine", path)
 
 
 def showing(picture):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
 import cv2
@@ -11,8 +12,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from tactileforge.contracts import Sensor
+from tactileforge.contracts import Sensor, SensorSpec
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
+from tactileforge.sensors.specs import spec
 from tactileforge.sim.optics.features import BLURS, POWERS, exponents
 from tactileforge.sim.optics.inverse import Surface, SurfaceReader
 from tactileforge.sim.optics.lighting import (
@@ -38,14 +40,14 @@ class DepthReader:
     depths have the right shape rather than the right size. `sim.optics.fit` makes one of your unit.
 
     Args:
-        sensor: Type of the sensor.
+        sensor: Type of the sensor, or the spec of one that is not installed under its name.
         calibration: Name of one that ships, or a file of `sim.optics.fit.save_optics`; None takes
             the one of the type.
         rows: Rows of the height map, to which larger pictures are shrunk first.
         mm_per_pixel: Of a picture as the sensor gives it; None takes the sensing area of the type.
 
     Raises:
-        ConfigError: No such sensor, or none of its type is calibrated.
+        ConfigError: None of its type is calibrated, or its sensing area is not known.
         DataNotFoundError: There is no such file.
         DataError: The file is not a calibration.
 
@@ -59,13 +61,15 @@ class DepthReader:
 
     def __init__(
         self,
-        sensor: str,
+        sensor: str | SensorSpec,
         calibration: str | Path | None = None,
         rows: int = 120,
         mm_per_pixel: float | None = None,
     ) -> None:
-        self.sensor, self.rows, self.mm_per_pixel = sensor, rows, mm_per_pixel
-        self.calibration = _calibration(sensor, calibration)
+        self.sensor = sensor if isinstance(sensor, str) else sensor.name
+        self.rows, self.mm_per_pixel = rows, mm_per_pixel
+        self.calibration = _calibration(self.sensor, calibration)
+        self._height_mm = _height_mm(sensor) if mm_per_pixel is None else None
         self._readers: dict[tuple[int, int], SurfaceReader] = {}
 
     def read(self, pictures: NDArray[np.uint8], background: NDArray[np.uint8]) -> Surface:
@@ -106,10 +110,11 @@ class DepthReader:
         rows = min(self.rows, height)
         size = rows, max(1, round(width * rows / height))
         if size not in self._readers:
-            known = pixel_spacing(self.sensor, rows)
-            given = self.mm_per_pixel
-            spacing = known if given is None else given * height / rows
-            self._readers[size] = SurfaceReader(self.calibration, size, spacing)
+            tall = self._height_mm
+            if tall is None:
+                assert self.mm_per_pixel is not None
+                tall = self.mm_per_pixel * height
+            self._readers[size] = SurfaceReader(self.calibration, size, tall / rows)
         return self._readers[size]
 
 
@@ -130,7 +135,7 @@ def depth_readers(
     """
     if strange := sorted(set(given) - set(sensors)):
         raise ConfigError(unknown("sensor of depth", strange[0], sensors))
-    return {name: DepthReader(sensors[name].spec.name, how, rows) for name, how in given.items()}
+    return {name: DepthReader(sensors[name].spec, how, rows) for name, how in given.items()}
 
 
 def _shrunk(picture: NDArray[np.uint8], size: tuple[int, int]) -> Tensor:
@@ -148,11 +153,25 @@ def _calibration(sensor: str, calibration: str | Path | None) -> OpticalCalibrat
             f"no optical calibration of {sensor} comes with the package (there are those of {have})"
             ": fit one to presses of a ball, docs/depth.md"
         )
-    if sensor not in STYLES:
-        raise ConfigError(f"the sensing area of {sensor} is not known: give it in its SensorSpec")
     if calibration is None or str(calibration) in optics_names():
         return load_optics(str(calibration or names[0]))
     return read_optics(calibration)
+
+
+def _height_mm(sensor: str | SensorSpec) -> float:
+    """Height of what the pictures of a sensor show, mm."""
+    name = sensor if isinstance(sensor, str) else sensor.name
+    if name in STYLES:
+        return pixel_spacing(name, 1)
+    area = None if isinstance(sensor, str) else sensor.area_mm
+    with suppress(ConfigError):
+        area = area or spec(name).area_mm
+    if area is None:
+        raise ConfigError(
+            f"the sensing area of {name} is not known: give mm_per_pixel=, or area_mm in its "
+            "SensorSpec"
+        )
+    return area[0]
 
 
 def read_optics(path: str | Path) -> OpticalCalibration:

@@ -257,6 +257,101 @@ def test_a_sensor_the_model_does_not_know(data: Any, tmp_path: Path) -> None:
     assert {cell.task for cell in load.read_results(tmp_path).cells} == {"any"}
 
 
+@pytest.fixture
+def encoded(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, ...]]:
+    """Sensors of each batch that an encoder reads."""
+    seen: list[tuple[str, ...]] = []
+    features = FrozenEncoder.features
+
+    def counted(self: FrozenEncoder, batch: Any, *rest: Any) -> Any:
+        seen.append(tuple(batch["sensor"]))
+        return features(self, batch, *rest)
+
+    monkeypatch.setattr(FrozenEncoder, "features", counted)
+    return seen
+
+
+def two_sensors(node: Any, sides: Any, clip: ClipSpec) -> TaskSource:
+    """Six recordings of a DIGIT, and two of a DuraGel."""
+    made = [recording(i, "digit" if i < 6 else "duragel", i % 2) for i in range(8)]
+    return TaskSource(made, ["train"] * 8, clip)
+
+
+RIDGE = FORCE | {"probe": {"name": "ridge"}, "metrics": ["r2"]}
+FOLDS = {"folds": 2, "group": "object"}
+
+
+def knows_digit() -> FrozenEncoder:
+    loaded = subject()
+    loaded.encoder.sensors = {"digit": 0}
+    return loaded
+
+
+def test_recordings_that_a_task_leaves_out_are_not_encoded(
+    data: Any, tmp_path: Path, encoded: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So an encoder may not know their sensor, nor does the policy of another task count."""
+    monkeypatch.setattr(bench_run, "open_source", two_sensors)
+    digit = RIDGE | {"split": FOLDS | {"only": {"sensor": "digit"}}}
+    entry = ModelEntry(name="tiny", title="Tiny", open=[knows_digit])
+    bench(tmp_path / "one", {"digit": digit}).run(entry)
+    assert not_run(tmp_path / "one") == []
+    assert {name for batch in encoded for name in batch} == {"digit"}
+    every = RIDGE | {"split": FOLDS, "unknown_sensor": "universal"}
+    bench(tmp_path / "two", {"digit": digit, "every": every}).run(entry)
+    assert not_run(tmp_path / "two") == []
+    assert {cell.task for cell in load.read_results(tmp_path / "two").cells} == {"digit", "every"}
+
+
+def test_a_bench_that_goes_on_finds_its_features(
+    data: Any, tmp_path: Path, encoded: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tasks = {
+        "digit": RIDGE | {"split": FOLDS | {"only": {"sensor": "digit"}}},
+        "every": RIDGE | {"split": FOLDS},
+    }
+    monkeypatch.setattr(bench_run, "open_source", two_sensors)
+    whole = bench(tmp_path / "whole", tasks)
+    whole.run(tiny())
+    write = Writer.cells
+
+    def stopped(self: Writer, *rest: Any) -> None:
+        write(self, *rest)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Writer, "cells", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        bench(tmp_path / "again", tasks).run(tiny())
+    monkeypatch.setattr(Writer, "cells", write)
+    encoded.clear()
+    bench(tmp_path / "again", tasks).run(tiny())
+    assert encoded == []
+    found = load.read_results(tmp_path / "again").cells
+    assert [cell.metrics for cell in found] == [cell.metrics for cell in whole.writer.results.cells]
+
+
+def test_one_task_alone_measures_what_it_does_among_others(
+    data: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bench_run, "open_source", two_sensors)
+    some = RIDGE | {"split": FOLDS | {"only": {"sensor": "digit"}}}
+    tasks = {"every": RIDGE | {"split": FOLDS}, "some": some}
+    for name, chosen in (("both", tasks), ("alone", {"some": tasks["some"]})):
+        bench(tmp_path / name, chosen).run(tiny())
+    both, alone = (load.read_results(tmp_path / name).cells for name in ("both", "alone"))
+    among = [cell.metrics["r2"] for cell in both if cell.task == "some"]
+    assert among == pytest.approx([cell.metrics["r2"] for cell in alone], abs=1e-3)
+
+
+def test_two_files_of_one_name_keep_predictions_of_their_own(data: Any, tmp_path: Path) -> None:
+    runner = bench(tmp_path, {"force": FORCE}, seeds=1)
+    for name in ("file:../good/a.safetensors", "file:good/a.safetensors"):
+        runner.run(tiny(name))
+    one, other = load.read_results(tmp_path).cells
+    assert one.predictions != other.predictions
+    assert (tmp_path / one.predictions).is_file()
+
+
 def test_one_class_and_absent_data_do_not_stop_the_rest(data: Any, tmp_path: Path) -> None:
     data(labels=(1,))
     bench(tmp_path, {"force": FORCE, "hard": HARD}).run(tiny())
@@ -320,6 +415,7 @@ def test_options_of_probes(data: Any, tmp_path: Path) -> None:
         (["model=[pixels]", "selection=best"], "validation or test"),
         (["model=[pixels]", 'jobz=["hydra/launcher=ray"]'], "did you mean 'jobs'"),
         (["model=[pixels]", "ablations=no_dif"], "did you mean 'no_diff'"),
+        (["model=[mae]", "pretrain=miniature"], "mae is trained here, and named"),
     ],
 )
 def test_mistakes_on_the_command_line(
@@ -335,6 +431,14 @@ def test_mistakes_on_the_command_line(
     err = capsys.readouterr().err
     assert err.startswith("error: ")
     assert said in err
+
+
+@pytest.mark.parametrize("baselines", [[], ["pixels"]])
+def test_a_model_that_is_named_twice_is_one(baselines: list[str]) -> None:
+    from tactileforge.cli.bench import _beside
+
+    assert _beside(["pixels", "hog", "pixels"], (), baselines)[:2] == ["pixels", "hog"]
+    assert _beside(["pixels", "hog", "pixels"], (), baselines).count("pixels") == 1
 
 
 def test_help_shows_every_key(capsys: pytest.CaptureFixture[str]) -> None:

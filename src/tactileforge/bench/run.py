@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 from tactileforge.bench.fit import class_heads, evaluate
@@ -97,26 +98,27 @@ class Bench:
             self.writer.not_run(reason, model=entry.name, fix=fix)
             return
         self.writer.model(_model(entry, subjects))
-        todo = [
-            prepared for prepared in self.prepared if not self._is_done(prepared, entry, subjects)
-        ]
-        todo = [prepared for prepared in todo if self._knows(prepared, entry, subjects)]
-        groups: dict[int, list[PreparedTask]] = {}
-        for prepared in todo:
-            groups.setdefault(id(prepared.source), []).append(prepared)
+        groups: dict[tuple[int, str], list[PreparedTask]] = {}
+        for prepared in self.prepared:
+            if self._knows(prepared, entry, subjects):
+                alike = id(prepared.source), prepared.task.unknown_sensor
+                groups.setdefault(alike, []).append(prepared)
         for group in groups.values():
             self._group(entry, subjects, group)
         self.writer.write()
 
     def _group(
-        self, entry: ModelEntry, subjects: Sequence[FrozenEncoder], group: Sequence[PreparedTask]
+        self, entry: ModelEntry, subjects: Sequence[FrozenEncoder], every: Sequence[PreparedTask]
     ) -> None:
-        """Runs the tasks of one source, which share features."""
+        """Runs the tasks of one source that are not done; all of them share features."""
+        group = [prepared for prepared in every if not self._is_done(prepared, entry, subjects)]
         extracted: list[SourceFeatures | None] = []
-        frozen = [prepared for prepared in group if not self.choices[prepared.task.name].finetune]
+        frozen = self._frozen(group)
+        # also clips of tasks that are done: else a bench that goes on would find no feature again
+        clips = [prepared.clips for prepared in self._frozen(every)]
         for subject in subjects if frozen else ():
             try:
-                extracted.append(self._features(subject, frozen))
+                extracted.append(self._features(subject, frozen, np.unique(np.concatenate(clips))))
             except TactileForgeError as error:
                 for prepared in group:
                     self._refuse(error, prepared, entry)
@@ -127,8 +129,13 @@ class Bench:
             except TactileForgeError as error:
                 self._refuse(error, prepared, entry)
 
-    def _features(self, subject: FrozenEncoder, group: Sequence[PreparedTask]) -> SourceFeatures:
-        clips = np.unique(np.concatenate([prepared.target.clips for prepared in group]))
+    def _frozen(self, tasks: Sequence[PreparedTask]) -> list[PreparedTask]:
+        """Tasks whose probes leave the encoder as it is."""
+        return [prepared for prepared in tasks if not self.choices[prepared.task.name].finetune]
+
+    def _features(
+        self, subject: FrozenEncoder, group: Sequence[PreparedTask], clips: NDArray[np.int64]
+    ) -> SourceFeatures:
         kinds = [self.choices[prepared.task.name].kind for prepared in group]
         taps = sorted({tap for kind in kinds for tap in subject.taps(kind)})
         flips = FLIPS if any(prepared.task.flips for prepared in group) else (PLAIN,)
@@ -180,7 +187,7 @@ class Bench:
         for _, result in measured:
             scores.setdefault(_name(result), []).append(sign * result.score)
         order = sorted(scores, key=lambda name: sum(scores[name]))
-        units, clips = _units(prepared), _clips(prepared)
+        units, clips = prepared.test_units, prepared.test_clips
         rows = []
         for seed, result in sorted(measured, key=lambda row: (order.index(_name(row[1])), row[0])):
             first = result.outcomes[0]
@@ -251,20 +258,6 @@ def _name(result: evaluate.ProbeResult) -> str:
     """Name of the setting of a probe."""
     first = result.outcomes[0]
     return first.reading or str(first.lr)
-
-
-def _units(prepared: PreparedTask) -> list[str]:
-    """Bootstrap unit of each test clip, in their order."""
-    plan = prepared.task.split
-    test = np.concatenate([split.test for split in prepared.splits])
-    return splits.group_names(prepared.source, prepared.target, test, plan.unit or plan.group)
-
-
-def _clips(prepared: PreparedTask) -> list[str]:
-    """Recording and last frame of each test clip, in their order."""
-    test = np.concatenate([split.test for split in prepared.splits])
-    rows = prepared.source.index[prepared.target.clips[test]].tolist()
-    return [f"{prepared.source.recordings[number].key}[{last}]" for number, last in rows]
 
 
 def _setting(choice: ProbeChoice, first: TrainedProbe) -> dict[str, Any]:

@@ -196,14 +196,24 @@ def _report(writer: Writer) -> int:
 
 
 def _beside(named: Sequence[str], trained: Iterable[str], baselines: Sequence[str]) -> list[str]:
-    """Models, followed by the baselines and each model with random weights."""
-    if not baselines:
-        return list(named)
-    from tactileforge.bench.fit.baselines import BASELINES
+    """Models, each once, followed by the baselines and each model with random weights.
 
-    models = [word for word in (*trained, *named) if word not in BASELINES]
-    random = [f"untrained:{word}" for word in models if not word.startswith("untrained:")]
-    return list(dict.fromkeys([*named, *random, *baselines]))
+    Raises:
+        ConfigError: A model that is trained here has the name of another.
+    """
+    words = list(named)
+    if baselines:
+        from tactileforge.bench.fit.baselines import BASELINES
+
+        models = [word for word in (*trained, *named) if word not in BASELINES]
+        random = [f"untrained:{word}" for word in models if not word.startswith("untrained:")]
+        words += [*random, *baselines]
+    if twice := sorted(set(trained) & set(words)):
+        raise ConfigError(
+            f"model {twice[0]} is trained here, and named in model= or baselines=: leave it out "
+            "there, or rename it in pretrain.models"
+        )
+    return list(dict.fromkeys(words))
 
 
 def _tasks(config: dict[str, Any]) -> dict[str, Any]:

@@ -90,6 +90,16 @@ def test_differences_are_paired():
     assert half < 0.5 * unpaired
 
 
+@pytest.mark.parametrize("count", [1, 3])
+def test_an_interval_has_a_width_where_all_pairs_agree(count):
+    never = [cell([0] * 20)] * count
+    score = difference(never, never)
+    assert score.value == 0
+    assert (score.low, score.high) == pytest.approx((-0.161, 0.161), abs=1e-3)
+    always = difference([cell([1] * 20)] * count, never)
+    assert (always.low, always.high) == pytest.approx((0.772, 1.0), abs=1e-3)
+
+
 def test_differences_of_two_trainings_cover_their_spread():
     won, lost = cell([1] * 20), cell([0] * 20)
     score = difference([won, lost], [lost])
@@ -156,10 +166,10 @@ def test_the_verb_writes_table_json_and_page(tmp_path, monkeypatch, capsys):
     assert (cells["anytouch2"]["low"], cells["anytouch2"]["high"]) == wilson(5, 5)
     assert cells["mae"]["not_run"] == "the loss is not finite"
     rows = {row["policy"]: row for row in plain["differences"]}
-    assert rows["anytouch2"]["value"] == rows["anytouch2"]["low"] == 1.0
+    assert rows["anytouch2"]["value"] == rows["anytouch2"]["high"] == 1.0
     table = (tmp_path / "out/table.md").read_text()
     assert "|AnyTouch2(tiny)|100(57to100)|" in table.replace(" ", "")
-    assert "+100 ▲ (+100 to +100)" in table
+    assert "+100 ▲ (+39 to +100)" in table
     assert (tmp_path / "out/rollouts/reach-digit-anytouch2-0/report.html").is_file()
     before = (
         (tmp_path / "out/rollouts/reach-digit-anytouch2-0/episodes/00004.json").stat().st_mtime_ns

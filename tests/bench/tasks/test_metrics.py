@@ -103,6 +103,15 @@ def test_accuracy_and_f1() -> None:
     assert metrics.measure("f1", three, right, three.truth) == pytest.approx(500 / 9, rel=1e-5)
 
 
+def test_balanced_accuracy_is_the_mean_recall_of_classes_in_the_truth() -> None:
+    part = classes([0, 0, 1, 1], 3)
+    predicted = torch.tensor([[0.0], [2.0], [1.0], [1.0]])
+    assert metrics.measure("balanced_accuracy", part, predicted, part.truth) == 75
+    uneven = classes([0, 1, 1, 1], 2)
+    value = metrics.measure("balanced_accuracy", uneven, torch.ones(4, 1), uneven.truth)
+    assert value == 50
+
+
 def test_columns_of_classes_are_samples() -> None:
     truth = torch.tensor([[0.0, 1.0, 2.0], [1.0, 1.0, 0.0]])
     part = TargetPart("classes", truth, torch.ones_like(truth), ("a", "b", "c"))

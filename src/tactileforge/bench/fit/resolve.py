@@ -8,11 +8,12 @@ from inspect import signature
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactileforge.bench.fit.probes import probe_class
 from tactileforge.bench.fit.probes.base import Probe, ProbeTraining
 from tactileforge.bench.results import results
-from tactileforge.bench.tasks import metrics
+from tactileforge.bench.tasks import metrics, splits
 from tactileforge.bench.tasks.source import TaskSource
 from tactileforge.bench.tasks.splits import Split
 from tactileforge.bench.tasks.suite import Task
@@ -39,11 +40,35 @@ class PreparedTask:
     @property
     def sensors(self) -> list[str]:
         """Names of the sensors of its clips."""
-        used = np.concatenate(
-            [np.concatenate([split.train, split.validation, split.test]) for split in self.splits]
-        )
-        numbers = np.unique(self.source.index[self.target.clips[used], 0])
+        numbers = np.unique(self.source.index[self.clips, 0])
         return sorted({self.source.recordings[n].sensor for n in numbers})
+
+    @property
+    def clips(self) -> NDArray[np.int64]:
+        """int64, ascending: clips of the source that a split uses."""
+        used = [
+            places
+            for split in self.splits
+            for places in (split.train, split.validation, split.test)
+        ]
+        return self.target.clips[np.unique(np.concatenate(used))]
+
+    @property
+    def test_units(self) -> list[str]:
+        """Bootstrap unit of each test clip, in their order."""
+        plan = self.task.split
+        unit = plan.unit or plan.group
+        return splits.group_names(self.source, self.target, self._test, unit)
+
+    @property
+    def test_clips(self) -> list[str]:
+        """Recording and last frame of each test clip, in their order."""
+        rows = self.source.index[self.target.clips[self._test]].tolist()
+        return [f"{self.source.recordings[number].key}[{last}]" for number, last in rows]
+
+    @property
+    def _test(self) -> NDArray[np.int64]:
+        return np.concatenate([split.test for split in self.splits])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,6 +15,7 @@ from tactileforge.bench.manipulation.run import CellResult
 from tactileforge.bench.output.grid import ColumnHead, Notes, Table, TableEntry, Tone
 from tactileforge.bench.output.render import render_html, render_markdown
 from tactileforge.bench.results.bootstrap import GroupedScore, ScoreInterval, compared
+from tactileforge.bench.results.paired import paired_difference
 from tactileforge.files import write_text
 from tactileforge.pages.page import MINUS, Section, page, paragraph
 from tactileforge.provenance import commit
@@ -29,8 +30,9 @@ _SUCCESS = (
     "of all trainings. Starts and physics are the same for all rows."
 )
 _PAIRED = (
-    "Difference of the success to that of {title}, in percent, with its 95 % interval: bootstrap "
-    "over starts, paired, and over trainings. Filled where the interval leaves 0 out."
+    "Difference of the success to that of {title}, in percent, with its 95 % interval: of one "
+    "training, by score (Newcombe, 1998, method 10), starts paired; of several, bootstrap over "
+    "starts, paired, and over trainings. Filled where the interval leaves 0 out."
 )
 
 
@@ -42,8 +44,17 @@ def tally(result: CellResult) -> GroupedScore:
 
 
 def difference(ours: Sequence[CellResult], theirs: Sequence[CellResult]) -> ScoreInterval:
-    """Difference of two policies' success, of the same starts, by the paired bootstrap."""
-    return compared([tally(cell) for cell in ours], [tally(cell) for cell in theirs])
+    """Difference of two policies' success, of the same starts.
+
+    Of one training each, the interval is by score; of several, by the bootstrap, which covers
+    their spread. Where that has no width, as all pairs are alike, it is that of the first ones.
+    """
+    score = compared([tally(cell) for cell in ours], [tally(cell) for cell in theirs])
+    several = len(ours) > 1 or len(theirs) > 1
+    if several and score.low < score.high:
+        return score
+    first = [[episode.success for episode in cells[0].episodes] for cells in (ours, theirs)]
+    return paired_difference(*first)
 
 
 class Outcome:

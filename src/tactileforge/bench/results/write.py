@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
 import json
 import math
@@ -29,6 +30,7 @@ from tactileforge.bench.results.results import (
 from tactileforge.bench.tasks.targets import TargetPart
 from tactileforge.errors import TactileForgeError
 from tactileforge.files import write_text
+from tactileforge.hub.cards import card_names
 from tactileforge.provenance import commit
 
 #: All cells that were ever measured, by task and model, with a hash of what they depend on: a
@@ -86,7 +88,10 @@ class Writer:
     def kept(self, task: str, model: str, key: str) -> bool:
         """Keeps the stored cells of a task and model if they were measured under this key."""
         before, cells = self._measured.get(f"{task} {model}", ("", []))
-        there = all((self.folder / cell.predictions).is_file() for cell in cells)
+        there = all(
+            cell.predictions == _predictions(cell) and (self.folder / cell.predictions).is_file()
+            for cell in cells
+        )
         if not cells or not there or before != key:
             return False
         self.results.cells.extend(cells)
@@ -138,8 +143,7 @@ class Writer:
             units: Bootstrap unit of each clip.
             clips: Recording and last frame of each.
         """
-        file = file_name(cell.task, cell.model, *map(str, cell.setting.values()), str(cell.seed))
-        path = self.folder / "predictions" / f"{file}.npz"
+        path = self.folder / _predictions(cell)
         path.parent.mkdir(parents=True, exist_ok=True)
         kind = np.int64 if part.kind == "classes" else np.float32
         names = "names" if part.kind == "classes" else "axes"
@@ -153,12 +157,35 @@ class Writer:
             arrays |= {key: arrays[key][:, 0] for key in ("truth", "predicted")}
             _write_table(path.with_suffix(".csv"), clips, arrays)
         np.savez_compressed(path, **arrays)
-        return replace(cell, predictions=path.relative_to(self.folder).as_posix())
+        return replace(cell, predictions=_predictions(cell))
 
 
 def file_name(*words: str) -> str:
-    """Words as one name of a file, without its ending."""
-    return ".".join(re.sub(r"[^\w-]+", "_", word) for word in words)
+    """Words as one name of a file, without its ending; other words give another name.
+
+    Plain words stay, and dots become ``_`` in names of the zoo and in numbers. All others get a
+    hash too: cleaned, ``file:../a`` and ``file:a`` are the same.
+
+    Example:
+        >>> file_name("classes", "anytouch2.tiny", "0.001")
+        'classes.anytouch2_tiny.0_001'
+    """
+    return ".".join(map(_file_word, words))
+
+
+def _file_word(word: str) -> str:
+    clean = re.sub(r"[^\w-]+", "_", word)
+    # of anytouch2.tiny and anytouch2_tiny, or 0.1 and 0_1, the first takes the plain name
+    stems = "|".join([r"\d+", *map(re.escape, card_names())])
+    pair = re.fullmatch(rf"(?:{stems})([._])[A-Za-z0-9-]+", word)
+    plain = pair[1] == "." if pair else clean == word
+    return clean if plain else f"{clean}~{hashlib.sha256(word.encode()).hexdigest()[:8]}"
+
+
+def _predictions(cell: Cell) -> str:
+    """The path of the predictions of a cell, from the folder of the results."""
+    setting = map(str, cell.setting.values())
+    return f"predictions/{file_name(cell.task, cell.model, *setting, str(cell.seed))}.npz"
 
 
 def _write_table(path: Path, clips: Sequence[str], arrays: dict[str, Any]) -> None:

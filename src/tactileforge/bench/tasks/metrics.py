@@ -109,6 +109,38 @@ class R2(Metric):
         return scores.mean() if self.axis < 0 else scores[self.axis]
 
 
+class MeanRecall(Metric):
+    """Mean recall of the classes that the truth has.
+
+    `torchmetrics.MulticlassAccuracy` is no substitute: to it, a class that is predicted and that
+    the truth does not have is one of recall 0.
+
+    Args:
+        classes: Number of classes.
+    """
+
+    full_state_update = False
+    counts: Tensor
+
+    def __init__(self, classes: int) -> None:
+        super().__init__()
+        zeros = torch.zeros(2, classes, dtype=torch.long)
+        self.add_state("counts", zeros, dist_reduce_fx="sum")
+
+    def update(self, predicted: Tensor, truth: Tensor) -> None:
+        """Adds samples, class indices (n,)."""
+        classes = self.counts.shape[1]
+        rows = [truth[truth == predicted], truth]
+        self.counts += torch.stack([row.bincount(minlength=classes) for row in rows])
+
+    def compute(self) -> Tensor:
+        """The mean recall; NaN without samples."""
+        right, count = self.counts.double()
+        there = count > 0
+        recalls: Tensor = right[there] / count[there]
+        return recalls.mean()
+
+
 class Percent(Metric):
     """A metric of classes, in percent; several columns of classes count as more samples.
 
@@ -137,7 +169,7 @@ def _accuracy(part: TargetPart) -> Metric:
 
 
 def _balanced(part: TargetPart) -> Metric:
-    return Percent(MulticlassAccuracy(len(part.names), average="macro"))
+    return Percent(MeanRecall(len(part.names)))
 
 
 def _f1(part: TargetPart) -> Metric:
