@@ -2,9 +2,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from tactileforge.data.batches.clips import view_of
 from tactileforge.datasets.objectfolder_real import ObjectFolderReal
+from tactileforge.errors import DataError
 
 Make = Callable[..., Any]
 
@@ -28,9 +31,29 @@ def test_recordings(root: Path, levels: Make) -> None:
     assert sorted(by_key) == [f"objectfolder_real/{place}" for place in ("1/0", "1/1", "2/0")]
     recording = by_key["objectfolder_real/1/0"]
     assert levels(recording.frames) == list(range(11)), "by number: 10 after 9"
-    assert (levels(recording.no_contact), levels(recording.image)) == ([0], [4, 9])
+    assert (levels(recording.no_contact), levels(recording.image)) == ([0], [4, 4, 9])
+    assert recording.image_times is not None
+    np.testing.assert_allclose(recording.image_times, [3 / 30, 5 / 30, 10 / 30])
     assert (recording.object, recording.sensor) == ("objectfolder_1", "gelslim")
     assert by_key["objectfolder_real/2/0"].image is None, "its view is not there"
+
+
+def test_each_touch_has_the_view_that_the_index_gives_it(
+    root: Path, write: Make, levels: Make
+) -> None:
+    pairs = [4, 4, *[9] * 9]
+    lines = [f"1/0/gelsight/{i}.png,1/0/camera/{view}.png,17" for i, view in enumerate(pairs)]
+    write("contact_text_obj.csv", "\n".join(lines))
+    recording = next(iter(ObjectFolderReal(str(root), val=0).recordings("train")))
+    views = levels(recording.image)
+    assert [views[view_of(recording, row)] for row in range(11)] == pairs
+
+
+def test_a_line_that_is_cut_off_is_named(root: Path) -> None:
+    index = root / "contact_text_obj.csv"
+    index.write_text(index.read_text() + "\n1/0/gel")
+    with pytest.raises(DataError, match=r"contact_text_obj\.csv, line 6: \['1/0/gel'\] is not a"):
+        list(ObjectFolderReal(str(root), val=0).recordings("train"))
 
 
 def test_without_the_index_there_are_no_views(root: Path) -> None:

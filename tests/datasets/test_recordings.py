@@ -133,6 +133,32 @@ def test_a_background_that_does_not_fit(
         read(tmp_path, **VIDEO | {"background": {"file": "b.mov.avi"}})
 
 
+@pytest.mark.parametrize("key", ["background", "image"])
+def test_a_touch_whose_other_files_are_damaged_is_left_out(
+    tmp_path: Path, make_image: MakeFile, key: str
+) -> None:
+    for i in range(3):
+        make_image(f"{i}.png", i)
+        make_image(f"more/{i}.png", i)
+    (tmp_path / "more/1.png").write_bytes(b"half a png")
+    more = {"background": {"file": "more/{stem}.png"}, "image": "more/{stem}.png"}
+    data = Recordings(str(tmp_path), {"a": {**IMAGES, key: more[key]}}, val=0)
+    keys = [recording.key for recording in data.recordings("train")]
+    assert keys == ["a/0.png", "a/2.png"]
+    (line,) = data.skipped
+    assert "more/1.png: not a readable image" in line
+
+
+@pytest.mark.parametrize("pattern", ["**.png", "/tmp/*.png"])
+@pytest.mark.parametrize("key", ["images", "image"])
+def test_a_pattern_that_is_none_is_named(
+    tmp_path: Path, make_image: MakeFile, key: str, pattern: str
+) -> None:
+    make_image("0.png")
+    with pytest.raises(ConfigError, match=r"layout 'a': pattern .*give a path from .*on, with"):
+        read(tmp_path, **IMAGES | {key: pattern})
+
+
 def test_a_background_for_each_file(tmp_path: Path, make_image: MakeFile) -> None:
     for i in (1, 2):
         make_image(f"{i}/touch.png", i)

@@ -153,3 +153,12 @@ def test_conformance(tmp_path: Path, batch: Make, conforms: Make) -> None:
     for name in ("sphere/batch_1", "sharp/batch_1"):
         batch(name)
     conforms(SparshForce, root=str(tmp_path), val=0.3)
+
+
+def test_one_force_that_is_no_number_does_not_turn_the_others(tmp_path: Path, batch: Make) -> None:
+    path = batch("sphere/batch_1", sign=-1) / "dataset_slip_forces.pkl"
+    labels = pickle.loads(path.read_bytes())
+    labels["trajectories"][1]["forces"][3, 2] = np.nan
+    path.write_bytes(pickle.dumps(labels))
+    (recording,) = SparshForce(str(tmp_path), val=0).recordings("train")
+    np.testing.assert_allclose(recording.force[-1], [0.5, -0.5, 2])  # type: ignore[index]

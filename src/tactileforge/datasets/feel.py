@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator
 from functools import partial
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from tactileforge.contracts import FrameSubset, Recording
 from tactileforge.data.frames.lazy import ImageFrames
+from tactileforge.datasets.reading.files import read_rows
 from tactileforge.datasets.reading.published import PublishedDataset, RecordingItem
 from tactileforge.errors import DataError
 
@@ -48,9 +48,9 @@ class Feel(PublishedDataset):
         index = self.root / "feel.csv"
         if not index.is_file():
             raise self._missing(f"no index {index}")
-        with index.open(newline="", encoding="utf-8-sig") as file:
-            rows = [row for row in csv.reader(file) if row]
-        for i, row in enumerate(rows, start=1):
+        for i, row in enumerate(read_rows(index), start=1):
+            if not row:
+                continue
             if len(row) != 3 or not row[1].strip().isdigit() or row[2].strip() not in ("0", "1"):
                 raise DataError(
                     f"{index}, line {i}: {row} is not an object, a number, and 0 or 1; unpack the "

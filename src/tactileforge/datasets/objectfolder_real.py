@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
-import csv
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
 
 from tactileforge.contracts import FrameSubset, Recording
 from tactileforge.data.frames.lazy import ImageFrames
+from tactileforge.datasets.reading.files import read_rows
 from tactileforge.datasets.reading.published import (
     NumberedImages,
     PublishedDataset,
     RecordingItem,
     frame_times,
 )
+from tactileforge.errors import DataError
 
 
 class ObjectFolderReal(PublishedDataset):
     """ObjectFolder Real: a folder ``gelsight`` is a recording, its first frame the background.
 
     The names of the camera images are not those of the touches: `contact_text_obj.csv` of TacQuad
-    pairs them (touch, vision, number of a text). Without it, recordings have no view.
+    pairs them (touch, vision, number of a text): a recording has one view for each touch that is
+    listed, at the time of that touch. Without it, recordings have no view.
 
     Args:
         root: Folder with ``tactile``, or that folder itself.
@@ -61,31 +63,36 @@ class ObjectFolderReal(PublishedDataset):
                 key, partial(self._open, key, place.parts[0], folder, views[folder])
             )
 
-    def _open(self, key: str, name: str, folder: Path, views: list[Path]) -> Recording:
+    def _open(self, key: str, name: str, folder: Path, views: Mapping[int, Path]) -> Recording:
         touch = NumberedImages(folder, r"\d+")
         frames = touch.frames()
+        numbers = list(touch.files)
+        times = frame_times(numbers, self.fps)
+        rows = [row for row, number in enumerate(numbers) if number in views]
         return self._recording(
             key,
             sensor="gelslim",
             frames=frames,
-            times=frame_times(list(touch.files), self.fps),
+            times=times,
             no_contact=FrameSubset(frames, [0]),
             object=f"objectfolder_{name}",
-            image=ImageFrames(views) if views else None,
+            image=ImageFrames([views[numbers[row]] for row in rows]) if rows else None,
+            image_times=times[rows] if rows else None,
         )
 
 
-def _views(tactile: Path) -> dict[Path, list[Path]]:
-    """The camera images of each folder of touches, in the order of its frames."""
+def _views(tactile: Path) -> dict[Path, dict[int, Path]]:
+    """The camera image of each touch that is listed, by folder and number."""
     pairs: dict[Path, dict[int, Path]] = defaultdict(dict)
     index = tactile.parent / "contact_text_obj.csv"
-    if index.is_file():
-        with index.open(newline="", encoding="utf-8") as file:
-            for row in csv.reader(file):
-                touch, view = tactile / row[0], tactile / row[1]
-                if touch.stem.isdigit() and view.is_file():
-                    pairs[touch.parent][int(touch.stem)] = view
-    by_folder: dict[Path, list[Path]] = defaultdict(list)
-    for folder, by_number in pairs.items():
-        by_folder[folder] = list(dict.fromkeys(by_number[number] for number in sorted(by_number)))
-    return by_folder
+    for i, row in enumerate(read_rows(index) if index.is_file() else (), start=1):
+        if not row:
+            continue
+        if len(row) < 2:
+            raise DataError(
+                f"{index}, line {i}: {row} is not a touch, a view and a number; download it again"
+            )
+        touch, view = tactile / row[0], tactile / row[1]
+        if touch.stem.isdecimal() and view.is_file():
+            pairs[touch.parent][int(touch.stem)] = view
+    return pairs

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from omegaconf import OmegaConf
 
 from tactileforge.contracts import Recording
+from tactileforge.datasets.reading.files import DamagedFileError
 from tactileforge.datasets.reading.layout import EXAMPLE, SPLITS, DatasetLayout, parse_layout
 from tactileforge.datasets.reading.reader import LayoutReader, LayoutTouch
 from tactileforge.datasets.reading.splits import is_held_out, split_parts
@@ -76,7 +77,8 @@ class Recordings:
     def recordings(self, split: str) -> Iterator[Recording]:
         """Yields the recordings of a split, layout by layout, files in natural order.
 
-        A recording that cannot be opened is left out and listed in ``skipped``.
+        A recording that cannot be opened, or whose background or camera view cannot, is left out
+        and listed in ``skipped``.
 
         Args:
             split: ``train`` or ``val``.
@@ -96,15 +98,14 @@ class Recordings:
                 side = _side(reader.layout, touch, self.val)
                 if side not in (split, "time"):
                     continue
-                try:
-                    frames = reader.open(touch)
-                except DataError as error:
-                    failed.append(str(error))
-                    if str(error) not in self.skipped:
-                        self.skipped.append(str(error))
+                labelled = _labelled(reader, touch)
+                if isinstance(labelled, str):
+                    failed.append(labelled)
+                    if labelled not in self.skipped:
+                        self.skipped.append(labelled)
                     continue
                 opened += 1
-                for recording in reader.label(touch, frames):
+                for recording in labelled:
                     if side == "time":
                         yield from split_parts(recording, self.val, split)
                     else:
@@ -117,6 +118,18 @@ class Recordings:
         from tactileforge.datasets.reading.figure import plot
 
         return plot(recording)
+
+
+def _labelled(reader: LayoutReader, touch: LayoutTouch) -> list[Recording] | str:
+    """Recordings of a touch; or, where one of its files is damaged, a line that says so."""
+    try:
+        frames = reader.open(touch)
+    except DataError as error:
+        return str(error)
+    try:
+        return list(reader.label(touch, frames))
+    except DamagedFileError as error:
+        return str(error)
 
 
 def _side(layout: DatasetLayout, touch: LayoutTouch, val: float) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import re
 from collections.abc import Iterator
 from functools import partial
@@ -12,6 +11,7 @@ import numpy as np
 
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ImageFrames
+from tactileforge.datasets.reading.files import read_rows, read_text
 from tactileforge.datasets.reading.official import ALL, TVL_OFFICIAL
 from tactileforge.datasets.reading.published import NumberedImages, PublishedDataset, RecordingItem
 
@@ -70,13 +70,12 @@ class Ssvtp(PublishedDataset):
 def _first_line(path: Path) -> str:
     if not path.is_file():
         return ""
-    return path.read_text(encoding="utf-8").strip().partition("\n")[0].strip()
+    return read_text(path).strip().partition("\n")[0].strip()
 
 
 def _numbers(path: Path) -> set[int]:
     """Numbers of the images that a list names; none where there is no list."""
     if not path.is_file():
         return set()
-    with path.open(newline="", encoding="utf-8") as file:
-        names = [re.search(r"image_(\d+)_rgb", row[0]) for row in csv.reader(file) if row]
+    names = [re.search(r"image_(\d+)_rgb", row[0]) for row in read_rows(path) if row]
     return {int(match[1]) for match in names if match}

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
 from tactileforge.contracts import Frames, FrameSubset, Recording
 from tactileforge.data.frames.lazy import ImageFrames
+from tactileforge.datasets.reading.files import read_rows
 from tactileforge.datasets.reading.published import (
     NumberedImages,
     PublishedDataset,
@@ -104,14 +104,13 @@ class TacQuad(PublishedDataset):
 
 def _read(index: Path) -> Iterator[tuple[str, list[tuple[int, int]]]]:
     """Item, and first and last frame of the contact for each sensor, of each row."""
-    with index.open(newline="", encoding="utf-8-sig") as file:
-        for i, row in enumerate(csv.reader(file), start=1):
-            if len(row) < 7 or not all(cell.strip().isdigit() for cell in row[1:7]):
-                raise DataError(
-                    f"{index}, line {i}: {row} is not an item and six numbers; download it again"
-                )
-            name, numbers = row[0].strip(), [int(cell) for cell in row[1:7]]
-            yield _ALIASES.get(name, name), list(zip(numbers[::2], numbers[1::2], strict=True))
+    for i, row in enumerate(read_rows(index), start=1):
+        if len(row) < 7 or not all(cell.strip().isdecimal() for cell in row[1:7]):
+            raise DataError(
+                f"{index}, line {i}: {row} is not an item and six numbers; download it again"
+            )
+        name, numbers = row[0].strip(), [int(cell) for cell in row[1:7]]
+        yield _ALIASES.get(name, name), list(zip(numbers[::2], numbers[1::2], strict=True))
 
 
 def _named(place: Path, name: str) -> Path:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ImageFrames
+from tactileforge.datasets.reading.files import read_text
 from tactileforge.datasets.reading.official import (
     ALL,
     ANYTOUCH2_MATERIAL,
@@ -133,7 +134,7 @@ class TouchAndGo(PublishedDataset):
 def _read(path: Path) -> dict[str, list[_Row]]:
     """Labelled frames of a list ``FILM/FRAME.jpg,LABEL[,BACKGROUND.jpg]`` by film, in order."""
     films: dict[str, dict[int, _Row]] = {}
-    for i, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+    for i, line in enumerate(read_text(path).splitlines(), start=1):
         if not line.strip():
             continue
         try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import re
 from collections.abc import Iterator
 from functools import partial
@@ -12,6 +11,7 @@ from typing import NamedTuple
 
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ImageFrames
+from tactileforge.datasets.reading.files import read_rows
 from tactileforge.datasets.reading.official import ALL, TVL_OFFICIAL
 from tactileforge.datasets.reading.published import (
     PublishedDataset,
@@ -101,15 +101,14 @@ class Tvl(PublishedDataset):
         for side in ("train", "test"):
             path = part / f"{side}.csv"
             if path.is_file():
-                with path.open(newline="", encoding="utf-8") as file:
-                    for i, cells in enumerate(list(csv.reader(file))[1:], start=2):
-                        if len(cells) != 4:
-                            raise DataError(
-                                f"{path}, line {i}: {len(cells)} cells, where vision, tactile, "
-                                "background and caption belong; download it again"
-                            )
-                        vision, touch, background, caption = map(str.strip, cells)
-                        rows.append(_Row(touch, vision, background, caption, side))
+                for i, cells in enumerate(read_rows(path)[1:], start=2):
+                    if len(cells) != 4:
+                        raise DataError(
+                            f"{path}, line {i}: {len(cells)} cells, where vision, tactile, "
+                            "background and caption belong; download it again"
+                        )
+                    vision, touch, background, caption = map(str.strip, cells)
+                    rows.append(_Row(touch, vision, background, caption, side))
         return rows or self._in_contact(part / "contact.json")
 
     def _in_contact(self, path: Path) -> list[_Row]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
@@ -112,11 +113,72 @@ class Info:
             raise DataError(f"{path}: fps={info.fps} and {len(dtypes)} features")
         return info
 
+    def data_file(self, root: Path, place: Mapping[str, int]) -> Path:
+        """The parquet file of a chunk and file number.
+
+        Raises:
+            DataError: The pattern has an unknown field, or leads out of the data set.
+        """
+        return _filled(root, "data_path", self.data_path, place)
+
+    def video_file(self, root: Path, feature: str, place: Mapping[str, int]) -> Path:
+        """The video of a feature, by chunk and file number.
+
+        Raises:
+            DataError: The pattern has an unknown field, or leads out of the data set.
+        """
+        return _filled(root, "video_path", self.video_path, {"video_key": feature, **place})
+
     def pictures(self) -> list[str]:
         """Names of the features that are videos or images."""
         return [
             key for key, feature in self.features.items() if feature["dtype"] in ("video", "image")
         ]
+
+
+def _filled(root: Path, key: str, pattern: str, fields: Mapping[str, str | int]) -> Path:
+    where = f"{root / INFO}, {key}"
+    try:
+        name = pattern.format(**fields)
+    except (LookupError, ValueError, TypeError, AttributeError) as error:
+        raise DataError(
+            f"{where}: {pattern!r} cannot be filled in ({error!r}); it may name {', '.join(fields)}"
+        ) from error
+    return inside(root, name, where)
+
+
+def inside(root: Path, name: str, where: str) -> Path:
+    """A file of a data set; its links may lead to the files that Hugging Face's cache shares.
+
+    Args:
+        root: The data set.
+        name: Path of the file from there.
+        where: Place that names it, for messages.
+
+    Raises:
+        DataError: It lies outside the data set.
+    """
+    path = root / name
+    real, folder = path.resolve(), root.resolve()
+    shared = folder.parent.parent / "blobs" if folder.parent.name == "snapshots" else folder
+    if not real.is_relative_to(folder) and not real.is_relative_to(shared):
+        raise DataError(
+            f"{where}: {name} lies outside the data set, and is not opened; put the file into "
+            f"{root}, and correct the path"
+        )
+    return path
+
+
+def column_names(path: Path) -> list[str]:
+    """The columns of a parquet file.
+
+    Raises:
+        DataError: It cannot be read.
+    """
+    try:
+        return list(import_arrow().parquet.read_schema(path).names)
+    except (OSError, ValueError, import_arrow().lib.ArrowException) as error:
+        raise DataError(f"{path}: cannot be read ({error}); download it again") from error
 
 
 @cache

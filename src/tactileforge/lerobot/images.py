@@ -50,10 +50,7 @@ class ColumnImages(Sequence[bytes]):
         where = f"{self.path}, row {row}, {self.feature}"
         if not isinstance(name, str) or not name:
             raise DataError(f"{where}: neither bytes nor the path of an image")
-        path = (self.root / name).resolve()
-        if not path.is_relative_to(self.root.resolve()):
-            raise DataError(f"{where}: {name} lies outside the data set, and is not opened")
         try:
-            return path.read_bytes()
+            return folder.inside(self.root, name, where).read_bytes()
         except OSError as error:
             raise DataError(f"{where}: {name} cannot be read ({error.strerror})") from error

@@ -20,7 +20,10 @@ from tactileforge.errors import DataError, DataNotFoundError, unknown
 from tactileforge.lerobot import folder
 from tactileforge.lerobot.folder import Info
 from tactileforge.lerobot.images import ColumnImages
-from tactileforge.untrusted import load_json
+from tactileforge.lerobot.touch import read_touch
+
+#: Columns that each file of episodes has.
+_NEEDED = ("episode_index", "length", "data/chunk_index", "data/file_index")
 
 
 @dataclass(frozen=True)
@@ -61,11 +64,15 @@ class LeRobotFolder:
         """Location of each episode, in order; without statistics."""
         rows: list[dict[str, Any]] = []
         for path in sorted((self.root / "meta" / "episodes").glob("*/*.parquet")):
-            names = folder.import_arrow().parquet.read_schema(path).names
+            names = folder.column_names(path)
+            if lacks := [name for name in _NEEDED if name not in names]:
+                raise DataError(f"{path}: no column {lacks[0]}; download it again")
             wanted = tuple(name for name in names if not name.startswith("stats/"))
             rows += folder.read_parquet(path, wanted).to_pylist()
         if not rows:
             raise DataNotFoundError(f"{self.root}/meta/episodes: no episodes there")
+        if any(row[name] is None for row in rows for name in _NEEDED):
+            raise DataError(f"{self.root}/meta/episodes: an empty cell; download it again")
         return sorted(rows, key=lambda row: int(row["episode_index"]))
 
     @cached_property
@@ -78,11 +85,7 @@ class LeRobotFolder:
         path = self.root / folder.TOUCH
         if not path.is_file():
             return []
-        try:
-            stored = load_json(path.read_text(encoding="utf-8"))
-            version, touches = stored["version"], list(stored["episodes"])
-        except (ValueError, KeyError, TypeError) as error:
-            raise DataError(f"{path}: damaged ({error!r}); remove it, or write it again") from error
+        version, touches = read_touch(path)
         if version != folder.TOUCH_VERSION or len(touches) != len(self.episodes):
             raise DataError(
                 f"{path}: version {version} and {len(touches)} episodes, where "
@@ -152,7 +155,13 @@ class LeRobotFolder:
             feature = folder.ROBOT.get(name, f"observation.{name}.{device}")
             if feature in self.info.features:
                 values = self._numbers(row, feature)[kept]
-                values = values.reshape(len(kept), *tails.get(name, values.shape[1:]))
+                tail = tails.get(name, values.shape[1:])
+                if int(np.prod(tail)) != values.shape[1]:
+                    raise DataError(
+                        f"{self.root / folder.TOUCH}: {feature} has {values.shape[1]} columns, not "
+                        f"those of {tail}; remove the file if the data set was changed"
+                    )
+                values = values.reshape(len(kept), *tail)
                 tracks[name] = values.astype(np.float32) if name in folder.ROBOT else values
         return dict(sorted(tracks.items()))
 
@@ -163,16 +172,12 @@ class LeRobotFolder:
             path, start = self._data(row)
             images = ColumnImages(self.root, path, feature, start, length)
             return EncodedFrames(f"{path}, {feature}", images)
-        file = self.info.video_path.format(
-            video_key=feature,
-            chunk_index=int(row[f"videos/{feature}/chunk_index"]),
-            file_index=int(row[f"videos/{feature}/file_index"]),
-        )
+        file = self.info.video_file(self.root, feature, self._place(row, f"videos/{feature}"))
         crop = None if shape is None else (0, 0, int(shape[1]), int(shape[0]))
-        key = (self.root / file, crop)
+        key = (file, crop)
         video = self._videos.get(key) or VideoFrames(*key)
         self._videos[key] = video
-        first = float(row[f"videos/{feature}/from_timestamp"]) - 0.5 / self.info.fps
+        first = self._cell(row, f"videos/{feature}/from_timestamp") - 0.5 / self.info.fps
         start = int(np.searchsorted(video.times, first))
         if start + length > len(video):
             raise DataError(
@@ -183,8 +188,7 @@ class LeRobotFolder:
 
     def _data(self, row: dict[str, Any]) -> tuple[Path, int]:
         """The parquet file of an episode, and its first row there."""
-        place = {key: int(row[f"data/{key}"]) for key in ("chunk_index", "file_index")}
-        path = self.root / self.info.data_path.format(**place)
+        path = self.info.data_file(self.root, self._place(row, "data"))
         numbers = folder.read_parquet(path, ("episode_index",))["episode_index"].to_numpy()
         rows = np.flatnonzero(numbers == int(row["episode_index"]))
         if len(rows) != int(row["length"]) or (np.diff(rows) != 1).any():
@@ -194,12 +198,29 @@ class LeRobotFolder:
             )
         return path, int(rows[0])
 
+    def _place(self, row: dict[str, Any], group: str) -> dict[str, int]:
+        """Chunk and file of the data, or of a video, of an episode."""
+        names = ("chunk_index", "file_index")
+        return {name: int(self._cell(row, f"{group}/{name}")) for name in names}
+
+    def _cell(self, row: dict[str, Any], name: str) -> float:
+        value = row.get(name)
+        if not isinstance(value, int | float):
+            raise DataError(
+                f"{self.root}/meta/episodes: {name} of episode {row['episode_index']} is "
+                f"{value!r}, not a number; download the data set again"
+            )
+        return value
+
     def _numbers(
         self, row: dict[str, Any], feature: str, columns: Sequence[int] | None = None
     ) -> NDArray[Any]:
         path, start = self._data(row)
         column = folder.read_parquet(path, (feature,))[feature].slice(start, int(row["length"]))
-        values = np.array(column.to_pylist(), np.dtype(self.info.features[feature]["dtype"]))
+        try:
+            values = np.array(column.to_pylist(), np.dtype(self.info.features[feature]["dtype"]))
+        except (ValueError, TypeError, OverflowError) as error:
+            raise DataError(f"{path}: {feature}: {error}; download it again") from error
         values = values.reshape(len(values), -1)
         if columns is None:
             return values
@@ -229,7 +250,9 @@ class LeRobotFolder:
 
     def _still(self, about: dict[str, Any], frames: Frames, background: str) -> Frames | None:
         if about:
-            paths = [self.root / file for file in about.get("background", ())]
+            where = f"{self.root / folder.TOUCH}, background"
+            files = about.get("background", ())
+            paths = [folder.inside(self.root, file, where) for file in files]
             return ImageFrames(paths) if paths else None
         return FrameSubset(frames, [0]) if background == "first" else None
 
@@ -242,7 +265,7 @@ class LeRobotFolder:
         table = folder.read_parquet(self.root / folder.TASKS).to_pydict()
         number = int(self._numbers(row, "task_index")[0, 0])
         words = table.get("task", table.get("__index_level_0__", ()))
-        named = dict(zip(table["task_index"], words, strict=False))
+        named = dict(zip(table.get("task_index", ()), words, strict=False))
         return str(named[number]) if number in named else None
 
     def known(self, feature: str, what: str) -> str:

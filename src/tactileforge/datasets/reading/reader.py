@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,6 +14,7 @@ from tactileforge.contracts import ACTIONS, Frames, FrameSubset, Recording
 from tactileforge.data.frames.crop import size_text
 from tactileforge.data.frames.lazy import VIDEO_SUFFIXES, Crop, ImageFrames, VideoFrames
 from tactileforge.data.labels.actions import label_actions
+from tactileforge.datasets.reading.files import DamagedFileError, kind_of, matching_files
 from tactileforge.datasets.reading.layout import (
     DatasetLayout,
     FrameTable,
@@ -82,12 +82,13 @@ class LayoutReader:
         Raises:
             DataNotFoundError: No file matches.
             DataError: A row of the labels names no file.
+            ConfigError: A pattern is none.
         """
         files = []
         for glob in self.layout.globs:
-            good, odd = _matches(self.folder, glob)
+            good, odd = matching_files(self.folder, glob, self.layout.name)
             files += good
-            self.odd += [f"{path}: no file but {_kind(path)}; left out" for path in odd]
+            self.odd += [f"{path}: no file but {kind_of(path)}; left out" for path in odd]
         background = self.layout.background
         if background and background.file and self.layout.each != "video":
             files = [path for path in files if path != self.folder / str(background.file)]
@@ -129,7 +130,8 @@ class LayoutReader:
         """Yields one recording of an open touch, or one for each tile.
 
         Raises:
-            DataNotFoundError: A file of labels, or the background, is missing.
+            DataNotFoundError: A file of labels, the background or a camera view is missing.
+            DamagedFileError: The background or a camera view cannot be read.
             DataError: Labels or the background contradict the frames.
             ConfigError: A label names an unknown sensor or action.
         """
@@ -225,7 +227,7 @@ class LayoutReader:
             return None
         path = self._path(rule.file, touch)
         if path not in self._backgrounds:
-            self._backgrounds[path] = _open(path)
+            self._backgrounds[path] = _open([path])
         background = self._backgrounds[path]
         if background.full_shape != frames.full_shape:
             raise DataError(
@@ -255,39 +257,24 @@ class LayoutReader:
         pattern = touch.row.fill(self.layout.image) if self.layout.image else None
         if pattern is None:
             return None
-        files, _ = _matches(self.folder, pattern)
+        files, _ = matching_files(self.folder, pattern, self.layout.name)
         if not files:
             raise DataNotFoundError(
                 f"{self.folder}: no camera view of {touch.name} matches {pattern!r}; add it, or "
                 f"correct image of layout {self.layout.name!r}"
             )
-        return _open(files[0]) if len(files) == 1 else ImageFrames(files)
+        return _open(files)
 
 
-def _open(path: Path) -> FileFrames:
-    return VideoFrames(path) if path.suffix.lower() in VIDEO_SUFFIXES else ImageFrames([path])
-
-
-def _matches(folder: Path, pattern: str) -> tuple[list[Path], list[Path]]:
-    """Files that match, in natural order: 2 before 10; and what matches and is none."""
-    paths = sorted(folder.glob(pattern), key=lambda path: _natural(path.relative_to(folder)))
-    is_for_files = "." in pattern.rpartition("/")[2]
-    odd = [path for path in paths if not path.is_file() and (is_for_files or not path.is_dir())]
-    return [path for path in paths if path.is_file()], odd
-
-
-def _kind(path: Path) -> str:
-    """Content found where a file should be."""
-    if path.is_symlink() and not path.exists():
-        return "a link to nothing"
-    return "a folder" if path.is_dir() else "a pipe, socket or device"
-
-
-def _natural(path: Path) -> list[list[tuple[str, int]]]:
-    return [
-        [(text, int(digits or 0)) for text, digits in re.findall(r"(\D*)(\d*)", part)]
-        for part in path.parts
-    ]
+def _open(paths: list[Path]) -> FileFrames:
+    """Opens what belongs to a touch beside its frames."""
+    is_video = len(paths) == 1 and paths[0].suffix.lower() in VIDEO_SUFFIXES
+    try:
+        return VideoFrames(paths[0]) if is_video else ImageFrames(paths)
+    except DataNotFoundError:
+        raise
+    except DataError as error:
+        raise DamagedFileError(str(error)) from error
 
 
 def _value(cell: str) -> str | float:

@@ -63,8 +63,11 @@ class PickleFolder:
     @cached_property
     def sign(self) -> float:
         """Sign that makes Fz positive when pressing: a probe cannot pull."""
-        normal = [_force(trajectory)[:, 2] for trajectory in self.labels[1].values()]
-        return -1.0 if normal and np.mean(np.concatenate(normal)) < 0 else 1.0
+        force = np.concatenate(
+            [np.zeros((0, 3), np.float32), *map(_force, self.labels[1].values())]
+        )
+        normal = force[np.isfinite(force).all(1), 2]
+        return -1.0 if len(normal) and normal.mean() < 0 else 1.0
 
     def frames(self, rows: NDArray[np.int64]) -> EncodedFrames:
         """Some images of the batch, upright and in RGB."""

@@ -6,6 +6,7 @@ import csv
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS
 from tactileforge.data.labels.plausible import impossible_row, limits
+from tactileforge.datasets.reading.files import read_text
 from tactileforge.datasets.reading.layout import (
     DatasetLayout,
     FrameTable,
@@ -171,17 +173,12 @@ def _read(path: Path, needed: list[str], whole: bool = False) -> list[tuple[str,
         raise DataNotFoundError(f"{path}: no such CSV; correct the layout, or add the file")
     try:
         return _rows(path, needed, whole)
-    except UnicodeDecodeError as error:
-        raise DataError(
-            f"{path}: byte {error.start} is not UTF-8; save it as CSV UTF-8, or convert it: "
-            f"iconv -f latin1 -t utf-8 {path.name}"
-        ) from error
     except csv.Error as error:
         raise DataError(f"{path}: not a CSV ({error}); save it as one") from error
 
 
 def _rows(path: Path, needed: list[str], whole: bool) -> list[tuple[str, dict[str, str]]]:
-    with path.open(newline="", encoding="utf-8-sig") as file:
+    with StringIO(read_text(path), newline="") as file:
         reader = csv.DictReader(file, restval="", skipinitialspace=True)
         header = reader.fieldnames or []
         if twice := [name for name in needed if list(header).count(name) > 1]:
