@@ -1,4 +1,5 @@
-"""Run by test_ddp.py in every process: gradients of the first step, written to a file.
+"""Run by test_ddp.py in every process: gradients and losses of the first step, in a
+file.
 
 Usage: python ddp_gradients.py OUT [local] [gradnorm]; RANK, WORLD_SIZE, MASTER_ADDR, MASTER_PORT as
 torch wants them. With `local` the force objective is wrong on purpose: each rank divides by its own
@@ -80,11 +81,13 @@ def main() -> None:
         dist.init_process_group("gloo", rank=rank, world_size=world)
         losses = DistributedDataParallel(losses, find_unused_parameters=True)
     share = 8 // world
-    losses(rows_of(batch, slice(rank * share, (rank + 1) * share))).backward()
+    total = losses(rows_of(batch, slice(rank * share, (rank + 1) * share)))
+    total.backward()
+    logged, mean = module._shared({"all": total.detach()}, total.detach())
     if rank == 0:
         grads = {k: p.grad for k, p in module.named_parameters() if p.grad is not None}
         balance = {f"balance.{k}": v for k, v in module.balance.state_dict().items()}
-        torch.save(grads | balance, sys.argv[1])
+        torch.save(grads | balance | {"logged": logged["all"], "loss": mean}, sys.argv[1])
     if world > 1:
         dist.barrier()
         dist.destroy_process_group()

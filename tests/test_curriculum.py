@@ -70,6 +70,7 @@ def test_without_a_row_the_weight_is_constant() -> None:
         ({"unit": "epochs"}, "did you mean 'epoch'"),
         ({"objective": {"pixel": {"begin": 1}}}, r"curriculum\.objective\.pixel"),
         ({"objective": {"pixel": {"start": 0.5, "end": 0.2}}}, "ends"),
+        ({"objective": {"pixel": {"high": 0.5}}}, r"rises from 0 to objective\.pixel\.weight"),
     ],
 )
 def test_mistakes_are_named(config: dict, message: str) -> None:

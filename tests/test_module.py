@@ -143,3 +143,30 @@ def test_an_encoder_of_any_size_is_refused_before_it_is_built(
     monkeypatch.setattr(parts, "_MOST", 1000)
     with pytest.raises(ConfigError, match="weights, and at most 1,000 are built"):
         check_size(node)
+
+
+def test_validation_leaves_out_what_has_no_label(
+    module: TouchModule, batch: Batch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Means are over labels: a batch with few of them counts little, one without not at all."""
+    shown: dict[str, float] = {}
+    monkeypatch.setattr(module, "current_weights", lambda: {"force": 1.0, "pixel": 1.0})
+    monkeypatch.setattr(module, "log_dict", lambda row, **_: shown.update(row))
+
+    def validated(*batches: Batch) -> dict[str, float]:
+        shown.clear()
+        for number, each in enumerate(batches):
+            module.validation_step(each, number)
+        module.on_validation_epoch_end()
+        return dict(shown)
+
+    bare = batch | {"force_valid": torch.zeros(8, 3, dtype=torch.bool)}
+    one = bare | {"force_valid": bare["force_valid"].clone()}
+    one["force_valid"][0] = True
+    full = batch | {"force_valid": torch.ones(8, 3, dtype=torch.bool)}
+    few, many = (validated(each)["val/force"] for each in (one, full))
+    assert few != pytest.approx(many, rel=1e-3)
+    assert validated(full, one, bare)["val/force"] == pytest.approx((8 * many + few) / 9)
+    nothing = validated(bare)
+    assert "val/pixel" in nothing
+    assert not [name for name in nothing if name.startswith("val/force")]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from inspect import signature
 from typing import Any
 
 import torch
@@ -12,9 +13,15 @@ import torch
 from tactileforge import registry
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.data.labels.augment import Augment
+from tactileforge.errors import ConfigError, unknown
 from tactileforge.sensors.specs import spec
 
 log = logging.getLogger(__name__)
+
+#: Arguments of the data that are no keys of ``batch``.
+_NOT_BATCH = {"dataset", "frames", "batch_size", "max_bad", "seed", "augment"}
+#: The least of its whole numbers.
+_LEAST = {"size": 1, "window": 1, "workers": 0}
 
 
 def build_data(config: Mapping[str, Any]) -> tuple[TouchData, dict[str, Any]]:
@@ -24,7 +31,12 @@ def build_data(config: Mapping[str, Any]) -> tuple[TouchData, dict[str, Any]]:
         The data, and the configuration of the encoder that fits it: with a row for every sensor.
         Sensors that it does not know yet take the free rows in alphabetical order, and the
         resolved configuration says so.
+
+    Raises:
+        ConfigError: An unknown or impossible option of ``batch`` or ``augment``; see also
+            `TouchData.setup`.
     """
+    _check(config["batch"], config.get("augment") or {})
     node = dict(config["data"])
     max_bad = node.pop("max_bad")
     dataset = registry.build("datasets", node)
@@ -52,6 +64,21 @@ def build_data(config: Mapping[str, Any]) -> tuple[TouchData, dict[str, Any]]:
         data.check(key, plugin.needs)
     names = data.summary("train").sensors
     return data, {**config["encoder"], "sensors": _rows(dict(encoder.sensors), names)}
+
+
+def _check(batch: Mapping[str, Any], augment: Mapping[str, Any]) -> None:
+    own = {"size", *signature(TouchData).parameters} - _NOT_BATCH
+    for where, given, known in (
+        ("batch", batch, own),
+        ("augment", augment, set(signature(Augment).parameters)),
+    ):
+        for key in given:
+            if key not in known:
+                raise ConfigError(unknown(f"key of {where}", key, known))
+    for key, least in _LEAST.items():
+        value = batch.get(key, least)
+        if not isinstance(value, int) or isinstance(value, bool) or value < least:
+            raise ConfigError(f"batch.{key}={value}: give a whole number, {least} or more")
 
 
 def outline(node: Mapping[str, Any]) -> Any:

@@ -87,9 +87,7 @@ def from_config(
         raise ConfigError(unknown("curriculum.unit", unit, units))
 
     def ramp(where: str, row: Mapping[str, Any], low: float, high: float) -> Ramp:
-        for key in row:
-            if key not in ("start", "end", "low", "high"):
-                raise ConfigError(unknown(f"key in {where}", key, ("start", "end", "low", "high")))
+        _check_keys(where, row)
         start = float(row.get("start") or 0) * units[unit]
         end = row.get("end")
         stop = total if end is None else float(end) * units[unit]
@@ -107,6 +105,19 @@ def from_config(
     row = config.get("universal") or {"high": 0.0}
     low, high = float(row.get("low", 0.0)), float(row.get("high", 0.0))
     return Curriculum(ramps, ramp("curriculum.universal", row, low, high))
+
+
+def _check_keys(where: str, row: Mapping[str, Any]) -> None:
+    place, _, name = where.rpartition(".")
+    known = ("start", "end") if place.endswith("objective") else ("start", "end", "low", "high")
+    for key in row:
+        if key in ("low", "high") and key not in known:
+            raise ConfigError(
+                f"{where}.{key}: an objective's weight rises from 0 to objective.{name}.weight; "
+                f"set that, and leave {key} out"
+            )
+        if key not in known:
+            raise ConfigError(unknown(f"key in {where}", key, known))
 
 
 def in_steps(config: Mapping[str, Any], total: int, epoch: int) -> dict[str, Any]:

@@ -6,13 +6,17 @@ And the seeds of a step, of which all its randomness is a function.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Any
 
 import numpy as np
 import torch
 import torch.distributed as dist
 from torch import Tensor
+
+_LABELS: ContextVar[list[Tensor] | None] = ContextVar("labels", default=None)
 
 
 def count_processes(options: Mapping[str, Any]) -> int:
@@ -64,6 +68,42 @@ def sum_over_ranks(x: Tensor) -> Tensor:
         x = x.clone()
         dist.all_reduce(x)
     return x
+
+
+def mean_over_ranks(x: Tensor) -> Tensor:
+    """The mean over ranks, without gradients; ``x`` itself in a single process."""
+    size = world()[1]
+    return sum_over_ranks(x) / size if size > 1 else x
+
+
+@contextmanager
+def counted_labels() -> Iterator[list[Tensor]]:
+    """Collects how many labels each mean of losses within was taken over, those of all ranks.
+
+    Example:
+        >>> import torch
+        >>> with counted_labels() as labels:
+        ...     _ = masked_mean(torch.tensor([1.0, 5.0]), torch.tensor([True, False]))
+        >>> labels
+        [tensor(1.)]
+    """
+    labels: list[Tensor] = []
+    token = _LABELS.set(labels)
+    try:
+        yield labels
+    finally:
+        _LABELS.reset(token)
+
+
+def note_labels(count: Tensor) -> None:
+    """Adds to what `counted_labels` collects, if anything does.
+
+    Args:
+        count: A scalar, the same on every rank.
+    """
+    labels = _LABELS.get()
+    if labels is not None:
+        labels.append(count.detach().float())
 
 
 class _Gather(torch.autograd.Function):
@@ -118,5 +158,7 @@ def masked_mean(losses: Tensor, valid: Tensor, empty: float = 0.0) -> Tensor:
     size = world()[1]
     if size > 1:
         dist.all_reduce(count)
+    if empty == 0:
+        note_labels(count)
     mean = total * size / count.clamp(min=1)
     return mean if empty == 0 else mean.masked_fill(count == 0, empty)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Self
 
 import lightning as L
@@ -14,7 +13,12 @@ from torch import Tensor, nn
 from tactileforge import balance as balances
 from tactileforge.contracts import AfterStep, Batch, Prepared, Scored
 from tactileforge.curriculum import Curriculum, from_config
-from tactileforge.distributed import seed_step, sum_over_ranks
+from tactileforge.distributed import (
+    counted_labels,
+    mean_over_ranks,
+    seed_step,
+    sum_over_ranks,
+)
 from tactileforge.encoders.given import views_of
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.optim import optimiser, set_rate
@@ -74,7 +78,9 @@ class TouchModule(L.LightningModule):
         self.seed = seed
         self.plan: Curriculum | None = None
         self.total = 0
+        #: Of validation: sums of scores; and of losses times labels, beside the labels.
         self._sums: dict[str, Tensor] = {}
+        self._losses: dict[str, Tensor] = {}
         self._sharded = False
 
     @classmethod
@@ -153,12 +159,11 @@ class TouchModule(L.LightningModule):
             universal: Chance of the universal sensor tokens.
         """
         views = views_of(self.encoder, batch, universal)
-        terms = {}
-        for key, objective in self.objectives.items():
-            if weights.get(key):
-                prediction = self.heads[key](views, batch)
-                terms[key] = Term(prediction, *objective(prediction, batch))
-        return terms
+        return {key: self._term(key, views, batch) for key in self.objectives if weights.get(key)}
+
+    def _term(self, key: str, views: Any, batch: Batch) -> Term:
+        prediction = self.heads[key](views, batch)
+        return Term(prediction, *self.objectives[key](prediction, batch))
 
     def losses(
         self, batch: Batch, weights: Mapping[str, float], universal: float = 0.0
@@ -213,24 +218,40 @@ class TouchModule(L.LightningModule):
                 part.after_step(self.encoder, step, self.total)
 
     def validation_step(self, batch: Batch, batch_idx: int) -> None:
-        """Losses on held-out clips, with the same masks each time."""
+        """Sums up losses on held-out clips, with the same masks each time."""
         seed_step(self.seed, batch_idx, -1)
         weights = self.current_weights()
         if not batch.get("paired", True):
             paired = [k for k, v in self.objectives.items() if getattr(v, "pairs", False)]
             weights |= dict.fromkeys(paired, 0.0)
-        terms = self.terms(batch, weights)
-        for key, term in terms.items():
-            if isinstance(objective := self.objectives[key], Scored):
-                sums = objective.sums(term.prediction, batch)
-                self._sums[key] = self._sums[key] + sums if key in self._sums else sums
-                terms[key] = replace(term, extra={})  # its scores are those of the whole split
-        logs = logs_of(terms)
-        size = len(batch["group"])
-        self.log_dict({f"val/{k}": v for k, v in logs.items()}, batch_size=size, on_epoch=True)
+        views = views_of(self.encoder, batch, 0.0)
+        for key in self.objectives:
+            if weights.get(key):
+                with counted_labels() as labels:
+                    term = self._term(key, views, batch)
+                self._add_loss(key, term, batch, labels)
+
+    def _add_loss(self, key: str, term: Term, batch: Batch, labels: Sequence[Tensor]) -> None:
+        """Adds to the means over the split, in which a clip without a label has no part."""
+        logs = logs_of({key: term})
+        if isinstance(objective := self.objectives[key], Scored):
+            sums = objective.sums(term.prediction, batch)
+            self._sums[key] = self._sums[key] + sums if key in self._sums else sums
+            logs = {key: logs[key]}  # its scores are those of the whole split
+        weight = term.loss.new_full((), len(batch["group"]))
+        if labels:
+            weight = torch.stack([*labels]).sum()
+        for name, value in logs.items():
+            row = torch.stack([torch.where(weight > 0, value * weight, 0.0), weight]).float()
+            self._losses[name] = self._losses[name] + row if name in self._losses else row
 
     def on_validation_epoch_end(self) -> None:
-        """Scores of the whole split, over all ranks."""
+        """Losses and scores of the whole split, over all ranks; none where nothing is labelled."""
+        if self._losses:
+            rows = sum_over_ranks(torch.stack(list(self._losses.values()))).tolist()
+            named = zip(self._losses, rows, strict=True)
+            self.log_dict({f"val/{name}": row[0] / row[1] for name, row in named if row[1]})
+        self._losses = {}
         for key, sums in self._sums.items():
             objective: Any = self.objectives[key]
             scores: dict[str, float] = objective.scores(sum_over_ranks(sums))
@@ -262,6 +283,7 @@ class TouchModule(L.LightningModule):
         weights: Mapping[str, float],
         universal: float,
     ) -> None:
+        logs, total = self._shared(logs, total)
         if not torch.isfinite(total):
             bad = [key for key, value in logs.items() if not torch.isfinite(value)]
             raise TactileForgeError(
@@ -273,6 +295,13 @@ class TouchModule(L.LightningModule):
         self.log_dict(row)
         self.log_dict(self.balance.logs(weights))
         self.log_dict({"universal": universal, "lr": float(optimizer.param_groups[0]["lr"])})
+
+    def _shared(
+        self, logs: Mapping[str, Tensor], total: Tensor
+    ) -> tuple[dict[str, Tensor], Tensor]:
+        """Means over ranks, of which each has its share of the joint loss; one message."""
+        *values, total = mean_over_ranks(torch.stack([*logs.values(), total])).unbind()
+        return dict(zip(logs, values, strict=True)), total
 
 
 def log_interval(trainer: L.Trainer) -> int:

@@ -24,7 +24,8 @@ class OptimOptions:
         warmup: Share of the run in which the learning rate rises.
         clip: Largest norm of the gradient; None for any.
         schedule: Course of the learning rate after the warm-up: ``linear`` to 0, or a name that
-            ``diffusers.optimization.get_scheduler`` knows, such as ``cosine``.
+            ``diffusers.optimization.get_scheduler`` knows, such as ``cosine``; not
+            ``piecewise_constant``, whose steps it asks for.
     """
 
     lr: float
@@ -88,7 +89,7 @@ def optimiser(
 
 def _named(name: str, optimizer: torch.optim.Optimizer, warm: int, total: int) -> Any:
     known = diffusers("optimization")
-    names = ["linear", *(one.value for one in known.SchedulerType)]
+    names = [one.value for one in known.SchedulerType if one.value != "piecewise_constant"]
     if name not in names:
         raise ConfigError(unknown("optim.schedule", name, names))
     return known.get_scheduler(name, optimizer, num_warmup_steps=warm, num_training_steps=total)

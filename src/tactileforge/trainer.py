@@ -27,6 +27,9 @@ from tactileforge.strategies import check_started, choose_strategy
 _LOGGERS = {"csv": (), "tensorboard": ("tensorboard", "tensorboardX"), "wandb": ("wandb",)}
 _LOGGERS |= {"mlflow": ("mlflow",)}
 
+#: Options of the trainer that are whole numbers, by how they begin, and the least of each.
+_LEAST = {"max_": -1, "min_": 0, "save_": 1, "log_every": 1, "accumulate": 1, "num_nodes": 1}
+
 
 def check_options(config: Mapping[str, Any]) -> None:
     """Names a mistake in ``optim``, ``trainer`` or ``logger`` before data is made or read.
@@ -44,14 +47,43 @@ def check_options(config: Mapping[str, Any]) -> None:
     for key, value in config["trainer"].items():
         if key not in known:
             raise ConfigError(unknown("key of trainer", key, known))
-        whole = key.startswith(("max_", "save_", "log_every", "accumulate", "num_nodes"))
-        if whole and not (value is None or isinstance(value, int)):
-            raise ConfigError(f"trainer.{key}={value}: give a whole number")
+        _check_whole(key, value)
+    _check_length(config["trainer"])
+    _check_best(config["trainer"].get("keep_best"), list(config["objective"]))
     name = config["logger"]["name"]
     if name not in _LOGGERS:
         raise ConfigError(f"unknown logger {name!r}: csv, tensorboard, wandb or mlflow")
     if _LOGGERS[name] and not any(find_spec(package) for package in _LOGGERS[name]):
         raise ConfigError(f"logger={name} is not installed: pip install 'tactileforge[{name}]'")
+
+
+def _check_whole(key: str, value: Any) -> None:
+    least = next((low for start, low in _LEAST.items() if key.startswith(start)), None)
+    optional = key not in ("save_every", "accumulate_grad_batches", "num_nodes", "max_steps")
+    if least is None or key == "max_time" or key == "min_time" or (value is None and optional):
+        return
+    if not isinstance(value, int) or isinstance(value, bool) or value < least:
+        said = "-1 for any" if least < 0 else f"{least} or more"
+        raise ConfigError(f"trainer.{key}={value}: give a whole number, {said}")
+
+
+def _check_length(options: Mapping[str, Any]) -> None:
+    if options.get("max_steps", -1) == -1 and options.get("max_epochs") == -1:
+        raise ConfigError(
+            "trainer.max_steps=-1 trainer.max_epochs=-1: the curriculum and the learning rate need "
+            "the length of the run; give one of the two"
+        )
+
+
+def _check_best(metric: Any, objectives: Sequence[str]) -> None:
+    """Refuses a metric that no validation logs."""
+    if metric is None:
+        return
+    split, _, rest = str(metric).partition("/")
+    if split != "val" or rest.partition("/")[0] not in objectives:
+        raise ConfigError(
+            unknown("trainer.keep_best", str(metric), [f"val/{key}" for key in objectives])
+        )
 
 
 def build_trainer(

@@ -54,6 +54,16 @@ def test_an_unknown_verb_shows_the_usage(capsys: pytest.CaptureFixture[str]) -> 
         ("seed=abc", "seed=abc: give a whole number"),
         ("optim.lr=-1", "optim.lr=-1"),
         ("text_encoder=vit", "text_encoder=vit encodes image, not text"),
+        ("trainer.save_every=0", "trainer.save_every=0: give a whole number, 1 or more"),
+        ("trainer.save_every=null", "trainer.save_every=None: give a whole number, 1 or more"),
+        ("trainer.log_every_n_steps=0", "log_every_n_steps=0: give a whole number, 1 or more"),
+        ("trainer.accumulate_grad_batches=0", "batches=0: give a whole number, 1 or more"),
+        ("trainer.keep_best=val/forse", "unknown trainer.keep_best 'val/forse'; did you mean"),
+        ("optim.schedule=piecewise_constant", "unknown optim.schedule 'piecewise_constant'"),
+        ("batch.size=0", "batch.size=0: give a whole number, 1 or more"),
+        ("batch.workers=-1", "batch.workers=-1: give a whole number, 0 or more"),
+        ("+batch.foo=1", "unknown key of batch 'foo'"),
+        ("+augment.foo=1", "unknown key of augment 'foo'"),
     ],
 )
 def test_mistakes_are_named_before_training(
@@ -66,6 +76,14 @@ def test_mistakes_are_named_before_training(
     monkeypatch.chdir(tmp_path)
     small = ["data.scenes=3", "data.val=1"] if not word.startswith("data") else []
     assert message in error_of(capsys, "train", "scale=demo", "debug=steps", *small, word)
+
+
+def test_a_run_without_an_end_is_refused(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = ["train", "scale=demo", "trainer.max_steps=-1", "trainer.max_epochs=-1"]
+    assert "need the length of the run; give one of the two" in error_of(capsys, *words)
 
 
 def test_resume_of_nothing_says_what_to_give(

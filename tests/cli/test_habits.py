@@ -270,7 +270,11 @@ LAYOUT = """layouts:
 @pytest.mark.parametrize(
     ("text", "extra", "message"),
     [
-        ("file,name\na.png,caf\xe9\n", ', object: "{name}"', "is not UTF-8; save it as CSV UTF-8"),
+        (
+            "file,name\na.png,caf\xe9\n",
+            ', object: "{name}"',
+            "is not UTF-8; download it again, save it as CSV UTF-8",
+        ),
         ("file,file\na.png,b\n", "", "two columns are called 'file'"),
         (
             "file\na.png\n",

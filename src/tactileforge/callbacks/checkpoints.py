@@ -16,6 +16,7 @@ from lightning.pytorch.plugins.io import TorchCheckpointIO
 
 from tactileforge.checkpoint_file import read_own, seal
 from tactileforge.errors import TactileForgeError
+from tactileforge.module import log_interval
 from tactileforge.run_folder import BEST, LAST
 
 
@@ -65,17 +66,21 @@ class Checkpoints(Callback):
     """Saves ``last.ckpt`` every so many steps, at the end, and when the run is asked to stop.
 
     The first Ctrl-C (or SIGTERM) lets the step finish, saves and ends the run in order; the second
-    ends it at once.
+    ends it at once. Several processes agree on it at the next step that is logged or saved: asking
+    the others makes a step wait for the device.
 
     Args:
         folder: Folder of the run.
         every: Steps between two saves.
+
+    Attributes:
+        interrupted: Whether this process was asked to stop; after the run, whether it was stopped.
     """
 
     def __init__(self, folder: Path, every: int) -> None:
         self.path = folder / LAST
         self.every = every
-        self.interrupted = False
+        self.interrupted = self._stopped = False
         self._handlers: dict[int, Any] = {}
 
     def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
@@ -107,18 +112,29 @@ class Checkpoints(Callback):
         batch: Any,
         batch_idx: int,
     ) -> None:
-        """Saves every so many steps."""
-        stepped = (trainer.fit_loop.total_batch_idx + 1) % trainer.accumulate_grad_batches == 0
-        stop = trainer.strategy.reduce_boolean_decision(self.interrupted, all=False)
-        if stepped and (stop or trainer.global_step % self.every == 0):
+        """Saves every so many steps, and where the run is asked to stop."""
+        if (trainer.fit_loop.total_batch_idx + 1) % trainer.accumulate_grad_batches:
+            return
+        due = trainer.global_step % self.every == 0
+        stop = self._is_asked(trainer, due)
+        if stop or due:
             trainer.save_checkpoint(self.path)
-        if stepped and stop:
-            self.interrupted = trainer.should_stop = True
+        if stop:
+            self._stopped = trainer.should_stop = True
+
+    def _is_asked(self, trainer: L.Trainer, due: bool) -> bool:
+        """Whether any process was asked to stop, and all of them know."""
+        if trainer.world_size == 1:
+            return self.interrupted
+        if not due and trainer.global_step % log_interval(trainer):
+            return False
+        return trainer.strategy.reduce_boolean_decision(self.interrupted, all=False)
 
     def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Saves at the end of the run, and stops listening."""
-        if not self.interrupted:
+        if not self._stopped:
             trainer.save_checkpoint(self.path)
+        self.interrupted = self._stopped  # what came too late stopped nothing
         self._release()
 
     def on_exception(
@@ -133,6 +149,15 @@ class Checkpoints(Callback):
         self._handlers.clear()
 
 
+class _Best(ModelCheckpoint):
+    """Waits for its metric: an objective may be asleep, or meet no label."""
+
+    def on_validation_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Keeps the weights, where they are the best so far."""
+        if self.monitor in trainer.callback_metrics:
+            super().on_validation_end(trainer, pl_module)
+
+
 def best_checkpoint(folder: Path, metric: str | None) -> list[Callback]:
     """Builds the callback that keeps the weights with the smallest value of a metric in `BEST`.
 
@@ -142,7 +167,7 @@ def best_checkpoint(folder: Path, metric: str | None) -> list[Callback]:
     """
     if metric is None:
         return []
-    keeper = ModelCheckpoint(
+    keeper = _Best(
         dirpath=folder / BEST.parent,
         filename=BEST.stem,
         monitor=metric,

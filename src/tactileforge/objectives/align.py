@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from tactileforge.contracts import Batch
-from tactileforge.distributed import gather_rows
+from tactileforge.distributed import gather_rows, note_labels
 from tactileforge.heads.align import Aligned
 
 
@@ -67,4 +67,5 @@ def info_nce(a: Tensor, b: Tensor, valid: Tensor, scale: Tensor) -> Tensor:
         for side in (logits, logits.T)
     )
     rows = torch.where(valid, sum(losses, torch.zeros_like(logits[0])) / 2, 0.0)
+    note_labels(valid.sum())
     return rows.sum() / valid.sum().clamp(min=1)

@@ -1,0 +1,79 @@
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from tactileforge.callbacks.checkpoints import Checkpoints
+from tactileforge.compose import compose
+from tactileforge.run_folder import BEST
+from tactileforge.train import train
+
+
+class Steps:
+    """A trainer of several processes, in which this one or another is asked to stop."""
+
+    def __init__(self, world: int, other: bool = False) -> None:
+        self.world_size, self.log_every_n_steps, self.accumulate_grad_batches = world, 4, 1
+        self.fit_loop = SimpleNamespace(total_batch_idx=-1)
+        self.global_step, self.asked, self.saved = 0, 0, 0
+        self.should_stop = False
+        self.strategy = SimpleNamespace(reduce_boolean_decision=self.reduced)
+        self.other = other
+
+    def reduced(self, mine: bool, all: bool) -> bool:
+        self.asked += 1
+        return mine or self.other
+
+    def save_checkpoint(self, path: Path) -> None:
+        self.saved += 1
+
+    def step(self, callback: Checkpoints) -> None:
+        self.global_step += 1
+        self.fit_loop.total_batch_idx += 1
+        callback.on_train_batch_end(self, None, None, None, 0)  # type: ignore[arg-type]
+
+
+def test_one_process_stops_after_its_step(tmp_path: Path) -> None:
+    steps, callback = Steps(1), Checkpoints(tmp_path, every=10)
+    steps.step(callback)
+    callback.interrupted = True
+    steps.step(callback)
+    assert (steps.should_stop, steps.saved, steps.asked) == (True, 1, 0)
+
+
+@pytest.mark.parametrize("here", [True, False])
+def test_processes_agree_where_they_wait_anyway(tmp_path: Path, here: bool) -> None:
+    steps, callback = Steps(2), Checkpoints(tmp_path, every=10)
+    for _ in range(4):
+        steps.step(callback)
+    assert steps.asked == 1
+    callback.interrupted = here
+    steps.other = not here
+    for _ in range(3):
+        steps.step(callback)
+        assert not steps.should_stop
+    steps.step(callback)
+    assert (steps.should_stop, steps.saved, steps.asked) == (True, 1, 2)
+    callback.on_train_end(steps, None)  # type: ignore[arg-type]
+    assert (callback.interrupted, steps.saved) == (True, 1)
+
+
+def test_a_signal_that_comes_too_late_stopped_nothing(tmp_path: Path) -> None:
+    steps, callback = Steps(2), Checkpoints(tmp_path, every=10)
+    steps.step(callback)
+    callback.interrupted = True
+    callback.on_train_end(steps, None)  # type: ignore[arg-type]
+    assert (callback.interrupted, steps.saved) == (False, 1)
+
+
+@pytest.mark.slow
+def test_the_best_waits_for_an_objective_that_is_asleep(tmp_path: Path) -> None:
+    words = ["scale=demo", "debug=steps", "data.scenes=3", "data.val=1", "data.size=32"]
+    words += ["encoder.image_size=32", "batch.size=4", "batch.workers=0"]
+    words += ["trainer.max_steps=4", "trainer.val_check_interval=1", "trainer.keep_best=val/force"]
+    starts = [f"curriculum.objective.force.{edge}" for edge in ("start=0.5", "end=1.0")]
+    found = []
+    for name, more in (("wakes", starts), ("sleeps", ["objective.force.weight=0"])):
+        train(compose("anytouch2", [*words, *more]), tmp_path / name)
+        found.append((tmp_path / name / BEST).is_file())
+    assert found == [True, False]
