@@ -1,13 +1,16 @@
 """Touch to a LeRobot data set and back; and data sets that others wrote."""
 
 import json
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 from lerobot_recordings import PSNR, all_of, psnr, touch
+from numpy.typing import NDArray
 from omegaconf import OmegaConf
 
 from tactileforge import cli, registry
@@ -315,3 +318,99 @@ def test_it_conforms(tmp_path: Path) -> None:
     results = check("dataset", LeRobot, root=str(tmp_path / "set"), val=0.4)
     assert [r for r in results if r.status == "failed"] == []
     assert sum(r.status == "ran" for r in results) > 5
+
+
+def test_a_label_that_is_no_number_goes_both_ways(tmp_path: Path) -> None:
+    write_dataset(
+        [replace(touch(0), labels={"mass": np.nan, "size": 2.0})],
+        tmp_path / "set",
+        LeRobotOptions(),
+    )
+    (recording,) = all_of(tmp_path / "set")
+    assert np.isnan(recording.labels["mass"])
+    assert recording.labels["size"] == 2
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda about: about.pop("sensor"), "sensor is None, not of type str"),
+        (lambda about: about.update(background=[3]), r"background is \[3\], not a list of paths"),
+        (lambda about: about.update(background=["../a.png"]), r"a\.png lies outside the data set"),
+        (lambda about: about.update(shape=[3]), r"shape is \[3\], not height and width"),
+        (lambda about: about.update(labels=[1]), r"labels is \[1\], not of type dict"),
+    ],
+)
+def test_damaged_metadata_of_touch_is_named(
+    change: Callable[[dict[str, Any]], object], message: str, tmp_path: Path
+) -> None:
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((64, 48, 3), np.uint8))
+    root = tmp_path / "set"
+    write_dataset([touch(0)], root, LeRobotOptions())
+    held = json.loads((root / folder.TOUCH).read_text())
+    for about in held["episodes"][0].values():
+        change(about)
+    (root / folder.TOUCH).write_text(json.dumps(held))
+    with pytest.raises(DataError, match=message):
+        all_of(root)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "message"),
+    [
+        ("data/{chunk}/x.parquet", r"cannot be filled in \(KeyError"),
+        ("../{chunk_index}/{file_index}.parquet", "lies outside the data set, and is not opened"),
+    ],
+)
+def test_a_path_of_the_info_file_stays_inside(pattern: str, message: str, tmp_path: Path) -> None:
+    root = tmp_path / "set"
+    write_dataset([touch(0)], root, LeRobotOptions())
+    info = json.loads((root / folder.INFO).read_text())
+    (root / folder.INFO).write_text(json.dumps(info | {"data_path": pattern}))
+    with pytest.raises(DataError, match=rf"info\.json, data_path: .*{message}"):
+        all_of(root)
+
+
+def test_episodes_that_are_cut_off_are_named(tmp_path: Path) -> None:
+    write_dataset([touch(0)], tmp_path / "set", LeRobotOptions())
+    path = next((tmp_path / "set" / "meta" / "episodes").rglob("*.parquet"))
+    path.write_bytes(path.read_bytes()[:200])
+    with pytest.raises(DataError, match=r"file-000\.parquet: cannot be read"):
+        all_of(tmp_path / "set")
+
+
+def test_a_long_episode_is_read_in_parts(tmp_path: Path) -> None:
+    """The camera's images are the nearest in time; never are all frames in memory."""
+    frames = [CountedFrames(np.full((300, 32, 32, 3), 9, np.uint8)) for _ in range(2)]
+    times = np.arange(300) / 30
+    long = replace(
+        touch(0),
+        frames=frames[0],
+        times=times,
+        force=None,
+        action=None,
+        tracks={},
+        image=frames[1],
+        image_times=times + 0.01,
+    )
+    write_dataset([long], tmp_path / "set", LeRobotOptions())
+    for one in frames:
+        assert max(one.read_at_once) <= 32
+        assert one.rows[-300:] == list(range(300))
+
+
+class CountedFrames(ArrayFrames):
+    """Frames that note what is read."""
+
+    def read(self, indices: Sequence[int]) -> NDArray[np.uint8]:
+        noted = self.__dict__.setdefault("noted", [])
+        noted.append(list(indices))
+        return super().read(indices)
+
+    @property
+    def read_at_once(self) -> list[int]:
+        return [len(rows) for rows in self.__dict__["noted"]]
+
+    @property
+    def rows(self) -> list[int]:
+        return [row for rows in self.__dict__["noted"] for row in rows]

@@ -4,14 +4,22 @@ import os
 import signal
 import subprocess
 from collections.abc import Callable
+from contextlib import nullcontext
+from itertools import product
 from pathlib import Path
 from types import ModuleType
 
+import cv2
+import numpy as np
 import pytest
 from waiting import wait_until
 
+from tactileforge.contracts import Recording
+from tactileforge.data.frames.lazy import ArrayFrames
+from tactileforge.datasets.mixture import Mixture
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.packing import PackOptions, pack
+from tactileforge.packing.plan import plan_pack
 from tactileforge.strict import build
 
 Command = Callable[..., "subprocess.Popen[str]"]
@@ -195,3 +203,44 @@ def test_what_does_not_change_the_shards_may_change(
         build(PackOptions, "pack", GIVEN | {"max_bad": 0.5}),
     )
     assert tree(tmp_path / "whole") == whole
+
+
+def test_other_data_are_not_mixed_with_what_is_there(packable: ModuleType, tmp_path: Path) -> None:
+    """A crop of one size at another place gives recordings that look the same from outside."""
+    crop = {"name": "recordings", "layouts": {"a": {"box": [0, 0, 8, 8]}}}
+    moved = {**crop, "layouts": {"a": {"box": [8, 0, 8, 8]}}}
+    pack(packable.Touches(), "touches", tmp_path, OPTIONS, crop | {"root": "here"})
+    pack(packable.Touches(), "touches", tmp_path, OPTIONS, crop | {"root": "there", "processes": 4})
+    with pytest.raises(
+        ConfigError, match=r"options\.layouts\.a\.box was \[0, 0, 8, 8\], is \[8, 0"
+    ):
+        pack(packable.Touches(), "touches", tmp_path, OPTIONS, moved)
+
+
+def test_pictures_of_another_size_are_other_recordings(
+    packable: ModuleType, tmp_path: Path
+) -> None:
+    for side, fails in ((8, nullcontext()), (9, pytest.raises(ConfigError, match="have changed"))):
+        pixels = ArrayFrames(np.zeros((2, side, side, 3), np.uint8))
+        touch = Recording(
+            key="a", sensor="digit", frames=pixels, times=np.arange(2.0), no_contact=None
+        )
+        with fails:
+            pack(packable.Given(touch), "given", tmp_path, OPTIONS)
+
+
+def test_lines_of_several_data_sets_belong_to_their_split(tmp_path: Path) -> None:
+    for source, split, number in product("ab", ("train", "val"), range(3)):
+        path = tmp_path / source / split / f"{number}.png"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(path), np.zeros((8, 8, 3), np.uint8))
+        if number == 1:
+            path.write_bytes(b"damaged")
+    layout = {"images": "*.png", "each": "touch", "sensor": "digit", "background": "none"}
+    layouts = {side: {"path": side, "split": side, **layout} for side in ("train", "val")}
+    node = {"name": "recordings", "layouts": layouts}
+    data = Mixture({source: {**node, "root": str(tmp_path / source)} for source in "ab"})
+    planned = plan_pack(data, tmp_path / "out", OPTIONS)
+    for split, lines in planned.skipped.items():
+        places = [Path(line.partition(":")[0]).relative_to(tmp_path).as_posix() for line in lines]
+        assert places == [f"{source}/{split}/1.png" for source in "ab"]

@@ -105,7 +105,8 @@ def _data(config: dict[str, Any]) -> tuple[Dataset, str]:
 def _pack(keys: _Pack, config: dict[str, Any]) -> None:
     """Packs recordings into shards (docs/packing.md)."""
     dataset, name = _data(config)
-    print(packing.summary(packing.pack(dataset, name, Path(keys.out), keys.pack)))
+    index = packing.pack(dataset, name, Path(keys.out), keys.pack, config["data"])
+    print(packing.summary(index))
     print(f"train on them: tactileforge train data=shards data.root={keys.out}")
 
 

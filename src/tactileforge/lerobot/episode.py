@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.contracts import Recording
+from tactileforge.contracts import Frames, FrameSubset, Recording
+from tactileforge.data.labels.align import nearest
 from tactileforge.errors import DataError
 from tactileforge.lerobot import folder
 from tactileforge.sensors.specs import spec
@@ -217,17 +218,15 @@ def number_rows(shown: Episode, feature: str) -> NDArray[Any]:
     return np.asarray(values)[rows].reshape(len(rows), -1)
 
 
-def image_rows(shown: Episode, feature: str) -> NDArray[np.uint8]:
-    """The rows of a feature that is an image, uint8 (N, H, W, 3), as they were recorded."""
+def image_rows(shown: Episode, feature: str) -> Frames:
+    """The rows of a feature that is an image, as they were recorded; read when they are needed."""
     name = feature.removeprefix("observation.images.")
     if name in shown.parts:
-        return shown.parts[name].frames.read(shown.rows[name].tolist())
+        return FrameSubset(shown.parts[name].frames, shown.rows[name].tolist())
     name, first = shown.seen
     assert first.image is not None
-    views = len(first.image)
     if first.image_times is None:
-        chosen = shown.rows[name] * views // len(first.frames)
+        chosen = shown.rows[name] * len(first.image) // len(first.frames)
     else:
-        due = first.times[shown.rows[name]]
-        chosen = np.abs(first.image_times[None] - due[:, None]).argmin(1)
-    return first.image.read(chosen.tolist())
+        chosen = nearest(first.image_times, first.times[shown.rows[name]])
+    return FrameSubset(first.image, chosen.tolist())

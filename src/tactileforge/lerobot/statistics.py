@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tactileforge.contracts import Frames
+
 _QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 #: Images of an episode that are looked at, and their longer side.
 _PICTURES, _SIDE = 8, 32
@@ -46,14 +48,15 @@ def image_statistics(small: NDArray[np.uint8]) -> dict[str, list[Any]]:
     return shaped | {"count": [len(small)]}
 
 
-def sample_frames(frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def sample_frames(frames: Frames) -> NDArray[np.uint8]:
     """Some frames of an episode, made small.
 
-    Args:
-        frames: uint8 (N, H, W, 3).
+    Returns:
+        uint8 (n, h, w, 3).
     """
-    chosen = frames[np.linspace(0, len(frames) - 1, min(len(frames), _PICTURES)).astype(int)]
-    height, width = frames.shape[1:3]
+    rows = np.linspace(0, len(frames) - 1, min(len(frames), _PICTURES)).astype(int)
+    chosen = frames.read(rows.tolist())
+    height, width = frames.shape
     scale = min(1.0, _SIDE / max(height, width))
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
     return np.stack([cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in chosen])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -9,11 +10,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tactileforge.contracts import Frames
 from tactileforge.errors import DataError
 from tactileforge.lerobot import folder
 
 #: MPEG-4 part 2, in mp4: every build of OpenCV writes it, and every FFmpeg reads it.
 _FOURCC, _CODEC = "mp4v", "mpeg4"
+#: Frames that are read at once.
+_PART = 32
 
 
 class Videos:
@@ -40,7 +44,7 @@ class Videos:
             video_key=self.name, **folder.chunk_and_file(self.file)
         )
 
-    def add(self, frames: NDArray[np.uint8]) -> dict[str, Any]:
+    def add(self, frames: Frames) -> dict[str, Any]:
         """Appends an episode, and returns its location.
 
         Raises:
@@ -58,8 +62,9 @@ class Videos:
             if not self._open.isOpened():
                 raise DataError(f"{self._path}: this OpenCV cannot write MPEG-4; give images=png")
         start = self.frames
-        for frame in frames:
-            self._open.write(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
+        for part in read_parts(frames):
+            for frame in _pad_to_even(part):
+                self._open.write(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
         self.frames += len(frames)
         about = {**folder.chunk_and_file(self.file), "from_timestamp": start / self.fps}
         about["to_timestamp"] = self.frames / self.fps
@@ -85,7 +90,15 @@ class Videos:
         }
 
 
-def pad_to_even(frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def read_parts(frames: Frames) -> Iterator[NDArray[np.uint8]]:
+    """Yields frames (n, H, W, 3), a few at a time: an episode is more than memory holds."""
+    for start in range(0, len(frames), _PART):
+        yield frames.read(range(start, min(start + _PART, len(frames))))
+
+
+def _pad_to_even(frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Frames of even height and width, as videos have: the last row or column comes twice."""
     _, height, width, _ = frames.shape
+    if height % 2 == width % 2 == 0:
+        return frames
     return np.pad(frames, ((0, 0), (0, height % 2), (0, width % 2), (0, 0)), mode="edge")

@@ -26,7 +26,7 @@ from tactileforge.lerobot.options import LeRobotOptions, LeRobotSummary, Vectors
 from tactileforge.lerobot.statistics import image_statistics, number_statistics, sample_frames
 from tactileforge.lerobot.tables import column, common, tasks
 from tactileforge.lerobot.touch import describe_touch
-from tactileforge.lerobot.videos import Videos, pad_to_even
+from tactileforge.lerobot.videos import Videos, read_parts
 
 
 class Writer:
@@ -109,9 +109,10 @@ class Writer:
                 small = sample_frames(seen)
                 about |= self._statistics(name, small, image_statistics(small))
                 if feature["dtype"] == "video":
-                    about |= self._video(name, feature).add(pad_to_even(seen))
+                    about |= self._video(name, feature).add(seen)
                 else:
-                    columns[name] = [{"bytes": encode_image(p, "png"), "path": None} for p in seen]
+                    encoded = (encode_image(p, "png") for part in read_parts(seen) for p in part)
+                    columns[name] = [{"bytes": image, "path": None} for image in encoded]
             else:
                 values = vectors if name == folder.ENVIRONMENT else number_rows(added, name)
                 assert values is not None

@@ -28,9 +28,17 @@ __all__ = ["Filter", "PackOptions", "pack", "summary"]
 
 #: Damaged recordings that an error names.
 _NAMED = 20
+#: Options of data sets that do not change their recordings.
+_PLACES = ("name", "root", "cache", "cache_gb", "processes", "max_bad")
 
 
-def pack(dataset: Dataset, name: str, out: Path, options: PackOptions | None = None) -> Index:
+def pack(
+    dataset: Dataset,
+    name: str,
+    out: Path,
+    options: PackOptions | None = None,
+    data: Mapping[str, Any] | None = None,
+) -> Index:
     """Packs the recordings of a data set into shards, and sums them up in ``index.json``.
 
     The same data and options give the same bytes, whoever does the work. A run that was stopped
@@ -41,6 +49,7 @@ def pack(dataset: Dataset, name: str, out: Path, options: PackOptions | None = N
         name: Its name.
         out: Folder of the shards; only one run at a time may write there.
         options: Options of packing, with their defaults.
+        data: Configuration of the data set; with others, a run that was stopped does not go on.
 
     Raises:
         ConfigError: The folder holds shards of other data or options.
@@ -50,7 +59,7 @@ def pack(dataset: Dataset, name: str, out: Path, options: PackOptions | None = N
     options = options or PackOptions()
     out = Path(out).absolute()
     planned = plan_pack(dataset, out, options)
-    made = _made(name, planned, options)
+    made = _made(name, data or {}, planned, options)
     try:
         _claim(out, made)
         with _alone(out):
@@ -155,15 +164,26 @@ def _merged(planned: PackPlan, notes: Mapping[int, ShardNote]) -> dict[str, Any]
     return {"splits": splits, "statistics": {k: each.report() for k, each in by_split.items()}}
 
 
-def _made(name: str, planned: PackPlan, options: PackOptions) -> dict[str, Any]:
+def _made(
+    name: str, data: Mapping[str, Any], planned: PackPlan, options: PackOptions
+) -> dict[str, Any]:
     """Provenance of the shards; all but ``by`` must not change within a folder."""
     return {
         "by": f"tactileforge {version('tactileforge')}",
         "data": name,
+        "options": json.loads(json.dumps(_content(data))),
         "recordings": planned.recordings,
         "frames": planned.frames,
         "digest": planned.digest,
         "pack": json.loads(json.dumps(options.content())),
+    }
+
+
+def _content(data: Mapping[str, Any]) -> dict[str, Any]:
+    """What the recordings depend on: not where they lie, nor how they are read."""
+    kept = {key: value for key, value in data.items() if key not in _PLACES}
+    return {
+        key: _content(value) if isinstance(value, Mapping) else value for key, value in kept.items()
     }
 
 

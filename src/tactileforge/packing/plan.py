@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
@@ -60,9 +61,10 @@ def plan_pack(dataset: Dataset, out: Path, options: PackOptions) -> PackPlan:
     by_split: dict[str, list[Recording]] = {}
     skipped: dict[str, list[str]] = {}
     for split in SPLITS:
-        before = len(dataset.skipped)
+        before = Counter(dataset.skipped)
         by_split[split] = list(dataset.recordings(split))
-        skipped[split] = list(dataset.skipped[before:])
+        # of several data sets, lines of this split are not the last ones
+        skipped[split] = list((Counter(dataset.skipped) - before).elements())
     if not by_split["train"]:
         raise DataError("the data set has no recording for training; check the path of its data")
     _check(by_split)
@@ -139,6 +141,9 @@ def _digest(recordings: Sequence[Recording], file: str, options: PackOptions) ->
             for frames in (recording.frames, recording.no_contact, recording.image)
         ]
         digest.update(
-            json.dumps([shards.describe_recording(recording), lengths], sort_keys=True).encode()
+            json.dumps(
+                [shards.describe_recording(recording), recording.frames.shape, lengths],
+                sort_keys=True,
+            ).encode()
         )
     return digest.hexdigest()

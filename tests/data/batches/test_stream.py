@@ -345,11 +345,13 @@ def test_large_shards_are_read_by_workers_as_by_none(tmp_path: Path) -> None:
         assert same(batch, data.stream()[number])
 
 
-def test_pairs_are_found_in_a_window(tmp_path: Path) -> None:
+@pytest.mark.parametrize("match", [0.5, 1.0])
+def test_pairs_are_found_in_a_window(match: float, tmp_path: Path) -> None:
     folder = pack(Memory(48), tmp_path, size=4)
-    stream = touch(Shards(str(folder)), window=8, match=0.5).stream()
+    stream = touch(Shards(str(folder)), window=8, match=match).stream()
+    paired = [0, 0, 1, 1, 2, 2, 3, 3][: round(8 * match)]
     for number in range(12):
-        assert stream[number]["group"].tolist() == [0, 0, 1, 1, -1, -1, -1, -1]
+        assert stream[number]["group"].tolist() == paired + [-1] * (8 - len(paired))
 
 
 def test_a_resumed_run_may_change_its_workers_and_nothing_else(

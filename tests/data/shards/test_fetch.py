@@ -1,3 +1,5 @@
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from functools import partial
@@ -140,3 +142,26 @@ def test_paths_and_file_urls_are_read_in_place(packed: Path, tmp_path: Path) -> 
     for root in (str(packed), packed.as_uri()):
         assert values(Shards(root, cache=str(tmp_path / "cache"))) == [0, 1, 2]
     assert not (tmp_path / "cache").exists()
+
+
+@pytest.mark.slow
+def test_processes_that_make_room_take_nothing_from_each_other(tmp_path: Path) -> None:
+    """Four that each need one shard, of forty, and a cache with room for twelve."""
+    code = """
+import hashlib, random, sys
+from pathlib import Path
+from tactileforge.data.shards import fetch
+
+bodies = [bytes([i]) * 20_000 for i in range(40)]
+fetch.remote.copy = lambda url, limit, out: out.write(bodies[int(url[-10:-4])])
+folder = fetch.ShardFolder("https://example.invalid/x", Path(sys.argv[1]), 12 * 20_000 / 1e9)
+draw = random.Random(int(sys.argv[2]))
+for _ in range(3000):
+    i = draw.randrange(40)
+    folder.get(f"train-{i:06d}.tar", 20_000, hashlib.sha256(bodies[i]).hexdigest())
+"""
+    words = [sys.executable, "-c", code, str(tmp_path)]
+    running = [subprocess.Popen([*words, str(number)]) for number in range(4)]
+    assert [process.wait(timeout=120) for process in running] == [0] * 4
+    held = list(tmp_path.rglob("*.tar"))
+    assert 0 < len(held) <= 16

@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Callable, Iterator
+from hashlib import sha256
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
@@ -125,3 +126,48 @@ def test_what_is_not_there_is_not_asked_for_again(serve: Callable[[Answer], str]
     with pytest.raises(OSError, match="404"):
         list(remote.chunks(serve(absent), 10))
     assert len(asked) == 1
+
+
+def cut_off(times: int, body: bytes, asked: list[str]) -> Answer:
+    """An answer that ends early, so many times."""
+
+    def answer(request: BaseHTTPRequestHandler) -> None:
+        asked.append(request.path)
+        request.send_response(200)
+        request.send_header("Content-Length", str(len(body)))
+        request.end_headers()
+        request.wfile.write(body[: len(body) // 3] if len(asked) <= times else body)
+
+    return answer
+
+
+@pytest.mark.parametrize("times", [1, 3])
+def test_a_connection_that_drops_is_opened_again(
+    times: int,
+    serve: Callable[[Answer], str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(remote, "_PAUSE", 0.01)
+    body, asked = bytes(range(256)) * 1200, list[str]()
+    folder = ShardFolder(serve(cut_off(times, body, asked)), tmp_path)
+    path = folder.get("train-000000.tar", len(body), sha256(body).hexdigest())
+    assert path.read_bytes() == body
+    assert len(asked) == times + 1
+    said = capsys.readouterr().err
+    assert f"ended after 102400 of 307200 bytes; attempt {times + 1} of 4" in said
+    asked.clear()
+    assert folder.text("index.json") == body
+
+
+def test_a_connection_that_always_drops_is_an_error(
+    serve: Callable[[Answer], str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(remote, "_PAUSE", 0.01)
+    asked: list[str] = []
+    folder = ShardFolder(serve(cut_off(99, bytes(900), asked)), tmp_path)
+    with pytest.raises(DataError, match=r"ended after 300 of 900 bytes, attempt 4"):
+        folder.get("train-000000.tar", 900, "0" * 64)
+    assert len(asked) == 4
+    assert not list(tmp_path.rglob("*.part"))

@@ -167,8 +167,9 @@ class WindowedSource:
             )
             before = np.cumsum(self.recordings[parts]) - self.recordings[parts]
             groups = np.split(parts, np.flatnonzero(np.diff(before // self.window)) + 1)
+            count = max(1, self.count)  # 0 where all clips are pairs
             self._schedules[key] = [
-                (max(1, round(self.clips[g].sum() / self.count)), g.tolist()) for g in groups
+                (max(1, round(self.clips[g].sum() / count)), g.tolist()) for g in groups
             ]
         return self._schedules[key]
 

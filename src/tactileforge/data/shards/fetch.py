@@ -7,6 +7,7 @@ import os
 import re
 import time
 from contextlib import suppress
+from io import BytesIO
 from pathlib import Path
 from urllib.parse import unquote, urlparse
 
@@ -17,6 +18,10 @@ from tactileforge.errors import DataError
 _MAX_TEXT = 1 << 28
 #: Files of this process whose checksum is known, in the state in which it was read.
 _CHECKED: set[tuple[str, int, int, int, str]] = set()
+
+
+#: Times that a file may vanish from the cache while it is checked.
+_GONE = 10
 
 
 class ShardFolder:
@@ -51,7 +56,9 @@ class ShardFolder:
         try:
             if not self.remote:
                 return (self.path / name).read_bytes()
-            return b"".join(remote.chunks(f"{self.root}/{name}", _MAX_TEXT))
+            content = BytesIO()
+            remote.copy(f"{self.root}/{name}", _MAX_TEXT, content)
+            return content.getvalue()
         except OSError as error:
             raise DataError(f"{self.root}/{name}: cannot be read ({error})") from error
 
@@ -67,11 +74,22 @@ class ShardFolder:
             DataError: It is not there, or is another file than was asked for.
         """
         path = self.path / name
-        if self.remote and path.exists() and not self._is(path, sha256):
-            path.unlink(missing_ok=True)  # damaged since it was kept
-        if self.remote and not path.exists():
-            self._fetch(path, size, sha256)
-        if not self._is(path, sha256):
+        for _ in range(_GONE if self.remote else 1):
+            with suppress(FileNotFoundError):
+                return self._got(path, size, sha256)
+        why = (
+            f"removed {_GONE} times as soon as it was fetched; give more than "
+            f"data.cache_gb={self.cache_gb}"
+            if self.remote
+            else "listed in the index, but not there"
+        )
+        raise DataError(f"{path}: {why}")
+
+    def _got(self, path: Path, size: int, sha256: str) -> Path:
+        """The file; other processes may remove it from the cache at any time."""
+        if self.remote and not (path.exists() and self._is(path, sha256)):
+            self._fetch(path, size, sha256)  # in place of what was damaged since it was kept
+        elif not self._is(path, sha256):
             raise DataError(
                 f"{path}: {path.stat().st_size} bytes that are not the {size} of the index (their "
                 "SHA-256 is another): damaged, or another shard; download or pack it again"
@@ -86,33 +104,33 @@ class ShardFolder:
         try:
             state = _state(path, sha256)
             if state not in _CHECKED:
-                with path.open("rb") as file:
-                    if hashlib.file_digest(file, "sha256").hexdigest() != sha256:
-                        return False
+                if _digest(path) != sha256:
+                    return False
                 _CHECKED.add(state)
+        except FileNotFoundError:
+            raise
         except OSError as error:
-            raise DataError(f"{path}: listed in the index, but not there ({error})") from error
+            raise DataError(f"{path}: cannot be read ({error})") from error
         return True
 
     def _fetch(self, path: Path, size: int, sha256: str) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         self._make_room(size)
         part = path.with_name(f"{path.name}.{os.getpid()}.part")
-        digest, received = hashlib.sha256(), 0
         url = f"{self.root}/{path.name}"
         try:
             with part.open("wb") as out:
-                for chunk in remote.chunks(url, size):
-                    digest.update(chunk)
-                    received += len(chunk)
-                    out.write(chunk)
-            if digest.hexdigest() != sha256:
+                remote.copy(url, size, out)
+            found = _digest(part)
+            if found != sha256:
                 raise DataError(
-                    f"{url}: {received} bytes with SHA-256 {digest.hexdigest()[:12]}..., but the "
+                    f"{url}: {part.stat().st_size} bytes with SHA-256 {found[:12]}..., but the "
                     f"index says {size} with {sha256[:12]}...; upload the shard again"
                 )
             part.replace(path)
             _CHECKED.add(_state(path, sha256))
+        except FileNotFoundError:
+            raise
         except OSError as error:
             raise DataError(f"{url}: cannot be fetched ({error})") from error
         finally:
@@ -121,13 +139,22 @@ class ShardFolder:
     def _make_room(self, size: int) -> None:
         if self.cache_gb is None:
             return
-        cached = sorted(self.path.glob("*.tar"), key=lambda path: path.stat().st_atime)
-        total = sum(path.stat().st_size for path in cached) + size
-        for path in cached:
+        cached = []
+        for path in self.path.glob("*.tar"):
+            with suppress(FileNotFoundError):  # another process makes room, too
+                status = path.stat()
+                cached.append((status.st_atime, path, status.st_size))
+        total = sum(row[-1] for row in cached) + size
+        for _, path, taken in sorted(cached):
             if total <= self.cache_gb * 1e9:
                 break
-            total -= path.stat().st_size
+            total -= taken
             path.unlink(missing_ok=True)
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _state(path: Path, sha256: str) -> tuple[str, int, int, int, str]:

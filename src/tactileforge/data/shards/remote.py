@@ -9,7 +9,7 @@ from collections.abc import Generator, Iterator
 from contextlib import closing, suppress
 from http.client import HTTPException
 from queue import Empty, Queue
-from typing import Any
+from typing import Any, BinaryIO
 from urllib.error import HTTPError
 from urllib.parse import urlparse
 from urllib.request import Request, urlopen
@@ -22,6 +22,34 @@ _AHEAD = 16
 _ATTEMPTS, _PAUSE = 4, 0.5
 
 
+class Dropped(OSError):
+    """A connection ended before all bytes were sent."""
+
+
+def copy(url: str, limit: int, out: BinaryIO) -> None:
+    """Copies a URL to a file; where the connection drops, from the start again.
+
+    Args:
+        url: As for `chunks`.
+        limit: Likewise.
+        out: It is emptied first.
+
+    Raises:
+        OSError: See `chunks`; or the connection dropped too often.
+    """
+    for attempt in range(1, _ATTEMPTS + 1):
+        out.seek(0)
+        out.truncate()
+        try:
+            for chunk in chunks(url, limit):
+                out.write(chunk)
+            return
+        except Dropped as error:
+            if attempt == _ATTEMPTS:
+                raise OSError(f"{error}, attempt {attempt}") from error
+            _wait(url, error, attempt)
+
+
 def chunks(url: str, limit: int) -> Iterator[bytes]:
     """Reads a URL.
 
@@ -31,6 +59,7 @@ def chunks(url: str, limit: int) -> Iterator[bytes]:
 
     Raises:
         OSError: It cannot be reached, sends nothing for too long, or sends more.
+        Dropped: The connection ended early.
     """
     left = limit
     with closing(_opened(url)) as stream, closing(_read_ahead(stream, limit + 1)) as arrived:
@@ -39,6 +68,10 @@ def chunks(url: str, limit: int) -> Iterator[bytes]:
             if left < 0:
                 raise OSError(f"it sends more than the {limit} bytes that are stated")
             yield chunk
+        # of a body that is cut off, http.client gives what there is
+        promised = getattr(stream, "headers", {}).get("Content-Length")
+        if promised is not None and limit - left < int(promised):
+            raise Dropped(f"the connection ended after {limit - left} of {promised} bytes")
 
 
 def _opened(url: str) -> Any:
@@ -49,9 +82,14 @@ def _opened(url: str) -> Any:
             refused = isinstance(error, HTTPError) and error.code < 500
             if refused or isinstance(error, ValueError) or attempt == _ATTEMPTS:
                 raise OSError(f"{error}, attempt {attempt}") from error
-            print(f"{url}: {error}; attempt {attempt + 1} of {_ATTEMPTS}", file=sys.stderr)
-            time.sleep(_PAUSE * 2 ** (attempt - 1))
+            _wait(url, error, attempt)
     raise AssertionError
+
+
+def _wait(url: str, error: Exception, attempt: int) -> None:
+    """Says why there is another attempt, and waits for it."""
+    print(f"{url}: {error}; attempt {attempt + 1} of {_ATTEMPTS}", file=sys.stderr)
+    time.sleep(_PAUSE * 2 ** (attempt - 1))
 
 
 def _open(url: str) -> Any:
@@ -104,5 +142,5 @@ def _next(arrived: Queue[bytes | BaseException], stream: Any) -> bytes:
             process.kill()
         raise TimeoutError(f"it sends less than {_CHUNK} bytes in {_SILENCE:g} s") from None
     if isinstance(answer, BaseException):
-        raise OSError(str(answer) or repr(answer)) from answer
+        raise Dropped(str(answer) or repr(answer)) from answer
     return answer
