@@ -96,8 +96,9 @@ class _Device:
         thread.start()
 
     def _play(self, packets: Iterable[bytes], faults: Faults, step: float) -> None:
-        due = time.monotonic()
+        due: float | None = None
         for writes in chunks(packets, faults):
+            due = time.monotonic() if due is None else due  # the first packet starts the clock
             for data in writes:
                 if self._stop.is_set():
                     return
