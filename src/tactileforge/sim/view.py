@@ -90,7 +90,8 @@ class SensorView:
         Returns:
             uint8 (K, H, W, 3), and the displacement of the surface, uint8 (K, h, w, 3), or None.
         """
-        touched = (part.force[:, 2] > 0)[:, None, None]
+        # By what deforms the gel: on lifting, a viscous gel is still dented where no force is left.
+        touched = (part.strain[:, 0].amax((1, 2)) > 0)[:, None, None]
         dent = torch.where(touched, surface.picture(fields, part, self.places), 0.0)
         drift = None if self.drift is None else self.drift[first : first + len(dent)]
         at_markers, at_cells = self._lateral(surface, part)

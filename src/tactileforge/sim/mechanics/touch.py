@@ -192,8 +192,6 @@ class ContactSolver:
         tilted = entered - kernel.lift(before)
         pressure = contact.press(kernel, tilted, state.pressure, _FIRST, self.soft)
         felt = self._felt(pressure, state.normal)
-        if not bool((felt > 0).any()):
-            return Tractions(pose, pressure, felt, torch.zeros_like(before), pressure.sum((1, 2)))
         # Pressure alone pushes the gel outwards: only the rest of the motion has to be sheared.
         motion = self.overlap.motion(old, pose) - kernel.spread(pressure - state.pressure)
         shear = friction.shear(kernel, self.mu[:, None, None] * felt, before, motion)
