@@ -7,6 +7,7 @@ linearly.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -79,7 +80,8 @@ def from_config(
         epoch: Steps of an epoch.
 
     Raises:
-        ConfigError: An unknown unit or key, or a ramp that ends before it starts.
+        ConfigError: An unknown unit or key, a ramp that ends before it starts, a weight below 0, or
+            a chance outside 0 to 1.
     """
     units = {"fraction": total, "epoch": epoch, "step": 1}
     unit = config.get("unit", "fraction")
@@ -91,10 +93,15 @@ def from_config(
         start = float(row.get("start") or 0) * units[unit]
         end = row.get("end")
         stop = total if end is None else float(end) * units[unit]
+        if not math.isfinite(start + stop):
+            raise ConfigError(f"{where}: start={row.get('start')}, end={end}; give finite numbers")
         if stop < start:
             raise ConfigError(f"{where}: ends at step {stop:g}, before it starts ({start:g})")
         return Ramp(start, stop, low, high)
 
+    for name, weight in weights.items():
+        if not 0 <= weight < math.inf:
+            raise ConfigError(f"objective.{name}.weight={weight}: give a finite number, 0 or more")
     rows = config.get("objective") or {}
     ramps = {
         name: ramp(f"curriculum.objective.{name}", rows[name], 0.0, weight)
@@ -104,6 +111,8 @@ def from_config(
     }
     row = config.get("universal") or {"high": 0.0}
     low, high = float(row.get("low", 0.0)), float(row.get("high", 0.0))
+    if not (0 <= low <= 1 and 0 <= high <= 1):
+        raise ConfigError(f"curriculum.universal: low={low}, high={high}; give chances, 0 to 1")
     return Curriculum(ramps, ramp("curriculum.universal", row, low, high))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from typing import TYPE_CHECKING, Any, Self
@@ -77,7 +78,7 @@ class TouchModule(L.LightningModule):
         self.augment = augment
         self.seed = seed
         self.plan: Curriculum | None = None
-        self.total = 0
+        self.total = self.epoch = 0
         #: Of validation: sums of scores; and of losses times labels, beside the labels.
         self._sums: dict[str, Tensor] = {}
         self._losses: dict[str, Tensor] = {}
@@ -128,13 +129,14 @@ class TouchModule(L.LightningModule):
     def setup(self, stage: str) -> None:
         """Reads the curriculum, once the length of the run is known."""
         total = self.total = int(self.trainer.estimated_stepping_batches)
-        epochs = self.trainer.max_epochs or -1
-        epoch = max(1, total // epochs) if epochs > 0 else total
-        self.plan = from_config(self.curriculum_config, self.weights, total, epoch)
+        # Infinite where the run ends by its steps: Lightning has not looked at the data then.
+        batches = self.trainer.num_training_batches / self.trainer.accumulate_grad_batches
+        self.epoch = max(1, math.ceil(batches)) if math.isfinite(batches) else total
+        self.plan = from_config(self.curriculum_config, self.weights, total, self.epoch)
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Keeps the length of the run."""
-        checkpoint["total"] = self.total
+        """Keeps the length of the run and of its epochs, in steps."""
+        checkpoint["total"], checkpoint["epoch"] = self.total, self.epoch
 
     def current_weights(self) -> dict[str, float]:
         """Weights of the objectives at this step."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -36,11 +37,16 @@ class OptimOptions:
     schedule: str = "linear"
 
     def __post_init__(self) -> None:
-        if self.lr < 0 or self.weight_decay < 0 or not 0 <= self.warmup <= 1:
+        rates = (self.lr, self.weight_decay)
+        if not all(0 <= rate < math.inf for rate in rates) or not 0 <= self.warmup <= 1:
             raise ConfigError(
                 f"optim.lr={self.lr}, optim.weight_decay={self.weight_decay}, "
                 f"optim.warmup={self.warmup}: none may be below 0, nor a share above 1"
             )
+        if not all(0 <= beta < 1 for beta in self.betas):
+            raise ConfigError(f"optim.betas={list(self.betas)}: give 0 or more, below 1")
+        if self.clip is not None and not self.clip > 0:
+            raise ConfigError(f"optim.clip={self.clip}: give a norm above 0, or null to clip none")
 
 
 def optimiser(

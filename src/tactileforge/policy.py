@@ -69,10 +69,12 @@ class Policy:
             seed: Of the noise that commands start from.
 
         Raises:
-            ConfigError: It is of other fingers than the policy's.
+            ConfigError: It is of other fingers than the policy's, or no such frame.
         """
         if background is not None and self.uses_touch:
             self._check_fingers("background", background)
+            for name in self.fingers:
+                _check_picture(f"background of {name}", background[name])
         self._background = background
         self._generator = torch.Generator().manual_seed(seed)
         self._queue: deque[NDArray[np.float32]] = deque()
@@ -100,18 +102,31 @@ class Policy:
             float32 (A,), in the units of the demonstrations.
 
         Raises:
-            ConfigError: Other fingers, another size, or no image or forces where they are used.
-            DataError: A number that is not finite.
+            ConfigError: Other fingers, another size or type, or no image or forces where they are
+                used; the step is then not seen, and may be made again.
+            DataError: A number that is not finite; the same.
         """
+        perceived = self._perceived(state, image, force)
         if self.uses_touch:
-            self._check_fingers("frames", frames)
-            self._touch.append({name: self._resized(frames[name]) for name in self.fingers})
-        self._seen.append(self._perceived(state, image, force))
+            self._touch.append(self._felt(frames))
+        self._seen.append(perceived)
         if not self._queue:
             with torch.no_grad():
                 chunk = self._head.act(self._views(), self._batch(), self._generator)
             self._queue.extend(chunk[0, : self._head.execute].float().cpu().numpy())
         return self._queue.popleft()
+
+    def _felt(self, frames: Mapping[str, Image]) -> dict[str, Image]:
+        self._check_fingers("frames", frames)
+        for name in self.fingers:
+            _check_picture(f"frame of {name}", frames[name])
+            shape = frames[name].shape
+            if self._background is not None and shape != self._background[name].shape:
+                raise ConfigError(
+                    f"frame of {name}: {shape}, and its background is "
+                    f"{self._background[name].shape}; give both as the sensor takes them"
+                )
+        return {name: self._resized(frames[name]) for name in self.fingers}
 
     def _perceived(
         self, state: ArrayLike, image: Image | None, force: Mapping[str, ArrayLike] | None
@@ -125,6 +140,7 @@ class Policy:
         if self.uses_image:
             if image is None:
                 raise ConfigError("the policy uses a camera: give image=, uint8 (h, w, 3)")
+            _check_picture("image", image)
             seen["images"] = resize_frame(image, (self.robot.image_size, self.robot.image_size))
         if self.uses_force:
             if force is None:
@@ -229,3 +245,10 @@ def load_policy(run: str | Path) -> Policy:
         except RuntimeError as error:
             raise ConfigError(f"{path}: the weights do not fit config.yaml: {error}") from error
     return Policy(encoder, head)
+
+
+def _check_picture(what: str, picture: Any) -> None:
+    """Raises a ConfigError for what is no picture of bytes."""
+    shape, kind = np.shape(picture), getattr(picture, "dtype", type(picture).__name__)
+    if kind != np.uint8 or len(shape) != 3 or shape[-1] != 3:
+        raise ConfigError(f"{what}: {kind} {shape}; give RGB, uint8 (H, W, 3)")

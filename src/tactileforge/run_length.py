@@ -38,7 +38,7 @@ def change_length(
         return False
     if others := sorted(changed.keys() - set(LENGTHS)):
         raise ConfigError(f"resume= changes the length of a run alone, not trainer.{others[0]}")
-    by = "max_steps" if state["total"] == before["trainer"]["max_steps"] else "max_epochs"
+    by = "max_epochs" if before["trainer"]["max_steps"] == -1 else "max_steps"
     if by not in changed:
         raise ConfigError(
             f"the run ends by trainer.{by}={before['trainer'][by]}: give another trainer.{by}="
@@ -46,9 +46,8 @@ def change_length(
     step, steps = int(state["global_step"]), changed.get("max_steps", -1)
     if 0 <= steps <= step:
         raise ConfigError(f"trainer.max_steps={steps}: the run is already at step {step}")
-    total, epochs = int(state["total"]), before["trainer"]["max_epochs"] or -1
-    epoch = max(1, total // epochs) if epochs > 0 else total
-    plain["curriculum"] = curriculum.in_steps(plain["curriculum"], total, epoch)
+    total = int(state["total"])
+    plain["curriculum"] = curriculum.in_steps(plain["curriculum"], total, int(state["epoch"]))
     if by == "max_steps":
         plain["trainer"]["max_epochs"] = -1  # a run that ends by its steps has an epoch behind it
     log.warning(

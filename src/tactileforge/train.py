@@ -192,9 +192,11 @@ def _check_robot(config: Mapping[str, Any]) -> None:
     Raises:
         ConfigError: See there.
     """
-    init = Path(str(config["init"] or ""))
+    if not config["robot"] or not config["init"] or not run_folder.is_run(str(config["init"])):
+        return
+    init = Path(str(config["init"]))
     folder = init if init.is_dir() else init.parent.parent
-    if not config["robot"] or not (folder / run_folder.CONFIG).is_file():
+    if not (folder / run_folder.CONFIG).is_file():
         return
     now, before = robot_of(config), robot_of(run_folder.read_config(folder))
     for key in ("state_size", "action_size", "fingers", "sensors"):

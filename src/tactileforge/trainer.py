@@ -73,6 +73,13 @@ def _check_length(options: Mapping[str, Any]) -> None:
             "trainer.max_steps=-1 trainer.max_epochs=-1: the curriculum and the learning rate need "
             "the length of the run; give one of the two"
         )
+    limit, steps = options.get("limit_train_batches"), options.get("accumulate_grad_batches", 1)
+    if isinstance(limit, int) and limit % steps:
+        raise ConfigError(
+            f"trainer.limit_train_batches={limit} trainer.accumulate_grad_batches={steps}: the "
+            "last step of an epoch would have fewer batches, and a resumed run could not tell; "
+            f"give a multiple of {steps}"
+        )
 
 
 def _check_best(metric: Any, objectives: Sequence[str]) -> None:

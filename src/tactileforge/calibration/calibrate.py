@@ -237,9 +237,11 @@ def _force(
     joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     fold = folds([len(press.frames) for press in presses])
 
-    def fitted(name: str, lag: float) -> AxisFit:
+    def earlier(name: str, lag: float) -> NDArray[np.float64]:
         column = AXES.index(name)
-        force = np.concatenate([_lagged(press, column, lag) for press in presses])
+        return np.concatenate([_lagged(press, column, lag) for press in presses])
+
+    def fitted(name: str, force: NDArray[np.float64]) -> AxisFit:
         raw = name if kind == "head" else None
         return fit_axis(joined, _choices(kind, name, joined), force, fold, name, raw)
 
@@ -247,8 +249,10 @@ def _force(
     lag = 0.0
     if options.max_lag:
         lags = np.arange(0, options.max_lag + 1e-9, _LAG_STEP)
-        lag = float(min(lags, key=lambda at: fitted(wanted[-1], float(at)).axis.rmse))
-    fits = {name: fitted(name, lag) for name in wanted}
+        tried = np.stack([earlier(wanted[-1], float(at)) for at in lags])
+        tried[:, ~np.isfinite(tried).all(0)] = np.nan  # lags are compared on the same frames
+        lag = float(lags[np.argmin([fitted(wanted[-1], force).axis.rmse for force in tried])])
+    fits = {name: fitted(name, earlier(name, lag)) for name in wanted}
     for name in wanted:
         if (share := fits[name].axis.r2) < _LEAST_R2:
             notes.append(
@@ -272,12 +276,12 @@ def _choices(kind: str, axis: str, columns: Mapping[str, Any]) -> list[Sequence[
 
 
 def _lagged(recording: Recording, column: int, lag: float) -> NDArray[np.float64]:
-    """One axis of the force, ``lag`` seconds before each frame."""
+    """One axis of the force, ``lag`` seconds before each frame; NaN where it is not known."""
     assert recording.force is not None
     force = recording.force[:, column].astype(np.float64)
-    known = np.isfinite(force)
-    if lag == 0 or not known.any():
+    if lag == 0:
         return force
-    before = recording.times - lag
-    out = np.interp(before, recording.times[known], force[known])
-    return np.where(before < recording.times[known][0], np.nan, out)
+    known, before = np.isfinite(force), recording.times - lag
+    out = np.interp(before, recording.times, np.where(known, force, 0.0))
+    share = np.interp(before, recording.times, known.astype(float), left=0.0)
+    return np.where(share < 1 - 1e-9, np.nan, out)

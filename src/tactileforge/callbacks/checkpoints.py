@@ -159,11 +159,12 @@ class _Best(ModelCheckpoint):
 
 
 def best_checkpoint(folder: Path, metric: str | None) -> list[Callback]:
-    """Builds the callback that keeps the weights with the smallest value of a metric in `BEST`.
+    """Builds the callback that keeps the weights with the best value of a metric in `BEST`.
 
     Args:
         folder: Folder of the run.
-        metric: Such as ``val/denoise``; None keeps none.
+        metric: Such as ``val/denoise``; None keeps none. An accuracy or R2 is best where it is
+            largest, all else where it is smallest.
     """
     if metric is None:
         return []
@@ -171,6 +172,7 @@ def best_checkpoint(folder: Path, metric: str | None) -> list[Callback]:
         dirpath=folder / BEST.parent,
         filename=BEST.stem,
         monitor=metric,
+        mode="max" if metric.rpartition("/")[2].startswith(("accuracy", "r2")) else "min",
         save_weights_only=True,
         enable_version_counter=False,
         save_on_train_epoch_end=False,

@@ -30,6 +30,7 @@ class GraphModule(nn.Module):
 
     Attributes:
         outputs: Names of what it returns.
+        sensors: Number of each sensor: its row of the encoder's table, where it has one alone.
     """
 
     def __init__(
@@ -44,18 +45,21 @@ class GraphModule(nn.Module):
         self.encoder, self.head = encoder, head
         self.outputs = ("tokens", "cls", "force")[: 2 if head is None else 3]
         self.frames, self.image_size = encoder.frames, encoder.image_size
-        self.sensors = sensor_rows(encoder)
-        rows = torch.full((max(self.sensors.values(), default=0) + 1,), _NOWHERE)
-        newton = torch.full((len(rows), 3), torch.nan)
-        for name, row in self.sensors.items():
-            rows[row] = row
-            if name in (scale or {}):
-                newton[row] = torch.tensor((scale or {})[name])
-        self.register_buffer("known", rows)
+        rows, scale = sensor_rows(encoder), scale or {}
+        # Sensors that share a row have force scales of their own: each gets a number then.
+        numbered = bool(scale) and len(set(rows.values())) < len(rows)
+        self.sensors = {name: i for i, name in enumerate(rows)} if numbered else rows
+        known = torch.full((max(self.sensors.values(), default=0) + 1,), _NOWHERE)
+        newton = torch.full((len(known), 3), torch.nan)
+        for name, number in self.sensors.items():
+            known[number] = rows[name]
+            if name in scale:
+                newton[number] = torch.tensor(scale[name])
+        self.register_buffer("known", known)
         self.register_buffer("newton", newton)
         self.known: Tensor
         self.newton: Tensor
-        self._checks = bool(encoder.sensors) and _reads_sensors(encoder)
+        self._checks = numbered or (bool(encoder.sensors) and _reads_sensors(encoder))
 
     def forward(self, frames: Tensor, background: Tensor, sensor: Tensor) -> tuple[Tensor, ...]:
         """Tokens (B, L, width), vectors (B, projected), and forces (B, T - 1, 3), N.
@@ -63,12 +67,12 @@ class GraphModule(nn.Module):
         Args:
             frames: uint8 (B, T, 3, H, W), RGB, oldest first.
             background: uint8 (B, 3, H, W).
-            sensor: int64 (B,), rows of the sensor table.
+            sensor: int64 (B,), numbers of sensors, see `sensors`.
         """
-        sensor = self.known[sensor] if self._checks else sensor
+        row = self.known[sensor] if self._checks else sensor
         if self.squash is not None:
             frames, background = self.squash(frames), self.squash(background)
-        tokens, cls = self.encoder(frames, background, sensor)
+        tokens, cls = self.encoder(frames, background, row)
         if self.head is None:
             return tokens, cls
         force = self.head(views_of(self.encoder, tokens, cls), {}).force

@@ -160,7 +160,7 @@ def _layer(
     if names is not None:
         raise ConfigError("names= belongs to the head of a run; head= knows the names of its own")
     fitted = head if isinstance(head, ClassHead) else read_class_head(head)
-    if fitted.facts.encoder != encoder_hash(model.encoder):
+    if fitted.facts.encoder != model.encoder_hash:
         raise ConfigError(
             f"the head of {fitted.facts.task} was fitted to another encoder than {model!r}: "
             "run tactileforge bench with this model"

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 class HeadModel(FeatureModel):
     """The part of `hub.model.Model` that reads heads; see there for arguments and attributes."""
 
-    _fingerprint = ""
+    _fingerprint = _encoder_hash = ""
 
     def force(
         self,
@@ -239,9 +239,14 @@ class HeadModel(FeatureModel):
             return self._fingerprint
         return forces.fingerprint([self.encoder, *(self.heads[key] for key in sorted(self.heads))])
 
+    @property
+    def encoder_hash(self) -> str:
+        """The same of the encoder's weights alone; ties a head for classes to its encoder."""
+        return self._encoder_hash or forces.fingerprint([self.encoder])
+
     def keep_fingerprint(self) -> None:
-        """Keeps the hash of the weights of now: a rounded copy is calibrated as its original is."""
-        self._fingerprint = self.fingerprint
+        """Keeps the hashes of the weights of now: what fits a model fits its rounded copy."""
+        self._fingerprint, self._encoder_hash = self.fingerprint, self.encoder_hash
 
     def _readable(self, tokens: Tensor, projected: Tensor, scale: Tensor) -> dict[str, Tensor]:
         head, scale = self.heads["force"], scale.to(tokens.device)

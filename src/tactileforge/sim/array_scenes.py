@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-import multiprocessing
 import os
+import sys
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -19,9 +18,10 @@ from tqdm import tqdm
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards import shards
-from tactileforge.errors import ConfigError
+from tactileforge.errors import ConfigError, TactileForgeError
+from tactileforge.processes import spread, while_waited_for
 from tactileforge.sensors.taxels import TaxelLayout
-from tactileforge.sim.config import SimConfig
+from tactileforge.sim.config import SimConfig, from_json
 from tactileforge.sim.generate import path_of
 from tactileforge.sim.mechanics.gel import Gel
 from tactileforge.sim.mechanics.touch import ContactState, contacts
@@ -149,28 +149,28 @@ def _shares(
             yield first + np.array([i, j]), share
 
 
-def play_on_array(scene: Scene, array: Array) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+def play_on_array(scene: Scene, array: Array) -> NDArray[np.float64]:
     """Simulates the force on every taxel of an array over a scene.
 
     Returns:
-        Forces on taxels, float64 (T, taxels, 3), and those on all of the skin, float32 (T, 3), N.
+        float64 (T, taxels, 3), N.
     """
     low, high = _FRICTION
     gel = Gel(friction=low + scene.grip * (high - low))
     heights = torch.from_numpy(scene.shape.map(POINTS, SPACING))[None].float()
     poses = torch.from_numpy(scene.path.pose(scene.times(FPS)))[None].float()
     moments = contacts(heights, SPACING, [gel], poses, [FPS], f"touch of seed {scene.seed}")
-    taxels, force = [], []
-    for moment in moments:
-        taxels.append(taxel_forces(moment, array.shape, array.pitch))
-        force.append(moment.force[0].numpy())
-    return np.stack(taxels), np.stack(force).astype(np.float32)
+    return np.stack([taxel_forces(moment, array.shape, array.pitch) for moment in moments])
 
 
 def recording(config: SimConfig, array: Array, number: int) -> shards.Packed:
-    """One scene on the array, encoded without loss; the forces on taxels are a track."""
+    """One scene on the array, encoded without loss; the forces on taxels are a track.
+
+    The label is their sum without noise: what presses beside the array is not in it.
+    """
     scene = config.scene(number)
-    forces, force = play_on_array(scene, array)
+    forces = play_on_array(scene, array)
+    force = forces.sum(1).astype(np.float32)
     chance = np.random.default_rng([config.seed, number, 0xA2])
     forces = forces if array.axes == 3 else forces[..., 2:]
     still = np.zeros((_REST, *forces.shape[1:]))
@@ -226,23 +226,30 @@ def write_array_scenes(
     with tqdm(
         total=len(missing), desc="simulating", unit="touch", disable=len(missing) < _MANY
     ) as bar:
-        if len(missing) < _MANY or count == 1:
-            for number in missing:
-                _write(config, array, folder, number)
-                bar.update()
+        if len(missing) >= _MANY and count > 1:
+            options = [json.dumps(asdict(one)) for one in (config, array)]
+            command = [__name__, *options, str(folder)]
+            spread(command, missing, count, lambda n: path_of(folder, n).exists(), bar)
             return
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(count, context) as pool:
-            jobs = [pool.submit(_write, config, array, folder, n) for n in missing]
-            try:
-                for job in as_completed(jobs):
-                    job.result()
-                    bar.update()
-            except BaseException:
-                pool.shutdown(cancel_futures=True)
-                raise
+        for number in missing:
+            _write(config, array, folder, number)
+            bar.update()
 
 
 def _write(config: SimConfig, array: Array, folder: Path, number: int) -> None:
     with one_thread():
         shards.write_shard(path_of(folder, number), [recording(config, array, number)])
+
+
+def _main(config: str, array: str, folder: str, *numbers: str) -> None:
+    """A process that simulates a share of the scenes."""
+    scenes, taxels = SimConfig(**from_json(config)), Array(**from_json(array))
+    for number in while_waited_for(map(int, numbers)):
+        _write(scenes, taxels, Path(folder), number)
+
+
+if __name__ == "__main__":
+    try:
+        _main(*sys.argv[1:])
+    except (TactileForgeError, OSError) as error:
+        sys.exit(str(error))

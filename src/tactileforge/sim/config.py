@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -86,9 +88,22 @@ class SimConfig:
             raise ConfigError(f"sim: sensors=[] is empty; give some of {', '.join(DEVICES)}")
         for sensor in self.sensors:
             sensor_gel(sensor)
-        self.shapes("train")
-        self.moves(False)
+        if not self.shapes("train") or not self.moves(False):
+            raise ConfigError("sim: indenters=[] or motions=[] is empty; give a group or names")
         randomised_rows(self.randomise)
+        if self.seed < 0 or self.size < 2:
+            raise ConfigError(
+                f"sim: seed={self.seed} and size={self.size}; give 0 or more, and 2 or more pixels"
+            )
+        if not 0 < self.seconds < math.inf or not 0 <= self.viscosity < math.inf:
+            raise ConfigError(
+                f"sim: actions of {self.seconds} s and viscosity {self.viscosity} s; give more "
+                "than 0, and 0 or more"
+            )
+        if len(self.force) != 2 or not 0 < self.force[0] <= self.force[1] < math.inf:
+            raise ConfigError(
+                f"sim: force={list(self.force)} N; give the least and the largest, above 0"
+            )
         if not 0 <= self.lag < 1:
             raise ConfigError(f"sim: lag is {self.lag} s; give 0 or more, below 1")
         if self.codec not in shards.CODECS:
@@ -152,6 +167,11 @@ def _shuffled(count: int, seed: int, place: int) -> int:
     """Place in an endless row of permutations: every shape comes before one comes again."""
     turn, rest = divmod(place, count)
     return int(np.random.default_rng([seed, turn]).permutation(count)[rest])
+
+
+def from_json(text: str) -> dict[str, Any]:
+    """Arguments of a dataclass as a process was given them: lists are tuples again."""
+    return {k: tuple(v) if isinstance(v, list) else v for k, v in json.loads(text).items()}
 
 
 @lru_cache

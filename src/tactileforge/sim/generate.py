@@ -8,7 +8,6 @@ import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +20,7 @@ from tactileforge.data.shards.index import Index, IndexEntry
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.files import claim
 from tactileforge.processes import spread, while_waited_for
-from tactileforge.sim.config import FIRST_VAL, SimConfig
+from tactileforge.sim.config import FIRST_VAL, SimConfig, from_json
 from tactileforge.sim.optics.scene_camera import render_scene_image
 from tactileforge.sim.play import play_scenes
 from tactileforge.sim.scene import simulated_rate
@@ -168,7 +167,6 @@ def write_seconds(
     """
     if not seconds > 0 or not 0 <= val < 1:
         raise ConfigError(f"sim: seconds={seconds} and val={val}; give > 0, and 0 or more, below 1")
-    claim(folder / "sim.json", asdict(config), "touches")
     numbers: list[int] = []
     total = 0.0
     while total < seconds:
@@ -177,6 +175,7 @@ def write_seconds(
         to_val = held_out < val * (len(numbers) + 1) - 0.5
         numbers.append(FIRST_VAL + held_out if to_val else train)
         total += config.scene(numbers[-1]).path.seconds
+    claim(folder / "sim.json", asdict(config), "touches")
     write_scenes(config, folder, numbers, processes)
     splits = {
         split: [
@@ -191,11 +190,9 @@ def write_seconds(
 
 def _main(config: str, folder: str, *numbers: str) -> None:
     """A process that simulates a share of the scenes."""
-    keys: dict[str, Any] = {
-        k: tuple(v) if isinstance(v, list) else v for k, v in json.loads(config).items()
-    }
+    scenes = SimConfig(**from_json(config))
     for number in while_waited_for(map(int, numbers)):
-        _write(SimConfig(**keys), Path(folder), number)
+        _write(scenes, Path(folder), number)
 
 
 if __name__ == "__main__":

@@ -27,8 +27,11 @@ def test_touches_follow_each_other_with_their_forces() -> None:
     assert (contact == 1).sum() >= 2
     assert (contact == -1).sum() >= 1
     np.testing.assert_allclose(np.diff([frame.time for frame in frames]), 1 / 30, atol=1e-6)
-    still = np.array([f.array for f, n in zip(frames, normal, strict=True) if n == 0]).astype(int)
-    assert np.abs(still - still[0]).max() < 30
+    # A viscous gel is dented for some frames more after the last force.
+    loaded = np.convolve(normal > 0, np.ones(13))[: len(normal)] > 0
+    still = np.array([f.array for f, one in zip(frames, loaded, strict=True) if not one])
+    assert len(still) > 8
+    assert np.abs(still.astype(int) - still[0]).max() < 15
 
 
 @pytest.mark.slow

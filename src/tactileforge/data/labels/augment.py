@@ -1,7 +1,8 @@
 """Augmentation that keeps labels consistent: a mirrored touch has a mirrored force.
 
 Which clips are flipped is drawn on the host, where labels and captions are changed with them; the
-pixels follow on the device.
+pixels follow on the device. Pictures of taxel arrays stay as they are: their colours are forces, and
+a mirrored force has another colour.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from torch import Tensor, nn
 
 from tactileforge.contracts import ACTIONS, Batch
 from tactileforge.data.labels import displacement
+from tactileforge.sensors.specs import spec
 
 #: What a caption says of an action; "" stands for an unknown one.
 PHRASES = {
@@ -71,6 +73,8 @@ def fill_captions(batch: Batch) -> None:
 class Augment(nn.Module):
     """Flips and colour jitter of whole clips: all frames and the background are treated alike.
 
+    Clips of taxel arrays are left as they are, and those that are paired with one are not flipped.
+
     Args:
         horizontal: Chance of a flip left to right.
         vertical: Chance of a flip top to bottom.
@@ -95,15 +99,17 @@ class Augment(nn.Module):
         """Draws the flips on the host, and flips the labels accordingly.
 
         Clips of one matching group are flipped alike: a pair of one action stays one. Adds
-        ``flip``, bool (B, 2): horizontal, vertical.
+        ``flip``, bool (B, 2): horizontal, vertical; and ``coded``, bool (B,): of taxel arrays.
         """
         group = batch["group"]
+        coded = torch.tensor([spec(name).kind == "array" for name in batch["sensor"]])
+        fixed = coded | ((group[:, None] == group) & (group >= 0) & coded).any(1)
         draw = torch.rand(len(group), 2)
         first = (group[:, None] == group).int().argmax(dim=1)
         draw = torch.where((group >= 0)[:, None], draw[first], draw)
-        flip = draw < torch.tensor([self.horizontal, self.vertical])
+        flip = (draw < torch.tensor([self.horizontal, self.vertical])) & ~fixed[:, None]
         flip_labels(batch, flip[:, 0], flip[:, 1])
-        return batch | {"flip": flip}
+        return batch | {"flip": flip, "coded": coded}
 
     @torch.no_grad()
     def forward(self, batch: Batch) -> Batch:
@@ -114,7 +120,8 @@ class Augment(nn.Module):
             clip = torch.where(flipped, clip.flip(dim), clip)
         if self.jitter is not None:
             jittered: Any = self.jitter(clip.float() / 255)
-            clip = (jittered * 255).round().clamp(0, 255).to(torch.uint8)
+            jittered = (jittered * 255).round().clamp(0, 255).to(torch.uint8)
+            clip = torch.where(batch["coded"][:, None, None, None, None], clip, jittered)
         moved: Batch = {"background": clip[:, 0], "frames": clip[:, 1:]}
         if "surface" in batch:
             moved["surface"] = _mirrored(batch["surface"], batch["flip"])
