@@ -76,3 +76,19 @@ def test_without_a_row_the_weight_is_constant() -> None:
 def test_mistakes_are_named(config: dict, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         from_config(config, {"pixel": 1.0}, 10, 1)
+
+
+@pytest.mark.parametrize(
+    ("config", "weight", "message"),
+    [
+        ({}, -1.0, r"objective.pixel.weight=-1.0"),
+        ({}, float("nan"), r"objective.pixel.weight=nan"),
+        ({"objective": {"pixel": {"start": float("nan")}}}, 1.0, "start=nan"),
+        ({"universal": {"low": 0.0, "high": 1.5}}, 1.0, "high=1.5"),
+    ],
+)
+def test_weights_and_chances_that_are_none_are_named(
+    config: dict[str, object], weight: float, message: str
+) -> None:
+    with pytest.raises(ConfigError, match=message):
+        from_config(config, {"pixel": weight}, total=10, epoch=1)

@@ -87,6 +87,7 @@ def on_device(recipe: str, *overrides: str) -> tuple[TouchModule, dict[str, Any]
     module = TouchModule.from_config(config, {"text", "image"}, augment).to("meta")
     made = make_batch(size=4, frames=module.encoder.frames, image=32)
     made["flip"] = torch.zeros(4, 2, dtype=torch.bool)
+    made["coded"] = torch.zeros(4, dtype=torch.bool)
     return module, {k: v.to("meta") if isinstance(v, Tensor) else v for k, v in made.items()}
 
 

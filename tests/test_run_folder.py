@@ -8,16 +8,19 @@ from typing import Any
 
 import pytest
 import torch
+from demonstrated import episode, write
 
 from tactileforge import cli, run_folder
 from tactileforge.callbacks import checkpoints
 from tactileforge.callbacks.checkpoints import AtomicCheckpointIO
 from tactileforge.checkpoint_file import read_checkpoint, read_own, seal
+from tactileforge.compose import compose
 from tactileforge.errors import ConfigError, DataError, TactileForgeError
 from tactileforge.module import TouchModule
 from tactileforge.optim import optimiser
 from tactileforge.pages.curves import read_metrics
 from tactileforge.run_folder import LAST
+from tactileforge.train import train
 
 SMALL = ["train", "scale=demo", "debug=steps", "encoder.image_size=32", "batch.workers=0"]
 SMALL += ["objective=[pixel]", "batch.size=8", "data.scenes=3", "data.val=1", "data.size=32"]
@@ -272,4 +275,45 @@ def test_a_run_that_ends_by_its_epochs_gets_more_of_them(
     assert cli.run(["train", f"resume={tmp_path}", "trainer.max_steps=999"]) == 1
     assert "ends by trainer.max_epochs=1: give another" in capsys.readouterr().err
     assert cli.run(["train", f"resume={tmp_path}", "trainer.max_epochs=2"]) == 0
-    assert read_checkpoint(tmp_path)["global_step"] == 2 * epoch
+    end = read_checkpoint(tmp_path)
+    assert (end["global_step"], end["total"], end["epoch"]) == (2 * epoch, 2 * epoch, epoch)
+
+
+@pytest.mark.slow
+def test_an_epoch_of_the_curriculum_is_one_of_the_data(tmp_path: Path) -> None:
+    """Also of a run whose steps end before its epochs do."""
+    words = [
+        *SMALL,
+        "trainer.max_steps=3",
+        "trainer.max_epochs=10",
+        "trainer.val_check_interval=1.0",
+    ]
+    words += ["trainer.limit_train_batches=4", "trainer.accumulate_grad_batches=2"]
+    assert cli.run([*words, f"hydra.run.dir={tmp_path}"]) == 0
+    end = read_checkpoint(tmp_path)
+    assert (end["global_step"], end["total"], end["epoch"]) == (3, 3, 2)
+
+
+def test_an_epoch_of_half_a_step_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    words = [*SMALL, "trainer.limit_train_batches=5", "trainer.accumulate_grad_batches=2"]
+    assert cli.run(words) == 1
+    assert "give a multiple of 2" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_sensors_keep_their_rows_in_a_run_that_starts_from_another(tmp_path: Path) -> None:
+    """The second run has a sensor that comes before the first run's by name."""
+    words = ["scale=demo", "encoder.depth=1", "encoder.image_size=32", "objective=[pixel]"]
+    words += ["data=shards", "batch.size=4", "batch.workers=0", "trainer.max_steps=1"]
+    words += ["trainer.limit_val_batches=0"]
+    first = [touch for n in range(3) for touch in episode(n, sensor="serial_array", image=False)]
+    other = [touch for n in range(3) for touch in episode(9 + n, sensor="camera", image=False)]
+    runs = []
+    for name, touches in (("a", first), ("b", first + other)):
+        root = write(tmp_path / f"shards_{name}", touches)
+        init = [f"init={runs[0]}"] if runs else []
+        runs.append(tmp_path / name)
+        train(compose("anytouch2", [*words, f"data.root={root}", *init]), runs[-1])
+    before, after = (run_folder.read_config(run)["encoder"]["sensors"] for run in runs)
+    assert before == {key: after[key] for key in before}
+    assert set(after) - set(before) == {"camera"}

@@ -117,6 +117,7 @@ def _start_from(plain: dict[str, Any]) -> Mapping[str, Tensor] | None:
         return imagenet_weights()
     if run_folder.is_run(init):
         state: Mapping[str, Tensor] = read_checkpoint(init)["state_dict"]
+        _go_on_with(plain["encoder"], init)
         return state
     node, state = starting_weights(init)
     same = plain["encoder"]["name"] == node["name"]
@@ -128,6 +129,36 @@ def _start_from(plain: dict[str, Any]) -> Mapping[str, Tensor] | None:
     plain["encoder"] = node | kept
     log.info("init: the encoder and its options are those of %s", init)
     return state
+
+
+def _config_of(init: str) -> dict[str, Any] | None:
+    """Configuration of a run, or of the run that a checkpoint belongs to; None of a file alone."""
+    folder = find_checkpoint(init).resolve().parents[1]
+    return run_folder.read_config(folder) if (folder / run_folder.CONFIG).is_file() else None
+
+
+def _go_on_with(encoder: dict[str, Any], init: str) -> None:
+    """Gives sensors the rows that they have in the run that is started from, by its name.
+
+    Warns of other options that change what its weights compute.
+    """
+    config = _config_of(init)
+    if config is None or config["encoder"]["name"] != encoder["name"]:
+        return
+    before = config["encoder"]
+    if before.get("sensors") and not encoder.get("sensors"):
+        encoder["sensors"] = dict(before["sensors"])
+    other = sorted(
+        key
+        for key in (before.keys() | encoder.keys()) - {"sensors", *run_folder.OF_TRAINING}
+        if before.get(key) != encoder.get(key)
+    )
+    if other:
+        log.warning(
+            "init: the encoder of %s was trained with %s",
+            init,
+            ", ".join(f"encoder.{key}={before.get(key)} (now {encoder.get(key)})" for key in other),
+        )
 
 
 def _train(
@@ -194,11 +225,9 @@ def _check_robot(config: Mapping[str, Any]) -> None:
     """
     if not config["robot"] or not config["init"] or not run_folder.is_run(str(config["init"])):
         return
-    init = Path(str(config["init"]))
-    folder = init if init.is_dir() else init.parent.parent
-    if not (folder / run_folder.CONFIG).is_file():
-        return
-    now, before = robot_of(config), robot_of(run_folder.read_config(folder))
+    init = str(config["init"])
+    found = _config_of(init)
+    now, before = robot_of(config), robot_of(found) if found else None
     for key in ("state_size", "action_size", "fingers", "sensors"):
         if before is not None and getattr(before, key) != getattr(now, key):
             raise ConfigError(

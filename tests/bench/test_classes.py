@@ -86,6 +86,9 @@ def test_a_model_classifies_with_the_head(done: Path) -> None:
     still = model.classify(new[0][1], "none", "digit", head=read_class_head(head_of(done)))
     assert torch.allclose(still.probability, found.probability[0], atol=1e-5)
     assert still.name == found.name[0]
+    rounded = tactileforge.load(done / "mine.safetensors", dtype="bfloat16")
+    nearly = rounded.classify(clips, "none", "digit", head=head_of(done))
+    assert torch.allclose(nearly.probability, found.probability, atol=0.05)
 
 
 @pytest.mark.slow

@@ -131,6 +131,19 @@ def test_the_lag_of_pictures_behind_forces_is_found() -> None:
     assert force.axes["z"].rmse < 0.5 * plain.axes["z"].rmse
 
 
+def test_forces_that_stop_are_not_made_up() -> None:
+    """Half of each press has no force: nothing is read into it, at any lag."""
+    recordings = presses(count=8, lag=3)
+    for press in recordings:
+        assert press.force is not None
+        press.force[len(press.force) // 2 :] = np.nan
+    done = calibrate(recordings, CalibrateOptions(max_lag=0.2, axes=["z"]))
+    assert done.calibration.force is not None
+    assert done.calibration.force.lag == pytest.approx(0.1, abs=2 / 60)
+    # 15 known frames at 30/s, and the 3 after them that show forces of before
+    assert len(done.fits["z"].measured) <= 8 * 18
+
+
 def test_forces_that_pictures_do_not_show_are_no_calibration() -> None:
     rng = np.random.default_rng(3)
     noise = [replace(press, force=forces(rng)[::-1].copy()) for press in presses()]

@@ -2,8 +2,9 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from lightning.pytorch.callbacks import ModelCheckpoint
 
-from tactileforge.callbacks.checkpoints import Checkpoints
+from tactileforge.callbacks.checkpoints import Checkpoints, best_checkpoint
 from tactileforge.compose import compose
 from tactileforge.run_folder import BEST
 from tactileforge.train import train
@@ -77,3 +78,18 @@ def test_the_best_waits_for_an_objective_that_is_asleep(tmp_path: Path) -> None:
         train(compose("anytouch2", [*words, *more]), tmp_path / name)
         found.append((tmp_path / name / BEST).is_file())
     assert found == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("metric", "mode"),
+    [
+        ("val/force", "min"),
+        ("val/force/mae_z", "min"),
+        ("val/force/r2_z", "max"),
+        ("val/classify/accuracy", "max"),
+    ],
+)
+def test_the_best_accuracy_is_the_largest(tmp_path: Path, metric: str, mode: str) -> None:
+    (best,) = best_checkpoint(tmp_path, metric)
+    assert isinstance(best, ModelCheckpoint)
+    assert (best.monitor, best.mode) == (metric, mode)

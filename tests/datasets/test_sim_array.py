@@ -1,5 +1,7 @@
 """Arrays of taxels: their sums are the forces, their pictures are their values, and they train."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -100,6 +102,40 @@ def test_taxels_sum_to_the_exact_force_and_are_what_is_drawn(cache: str) -> None
     np.testing.assert_array_equal(again.frames.read([9]), first.frames.read([9]))
     (held_out,) = data.recordings("val")
     assert len({first.key, other.key, held_out.key}) == 3
+
+
+def test_the_label_is_what_the_array_feels(cache: str) -> None:
+    """An object larger than the array: what presses beside it is in no taxel, nor in the label."""
+    wide = {"indenters": "square_prism", "motions": "slide_right", "noise": 0.0, "bits": 16}
+    options = {**QUICK, **wide, "span": 5.0, "pitch": 1.0}
+    full, z = (
+        next(
+            SimArray(scenes=1, val=0, cache=cache, shape=(4, 4), axes=n, **options).recordings(
+                "train"
+            )
+        )
+        for n in (3, 1)
+    )
+    step = 2 * 5.0 / (2**16 - 1)
+    assert full.force[:, 2].max() > 0.4
+    np.testing.assert_allclose(full.tracks["taxels"].sum(1), full.force, atol=16 * step)
+    np.testing.assert_array_equal(z.force, full.force)
+
+
+def test_processes_write_what_one_does(cache: str, tmp_path: Path) -> None:
+    """From a script without a guard, too: each process is a command of its own."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from tactileforge.datasets.sim_array import SimArray\n"
+        f"options = {QUICK | {'processes': 2}}\n"
+        f"data = SimArray(scenes=4, val=0, cache={str(tmp_path)!r}, **options)\n"
+        "print(len(list(data.recordings('train'))))\n"
+    )
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
+    assert (done.stdout, done.returncode) == ("4\n", 0), done.stderr
+    one, two = (SimArray(scenes=4, val=0, cache=where, **QUICK) for where in (cache, str(tmp_path)))
+    for mine, theirs in zip(one.recordings("train"), two.recordings("train"), strict=True):
+        np.testing.assert_array_equal(mine.tracks["taxels"], theirs.tracks["taxels"])
 
 
 def test_one_axis_and_larger_pictures(cache: str) -> None:

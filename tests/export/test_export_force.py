@@ -88,6 +88,30 @@ def test_no_scale_is_no_number_and_an_untrained_row_is_refused(exported: str) ->
 
 
 @pytest.mark.slow
+def test_sensors_of_one_row_keep_their_scales(tmp_path: Path) -> None:
+    """Two sensors that look alike to the encoder have force scales of their own."""
+    options: dict[str, Any] = {key: value for key, value in NODE.items() if key != "name"}
+    options["sensors"] = {"digit": 1, "gelsight": 1}
+    scale = {"digit": [1.0, 2.0, 4.0], "gelsight": [10.0, 20.0, 40.0]}
+    vit = TactileViT(**options).eval()
+    header = make_header(
+        vit,
+        {**options, "name": "tactile_vit"},
+        licence="MIT",
+        spacing=0.1,
+        name="thing.tiny",
+        heads={"force": {"node": {"name": "force"}, "scale": scale}},
+    )
+    file = tmp_path / "thing.safetensors"
+    save_checkpoint(file, vit, header, heads={"force": ForceHead(vit).eval()})
+    path = export(file, tmp_path / "thing.onnx", size=(40, 48)).path
+    model, facts = tactileforge.load(file), read_facts(path)
+    for name in scale:
+        (force,) = run(path, clips(1), facts.sensor_ids([name]), "force")
+        assert np.abs(force - model.force(clips(1), "first", name).numpy()).max() < 1e-4
+
+
+@pytest.mark.slow
 def test_the_torch_program_too(file: Path, tmp_path: Path) -> None:
     done = export(file, tmp_path / "a.pt2", format="torch_export", size=(40, 48))
     program = torch.export.load(done.path).module()

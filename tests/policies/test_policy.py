@@ -100,6 +100,16 @@ def test_wrong_robots_are_named(folder: Path, words: list[str], tmp_path: Path) 
         policy.step(frames, [0, 0, 0])
     with pytest.raises(DataError, match="a number that is not finite"):
         policy.step(frames, [0, np.nan, 0], rest())
+    assert not policy._touch  # a step that was refused is as if it had not been made
+    assert not policy._seen
+    for frame in (rest() / 255, rest()[..., 0], rest().transpose(2, 0, 1)):
+        with pytest.raises(ConfigError, match=r"frame of left: .* give RGB, uint8 \(H, W, 3\)"):
+            policy.step(frames | {"left": frame}, [0, 0, 0], rest())
+    with pytest.raises(ConfigError, match=r"image: float64 .* give RGB"):
+        policy.step(frames, [0, 0, 0], rest() / 255)
+    policy.reset(frames)
+    with pytest.raises(ConfigError, match=r"and its background is"):
+        policy.step(frames | {"left": rest(64)}, [0, 0, 0], rest())
     with pytest.raises(ConfigError, match="background of thumb"):
         policy.reset({"thumb": rest()})
     with pytest.raises(ConfigError, match="'left' has a gelsight_mini, and the policy was trained"):

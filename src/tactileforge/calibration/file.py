@@ -145,6 +145,8 @@ class Calibration:
     def forces(self, recording: Recording, model: Model | None = None) -> NDArray[np.float32]:
         """The forces of a recording of this unit, float32 (T, 3), N; NaN on axes without a fit.
 
+        Where a lag was fitted, a frame shows the force of ``force.lag`` seconds before its time.
+
         Args:
             recording: Of this unit.
             model: The model that the forces were fitted to, if any.

@@ -7,6 +7,7 @@ import torch
 from tactileforge.contracts import ACTIONS, Batch
 from tactileforge.data.labels import displacement
 from tactileforge.data.labels.augment import PHRASES, Augment, fill_captions, flip_labels
+from tactileforge.sensors.taxels import TaxelLayout
 
 MIRRORED = {
     "horizontal": {
@@ -58,7 +59,7 @@ def test_pixels_move_the_way_the_labels_say(axis: int, shift: tuple[float, float
     force[..., axis] = 1.0
     augment = Augment(horizontal=float(axis == 0), vertical=float(axis == 1))
     frames = moving_blob(shift)[None]
-    labels = {"action": torch.tensor([ACTIONS.index(name)]), "force": force}
+    labels = {"action": torch.tensor([ACTIONS.index(name)]), "force": force, "sensor": ["digit"]}
     batch = augment.labels(labels | {"group": torch.tensor([-1])})
     batch = augment(batch | {"frames": frames, "background": frames[:, 0]})
     away = moving_blob((-shift[0], -shift[1]))[None]
@@ -70,6 +71,7 @@ def test_pixels_move_the_way_the_labels_say(axis: int, shift: tuple[float, float
 def test_flipping_twice_changes_nothing() -> None:
     augment = Augment(1.0, 1.0)
     start = {"action": torch.arange(8), "force": torch.randn(8, 4, 3), "group": torch.arange(8)}
+    start["sensor"] = ["digit"] * 8
     frames = torch.randint(0, 256, (8, 4, 3, 16, 16), dtype=torch.uint8)
     batch = start | {"frames": frames, "background": frames[:, 0]}
     for _ in range(2):
@@ -81,6 +83,7 @@ def test_flipping_twice_changes_nothing() -> None:
 def test_flips_come_with_the_chance_asked_for() -> None:
     alone = torch.full((4000,), -1)
     batch = {"action": alone, "force": torch.zeros(4000, 4, 3), "group": alone}
+    batch["sensor"] = ["digit"] * 4000
     flip = Augment(0.3, 0.0).labels(batch)["flip"]
     assert flip[:, 0].float().mean().item() == pytest.approx(0.3, abs=0.03)
     assert not flip[:, 1].any()
@@ -89,6 +92,7 @@ def test_flips_come_with_the_chance_asked_for() -> None:
 def test_a_group_is_flipped_alike() -> None:
     group = torch.tensor([0, 0, 1, 1] * 50) + torch.arange(50).repeat_interleave(4) * 2
     batch = {"action": torch.zeros(200, dtype=torch.long), "force": torch.zeros(200, 4, 3)}
+    batch["sensor"] = ["digit"] * 200
     flip = Augment(0.5, 0.5).labels(batch | {"group": group})["flip"].view(100, 2, 2)
     assert torch.equal(flip[:, 0], flip[:, 1])
     assert 0.3 < flip.float().mean() < 0.7
@@ -100,12 +104,38 @@ def test_jitter_treats_frames_and_background_alike() -> None:
         "frames": frames,
         "background": frames[:, 0],
         "flip": torch.zeros(2, 2, dtype=torch.bool),
+        "coded": torch.zeros(2, dtype=torch.bool),
     }
     moved = Augment(0, 0, jitter=0.4)(batch)
     assert moved["frames"].dtype == torch.uint8
     assert not torch.equal(moved["frames"], frames)
     for frame in moved["frames"].unbind(1):
         assert torch.equal(frame, moved["background"])
+
+
+def test_a_picture_of_taxels_stays_as_it_is() -> None:
+    """Its colours are forces: mirrored, they would be those of another touch."""
+    layout = TaxelLayout((16, 16), span=0.5)
+    force = np.zeros((256, 3))
+    force[100:103] = [0.3, -0.1, 0.4]
+    drawn = torch.from_numpy(layout.draw(force, np.zeros((256, 3)))).permute(2, 0, 1)
+    labels = {
+        "action": torch.full((3,), ACTIONS.index("slide_right")),
+        "force": torch.ones(3, 4, 3),
+        "group": torch.tensor([5, 5, -1]),
+        "sensor": ["serial_array", "digit", "digit"],
+    }
+    augment = Augment(1.0, 1.0, jitter=0.4)
+    frames = drawn.expand(3, 4, -1, -1, -1)
+    batch = augment(augment.labels(labels) | {"frames": frames, "background": frames[:, 0]})
+    assert torch.equal(batch["frames"][0], frames[0])
+    # The second touch is matched with the first: neither is mirrored.
+    assert batch["flip"].tolist() == [[False] * 2, [False] * 2, [True] * 2]
+    assert batch["force"][:, 0, 0].tolist() == [1, 1, -1]
+    for _ in range(9):  # of five other clips, four have other colours
+        batch = augment(batch)
+    assert torch.equal(batch["frames"][0], frames[0])
+    assert not torch.equal(batch["frames"][1], frames[1])
 
 
 def test_captions_follow_the_action() -> None:
@@ -128,7 +158,7 @@ def test_the_surface_is_mirrored_with_the_pixels(axis: int) -> None:
     chances = [0.0, 0.0]
     chances[axis] = 1.0
     augment = Augment(*chances)
-    labels = {"action": torch.tensor([0]), "force": torch.zeros(1, 4, 3)}
+    labels = {"action": torch.tensor([0]), "force": torch.zeros(1, 4, 3), "sensor": ["digit"]}
     batch = augment.labels(labels | {"group": torch.tensor([-1])})
     result = augment(batch | {"frames": frames, "background": frames[:, 0], "surface": given})
     assert torch.equal(result["surface"], want)

@@ -1,8 +1,8 @@
 """Augmentation that keeps labels consistent: a mirrored touch has a mirrored force.
 
 Which clips are flipped is drawn on the host, where labels and captions are changed with them; the
-pixels follow on the device. Pictures of taxel arrays stay as they are: their colours are forces, and
-a mirrored force has another colour.
+pixels follow on the device. Pictures of taxel arrays stay as they are: their colours are forces,
+and a mirrored force has another colour.
 """
 
 from __future__ import annotations
