@@ -286,7 +286,6 @@ def test_an_epoch_of_the_curriculum_is_one_of_the_data(tmp_path: Path) -> None:
         *SMALL,
         "trainer.max_steps=3",
         "trainer.max_epochs=10",
-        "trainer.val_check_interval=1.0",
     ]
     words += ["trainer.limit_train_batches=4", "trainer.accumulate_grad_batches=2"]
     assert cli.run([*words, f"hydra.run.dir={tmp_path}"]) == 0
