@@ -145,6 +145,22 @@ def test_an_encoder_of_any_size_is_refused_before_it_is_built(
         check_size(node)
 
 
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["encoder.mask_ratio=0"], "encoder.mask_ratio=0 hides none of 4 places"),
+        (["encoder.frames=1", "encoder.tube=1", "objective=[diff]"], "head.diff reads frames 2"),
+        (["encoder.frames=1", "encoder.tube=1", "objective=[force]"], "head.force reads frames 2"),
+        (["encoder.frames=0"], "frames=0, tube=2"),
+        (["encoder.pixels.std=[0,1,1]"], "std above 0"),
+        (["balance=gradnorm", "balance.keep=-3", "objective=[force]"], "balance.keep"),
+    ],
+)
+def test_numbers_with_which_nothing_is_learned_are_named(words: list[str], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        TouchModule.from_config(plain(*words), {"force"})
+
+
 def test_validation_leaves_out_what_has_no_label(
     module: TouchModule, batch: Batch, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -162,7 +162,7 @@ class GradNorm(FixedWeights):
         bound: float = 8.0,
     ) -> None:
         super().__init__(keys, every)
-        _check(every=every, bound=bound - 1, keep=1 - keep)
+        _check(every=every, bound=bound - 1, keep=(1 - keep) * (keep >= 0))
         self.alpha = alpha
         self.keep = keep
         self.bound = bound

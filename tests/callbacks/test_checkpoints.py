@@ -68,7 +68,9 @@ def test_a_signal_that_comes_too_late_stopped_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_best_waits_for_an_objective_that_is_asleep(tmp_path: Path) -> None:
+def test_the_best_waits_for_an_objective_that_is_asleep(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     words = ["scale=demo", "debug=steps", "data.scenes=3", "data.val=1", "data.size=32"]
     words += ["encoder.image_size=32", "batch.size=4", "batch.workers=0"]
     words += ["trainer.max_steps=4", "trainer.val_check_interval=1", "trainer.keep_best=val/force"]
@@ -78,6 +80,10 @@ def test_the_best_waits_for_an_objective_that_is_asleep(tmp_path: Path) -> None:
         train(compose("anytouch2", [*words, *more]), tmp_path / name)
         found.append((tmp_path / name / BEST).is_file())
     assert found == [True, False]
+    said = [row.getMessage() for row in caplog.records if "keep_best" in row.getMessage()]
+    assert len(said) == 1
+    assert "keep_best=val/force: never validated" in said[0]
+    assert "val/pixel" in said[0]
 
 
 @pytest.mark.parametrize(

@@ -138,7 +138,7 @@ def test_weights_of_imagenet_are_those_of_the_tower() -> None:
 def test_sizes_that_do_not_go_are_named() -> None:
     with pytest.raises(ConfigError, match=r"multiples of 32.*\(80, 80\)"):
         TactileViT("tiny", image_size=80, photo_stream=True)
-    rows = [[0.0, 0.0, 0.0], [0.5, 0.5, 0.5]]
+    rows = [[0.4, 0.4, 0.4], [0.5, 0.5, 0.5]]
     pixels = {"offset": 130, "fit": "squash", "filter": "bilinear", "mean": rows, "std": rows}
     with pytest.raises(ConfigError, match=r"one encoder\.pixels\.mean"):
         TactileViT("tiny", image_size=64, photo_stream=True, pixels=pixels)

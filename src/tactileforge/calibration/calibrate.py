@@ -204,7 +204,7 @@ def _scale(chosen: Sequence[Recording], options: CalibrateOptions) -> tuple[floa
         punched = [recording for recording in chosen if recording.object == "punch"] or chosen
         scales = [
             punch_mm_per_pixel(
-                press.frames.read(range(len(press.frames))),
+                (frame for part in features.chunks(press.frames) for frame in part),
                 features.median_background(press),
                 options.punch_mm,
                 press.key,

@@ -53,11 +53,11 @@ def force_features(
     if kind == "head" and model is not None:
         return _joined(_read_by(model, recording))
     if kind == "taxels":
-        return _joined(_taxels(part) for part in _chunks(recording.frames))
+        return _joined(_taxels(part) for part in chunks(recording.frames))
     if kind != "pictures":
         return _track(recording, kind)
     rest = median_background(recording)
-    return _joined(_pictures(part, rest, noise) for part in _chunks(recording.frames))
+    return _joined(_pictures(part, rest, noise) for part in chunks(recording.frames))
 
 
 def median_background(recording: Recording) -> NDArray[np.float32]:
@@ -85,7 +85,8 @@ def noise_threshold(recording: Recording) -> float:
     return max(LEAST, round(4 * spread, 2))
 
 
-def _chunks(frames: Frames) -> Iterator[NDArray[np.uint8]]:
+def chunks(frames: Frames) -> Iterator[NDArray[np.uint8]]:
+    """Frames of a recording, uint8 (n, H, W, 3), a few at a time."""
     for start in range(0, len(frames), _CHUNK):
         yield frames.read(range(start, min(start + _CHUNK, len(frames))))
 

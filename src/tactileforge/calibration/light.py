@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import cv2
 import numpy as np
@@ -58,15 +58,17 @@ def light_drift(now: NDArray[np.float32], then: Light) -> float:
 
 
 def punch_mm_per_pixel(
-    frames: NDArray[np.uint8], rest: NDArray[np.float32], diameter: float, name: str
+    frames: Iterable[NDArray[np.uint8]], rest: NDArray[np.float32], diameter: float, name: str
 ) -> float:
     """Size of a pixel, from a press of a flat round punch of known diameter.
 
     Around the punch the image changes most at its rim, where the gel is steepest. The rim's
-    radius is where the change, averaged over all directions, peaks.
+    radius is where the change, averaged over all directions, peaks. It lies a little
+    outside of the punch, most of a deep press: on simulated gels the size is up to 7 % too small at
+    0.3 mm, 14 % at 0.8 mm, and 20 % in pictures of 96 rows.
 
     Args:
-        frames: uint8 (T, H, W, 3), of one press.
+        frames: uint8 (H, W, 3) each, of one press.
         rest: float32 (H, W, 3), the background.
         diameter: Of the punch, mm.
         name: Of the recording, for messages.
@@ -74,8 +76,8 @@ def punch_mm_per_pixel(
     Raises:
         DataError: No contact is seen, or it has no rim inside the image.
     """
-    changes = np.abs(frames.astype(np.float32) - rest).mean(-1)
-    deepest = changes[int(changes.mean((1, 2)).argmax())]
+    changes = (np.abs(frame.astype(np.float32) - rest).mean(-1) for frame in frames)
+    deepest = max(changes, key=lambda change: float(change.mean()))
     change = cv2.GaussianBlur(deepest, (0, 0), 1.5)
     felt = (change - max(2 * LEAST, 0.25 * float(change.max()))).clip(min=0)
     if not felt.any():

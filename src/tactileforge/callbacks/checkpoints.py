@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import shutil
 import signal
@@ -18,6 +19,8 @@ from tactileforge.checkpoint_file import read_own, seal
 from tactileforge.errors import TactileForgeError
 from tactileforge.module import log_interval
 from tactileforge.run_folder import BEST, LAST
+
+log = logging.getLogger(__name__)
 
 
 class AtomicCheckpointIO(TorchCheckpointIO):
@@ -156,6 +159,17 @@ class _Best(ModelCheckpoint):
         """Keeps the weights, where they are the best so far."""
         if self.monitor in trainer.callback_metrics:
             super().on_validation_end(trainer, pl_module)
+
+    def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Says so where there never was such a metric."""
+        if not self.best_model_path:
+            log.warning(
+                "trainer.keep_best=%s: never validated, so no best weights are kept; at the end "
+                "there were %s",
+                self.monitor,
+                ", ".join(sorted(k for k in trainer.callback_metrics if k.startswith("val/")))
+                or "none",
+            )
 
 
 def best_checkpoint(folder: Path, metric: str | None) -> list[Callback]:

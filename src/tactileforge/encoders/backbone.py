@@ -71,6 +71,11 @@ class Backbone(nn.Module):
     ) -> None:
         super().__init__()
         height, width = (image_size, image_size) if isinstance(image_size, int) else image_size
+        if min(frames, tube, patch, height, width) < 1:
+            raise ConfigError(
+                f"encoder: frames={frames}, tube={tube}, patch={patch}, image_size={height} x "
+                f"{width}; give 1 or more of each"
+            )
         if frames % tube or height % patch or width % patch:
             raise ConfigError(
                 f"encoder: tubes of {tube} frames and {patch} pixels do not divide "

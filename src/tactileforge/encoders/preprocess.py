@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
@@ -87,7 +88,10 @@ class Preprocess(nn.Module):
         if self.edge < max(size):
             raise ConfigError(f"encoder.pixels.edge is {edge}: it must be at least {max(size)}")
         for name, value in (("mean", mean), ("std", std)):
-            numbers = torch.tensor([list(x) if isinstance(x, Sequence) else x for x in value])
+            rows = [list(x) if isinstance(x, Sequence) else x for x in value]
+            if not np.isfinite(rows).all() or (name == "std" and np.min(rows) <= 0):
+                raise ConfigError(f"encoder.pixels.{name}={rows}: give finite numbers, std above 0")
+            numbers = torch.tensor(rows)
             if numbers.shape[-1:] != (3,) or numbers.ndim > 2:
                 raise ConfigError(
                     f"encoder.pixels.{name} has shape {tuple(numbers.shape)}: give three numbers, "

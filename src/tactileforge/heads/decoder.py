@@ -12,6 +12,7 @@ from tactileforge.encoders.backbone import patches_at
 from tactileforge.encoders.positions import sincos_grid
 from tactileforge.encoders.relative import Relative, RelativeBias
 from tactileforge.encoders.transformer import Transformer, init_weights
+from tactileforge.errors import ConfigError
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,16 @@ class Reconstruction:
         return (error if self.unit is None else error / self.unit).square().mean()
 
 
+def check_moving(encoder: Encoder, head: str) -> None:
+    """Refuses an encoder of one frame, for a head that reads frames 2..T.
+
+    Raises:
+        ConfigError: See there.
+    """
+    if encoder.frames < 2:
+        raise ConfigError(f"head.{head} reads frames 2 and later: give encoder.frames of 2 or more")
+
+
 class MaskedDecoder(nn.Module):
     """Visible tokens and mask tokens to the pixels, or features, of the masked tubes.
 
@@ -56,6 +67,9 @@ class MaskedDecoder(nn.Module):
             heads or more, filling in from the neighbours is learned much sooner.
         norm: Whether there is a norm before the last linear layer; without one, a patch twice as
             bright is predicted twice as bright, before anything is learned.
+
+    Raises:
+        ConfigError: Nothing is masked.
     """
 
     def __init__(
@@ -69,6 +83,12 @@ class MaskedDecoder(nn.Module):
         norm: bool = True,
     ) -> None:
         super().__init__()
+        places, ratio = encoder.grid[1] * encoder.grid[2], getattr(encoder, "mask_ratio", 0.5)
+        if round(places * (1 - ratio)) >= places:
+            raise ConfigError(
+                f"encoder.mask_ratio={ratio} hides none of {places} places, and pixel, diff and "
+                "jepa predict what is hidden; give more"
+            )
         self.tube = encoder.tube
         self.relative = RelativeBias.of(relative, heads, encoder.grid, encoder.prefix)
         self.embed = nn.Linear(encoder.projected, width)

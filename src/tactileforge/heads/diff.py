@@ -6,7 +6,7 @@ from torch import nn
 
 from tactileforge.contracts import Batch, Encoder, Views
 from tactileforge.encoders.relative import Relative
-from tactileforge.heads.decoder import MaskedDecoder, Reconstruction, masked_patches
+from tactileforge.heads.decoder import MaskedDecoder, Reconstruction, check_moving, masked_patches
 
 
 class DiffHead(nn.Module):
@@ -31,6 +31,7 @@ class DiffHead(nn.Module):
         norm: bool = True,
     ) -> None:
         super().__init__()
+        check_moving(encoder, "diff")
         self.decoder = MaskedDecoder(encoder, width, depth, heads, relative=relative, norm=norm)
 
     def forward(self, views: Views, batch: Batch) -> Reconstruction:

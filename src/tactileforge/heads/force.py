@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from tactileforge.contracts import Batch, Encoder, Features, Views
 from tactileforge.encoders.transformer import AttentivePooler
 from tactileforge.errors import ConfigError
+from tactileforge.heads.decoder import check_moving
 
 
 @dataclass(frozen=True)
@@ -94,6 +95,7 @@ class ForceHead(nn.Module):
     ) -> None:
         super().__init__()
         heads = heads or encoder.width // 64
+        check_moving(encoder, "force")
         frames = encoder.frames - 1
         self.force, self.delta = (
             ForceDecoder(encoder.width, frames, heads)

@@ -90,7 +90,7 @@ class FeatureModel(nn.Module):
         return squash_images(images, self.squashed)
 
     def __repr__(self) -> str:
-        size = sum(p.numel() for p in self.encoder.parameters()) / 1e6
+        size = sum(x.numel() for x in self.encoder.state_dict().values()) / 1e6  # int8 is a buffer
         return (
             f"Model({self.header.name or self.header.encoder['name']}: {size:.1f} M parameters, "
             f"{self.frames} frames {self.spacing:.3g} s apart, vectors of {self.projected})"
