@@ -276,7 +276,7 @@ def test_a_run_that_ends_by_its_epochs_gets_more_of_them(
     assert "ends by trainer.max_epochs=1: give another" in capsys.readouterr().err
     assert cli.run(["train", f"resume={tmp_path}", "trainer.max_epochs=2"]) == 0
     end = read_checkpoint(tmp_path)
-    assert (end["global_step"], end["total"], end["epoch"]) == (2 * epoch, 2 * epoch, epoch)
+    assert (end["global_step"], end["total"], end["epoch_steps"]) == (2 * epoch, 2 * epoch, epoch)
 
 
 @pytest.mark.slow
@@ -290,7 +290,7 @@ def test_an_epoch_of_the_curriculum_is_one_of_the_data(tmp_path: Path) -> None:
     words += ["trainer.limit_train_batches=4", "trainer.accumulate_grad_batches=2"]
     assert cli.run([*words, f"hydra.run.dir={tmp_path}"]) == 0
     end = read_checkpoint(tmp_path)
-    assert (end["global_step"], end["total"], end["epoch"]) == (3, 3, 2)
+    assert (end["global_step"], end["total"], end["epoch_steps"]) == (3, 3, 2)
 
 
 def test_an_epoch_of_half_a_step_is_named(capsys: pytest.CaptureFixture[str]) -> None:

@@ -162,7 +162,9 @@ class GradNorm(FixedWeights):
         bound: float = 8.0,
     ) -> None:
         super().__init__(keys, every)
-        _check(every=every, bound=bound - 1, keep=(1 - keep) * (keep >= 0))
+        _check(every=every, bound=bound - 1, keep=1 - keep)
+        if keep < 0:
+            raise ConfigError(f"balance.keep={keep}: give 0 or more, below 1")
         self.alpha = alpha
         self.keep = keep
         self.bound = bound

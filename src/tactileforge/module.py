@@ -78,7 +78,7 @@ class TouchModule(L.LightningModule):
         self.augment = augment
         self.seed = seed
         self.plan: Curriculum | None = None
-        self.total = self.epoch = 0
+        self.total = self.epoch_steps = 0
         #: Of validation: sums of scores; and of losses times labels, beside the labels.
         self._sums: dict[str, Tensor] = {}
         self._losses: dict[str, Tensor] = {}
@@ -131,12 +131,12 @@ class TouchModule(L.LightningModule):
         total = self.total = int(self.trainer.estimated_stepping_batches)
         # Infinite where the run ends by its steps: Lightning has not looked at the data then.
         batches = self.trainer.num_training_batches / self.trainer.accumulate_grad_batches
-        self.epoch = max(1, math.ceil(batches)) if math.isfinite(batches) else total
-        self.plan = from_config(self.curriculum_config, self.weights, total, self.epoch)
+        self.epoch_steps = max(1, math.ceil(batches)) if math.isfinite(batches) else total
+        self.plan = from_config(self.curriculum_config, self.weights, total, self.epoch_steps)
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Keeps the length of the run and of its epochs, in steps."""
-        checkpoint["total"], checkpoint["epoch"] = self.total, self.epoch
+        checkpoint["total"], checkpoint["epoch_steps"] = self.total, self.epoch_steps
 
     def current_weights(self) -> dict[str, float]:
         """Weights of the objectives at this step."""

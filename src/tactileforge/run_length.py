@@ -47,7 +47,7 @@ def change_length(
     if 0 <= steps <= step:
         raise ConfigError(f"trainer.max_steps={steps}: the run is already at step {step}")
     total = int(state["total"])
-    plain["curriculum"] = curriculum.in_steps(plain["curriculum"], total, int(state["epoch"]))
+    plain["curriculum"] = curriculum.in_steps(plain["curriculum"], total, int(state["epoch_steps"]))
     if by == "max_steps":
         plain["trainer"]["max_epochs"] = -1  # a run that ends by its steps has an epoch behind it
     log.warning(

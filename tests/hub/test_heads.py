@@ -19,9 +19,9 @@ from tactileforge.heads.surface import SurfaceHead
 from tactileforge.hub import pack
 from tactileforge.hub.files import make_header, open_model, save_checkpoint
 from tactileforge.hub.starting_point import starting_weights
+from tactileforge.initial import start_from
 from tactileforge.run_folder import LAST
 from tactileforge.sensors.specs import spec
-from tactileforge.train import _start_from
 
 NODE = {"name": "tactile_vit", "size": "tiny", "frames": 4, "image_size": 32}
 HEADS = {"force": {"node": {"name": "force"}, "scale": {"digit": [1.0, 2.0, 4.0]}}}
@@ -209,8 +209,8 @@ def test_training_takes_the_encoder_of_a_model_with_its_options(file: Path) -> N
         "init": f"file:{file}",
         "encoder": {"name": "tactile_vit", "size": "base", "mask_ratio": 0.3},
     }
-    state = _start_from(plain)
+    state = start_from(plain)
     assert plain["encoder"] == NODE | {"mask_ratio": 0.3}
     assert "heads.force.force.probe.0.weight" in state
     with pytest.raises(ConfigError, match=r"did you mean .tiny."):
-        _start_from({"init": "anytouch2.tini", "encoder": {"name": "tactile_vit"}})
+        start_from({"init": "anytouch2.tini", "encoder": {"name": "tactile_vit"}})

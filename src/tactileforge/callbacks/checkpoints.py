@@ -162,6 +162,7 @@ class _Best(ModelCheckpoint):
 
     def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Says so where there never was such a metric."""
+        super().on_train_end(trainer, pl_module)
         if not self.best_model_path:
             log.warning(
                 "trainer.keep_best=%s: never validated, so no best weights are kept; at the end "

@@ -15,13 +15,14 @@ import torch
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from tactileforge import strict
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards import shards
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.processes import spread, while_waited_for
 from tactileforge.sensors.taxels import TaxelLayout
-from tactileforge.sim.config import SimConfig, from_json
+from tactileforge.sim.config import SimConfig
 from tactileforge.sim.generate import path_of
 from tactileforge.sim.mechanics.gel import Gel
 from tactileforge.sim.mechanics.touch import ContactState, contacts
@@ -243,7 +244,8 @@ def _write(config: SimConfig, array: Array, folder: Path, number: int) -> None:
 
 def _main(config: str, array: str, folder: str, *numbers: str) -> None:
     """A process that simulates a share of the scenes."""
-    scenes, taxels = SimConfig(**from_json(config)), Array(**from_json(array))
+    scenes = strict.build(SimConfig, "", json.loads(config))
+    taxels = strict.build(Array, "", json.loads(array))
     for number in while_waited_for(map(int, numbers)):
         _write(scenes, taxels, Path(folder), number)
 

@@ -9,7 +9,6 @@ from dataclasses import asdict, dataclass
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -167,11 +166,6 @@ def _shuffled(count: int, seed: int, place: int) -> int:
     """Place in an endless row of permutations: every shape comes before one comes again."""
     turn, rest = divmod(place, count)
     return int(np.random.default_rng([seed, turn]).permutation(count)[rest])
-
-
-def from_json(text: str) -> dict[str, Any]:
-    """Arguments of a dataclass as a process was given them: lists are tuples again."""
-    return {k: tuple(v) if isinstance(v, list) else v for k, v in json.loads(text).items()}
 
 
 @lru_cache

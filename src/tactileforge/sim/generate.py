@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from tactileforge import strict
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards import shards
@@ -20,7 +21,7 @@ from tactileforge.data.shards.index import Index, IndexEntry
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.files import claim
 from tactileforge.processes import spread, while_waited_for
-from tactileforge.sim.config import FIRST_VAL, SimConfig, from_json
+from tactileforge.sim.config import FIRST_VAL, SimConfig
 from tactileforge.sim.optics.scene_camera import render_scene_image
 from tactileforge.sim.play import play_scenes
 from tactileforge.sim.scene import simulated_rate
@@ -190,7 +191,7 @@ def write_seconds(
 
 def _main(config: str, folder: str, *numbers: str) -> None:
     """A process that simulates a share of the scenes."""
-    scenes = SimConfig(**from_json(config))
+    scenes = strict.build(SimConfig, "", json.loads(config))
     for number in while_waited_for(map(int, numbers)):
         _write(scenes, Path(folder), number)
 

@@ -1,0 +1,110 @@
+"""Weights that a run starts from, ``init=``: a model of the zoo, another run, or photographs."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from typing import Any
+
+from torch import Tensor
+
+from tactileforge import run_folder
+from tactileforge.checkpoint_file import find_checkpoint, read_checkpoint
+from tactileforge.errors import ConfigError
+from tactileforge.hub.starting_point import imagenet_weights, starting_weights
+from tactileforge.parts import robot_of
+
+log = logging.getLogger(__name__)
+
+
+def start_from(plain: dict[str, Any]) -> Mapping[str, Tensor] | None:
+    """Weights that a run starts from; the encoder of a model of the zoo is taken with its options.
+
+    What an encoder does in training alone, as how much it masks, stays that of the run.
+
+    Returns:
+        None where all are random.
+
+    Raises:
+        ConfigError: There are no such weights, or they do not go with the encoder.
+    """
+    if not plain.get("init"):
+        if plain["encoder"].get("photo_stream"):
+            raise ConfigError(
+                "encoder.photo_stream has random weights, which training leaves as they are; give "
+                f"init={run_folder.IMAGENET}, or a model or run that has such a stream"
+            )
+        return None
+    init = str(plain["init"])
+    if init == run_folder.IMAGENET:
+        if "photo_stream" not in plain["encoder"]:
+            raise ConfigError(
+                f"init={init}: encoder={plain['encoder']['name']} has no stream that looks at "
+                "touch as at photographs; give encoder=tactile_vit"
+            )
+        plain["encoder"]["photo_stream"] = True
+        return imagenet_weights()
+    if run_folder.is_run(init):
+        state: Mapping[str, Tensor] = read_checkpoint(init)["state_dict"]
+        _go_on_with(plain["encoder"], init)
+        return state
+    node, state = starting_weights(init)
+    same = plain["encoder"]["name"] == node["name"]
+    kept = {
+        key: plain["encoder"][key]
+        for key in run_folder.OF_TRAINING
+        if same and key in plain["encoder"]
+    }
+    plain["encoder"] = node | kept
+    log.info("init: the encoder and its options are those of %s", init)
+    return state
+
+
+def _config_of(init: str) -> dict[str, Any] | None:
+    """Configuration of a run, or of the run that a checkpoint belongs to; None of a file alone."""
+    folder = find_checkpoint(init).resolve().parents[1]
+    return run_folder.read_config(folder) if (folder / run_folder.CONFIG).is_file() else None
+
+
+def _go_on_with(encoder: dict[str, Any], init: str) -> None:
+    """Gives sensors the rows that they have in the run that is started from, by its name.
+
+    Warns of other options that change what its weights compute.
+    """
+    config = _config_of(init)
+    if config is None or config["encoder"]["name"] != encoder["name"]:
+        return
+    before = config["encoder"]
+    if before.get("sensors") and not encoder.get("sensors"):
+        encoder["sensors"] = dict(before["sensors"])
+    other = sorted(
+        key
+        for key in (before.keys() | encoder.keys()) - {"sensors", *run_folder.OF_TRAINING}
+        if before.get(key) != encoder.get(key)
+    )
+    if other:
+        log.warning(
+            "init: the encoder of %s was trained with %s",
+            init,
+            ", ".join(f"encoder.{key}={before.get(key)} (now {encoder.get(key)})" for key in other),
+        )
+
+
+def check_robot(config: Mapping[str, Any]) -> None:
+    """Names a policy that a run starts from and that is of another robot.
+
+    Raises:
+        ConfigError: See there.
+    """
+    init = str(config["init"] or "")
+    if not config["robot"] or not init or not run_folder.is_run(init):
+        return
+    found = _config_of(init)
+    now, before = robot_of(config), robot_of(found) if found else None
+    for key in ("state_size", "action_size", "fingers", "sensors"):
+        if before is not None and getattr(before, key) != getattr(now, key):
+            raise ConfigError(
+                f"init={init}: a policy whose {key} is {getattr(before, key)}, and that of the "
+                f"demonstrations is {getattr(now, key)}; give demonstrations of its robot, or "
+                "leave init= out"
+            )
