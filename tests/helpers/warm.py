@@ -100,8 +100,9 @@ def serve(address: str) -> list[str]:
     """Answers while its parent lives; returns in a new process for each command, with its words."""
     parent = os.getppid()
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    listener.bind(address)
+    listener.bind(f"{address}.new")
     listener.listen()
+    os.rename(f"{address}.new", address)  # a socket that is bound is there before it listens
     listener.settimeout(5.0)
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for those that wait
     gc.freeze()
