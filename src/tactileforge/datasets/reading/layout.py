@@ -25,7 +25,7 @@ from tactileforge.strict import build, mapping
 SPLITS = ("recording", "object", "time", "train", "val")
 
 #: Columns that every file has, whatever its labels.
-FILE_COLUMNS = ("file", "stem", "folder")
+FILE_COLUMNS = ("file", "stem", "folder", "parent")
 
 EXAMPLE = """layouts:
   my_touches:

@@ -31,7 +31,8 @@ class LabelRow:
     Attributes:
         where: CSV and line, or the file itself where it has no row.
         cells: Values as the CSV has them.
-        words: The same with ranks as words; ``file``, ``stem`` and ``folder`` are there too.
+        words: The same with ranks as words; ``file``, ``stem``, ``folder`` and
+            ``parent`` are there too.
     """
 
     where: str
@@ -205,7 +206,8 @@ def _rows(path: Path, needed: list[str], whole: bool) -> list[tuple[str, dict[st
 
 def _names(name: str) -> dict[str, str]:
     path = Path(name)
-    return {"file": name, "stem": path.stem, "folder": path.parent.name}
+    folder = path.parent
+    return {"file": name, "stem": path.stem, "folder": folder.name, "parent": folder.parent.name}
 
 
 def _word(words: Mapping[str, str] | None, value: str, where: str) -> str:
