@@ -180,16 +180,31 @@ class _ConvNorm(nn.Module):
         super().__init__()
         total = kernel - stride
         before, after = total // 2, total - total // 2
-        self.pad = (before, after, before, after)
-        self.conv = nn.Conv2d(given, out, kernel, stride, groups=groups, bias=False)
+        even = before == after
+        self.pad = None if even else (before, after, before, after)
+        self.conv = nn.Conv2d(
+            given, out, kernel, stride, before if even else 0, groups=groups, bias=False
+        )
         nn.init.kaiming_normal_(self.conv.weight, nonlinearity="relu" if act else "linear")
         self.norm = nn.BatchNorm2d(out, eps=_EPS)
         self.act = act
 
     def forward(self, x: Tensor) -> Tensor:
         """(B, given, h, w) to (B, out, h / stride, w / stride)."""
-        out: Tensor = self.norm(self.conv(F.pad(x, self.pad)))
-        return F.relu6(out) if self.act else out
+        if self.pad is not None:
+            x = F.pad(x, self.pad)
+        out: Tensor = self.norm(self.conv(x)) if self.training else self._folded(x)
+        return F.relu6(out, inplace=True) if self.act else out
+
+    def _folded(self, x: Tensor) -> Tensor:
+        """Convolution and norm in one, with the norm's running statistics."""
+        conv, norm = self.conv, self.norm
+        assert norm.running_mean is not None
+        assert norm.running_var is not None
+        scale = norm.weight * torch.rsqrt(norm.running_var + norm.eps)
+        shift = norm.bias - norm.running_mean * scale
+        weight = conv.weight * scale.view(-1, 1, 1, 1)
+        return F.conv2d(x, weight, shift, conv.stride, conv.padding, groups=conv.groups)
 
 
 class _Block(nn.Module):

@@ -4,6 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 
 from tactileforge.bench.fit.trained_on import seen, trained_on
@@ -74,3 +76,27 @@ def test_training_and_the_gate_agree_on_the_slip_objects(realdata: Path) -> None
     }
     assert objects["val"] == {name for name in objects["val"] if is_held_out(str(name), 0.5)}
     assert (len(objects["train"]), len(objects["val"])) == (14, 11)
+
+
+def test_the_published_grasps_hold_out_the_same_objects(tmp_path: Path) -> None:
+    """A clone of the repository: objects of the gate by their hash, all others are trained on."""
+    node = option("data", ["data=incipient_slip", f"data.root={tmp_path}"])
+    names: dict[str, list[str]] = {}
+    for key, layout in node["layouts"].items():
+        for pattern in layout["videos"]:
+            path = tmp_path / layout["path"] / pattern.replace("*/*.avi", "exp_num_1/camera_0.avi")
+            path.parent.mkdir(parents=True)
+            writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 25, (48, 32))
+            for _ in range(16):
+                writer.write(np.full((32, 48, 3), 90, np.uint8))
+            writer.release()
+            names.setdefault(key.split("_")[0], []).append(path.parts[-3])
+    data = Recordings(node["root"], node["layouts"], node["val"])
+    held_out = {name for name in names["gate"] if is_held_out(name, 0.5)}
+    assert (len(names["gate"]), len(names["more"]), len(held_out)) == (25, 14, 11)
+    assert {r.object for r in data.recordings("val")} == held_out
+    trained = {r.object for r in data.recordings("train")}
+    assert trained == {*names["gate"], *names["more"]} - held_out
+    node["val"] = 0.1
+    found = [name for name in seen(of(**node)) if "val=0.1" in name]
+    assert found == ["franka-servo/datasets/base_data_for_training (val=0.1, not 0.5)"]

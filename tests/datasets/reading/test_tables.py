@@ -33,6 +33,8 @@ def test_labels_by_file_with_words(tmp_path: Path, write: Write) -> None:
     assert rows["a.mp4"].fill("a {kind}, {action}", spaced=True) == "a red cup, {action}"
     assert rows["sub/b.mp4"].fill("a {hard} thing") is None, "an empty cell says nothing"
     assert rows["sub/b.mp4"].fill("{stem} {folder} {file}") == "b sub sub/b.mp4"
+    deep = label_row("mug/episode_1/camera.mp4", rows)
+    assert deep.fill("{parent} {folder} {stem}") == "mug episode_1 camera"
     other = label_row("c.mp4", rows)
     assert (other.fill("{kind}"), other.fill("{stem}")) == (None, "c")
 
