@@ -1,4 +1,4 @@
-"""A training step on a CPU with numbers below 1e-38 kept, and with them 0, as `trainer` has it.
+"""A training step on a CPU, numbers below 1e-38 kept, and set to 0 as in `threads.flushed`.
 
 A decoder that starts at the neighbours (``scale=tiny``) looks elsewhere with weights as small as
 that. Both take turns in one process, on one thread. CPU time counts, so that other programs do not;

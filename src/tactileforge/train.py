@@ -33,6 +33,7 @@ from tactileforge.precompute import remember_features
 from tactileforge.provenance import commit
 from tactileforge.run_length import change_length
 from tactileforge.strategies import Sharded
+from tactileforge.threads import flushed
 from tactileforge.trainer import build_trainer, check_options
 
 log = logging.getLogger(__name__)
@@ -71,7 +72,7 @@ def train(config: DictConfig | dict[str, Any], folder: Path) -> TouchModule:
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
     plain: dict[str, Any] = config if isinstance(config, dict) else _plain(config)
     resume = find_checkpoint(folder) if plain.get("resume") else None
-    with run_folder.claimed(folder, resumes=resume is not None):
+    with run_folder.claimed(folder, resumes=resume is not None), flushed():
         step, is_news = 0, True
         if resume:
             state = read_own(resume, plain.get("run"))  # before data is made or read

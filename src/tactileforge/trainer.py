@@ -133,18 +133,7 @@ def build_trainer(
         num_sanity_val_steps=0,
         deterministic=True if not torch.cuda.is_available() else "warn",
     )
-    _spare_cpu()
     try:
         return L.Trainer(**options, **own), saver
     except (TypeError, ValueError) as error:  # also what Lightning itself raises for them
         raise ConfigError(f"trainer: {error}") from error
-
-
-def _spare_cpu() -> None:
-    """Leaves out work of the CPU that changes no result worth the time.
-
-    Numbers below 1e-38, as attention has them where it hardly looks, become 0: products with them
-    are a hundred times slower. Memory that nothing has written is not filled; nothing reads it.
-    """
-    torch.set_flush_denormal(True)
-    torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]

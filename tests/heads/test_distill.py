@@ -11,7 +11,6 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from tactileforge.contracts import Batch
-from tactileforge.encoders.descriptors import Descriptors
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.encoders.vit import ImageViT
 from tactileforge.heads.distill import DistillHead, Taught
@@ -76,33 +75,6 @@ def test_the_teacher_sees_the_last_frame_less_the_background(batch: Batch) -> No
     head(touch.views(darker), darker)
     change = batch["background"].float() - darker["background"].float()
     assert torch.equal(seen[1], 127.5 + 2.0 * change)
-
-
-def test_a_teacher_may_say_what_it_sees_of_the_whole(batch: Batch) -> None:
-    touch = encoder()
-    head = DistillHead(touch, Descriptors())
-    found = head(touch.views(batch), batch)
-    assert found.target[-1].shape == (len(batch["frames"]), Descriptors().width)
-    assert [one.shape[1] for one in found.target[:-1]] == [48, 9, 3]
-
-
-def test_change_within_the_clip_is_seen_as_well(batch: Batch) -> None:
-    touch = encoder()
-    head = DistillHead(touch, Brightness(), change=True)
-    found = head(touch.views(batch), batch)
-    assert [one.shape[1] for one in found.target] == [2, 2, 2, 2, 16]
-    still = batch | {"frames": batch["frames"][:, -1:].expand_as(batch["frames"])}
-    target = head(touch.views(still), still).target
-    seen = Brightness().maps(torch.full((1, 3, 32, 32), 127.5))
-    for given, wanted in zip(target[2:4], seen, strict=True):
-        torch.testing.assert_close(given, wanted[:, :, :1, :1].expand_as(given))
-
-
-def test_one_that_is_far_from_the_rest_counts_as_five_deviations(batch: Batch) -> None:
-    touch = encoder()
-    head = DistillHead(touch, Brightness())
-    head.deviation.fill_(1e-3)
-    assert max(one.abs().max() for one in head(touch.views(batch), batch).target) == 5.0
 
 
 def test_it_learns_and_the_teacher_does_not(batch: Batch) -> None:

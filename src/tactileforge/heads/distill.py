@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import torch
@@ -19,15 +18,15 @@ if TYPE_CHECKING:
 
 #: Clips that the teacher's features are measured on before the first step, and how many at once.
 _MEASURED, _AT_ONCE = 256, 32
-#: Least deviation of a feature of the teacher, and most that a feature counts, in deviations.
-_LEAST, _MOST = 1e-3, 5.0
+#: Least deviation of a feature of the teacher.
+_LEAST = 1e-3
 
 
 @dataclass(frozen=True)
 class Taught:
     """Features of the teacher, and what the encoder's tokens say of them.
 
-    Features have mean 0 and deviation 1 over the training data, and are cut off at 5 deviations.
+    Features have mean 0 and deviation 1 over the training data.
 
     Attributes:
         predicted: Of each map float (B, C, h, w), then float (B, n) of the whole picture.
@@ -42,33 +41,28 @@ class DistillHead(nn.Module):
     """Linear layers from the tokens to the features of a frozen image model, the teacher.
 
     The teacher sees the last frame less the one without contact, about mid-grey and ``gain`` times
-    as strong. Its maps are predicted place by place from the tokens of the last frames, and what it
-    says of the whole picture from the mean of all tokens. The layers are linear, so the tokens have
-    to carry the features where any other linear reading finds them. Source: Theia (Shang et al.
-    2024) distils vision models so, for robots, and scales features by their deviation too.
+    as strong. Its maps are predicted place by place from the tokens of the last frames, and mean
+    and deviation of every map from the mean of all tokens. The layers are linear, so the tokens
+    have to carry the features where any other linear reading finds them. Source: Theia (Shang et
+    al. 2024) distils vision models so, for robots, and scales features by their deviation too.
 
     Args:
         encoder: The touch encoder (given by the framework).
         teacher: A frozen image tower (given by the framework: ``image_encoder``). One with ``maps``
-            gives features of places, and of the whole picture what its ``whole`` says, or mean and
-            deviation of every map; any other its vector alone.
+            gives features of places; any other its vector alone.
         gain: How many times as strong as they are differences from the frame without contact are
             shown to the teacher.
-        change: Whether the teacher is also shown the last frame less the first of the clip.
     """
 
     mean: Tensor
     deviation: Tensor
 
-    def __init__(
-        self, encoder: Encoder, teacher: nn.Module, gain: float = GAIN, change: bool = False
-    ) -> None:
+    def __init__(self, encoder: Encoder, teacher: nn.Module, gain: float = GAIN) -> None:
         super().__init__()
         self.teacher: Any = teacher.requires_grad_(False)
-        self.gain, self.change = gain, change
+        self.gain = gain
         self.grid, self.prefix = encoder.grid, encoder.prefix
-        blank = torch.zeros(1, 2, 3, 32, 32, dtype=torch.uint8)
-        self.sizes = [len(one[0]) for one in self._features(blank, blank[:, 0])]
+        self.sizes = [len(one[0]) for one in self._features(torch.zeros(1, 3, 32, 32))]
         *maps, whole = self.sizes
         self.places = nn.ModuleList(nn.Linear(encoder.width, size) for size in maps)
         self.whole = nn.Linear(encoder.width, whole)
@@ -86,58 +80,44 @@ class DistillHead(nn.Module):
 
     def prepare(self, clips: Clips) -> None:
         """Measures mean and deviation of the teacher's features; see `contracts.Prepared`."""
-        batches = zip(*(self._features(*shown) for shown in self._shown(clips)), strict=True)
+        batches = zip(*map(self._features, self._pictures(clips)), strict=True)
         parts = [torch.cat(found).movedim(1, 0).flatten(1).double() for found in batches]
         self.mean.copy_(torch.cat([one.mean(1) for one in parts]))
         deviation = torch.cat([one.std(1, correction=0) for one in parts])
         self.deviation.copy_(deviation.clamp(min=_LEAST))
 
-    def _shown(self, clips: Clips) -> Iterator[tuple[Tensor, Tensor]]:
+    def _pictures(self, clips: Clips) -> Iterator[Tensor]:
         chosen = torch.linspace(0, len(clips) - 1, min(_MEASURED, len(clips))).long().tolist()
         for start in range(0, len(chosen), _AT_ONCE):
             rows: list[dict[str, Any]] = [clips[i] for i in chosen[start : start + _AT_ONCE]]
-            stacked = [torch.stack([row[key] for row in rows]) for key in ("frames", "background")]
-            yield stacked[0].to(self.mean.device), stacked[1].to(self.mean.device)
+            last = torch.stack([row["frames"][-1] for row in rows]).to(self.mean.device)
+            still = torch.stack([row["background"] for row in rows]).to(self.mean.device)
+            yield difference_picture(last, still, self.gain)
 
-    def _features(self, frames: Tensor, background: Tensor) -> list[Tensor]:
-        """Maps (B, C, h, w), and of the whole picture (B, n); always in float32.
-
-        Args:
-            frames: uint8 (B, T, 3, H, W).
-            background: uint8 (B, 3, H, W).
-        """
-        pictures = [difference_picture(frames[:, -1], background, self.gain)]
-        if self.change:
-            pictures.append(difference_picture(frames[:, -1], frames[:, 0], self.gain))
-        with torch.no_grad(), torch.autocast(frames.device.type, enabled=False):
-            seen = [self._seen(picture) for picture in pictures]
-        return [*chain(*(maps for maps, _ in seen)), torch.cat([whole for _, whole in seen], 1)]
-
-    def _seen(self, picture: Tensor) -> tuple[list[Tensor], Tensor]:
-        """What the teacher sees in a picture: maps, brought to the grid, and of the whole."""
-        if not hasattr(self.teacher, "maps"):
-            return [], self.teacher(picture)
-        maps: list[Tensor] = self.teacher.maps(picture)
-        if hasattr(self.teacher, "whole"):
-            whole = self.teacher.whole(picture)
-        else:
-            moments = [(x.mean((2, 3)), x.std((2, 3), correction=0)) for x in maps]
-            whole = torch.cat([*chain(*moments)], 1)
-        _, rows, columns = self.grid
-        kept = [
-            F.adaptive_avg_pool2d(x, (min(x.shape[2], rows), min(x.shape[3], columns)))
-            for x in maps
-        ]
-        return kept, whole
+    def _features(self, pictures: Tensor) -> list[Tensor]:
+        """Maps (B, C, h, w), and of the whole picture (B, n); always in float32."""
+        with torch.no_grad(), torch.autocast(pictures.device.type, enabled=False):
+            if not hasattr(self.teacher, "maps"):
+                return [self.teacher(pictures)]
+            maps: list[Tensor] = self.teacher.maps(pictures)
+            flat = [one.flatten(2) for one in maps]
+            whole = [part for x in flat for part in (x.mean(2), x.std(2, correction=0))]
+            _, rows, columns = self.grid
+            kept = [
+                F.adaptive_avg_pool2d(x, (min(x.shape[2], rows), min(x.shape[3], columns)))
+                for x in maps
+            ]
+            return [*kept, torch.cat(whole, 1)]
 
     def forward(self, views: Views, batch: Batch) -> Taught:
         """Predicted and true features of the last frames."""
-        found = self._features(batch["frames"], batch["background"])
+        picture = difference_picture(batch["frames"][:, -1], batch["background"], self.gain)
+        found = self._features(picture)
         scales = zip(
             *(torch.split(x, self.sizes) for x in (self.mean, self.deviation)), strict=True
         )
         target = [
-            ((x.movedim(1, -1) - mean) / deviation).clamp(-_MOST, _MOST).movedim(-1, 1)
+            ((x.movedim(1, -1) - mean) / deviation).movedim(-1, 1)
             for x, (mean, deviation) in zip(found, scales, strict=True)
         ]
         tokens = views.full.tokens[:, self.prefix :]

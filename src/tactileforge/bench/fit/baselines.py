@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from itertools import pairwise
 
 import torch
 from torch import Tensor
@@ -11,9 +13,12 @@ from torch.nn import functional as F
 from tactileforge.bench.fit.baseline import Baseline
 from tactileforge.bench.fit.imagenet import ImageNetFeatures
 from tactileforge.bench.fit.pixels import PixelFeatures
-from tactileforge.encoders.descriptors import frame_statistics, gradient_histograms
 
 _SIZE = 128
+_QUANTILES = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
+#: Edges of the rings of the spectrum, in cycles per pixel.
+_RINGS = (0.0, 0.015, 0.03, 0.06, 0.12, 0.2, 0.3, 0.5)
+_CELL, _BINS = 16, 9
 _SMALL = 16
 
 
@@ -47,8 +52,18 @@ class FrameStatistics(Flat):
     """Statistics of the last frame: moments, quantiles, gradients and rings of the spectrum."""
 
     def read(self, x: Tensor) -> Tensor:
-        """(B, width): statistics of the last frame."""
-        return frame_statistics(x[:, -1])
+        """(B, width): moments, quantiles, gradients and spectrum of the last frame."""
+        last = x[:, -1]
+        flat = last.flatten(2)
+        mean, spread = flat.mean(2), flat.std(2)
+        unit = (flat - mean[..., None]) / spread[..., None].clamp(min=1e-6)
+        edges = torch.tensor(_QUANTILES, device=x.device)
+        quantiles = flat.quantile(edges, dim=2).permute(1, 2, 0)
+        steps = [last.diff(dim=dim).flatten(2) for dim in (2, 3)]
+        slopes = [part for step in steps for part in (step.abs().mean(2), step.std(2))]
+        each = [mean, spread, unit.pow(3).mean(2), unit.pow(4).mean(2), *slopes]
+        between = (unit[:, [0, 0, 1]] * unit[:, [1, 2, 2]]).mean(2)
+        return torch.cat([*each, quantiles.flatten(1), rings(last).flatten(1), between], 1)
 
 
 class Motion(Flat):
@@ -71,7 +86,17 @@ class Hog(Flat):
 
     def read(self, x: Tensor) -> Tensor:
         """(B, width): normalised histograms of the last frame."""
-        cells = gradient_histograms(x[:, -1])
+        grey = F.pad(x[:, -1].mean(1, keepdim=True), (1, 1, 1, 1), mode="replicate")
+        dx = grey[:, :, 1:-1, 2:] - grey[:, :, 1:-1, :-2]
+        dy = grey[:, :, 2:, 1:-1] - grey[:, :, :-2, 1:-1]
+        angle = torch.atan2(dy, dx).remainder(math.pi) / math.pi * _BINS
+        low = angle.floor()
+        part, low = angle - low, low.long() % _BINS
+        size = (dx**2 + dy**2).sqrt()
+        bins = torch.zeros(len(x), _BINS, *size.shape[2:], device=x.device)
+        bins.scatter_add_(1, low, size * (1 - part))
+        bins.scatter_add_(1, (low + 1) % _BINS, size * part)
+        cells = F.avg_pool2d(bins, _CELL)
         blocks = F.unfold(cells, 2)
         return F.normalize(blocks, dim=1).flatten(1)
 
@@ -94,6 +119,17 @@ class Chance(Flat):
     def read(self, x: Tensor) -> Tensor:
         """(B, 1) zeros."""
         return torch.zeros(len(x), 1, device=x.device)
+
+
+def rings(x: Tensor) -> Tensor:
+    """Logarithm of the power in rings of the spectrum, (B, C, 7) of (B, C, H, W)."""
+    power = torch.fft.fft2(x, norm="ortho").abs().square()
+    across, down = (torch.fft.fftfreq(n, device=x.device) for n in (x.shape[3], x.shape[2]))
+    radius = (across[None] ** 2 + down[:, None] ** 2).sqrt()
+    inside = [(radius > low) & (radius <= high) for low, high in pairwise(_RINGS)]
+    return (
+        torch.stack([(power * ring).sum((2, 3)) / ring.sum() for ring in inside], 2).add(1e-6).log()
+    )
 
 
 #: Baseline by the word that names it, and its name in print.
