@@ -146,8 +146,7 @@ class Kernel:
     def back(self, spectrum: Tensor) -> Tensor:
         """The field (..., n, n) of a spectrum."""
         n = self.points
-        out: Tensor = torch.fft.irfft2(spectrum, s=(2 * n, 2 * n))[..., :n, :n]
-        return out
+        return inverse_transform(spectrum)[..., :n, :n]
 
     def press(self, pressure: Tensor) -> Tensor:
         """Depth (mm) of the surface under a pressure (MPa), both (..., n, n)."""
@@ -196,6 +195,20 @@ def kernel(gel: Gel, points: int, spacing: float, device: str = "cpu") -> Kernel
     if points < 2 or not spacing > 0:
         raise ConfigError(f"a grid of {points} points, {spacing} mm apart; give 2 or more, and > 0")
     return _kernel(gel.thickness, gel.modulus, gel.poisson, points, spacing, device)
+
+
+def inverse_transform(spectrum: Tensor) -> Tensor:
+    """Fields (..., m, m) of spectra (..., m, m / 2 + 1), as of ``torch.fft.irfft2``.
+
+    On a CPU one after another: with AVX-512, MKL transforms a batch otherwise than each alone, and
+    a touch must not depend on its batch.
+    """
+    size = (spectrum.shape[-2],) * 2
+    if spectrum.device.type != "cpu" or spectrum.ndim == 2:
+        out: Tensor = torch.fft.irfft2(spectrum, s=size)
+        return out
+    each = [torch.fft.irfft2(one, s=size) for one in spectrum.flatten(0, -3)]
+    return torch.stack(each).view(*spectrum.shape[:-2], *size)
 
 
 @lru_cache(maxsize=16)

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from tactileforge.sim.mechanics.gel import Gel, kernel
+from tactileforge.sim.mechanics.gel import Gel, inverse_transform, kernel
 from tactileforge.sim.mechanics.touch import ContactState
 
 #: Points of a fine height map for each point of the solver's.
@@ -68,7 +68,7 @@ class GelSurface:
             (*spectrum.shape[:2], 4 * n, 2 * n + 1), dtype=spectrum.dtype, device=spectrum.device
         )
         wide[..., :n, :n], wide[..., -n:, :n] = spectrum[..., :n, :n], spectrum[..., -n:, :n]
-        depth = 4 * torch.fft.irfft2(wide, s=(4 * n, 4 * n))
+        depth = 4 * inverse_transform(wide)
         # 0 at the rim, 1 where all neighbours touch: at the rim the solver's points cannot tell
         # contact from gap, so there the object only pushes the gel, and never pulls it up.
         inside = F.avg_pool2d((pressure > 0).float(), 3, 1, 1)
@@ -115,7 +115,7 @@ class GelSurface:
         moved = self.kernel.dragged(self._spectrum(shear))
         moved = moved + 1j * self.kernel.coupling * self._spectrum(pressure)
         n = self.n
-        field = torch.fft.irfft2(moved, s=(2 * n, 2 * n))
+        field = inverse_transform(moved)
         there = torch.stack(_unplaced(places[:, None], contact.pose), -1) / self.spacing
         out = F.grid_sample(field, there / n, align_corners=False)[:, :, 0]
         # The field is in the frame of the object; markers move in that of the image.
