@@ -7,7 +7,7 @@ import platform
 import statistics
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Self
@@ -58,7 +58,10 @@ class Memory(threading.Thread):
 
 
 def side_by_side(
-    subjects: dict[str, Callable[[], object]], rounds: int, warmup: int = 1
+    subjects: Mapping[str, Callable[[], object]],
+    rounds: int,
+    warmup: int = 1,
+    clock: Callable[[], float] = time.perf_counter,
 ) -> dict[str, dict[str, float]]:
     """Times each subject once a round, in turn, so that all meet the same disturbances.
 
@@ -66,6 +69,7 @@ def side_by_side(
         subjects: What to call, by name.
         rounds: Timed rounds.
         warmup: Rounds before them.
+        clock: ``time.process_time`` counts CPU time, so that other programs do not.
 
     Returns:
         Minimum, median and maximum seconds of each.
@@ -73,10 +77,10 @@ def side_by_side(
     times: dict[str, list[float]] = {name: [] for name in subjects}
     for number in range(warmup + rounds):
         for name, subject in subjects.items():
-            start = time.perf_counter()
+            start = clock()
             subject()
             if number >= warmup:
-                times[name].append(time.perf_counter() - start)
+                times[name].append(clock() - start)
     return {
         name: {
             "min_s": min(values),

@@ -9,12 +9,13 @@ Run: python benchmarks/decoder.py
 
 from __future__ import annotations
 
-import statistics
 import time
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import torch
-from common import save
+from common import ratio, save, side_by_side
 from torch import Tensor
 
 from tactileforge.contracts import MaskedFeatures
@@ -45,22 +46,20 @@ def main() -> None:
     kept, masked = order[:, :49].sort(1).values, order[:, 49:].sort(1).values
     tokens = torch.randn(BATCH, PREFIX + SLOTS * 49, 512, requires_grad=True)
     features = MaskedFeatures(tokens, tokens[:, 0], kept, masked, PREFIX, encoder.grid)
-    times: dict[str, list[float]] = {"by place": [], "by visibility": []}
-    for number in range(1 + ROUNDS):
-        for name, decode in (("by place", by_place), ("by visibility", MaskedDecoder.__call__)):
-            start = time.process_time()
-            out = decode(decoder, features)
-            torch.autograd.backward(out.square().mean())
-            if number:
-                times[name].append(time.process_time() - start)
-    middle = {name: statistics.median(values) for name, values in times.items()}
+
+    def decode(way: Callable[[MaskedDecoder, MaskedFeatures], Tensor]) -> None:
+        torch.autograd.backward(way(decoder, features).square().mean())
+
+    ways = {"by place": by_place, "by visibility": MaskedDecoder.__call__}
+    subjects = {name: partial(decode, way) for name, way in ways.items()}
+    times = side_by_side(subjects, ROUNDS, clock=time.process_time)
     save(
         "decoder",
         {
             "what": f"decoder of 512 x 6, {BATCH} clip of 4 frames of 224 x 224, fp32",
             "how": f"CPU seconds of one thread, median of {ROUNDS} rounds, in turn",
-            "cpu_s": {name: round(value, 4) for name, value in middle.items()},
-            "times as fast": round(middle["by place"] / middle["by visibility"], 3),
+            "cpu_s": {name: round(value["median_s"], 4) for name, value in times.items()},
+            "times as fast": ratio(times, "by visibility", "by place"),
         },
     )
 

@@ -9,19 +9,19 @@ Run: python benchmarks/denormals.py
 
 from __future__ import annotations
 
-import statistics
 import time
+from functools import partial
 from typing import Any
 
 import torch
-from common import save
+from common import ratio, save, side_by_side
 from omegaconf import OmegaConf
 
 from tactileforge.compose import compose
 from tactileforge.module import TouchModule
 from tactileforge.testing import batch as make_batch
 
-BATCH, ROUNDS = 16, 6
+BATCH, ROUNDS = 16, 5
 OPTIONS = ["scale=tiny", "encoder.depth=4", "objective=[pixel,diff]"]
 
 
@@ -30,26 +30,25 @@ def main() -> None:
     config: Any = OmegaConf.to_container(compose("anytouch2", OPTIONS), resolve=True)
     module = TouchModule.from_config(config, {"text", "image"})
     batch = make_batch(size=BATCH, frames=4, image=128)
-    seconds: dict[str, list[float]] = {"kept": [], "flushed": []}
     losses: dict[str, float] = {}
-    for _ in range(ROUNDS):
-        for name, spent in seconds.items():
-            torch.set_flush_denormal(name == "flushed")
-            torch.manual_seed(0)
-            module.zero_grad()
-            start = time.process_time()
-            loss: Any = module.losses(batch, {"pixel": 1.0, "diff": 1.0})[0]
-            loss.backward()
-            spent.append(time.process_time() - start)
-            losses[name] = loss.item()
-    median = {name: statistics.median(spent[1:]) for name, spent in seconds.items()}
+
+    def step(name: str) -> None:
+        torch.set_flush_denormal(name == "flushed")
+        torch.manual_seed(0)
+        module.zero_grad()
+        loss: Any = module.losses(batch, {"pixel": 1.0, "diff": 1.0})[0]
+        loss.backward()
+        losses[name] = loss.item()
+
+    subjects = {name: partial(step, name) for name in ("kept", "flushed")}
+    times = side_by_side(subjects, ROUNDS, clock=time.process_time)
     save(
         "denormals",
         {
             "what": f"a step of pixel + diff, scale=tiny, {BATCH} clips, before its first update",
-            "how": f"CPU seconds of one thread, median of {ROUNDS - 1} rounds, in turn",
-            "cpu_s": {name: round(value, 3) for name, value in median.items()},
-            "flushed, times as fast": round(median["kept"] / median["flushed"], 2),
+            "how": f"CPU seconds of one thread, median of {ROUNDS} rounds, in turn",
+            "cpu_s": {name: round(value["median_s"], 3) for name, value in times.items()},
+            "flushed, times as fast": ratio(times, "flushed", "kept"),
             "loss": losses,
         },
     )

@@ -8,15 +8,15 @@ Run: python benchmarks/photo_network.py
 
 from __future__ import annotations
 
-import statistics
 import time
+from functools import partial
 
 import torch
-from common import save
+from common import ratio, save, side_by_side
 
 from tactileforge.encoders.efficientnet_lite import Lite0
 
-PICTURES, SIZE, ROUNDS = 32, 128, 6
+PICTURES, SIZE, ROUNDS = 32, 128, 5
 
 
 def one_by_one() -> Lite0:
@@ -35,23 +35,22 @@ def main() -> None:
     networks = {"in one": Lite0().eval(), "one by one": one_by_one()}
     networks["one by one"].load_state_dict(networks["in one"].state_dict())
     pictures = torch.rand(PICTURES, 3, SIZE, SIZE)
-    seconds: dict[str, list[float]] = {name: [] for name in networks}
     maps: dict[str, torch.Tensor] = {}
+
+    def look(name: str) -> None:
+        maps[name] = networks[name].features(pictures)[-1]
+
     with torch.no_grad():
-        for _ in range(ROUNDS):
-            for name, network in networks.items():
-                start = time.process_time()
-                maps[name] = network.features(pictures)[-1]
-                seconds[name].append(time.process_time() - start)
-    median = {name: statistics.median(spent[1:]) for name, spent in seconds.items()}
+        subjects = {name: partial(look, name) for name in networks}
+        times = side_by_side(subjects, ROUNDS, clock=time.process_time)
     first, second = maps.values()
     save(
         "photo_network",
         {
             "what": f"maps of EfficientNet-Lite0, {PICTURES} pictures of {SIZE} x {SIZE}",
-            "how": f"CPU seconds of one thread, median of {ROUNDS - 1} rounds, in turn",
-            "cpu_s": {name: round(value, 3) for name, value in median.items()},
-            "in one, times as fast": round(median["one by one"] / median["in one"], 2),
+            "how": f"CPU seconds of one thread, median of {ROUNDS} rounds, in turn",
+            "cpu_s": {name: round(value["median_s"], 3) for name, value in times.items()},
+            "in one, times as fast": ratio(times, "in one", "one by one"),
             "largest difference, of the largest value": float(
                 (first - second).abs().max() / second.abs().max()
             ),

@@ -1,4 +1,4 @@
-"""How torch computes within a block, and that it computes as before after it."""
+"""Numbers near 0 within a run, and after it."""
 
 import contextlib
 from pathlib import Path
