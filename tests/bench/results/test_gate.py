@@ -40,10 +40,10 @@ def cells(folder: Path, task: ResultTask, model: str, share: float, seed: int) -
     return score
 
 
-def bench(folder: Path, right: float, count: int = 3) -> Results:
-    """A model against random weights of .5 and pixels of .6."""
+def bench(folder: Path, right: float, count: int = 3, **models: float) -> Results:
+    """A model against random weights of .5, pixels of .6 and other models."""
     tasks = [task(f"t{i}") for i in range(count)]
-    shares = {"m": right, "untrained:m": 0.5, "pixels": 0.6, "chance": 0.5}
+    shares = {"m": right, "untrained:m": 0.5, "pixels": 0.6, "chance": 0.5, **models}
     made = [
         cell
         for i, score in enumerate(tasks)
@@ -89,3 +89,17 @@ def test_one_task_of_three_is_no_majority(tmp_path: Path) -> None:
     mixed = [row for row in rows if row.task == "t0"] + [row for row in worse if row.task != "t0"]
     assert not gate_outcome(mixed, "m")["passes"]
     assert not gate_outcome([], "m")["passes"]
+
+
+@pytest.mark.slow
+def test_models_of_one_bench_are_compared_with_each_other(tmp_path: Path) -> None:
+    rows = gate.compute_gate(tmp_path, bench(tmp_path, 0.9, count=2, other=0.7))
+    found = {(row.task, row.model, row.reading): row.above for row in rows}
+    for name in ("t0", "t1", gate.MEAN):
+        for reading in ("pooled", "patches"):
+            above = found[name, "m", reading]["other"]
+            below = found[name, "other", reading]["m"]
+            assert above.value == pytest.approx(0.2, abs=0.1)
+            assert above.low > 0 > below.high
+            assert below.value == pytest.approx(-above.value)
+    assert not found["t0", "pixels", "pooled"]

@@ -37,7 +37,7 @@ class GateRow:
         model: Name of the model.
         reading: What the probe read; see `Ridge.readings`.
         score: Its score.
-        above: What it is above what it is compared with, by name.
+        above: What it is above ``random``, baselines and other models, by name.
     """
 
     task: str
@@ -111,7 +111,7 @@ def _of(folder: Path, cell: Cell, task: ResultTask) -> GroupedScore:
 def _others(
     cells: Mapping[tuple[str, str], list[GroupedScore]], model: str, reading: str
 ) -> dict[str, list[GroupedScore]]:
-    """Tallies of the baselines of a model; baselines have one kind of features for both."""
+    """Tallies of what a model is compared with: baselines, which have one reading, and models."""
     if is_baseline(model):
         return {}
     random = cells.get((f"untrained:{model}", reading))
@@ -119,6 +119,9 @@ def _others(
     for name in _BASELINES:
         if (name, "pooled") in cells:
             others[name] = cells[name, "pooled"]
+    for (name, other_reading), tallies in cells.items():
+        if other_reading == reading and name != model and not is_baseline(name):
+            others[name] = tallies
     return others
 
 
