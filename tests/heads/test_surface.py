@@ -6,35 +6,43 @@ from types import SimpleNamespace
 
 import pytest
 import torch
+from torch import Tensor
 
 from tactileforge.contracts import Batch, Features
 from tactileforge.data.labels import displacement
 from tactileforge.encoders.tactile_vit import TactileViT
-from tactileforge.errors import ConfigError
 from tactileforge.heads.surface import SurfaceHead
 from tactileforge.objectives.surface import Surface
 
 
-def test_a_token_moves_its_own_patch_alone() -> None:
-    encoder = TactileViT("tiny", frames=4, image_size=64)
+def moved_by(encoder: TactileViT, slot: int, row: int, column: int) -> Tensor:
+    """What one token changes, bool (T, 32, 32)."""
     head = SurfaceHead(encoder)
     slots, rows, columns = encoder.grid
     tokens = torch.zeros(1, encoder.prefix + slots * rows * columns, encoder.width)
-    slot, row, column = 1, 2, 3
     tokens[0, encoder.prefix + (slot * rows + row) * columns + column] = 1.0
-    prediction = head(
-        SimpleNamespace(full=Features(tokens, tokens[:, 0], encoder.prefix, encoder.grid)), {}
-    )
-    moved = (prediction[0] != 0).any(1)
+    views = SimpleNamespace(full=Features(tokens, tokens[:, 0], encoder.prefix, encoder.grid))
+    prediction = head(views, {})
+    assert prediction.shape == (1, encoder.frames, 3, *displacement.SHAPE)
+    return (prediction[0] != 0).any(1)
+
+
+def test_a_token_moves_its_own_patch_alone() -> None:
+    moved = moved_by(TactileViT("tiny", frames=4, image_size=64), 1, 2, 3)
     want = torch.zeros_like(moved)
-    size = displacement.SHAPE[0] // rows
-    want[2:4, row * size : (row + 1) * size, column * size : (column + 1) * size] = True
+    want[2:4, 16:24, 24:32] = True
     assert torch.equal(moved, want)
 
 
-def test_patches_must_divide_the_surface() -> None:
-    with pytest.raises(ConfigError, match="image_size"):
-        SurfaceHead(TactileViT("tiny", frames=4, image_size=48))
+def test_patches_that_do_not_divide_the_surface_move_what_they_cover() -> None:
+    moved = moved_by(TactileViT("tiny", frames=4, image_size=48), 0, 1, 2)
+    # three patches to 32 places: the second covers 10.7 to 21.3, the third 21.3 to 32
+    want = torch.zeros_like(moved)
+    want[:2, 11:21, 22:] = True
+    assert moved[want].all()
+    # beside it, what bilinear resampling spreads
+    want[:2, 10:22, 21:] = True
+    assert not moved[~want].any()
 
 
 def test_the_loss_is_the_squared_error_in_deviations(batch: Batch) -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional as F
 
 from tactileforge.contracts import Batch, Encoder, Views
 from tactileforge.data.labels.displacement import SHAPE
-from tactileforge.errors import ConfigError
 
 
 class SurfaceHead(nn.Module):
@@ -16,23 +16,17 @@ class SurfaceHead(nn.Module):
     It has no layers of its own, so the tokens have to carry the displacement linearly, where any
     other linear reading finds it too.
 
+    Where patches do not divide the image of the surface, whole cells below each are resampled.
+
     Args:
         encoder: The touch encoder (given by the framework).
-
-    Raises:
-        ConfigError: The patches do not divide the image of the surface.
     """
 
     def __init__(self, encoder: Encoder) -> None:
         super().__init__()
         self.grid, self.prefix, self.tube = encoder.grid, encoder.prefix, encoder.tube
         _, rows, columns = self.grid
-        if SHAPE[0] % rows or SHAPE[1] % columns:
-            raise ConfigError(
-                f"head.surface: {rows} x {columns} patches do not divide an image of the surface, "
-                f"which is {SHAPE[0]} x {SHAPE[1]}; change encoder.image_size or encoder.patch"
-            )
-        self.cell = SHAPE[0] // rows, SHAPE[1] // columns
+        self.cell = max(1, round(SHAPE[0] / rows)), max(1, round(SHAPE[1] / columns))
         self.linear = nn.Linear(encoder.width, self.tube * 3 * self.cell[0] * self.cell[1])
         nn.init.normal_(self.linear.weight, std=0.01)
         nn.init.zeros_(self.linear.bias)
@@ -43,4 +37,7 @@ class SurfaceHead(nn.Module):
         x: Tensor = self.linear(views.full.tokens[:, self.prefix :])
         x = x.view(-1, slots, rows, columns, self.tube, 3, *self.cell)
         x = x.permute(0, 1, 4, 5, 2, 6, 3, 7)
-        return torch.reshape(x, (len(x), slots * self.tube, 3, *SHAPE))
+        x = torch.reshape(x, (-1, 3, rows * self.cell[0], columns * self.cell[1]))
+        if x.shape[2:] != SHAPE:
+            x = F.interpolate(x, SHAPE, mode="bilinear", align_corners=False)
+        return x.view(-1, slots * self.tube, 3, *SHAPE)
