@@ -6,12 +6,13 @@ PIP := $(BIN)/pip --disable-pip-version-check install --quiet --constraint const
 
 .PHONY: demo demo-policy bench-mini test test-fast lint docs clean
 
-# from the weights of the zoo; from random weights: make demo SCALE=demo
-SCALE ?= finetune
-INIT := $(if $(filter finetune,$(SCALE)),init=anytouch2.tiny)
+# from random weights; from those of the zoo: make demo SCALE=finetune
+SCALE ?= demo
+START := $(if $(filter finetune,$(SCALE)),init=anytouch2.tiny,"objective=[pixel,diff,align,match,force,surface]")
+# one unit of each sensor: what pushes on a gel of unknown stiffness, forty touches do not tell
 demo: $(VENV)/.installed
 	rm -rf runs/demo
-	$(BIN)/tactileforge train scale=$(SCALE) $(INIT) hydra.run.dir=runs/demo
+	$(BIN)/tactileforge train scale=$(SCALE) $(START) data.randomise=none hydra.run.dir=runs/demo
 	@echo "open runs/demo/report.html"
 
 # a scripted expert, a policy on a frozen touch encoder that imitates it, and its rollouts; another task: TASK=wipe

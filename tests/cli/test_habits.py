@@ -64,7 +64,7 @@ def test_every_command_has_help_that_says_each_key(capsys: pytest.CaptureFixture
 @pytest.mark.parametrize(
     ("words", "value"),
     [
-        (["train", "scale=demo"], ["trainer", "max_steps", 350]),
+        (["train", "scale=demo"], ["trainer", "max_steps", 800]),
         (["data", "inspect", "data=sim"], ["recordings", 400]),
         (["zoo", "list"], ["pattern", "*"]),
         (["sim", "out=x"], ["action_seconds", 0.6]),

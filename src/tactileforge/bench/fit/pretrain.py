@@ -81,16 +81,19 @@ class PretrainJob:
 
 
 def read_models(config: Mapping[str, Any]) -> dict[str, PretrainModel]:
-    """The models of a configuration.
+    """The models of a configuration; its ``seeds`` are those of models that name none.
 
     Raises:
         ConfigError: A key is unknown or of another type.
     """
-    return {
-        name: strict.build(PretrainModel, f"pretrain.models.{name}", node)
-        for name, node in (config.get("models") or {}).items()
-        if node is not None
-    }
+    seeds = {"seeds": config["seeds"]} if "seeds" in config else {}
+    models = {}
+    for name, node in (config.get("models") or {}).items():
+        if node is not None:
+            where = f"pretrain.models.{name}"
+            given = seeds | strict.mapping(where, node)
+            models[name] = strict.build(PretrainModel, where, given)
+    return models
 
 
 def ablations(
