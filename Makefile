@@ -9,10 +9,11 @@ PIP := $(BIN)/pip --disable-pip-version-check install --quiet --constraint const
 # from random weights; from those of the zoo: make demo SCALE=finetune
 SCALE ?= demo
 START := $(if $(filter finetune,$(SCALE)),init=anytouch2.tiny,"objective=[pixel,diff,align,match,force,surface]")
-# one unit of each sensor: what pushes on a gel of unknown stiffness, forty touches do not tell
+# one unit of each sensor: what pushes on a gel of unknown stiffness, forty touches do not tell; validation is on
+# three indenters that training has not
 demo: $(VENV)/.installed
 	rm -rf runs/demo
-	$(BIN)/tactileforge train scale=$(SCALE) $(START) data.randomise=none hydra.run.dir=runs/demo
+	$(BIN)/tactileforge train scale=$(SCALE) $(START) data.randomise=none data.indenters=bench hydra.run.dir=runs/demo
 	@echo "open runs/demo/report.html"
 
 # a scripted expert, a policy on a frozen touch encoder that imitates it, and its rollouts; another task: TASK=wipe

@@ -103,3 +103,19 @@ def test_models_of_one_bench_are_compared_with_each_other(tmp_path: Path) -> Non
             assert above.low > 0 > below.high
             assert below.value == pytest.approx(-above.value)
     assert not found["t0", "pixels", "pooled"]
+
+
+@pytest.mark.slow
+def test_a_task_whose_metric_is_no_sum_over_clips_stays_out(tmp_path: Path) -> None:
+    """A bench of closed-form probes may have such tasks, and ends all the same."""
+    results = bench(tmp_path, 0.9)
+    metric = ResultMetric(name="rmse_sum_axes", unit="mN", better="lower")
+    other = replace(results.tasks[1], metrics=[metric], main=metric.name)
+    results = replace(results, tasks=[results.tasks[0], other, results.tasks[2]])
+    rows = gate_table.write_gate(tmp_path, results)
+    assert {row.task for row in rows} == {"t0", "t2", gate.MEAN}
+    assert gate_outcome(rows, "m")["pooled"]["tasks"] == 2
+    grid = gate_table.gate_table(rows, results)
+    assert grid is not None
+    assert [head.text for head in grid.head][2:-2] == ["T0", "T2"]
+    assert list(json.loads((tmp_path / "gate.json").read_text())["tasks"]) == ["t0", "t2", "mean"]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tactileforge.bench.output.grid import ColumnHead, Table, TableEntry, fixed
 from tactileforge.bench.results import gate
-from tactileforge.bench.results.bootstrap import ScoreInterval
+from tactileforge.bench.results.bootstrap import METRICS, ScoreInterval
 from tactileforge.bench.results.gate import GateRow
 from tactileforge.bench.results.results import Results
 from tactileforge.bench.results.scores import titles
@@ -38,15 +38,16 @@ def gate_table(gate_rows: Sequence[GateRow], results: Results) -> Table | None:
     names = titles(results)
     keys = list(dict.fromkeys((row.model, row.reading) for row in gate_rows))
     known = {(row.model, row.reading, row.task): row for row in gate_rows}
+    tasks = [task for task in results.tasks if task.main in METRICS]
     rows = []
     for model, reading in keys:
-        cells = [known.get((model, reading, task.name)) for task in results.tasks]
+        cells = [known.get((model, reading, task.name)) for task in tasks]
         mean = known.get((model, reading, gate.MEAN))
         entries = [_entry(row) for row in (*cells, mean)]
         rows.append(
             [TableEntry(names[model]), TableEntry(reading), *entries, TableEntry(_won(cells))]
         )
-    heads = [ColumnHead(task.title, task.main) for task in results.tasks]
+    heads = [ColumnHead(task.title, task.main) for task in tasks]
     return Table(
         name="gate",
         title=f"Release gate: {results.suite}",

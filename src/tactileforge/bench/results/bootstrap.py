@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from tactileforge.bench.results.predictions import read_predictions
 from tactileforge.errors import DataError
 
+#: Metrics that are sums over clips.
+METRICS = ("accuracy", "balanced_accuracy", "r2")
 DRAWS = 2000
 _SEED = 20261122
 
@@ -58,7 +60,7 @@ def grouped_score(path: Path, metric: str) -> GroupedScore:
 
     Args:
         path: Its predictions.
-        metric: ``accuracy``, ``balanced_accuracy`` or ``r2``.
+        metric: One of `METRICS`.
 
     Raises:
         DataError: The file does not say which clips belong together, or the metric is another.
@@ -80,7 +82,7 @@ def grouped_score(path: Path, metric: str) -> GroupedScore:
         classes = per_class if metric != "accuracy" else [[True]]
         parts = right * classes, np.ones_like(right) * classes
     else:
-        raise DataError(f"{path}: the gate knows accuracy, balanced_accuracy and r2, not {metric}")
+        raise DataError(f"{path}: the gate knows {', '.join(METRICS)}, not {metric}")
     sums = [np.zeros((len(names), part.shape[1])) for part in parts]
     for total, part in zip(sums, parts, strict=True):
         np.add.at(total, of, part)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from tactileforge.bench.results.bootstrap import (
+    METRICS,
     GroupedScore,
     ScoreInterval,
     compared,
@@ -55,12 +56,15 @@ class GateRow:
 def compute_gate(folder: Path, results: Results) -> list[GateRow]:
     """Rows of the gate: every model in every task and in their mean, with each kind of features.
 
+    Tasks whose main metric is none of `bootstrap.METRICS` stay out.
+
     Args:
         folder: Of a bench.
         results: What it left.
     """
     gate_rows = []
-    by_task = {task.name: _cells(folder, results, task) for task in results.tasks}
+    known = [task for task in results.tasks if task.main in METRICS]
+    by_task = {task.name: _cells(folder, results, task) for task in known}
     for name, cells in by_task.items():
         for model in results.models:
             for reading in dict.fromkeys(key[1] for key in cells if key[0] == model.name):
@@ -148,7 +152,11 @@ def gate_to_plain(gate_rows: Sequence[GateRow], results: Results) -> dict[str, A
     return {
         "suite": results.suite,
         "versions": dict(results.versions),
-        "tasks": {task.name: {"title": task.title, "metric": task.main} for task in results.tasks}
+        "tasks": {
+            task.name: {"title": task.title, "metric": task.main}
+            for task in results.tasks
+            if task.main in METRICS
+        }
         | {MEAN: {"title": "Mean of all tasks", "metric": MEAN}},
         "models": {
             model.name: gate_outcome(gate_rows, model.name)
