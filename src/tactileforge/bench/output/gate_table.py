@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tactileforge.bench.output.grid import ColumnHead, Table, TableEntry, fixed
 from tactileforge.bench.results import gate
-from tactileforge.bench.results.bootstrap import METRICS, ScoreInterval
+from tactileforge.bench.results.bootstrap import ScoreInterval
 from tactileforge.bench.results.gate import GateRow
 from tactileforge.bench.results.results import Results
 from tactileforge.bench.results.scores import titles
@@ -38,7 +38,7 @@ def gate_table(gate_rows: Sequence[GateRow], results: Results) -> Table | None:
     names = titles(results)
     keys = list(dict.fromkeys((row.model, row.reading) for row in gate_rows))
     known = {(row.model, row.reading, row.task): row for row in gate_rows}
-    tasks = [task for task in results.tasks if task.main in METRICS]
+    tasks = gate.gate_tasks(results)
     rows = []
     for model, reading in keys:
         cells = [known.get((model, reading, task.name)) for task in tasks]

@@ -53,18 +53,20 @@ class GateRow:
         return all(name in self.above and self.above[name].low > 0 for name in AGAINST)
 
 
+def gate_tasks(results: Results) -> list[ResultTask]:
+    """The tasks that the gate can judge: those whose main metric is a sum over clips."""
+    return [task for task in results.tasks if task.main in METRICS]
+
+
 def compute_gate(folder: Path, results: Results) -> list[GateRow]:
     """Rows of the gate: every model in every task and in their mean, with each kind of features.
-
-    Tasks whose main metric is none of `bootstrap.METRICS` stay out.
 
     Args:
         folder: Of a bench.
         results: What it left.
     """
     gate_rows = []
-    known = [task for task in results.tasks if task.main in METRICS]
-    by_task = {task.name: _cells(folder, results, task) for task in known}
+    by_task = {task.name: _cells(folder, results, task) for task in gate_tasks(results)}
     for name, cells in by_task.items():
         for model in results.models:
             for reading in dict.fromkeys(key[1] for key in cells if key[0] == model.name):
@@ -153,9 +155,7 @@ def gate_to_plain(gate_rows: Sequence[GateRow], results: Results) -> dict[str, A
         "suite": results.suite,
         "versions": dict(results.versions),
         "tasks": {
-            task.name: {"title": task.title, "metric": task.main}
-            for task in results.tasks
-            if task.main in METRICS
+            task.name: {"title": task.title, "metric": task.main} for task in gate_tasks(results)
         }
         | {MEAN: {"title": "Mean of all tasks", "metric": MEAN}},
         "models": {
