@@ -2,7 +2,8 @@
 
 The first line of such a file is its line of ``tactileforge --help``; its ``COMMANDS`` are what the
 verb does, by action (``pack`` of ``data pack``; "" for a verb without actions). Files that begin
-with ``_`` are what verbs share: `_command` runs them, `_words` reads what was typed.
+with ``_`` are what verbs share: `_command` says what a command is, `_run` runs it, `_words` reads
+what was typed.
 """
 
 from __future__ import annotations
@@ -100,7 +101,7 @@ def dispatch(verb: str, rest: Sequence[str]) -> int:
     Raises:
         TactileForgeError: Something is wrong; says the fix.
     """
-    from tactileforge.cli import _command
+    from tactileforge.cli import _run
 
     known = commands(verb)
     action = ""
@@ -113,7 +114,7 @@ def dispatch(verb: str, rest: Sequence[str]) -> int:
             raise ConfigError(unknown(f"action of tactileforge {verb}", action, known))
     elif rest[:1] and rest[0] in known:
         action, *rest = rest
-    return _command.run(f"{verb} {action}".strip(), known[action], rest)
+    return _run.run(f"{verb} {action}".strip(), known[action], rest)
 
 
 def verbs() -> dict[str, str]:

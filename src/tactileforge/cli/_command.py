@@ -1,20 +1,13 @@
-"""A command: keys with defaults, groups of options, and what it does; the one way they are run.
-
-A command that has no group of options, and is given plain ``key=value``, is run without Hydra, so
-that it answers at once. All others are composed by Hydra; ``train``, and what is given ``-m`` or
-another of its flags, is run by it.
-"""
+"""A command: keys with defaults, groups of options, and what it does."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from inspect import getdoc
-from typing import Any, get_origin, get_type_hints
+from typing import Any
 
 from tactileforge import strict
-from tactileforge.cli import _words
-from tactileforge.cli._words import Words
 
 #: What a command gives: its exit status, the number that a sweep makes small, or nothing.
 Result = int | float | None
@@ -87,72 +80,3 @@ class Command:
             return None
         known = {spec.name for spec in fields(self.keys)}
         return strict.build(self.keys, "", {k: v for k, v in given.items() if k in known})
-
-
-def run(verb: str, command: Command, argv: Sequence[str]) -> int:
-    """Runs a command and gives its exit status.
-
-    Args:
-        verb: As it is typed, with its action.
-        command: What it is.
-        argv: Words after it.
-
-    Raises:
-        TactileForgeError: Something is wrong; says the fix.
-    """
-    words = _words.read(argv)
-    if words.help:
-        from tactileforge.cli._help import text
-
-        print(text(verb, command))
-        return 0
-    given = _given(verb, command, words)
-    light = not (command.groups or command.yaml or words.asks_hydra or words.explain)
-    if light:
-        return _status(_light(command, words, given))
-    words.overrides += [f"{key}={_quoted(value)}" for key, value in given.items()]
-    words.overrides = command.prepare(words.overrides)
-    from tactileforge.cli import _hydra
-
-    if words.explain:
-        from tactileforge.cli._explain import explain
-
-        with _hydra.told(verb, command, words):
-            print(explain(command.declare(verb), words.explain, words.overrides, words.flags))
-        return 0
-    if command.yaml or words.asks_hydra:
-        return _status(_hydra.run(verb, command, words))
-    with _hydra.told(verb, command, words):
-        config = command.compose(verb, words.overrides)
-    return _status(command.run(command.build(config), config))
-
-
-def _given(verb: str, command: Command, words: Words) -> dict[str, Any]:
-    for i, word in enumerate(words.overrides):
-        name, _, value = word.partition("=")
-        words.overrides[i] = f"{command.also.get(name, name)}={value}"
-    several = False
-    if command.bare and command.keys:
-        several = get_origin(get_type_hints(command.keys)[command.bare[-1]]) is list
-    return _words.fill(words, command.bare, several, verb)
-
-
-def _light(command: Command, words: Words, given: dict[str, Any]) -> Result:
-    assert command.keys is not None
-    hints = get_type_hints(command.keys)
-    given |= _words.values(words.overrides, hints)
-    if command.others:
-        others = {key: given.pop(key) for key in [*given] if key not in hints}
-        given[command.others] = others
-    return command.run(strict.build(command.keys, "", given), given)
-
-
-def _quoted(value: Any) -> str:
-    if isinstance(value, list):
-        return f"[{','.join(map(_quoted, value))}]"
-    escaped = str(value).replace("\\", "\\\\").replace("'", "\\'")
-    return f"'{escaped}'"
-
-
-def _status(result: Result) -> int:
-    return result if isinstance(result, int) else 0

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from tactileforge import strict
+from tactileforge.cli._command import Command
 from tactileforge.cli._options import options, yaml_groups, yaml_text
-
-if TYPE_CHECKING:
-    from tactileforge.cli._command import Command
 
 _FLAGS = """\
 --cfg job  what would be used   --explain KEY  where a value comes from   -m key=1,2  once for each

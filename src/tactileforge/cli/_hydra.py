@@ -9,18 +9,16 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hydra.errors import HydraException
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
+from tactileforge.cli._command import Command, Result
 from tactileforge.cli._options import options, own_places
+from tactileforge.cli._words import Words
 from tactileforge.errors import ConfigError, TactileForgeError, nearest_name, unknown
-
-if TYPE_CHECKING:
-    from tactileforge.cli._command import Command, Result
-    from tactileforge.cli._words import Words
 
 
 def run(verb: str, command: Command, words: Words) -> Result:
