@@ -86,6 +86,27 @@ class Noise(Presses):
         return super().make(i, frames=frames)
 
 
+class OpenFrames(ArrayFrames):
+    def __init__(self, frames):
+        super().__init__(frames)
+        self.decode = lambda frame: frame
+
+
+class HoldsFunctions(Presses):
+    def make(self, i, **changes):
+        return super().make(i, frames=OpenFrames(np.zeros((5, 6, 8, 3), np.uint8)))
+
+
+class ForgetfulFrames(ArrayFrames):
+    def __reduce__(self):
+        return ForgetfulFrames, (np.zeros((5, 6, 8, 3), np.uint8),)
+
+
+class LosesFrames(Presses):
+    def make(self, i, **changes):
+        return super().make(i, frames=ForgetfulFrames(np.ones((5, 6, 8, 3), np.uint8)))
+
+
 class SharesFrames(Presses):
     cut = 4
 
@@ -151,6 +172,8 @@ MISSING = "missing data names the folder and the fix"
         (presses(action=np.full(5, len(ACTIONS))), "recordings are whole", "outside -1..7"),
         (Whims, "same index same sample", "press-0-"),
         (Noise, "same index same sample", "other frames"),
+        (HoldsFunctions, "recordings go to other processes", "cannot be pickled"),
+        (LosesFrames, "recordings go to other processes", "other frames once pickled"),
         (SharesFrames, "splits are disjoint", "'press-0[0:4]' and 'press-0[3:5]' share frames"),
         (presses(key="press-0"), "splits are disjoint", "several recordings have the key"),
         (presses(key="press-2"), "splits are disjoint", "several recordings have the key"),

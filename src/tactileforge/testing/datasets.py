@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import re
 from dataclasses import replace
 from itertools import islice
@@ -99,6 +100,21 @@ def same_index_same_sample(subject: CheckSubject) -> None:
                 )
 
 
+def recordings_go_to_other_processes(subject: CheckSubject) -> None:
+    """Pickled and read there, as the workers of a run of several processes do."""
+    for recording in _first(subject.build(), "train"):
+        try:
+            there = pickle.loads(pickle.dumps(recording))
+        except (pickle.PicklingError, AttributeError, TypeError) as error:
+            raise Violation(
+                f"recording {recording.key!r} cannot be pickled ({error}); keep paths and arrays "
+                "in it, not open files or functions made in place"
+            ) from error
+        last = [len(recording.frames) - 1]
+        same = np.array_equal(there.frames.read(last), recording.frames.read(last))
+        require(same, f"recording {recording.key!r} has other frames once pickled")
+
+
 def splits_are_disjoint(subject: CheckSubject) -> None:
     """No frame of a source is in both splits; keys are unique.
 
@@ -164,6 +180,7 @@ CHECKS: list[Check] = [
     keys_are_what_it_provides,
     recordings_are_whole,
     same_index_same_sample,
+    recordings_go_to_other_processes,
     splits_are_disjoint,
     missing_data_names_the_folder_and_the_fix,
     plot_gives_a_figure,

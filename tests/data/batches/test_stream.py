@@ -345,6 +345,21 @@ def test_large_shards_are_read_by_workers_as_by_none(tmp_path: Path) -> None:
         assert same(batch, data.stream()[number])
 
 
+@pytest.mark.slow
+def test_workers_of_several_processes_are_not_forked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data = touch(Shards(str(pack(Memory(24), tmp_path, size=4))), workers=1)
+    stream, numbers = data.stream(), BatchIndexSampler(1)
+    assert Loader.of(stream, numbers, 1).multiprocessing_context is None
+    monkeypatch.setattr("tactileforge.data.batches.loader.world", lambda: (0, 2))
+    assert Loader.of(stream, numbers, 0).multiprocessing_context is None
+    loader = Loader.of(stream, numbers, 1)
+    assert loader.multiprocessing_context.get_start_method() == "forkserver"
+    (batch,) = loader
+    assert same(batch, stream[0])
+
+
 @pytest.mark.parametrize("match", [0.5, 1.0])
 def test_pairs_are_found_in_a_window(match: float, tmp_path: Path) -> None:
     folder = pack(Memory(48), tmp_path, size=4)

@@ -6,6 +6,8 @@ import logging
 import signal
 import time
 from collections.abc import Iterator, Mapping
+from multiprocessing import get_context
+from multiprocessing.context import BaseContext
 from typing import Any, TypeVar
 
 import cv2
@@ -14,6 +16,7 @@ from torch.utils.data import DataLoader
 
 from tactileforge.contracts import Batch
 from tactileforge.data.batches.stream import BatchIndexSampler, Stream
+from tactileforge.distributed import world
 from tactileforge.errors import ConfigError
 
 log = logging.getLogger(__name__)
@@ -45,6 +48,7 @@ class Loader(DataLoader[Batch]):
             sampler=numbers,
             collate_fn=_as_it_is,
             num_workers=workers,
+            multiprocessing_context=_context(workers),
             persistent_workers=workers > 0,
             pin_memory=torch.cuda.is_available(),
             worker_init_fn=start_worker,
@@ -99,6 +103,19 @@ class Loader(DataLoader[Batch]):
                 f"resume: {key} was {before} and is {now}; a resumed run goes on with the same "
                 "data and batches (init= starts a new run from its weights)"
             )
+
+
+def _context(workers: int) -> BaseContext | None:
+    """How workers start: not by a fork of a process that talks to others.
+
+    Gloo and NCCL have threads, whose locks a fork copies as they are (a warning of torch's
+    ``DistributedDataParallel``), so that some runs would hang.
+    """
+    if not workers or world()[1] == 1:
+        return None
+    context = get_context("forkserver")
+    context.set_forkserver_preload([__name__])
+    return context
 
 
 def _as_it_is(batch: T) -> T:
