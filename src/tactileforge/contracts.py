@@ -67,8 +67,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from torch import Tensor
 
-    from tactileforge.data.batches.clips import Clips
-
 Batch: TypeAlias = dict[str, Any]
 
 #: The eight atomic actions (paper, section Method), in the order of their labels.
@@ -541,6 +539,29 @@ class AfterStep(Protocol):
         ...
 
 
+class TrainingClips(Protocol):
+    """All clips that are cut from the training data, as `Prepared` is given them.
+
+    An item is one row of a batch, decoded when it is asked for.
+    """
+
+    @property
+    def recordings(self) -> Sequence[Recording]:
+        """What is cut; of a source that is read window by window, some of its recordings."""
+
+    @property
+    def strides(self) -> NDArray[np.int32]:
+        """Of each recording: its frames from one frame of a clip to the next."""
+
+    @property
+    def scales(self) -> Mapping[str, tuple[float, float, float]]:
+        """Newton along x, y and z that count as 1, by sensor."""
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, clip: int, /) -> dict[str, Any]: ...
+
+
 @runtime_checkable
 class Prepared(Protocol):
     """A head or objective that measures its training data before the first step of a new run.
@@ -549,12 +570,11 @@ class Prepared(Protocol):
     checkpoint.
     """
 
-    def prepare(self, clips: Clips) -> None:
+    def prepare(self, clips: TrainingClips) -> None:
         """Called once, on every rank with the same clips; draws no random numbers.
 
         Args:
-            clips: Clips of the training data; of a source that is read window by window, of some of
-                its recordings.
+            clips: Those of the training data.
         """
         ...
 

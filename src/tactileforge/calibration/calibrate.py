@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,6 @@ from tactileforge.calibration.light import estimate_light, light_drift, punch_mm
 from tactileforge.contracts import Recording
 from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.sensors.specs import spec
-
-if TYPE_CHECKING:
-    from tactileforge.hub.model import Model
 
 #: Between lags that are tried, s.
 _LAG_STEP = 1 / 60
@@ -92,7 +89,7 @@ def calibrate(
     recordings: Iterable[Recording],
     options: CalibrateOptions,
     reference: Calibration | None = None,
-    model: Model | None = None,
+    model: features.ForceReader | None = None,
 ) -> CalibrationResult:
     """Calibrates one unit.
 
@@ -161,7 +158,10 @@ def _chosen(recordings: Iterable[Recording], options: CalibrateOptions) -> list[
 
 
 def _kind(
-    first: Recording, chosen: Sequence[Recording], options: CalibrateOptions, model: Model | None
+    first: Recording,
+    chosen: Sequence[Recording],
+    options: CalibrateOptions,
+    model: features.ForceReader | None,
 ) -> str:
     if (options.fit == "head") > (model is not None):
         raise ConfigError("fit=head needs a model: give model=NAME")
@@ -225,7 +225,7 @@ def _force(
     kind: str,
     options: CalibrateOptions,
     notes: list[str],
-    model: Model | None,
+    model: features.ForceReader | None,
 ) -> tuple[ForceModel, dict[str, AxisFit]]:
     presses = [recording for recording in chosen if recording.force is not None]
     if not presses:

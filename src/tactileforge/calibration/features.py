@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import cv2
 import numpy as np
@@ -14,7 +14,7 @@ from tactileforge.errors import DataError, unknown
 from tactileforge.sensors.taxels import REST
 
 if TYPE_CHECKING:
-    from tactileforge.hub.model import Model
+    from torch import Tensor
 
 #: Rows or columns, whichever are more, that features are taken at: noise is averaged away.
 _SIZE = 64
@@ -27,8 +27,32 @@ _COLOURS = ("red", "green", "blue")
 LEAST = 3.0
 
 
+class ForceReader(Protocol):
+    """What calibration needs of a model; `hub.model.Model` is one."""
+
+    @property
+    def frames(self) -> int:
+        """Frames of a clip."""
+
+    @property
+    def spacing(self) -> float:
+        """Seconds between them."""
+
+    @property
+    def fingerprint(self) -> str:
+        """Ties a calibration to its model."""
+
+    def squash(self, images: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Images at the size of training."""
+
+    def force_inputs(
+        self, frames: NDArray[np.uint8], background: NDArray[np.uint8], sensor: str
+    ) -> dict[str, Tensor]:
+        """What is read of the force in frames 2..T, float32 (B, T - 1) each."""
+
+
 def force_features(
-    recording: Recording, kind: str, noise: float = LEAST, model: Model | None = None
+    recording: Recording, kind: str, noise: float = LEAST, model: ForceReader | None = None
 ) -> dict[str, NDArray[np.float64]]:
     """Features of every frame, float64 (T,) each.
 
@@ -132,7 +156,7 @@ def _pictures(
     return features
 
 
-def _read_by(model: Model, recording: Recording) -> Iterator[dict[str, NDArray[np.float64]]]:
+def _read_by(model: ForceReader, recording: Recording) -> Iterator[dict[str, NDArray[np.float64]]]:
     """Features of a model for the last frame of the clips that end at each frame."""
     rest = model.squash(median_background(recording).round().astype(np.uint8))
     stride = max(1, round(model.spacing / (recording.period or 1.0)))

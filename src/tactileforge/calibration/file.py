@@ -17,7 +17,7 @@ from tactileforge.errors import ConfigError, DataNotFoundError, unknown
 from tactileforge.files import sealed_yaml, unsealed_yaml, write_text
 
 if TYPE_CHECKING:
-    from tactileforge.hub.model import Model
+    from tactileforge.calibration.features import ForceReader
 
 #: Version of the file; a reader refuses another.
 VERSION = 1
@@ -142,7 +142,7 @@ class Calibration:
         scaled = frames * np.asarray(self.light.balance, np.float32)
         return np.rint(scaled).clip(0, 255).astype(np.uint8)
 
-    def forces(self, recording: Recording, model: Model | None = None) -> NDArray[np.float32]:
+    def forces(self, recording: Recording, model: ForceReader | None = None) -> NDArray[np.float32]:
         """The forces of a recording of this unit, float32 (T, 3), N; NaN on axes without a fit.
 
         Where a lag was fitted, a frame shows the force of ``force.lag`` seconds before its time.

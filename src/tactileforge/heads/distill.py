@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from tactileforge.contracts import Batch, Encoder, Views
+from tactileforge.contracts import Batch, Encoder, TrainingClips, Views
 from tactileforge.encoders.preprocess import GAIN, difference_picture
-
-if TYPE_CHECKING:
-    from tactileforge.data.batches.clips import Clips
 
 #: Clips that the teacher's features are measured on before the first step, and how many at once.
 _MEASURED, _AT_ONCE = 256, 32
@@ -78,7 +75,7 @@ class DistillHead(nn.Module):
         self.teacher.eval()
         return self
 
-    def prepare(self, clips: Clips) -> None:
+    def prepare(self, clips: TrainingClips) -> None:
         """Measures mean and deviation of the teacher's features; see `contracts.Prepared`."""
         batches = zip(*map(self._features, self._pictures(clips)), strict=True)
         parts = [torch.cat(found).movedim(1, 0).flatten(1).double() for found in batches]
@@ -86,7 +83,7 @@ class DistillHead(nn.Module):
         deviation = torch.cat([one.std(1, correction=0) for one in parts])
         self.deviation.copy_(deviation.clamp(min=_LEAST))
 
-    def _pictures(self, clips: Clips) -> Iterator[Tensor]:
+    def _pictures(self, clips: TrainingClips) -> Iterator[Tensor]:
         chosen = torch.linspace(0, len(clips) - 1, min(_MEASURED, len(clips))).long().tolist()
         for start in range(0, len(chosen), _AT_ONCE):
             rows: list[dict[str, Any]] = [clips[i] for i in chosen[start : start + _AT_ONCE]]

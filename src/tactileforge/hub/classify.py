@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, TypeAlias
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -19,11 +19,6 @@ from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.files import new_part
 from tactileforge.hub.forces import fingerprint
 from tactileforge.untrusted import load_json
-
-if TYPE_CHECKING:
-    from tactileforge.hub.head_model import HeadModel
-    from tactileforge.hub.inputs import Images
-    from tactileforge.hub.sensor_rows import Policy
 
 #: Version of the file, and the key of its metadata.
 FORMAT = 1
@@ -136,42 +131,50 @@ def _facts(text: str | None) -> ClassFacts:
     return facts
 
 
-def classify(
-    model: HeadModel,
-    frames: Images,
-    background: Images | str | None,
-    sensor: str | Sequence[str] | None,
-    head: str | Path | ClassHead | None,
-    names: Sequence[str] | None,
-    unknown_sensor: Policy,
-) -> Classes:
-    """Classes of clips; see `Model.classify`."""
-    weight, bias, known = _layer(model, head, names)
-    vectors = model.encode(frames, background, sensor, unknown_sensor=unknown_sensor)
+#: Weight (classes, projected) and bias (classes,), float32, and the names of the classes.
+Layer: TypeAlias = tuple[Tensor, Tensor, tuple[str, ...]]
+
+
+def classes_of(vectors: Tensor, layer: Layer) -> Classes:
+    """Classes of vectors, float32 (projected,) or (B, projected)."""
+    weight, bias, names = layer
     logits = vectors @ weight.to(vectors.device).T + bias.to(vectors.device)
-    return Classes(known, logits.softmax(-1))
+    return Classes(names, logits.softmax(-1))
 
 
-def _layer(
-    model: HeadModel, head: str | Path | ClassHead | None, names: Sequence[str] | None
-) -> tuple[Tensor, Tensor, tuple[str, ...]]:
-    if head is None:
-        return _packed(model.heads, names, repr(model))
-    if names is not None:
-        raise ConfigError("names= belongs to the head of a run; head= knows the names of its own")
+def fitted_layer(head: str | Path | ClassHead, encoder: str, model: str) -> Layer:
+    """The layer of a head that the benchmark fitted.
+
+    Args:
+        head: It, or its file.
+        encoder: Hash of the model's encoder, see `encoder_hash`.
+        model: What it is called in errors.
+
+    Raises:
+        ConfigError: It was fitted to another encoder.
+        DataError: The file is not a head.
+        DataNotFoundError: There is no such file.
+    """
     fitted = head if isinstance(head, ClassHead) else read_class_head(head)
-    if fitted.facts.encoder != model.encoder_hash:
+    if fitted.facts.encoder != encoder:
         raise ConfigError(
-            f"the head of {fitted.facts.task} was fitted to another encoder than {model!r}: "
+            f"the head of {fitted.facts.task} was fitted to another encoder than {model}: "
             "run tactileforge bench with this model"
         )
     return fitted.weight, fitted.bias, tuple(fitted.facts.names)
 
 
-def _packed(
-    heads: Any, names: Sequence[str] | None, model: str
-) -> tuple[Tensor, Tensor, tuple[str, ...]]:
-    """The rows of the head of a run for some objects."""
+def packed_layer(heads: Any, names: Sequence[str] | None, model: str) -> Layer:
+    """The rows of the head of a run for some objects.
+
+    Args:
+        heads: Of the model, by name.
+        names: Of the objects.
+        model: What it is called in errors.
+
+    Raises:
+        ConfigError: There is no such head, or it was not trained on these objects.
+    """
     if "classify" not in heads:
         raise ConfigError(
             f"{model} has no head for classes: give head=FILE, which tactileforge bench "

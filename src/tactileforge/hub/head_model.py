@@ -135,9 +135,16 @@ class HeadModel(FeatureModel):
             DataError: The file is not a head; see `encode`.
             DataNotFoundError: There is no such file.
         """
-        from tactileforge.hub.classify import classify
+        from tactileforge.hub.classify import classes_of, fitted_layer, packed_layer
 
-        return classify(self, frames, background, sensor, head, names, unknown_sensor)
+        if head is None:
+            layer = packed_layer(self.heads, names, repr(self))
+        elif names is not None:
+            raise ConfigError("names= is for the head of a run; head= knows the names of its own")
+        else:
+            layer = fitted_layer(head, self.encoder_hash, repr(self))
+        vectors = self.encode(frames, background, sensor, unknown_sensor=unknown_sensor)
+        return classes_of(vectors, layer)
 
     def read_head(
         self,

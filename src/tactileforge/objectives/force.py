@@ -9,8 +9,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from tactileforge.contracts import AXES, Batch
-from tactileforge.data.batches.clips import Clips
+from tactileforge.contracts import AXES, Batch, TrainingClips
 from tactileforge.data.batches.force_spread import force_spread
 from tactileforge.distributed import masked_mean
 from tactileforge.errors import ConfigError, unknown
@@ -56,7 +55,7 @@ class Force(nn.Module):
         #: Of force and of its change along x, y and z, in units of the force scale; (2, 3).
         self.register_buffer("deviation", torch.ones(2, 3))
 
-    def prepare(self, clips: Clips) -> None:
+    def prepare(self, clips: TrainingClips) -> None:
         """Measures the deviations, in one pass over the forces; see `contracts.Prepared`."""
         if self.scaled:
             self.deviation.copy_(torch.from_numpy(force_spread(clips)))

@@ -12,7 +12,7 @@ from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.sensors.background import Background
 
 if TYPE_CHECKING:
-    from tactileforge.hub.model import Model
+    from tactileforge.hub.head_model import HeadModel
 
 Image: TypeAlias = NDArray[np.uint8]
 
@@ -22,7 +22,7 @@ def median_image(images: Sequence[Image]) -> Image:
     return np.asarray(np.median(images, axis=0), np.uint8)
 
 
-def known_as(name: str, model: Model | None, unknown_sensor: str) -> str:
+def known_as(name: str, model: HeadModel | None, unknown_sensor: str) -> str:
     """The name by which the model knows a type of sensor.
 
     Raises:

@@ -31,7 +31,7 @@ from tactileforge.streaming.inputs import (
 
 if TYPE_CHECKING:
     from tactileforge.calibration.file import Calibration
-    from tactileforge.hub.model import Model
+    from tactileforge.hub.head_model import HeadModel
 
 #: Frames that are looked at for a background.
 _LOOKED_AT = 60
@@ -95,7 +95,7 @@ class TouchStream:
 
     def __init__(
         self,
-        model: Model | None,
+        model: HeadModel | None,
         sensor: str | None = None,
         *,
         background: Image | Literal["first"] | Background | None = None,

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.data.batches.clips import Clips
+from tactileforge.contracts import TrainingClips
 
 #: Least deviation of an axis, as a share of that of the axis that varies most: noise is not blown
 #: up where nothing happens.
 _LEAST = 0.05
 
 
-def force_spread(clips: Clips) -> NDArray[np.float32]:
+def force_spread(clips: TrainingClips) -> NDArray[np.float32]:
     """Standard deviations of force, and of its change between the frames of a clip.
 
     One pass over the labels, in the order of the recordings, of sources that are read window by

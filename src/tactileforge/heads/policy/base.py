@@ -16,7 +16,7 @@ from tactileforge.heads.policy.observation import Observation
 from tactileforge.heads.policy.ranges import Ranges
 
 if TYPE_CHECKING:
-    from tactileforge.data.batches.clips import Clips
+    from tactileforge.data.batches.episodes import EpisodeClips
 
 
 @dataclass(frozen=True)
@@ -69,9 +69,9 @@ class PolicyHead(nn.Module):
         self.execute = execute
         self.action = Ranges(self.robot.action_size)
 
-    def prepare(self, clips: Clips) -> None:
+    def prepare(self, clips: EpisodeClips) -> None:
         """Measures the ranges of states, commands and forces; see `contracts.Prepared`."""
-        ranges = clips.ranges()  # type: ignore[attr-defined]
+        ranges = clips.ranges()
         self.action.fit(*ranges["action"])
         self.observe.state.fit(*ranges["state"])
         if self.observe.force is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import torch
 from torch import Tensor, nn
@@ -17,6 +17,9 @@ from tactileforge.heads.ema import EMA
 from tactileforge.heads.policy.base import ChunkPrediction, PolicyHead
 from tactileforge.heads.policy.observation import POOLER, Observation, flat
 from tactileforge.heads.policy.unet import UNet
+
+if TYPE_CHECKING:
+    from tactileforge.data.batches.episodes import EpisodeClips
 
 #: Rows of fixed random numbers that evaluation uses in turn.
 _FIXED = 64
@@ -107,7 +110,7 @@ class DiffusionPolicy(PolicyHead):
         self.unet = UNet(size, self.observe.flat, channels, step_width, kernel, groups)
         self.slow = PowerEMA(nn.ModuleList(self._trained()), power, ema) if ema else None
 
-    def prepare(self, clips: Any) -> None:
+    def prepare(self, clips: EpisodeClips) -> None:
         """Measures the ranges, also for the slow copy; see `contracts.Prepared`."""
         super().prepare(clips)
         self.after_step(None, 0, 1)
