@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -10,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Recording
+from tactileforge.data.frames.cut import held_clips
 from tactileforge.errors import ConfigError, DataError, unknown
-from tactileforge.streaming.buffer import clip_step, warn_of_slow_frames
+from tactileforge.streaming.buffer import warn_of_slow_frames
 
 if TYPE_CHECKING:
     from tactileforge.hub.model import Model
@@ -118,32 +118,3 @@ class TouchVectors:
         )
         out: NDArray[np.float32] = (vectors.mean((1, 2, 3)) if pooled else vectors).cpu().numpy()
         return out
-
-
-def held_clips(
-    times: NDArray[np.float64], ends: Sequence[int] | NDArray[np.int64], frames: int, spacing: float
-) -> NDArray[np.int64]:
-    """Frame numbers of the clips that end with some frames, int64 (N, T), oldest first.
-
-    They are those of `streaming.buffer.clip_rows` where that gives any; elsewhere the nearest
-    frame that is there is held.
-
-    Args:
-        times: float64 (n,), seconds, increasing.
-        ends: Number of the last frame of each clip.
-        frames: Of a clip, T.
-        spacing: Seconds between them.
-
-    Example:
-        >>> held_clips(np.arange(8) / 30, [1, 7], 4, 1 / 15).tolist()
-        [[0, 0, 0, 1], [1, 3, 5, 7]]
-    """
-    last = np.asarray(ends, np.int64)
-    if frames == 1 or len(times) == 1:
-        return np.repeat(last[:, None], frames, axis=1)
-    step = clip_step(float(np.median(np.diff(times))), spacing)
-    wanted = times[last][:, None] - step * np.arange(frames - 1, -1, -1)
-    after = np.searchsorted(times, wanted).clip(1, len(times) - 1)
-    nearer = times[after] - wanted < wanted - times[after - 1]
-    rows: NDArray[np.int64] = np.minimum(np.where(nearer, after, after - 1), last[:, None])
-    return rows

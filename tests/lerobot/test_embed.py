@@ -11,13 +11,13 @@ from lerobot_recordings import all_of, demonstration, touch
 
 import tactileforge
 from tactileforge import cli
+from tactileforge.data.frames.cut import clip_rows
 from tactileforge.embed import EmbedOptions, TouchVectors, held_clips
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.lerobot import folder
 from tactileforge.lerobot.episode import episode
 from tactileforge.lerobot.options import LeRobotOptions
 from tactileforge.lerobot.write import write_dataset
-from tactileforge.streaming.buffer import clip_rows
 
 pytest.importorskip("pyarrow.parquet")
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from tactileforge.contracts import Frame
+from tactileforge.data.frames.cut import clip_rows
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, SensorError
 from tactileforge.heads.force import ForceHead
@@ -18,7 +19,7 @@ from tactileforge.hub.model import Model
 from tactileforge.live.publish import JsonLines
 from tactileforge.live.sensor_stream import SensorStream, StreamOptions
 from tactileforge.live.session import LiveOptions, LiveSession, ShowBackground, run_session
-from tactileforge.streaming.buffer import ClipBuffer, clip_rows
+from tactileforge.streaming.buffer import ClipBuffer
 from tactileforge.streaming.contact import (
     BackgroundChange,
     ContactDetector,

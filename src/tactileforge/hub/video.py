@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Frames
+from tactileforge.data.frames.cut import clip_rows, clip_step, frame_period
 from tactileforge.errors import ConfigError, DataError
-from tactileforge.streaming.buffer import clip_rows, clip_step, frame_period, warn_of_slow_frames
+from tactileforge.streaming.buffer import warn_of_slow_frames
 
 Times = NDArray[np.float64]
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Frame
+from tactileforge.data.frames.cut import clip_rows, clip_step, frame_period
 
 #: Longest spacing, over the one a model was trained with, that passes without a warning: a camera
 #: whose rate is no multiple of the model's is off by a third at most.
@@ -42,9 +43,7 @@ class FrameWithClip:
 class ClipBuffer:
     """Keeps the frames of one clip; one thread writes, another reads the newest clip.
 
-    A clip is cut as those a model is trained on (`data.batches.clips`): the frames of a recording
-    that are a whole number of periods apart, as near to the spacing as that goes. A frame that was
-    lost is replaced by its neighbour; a longer gap makes no clip.
+    A clip is cut as those a model is trained on, see `data.frames.cut`.
 
     Args:
         frames: Of a clip, T.
@@ -86,59 +85,6 @@ class ClipBuffer:
         rows = clip_rows(times, self.frames, self.spacing, period)
         clip = None if rows is None else np.stack([items[row][1] for row in rows])
         return FrameWithClip(number, frame, clip, period)
-
-
-def clip_rows(
-    times: NDArray[np.float64], frames: int, spacing: float, period: float | None = None
-) -> list[int] | None:
-    """Indices of the frames of the clip that ends with the last one.
-
-    Args:
-        times: float64 (n,), seconds, increasing.
-        frames: Of a clip.
-        spacing: Seconds between them.
-        period: Seconds between the frames of the camera; None takes the median of ``times``.
-
-    Returns:
-        Rows, oldest first; None where the frames do not reach back far enough, or have a gap.
-
-    Example:
-        >>> clip_rows(np.arange(8) / 30, 4, 1 / 15)
-        [1, 3, 5, 7]
-        >>> clip_rows(np.arange(8) / 18, 4, 1 / 15)
-        [4, 5, 6, 7]
-    """
-    if frames == 1:
-        return [len(times) - 1]
-    if len(times) < 2:
-        return None
-    period = frame_period(times) if period is None else period
-    step = clip_step(period, spacing)
-    wanted = times[-1] - step * np.arange(frames - 1, -1, -1)
-    away = np.abs(times[None] - wanted[:, None])
-    rows = away.argmin(axis=1)
-    if times[0] > wanted[0] + period / 2 or away.min(axis=1).max() > 1.01 * step:
-        return None
-    return [int(row) for row in rows]
-
-
-def frame_period(times: NDArray[np.float64]) -> float:
-    """Seconds between frames: the median, which a lost or a late frame does not change.
-
-    Args:
-        times: float64 (n,), at least two.
-    """
-    return float(np.median(np.diff(times)))
-
-
-def clip_step(period: float, spacing: float) -> float:
-    """Seconds between the frames of a clip: whole periods, as near to the spacing as that goes.
-
-    Example:
-        >>> clip_step(0.03, 0.0667)
-        0.06
-    """
-    return max(1, round(spacing / period)) * period
 
 
 def warn_of_slow_frames(period: float, spacing: float, frames: int, stacklevel: int = 3) -> None:

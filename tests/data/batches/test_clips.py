@@ -63,6 +63,20 @@ def test_neighbouring_clips_are_a_hop_apart() -> None:
     assert cut.index[:, 1].tolist() == [6, 21, 36, 51]
 
 
+@pytest.mark.parametrize("rates", [(30, 30, 15), (15, 30, 15)])
+def test_clips_last_as_long_where_the_rate_varies(rates: tuple[int, ...]) -> None:
+    """As that of a camera that exposes for longer where it is darker."""
+    steps = np.concatenate([np.full(5 * rate, 1 / rate) for rate in rates])
+    times = np.concatenate([[0.0], np.cumsum(steps)])
+    cut = clips(recording(len(times), times=times))
+    rows = np.stack([cut.rows(i) for i in range(len(cut))])
+    starts, ends = times[rows[:, 0]], times[rows[:, -1]]
+    np.testing.assert_allclose(ends - starts, 0.2, atol=1 / 30 + 1e-9)
+    assert ends[0] < 0.5
+    assert np.diff(ends).max() < 0.5
+    assert ends[-1] > 14.5
+
+
 def test_no_clip_spans_a_gap() -> None:
     times = np.arange(60) / 30
     times[30:] += 5.0

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from torch.utils.data import Dataset
 
 from tactileforge.contracts import NEUTRAL_BACKGROUND, Batch, Frames, Recording, Robot
+from tactileforge.data.frames.cut import frame_period, held_clips, whole_clips
 from tactileforge.data.labels import displacement
 from tactileforge.data.labels.align import nearest
 from tactileforge.data.labels.objects import object_id
@@ -32,9 +33,9 @@ class Clips(Dataset[dict[str, Any]]):
     """All clips that can be cut from a set of recordings.
 
     A clip is cut by time: ``frames`` frames, ``spacing`` seconds apart, rounded to whole frames of
-    the recording (every second frame at 30 Hz and every frame at 18 Hz for 1/15 s). Clips that
-    would span a gap in time are left out. Where a recording is shorter than a clip, its first frame
-    is repeated.
+    the recording (every second frame at 30 Hz and every frame at 18 Hz for 1/15 s); where the rate
+    varies, those that are nearest to these times (see `data.frames.cut`). Clips that would span a
+    gap in time are left out. Where a recording is shorter than a clip, its first frame is repeated.
 
     The index is two integers a clip; frames are read, resized to ``size`` and kept in a cache of
     bounded size, so memory does not grow with the number of recordings.
@@ -77,10 +78,12 @@ class Clips(Dataset[dict[str, Any]]):
         self.image_size = image_size
         self.scales = {name: spec(name).force_scale for name in self.sensors}
         self._cache = _Cache(int(cache_mb * 2**20))
+        self.spacing = spacing
         self.strides = np.zeros(len(self.recordings), np.int32)
+        self._periods = np.zeros(len(self.recordings))
         ends = []
         for i, recording in enumerate(self.recordings):
-            self.strides[i], rows = _ends(recording.times, frames, spacing, hop)
+            self.strides[i], self._periods[i], rows = _cut(recording.times, frames, spacing, hop)
             ends.append(np.stack([np.full(len(rows), i), rows], axis=1))
         self.index = np.concatenate(ends).astype(np.int32) if ends else np.zeros((0, 2), np.int32)
         if not len(self.index):
@@ -96,9 +99,12 @@ class Clips(Dataset[dict[str, Any]]):
 
     def rows(self, clip: int) -> NDArray[np.int64]:
         """Frame numbers of a clip, oldest first, within its recording."""
-        recording, end = self.index[clip]
-        steps = np.arange(self.frames - 1, -1, -1) * self.strides[recording]
-        rows: NDArray[np.int64] = np.maximum(end - steps, 0).astype(np.int64)
+        number, end = self.index[clip]
+        if (period := float(self._periods[number])) == 0:
+            rows = _strided(end, self.frames, self.strides[number])
+        else:
+            times = self.recordings[number].times
+            (rows,) = held_clips(times, [end], self.frames, self.spacing, period)
         return rows
 
     def labels(self) -> tuple[NDArray[np.int64], NDArray[np.str_], NDArray[np.int64]]:
@@ -231,21 +237,32 @@ class _Cache:
             self.size -= self.items.popitem(last=False)[1].nbytes
 
 
-def _ends(
+def _cut(
     times: NDArray[np.float64], frames: int, spacing: float, hop: float
-) -> tuple[int, NDArray[np.int64]]:
-    """Stride in frames, and the last frames of the clips that can be cut."""
+) -> tuple[int, float, NDArray[np.int64]]:
+    """Stride in frames; seconds between frames, 0 where all clips have it; their last frames."""
     if len(times) == 1:
-        return 1, np.zeros(1, np.int64)
-    period = float(np.median(np.diff(times)))
+        return 1, 0.0, np.zeros(1, np.int64)
+    period = frame_period(times)
     if period <= 0:
         raise ConfigError("the times of a recording do not increase")
     stride = max(1, round(spacing / period))
-    span = (frames - 1) * stride
-    first = min(span, len(times) - 1)
+    first = min((frames - 1) * stride, len(times) - 1)
     ends = np.arange(first, len(times), max(1, round(hop / period)))
-    long = times[ends] - times[np.maximum(ends - span, 0)]
-    return stride, ends[long < (span + stride) * period]
+    rows = held_clips(times, ends, frames, spacing, period)
+    reaches, together = whole_clips(times, rows, spacing, period)
+    if not reaches.any():  # of a recording that is shorter than a clip, the first frame is held
+        reaches[-1] = True
+    kept = reaches & together
+    ends, rows = ends[kept], rows[kept]
+    is_even = np.array_equal(rows, _strided(ends[:, None], frames, stride))
+    return stride, 0.0 if is_even else period, ends
+
+
+def _strided(ends: Any, frames: int, stride: int) -> NDArray[np.int64]:
+    """Rows of clips whose frames are as many apart each, int64 (..., T), oldest first."""
+    rows: NDArray[np.int64] = np.maximum(ends - np.arange(frames - 1, -1, -1) * stride, 0)
+    return rows.astype(np.int64)
 
 
 def view_of(recording: Recording, row: int) -> int:
