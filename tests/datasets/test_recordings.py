@@ -166,6 +166,13 @@ def test_a_background_for_each_file(tmp_path: Path, make_image: MakeFile) -> Non
     layout = {"images": "*/touch.png", "background": {"file": "{folder}/still.png"}}
     recordings = read(tmp_path, **IMAGES | layout)
     assert [levels(recording.no_contact) for recording in recordings] == [[10], [20]]
+    everything = read(tmp_path, **IMAGES | layout | {"images": "*/*.png"})
+    assert [recording.key for recording in everything] == ["a/1/touch.png", "a/2/touch.png"]
+    sequences = {"images": "*/*.png", "each": "sequence", "fps": 30}
+    sequences["background"] = {"file": "{stem}/still.png"}
+    in_order = read(tmp_path, **IMAGES | sequences)
+    assert [levels(recording.frames) for recording in in_order] == [[1], [2]]
+    assert [levels(recording.no_contact) for recording in in_order] == [[10], [20]]
 
 
 def test_crops_are_recordings_of_their_own(
@@ -253,7 +260,7 @@ def test_force_and_its_actions(tmp_path: Path, make_video: MakeFile, write: Make
 
 
 def test_nan_forces_are_an_error(tmp_path: Path, make_video: MakeFile, write: MakeFile) -> None:
-    make_video("a.avi", count=4)
+    make_video("a.avi", count=2)
     write("a.csv", "x,y,z\n0,0,1\n0,nan,1\n")
     with pytest.raises(DataError, match=r"a\.csv, row 3, column 'y': 'nan' is not a finite number"):
         read(tmp_path, **VIDEO | {"force": FORCE})

@@ -430,3 +430,15 @@ def test_a_video_of_too_many_pixels_is_refused_before_one_is_decoded(
     with pytest.raises(DataError, match=rf"wide\.avi: a video of {side} x {side} pixels"):
         VideoFrames(path)
     assert count_calls["grab"] == count_calls["retrieve"] == 0
+
+
+@pytest.mark.parametrize(
+    ("given", "want"),
+    [
+        ([0, 0.1, 0.1, 0.3], [0, 0.1, 0.2, 0.3]),
+        ([0, 0.1, 0.2, 0.2], [0, 0.1, 0.2, 0.25]),
+        ([0, 0, 0, 0, 0, 0.5], np.arange(6) / 30),
+    ],
+)
+def test_a_time_that_is_there_twice_changes_no_other(given: list[float], want: list[float]) -> None:
+    np.testing.assert_allclose(video_index._apart(np.array(given), 30.0), want)

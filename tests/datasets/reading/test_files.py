@@ -3,12 +3,30 @@ from pathlib import Path
 import pytest
 
 from tactileforge.datasets.feel import Feel
-from tactileforge.datasets.reading.files import read_rows, read_text
+from tactileforge.datasets.reading.files import matching_files, read_rows, read_text
 from tactileforge.datasets.ssvtp import Ssvtp
 from tactileforge.datasets.tacquad import TacQuad
 from tactileforge.datasets.touch_and_go import TouchAndGo
 from tactileforge.datasets.tvl import Tvl
 from tactileforge.errors import DataError
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["2.png", "10.jpg", "011.png"],
+        ["-1.5.png", "-1.05.png", "0.png", "0.05.png", "0.1.png", "1700000000.5.png"],
+        ["frame_1.png", "frame_2.png", "frame_10.png"],
+        ["press-1.5/a.png", "press-2/a.png", "press-10/a.png"],
+    ],
+)
+def test_files_are_in_natural_order_and_each_once(tmp_path: Path, names: list[str]) -> None:
+    for name in names:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    files, odd = matching_files(tmp_path, ["**/*.jpg", "**/*.png", "**/*[0-9]*.*"], "x")
+    assert [path.relative_to(tmp_path).as_posix() for path in files] == names
+    assert [path for path in odd if "." not in path.name] == []
 
 
 def test_rows_are_those_of_the_lines(tmp_path: Path) -> None:

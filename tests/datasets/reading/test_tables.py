@@ -1,4 +1,5 @@
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -33,9 +34,9 @@ def test_labels_by_file_with_words(tmp_path: Path, write: Write) -> None:
     assert rows["a.mp4"].fill("a {kind}, {action}", spaced=True) == "a red cup, {action}"
     assert rows["sub/b.mp4"].fill("a {hard} thing") is None, "an empty cell says nothing"
     assert rows["sub/b.mp4"].fill("{stem} {folder} {file}") == "b sub sub/b.mp4"
-    deep = label_row("mug/episode_1/camera.mp4", rows)
+    deep = label_row("mug/episode_1/camera.mp4", rows, layout())
     assert deep.fill("{parent} {folder} {stem}") == "mug episode_1 camera"
-    other = label_row("c.mp4", rows)
+    other = label_row("c.mp4", rows, layout())
     assert (other.fill("{kind}"), other.fill("{stem}")) == (None, "c")
 
 
@@ -65,6 +66,19 @@ def test_errors_of_labels_name_the_row(tmp_path: Path, write: Write) -> None:
 def test_a_template_with_an_unknown_column() -> None:
     with pytest.raises(ConfigError, match=r"l\.csv, row 2: unknown column 'colour'.*'color'"):
         LabelRow("l.csv, row 2", {}, {"color": "red"}).fill("{colour}")
+
+
+def test_a_template_takes_columns_as_they_are() -> None:
+    row = LabelRow("l.csv, row 2", {}, {"obj.name": "{mug}", "stem": "7"})
+    assert row.fill("a {obj.name}, {{plain}}") == "a {mug}, {plain}"
+    with pytest.raises(ConfigError, match=r"'a\{stem:03d\}': columns are taken as they are"):
+        row.fill("a{stem:03d}")
+
+
+def test_the_name_of_a_folder_has_no_ending() -> None:
+    images = {"videos": None, "images": "*/*.png", "each": "sequence", "fps": 30}
+    row = label_row("a/press_0.5N", {}, layout(**images, labels=None))
+    assert row.fill("{folder}/{stem}.csv") == "a/press_0.5N.csv"
 
 
 def test_force_with_gaps(tmp_path: Path, write: Write) -> None:
@@ -130,6 +144,33 @@ def test_force_without_a_frame_column_counts_its_rows(tmp_path: Path, write: Wri
     path = write("f.csv", "fx,fy,fz\n" + "0,0,1\n" * 6)
     with pytest.raises(DataError, match="row 7: frame 5 does not exist"):
         read_force(FrameTable("f.csv", None, ("fx", "fy", "fz")), path, TIMES, "digit")
+
+    path = write("f.csv", "fx,fy,fz\n" + "0,0,1\n" * 4)
+    with pytest.raises(DataError, match=r"f\.csv: 4 rows for 5 frames; give the column of .*time:"):
+        read_force(FrameTable("f.csv", None, ("fx", "fy", "fz")), path, TIMES, "digit")
+
+
+def test_force_on_a_clock_of_its_own(tmp_path: Path, write: Write) -> None:
+    """Most force sensors are read at another rate than the camera."""
+    table = FrameTable("f.csv", None, ("", "", "fz"), (1, 1, -1), time="t")
+    rows = "".join(f"{0.04 * i:.2f},{-i}\n" for i in range(1, 8))
+    path = write("f.csv", "t,fz\n" + rows)
+    force = read_force(table, path, TIMES, "digit")
+    assert np.isnan(force[:, :2]).all()
+    np.testing.assert_allclose(force[:, 2], [np.nan, 2.5, 5, np.nan, np.nan], rtol=1e-6)
+    late = read_force(replace(table, lag_s=0.1), path, TIMES, "digit")
+    np.testing.assert_allclose(late[:, 2], [np.nan, np.nan, 2.5, 5, np.nan], rtol=1e-6)
+    path = write("f.csv", "t,fz\n0,0\n0.1,-1\n0.2,\n0.3,-3\n")
+    np.testing.assert_array_equal(
+        read_force(table, path, TIMES, "digit")[:, 2], [0, 1, np.nan, 3, np.nan]
+    )
+    path = write("f.csv", "t,fz\n0,0\n0.05,0\n0.1,-1\n0.4,-4\n")  # a gap between two of them
+    np.testing.assert_array_equal(
+        read_force(table, path, TIMES, "digit")[:, 2], [0, 1, np.nan, np.nan, 4]
+    )
+    for wrong in ("0,0\n0.2,0\n0.1,0\n", "0,0\n,0\n"):
+        with pytest.raises(DataError, match=r"f\.csv, row \d: the time .* is not after that"):
+            read_force(table, write("f.csv", "t,fz\n" + wrong), TIMES, "digit")
 
 
 def test_actions_per_frame(tmp_path: Path, write: Write) -> None:

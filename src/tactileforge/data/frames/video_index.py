@@ -114,11 +114,26 @@ def read_index(path: str) -> VideoIndex:
     order = np.argsort(seconds, kind="stable")
     times, keys = seconds[order], np.flatnonzero(is_key[order])
     if (np.diff(times) <= 0).any():
-        times, keys = np.arange(len(times)) / rate, keys[:0]
+        times, keys = _apart(times, rate), keys[:0]
     start = float(times[0])
     return VideoIndex(
         shape, codec, rate, start, times - start, keys, (stat.st_size, stat.st_mtime_ns)
     )
+
+
+def _apart(times: NDArray[np.float64], rate: float) -> NDArray[np.float64]:
+    """Times of which some are there twice: such a frame is between its neighbours.
+
+    Where most are, the file has no times, and the rate gives them.
+    """
+    rows = np.arange(len(times))
+    new = np.diff(times, prepend=-np.inf) > 0
+    if 2 * new.sum() <= len(times):
+        return rows / rate
+    period = float(np.median(np.diff(times[new])))
+    known = np.append(rows[new], len(times))
+    out: NDArray[np.float64] = np.interp(rows, known, np.append(times[new], times[-1] + period))
+    return out
 
 
 def _check_size(path: str, shape: tuple[int, int], frames: int) -> None:

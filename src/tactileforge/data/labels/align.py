@@ -117,6 +117,34 @@ def estimate_lag(
 _NO_LAG = Lag(np.nan, np.nan, np.nan)
 
 
+def resampled(
+    clock: NDArray[np.float64], times: NDArray[np.float64], values: NDArray[np.floating]
+) -> NDArray[np.float64]:
+    """Values at other times, between two measured ones in proportion.
+
+    Args:
+        clock: float64 (m,), seconds.
+        times: float64 (n,), seconds, ascending.
+        values: float (n, C), measured at these.
+
+    Returns:
+        float64 (m, C); NaN before the first time, after the last, in gaps and beside a NaN.
+
+    Example:
+        >>> force = np.array([[0.0], [1.0]])
+        >>> resampled(np.array([0.05, 0.3]), np.array([0.0, 0.1]), force).tolist()
+        [[0.5], [nan]]
+    """
+    out = np.stack([_resampled(clock, times, column) for column in values.T], axis=1)
+    steps = np.diff(times)
+    after = np.searchsorted(times, clock).clip(1, max(1, len(times) - 1))
+    outside = (clock < times[0]) | (clock > times[-1])
+    if len(steps):
+        outside |= (steps[after - 1] > _GAP * np.median(steps)) & ~np.isin(clock, times)
+    out[outside] = np.nan
+    return out
+
+
 def _resampled(
     clock: NDArray[np.float64], times: NDArray[np.float64], values: NDArray[np.floating]
 ) -> NDArray[np.float64]:

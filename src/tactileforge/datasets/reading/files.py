@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv
 import re
+from collections.abc import Iterable, Sequence
 from io import StringIO
 from pathlib import Path
+from typing import Any
 
 from tactileforge.errors import ConfigError, DataError
 
@@ -44,28 +46,41 @@ def read_rows(path: Path) -> list[list[str]]:
         raise DataError(f"{path}: not a CSV ({error}); download it again") from error
 
 
-def matching_files(folder: Path, pattern: str, layout: str) -> tuple[list[Path], list[Path]]:
-    """Files that match, in natural order: 2 before 10; and what matches and is none.
+def matching_files(
+    folder: Path, patterns: Sequence[str], layout: str
+) -> tuple[list[Path], list[Path]]:
+    """Files that match any pattern, each once, in natural order; and what matches and is none.
+
+    Numbers in names count as such, 2 before 10; where all names of a folder are numbers, these do,
+    -1.5 before 0.25.
 
     Args:
         folder: Where to look.
-        pattern: As `Path.glob` takes it.
-        layout: Name of the layout that has it, for messages.
+        patterns: As `Path.glob` takes them.
+        layout: Name of the layout that has them, for messages.
 
     Raises:
-        ConfigError: It is no pattern of paths below the folder.
+        ConfigError: One is no pattern of paths below the folder.
     """
+    found: dict[Path, bool] = {}  # whether a pattern that names files has matched it
+    for pattern in patterns:
+        is_for_files = "." in pattern.rpartition("/")[2]
+        for path in _matches(folder, pattern, layout):
+            found[path] = found.get(path, False) or is_for_files
+    numbered = _numbered(found)
+    paths = sorted(found, key=lambda path: _order(path.relative_to(folder), numbered[path.parent]))
+    odd = [path for path in paths if not path.is_file() and (found[path] or not path.is_dir())]
+    return [path for path in paths if path.is_file()], odd
+
+
+def _matches(folder: Path, pattern: str, layout: str) -> list[Path]:
     try:
-        found = list(folder.glob(pattern))
+        return list(folder.glob(pattern))
     except (ValueError, NotImplementedError) as error:
         raise ConfigError(
             f"layout {layout!r}: pattern {pattern!r}: {error}; give a path from {folder} on, with "
             "** alone between slashes, e.g. *.png or **/*.png"
         ) from error
-    paths = sorted(found, key=lambda path: _natural(path.relative_to(folder)))
-    is_for_files = "." in pattern.rpartition("/")[2]
-    odd = [path for path in paths if not path.is_file() and (is_for_files or not path.is_dir())]
-    return [path for path in paths if path.is_file()], odd
 
 
 def kind_of(path: Path) -> str:
@@ -75,8 +90,21 @@ def kind_of(path: Path) -> str:
     return "a folder" if path.is_dir() else "a pipe, socket or device"
 
 
-def _natural(path: Path) -> list[list[tuple[str, int]]]:
-    return [
-        [(text, int(digits or 0)) for text, digits in re.findall(r"(\D*)(\d*)", part)]
-        for part in path.parts
-    ]
+def _numbered(paths: Iterable[Path]) -> dict[Path, bool]:
+    """Folders, and whether all names in them are numbers, such as seconds."""
+    numbered: dict[Path, bool] = {}
+    for path in paths:
+        is_number = re.fullmatch(r"-?\d+(\.\d+)?", path.stem) is not None
+        numbered[path.parent] = numbered.get(path.parent, True) and is_number
+    return numbered
+
+
+def _order(path: Path, is_numbered: bool) -> tuple[Any, ...]:
+    """Key that sorts paths, name by name."""
+    folders = [_natural(part) for part in path.parts[:-1]]
+    name = _natural(path.name)
+    return (*folders, [("", float(path.stem)), *name] if is_numbered else name)
+
+
+def _natural(name: str) -> list[tuple[str, float]]:
+    return [(text, int(digits or 0)) for text, digits in re.findall(r"(\D*)(\d*)", name)]

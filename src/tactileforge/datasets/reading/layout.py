@@ -44,14 +44,15 @@ class Tile:
 
 @dataclass(frozen=True)
 class FrameTable:
-    """A CSV of values per frame.
+    """A CSV of values per frame, or on a clock of its own.
 
     Attributes:
         file: Path from the layout's folder.
-        frame: Column of the frame number; None: row ``i`` is frame ``i``.
+        frame: Column of the frame number; None: row ``i`` is frame ``i``, or `time` says when.
         columns: Columns of the values; "" for one that there is not.
         sign: What each value is multiplied by.
         lag_s: Seconds by which the images lag the values.
+        time: Column of the seconds since the first frame; None where rows are frames.
     """
 
     file: str
@@ -59,6 +60,7 @@ class FrameTable:
     columns: tuple[str, ...]
     sign: tuple[float, ...] = (1.0, 1.0, 1.0)
     lag_s: float = 0.0
+    time: str | None = None
 
 
 @dataclass(frozen=True)
@@ -176,12 +178,27 @@ def template_columns(template: str) -> list[str]:
     """The columns that a template takes values from.
 
     Raises:
-        ConfigError: A brace is not closed.
+        ConfigError: A brace is not closed, or a column is to be formatted.
+    """
+    return [name for _, name in template_parts(template) if name is not None]
+
+
+def template_parts(template: str) -> list[tuple[str, str | None]]:
+    """Each text of a template, and the column that follows it; None for none.
+
+    Raises:
+        ConfigError: See `template_columns`.
     """
     try:
-        return [name for _, name, _, _ in Formatter().parse(template) if name is not None]
+        parts = list(Formatter().parse(template))
     except ValueError as error:
         raise ConfigError(f"template {template!r}: {error}; write {{column}}") from error
+    for _, name, form, conversion in parts:
+        if form or conversion:
+            raise ConfigError(
+                f"template {template!r}: columns are taken as they are; write {{{name}}}"
+            )
+    return [(text, name) for text, name, _, _ in parts]
 
 
 def _files(keys: LayoutKeys, where: str) -> tuple[tuple[str, ...], str]:
@@ -250,8 +267,10 @@ def _force(keys: ForceKeys | None, where: str) -> FrameTable | None:
             f"{where}: columns are {names}; give each axis a column of its own, and null to an "
             "axis that was not measured: [null, null, fz]"
         )
+    if keys.frame is not None and keys.time is not None:
+        raise ConfigError(f"{where}: give frame or time, which say both of which frame a row is")
     columns_or_none = tuple("" if name is None else str(name) for name in names)
-    return FrameTable(keys.file, keys.frame, columns_or_none, keys.sign, keys.lag_s)
+    return FrameTable(keys.file, keys.frame, columns_or_none, keys.sign, keys.lag_s, keys.time)
 
 
 def _action(keys: LayoutKeys, where: str) -> str | FrameTable | tuple[ActionRange, ...] | None:

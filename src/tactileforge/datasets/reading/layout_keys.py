@@ -46,6 +46,7 @@ class ForceKeys:
     file: str = field(metadata={"example": '"{stem}.csv"'})
     columns: tuple[str | int | None, ...] = field(metadata={"example": "[fx, fy, fz]"})
     frame: str | None = None
+    time: str | None = None
     sign: tuple[float, float, float] = (1.0, 1.0, 1.0)
     lag_s: float = 0.0
 

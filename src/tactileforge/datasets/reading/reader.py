@@ -84,14 +84,8 @@ class LayoutReader:
             DataError: A row of the labels names no file.
             ConfigError: A pattern is none.
         """
-        files = []
-        for glob in self.layout.globs:
-            good, odd = matching_files(self.folder, glob, self.layout.name)
-            files += good
-            self.odd += [f"{path}: no file but {kind_of(path)}; left out" for path in odd]
-        background = self.layout.background
-        if background and background.file and self.layout.each != "video":
-            files = [path for path in files if path != self.folder / str(background.file)]
+        files, odd = matching_files(self.folder, self.layout.globs, self.layout.name)
+        self.odd += [f"{path}: no file but {kind_of(path)}; left out" for path in odd]
         if not files:
             raise DataNotFoundError(
                 f"{self.folder}: no file matches {' or '.join(self.layout.globs)!r}; set data.root "
@@ -108,7 +102,25 @@ class LayoutReader:
                     f"{row.where}: {name!r} names no file in {self.folder} (one that there is: "
                     f"{next(iter(named))!r}); correct the row, or remove it"
                 )
-        return [LayoutTouch(name, paths, label_row(name, labels)) for name, paths in named.items()]
+        return self._without_backgrounds(
+            [
+                LayoutTouch(name, paths, label_row(name, labels, self.layout))
+                for name, paths in named.items()
+            ]
+        )
+
+    def _without_backgrounds(self, touches: list[LayoutTouch]) -> list[LayoutTouch]:
+        """Touches less the images that are the background of any; without those that are one."""
+        rule = self.layout.background
+        if rule is None or rule.file is None or self.layout.each == "video":
+            return touches
+        names = {touch.row.fill(rule.file) for touch in touches}
+        still = {self.folder / name for name in names if name is not None}
+        kept = [
+            replace(touch, paths=[path for path in touch.paths if path not in still])
+            for touch in touches
+        ]
+        return [touch for touch in kept if touch.paths]
 
     def open(self, touch: LayoutTouch) -> FileFrames:
         """Opens the frames of a touch; decodes nothing.
@@ -257,7 +269,7 @@ class LayoutReader:
         pattern = touch.row.fill(self.layout.image) if self.layout.image else None
         if pattern is None:
             return None
-        files, _ = matching_files(self.folder, pattern, self.layout.name)
+        files, _ = matching_files(self.folder, [pattern], self.layout.name)
         if not files:
             raise DataNotFoundError(
                 f"{self.folder}: no camera view of {touch.name} matches {pattern!r}; add it, or "

@@ -13,7 +13,7 @@ _BLOCK_S = 0.5
 
 def is_held_out(name: str, share: float) -> bool:
     """Whether a name falls into the held-out share: by its hash, whatever other names there are."""
-    digest = hashlib.sha256(name.encode()).digest()
+    digest = hashlib.sha256(name.encode("utf-8", "surrogatepass")).digest()
     return int.from_bytes(digest[:8], "big") < share * 2**64
 
 

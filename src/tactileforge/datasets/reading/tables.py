@@ -13,13 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS
+from tactileforge.data.labels.align import resampled
 from tactileforge.data.labels.plausible import impossible_row, limits
 from tactileforge.datasets.reading.files import read_text
 from tactileforge.datasets.reading.layout import (
     DatasetLayout,
     FrameTable,
     check_action,
-    template_columns,
+    template_parts,
 )
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
 
@@ -53,12 +54,17 @@ class LabelRow:
         if spaced:
             values = {name: value.replace("_", " ") for name, value in values.items()}
             values["action"] = "{action}"
-        for name in template_columns(template):
+        out = ""
+        for text, name in template_parts(template):
+            if name is None:
+                out += text
+                continue
             if name not in values:
                 raise ConfigError(f"{self.where}: {unknown('column', name, values)}")
             if not values[name]:
                 return None
-        return template.format(**values)
+            out += text + values[name]
+        return out
 
 
 def read_labels(layout: DatasetLayout, folder: Path) -> dict[str, LabelRow]:
@@ -81,16 +87,16 @@ def read_labels(layout: DatasetLayout, folder: Path) -> dict[str, LabelRow]:
             column: _word(layout.words.get(column), value, f"{where}, column {column!r}")
             for column, value in cells.items()
         }
-        rows[name] = LabelRow(where, cells, words | _names(name))
+        rows[name] = LabelRow(where, cells, words | _names(name, layout))
     return rows
 
 
-def label_row(name: str, labels: Mapping[str, LabelRow]) -> LabelRow:
-    """The row of a file; one with the columns of the labels, all empty, where it has none."""
+def label_row(name: str, labels: Mapping[str, LabelRow], layout: DatasetLayout) -> LabelRow:
+    """The row of a touch; one with the columns of the labels, all empty, where it has none."""
     if name in labels:
         return labels[name]
     header = next(iter(labels.values())).words if labels else {}
-    return LabelRow(name, {}, dict.fromkeys(header, "") | _names(name))
+    return LabelRow(name, {}, dict.fromkeys(header, "") | _names(name, layout))
 
 
 def read_force(
@@ -111,21 +117,54 @@ def read_force(
     Raises:
         DataNotFoundError: There is no such CSV.
         DataError: A cell is no finite number, or a force that no sensor can have felt; or a row
-            names no frame.
+            names no frame, or is not later than the one before.
     """
+    if table.time is not None:
+        clock, measured = _on_a_clock(table, path, sensor)
+        return resampled(times - table.lag_s, clock, measured).astype(np.float32)
     force = np.full((len(times), 3), np.nan)
     for frame, where, cells in _per_frame(table, path, len(times)):
-        row = [
-            _number(cells[name], f"{where}, column {name!r}") if name else math.nan
-            for name in table.columns
-        ]
-        force[frame] = np.array(row) * table.sign
-        if impossible_row(force[frame][None], sensor) is not None:
-            raise DataError(
-                f"{where}: a force of ({', '.join(f'{axis:g}' for axis in row)}) N, where {sensor} "
-                f"can feel {limits(sensor)} N at most; correct its units, or empty the cells"
-            )
+        force[frame] = _force(table, where, cells, sensor)
     return _delayed(times, force, table.lag_s).astype(np.float32)
+
+
+def _on_a_clock(
+    table: FrameTable, path: Path, sensor: str
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Seconds (n,) and forces (n, 3) of the rows of a CSV."""
+    assert table.time is not None
+    named = [name for name in table.columns if name]
+    clock: list[float] = []
+    forces = []
+    for where, cells in _read(path, [*named, table.time]):
+        now = _number(cells[table.time], f"{where}, column {table.time!r}")
+        if math.isnan(now) or (clock and now <= clock[-1]):
+            raise DataError(
+                f"{where}: the time {cells[table.time]!r} is not after that of the row before; "
+                "sort the rows by time, in seconds since the first frame"
+            )
+        clock.append(now)
+        forces.append(_force(table, where, cells, sensor))
+    if not clock:
+        raise DataError(f"{path}: no row; add the forces, or remove the recording")
+    return np.array(clock), np.stack(forces)
+
+
+def _force(
+    table: FrameTable, where: str, cells: Mapping[str, str], sensor: str
+) -> NDArray[np.float64]:
+    """The force of a row, (3,), N, on our axes; NaN on those without a label."""
+    row = [
+        _number(cells[name], f"{where}, column {name!r}") if name else math.nan
+        for name in table.columns
+    ]
+    force: NDArray[np.float64] = np.array(row) * table.sign
+    if impossible_row(force[None], sensor) is not None:
+        raise DataError(
+            f"{where}: a force of ({', '.join(f'{axis:g}' for axis in row)}) N, where {sensor} "
+            f"can feel {limits(sensor)} N at most; correct its units, or empty the cells"
+        )
+    return force
 
 
 def read_actions(table: FrameTable, path: Path, count: int) -> NDArray[np.int64]:
@@ -165,6 +204,12 @@ def _per_frame(table: FrameTable, path: Path, count: int) -> list[tuple[int, str
             raise DataError(f"{where}: frame {frame} has a row already; remove one of them")
         seen.add(frame)
         out.append((frame, where, {name: cells[name] for name in named}))
+    if table.frame is None and len(out) < count:
+        raise DataError(
+            f"{path}: {len(out)} rows for {count} frames; give the column of the frame numbers "
+            "(frame:) or of the seconds (time:), or a row of empty cells (,,) for each frame "
+            "without a label"
+        )
     return out
 
 
@@ -204,10 +249,11 @@ def _rows(path: Path, needed: list[str], whole: bool) -> list[tuple[str, dict[st
     return rows
 
 
-def _names(name: str) -> dict[str, str]:
+def _names(name: str, layout: DatasetLayout) -> dict[str, str]:
     path = Path(name)
     folder = path.parent
-    return {"file": name, "stem": path.stem, "folder": folder.name, "parent": folder.parent.name}
+    stem = path.name if layout.each == "sequence" else path.stem  # a folder has no ending
+    return {"file": name, "stem": stem, "folder": folder.name, "parent": folder.parent.name}
 
 
 def _word(words: Mapping[str, str] | None, value: str, where: str) -> str:
