@@ -58,6 +58,17 @@ def test_a_bump_is_where_it_is_pressed_and_as_deep():
     assert float(wide.depth.max()) > 1.3 * float(found.depth.max())
 
 
+def test_pictures_that_are_no_grey_levels_are_refused():
+    (still, picture), _ = dented()
+    reader = DepthReader("digit", rows=24)
+    for wrong in (picture / 255, torch.from_numpy(picture)):
+        with pytest.raises(DataError, match=r"numpy arrays of uint8, not (float64|torch\.uint8)"):
+            reader.read(wrong, still)
+    for options in ({"rows": 0}, {"mm_per_pixel": -1.0}):
+        with pytest.raises(ConfigError, match="give them above 0"):
+            DepthReader("digit", **options)
+
+
 def test_files_of_calibrations_are_checked(tmp_path):
     path = tmp_path / "mine.json"
     fit.save_optics(load_optics("digit"), path, "me")

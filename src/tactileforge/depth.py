@@ -47,7 +47,8 @@ class DepthReader:
         mm_per_pixel: Of a picture as the sensor gives it; None takes the sensing area of the type.
 
     Raises:
-        ConfigError: None of its type is calibrated, or its sensing area is not known.
+        ConfigError: None of its type is calibrated, its sensing area is not known, or ``rows`` or
+            ``mm_per_pixel`` is not above 0.
         DataNotFoundError: There is no such file.
         DataError: The file is not a calibration.
 
@@ -66,6 +67,8 @@ class DepthReader:
         rows: int = 120,
         mm_per_pixel: float | None = None,
     ) -> None:
+        if rows < 1 or (mm_per_pixel is not None and not mm_per_pixel > 0):
+            raise ConfigError(f"rows={rows}, mm_per_pixel={mm_per_pixel}: give them above 0")
         self.sensor = sensor if isinstance(sensor, str) else sensor.name
         self.rows, self.mm_per_pixel = rows, mm_per_pixel
         self.calibration = _calibration(self.sensor, calibration)
@@ -84,8 +87,12 @@ class DepthReader:
             are h.
 
         Raises:
-            DataError: They are not pictures of one size.
+            DataError: They are not pictures of one size, in grey levels.
         """
+        for what in (pictures, background):
+            if not isinstance(what, np.ndarray) or what.dtype != np.uint8:
+                found = getattr(what, "dtype", type(what).__name__)
+                raise DataError(f"pictures and background are numpy arrays of uint8, not {found}")
         if pictures.ndim not in (3, 4) or pictures.shape[-3:] != background.shape:
             raise DataError(
                 f"pictures {pictures.shape} and background {background.shape}: give (H, W, 3) or "

@@ -41,7 +41,9 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in NAMES:
         (folder / "photos" / name).mkdir(parents=True)
         for number in range(16):
-            Image.fromarray(image(name, number)).save(folder / "photos" / name / f"{number}.png")
+            ending = ("png", "PNG", "BMP", "tiff")[number % 4]  # of cameras and of programs
+            photo = folder / "photos" / name / f"{number}.{ending}"
+            Image.fromarray(image(name, number)).save(photo)
     torch.manual_seed(0)
     vit = TactileViT("tiny", frames=4, image_size=32)
     header = make_header(vit, NODE, licence="MIT", spacing=0.05, recipe={"encoder": NODE})

@@ -260,8 +260,8 @@ def test_force_and_its_actions(tmp_path: Path, make_video: MakeFile, write: Make
 
 
 def test_nan_forces_are_an_error(tmp_path: Path, make_video: MakeFile, write: MakeFile) -> None:
-    make_video("a.avi", count=2)
-    write("a.csv", "x,y,z\n0,0,1\n0,nan,1\n")
+    make_video("a.avi", count=4)
+    write("a.csv", "x,y,z\n0,0,1\n0,nan,1\n0,0,1\n0,0,1\n")
     with pytest.raises(DataError, match=r"a\.csv, row 3, column 'y': 'nan' is not a finite number"):
         read(tmp_path, **VIDEO | {"force": FORCE})
 

@@ -157,6 +157,14 @@ def test_an_idle_episode_times_out():
     assert pushed_on(env, 10, [0, 0, 0])["failure"] == "timeout"
 
 
+@pytest.mark.parametrize("action", [[np.nan, 0, 0], [0, 0], 1.0, None])
+def test_an_action_that_is_none_is_refused(action):
+    env = made("chip")
+    env.reset(seed=0)
+    with pytest.raises(ConfigError, match=r"give \(3,\) finite numbers"):
+        env.step(action)
+
+
 def test_an_episode_that_the_solver_loses_says_so(monkeypatch):
     env = made("chip")
     env.reset(seed=0)

@@ -15,6 +15,7 @@ from torch import Tensor
 
 import tactileforge
 from tactileforge.contracts import NEUTRAL_BACKGROUND
+from tactileforge.data.frames.lazy import VideoFrames
 from tactileforge.encoders.plain_vit import PlainViT
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataError
@@ -281,6 +282,10 @@ def test_videos_are_cut_by_time(model: Model, video: Path) -> None:
     assert levels[:2] == [[0, 10, 20, 30], [40, 50, 60, 70]]
     assert [end for end, _ in cuts] == pytest.approx([0.15, 0.35, 0.55, 0.75, 0.95])
     times, vectors = model.encode_video(video, "first", "digit", batch_size=2)
+    frames = VideoFrames(video)
+    array = frames.read(range(len(frames)))
+    _, again = model.encode_video(array, "first", "digit", batch_size=2, times=frames.times)
+    assert torch.equal(again, vectors)
     assert times.tolist() == pytest.approx([end for end, _ in cuts])
     black = np.zeros((40, 48, 3), np.uint8)  # the first frame of the video
     expected = torch.stack([model.encode(clip, black, "digit") for _, clip in cuts])

@@ -115,6 +115,15 @@ def test_frames_that_are_refused(
         stream.push(frame, time)
 
 
+def test_the_universal_tokens_are_a_sensor(model: Model) -> None:
+    stream = model.stream("universal", background=picture(0))
+    (_, first), *_ = pushed(stream, 10, 5)
+    clip = np.stack([picture(i) for i in range(4)])
+    vector = model.encode(clip, picture(0), "universal")
+    assert torch.allclose(torch.from_numpy(first.embedding), vector, atol=1e-5)
+    assert first.force is None
+
+
 def test_streams_that_are_refused(model: Model) -> None:
     with pytest.raises(ConfigError, match="no sensor is named"):
         model.stream()

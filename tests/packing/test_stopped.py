@@ -12,11 +12,13 @@ from types import ModuleType
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 from waiting import wait_until
 
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.datasets.mixture import Mixture
+from tactileforge.datasets.recordings import Recordings
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.packing import PackOptions, pack
 from tactileforge.packing.plan import plan_pack
@@ -184,6 +186,38 @@ def test_a_folder_holds_one_kind_of_shards(
         with pytest.raises(ConfigError, match=words):
             pack(packable.Touches(**touches), "touches", tmp_path / "whole", changed)
         (tmp_path / "whole" / ".pack" / "made.json").unlink(missing_ok=True)
+
+
+def test_pictures_that_have_changed_are_packed_anew(tmp_path: Path) -> None:
+    layout = {"images": "*/*.png", "each": "sequence", "fps": 30, "sensor": "digit"}
+    layout["crops"] = {"left": {"box": [0, 0, 32, 32]}}
+
+    def fill(level: int) -> None:
+        for i in range(12):
+            path = tmp_path / "touches" / "a" / f"{i}.png"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            picture = Image.fromarray(np.full((32, 48, 3), level + i, np.uint8))
+            picture.save(path, compress_level=0)  # of one size, whatever they show
+
+    def packed(**changes: object) -> Path:
+        layouts = {"a": layout | {"background": {"first": 3}} | changes}
+        data = Recordings(str(tmp_path / "touches"), layouts, val=0)
+        pack(data, "recordings", tmp_path / "out", build(PackOptions, "pack", {"processes": 1}))
+        return tmp_path / "out"
+
+    fill(10)
+    packed()
+    packed()
+    changes: list[dict[str, object]] = [
+        {"background": {"last": 3}},
+        {"crops": {"left": {"box": [16, 0, 32, 32]}}},
+    ]
+    for change in changes:
+        with pytest.raises(ConfigError, match="its recordings have changed"):
+            packed(**change)
+    fill(90)
+    with pytest.raises(ConfigError, match="its recordings have changed"):
+        packed()
 
 
 def test_shards_of_others_are_not_written_over(packable: ModuleType, tmp_path: Path) -> None:

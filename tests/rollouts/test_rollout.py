@@ -13,7 +13,7 @@ pytest.importorskip("gymnasium")
 
 from tactileforge import cli
 from tactileforge.errors import ConfigError, TactileForgeError
-from tactileforge.rollouts.options import RolloutOptions
+from tactileforge.rollouts.options import RolloutOptions, make_environment
 from tactileforge.rollouts.page import chosen_episodes, rollout_page
 from tactileforge.rollouts.results import EpisodeResult, wilson
 from tactileforge.rollouts.rollout import roll_out
@@ -63,6 +63,14 @@ def test_a_task_that_never_ends_is_a_timeout(tmp_path):
     assert done.summary.failures == {"timeout": 3}
     assert [e.steps for e in done.episodes] == [7, 7, 7]
     assert all(e.force["right"] == [[0.1, 0.0, 0.0]] * 8 for e in done.episodes), "nothing moved"
+
+
+def test_our_tasks_last_as_long_as_the_limit():
+    pytest.importorskip("gymnasium")
+    given = {"task": "chip", "policy": "still"}
+    assert make_environment(RolloutOptions(**given, limit=200)).unwrapped.steps == 200
+    env = make_environment(RolloutOptions(**given, limit=200, env={"steps": 50}))
+    assert env.unwrapped.steps == 50
 
 
 def test_a_policy_succeeds_by_touch(tmp_path, policy):

@@ -139,8 +139,15 @@ class TouchEnv(gymnasium.Env[Any, Any]):
         return self._observation(), self._info()
 
     def step(self, action: NDArray[Any]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Moves the gripper; the reward is what the score gained."""
-        limited = np.clip(np.asarray(action, np.float64), *self._bounds)
+        """Moves the gripper; the reward is what the score gained.
+
+        Raises:
+            ConfigError: The action is not of finite numbers, one for each that the task takes.
+        """
+        wanted = np.asarray(action, np.float64)
+        if wanted.shape != self.action_space.shape or not np.isfinite(wanted).all():
+            raise ConfigError(f"action={action}: give {self.action_space.shape} finite numbers")
+        limited = np.clip(wanted, *self._bounds)
         before = self.score
         self.elapsed += 1
         self._move(limited)

@@ -57,12 +57,15 @@ class Model(HeadModel):
     """
 
     def cut(
-        self, video: str | Path | Frames, hop: float = 0.2, times: Times | None = None
+        self,
+        video: str | Path | Frames | NDArray[np.uint8],
+        hop: float = 0.2,
+        times: Times | None = None,
     ) -> Iterator[tuple[float, NDArray[np.uint8]]]:
         """Cuts a video into clips as in training, reading one at a time.
 
         Args:
-            video: A file, or frames.
+            video: A file, frames, or an array of them, uint8 (T, H, W, 3), RGB.
             hop: Seconds between the ends of neighbouring clips; at least one frame.
             times: float64, seconds of each frame, increasing; a file knows its own.
 
@@ -77,7 +80,7 @@ class Model(HeadModel):
 
     def encode_video(
         self,
-        video: str | Path | Frames,
+        video: str | Path | Frames | NDArray[np.uint8],
         background: Images | str | None = None,
         sensor: str | None = None,
         *,

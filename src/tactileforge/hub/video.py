@@ -11,19 +11,22 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Frames
 from tactileforge.data.frames.cut import clip_rows, clip_step, frame_period
+from tactileforge.data.frames.lazy import ArrayFrames, VideoFrames
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.streaming.buffer import warn_of_slow_frames
 
 Times = NDArray[np.float64]
 
 
-def open_video(video: str | Path | Frames) -> Frames:
-    """Opens a file as lazy frames; passes frames through."""
-    if isinstance(video, str | Path):
-        from tactileforge.data.frames.video import VideoFrames
+def open_video(video: str | Path | Frames | NDArray[np.uint8]) -> Frames:
+    """Opens a file or an array, uint8 (T, H, W, 3), as frames; passes frames through.
 
+    Raises:
+        DataError: The file is no video, or the array is of another type or shape.
+    """
+    if isinstance(video, str | Path):
         return VideoFrames(video)
-    return video
+    return ArrayFrames(video) if isinstance(video, np.ndarray) else video
 
 
 def cut_clips(

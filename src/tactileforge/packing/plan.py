@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from tactileforge.contracts import Dataset, Recording
+from tactileforge.data.frames.stamp import stamp_of
 from tactileforge.data.labels.plausible import impossible
 from tactileforge.data.shards import shards
 from tactileforge.data.shards.index import sort_recordings
@@ -66,7 +67,12 @@ def plan_pack(dataset: Dataset, out: Path, options: PackOptions) -> PackPlan:
         # of several data sets, lines of this split are not the last ones
         skipped[split] = list((Counter(dataset.skipped) - before).elements())
     if not by_split["train"]:
-        raise DataError("the data set has no recording for training; check the path of its data")
+        held_out = len(by_split["val"])
+        raise DataError(
+            f"all {held_out} recordings are held out for validation: give data.val=0, or more data"
+            if held_out
+            else "the data set has no recording for training; check the path of its data"
+        )
     _check(by_split)
     jobs: list[ShardJob] = []
     for split, recordings in by_split.items():
@@ -136,14 +142,12 @@ def _check(by_split: dict[str, list[Recording]]) -> None:
 def _digest(recordings: Sequence[Recording], file: str, options: PackOptions) -> str:
     digest = hashlib.sha256(json.dumps([file, options.content()], sort_keys=True).encode())
     for recording in recordings:
-        lengths = [
-            len(frames or ())
-            for frames in (recording.frames, recording.no_contact, recording.image)
+        pictures = recording.frames, recording.no_contact, recording.image, recording.surface
+        facts = [
+            shards.describe_recording(recording),
+            recording.frames.shape,
+            [len(frames or ()) for frames in pictures],
+            [stamp_of(frames) for frames in pictures],
         ]
-        digest.update(
-            json.dumps(
-                [shards.describe_recording(recording), recording.frames.shape, lengths],
-                sort_keys=True,
-            ).encode()
-        )
+        digest.update(json.dumps(facts, sort_keys=True).encode())
     return digest.hexdigest()

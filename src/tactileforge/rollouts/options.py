@@ -166,7 +166,8 @@ def make_environment(options: TaskOptions) -> Any:
     name = environment_id(options.task)
     spec = gymnasium.spec(name)
     limit = options.limit or spec.max_episode_steps or LIMIT
-    keys = {"sensor": options.sensor, "size": options.size, **options.env}
+    ours = {"steps": limit} if name.startswith(f"{NAMESPACE}/") else {}
+    keys = {"sensor": options.sensor, "size": options.size, **ours, **options.env}
     try:
         return gymnasium.make(name, max_episode_steps=limit, disable_env_checker=True, **keys)
     except TypeError as error:

@@ -33,7 +33,7 @@ def known_as(name: str, model: HeadModel | None, unknown_sensor: str) -> str:
     if model is None or not model.sensors or name in model.sensors:
         return name
     has_universal = getattr(model.encoder, "universal", None) is not None
-    if unknown_sensor == "universal" and has_universal:
+    if has_universal and "universal" in (name, unknown_sensor):
         return "universal"
     fix = "unknown_sensor=universal takes the tokens that fit no sensor, and gives no force."
     raise ConfigError(unknown("sensor of the model", name, model.sensors, fix * has_universal))

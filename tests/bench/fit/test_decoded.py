@@ -1,5 +1,6 @@
 """Clips that are decoded once are the clips that were read."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from tactileforge.bench.fit.features import PLAIN, FeatureStore, extract_feature
 from tactileforge.bench.fit.models import baseline_encoder
 from tactileforge.bench.tasks.source import TaskSource
 from tactileforge.bench.tasks.suite import ClipSpec
-from tactileforge.contracts import Recording
+from tactileforge.contracts import FrameSubset, Recording
 from tactileforge.data.batches.clips import Clips
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.errors import DataError
@@ -67,6 +68,23 @@ def test_a_pass_that_was_stopped_keeps_nothing(tmp_path: Path) -> None:
     next(passing)
     passing.close()
     assert decoded.stored_batches(folder, 4) is None
+
+
+def test_another_background_or_rate_is_another_source() -> None:
+    of = source()
+    first = of.recordings[0]
+    still = ArrayFrames(np.stack([np.full((20, 30, 3), level, np.uint8) for level in (9, 50, 90)]))
+    prints = {of.fingerprint}
+    for change in (
+        {"no_contact": still},
+        {"no_contact": FrameSubset(still, [0])},
+        {"times": first.times * 2},
+    ):
+        changed = [replace(first, **change), *of.recordings[1:]]
+        other = TaskSource(changed, of.sides, of.clip)
+        other.index = of.index
+        prints.add(other.fingerprint)
+    assert len(prints) == 4
 
 
 def test_the_next_encoder_decodes_nothing(tmp_path: Path) -> None:

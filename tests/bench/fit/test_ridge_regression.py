@@ -127,6 +127,7 @@ def test_inner_folds_go_by_group() -> None:
 
     assert error([str(i) for i in range(120)]) < 0.01
     assert error([str(int(i)) for i in group]) > 0.7
+    assert error(["one"] * 120) == error([str(i) for i in range(120)])
 
 
 def test_logistic_inner_folds_go_by_group() -> None:

@@ -11,7 +11,7 @@ pytest.importorskip("gymnasium")
 import tactileforge
 from tactileforge import cli
 from tactileforge.bench.manipulation import run
-from tactileforge.bench.manipulation.output import difference
+from tactileforge.bench.manipulation.output import _interval, difference
 from tactileforge.bench.manipulation.plan import (
     ComparedPolicy,
     ManipulationOptions,
@@ -104,6 +104,12 @@ def test_differences_of_two_trainings_cover_their_spread():
     won, lost = cell([1] * 20), cell([0] * 20)
     score = difference([won, lost], [lost])
     assert (score.value, score.low, score.high) == (0.5, 0.0, 1.0)
+
+
+def test_success_of_several_trainings_covers_their_spread():
+    won, lost = cell([1] * 20), cell([0] * 20)
+    assert _interval([won, lost]) == (0.0, 1.0)
+    assert _interval([won]) == _interval([won, won]) == wilson(20, 20)
 
 
 class Reads:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tactileforge.bench.tasks import splits, targets
+from tactileforge.bench.tasks.facts import recording_fact
 from tactileforge.bench.tasks.source import TaskSource
 from tactileforge.bench.tasks.suite import ClipSpec, SplitPlan, Task, parse_task
 from tactileforge.contracts import Recording
@@ -212,6 +213,23 @@ def test_targets() -> None:
         targets.build_target(task("label:hardness"), of)
     with pytest.raises(ConfigError, match="did you mean 'force'"):
         targets.build_target(task("forse"), of)
+
+
+@pytest.mark.parametrize(
+    ("label", "text"),
+    [(1234567.0, "1234567"), (0.5, "0.5"), (1 / 3, repr(1 / 3)), ("hard", "hard")],
+)
+def test_labels_keep_all_their_digits(label: str | float, text: str) -> None:
+    data = [recording(str(i), labels={"part": label}) for i in range(2)]
+    of = source(data, ["train", "val"])
+    assert targets.build_target(task("label:part"), of).parts["class"].names == (text,)
+    assert recording_fact(of, 0, "part") == text
+
+
+def test_a_word_where_a_number_should_be_is_named() -> None:
+    data = [recording(str(i), labels={"grade": "hard"}) for i in range(2)]
+    with pytest.raises(DataError, match=r"a label of grade is no number .*'hard'.*label:NAME"):
+        targets.build_target(task("numbers:grade"), source(data, ["train", "val"]))
 
 
 def test_forces_along_one_axis_are_named() -> None:

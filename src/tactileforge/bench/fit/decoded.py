@@ -18,7 +18,7 @@ from tactileforge.files import write_text
 
 #: Bytes of clips beyond which they are decoded each time.
 LIMIT = 512 * 2**20
-_FORMAT = 1
+_FORMAT = 2
 _ARRAYS = ("frames", "background")
 
 

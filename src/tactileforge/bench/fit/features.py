@@ -26,7 +26,7 @@ from tactileforge.errors import DataError
 from tactileforge.files import write_text
 
 #: Changes when the same key would give other features.
-_FORMAT = 1
+_FORMAT = 2
 #: Mirrored left to right, top to bottom.
 Flip: TypeAlias = tuple[bool, bool]
 PLAIN: Flip = (False, False)

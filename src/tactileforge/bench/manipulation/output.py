@@ -26,8 +26,8 @@ _SIMULATED = (
     "robot."
 )
 _SUCCESS = (
-    "Share of rollouts that succeed, in percent, with its 95 % interval (Wilson) over the rollouts "
-    "of all trainings. Starts and physics are the same for all rows."
+    "Share of rollouts that succeed, in percent, with its 95 % interval: of one training, Wilson; "
+    "of several, bootstrap over starts and trainings. Starts and physics are the same for all rows."
 )
 _PAIRED = (
     "Difference of the success to that of {title}, in percent, with its 95 % interval: of one "
@@ -129,10 +129,18 @@ def _success(outcome: Outcome, name: str, setting: Setting, notes: Notes) -> Tab
         return TableEntry("not run", marks=marks, tone="soft")
     count = sum(len(cell.episodes) for cell in found)
     successes = sum(cell.summary.successes for cell in found)
-    low, high = wilson(successes, count)
+    low, high = _interval(found)
     return TableEntry(
         f"{100 * successes / count:.0f}", marks=marks, below=f"{100 * low:.0f} to {100 * high:.0f}"
     )
+
+
+def _interval(found: Sequence[CellResult]) -> tuple[float, float]:
+    """Interval of the success: as that of a `difference`, since trainings share their starts."""
+    score = compared([tally(cell) for cell in found])
+    if len(found) > 1 and score.low < score.high:
+        return score.low, score.high
+    return wilson(found[0].summary.successes, len(found[0].episodes))
 
 
 def difference_tables(outcome: Outcome) -> list[Table]:

@@ -35,7 +35,15 @@ def recording_fact(source: TaskSource, number: int, name: str) -> str:
     if value is None:
         have = ", ".join([*known, *recording.labels])
         raise ConfigError(f"split: recording {recording.key!r} has no {name!r} (it has: {have})")
-    return value if isinstance(value, str) else f"{value:g}"
+    return label_text(value)
+
+
+def label_text(value: str | float) -> str:
+    """A label as text; a whole number has no decimals, no digit is lost."""
+    if isinstance(value, str):
+        return value
+    number = float(value)
+    return str(int(number)) if number.is_integer() else repr(number)
 
 
 def matches_filter(source: TaskSource, number: int, chosen: Mapping[str, Any]) -> bool:

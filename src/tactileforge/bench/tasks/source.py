@@ -57,13 +57,14 @@ class TaskSource:
 
     @cached_property
     def fingerprint(self) -> str:
-        """Hash of the clips: names, indices, and one image of each recording."""
+        """Hash of the clips: names, indices, times, one image of each recording, its background."""
         digest = hashlib.sha256(np.ascontiguousarray(self.index).tobytes())
         for recording in self.recordings:
             digest.update(f"{recording.key} {recording.sensor} {recording.frames.shape}".encode())
             digest.update(recording.frames.read([len(recording.frames) // 2]).tobytes())
-            if recording.no_contact is not None:
-                digest.update(recording.no_contact.read([0]).tobytes())
+            digest.update(recording.times.tobytes())
+            if (still := recording.background()) is not None:
+                digest.update(still.tobytes())
         return digest.hexdigest()
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from tactileforge.bench.tasks import contact
-from tactileforge.bench.tasks.facts import matches_filter
+from tactileforge.bench.tasks.facts import label_text, matches_filter
 from tactileforge.bench.tasks.source import TaskSource
 from tactileforge.bench.tasks.suite import Task
 from tactileforge.contracts import ACTIONS, Recording
@@ -183,9 +183,7 @@ def _classes(
 
 def _label(recording: Recording, name: str) -> str | None:
     value = recording.labels.get(name)
-    if value is None or isinstance(value, str):
-        return value or None
-    return f"{value:g}"
+    return None if value is None else label_text(value) or None
 
 
 def _scale(task: Task, source: TaskSource) -> Tensor:
@@ -255,7 +253,13 @@ def _numbers(source: TaskSource, columns: list[str]) -> TargetPart:
     """Numeric labels; those in pixels (``_px``) become shares of the image width."""
 
     def value(recording: Recording, first: int, last: int) -> list[float]:
-        row = [float(recording.labels.get(name, np.nan)) for name in columns]
+        try:
+            row = [float(recording.labels.get(name, np.nan)) for name in columns]
+        except ValueError as error:
+            raise DataError(
+                f"{recording.key}: a label of {', '.join(columns)} is no number ({error}); correct "
+                "it, or give target: label:NAME"
+            ) from error
         width = recording.frames.shape[1]
         return [x / width if "_px" in n else x for x, n in zip(row, columns, strict=True)]
 

@@ -126,7 +126,9 @@ class TouchData(L.LightningDataModule):
             return
         self.sources = {split: sources_of(self.dataset, split) for split in ("train", "val")}
         if not self.sources["train"]:
-            raise DataNotFoundError("the data set has no recording for training")
+            text = "the data set has no recording for training"
+            fix = ": all are held out for validation; give data.val=0"
+            raise DataNotFoundError(text + fix if self.sources["val"] else text)
         sample: list[Recording] = []
         for number, source in enumerate(self.sources["train"]):
             is_whole = len(source.parts) == 1 or source.summary.recordings <= self.window

@@ -23,6 +23,10 @@ class Cropped:
         size: Height and width of a full frame.
         crop: What to show; None shows everything.
 
+    Attributes:
+        full_shape: Height and width of a full frame.
+        box: What is shown of it.
+
     Raises:
         DataError: The crop lies outside the frame.
     """
@@ -30,22 +34,22 @@ class Cropped:
     def __init__(self, name: str, size: tuple[int, int], crop: Crop | None) -> None:
         self._name = name
         self.full_shape = size
-        self._crop = _checked(crop, size, name)
+        self.box = _checked(crop, size, name)
 
     @property
     def shape(self) -> tuple[int, int]:
         """Height and width."""
-        _, _, width, height = self._crop
+        _, _, width, height = self.box
         return height, width
 
     def crop(self, box: Crop) -> Self:
         """The same frames, of which another part of the full frame is shown; nothing is read."""
         other = copy.copy(self)
-        other._crop = _checked(box, self.full_shape, self._name)
+        other.box = _checked(box, self.full_shape, self._name)
         return other
 
     def _show(self, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        left, top, width, height = self._crop
+        left, top, width, height = self.box
         return frame[top : top + height, left : left + width]
 
 

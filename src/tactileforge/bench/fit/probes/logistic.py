@@ -43,8 +43,7 @@ class Logistic(Ridge):
         known, asked = ridge_regression.coordinates(gram, cross)
         penalties = [share * float(known.square().sum(1).mean()) for share in PENALTIES]
         tried = truth.new_empty(len(penalties), *truth.shape)
-        places = places_of(groups)
-        for left_out in inner_folds(places if len(places) > 1 else list(places[0][:, None])):
+        for left_out in inner_folds(places_of(groups)):
             rest = torch.ones(len(truth), dtype=torch.bool)
             rest[left_out] = False
             layers = _path(part, known[rest], truth[rest], penalties)

@@ -74,10 +74,12 @@ class Ridge(Probe):
 
 
 def places_of(groups: Sequence[str]) -> list[Tensor]:
-    """int64 places of the samples of each group, by its name."""
+    """int64 places of the samples of each group; where there is one group, of each sample."""
     by_group: dict[str, list[int]] = {}
     for place, name in enumerate(groups):
         by_group.setdefault(name, []).append(place)
+    if len(by_group) == 1:  # none would be left to fit to
+        return [torch.tensor([place]) for place in range(len(groups))]
     return [torch.tensor(places) for places in by_group.values()]
 
 

@@ -1,0 +1,33 @@
+"""What tells whether frames on disk are still those of before."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from tactileforge.contracts import Frames, FrameSubset
+from tactileforge.data.frames.image_codecs import PackedFrames
+from tactileforge.data.frames.lazy import ImageFrames, VideoFrames
+
+
+def stamp_of(frames: Frames | None) -> Any:
+    """Names of files, when they changed, what is shown of them and which frames; decodes nothing.
+
+    Returns:
+        As JSON; None of frames that do not tell.
+    """
+    match frames:
+        case FrameSubset():
+            return [[int(row) for row in frames.rows], stamp_of(frames.base)]
+        case VideoFrames():
+            return [_changed(frames.path), list(frames.box)]
+        case ImageFrames():
+            return [[_changed(path) for path in frames.paths], list(frames.box)]
+        case PackedFrames():
+            return frames.crcs.tolist()
+    return None
+
+
+def _changed(path: str) -> tuple[str, int, int]:
+    stat = Path(path).stat()
+    return Path(path).name, stat.st_size, stat.st_mtime_ns
