@@ -91,6 +91,16 @@ def test_uncertainty_settles_where_losses_count_alike() -> None:
     assert kendall.factor.tolist() == pytest.approx([1 / 0.2, 1 / 4.0, 1.0], rel=1e-3)
 
 
+def test_batches_of_one_step_move_the_weights_once() -> None:
+    shared = Shared()
+    once, often = (balance.Uncertainty(["a", "b"], bound=20.0) for _ in range(2))
+    for step in range(5):
+        for kendall, times in ((once, 1), (often, 4)):
+            for _ in range(times):
+                kendall(losses(shared, a=0.04, b=0.8), {"a": 1.0, "b": 1.0}, step, shared)
+    torch.testing.assert_close(often.factor, once.factor)
+
+
 def test_clipping_each_objective() -> None:
     shared, clip = Shared(), balance.GradClip(["a", "b"], limit=1.0)
     clip(losses(shared, a=4.0, b=0.5), {"a": 0.5, "b": 1.0}, 0, shared)

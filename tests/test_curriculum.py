@@ -1,6 +1,6 @@
 import pytest
 
-from tactileforge.curriculum import Curriculum, Ramp, from_config
+from tactileforge.curriculum import Curriculum, Ramp, from_config, in_steps
 from tactileforge.errors import ConfigError
 
 PAPER = {
@@ -83,6 +83,7 @@ def test_mistakes_are_named(config: dict, message: str) -> None:
     [
         ({}, -1.0, r"objective.pixel.weight=-1.0"),
         ({}, float("nan"), r"objective.pixel.weight=nan"),
+        ({}, None, r"objective.pixel.weight=None: give a finite number"),
         ({"objective": {"pixel": {"start": float("nan")}}}, 1.0, "start=nan"),
         ({"universal": {"low": 0.0, "high": 1.5}}, 1.0, "high=1.5"),
     ],
@@ -92,3 +93,9 @@ def test_weights_and_chances_that_are_none_are_named(
 ) -> None:
     with pytest.raises(ConfigError, match=message):
         from_config(config, {"pixel": weight}, total=10, epoch=1)
+
+
+def test_a_row_that_is_null_is_none() -> None:
+    config = {"objective": {"pixel": None}}
+    assert from_config(config, {"pixel": 1.0}, total=10, epoch=1).weights(0) == {"pixel": 1.0}
+    assert in_steps(config, 10, 1)["objective"] == {}

@@ -12,6 +12,7 @@ import torch
 from warm import Warm
 
 from tactileforge.checkpoint_file import read_checkpoint
+from tactileforge.run_folder import read_config
 
 pytestmark = pytest.mark.slow
 
@@ -144,3 +145,27 @@ def test_shared_weights_train_as_whole_ones(
 def test_gradients_of_several_batches_make_a_step(tmp_path: Path, warm: Warm) -> None:
     trained(warm, tmp_path, "trainer.accumulate_grad_batches=2", "trainer.max_steps=3")
     assert read_checkpoint(tmp_path)["global_step"] == 3
+
+
+def test_validation_is_that_of_one_process(tmp_path: Path, warm: Warm) -> None:
+    """Every process has all held-out clips, and none is the other's negative."""
+    found = []
+    for devices in (1, 2):
+        folder = tmp_path / str(devices)
+        more = [f"trainer.devices={devices}", "optim.lr=0", "trainer.max_steps=1"]
+        more += ["trainer.val_check_interval=1", "objective=[pixel,align,match]"]
+        trained(warm, folder, *more)
+        rows = list(csv.DictReader((folder / "metrics.csv").read_text().splitlines()))
+        (row,) = [row for row in rows if row["val/pixel"]]
+        found.append({k: float(v) for k, v in row.items() if k.startswith("val/") and v})
+    assert "val/align" in found[0]
+    assert found[1] == pytest.approx(found[0], rel=1e-5)
+
+
+def test_a_run_goes_on_with_two_processes(tmp_path: Path, warm: Warm) -> None:
+    more = ["trainer.devices=1", "trainer.max_steps=4", "objective=[pixel]"]
+    trained(warm, tmp_path, *more)
+    words = [f"resume={tmp_path}", "trainer.devices=2", "trainer.max_steps=6"]
+    assert warm.start("train", *words).wait(timeout=300) == 0
+    assert read_checkpoint(tmp_path)["global_step"] == 6
+    assert read_config(tmp_path)["trainer"]["devices"] == 2

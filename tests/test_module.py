@@ -186,3 +186,9 @@ def test_validation_leaves_out_what_has_no_label(
     nothing = validated(bare)
     assert "val/pixel" in nothing
     assert not [name for name in nothing if name.startswith("val/force")]
+    monkeypatch.setattr(module, "current_weights", lambda: {"align": 1.0})
+    seen = batch | {"image_valid": torch.ones(8, dtype=torch.bool)}
+    blind = batch | {"image_valid": torch.zeros(8, dtype=torch.bool)}
+    of_images = validated(seen)["val/align/touch_image"]
+    assert of_images > 0.1
+    assert validated(seen, blind, blind)["val/align/touch_image"] == pytest.approx(of_images)

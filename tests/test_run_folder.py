@@ -20,6 +20,7 @@ from tactileforge.module import TouchModule
 from tactileforge.optim import optimiser
 from tactileforge.pages.curves import read_metrics
 from tactileforge.run_folder import LAST
+from tactileforge.run_length import change_run
 from tactileforge.train import train
 
 SMALL = ["train", "scale=demo", "debug=steps", "encoder.image_size=32", "batch.workers=0"]
@@ -50,6 +51,24 @@ def test_a_folder_that_is_written_is_refused(tmp_path: Path) -> None:
         other.communicate()
     with run_folder.claimed(tmp_path, resumes=False):  # the lock went with its process
         pass
+
+
+def test_a_start_that_is_refused_leaves_the_run_that_is_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Also while that one still makes its data, and has written nothing."""
+    lock = tmp_path / run_folder.LOCK
+    command = [sys.executable, "-c", HOLD, str(lock)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+        assert other.stdout is not None
+        other.stdout.readline()
+        assert run_folder.is_claimed(tmp_path)
+        for words in ((), ("optim.lr=none",)):
+            assert cli.run([*SMALL, *words, f"hydra.run.dir={tmp_path}"]) == 1
+            assert lock.is_file()
+        assert "another run writes here" in capsys.readouterr().err
+        other.communicate()
+    assert not run_folder.is_claimed(tmp_path)
 
 
 def test_two_runs_of_one_second_have_two_folders(capsys: pytest.CaptureFixture[str]) -> None:
@@ -244,6 +263,55 @@ def test_a_finished_run_is_made_longer(
 
 
 @pytest.mark.slow
+def test_steps_are_counted_on_where_a_validation_was_the_last(tmp_path: Path) -> None:
+    words = [*SMALL, "trainer.max_epochs=-1", "trainer.val_check_interval=2"]
+    words += ["trainer.log_every_n_steps=2"]
+    assert cli.run([*words, "trainer.max_steps=4", f"hydra.run.dir={tmp_path}"]) == 0
+    assert cli.run(["train", f"resume={tmp_path}", "trainer.max_steps=8"]) == 0
+    metrics = read_metrics(tmp_path)
+    assert metrics["train/loss"].steps.tolist() == [1, 3, 5, 7]
+    assert metrics["val/pixel"].steps.tolist() == [1, 3, 5, 7]
+
+
+def run_by(key: str, **trainer: Any) -> dict[str, Any]:
+    lengths = {"max_steps": -1, "max_epochs": -1, "devices": 1, "num_nodes": 1}
+    lengths |= {key: 6, "accelerator": "cpu"}
+    curriculum = {"unit": "epoch", "objective": {"force": {"start": 2}}}
+    return {"trainer": lengths | trainer, "curriculum": curriculum}
+
+
+def test_a_run_goes_on_with_other_processes() -> None:
+    """With as many steps as it was to have, also where its epochs have another length then."""
+    state = {"global_step": 30, "total": 120, "epoch_steps": 20, "processes": 1}
+    steps = {"start": 40.0, "end": 120.0}
+    plain = run_by("max_steps", devices=2)
+    assert change_run(plain, run_by("max_steps"), state)
+    assert plain["trainer"] == run_by("max_steps", devices=2)["trainer"]
+    assert plain["curriculum"]["objective"]["force"] == steps
+    plain = run_by("max_epochs", devices=3)  # as many as there are, which were others before
+    assert change_run(plain, run_by("max_epochs", devices=3), state)
+    assert plain["trainer"]["max_steps"] == 120
+    assert not change_run(run_by("max_epochs"), run_by("max_epochs"), state)
+    plain = run_by("max_epochs", devices=2)
+    assert change_run(plain, run_by("max_epochs"), state)
+    assert plain["trainer"] == run_by("max_steps", devices=2, max_steps=120)["trainer"]
+    assert plain["curriculum"]["objective"]["force"] == steps
+    both = run_by("max_epochs", devices=2, max_epochs=9)
+    with pytest.raises(ConfigError, match=r"another length: give trainer\.max_steps="):
+        change_run(both, run_by("max_epochs"), state)
+    other = run_by("max_steps", precision="32")
+    with pytest.raises(ConfigError, match=r"length and machine of a run, not trainer\.precision"):
+        change_run(other, run_by("max_steps"), state)
+
+
+def test_a_rate_is_never_below_0() -> None:
+    config = {"lr": 1.0, "weight_decay": 0.0, "betas": (0.9, 0.95), "warmup": 0.1}
+    made = optimiser([torch.nn.Parameter(torch.zeros(2))], config, 10, False)
+    (_, factor) = made["lr_scheduler"]["scheduler"].lr_lambdas
+    assert [factor(step) for step in (9, 10, 11, 50)] == [0.1, 0.0, 0.0, 0.0]
+
+
+@pytest.mark.slow
 def test_a_longer_run_goes_on_where_it_ended(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -277,6 +345,9 @@ def test_a_run_that_ends_by_its_epochs_gets_more_of_them(
     assert cli.run(["train", f"resume={tmp_path}", "trainer.max_epochs=2"]) == 0
     end = read_checkpoint(tmp_path)
     assert (end["global_step"], end["total"], end["epoch_steps"]) == (2 * epoch, 2 * epoch, epoch)
+    by_steps = [*SMALL, "trainer.max_steps=2", "trainer.max_epochs=-1", "batch.size=4"]
+    assert cli.run([*by_steps, f"hydra.run.dir={tmp_path}/steps"]) == 0
+    assert read_checkpoint(tmp_path / "steps")["epoch_steps"] == epoch
 
 
 @pytest.mark.slow
@@ -291,6 +362,23 @@ def test_an_epoch_of_the_curriculum_is_one_of_the_data(tmp_path: Path) -> None:
     assert cli.run([*words, f"hydra.run.dir={tmp_path}"]) == 0
     end = read_checkpoint(tmp_path)
     assert (end["global_step"], end["total"], end["epoch_steps"]) == (3, 3, 2)
+
+
+@pytest.mark.slow
+def test_epochs_that_are_limited_are_all_as_long(tmp_path: Path) -> None:
+    words = [*SMALL, "batch.size=4", "trainer.max_steps=-1", "trainer.max_epochs=3"]
+    words += ["trainer.limit_train_batches=5", "trainer.val_check_interval=1.0"]
+    words += ["trainer.check_val_every_n_epoch=1", "trainer.log_every_n_steps=1"]
+    assert cli.run([*words, f"hydra.run.dir={tmp_path}"]) == 0
+    metrics = read_metrics(tmp_path)
+    assert metrics["train/loss"].steps.tolist() == list(range(15))
+    assert metrics["val/pixel"].steps.tolist() == [4, 9, 14]
+
+
+@pytest.mark.parametrize("limit", ["0", "1.5", "all"])
+def test_a_limit_that_is_none_is_named(limit: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run([*SMALL, f"trainer.limit_train_batches={limit}"]) == 1
+    assert "limit_train_batches" in capsys.readouterr().err
 
 
 def test_an_epoch_of_half_a_step_is_named(capsys: pytest.CaptureFixture[str]) -> None:

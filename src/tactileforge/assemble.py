@@ -19,7 +19,7 @@ from tactileforge.sensors.specs import spec
 log = logging.getLogger(__name__)
 
 #: Arguments of the data that are no keys of ``batch``.
-_NOT_BATCH = {"dataset", "frames", "batch_size", "max_bad", "seed", "augment"}
+_NOT_BATCH = {"dataset", "frames", "batch_size", "max_bad", "seed", "augment", "limit"}
 #: The least of its whole numbers.
 _LEAST = {"size": 1, "window": 1, "workers": 0}
 
@@ -55,6 +55,7 @@ def build_data(config: Mapping[str, Any]) -> tuple[TouchData, dict[str, Any]]:
         seed=config["seed"],
         max_bad=max_bad,
         augment=Augment(**config["augment"]) if config.get("augment") else None,
+        limit=limit_of(config["trainer"]),
         **batch,
     )
     for key, plugin in objectives.items():
@@ -64,6 +65,23 @@ def build_data(config: Mapping[str, Any]) -> tuple[TouchData, dict[str, Any]]:
         data.check(key, plugin.needs)
     names = data.summary("train").sensors
     return data, {**config["encoder"], "sensors": _rows(dict(encoder.sensors), names)}
+
+
+def limit_of(trainer: Mapping[str, Any]) -> float:
+    """``limit_train_batches``, which the data keeps: its epochs are as long as those of the run.
+
+    Raises:
+        ConfigError: It is neither a whole number nor a share.
+    """
+    limit = trainer.get("limit_train_batches")
+    limit = 1.0 if limit is None else limit
+    good = isinstance(limit, int | float) and not isinstance(limit, bool) and limit > 0
+    if not good or (isinstance(limit, float) and limit > 1):
+        raise ConfigError(
+            f"trainer.limit_train_batches={limit}: give a whole number of batches, or a share, "
+            "above 0 and up to 1.0"
+        )
+    return float(limit) if isinstance(limit, float) else int(limit)
 
 
 def _check(batch: Mapping[str, Any], augment: Mapping[str, Any]) -> None:

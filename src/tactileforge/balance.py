@@ -42,6 +42,7 @@ class FixedWeights(nn.Module):
             raise ConfigError(f"balance.every={every}: give a number of steps, 0 for never")
         self.keys = list(keys)
         self.every = every
+        self._step = -1
         self.register_buffer("factor", torch.ones(len(keys)))
         self.register_buffer("norm", torch.zeros(len(keys)))
 
@@ -56,6 +57,9 @@ class FixedWeights(nn.Module):
             step: Optimiser steps taken so far.
             shared: The touch encoder.
         """
+        if step == self._step:  # another batch of the same step, whose gradients add up
+            return self._weighted(losses, weights)
+        self._step = step
         if self.every and step % self.every == 0:
             fresh = self._measured(losses, shared)
             self.norm.copy_(torch.where(fresh > 0, self._followed(fresh), self.norm))
@@ -64,6 +68,9 @@ class FixedWeights(nn.Module):
             asleep = torch.zeros_like(self.factor[0])
             joint = torch.stack([losses.get(key, asleep).detach().float() for key in self.keys])
             self.update(sum_over_ranks(joint) / world()[1], awake, weights, step)
+        return self._weighted(losses, weights)
+
+    def _weighted(self, losses: Mapping[str, Tensor], weights: Mapping[str, float]) -> Tensor:
         total = torch.zeros((), device=self.factor.device)
         for key, loss in losses.items():
             total = total + weights[key] * self.factor[self.keys.index(key)] * loss

@@ -243,6 +243,8 @@ def finish(config: DictConfig) -> DictConfig:
         raise ConfigError("no objective: choose some, e.g. objective=[pixel,diff]")
     heads = _chosen("head", config)
     options: Mapping[str, Any] = config.get("head") or {}
+    if not config.get("curriculum"):
+        config.curriculum = OmegaConf.create({}, flags={"struct": False})
     rows: Mapping[str, Any] = config.curriculum.get("objective") or {}
     for key in rows:
         if key not in chosen and key not in registry.names("objectives"):

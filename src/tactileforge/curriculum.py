@@ -100,9 +100,9 @@ def from_config(
         return Ramp(start, stop, low, high)
 
     for name, weight in weights.items():
-        if not 0 <= weight < math.inf:
+        if not isinstance(weight, int | float) or not 0 <= weight < math.inf:
             raise ConfigError(f"objective.{name}.weight={weight}: give a finite number, 0 or more")
-    rows = config.get("objective") or {}
+    rows = _rows(config)
     ramps = {
         name: ramp(f"curriculum.objective.{name}", rows[name], 0.0, weight)
         if name in rows
@@ -114,6 +114,11 @@ def from_config(
     if not (0 <= low <= 1 and 0 <= high <= 1):
         raise ConfigError(f"curriculum.universal: low={low}, high={high}; give chances, 0 to 1")
     return Curriculum(ramps, ramp("curriculum.universal", row, low, high))
+
+
+def _rows(config: Mapping[str, Any]) -> dict[str, Any]:
+    """Rows of objectives; null is none."""
+    return {key: row for key, row in (config.get("objective") or {}).items() if row is not None}
 
 
 def _check_keys(where: str, row: Mapping[str, Any]) -> None:
@@ -148,6 +153,6 @@ def in_steps(config: Mapping[str, Any], total: int, epoch: int) -> dict[str, Any
         last = total if end is None else end * unit
         return {**row, "start": float(row.get("start") or 0) * unit, "end": float(last)}
 
-    rows = {name: row(node) for name, node in (config.get("objective") or {}).items()}
+    rows = {name: row(node) for name, node in _rows(config).items()}
     universal = {"universal": row(config["universal"])} if config.get("universal") else {}
     return {**config, "unit": "step", "objective": rows, **universal}

@@ -9,14 +9,18 @@ import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import torch
 import torch.distributed as dist
 from torch import Tensor
 
-_LABELS: ContextVar[list[Tensor] | None] = ContextVar("labels", default=None)
+#: How many labels a mean was taken over, and the mean.
+Counted: TypeAlias = tuple[Tensor, Tensor]
+
+_LABELS: ContextVar[list[Counted] | None] = ContextVar("labels", default=None)
+_ALONE: ContextVar[bool] = ContextVar("alone", default=False)
 
 
 def count_processes(options: Mapping[str, Any]) -> int:
@@ -34,9 +38,19 @@ def count_processes(options: Mapping[str, Any]) -> int:
 
 def world() -> tuple[int, int]:
     """This process's rank and the number of processes; (0, 1) outside a process group."""
-    if dist.is_available() and dist.is_initialized():
+    if not _ALONE.get() and dist.is_available() and dist.is_initialized():
         return dist.get_rank(), dist.get_world_size()
     return 0, 1
+
+
+@contextmanager
+def alone() -> Iterator[None]:
+    """Within, this process computes as if it were the only one, on data that all of them have."""
+    token = _ALONE.set(True)
+    try:
+        yield
+    finally:
+        _ALONE.reset(token)
 
 
 def seed_step(seed: int, number: int, stream: int) -> None:
@@ -77,17 +91,17 @@ def mean_over_ranks(x: Tensor) -> Tensor:
 
 
 @contextmanager
-def counted_labels() -> Iterator[list[Tensor]]:
-    """Collects how many labels each mean of losses within was taken over, those of all ranks.
+def counted_labels() -> Iterator[list[Counted]]:
+    """Collects the means of losses within, and how many labels each was taken over, of all ranks.
 
     Example:
         >>> import torch
         >>> with counted_labels() as labels:
         ...     _ = masked_mean(torch.tensor([1.0, 5.0]), torch.tensor([True, False]))
         >>> labels
-        [tensor(1.)]
+        [(tensor(1.), tensor(1.))]
     """
-    labels: list[Tensor] = []
+    labels: list[Counted] = []
     token = _LABELS.set(labels)
     try:
         yield labels
@@ -95,15 +109,16 @@ def counted_labels() -> Iterator[list[Tensor]]:
         _LABELS.reset(token)
 
 
-def note_labels(count: Tensor) -> None:
+def note_labels(count: Tensor, mean: Tensor) -> None:
     """Adds to what `counted_labels` collects, if anything does.
 
     Args:
         count: A scalar, the same on every rank.
+        mean: The mean over so many.
     """
     labels = _LABELS.get()
     if labels is not None:
-        labels.append(count.detach().float())
+        labels.append((count.detach().float(), mean.detach()))
 
 
 class _Gather(torch.autograd.Function):
@@ -158,7 +173,8 @@ def masked_mean(losses: Tensor, valid: Tensor, empty: float = 0.0) -> Tensor:
     size = world()[1]
     if size > 1:
         dist.all_reduce(count)
-    if empty == 0:
-        note_labels(count)
     mean = total * size / count.clamp(min=1)
-    return mean if empty == 0 else mean.masked_fill(count == 0, empty)
+    if empty != 0:
+        return mean.masked_fill(count == 0, empty)
+    note_labels(count, mean)
+    return mean

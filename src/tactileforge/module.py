@@ -14,7 +14,10 @@ from torch import Tensor, nn
 from tactileforge import balance as balances
 from tactileforge.contracts import AfterStep, Batch, Prepared, Scored
 from tactileforge.curriculum import Curriculum, from_config
+from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.distributed import (
+    Counted,
+    alone,
     counted_labels,
     mean_over_ranks,
     seed_step,
@@ -129,14 +132,16 @@ class TouchModule(L.LightningModule):
     def setup(self, stage: str) -> None:
         """Reads the curriculum, once the length of the run is known."""
         total = self.total = int(self.trainer.estimated_stepping_batches)
-        # Infinite where the run ends by its steps: Lightning has not looked at the data then.
-        batches = self.trainer.num_training_batches / self.trainer.accumulate_grad_batches
+        batches = _epoch_batches(self.trainer) / self.trainer.accumulate_grad_batches
         self.epoch_steps = max(1, math.ceil(batches)) if math.isfinite(batches) else total
         self.plan = from_config(self.curriculum_config, self.weights, total, self.epoch_steps)
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Keeps the length of the run and of its epochs, in steps."""
+        """Keeps the length of the run and of its epochs in steps, processes, and scores."""
         checkpoint["total"], checkpoint["epoch_steps"] = self.total, self.epoch_steps
+        checkpoint["processes"] = self.trainer.world_size
+        logged = self.trainer.callback_metrics
+        checkpoint["scores"] = {k: float(v) for k, v in logged.items() if k.startswith("val/")}
 
     def current_weights(self) -> dict[str, float]:
         """Weights of the objectives at this step."""
@@ -202,6 +207,11 @@ class TouchModule(L.LightningModule):
             self._log_step(total.detach(), logs_of(terms), weights, universal)
         return total
 
+    def on_train_batch_start(self, batch: Batch, batch_idx: int) -> None:
+        """Metrics are logged by the step; of a run made longer, Lightning counts one too many."""
+        loop: Any = self.trainer.fit_loop.epoch_loop
+        loop._batches_that_stepped = self.global_step
+
     def on_train_start(self) -> None:
         """Initialises the EMA copies with the encoder's weights; takes the rate of this step."""
         if self.global_step == 0:
@@ -220,30 +230,36 @@ class TouchModule(L.LightningModule):
                 part.after_step(self.encoder, step, self.total)
 
     def validation_step(self, batch: Batch, batch_idx: int) -> None:
-        """Sums up losses on held-out clips, with the same masks each time."""
+        """Sums up losses on held-out clips, with the same masks each time.
+
+        Every process has all of them, so that it is the same with any number of processes.
+        """
         seed_step(self.seed, batch_idx, -1)
         weights = self.current_weights()
         if not batch.get("paired", True):
             paired = [k for k, v in self.objectives.items() if getattr(v, "pairs", False)]
             weights |= dict.fromkeys(paired, 0.0)
-        views = views_of(self.encoder, batch, 0.0)
-        for key in self.objectives:
-            if weights.get(key):
-                with counted_labels() as labels:
-                    term = self._term(key, views, batch)
-                self._add_loss(key, term, batch, labels)
+        with alone():
+            views = views_of(self.encoder, batch, 0.0)
+            for key in self.objectives:
+                if weights.get(key):
+                    with counted_labels() as labels:
+                        term = self._term(key, views, batch)
+                    self._add_loss(key, term, batch, labels)
 
-    def _add_loss(self, key: str, term: Term, batch: Batch, labels: Sequence[Tensor]) -> None:
+    def _add_loss(self, key: str, term: Term, batch: Batch, labels: Sequence[Counted]) -> None:
         """Adds to the means over the split, in which a clip without a label has no part."""
         logs = logs_of({key: term})
         if isinstance(objective := self.objectives[key], Scored):
             sums = objective.sums(term.prediction, batch)
             self._sums[key] = self._sums[key] + sums if key in self._sums else sums
             logs = {key: logs[key]}  # its scores are those of the whole split
-        weight = term.loss.new_full((), len(batch["group"]))
+        whole = term.loss.new_full((), len(batch["group"]))
         if labels:
-            weight = torch.stack([*labels]).sum()
+            whole = torch.stack([count for count, _ in labels]).sum()
+        parts = {mean.data_ptr(): count for count, mean in labels}  # of which an objective is a sum
         for name, value in logs.items():
+            weight = parts.get(value.data_ptr(), whole)
             row = torch.stack([torch.where(weight > 0, value * weight, 0.0), weight]).float()
             self._losses[name] = self._losses[name] + row if name in self._losses else row
 
@@ -304,6 +320,16 @@ class TouchModule(L.LightningModule):
         """Means over ranks, of which each has its share of the joint loss; one message."""
         *values, total = mean_over_ranks(torch.stack([*logs.values(), total])).unbind()
         return dict(zip(logs, values, strict=True)), total
+
+
+def _epoch_batches(trainer: L.Trainer) -> float:
+    """Batches of an epoch; infinite where the data does not tell."""
+    data = getattr(trainer, "datamodule", None)
+    if math.isfinite(trainer.num_training_batches) or not isinstance(data, TouchData):
+        return float(trainer.num_training_batches)
+    # of a run that ends by its steps Lightning has not looked at the data yet
+    accumulate = trainer.accumulate_grad_batches
+    return len(data.stream(trainer.global_rank, trainer.world_size, accumulate))
 
 
 def log_interval(trainer: L.Trainer) -> int:

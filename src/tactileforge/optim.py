@@ -88,7 +88,7 @@ def optimiser(
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
     schedule = torch.optim.lr_scheduler.LambdaLR(
         optimizer,
-        lambda step: min((step + 1) / warm, (total - step) / max(1, total - warm + 1)),
+        lambda step: max(0.0, min((step + 1) / warm, (total - step) / max(1, total - warm + 1))),
     )
     return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
 

@@ -78,6 +78,18 @@ def read_versions(folder: Path) -> dict[str, Any]:
         raise DataError(f"{path}: damaged ({error}); remove it, or put it back") from error
 
 
+def is_claimed(folder: Path) -> bool:
+    """Whether another process writes into the folder of a run."""
+    try:
+        with (folder / LOCK).open("r+") as file:
+            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except FileNotFoundError:
+        return False
+    except OSError:
+        return True
+    return False
+
+
 @contextmanager
 def claimed(folder: Path, resumes: bool) -> Iterator[None]:
     """Locks the folder of a run until the context is left or the process ends.

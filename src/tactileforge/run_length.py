@@ -1,4 +1,4 @@
-"""The length of a run, which may change when the run is resumed."""
+"""The length of a run and its machine, which may change when the run is resumed."""
 
 from __future__ import annotations
 
@@ -7,21 +7,23 @@ from collections.abc import Mapping
 from typing import Any
 
 from tactileforge import curriculum
+from tactileforge.distributed import count_processes
 from tactileforge.errors import ConfigError
 
 log = logging.getLogger(__name__)
 
 #: Keys of ``trainer`` that are the length of a run.
 LENGTHS = ("max_steps", "max_epochs")
+#: Those that say how many processes it has.
+MACHINE = ("devices", "num_nodes")
 
 
-def change_length(
-    plain: dict[str, Any], before: Mapping[str, Any], state: Mapping[str, Any]
-) -> bool:
-    """Gives a resumed run another length; False where it is the same.
+def change_run(plain: dict[str, Any], before: Mapping[str, Any], state: Mapping[str, Any]) -> bool:
+    """Gives a resumed run another length, or other processes; False where both are the same.
 
     The curriculum stays that of the length that the run was planned with; the learning rate is from
-    here on that of a run of the new length.
+    here on that of a run of the new length. On another number of processes epochs have another
+    number of steps: a run by epochs then ends by its steps, of which it keeps the number.
 
     Args:
         plain: The configuration to go on with; it is changed.
@@ -29,16 +31,31 @@ def change_length(
         state: Checkpoint of the run.
 
     Raises:
-        ConfigError: More than the length has changed, or the run is already as long.
+        ConfigError: More than length and machine has changed, or the run is already as long.
     """
     changed = {
         key: value for key, value in plain["trainer"].items() if value != before["trainer"].get(key)
     }
-    if not changed:
+    has_moved = int(state["processes"]) != count_processes(plain["trainer"])
+    if not changed and not has_moved:
         return False
-    if others := sorted(changed.keys() - set(LENGTHS)):
-        raise ConfigError(f"resume= changes the length of a run alone, not trainer.{others[0]}")
+    if others := sorted(changed.keys() - {*LENGTHS, *MACHINE}):
+        raise ConfigError(f"resume= changes length and machine of a run, not trainer.{others[0]}")
     by = "max_epochs" if before["trainer"]["max_steps"] == -1 else "max_steps"
+    total, epoch = int(state["total"]), int(state["epoch_steps"])
+    if has_moved:
+        if "max_epochs" in changed and by == "max_epochs":
+            raise ConfigError(
+                "trainer.max_epochs= on another number of processes, where epochs have another "
+                "length: give trainer.max_steps="
+            )
+        if by == "max_epochs":
+            changed = {"max_steps": changed.get("max_steps", total)}
+            plain["trainer"] = {**plain["trainer"], **changed, "max_epochs": -1}
+            by = "max_steps"
+    if not changed.keys() & set(LENGTHS):
+        plain["curriculum"] = curriculum.in_steps(plain["curriculum"], total, epoch)
+        return True
     if by not in changed:
         raise ConfigError(
             f"the run ends by trainer.{by}={before['trainer'][by]}: give another trainer.{by}="
@@ -46,8 +63,7 @@ def change_length(
     step, steps = int(state["global_step"]), changed.get("max_steps", -1)
     if 0 <= steps <= step:
         raise ConfigError(f"trainer.max_steps={steps}: the run is already at step {step}")
-    total = int(state["total"])
-    plain["curriculum"] = curriculum.in_steps(plain["curriculum"], total, int(state["epoch_steps"]))
+    plain["curriculum"] = curriculum.in_steps(plain["curriculum"], total, epoch)
     if by == "max_steps":
         plain["trainer"]["max_epochs"] = -1  # a run that ends by its steps has an epoch behind it
     log.warning(

@@ -31,7 +31,7 @@ from tactileforge.pages.drawings import collected_drawings
 from tactileforge.parts import plain_robot
 from tactileforge.precompute import remember_features
 from tactileforge.provenance import commit
-from tactileforge.run_length import change_length
+from tactileforge.run_length import change_run
 from tactileforge.strategies import Sharded
 from tactileforge.threads import flushed
 from tactileforge.trainer import build_trainer, check_options
@@ -77,7 +77,7 @@ def train(config: DictConfig | dict[str, Any], folder: Path) -> TouchModule:
         if resume:
             state = read_own(resume, plain.get("run"))  # before data is made or read
             step = int(state["global_step"])
-            is_news = change_length(plain, run_folder.read_config(folder), state)
+            is_news = change_run(plain, run_folder.read_config(folder), state)
             if is_news:
                 check_options(plain)
                 run_folder.write_config(folder, {**plain, "resume": None})
@@ -130,7 +130,12 @@ def _train(
     with warnings.catch_warnings():
         for message in _EXPECTED:
             warnings.filterwarnings("ignore", message)
-        trainer.fit(module, data, ckpt_path=resume, weights_only=True)
+        try:
+            trainer.fit(module, data, ckpt_path=resume, weights_only=True)
+        except ValueError as error:
+            if "val_check_interval" not in str(error):
+                raise
+            raise ConfigError(f"trainer.val_check_interval: {error}") from error
     if saver.interrupted:
         raise KeyboardInterrupt(f"stopped at step {trainer.global_step}")
     if trainer.is_global_zero:
@@ -163,6 +168,20 @@ def _settle_precision(plain: dict[str, Any], module: TouchModule, data: TouchDat
     plain["trainer"] = {**plain["trainer"], "precision": chosen.name}
     log.info("trainer.precision=%s: %s", chosen.name, chosen.reason)
     return chosen.reason
+
+
+def check_metric(config: Mapping[str, Any]) -> None:
+    """Refuses an ``optimized_metric`` that a run will not log, before it begins.
+
+    Raises:
+        ConfigError: See there.
+    """
+    name, objectives = config.get("optimized_metric"), list(config["objective"])
+    split, _, rest = str(name).partition("/")
+    known = {"val": objectives, "train": [*objectives, "loss"]}
+    if name and rest.partition("/")[0] not in known.get(split, ()):
+        names = [f"{split}/{key}" for split, keys in known.items() for key in keys]
+        raise ConfigError(unknown("optimized_metric", str(name), names))
 
 
 def metric(module: TouchModule, name: str | None = None) -> float:

@@ -10,6 +10,7 @@ from typing import Any
 
 import lightning as L
 import torch
+from lightning.fabric.utilities.exceptions import MisconfigurationException
 from lightning.pytorch.callbacks import Callback, Timer
 
 from tactileforge import strict
@@ -113,6 +114,7 @@ def build_trainer(
     saver = checkpoints.Checkpoints(folder, options.pop("save_every"))
     best = checkpoints.best_checkpoint(folder, options.pop("keep_best", None))
     kept = [*best, *callbacks]
+    options["limit_train_batches"] = 1.0  # the data keeps it, see `assemble.limit_of`
     options["strategy"] = choose_strategy(
         options["strategy"],
         count_processes(options),
@@ -135,5 +137,5 @@ def build_trainer(
     )
     try:
         return L.Trainer(**options, **own), saver
-    except (TypeError, ValueError) as error:  # also what Lightning itself raises for them
+    except (TypeError, ValueError, MisconfigurationException) as error:
         raise ConfigError(f"trainer: {error}") from error

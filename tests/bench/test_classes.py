@@ -100,6 +100,14 @@ def test_a_head_of_another_model_and_a_damaged_one_are_refused(done: Path, tmp_p
         next(model.encoder.parameters()).add_(1)
     with pytest.raises(ConfigError, match="fitted to another encoder"):
         model.classify(image("bar", 1), "none", "digit", head=head_of(done))
+    model = tactileforge.load(done / "mine.safetensors")
+    still = np.full((64, 64, 3), 90, np.uint8)
+    with pytest.raises(ConfigError, match=r"without a background: background='none'"):
+        model.classify(image("bar", 1), still, "digit", head=head_of(done))
+    with pytest.raises(ConfigError, match="pictures of digit, not of gelsight"):
+        model.classify(image("bar", 1), "none", "gelsight", head=head_of(done))
+    with pytest.raises(ConfigError, match="is the image itself"):
+        model.classify(image("bar", 1), "first", "digit", head=head_of(done))
     bad = tmp_path / "bad.safetensors"
     save_file(load_file(head_of(done)), bad)
     with pytest.raises(DataError, match="not a head of classes"):

@@ -99,3 +99,21 @@ def test_the_best_accuracy_is_the_largest(tmp_path: Path, metric: str, mode: str
     (best,) = best_checkpoint(tmp_path, metric)
     assert isinstance(best, ModelCheckpoint)
     assert (best.monitor, best.mode) == (metric, mode)
+
+
+@pytest.mark.slow
+def test_the_best_is_known_after_a_stop_and_in_another_folder(tmp_path: Path) -> None:
+    """The last checkpoint is from before the validation that found it."""
+    words = ["scale=demo", "debug=steps", "data.scenes=3", "data.val=1", "data.size=32"]
+    words += ["encoder.image_size=32", "batch.size=4", "batch.workers=0", "objective=[pixel]"]
+    words += ["trainer.max_steps=2", "trainer.val_check_interval=1", "trainer.keep_best=val/pixel"]
+    module = train(compose("anytouch2", words), tmp_path / "before")
+    (keeper,) = (c for c in module.trainer.callbacks if isinstance(c, ModelCheckpoint))
+    (tmp_path / "before").rename(tmp_path / "after")
+    (after,) = best_checkpoint(tmp_path / "after", "val/pixel")
+    assert isinstance(after, ModelCheckpoint)
+    after.load_state_dict({**keeper.state_dict(), "best_model_score": None, "best_k_models": {}})
+    assert after.best_model_path == str(tmp_path / "after" / BEST)
+    assert after.best_model_score == keeper.best_model_score
+    assert not after.check_monitor_top_k(module.trainer, keeper.best_model_score + 0.1)
+    assert after.check_monitor_top_k(module.trainer, keeper.best_model_score - 0.1)

@@ -19,6 +19,7 @@ from tactileforge import cli
 from tactileforge.cli._complete import complete
 from tactileforge.cli._options import options
 from tactileforge.cli._sweep import SweepTable
+from tactileforge.cli._words import read
 from tactileforge.compose import compose
 from tactileforge.errors import ConfigError
 from tactileforge.train import metric
@@ -132,13 +133,44 @@ def test_the_table_of_a_sweep_has_what_differs(capsys: pytest.CaptureFixture[str
         Path(f"s/{number}").mkdir(parents=True)
         overrides = {"task": words.split()}
         hydra = {"mode": "MULTIRUN", "job": {"num": number}, "overrides": overrides}
-        hydra["runtime"] = {"output_dir": f"s/{number}"}
+        hydra |= {"runtime": {"output_dir": f"s/{number}"}, "sweep": {"dir": "s"}}
         job = JobReturn(_return_value=loss, status=JobStatus.COMPLETED)
         SweepTable().on_job_end(OmegaConf.create({"hydra": hydra}), job)
     SweepTable().on_multirun_end(OmegaConf.create({"hydra": {"sweep": {"dir": "s"}}}))
     text = Path("s/sweep.csv").read_text().split()
     assert text == ["job,a,loss", "2,3,0.25", "0,1,0.5", "1,2,nan"]
     assert capsys.readouterr().out.splitlines()[1].split() == ["2", "3", "0.25"]
+
+
+def test_a_job_that_fails_leaves_the_table_of_those_before(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    done = {"mode": "MULTIRUN", "job": {"num": 0}, "overrides": {"task": ["~augment", "a=1"]}}
+    done |= {"runtime": {"output_dir": "s/0"}, "sweep": {"dir": "s"}}
+    Path("s/0").mkdir(parents=True)
+    job = JobReturn(_return_value=0.5, status=JobStatus.COMPLETED)
+    SweepTable().on_job_end(OmegaConf.create({"hydra": done}), job)
+    failed = OmegaConf.create({"hydra": done | {"job": {"num": 1}}})
+    SweepTable().on_job_end(failed, JobReturn(status=JobStatus.FAILED))
+    assert Path("s/sweep.csv").read_text().split() == ["job,loss", "0,0.5"]
+
+
+def test_words_that_sweeps_and_flags_are_given() -> None:
+    lists = "objective=[pixel,diff,force],[pixel,diff,match]"
+    words = read(["-m", lists, "~augment", "--trainer.max_steps", "4", "--optim.lr=1"])
+    assert words.overrides == [lists, "~augment", "trainer.max_steps=4", "optim.lr=1"]
+    with pytest.raises(ConfigError, match="has diff twice"):
+        read(["objective=[pixel],[diff,diff]"])
+
+
+def test_a_metric_that_no_run_has_is_named_before(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run(["train", *SMALL, "optimized_metric=val/pixle"]) == 1
+    assert "'val/pixle'; did you mean 'val/pixel'" in capsys.readouterr().err
+
+
+def test_what_is_deleted_has_no_value(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run(["train", "~augment", "--cfg", "job"]) == 0
+    assert "augment" not in capsys.readouterr().out
 
 
 def test_the_number_of_a_job_is_that_of_validation_where_there_is_one() -> None:

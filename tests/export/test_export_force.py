@@ -157,17 +157,20 @@ sys.meta_path.insert(0, Refuse())
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("turns", [0, -1])
 def test_the_script_of_the_page_needs_neither_torch_nor_tactileforge(
-    file: Path, exported: str, tmp_path: Path
+    file: Path, exported: str, tmp_path: Path, turns: int
 ) -> None:
+    """Also with pictures that lie on their side, as those of the camera of a DIGIT."""
     page = (ROOT / "docs" / "export.md").read_text()
     [script] = re.findall(r"cat > force\.py <<'END'\n(.*?)^END$", page, re.M | re.S)
     assert len(script.splitlines()) <= 32
     assert not re.search(r"torch|tactileforge\b(?!\"\])", script)
     frames = clips(5).reshape(20, 40, 48, 3)
-    writer = cv2.VideoWriter(str(tmp_path / "a.avi"), cv2.VideoWriter_fourcc(*"FFV1"), 20, (48, 40))
+    size = (40, 48) if turns else (48, 40)
+    writer = cv2.VideoWriter(str(tmp_path / "a.avi"), cv2.VideoWriter_fourcc(*"FFV1"), 20, size)
     for frame in frames:
-        writer.write(frame[..., ::-1])
+        writer.write(np.ascontiguousarray(np.rot90(frame[..., ::-1], turns)))
     writer.release()
     (tmp_path / "force.py").write_text(BLOCKED + script)
     command = [sys.executable, "force.py", exported, "a.avi", "digit"]

@@ -15,7 +15,7 @@ import torch
 from lightning.pytorch.callbacks import Callback, ModelCheckpoint
 from lightning.pytorch.plugins.io import TorchCheckpointIO
 
-from tactileforge.checkpoint_file import read_own, seal
+from tactileforge.checkpoint_file import read_checkpoint, read_own, seal
 from tactileforge.errors import TactileForgeError
 from tactileforge.module import log_interval
 from tactileforge.run_folder import BEST, LAST
@@ -154,6 +154,19 @@ class Checkpoints(Callback):
 
 class _Best(ModelCheckpoint):
     """Waits for its metric: an objective may be asleep, or meet no label."""
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Takes over the best so far: that of the file, wherever the run's folder is now.
+
+        The run's last checkpoint is older than the file where it was stopped after a validation.
+        """
+        path = Path(str(self.dirpath)) / BEST.name
+        score = read_checkpoint(path)["scores"].get(self.monitor) if path.is_file() else None
+        if score is not None:
+            best, name = torch.tensor(score), str(path)
+            known = {"best_model_score": best, "best_model_path": name, "kth_value": best}
+            known |= {"kth_best_model_path": name, "best_k_models": {name: best}}
+            super().load_state_dict({**state_dict, **known, "dirpath": self.dirpath})
 
     def on_validation_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Keeps the weights, where they are the best so far."""

@@ -35,7 +35,7 @@ Every verb takes key=value (--key value is the same), and
   --explain KEY       where the value of a key comes from
   -m key=1,2          once for each value
   --config-dir DIR    options of your own, as DIR/GROUP/NAME.yaml; hydra.searchpath=[...] too
-Completion, in bash: complete -o nospace -C 'tactileforge --complete' tactileforge
+Completion, in bash: complete -o nospace -o default -C 'tactileforge --complete' tactileforge
 """
 
 

@@ -78,8 +78,10 @@ _BEFORE = {".hydra", ".lock", "train.log"}
 
 def _forget(hydra: Any) -> None:
     """Removes the folder of a start that has failed: nothing is in it but what Hydra wrote."""
+    from tactileforge.run_folder import is_claimed
+
     folder = Path(hydra.runtime.output_dir)
-    begun = hydra.output_subdir is None or not folder.is_dir()
+    begun = hydra.output_subdir is None or not folder.is_dir() or is_claimed(folder)
     if not begun and {item.name for item in folder.iterdir()} <= _BEFORE:
         shutil.rmtree(folder)
 

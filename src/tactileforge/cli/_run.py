@@ -56,8 +56,8 @@ def run(verb: str, command: Command, argv: Sequence[str]) -> int:
 
 def _given(verb: str, command: Command, words: Words) -> dict[str, Any]:
     for i, word in enumerate(words.overrides):
-        name, _, value = word.partition("=")
-        words.overrides[i] = f"{command.also.get(name, name)}={value}"
+        name, equals, value = word.partition("=")
+        words.overrides[i] = command.also.get(name, name) + equals + value
     several = False
     if command.bare and command.keys:
         several = get_origin(get_type_hints(command.keys)[command.bare[-1]]) is list

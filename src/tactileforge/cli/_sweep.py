@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -34,27 +35,35 @@ class SweepTable(Callback):
         folder = Path(hydra.runtime.output_dir)
         if folder.is_dir():
             write_text(folder / _JOB, json.dumps(row))
+            _gather(config, Path(hydra.sweep.dir))  # the next one may fail, which ends the sweep
 
     def on_multirun_end(self, config: DictConfig, **_: Any) -> None:
-        """Gathers the rows of all jobs."""
+        """Gathers the rows of all jobs, and shows them."""
         folder = Path(config.hydra.sweep.dir)
-        rows = [json.loads(path.read_text("utf-8")) for path in folder.glob(f"*/{_JOB}")]
-        if not rows:
+        if not (table := _gather(config, folder)):
             return
-        said = [dict(word.split("=", 1) for word in row["words"]) for row in rows]
-        keys = [key for key in said[0] if len({str(words.get(key)) for words in said}) > 1]
-        name = config.get("optimized_metric") or "loss"
-        head = ["job", *keys, name]
-        body = [
-            [str(row["job"]), *(words.get(key, "") for key in keys), _number(row["metric"])]
-            for row, words in sorted(zip(rows, said, strict=True), key=_order)
-        ]
-        with (folder / TABLE).open("w", newline="", encoding="utf-8") as file:
-            csv.writer(file).writerows([head, *body])
-        widths = [max(map(len, column)) for column in zip(head, *body, strict=True)]
-        for line in (head, *body):
+        widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+        for line in table:
             print("  ".join(map(str.ljust, line, widths)).rstrip())
         print(f"sweep: {folder / TABLE}")
+
+
+def _gather(config: DictConfig, folder: Path) -> list[list[str]]:
+    """Writes the table of the jobs that have ended: a head and a row each; [] for none."""
+    rows = [json.loads(path.read_text("utf-8")) for path in folder.glob(f"*/{_JOB}")]
+    if not rows:
+        return []
+    said = [dict(word.partition("=")[::2] for word in row["words"]) for row in rows]
+    keys = [key for key in said[0] if len({str(words.get(key)) for words in said}) > 1]
+    head = ["job", *keys, config.get("optimized_metric") or "loss"]
+    body = [
+        [str(row["job"]), *(words.get(key, "") for key in keys), _number(row["metric"])]
+        for row, words in sorted(zip(rows, said, strict=True), key=_order)
+    ]
+    text = StringIO(newline="")
+    csv.writer(text).writerows([head, *body])
+    write_text(folder / TABLE, text.getvalue())
+    return [head, *body]
 
 
 def _number(metric: Any) -> str:

@@ -17,7 +17,7 @@ _FLAGS = {
     **dict.fromkeys(("--info", "-i", "--experimental-rerun"), True),
 }
 #: Options of a group that holds several, each under its own name.
-_SEVERAL = re.compile(r"(sensor|objective|head)=\[(.*)\]")
+_SEVERAL = re.compile(r"(sensor|objective|head)=\[.*\]")
 #: Keys that are Hydra's own, and what adds or takes a key away.
 _OF_HYDRA = re.compile(r"hydra[./]|[+~]")
 
@@ -70,9 +70,9 @@ def read(argv: Sequence[str]) -> Words:
                 words.flags += [name, value]
         elif word in _FLAGS:
             words.flags.append(word)
-        elif re.fullmatch(r"--[a-z]\w*", name):
+        elif re.fullmatch(r"--[a-z][\w.@/]*", name):
             if not equals:
-                value = rest.pop(0) if rest and not re.match(r"-|\w+=", rest[0]) else "true"
+                value = rest.pop(0) if rest and not re.match(r"-|[\w.@/]+=", rest[0]) else "true"
             words.overrides.append(f"{name[2:]}={value}")
         elif word.startswith("-"):
             raise ConfigError(f"unknown flag {word}; --help shows keys and flags")
@@ -91,12 +91,14 @@ def _check_twice(overrides: Sequence[str]) -> None:
         ConfigError: See there.
     """
     for match in filter(None, map(_SEVERAL.fullmatch, overrides)):
-        group, names = match[1], [name.strip() for name in match[2].split(",")]
-        if twice := [name for name in names if names.count(name) > 1]:
-            raise ConfigError(
-                f"{match[0]} has {twice[0]} twice, and each has a name of its own: give it once, "
-                f"and a second one by a name, +{group}@{group}.second={twice[0]}"
-            )
+        group = match[1]
+        for several in re.findall(r"\[([^\]]*)\]", match[0]):  # a sweep has many lists
+            names = [name.strip() for name in several.split(",")]
+            if twice := [name for name in names if names.count(name) > 1]:
+                raise ConfigError(
+                    f"{match[0]} has {twice[0]} twice, and each has a name of its own: give it "
+                    f"once, and a second one by a name, +{group}@{group}.second={twice[0]}"
+                )
 
 
 def fill(words: Words, keys: Sequence[str], several: bool, verb: str) -> dict[str, Any]:

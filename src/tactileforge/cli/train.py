@@ -13,19 +13,20 @@ from tactileforge.run_length import LENGTHS
 def _train(_: None, config: dict[str, Any]) -> float:
     """Trains a recipe; a run that was stopped goes on with resume=RUN."""
     from tactileforge.run_folder import LAST
-    from tactileforge.train import metric, train
+    from tactileforge.train import check_metric, metric, train
 
     folder = _folder()
     if config.get("resume"):
         config = _with_given(_of_run(config["resume"]), config)
     elif config.get("init"):
         _check_encoder(str(config["init"]))
+    check_metric(config)
     try:
         return metric(train(config, folder), config.get("optimized_metric"))
     except KeyboardInterrupt as stop:
         kept = (folder / LAST).is_file()
         again = f"tactileforge train resume={folder}" if kept else "the same command again"
-        raise KeyboardInterrupt(f"{stop or 'stopped'}; go on with: {again}") from stop
+        raise KeyboardInterrupt(f"{str(stop) or 'stopped'}; go on with: {again}") from stop
 
 
 def _check_encoder(init: str) -> None:
@@ -82,7 +83,8 @@ def _folder() -> Path:
 
 def _prepare(overrides: list[str]) -> list[str]:
     """A resumed run stays in its folder; of it, length and machine alone may change."""
-    folders = [word.partition("=")[2] for word in overrides if word.startswith("resume=")]
+    given = [word.partition("=")[2] for word in overrides if word.startswith("resume=")]
+    folders = [word.strip("'\"").replace("\\=", "=") for word in given]
     if not folders or folders[-1] in ("", "null"):
         return overrides
     free = ("resume=", "hydra.", *(f"{path}=" for path in _ANEW))
@@ -90,10 +92,13 @@ def _prepare(overrides: list[str]) -> list[str]:
     if given:
         raise ConfigError(
             f"resume= goes on with the same run, so {' '.join(given)} cannot be given with it, but "
-            "for its length (trainer.max_steps=); init= starts a new run from its weights"
+            "for its length (trainer.max_steps=) and its machine; init= starts a new run from its "
+            "weights"
         )
     _of_run(folders[-1])  # before Hydra makes a folder
-    return [*overrides, f"hydra.run.dir={folders[-1]}", "hydra.output_subdir=null"]
+    words = [word for word in overrides if not word.startswith("resume=")]
+    quoted = f"'{folders[-1]}'"  # whatever is in its name
+    return [*words, f"resume={quoted}", f"hydra.run.dir={quoted}", "hydra.output_subdir=null"]
 
 
 def _of_run(folder: str) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -21,7 +21,7 @@ from tactileforge.hub.forces import fingerprint
 from tactileforge.untrusted import load_json
 
 #: Version of the file, and the key of its metadata.
-FORMAT = 1
+FORMAT = 2
 _KEY = "tactileforge_classes"
 #: Most classes, and most numbers of a vector, that a file may have.
 _MOST_CLASSES, _WIDEST = 10_000, 65_536
@@ -55,6 +55,9 @@ class ClassFacts:
         task: What it was fitted for.
         names: Of the classes.
         encoder: Hash of the encoder's weights, see `encoder_hash`.
+        background: Whether a frame without contact was subtracted; None where the encoder takes
+            none.
+        sensors: Whose pictures it was fitted to.
         penalty: On the squared weights, as it was chosen.
         metrics: Of clips that were left out while it was chosen, by name.
     """
@@ -63,6 +66,8 @@ class ClassFacts:
     task: str
     names: list[str]
     encoder: str
+    background: bool | None
+    sensors: list[str]
     penalty: float
     metrics: dict[str, float]
 
@@ -142,16 +147,21 @@ def classes_of(vectors: Tensor, layer: Layer) -> Classes:
     return Classes(names, logits.softmax(-1))
 
 
-def fitted_layer(head: str | Path | ClassHead, encoder: str, model: str) -> Layer:
+def fitted_layer(
+    head: str | Path | ClassHead, encoder: str, model: str, subtracts: bool, sensors: Iterable[str]
+) -> Layer:
     """The layer of a head that the benchmark fitted.
 
     Args:
         head: It, or its file.
         encoder: Hash of the model's encoder, see `encoder_hash`.
         model: What it is called in errors.
+        subtracts: Whether a background is given.
+        sensors: Names of those that are given; none to leave that open.
 
     Raises:
-        ConfigError: It was fitted to another encoder.
+        ConfigError: It was fitted to another encoder, to pictures of another sensor, or to pictures
+            with a background where none is given, or the other way round.
         DataError: The file is not a head.
         DataNotFoundError: There is no such file.
     """
@@ -160,6 +170,17 @@ def fitted_layer(head: str | Path | ClassHead, encoder: str, model: str) -> Laye
         raise ConfigError(
             f"the head of {fitted.facts.task} was fitted to another encoder than {model}: "
             "run tactileforge bench with this model"
+        )
+    if fitted.facts.background not in (None, subtracts):
+        fix = "give background=, a frame without contact" if not subtracts else "background='none'"
+        known = "with" if fitted.facts.background else "without"
+        raise ConfigError(
+            f"the head of {fitted.facts.task} was fitted to pictures {known} a background: {fix}"
+        )
+    if strange := set(sensors) - {*fitted.facts.sensors, "universal"}:
+        raise ConfigError(
+            f"the head of {fitted.facts.task} was fitted to pictures of "
+            f"{', '.join(fitted.facts.sensors)}, not of {', '.join(sorted(strange))}"
         )
     return fitted.weight, fitted.bias, tuple(fitted.facts.names)
 

@@ -131,18 +131,24 @@ class HeadModel(FeatureModel):
             unknown_sensor: See `encode`.
 
         Raises:
-            ConfigError: No head, or one of another model; see `encode`.
+            ConfigError: No head, or one of another model, of another sensor, or fitted with a
+                background where none is given, or the other way round; see `encode`.
             DataError: The file is not a head; see `encode`.
             DataNotFoundError: There is no such file.
         """
         from tactileforge.hub.classify import classes_of, fitted_layer, packed_layer
 
+        word = background if isinstance(background, str) else ""
+        if word == "first" and getattr(frames, "ndim", 0) == 3:
+            raise ConfigError("background='first' is the image itself: give one without contact")
         if head is None:
             layer = packed_layer(self.heads, names, repr(self))
         elif names is not None:
             raise ConfigError("names= is for the head of a run; head= knows the names of its own")
         else:
-            layer = fitted_layer(head, self.encoder_hash, repr(self))
+            named = {sensor} if isinstance(sensor, str) else set(sensor or ())
+            subtracts = background is not None and word != "none"
+            layer = fitted_layer(head, self.encoder_hash, repr(self), subtracts, named)
         vectors = self.encode(frames, background, sensor, unknown_sensor=unknown_sensor)
         return classes_of(vectors, layer)
 

@@ -67,5 +67,6 @@ def info_nce(a: Tensor, b: Tensor, valid: Tensor, scale: Tensor) -> Tensor:
         for side in (logits, logits.T)
     )
     rows = torch.where(valid, sum(losses, torch.zeros_like(logits[0])) / 2, 0.0)
-    note_labels(valid.sum())
-    return rows.sum() / valid.sum().clamp(min=1)
+    mean = rows.sum() / valid.sum().clamp(min=1)
+    note_labels(valid.sum(), mean)
+    return mean

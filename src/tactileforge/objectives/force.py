@@ -59,6 +59,8 @@ class Force(nn.Module):
         """Measures the deviations, in one pass over the forces; see `contracts.Prepared`."""
         if self.scaled:
             self.deviation.copy_(torch.from_numpy(force_spread(clips)))
+        else:  # weights to start from may have brought others
+            self.deviation.fill_(1)
 
     def forward(self, prediction: Forces, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
         """The loss; logs the mean absolute error of each axis, mN, NaN where none is labelled."""

@@ -39,6 +39,8 @@ def keep_class_head(
         task=prepared.task.name,
         names=list(part.names),
         encoder=encoder_hash(subject.encoder),
+        background=_subtracts(prepared, subject),
+        sensors=sorted({recording.sensor for recording in prepared.source.recordings}),
         penalty=penalty,
         metrics=result.metrics,
     )
@@ -46,3 +48,11 @@ def keep_class_head(
     path.parent.mkdir(parents=True, exist_ok=True)
     ClassHead(facts, layer[:-1].T, layer[-1]).save(path)
     return path
+
+
+def _subtracts(prepared: PreparedTask, subject: FrozenEncoder) -> bool | None:
+    """Whether a background is subtracted from its pictures; None where the encoder takes none."""
+    pixels = getattr(subject.encoder, "pixels", None)
+    if getattr(pixels, "offset", 0) is None:
+        return None
+    return any(recording.no_contact is not None for recording in prepared.source.recordings)

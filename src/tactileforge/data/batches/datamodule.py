@@ -53,6 +53,7 @@ class TouchData(L.LightningDataModule):
         max_bad: Share of the recordings that may be unreadable; one always may.
         seed: Seed of the run.
         augment: Changes clips and their labels, or None.
+        limit: Batches of an epoch, at most (a whole number), or the share of them (a fraction).
 
     Attributes:
         observers: Called with each batch on the host, and whether it is one of training.
@@ -74,6 +75,7 @@ class TouchData(L.LightningDataModule):
         max_bad: float = 0.01,
         seed: int = 0,
         augment: Augment | None = None,
+        limit: float = 1.0,
     ) -> None:
         super().__init__()
         self.dataset = dataset
@@ -89,6 +91,7 @@ class TouchData(L.LightningDataModule):
         self.max_bad = max_bad
         self.seed = seed
         self.augment = augment
+        self.limit = limit
         self.observers: list[Callable[[Batch, bool], None]] = []
         self.sources: dict[str, list[Source]] = {}
         self.train: Clips | None = None
@@ -209,7 +212,11 @@ class TouchData(L.LightningDataModule):
         multiple = accumulate
         if len(self._whole) < len(sources):  # a reader then keeps its worker from epoch to epoch
             multiple *= workers
-        length = int(sum(sizes)) // (max(1, plain) * world) // multiple * multiple
+        length = int(sum(sizes)) // (max(1, plain) * world)
+        length = (
+            min(length, self.limit) if isinstance(self.limit, int) else int(length * self.limit)
+        )
+        length = length // multiple * multiple
         reader = WorkerId(rank, world, workers)
         return Stream(tracks, n_pairs, self.seed, reader, max(multiple, length))
 
