@@ -58,11 +58,10 @@ def build_data(config: Mapping[str, Any]) -> tuple[TouchData, dict[str, Any]]:
         limit=limit_of(config["trainer"]),
         **batch,
     )
-    for key, plugin in objectives.items():
-        data.check(key, plugin.needs)
+    needs = {key: plugin.needs for key, plugin in objectives.items()}
+    data.check(needs)
     data.setup()
-    for key, plugin in objectives.items():
-        data.check(key, plugin.needs)
+    data.check(needs)
     names = data.summary("train").sensors
     return data, {**config["encoder"], "sensors": _rows(dict(encoder.sensors), names)}
 

@@ -94,6 +94,20 @@ def list_plugins() -> list[PluginInfo]:
     ]
 
 
+#: Plugins that our own packages provide, which are in plugins/.
+_OURS = {
+    "anyskin": "tactileforge-anyskin",
+    "ati_netft": "tactileforge-ft",
+    "digit": "tactileforge-digit",
+    "dmtac": "tactileforge-dmtac",
+    "flexitac": "tactileforge-flexitac",
+    "gelsight_mini": "tactileforge-gelsight",
+    "gelsight_mini_markers": "tactileforge-gelsight",
+    "reskin": "tactileforge-anyskin",
+    "robotiq": "tactileforge-ft",
+}
+
+
 def _describe(kind: str, entry: EntryPoint) -> str:
     dist = f", from {entry.dist.name} {entry.dist.version}" if entry.dist else ""
     return f"{kind.removesuffix('s')} {entry.name!r} ({entry.value}{dist})"
@@ -108,7 +122,9 @@ def get(kind: str, name: str) -> type[Any]:
     entries = _entries(kind).get(name, [])
     if not entries:
         is_typo = nearest_name(name, names(kind)) != "."
-        fix = "" if is_typo else "Install the package that provides it"
+        package = _OURS.get(name, "")
+        fix = f"Install the package that provides it{package and f': pip install {package}'}"
+        fix = "" if is_typo and not package else fix
         raise PluginError(unknown(kind.removesuffix("s"), name, names(kind), fix))
     if len(entries) > 1:
         claims = " and ".join(_describe(kind, entry) for entry in entries)

@@ -47,6 +47,7 @@ _EXPECTED = (
     r"Found \d+ module\(s\) in eval mode at the start of training.*",  # frozen towers, EMA copies
     r"The number of training batches .* is smaller than the logging interval.*",
     r"The '\w+_dataloader' does not have many workers.*",
+    r"Total length of `list` across ranks is zero.*",  # nothing is held out, which is said
     r"Checkpoint directory .* exists and is not empty.*",  # a run that goes on
 )
 

@@ -168,6 +168,29 @@ def test_a_metric_that_no_run_has_is_named_before(capsys: pytest.CaptureFixture[
     assert "'val/pixle'; did you mean 'val/pixel'" in capsys.readouterr().err
 
 
+def test_a_new_key_that_nothing_reads_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    for word in ("lr=1e-4", "+lr=1e-4"):
+        said = error_of(capsys, "train", *SMALL, word)
+        assert "unknown key 'lr'; did you mean 'optim.lr'? Known:" in said
+        assert "A key that is new" not in said
+    assert "did you mean 'trainer.max_epochs'" in error_of(capsys, "train", *SMALL, "+epochs=3")
+
+
+def test_options_of_a_head_that_the_recipe_does_not_name(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    words = ["objective=[pixel,dino]", "head.dino.prototypes=7", "--cfg", "job", "-p", "head.dino"]
+    assert "prototypes: 7" in said(capsys, "train", *words)
+    wrong = error_of(capsys, "train", *SMALL, "head.pixel.widht=3")
+    assert "unknown option of head 'pixel' 'widht'; did you mean 'width'" in wrong
+
+
+def test_two_mistakes_are_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ("sensor=sim", "objct=mug", "secnds=3", "out=x")
+    assert "unknown key 'objct'" in error_of(capsys, "record", *words)
+    assert "not key=value" in error_of(capsys, "train", *SMALL, "data.name=re:(a)")
+
+
 def test_what_is_deleted_has_no_value(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.run(["train", "~augment", "--cfg", "job"]) == 0
     assert "augment" not in capsys.readouterr().out
@@ -276,7 +299,8 @@ def test_explain_says_where_a_value_is_from(capsys: pytest.CaptureFixture[str]) 
         ("tactileforge tr", ["train "]),
         ("tactileforge data p", ["pack "]),
         ("tactileforge train scale=d", ["demo"]),
-        ("tactileforge train objective=[pixel,for", ["force"]),
+        ("tactileforge train sca", ["scale="]),
+        ("tactileforge train objective=[pixel,for", ["[pixel,force"]),
         ("tactileforge data pack data=ycb", ["ycb_slide"]),
         ("tactileforge record qua", ["quality="]),
     ],

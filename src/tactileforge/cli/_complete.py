@@ -1,8 +1,9 @@
-"""Completion for shells: ``complete -o nospace -C 'tactileforge --complete' tactileforge``."""
+"""Completion for shells; `cli` has the line for bash."""
 
 from __future__ import annotations
 
 import os
+import re
 
 from tactileforge import strict
 from tactileforge.cli._options import options, yaml_groups
@@ -37,7 +38,8 @@ def complete(line: str | None = None) -> list[str]:
     groups = dict(command.groups) or (yaml_groups(command.yaml) if command.yaml else {})
     group, equals, start = word.partition("=")
     if equals:  # the shell completes what follows "=" by itself
-        start = start.lstrip("[").rpartition(",")[2]
-        return [name for name in options(group) if name.startswith(start)]
+        *_, last = re.split(r"[\[,]", start)
+        typed = start.removesuffix(last)
+        return [typed + name for name in options(group) if name.startswith(last)]
     keys = [*groups, *(strict.node(command.keys) if command.keys else {})]
     return [f"{key}=" for key in keys if key.startswith(word)]

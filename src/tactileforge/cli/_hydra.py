@@ -115,43 +115,57 @@ def _told(name: str, said: str, words: Words) -> str:
     overrides, own = own_places(words.overrides, words.flags)
     if match := re.search(r"Could not override '(.+?)'\.? ?(No match in the defaults list)?", said):
         key = match[1].removesuffix("@_global_")
-        return _unknown_key(name, key, overrides)
+        return unknown_key(name, key, overrides, own)
     if match := re.search(r"Could not find '([\w/]+)/(.+?)'", said):
         return unknown(match[1], match[2], options(match[1], own))
     if match := re.search(r"You must specify '(\w+)'", said):
         return f"give {match[1]}=NAME; Known: {', '.join(options(match[1], own))}"
-    if match := re.search(r"LexerNoViableAltException: (.*)", said):
-        return f"{match[1]}: not key=value; quote values with special characters: 'key=\"value\"'"
+    if match := re.search(r"LexerNoViableAltException: (.*)|(mismatched input .*?)[;\n]", said):
+        what = match[1] or match[2]
+        return f"{what}: not key=value; quote values with special characters: \"key='value'\""
     return re.sub(r"\s*\n\s*", "; ", said.partition("\nprimary config")[0].strip()).strip("; ")
 
 
-def _unknown_key(name: str, key: str, overrides: Sequence[str]) -> str:
-    """Says that a key is unknown, and the nearest beside it or with that name elsewhere."""
+def unknown_key(name: str, key: str, overrides: Sequence[str], own: Sequence[str] = ()) -> str:
+    """Says that a key is unknown, and the nearest beside it or with that name elsewhere.
+
+    Args:
+        name: Of the configuration, see `compose.composed`.
+        key: As it was typed.
+        overrides: The words that were typed.
+        own: Further places of options, see `_options.own_places`.
+    """
     from tactileforge.compose import composed
 
-    typed = {word.partition("=")[0].lstrip("+~"): word for word in overrides}
-    chosen = [word for option, word in typed.items() if option != key and _chooses(word)]
+    groups = (word for word in overrides if _chooses(word, own))
+    chosen = [word for word in groups if word.partition("=")[0].lstrip("+~") != key]
     try:
         config = composed(name, chosen)
-    except HydraException:
-        config = composed(name)
+    except HydraException:  # an option that there is not either
+        return f"unknown key {key!r}"
     known = sorted(_keys(config))
     parent, _, last = key.rpartition(".")
     while parent and parent not in known:
         parent = parent.rpartition(".")[0]
     beside = [option for option in known if option.rpartition(".")[0] == parent]
     near = nearest_name(key, beside)
-    if near == ".":
-        near = nearest_name(
-            key, [option for option in known if option.rpartition(".")[2] == last] or known
+    alike = [option for option in known if re.search(rf"(^|[._]){re.escape(last)}$", option)]
+    if near == "." or alike:
+        near = (
+            f"; did you mean {' or '.join(map(repr, alike[:3]))}?"
+            if alike
+            else nearest_name(key, known)
         )
     where = f" Known in {parent}" if parent else " Known"
     names = ", ".join(option.rpartition(".")[2] for option in beside)
-    return f"unknown key {key!r}{near}{where}: {names}. A key that is new: +{key}=..."
+    new = f". A key that is new: +{key}=..." if parent else ""
+    return f"unknown key {key!r}{near}{where}: {names}{new}"
 
 
-def _chooses(word: str) -> bool:
-    return "." not in word.partition("=")[0].partition("@")[0]
+def _chooses(word: str, own: Sequence[str]) -> bool:
+    """Whether a word chooses an option of a group."""
+    group = word.partition("=")[0].partition("@")[0].lstrip("+")
+    return "." not in group and bool(options(group, own))
 
 
 def _keys(config: Any, prefix: str = "") -> Iterator[str]:

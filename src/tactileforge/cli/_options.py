@@ -77,9 +77,18 @@ def yaml_text(name: str) -> str:
 
 
 def yaml_groups(name: str) -> dict[str, str]:
-    """The groups in the defaults list of a YAML in conf/, and the default of each."""
+    """The groups in the defaults list of a YAML in conf/ and of its recipe, and their defaults."""
     import yaml
 
     rows = yaml.safe_load(yaml_text(name))["defaults"]
     found = {key: value for row in rows if isinstance(row, dict) for key, value in row.items()}
-    return {key: value for key, value in found.items() if " " not in key and "/" not in key}
+    if "recipe" in found:  # which chooses the options of further groups
+        text = (files("tactileforge.zoo") / "recipe" / f"{found['recipe']}.yaml").read_text("utf-8")
+        rows = yaml.safe_load(text)["defaults"]
+        of_recipe = {k: v for row in rows if isinstance(row, dict) for k, v in row.items()}
+        found |= {key[1:]: value for key, value in of_recipe.items() if key.startswith("/")}
+    return {
+        key: f"[{','.join(value)}]" if isinstance(value, list) else value
+        for key, value in found.items()
+        if " " not in key and "/" not in key
+    }

@@ -67,7 +67,8 @@ class _New:
 
     def __post_init__(self) -> None:
         if self.kind not in _FILES:
-            raise ConfigError(unknown("kind", self.kind, _FILES))
+            also = "A head comes with its objective; an encoder is a class, see docs/contracts.md"
+            raise ConfigError(unknown("kind", self.kind, _FILES, also))
 
 
 def _list(keys: _List, _: dict[str, Any]) -> None:

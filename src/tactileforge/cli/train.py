@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ def _train(_: None, config: dict[str, Any]) -> float:
     from tactileforge.train import check_metric, metric, train
 
     folder = _folder()
+    _check_new_keys(config)
     if config.get("resume"):
         config = _with_given(_of_run(config["resume"]), config)
     elif config.get("init"):
@@ -81,8 +83,28 @@ def _folder() -> Path:
     return Path(hydra.runtime.output_dir if hydra.mode is RunMode.MULTIRUN else hydra.run.dir)
 
 
+def _check_new_keys(config: dict[str, Any]) -> None:
+    """Refuses ``+key=value`` where nothing reads the key: it is a typo, or lacks its group.
+
+    Raises:
+        ConfigError: See there.
+    """
+    from hydra.core.hydra_config import HydraConfig
+
+    from tactileforge.cli._hydra import unknown_key
+
+    for word in HydraConfig.get().overrides.task:
+        if (match := re.match(r"\+\+?(\w+)=", word)) and not isinstance(config[match[1]], dict):
+            raise ConfigError(unknown_key("train", match[1], []))
+
+
 def _prepare(overrides: list[str]) -> list[str]:
-    """A resumed run stays in its folder; of it, length and machine alone may change."""
+    """A resumed run stays in its folder; of it, length and machine alone may change.
+
+    An option of a head may be given where the recipe does not name the head: `compose.finish` takes
+    it to the objective's own.
+    """
+    overrides = [f"++{w}" if re.match(r"head\.\w+\.", w) else w for w in overrides]
     given = [word.partition("=")[2] for word in overrides if word.startswith("resume=")]
     folders = [word.strip("'\"").replace("\\=", "=") for word in given]
     if not folders or folders[-1] in ("", "null"):

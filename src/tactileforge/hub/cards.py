@@ -13,6 +13,7 @@ from fnmatch import fnmatchcase
 from functools import cache
 from importlib.resources import files
 from importlib.resources.abc import Traversable
+from pathlib import Path
 from typing import Any
 
 import yaml
@@ -212,9 +213,23 @@ def find_card(model: str) -> tuple[Card, Weight]:
     if name not in card_names() and (
         "/" in model or model.endswith((".safetensors", ".ckpt", ".pth"))
     ):
+        path = Path(model.removeprefix("run:"))
+        if path.is_dir():
+            raise ConfigError(folder_of_run(path))
         raise ConfigError(f"{model!r} looks like a file; say so: file:{model}")
     card = read_card(name)
     return card, card.weight(tag)
+
+
+def folder_of_run(folder: Path) -> str:
+    """What to do with a folder where a model is wanted."""
+    packed = folder / "model.safetensors"
+    if packed.is_file():
+        return f"{folder} is a folder, and a model one file: file:{packed}"
+    return (
+        f"{folder} is a folder, and a model one file: make it of a run with tactileforge zoo pack "
+        f"{folder}, then file:{packed}"
+    )
 
 
 def list_cards(pattern: str = "*") -> list[tuple[str, Card, Weight | None]]:

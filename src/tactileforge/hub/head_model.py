@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import torch
@@ -17,10 +18,17 @@ from tactileforge.hub.inputs import Images
 from tactileforge.hub.sensor_rows import Policy
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from tactileforge.calibration.file import Axis, Calibration
     from tactileforge.hub.classify import Classes, ClassHead
+
+
+def opened_calibration(given: Calibration | str | Path | None) -> Calibration | None:
+    """A calibration, read where its file is given; see `load_calibration` for errors."""
+    if isinstance(given, str | Path):
+        from tactileforge.calibration.file import load_calibration
+
+        return load_calibration(given)
+    return given
 
 
 class HeadModel(FeatureModel):
@@ -34,7 +42,7 @@ class HeadModel(FeatureModel):
         background: Images | str | None = None,
         sensor: str | Sequence[str] | None = None,
         *,
-        calibration: Calibration | None = None,
+        calibration: Calibration | str | Path | None = None,
     ) -> Tensor:
         """The force of the object on the gel in frames 2..T of each clip.
 
@@ -45,8 +53,8 @@ class HeadModel(FeatureModel):
             frames: See `encode`.
             background: See `encode`.
             sensor: See `encode`; the universal tokens do not fit forces.
-            calibration: Of this unit, fitted to what this model reads (``tactileforge calibrate
-                model=...``); an axis that it leaves out stays the model's estimate.
+            calibration: Of this unit, or its file, fitted to what this model reads (``tactileforge
+                calibrate model=...``); an axis that it leaves out stays the model's estimate.
 
         Returns:
             float32 (T - 1, 3), or (B, T - 1, 3) for a batch, N; axes as in `contracts`. A published
@@ -188,7 +196,7 @@ class HeadModel(FeatureModel):
         sensor: str | Sequence[str] | None = None,
         *,
         unknown_sensor: Policy = "error",
-        calibration: Calibration | None = None,
+        calibration: Calibration | str | Path | None = None,
     ) -> ModelReadings:
         """Vectors and forces of clips, from one pass of the encoder.
 
@@ -207,6 +215,7 @@ class HeadModel(FeatureModel):
         names = self._names(sensor, len(x))
         scale = self._scale(names)
         rows = self._rows(names, unknown_sensor)
+        calibration = opened_calibration(calibration)
         with torch.no_grad():
             if scale is None:
                 vector, force = self._read("projected", x, still, rows).float(), None

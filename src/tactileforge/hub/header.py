@@ -126,6 +126,10 @@ def read_header(path: str | Path) -> Header:
         DataError: It is truncated, damaged, something else, or not one of ours; says what it is.
     """
     path = Path(path)
+    if path.is_dir():
+        from tactileforge.hub.cards import folder_of_run
+
+        raise DataNotFoundError(folder_of_run(path))
     if not path.is_file():
         raise DataNotFoundError(f"{path}: no such file; correct the path")
     with path.open("rb") as file:

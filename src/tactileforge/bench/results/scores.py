@@ -101,8 +101,8 @@ def sentences(skipped: NotRun) -> str:
 
 
 def _capital(text: str) -> str:
-    first = text.partition(" ")[0]
-    return text if first.endswith(":") else text[0].upper() + text[1:]
+    first = text.partition(" ")[0]  # a path, or a key to be typed
+    return text if first.endswith(":") or "=" in first else text[0].upper() + text[1:]
 
 
 def missing(results: Results, task: str, model: str) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import chain
@@ -27,6 +28,8 @@ from tactileforge.data.labels.augment import Augment, fill_captions
 from tactileforge.data.shards.summary import Summary
 from tactileforge.distributed import seed_step
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
+
+log = logging.getLogger(__name__)
 
 #: Recordings of a large source that checks and the report look at.
 _SAMPLE = 256
@@ -152,25 +155,39 @@ class TouchData(L.LightningDataModule):
         kept = self._readable(list(chain.from_iterable(held_out)))
         if kept:
             self.val = self._clips(kept)
+        else:
+            log.warning("no recording is held out: nothing is validated (data.val= is the share)")
 
-    def check(self, key: str, needs: frozenset[str]) -> None:
-        """Whether the training clips carry what an objective needs.
+    def check(self, needs: Mapping[str, frozenset[str]]) -> None:
+        """Whether the training clips carry what objectives need.
 
         Args:
-            key: Name of the objective.
-            needs: Labels; ``"a|b"`` asks for one of the two.
+            needs: Labels, by the name of the objective; ``"a|b"`` asks for one of the two.
 
         Raises:
-            ConfigError: Names what is missing and what there is.
+            ConfigError: Names what is missing, what there is, and the objectives that are left.
+            DataNotFoundError: It is missing because the data is.
         """
         provides = self.summary("train").labels if self.sources else self.dataset.provides
-        for need in sorted(needs):
-            if not provides & set(need.split("|")):
-                raise ConfigError(
-                    f"objective {key!r} needs {need.replace('|', ' or ')}, which the data does not "
-                    f"have (it has: {', '.join(sorted(provides)) or 'frames only'}). Leave the "
-                    f"objective out (objective=[...] without {key}), or use data that has it"
-                )
+        missing = {
+            key: [need for need in sorted(wanted) if not provides & set(need.split("|"))]
+            for key, wanted in needs.items()
+        }
+        lost = {key: wanted for key, wanted in missing.items() if wanted}
+        if not lost:
+            return
+        if not self.sources:
+            next(iter(self.dataset.recordings("train")), None)  # a wrong folder has no labels
+        said = "; ".join(
+            f"objective {key!r} needs {' and '.join(wanted).replace('|', ' or ')}"
+            for key, wanted in lost.items()
+        )
+        left = f"'objective=[{','.join(key for key in needs if key not in lost)}]'"
+        raise ConfigError(
+            f"{said}, which the data does not have (it has: "
+            f"{', '.join(sorted(provides)) or 'frames only'}): train with {left}, or use data that "
+            "has it"
+        )
 
     def stream(self, rank: int = 0, world: int = 1, accumulate: int = 1) -> Stream:
         """The training batches of one process.

@@ -100,4 +100,6 @@ def _image(path: str, decode: bool) -> tuple[tuple[int, int], NDArray[np.uint8]]
     except FileNotFoundError:
         raise DataNotFoundError(f"{path}: no such file; correct the path") from None
     except (OSError, SyntaxError, ValueError) as error:
-        raise DataError(f"{path}: not a readable image ({error}); download it again") from error
+        raise DataError(
+            f"{path}: not a readable image ({error}); replace it, or remove it"
+        ) from error
