@@ -35,5 +35,5 @@ def _group(group: str, option: str | None) -> list[str]:
 
 def _after_defaults(name: str) -> str:
     """Text of a YAML after its defaults list, without Hydra's own keys."""
-    text = yaml_text(name).partition("  - _self_\n")[2]
+    text = yaml_text(name).partition("  - _self_\n")[2].partition("\n\n")[2]
     return text.partition("\nhydra:")[0].strip()

@@ -150,12 +150,10 @@ def unknown_key(name: str, key: str, overrides: Sequence[str], own: Sequence[str
     beside = [option for option in known if option.rpartition(".")[0] == parent]
     near = nearest_name(key, beside)
     alike = [option for option in known if re.search(rf"(^|[._]){re.escape(last)}$", option)]
-    if near == "." or alike:
-        near = (
-            f"; did you mean {' or '.join(map(repr, alike[:3]))}?"
-            if alike
-            else nearest_name(key, known)
-        )
+    if alike:
+        near = f"; did you mean {' or '.join(map(repr, alike[:3]))}?"
+    elif near == ".":
+        near = nearest_name(key, known)
     where = f" Known in {parent}" if parent else " Known"
     names = ", ".join(option.rpartition(".")[2] for option in beside)
     new = f". A key that is new: +{key}=..." if parent else ""
