@@ -24,6 +24,14 @@ def test_three_frames_in_every_layout_are_the_same(frames: Images, background: I
     assert (still[0].numpy() == np.moveaxis(STILL, -1, 0)).all()
 
 
+@pytest.mark.parametrize(
+    ("channels", "hint"), [(4, r"leave out the alpha: \[\.\.\., :3\]"), (1, "repeat grey ones")]
+)
+def test_other_numbers_of_colours_have_a_hint(channels: int, hint: str) -> None:
+    with pytest.raises(DataError, match=hint):
+        check_clip(np.zeros((3, 10, 12, channels), np.uint8))
+
+
 def test_views_of_arrays_and_one_background_for_all() -> None:
     read_only = CLIP[:, ::-1, ::-1]
     read_only.setflags(write=False)

@@ -17,6 +17,7 @@ Images: TypeAlias = NDArray[Any] | Tensor
 
 _CLIP = "(T, H, W, 3) or (T, 3, H, W), or a batch of these"
 _STILL = "(H, W, 3) or (3, H, W), or one for each clip"
+_GREY = "; a sensor's pictures have colours: repeat grey ones three times along the last axis"
 
 
 class ClipInputs(NamedTuple):
@@ -196,5 +197,7 @@ def _channels_first(what: str, images: Tensor, single: int, expected: str) -> Te
     if not first and not last:
         swapped = single == 4 and images.shape[1] == 3
         hint = "; the colours are before the time: swap these two axes" if swapped else ""
+        if images.shape[-1] in (1, 4):
+            hint = "; leave out the alpha: [..., :3]" if images.shape[-1] == 4 else _GREY
         raise DataError(f"{what}: expected {expected}; found {shape}{hint}")
     return images if first else images.movedim(-1, -3)
