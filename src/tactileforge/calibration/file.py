@@ -119,6 +119,11 @@ class Calibration:
     size: list[int] = field(default_factory=list)
     force: ForceModel | None = None
 
+    @property
+    def title(self) -> str:
+        """Type and unit of the sensor."""
+        return f"{self.sensor} {self.unit}".rstrip()
+
     def text(self) -> str:
         """The file, with its checksum in the first line."""
         plain = {"version": VERSION} | asdict(self)
@@ -138,7 +143,7 @@ class Calibration:
             ConfigError: The light was not calibrated.
         """
         if self.light is None:
-            raise ConfigError(f"the calibration of {self.sensor} {self.unit} has no light")
+            raise ConfigError(f"the calibration of {self.title} has no light")
         scaled = frames * np.asarray(self.light.balance, np.float32)
         return np.rint(scaled).clip(0, 255).astype(np.uint8)
 
@@ -159,12 +164,10 @@ class Calibration:
         from tactileforge.calibration.features import force_features
 
         if self.force is None:
-            raise ConfigError(f"the calibration of {self.sensor} {self.unit} has no force")
+            raise ConfigError(f"the calibration of {self.title} has no force")
         self.check(recording.sensor, str(recording.labels.get("unit", "")))
         if self.force.model and (model is None or model.fingerprint != self.force.model):
-            raise ConfigError(
-                f"the forces of {self.sensor} {self.unit} were fitted to a model: give that model"
-            )
+            raise ConfigError(f"the forces of {self.title} were fitted to a model: give that model")
         features = force_features(recording, self.force.of, self.force.noise, model)
         out = np.full((len(recording.frames), 3), np.nan, np.float32)
         for column, name in enumerate(AXES):

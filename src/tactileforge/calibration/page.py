@@ -27,7 +27,7 @@ from tactileforge.pages.page import (
 def calibration_page(result: CalibrationResult) -> str:
     """The page, as HTML."""
     calibration = result.calibration
-    title = f"Calibration of {calibration.sensor} {calibration.unit}".strip()
+    title = f"Calibration of {calibration.title}"
     top = paragraph(calibration.made, soft=True) + verdict(("bad", note) for note in result.notes)
     parts = [_force(result)] if calibration.force is not None else []
     parts += [_light(result)] if calibration.light is not None else []

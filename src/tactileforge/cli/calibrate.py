@@ -69,7 +69,7 @@ def _recordings(dataset: Dataset) -> Iterator[Recording]:
 
 def _told(result: CalibrationResult) -> str:
     calibration = result.calibration
-    lines = [f"{calibration.sensor} {calibration.unit}".strip()]
+    lines = [calibration.title]
     if calibration.light is not None:
         lines.append(f"balance of red, green, blue: {calibration.light.balance}")
     if calibration.mm_per_pixel is not None:

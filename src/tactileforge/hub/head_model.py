@@ -288,7 +288,7 @@ class HeadModel(FeatureModel):
             calibration.check(name)
         if calibration.force is None or calibration.force.model != self.fingerprint:
             raise ConfigError(
-                f"the calibration of {calibration.sensor} {calibration.unit} was not fitted to the "
-                "forces of this model: make one with tactileforge calibrate model=NAME"
+                f"the calibration of {calibration.title} was not fitted to the forces of "
+                "this model: make one with tactileforge calibrate model=NAME"
             )
         return calibration.force.axes
