@@ -178,7 +178,9 @@ def build(kind: str, config: Mapping[str, Any], **given: Any) -> Any:
     what = f"{kind.removesuffix('s')} {name!r}"
     for key in arguments:
         if key not in known:
-            raise ConfigError(unknown(f"option of {what}", key, known))
+            fix = f"Where a recipe or scale gave it, take it away: ~encoder.{key}"
+            fix = fix if kind == "encoders" else ""
+            raise ConfigError(unknown(f"option of {what}", key, known, fix))
     for key, default in known.items():
         if default is Parameter.empty and key not in arguments:
             raise ConfigError(f"{what} needs {key!r}: set {key}=...")
