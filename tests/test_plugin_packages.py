@@ -11,6 +11,7 @@ import cv2
 import pytest
 
 from tactileforge import registry
+from tactileforge.errors import PluginError
 from tactileforge.sensors.specs import spec
 
 ROOT = Path(__file__).parents[1]
@@ -28,6 +29,14 @@ SENSORS = {
     "reskin": ("array", (3, 3)),
     "robotiq": ("wrench", (0, 0)),
 }
+
+
+@pytest.mark.parametrize("path", PACKAGES, ids=NAMES)
+def test_without_it_the_package_of_a_sensor_is_named(path: Path) -> None:
+    project = tomllib.loads((path / "pyproject.toml").read_text())["project"]
+    for name in project["entry-points"]["tactileforge.sensors"]:
+        with pytest.raises(PluginError, match=f"pip install {project['name']}$"):
+            registry.get("sensors", name)
 
 
 @pytest.fixture(scope="module")

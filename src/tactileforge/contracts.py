@@ -547,7 +547,7 @@ class TrainingClips(Protocol):
 
     @property
     def recordings(self) -> Sequence[Recording]:
-        """What is cut; of a source that is read window by window, some of its recordings."""
+        """Recordings that are cut; some of those of a source that is read window by window."""
 
     @property
     def strides(self) -> NDArray[np.int32]:

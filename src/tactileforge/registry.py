@@ -100,6 +100,7 @@ _OURS = {
     "ati_netft": "tactileforge-ft",
     "digit": "tactileforge-digit",
     "dmtac": "tactileforge-dmtac",
+    "dmtac_sdk": "tactileforge-dmtac",
     "flexitac": "tactileforge-flexitac",
     "gelsight_mini": "tactileforge-gelsight",
     "gelsight_mini_markers": "tactileforge-gelsight",

@@ -53,8 +53,8 @@ def change_run(plain: dict[str, Any], before: Mapping[str, Any], state: Mapping[
             changed = {"max_steps": changed.get("max_steps", total)}
             plain["trainer"] = {**plain["trainer"], **changed, "max_epochs": -1}
             by = "max_steps"
+    plain["curriculum"] = curriculum.in_steps(plain["curriculum"], total, epoch)
     if not changed.keys() & set(LENGTHS):
-        plain["curriculum"] = curriculum.in_steps(plain["curriculum"], total, epoch)
         return True
     if by not in changed:
         raise ConfigError(
@@ -63,7 +63,6 @@ def change_run(plain: dict[str, Any], before: Mapping[str, Any], state: Mapping[
     step, steps = int(state["global_step"]), changed.get("max_steps", -1)
     if 0 <= steps <= step:
         raise ConfigError(f"trainer.max_steps={steps}: the run is already at step {step}")
-    plain["curriculum"] = curriculum.in_steps(plain["curriculum"], total, epoch)
     if by == "max_steps":
         plain["trainer"]["max_epochs"] = -1  # a run that ends by its steps has an epoch behind it
     log.warning(

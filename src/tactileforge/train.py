@@ -171,20 +171,6 @@ def _settle_precision(plain: dict[str, Any], module: TouchModule, data: TouchDat
     return chosen.reason
 
 
-def check_metric(config: Mapping[str, Any]) -> None:
-    """Refuses an ``optimized_metric`` that a run will not log, before it begins.
-
-    Raises:
-        ConfigError: See there.
-    """
-    name, objectives = config.get("optimized_metric"), list(config["objective"])
-    split, _, rest = str(name).partition("/")
-    known = {"val": objectives, "train": [*objectives, "loss"]}
-    if name and rest.partition("/")[0] not in known.get(split, ()):
-        names = [f"{split}/{key}" for split, keys in known.items() for key in keys]
-        raise ConfigError(unknown("optimized_metric", str(name), names))
-
-
 def metric(module: TouchModule, name: str | None = None) -> float:
     """The number that a sweep makes small, as it was at the last validation.
 

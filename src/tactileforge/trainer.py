@@ -50,7 +50,10 @@ def check_options(config: Mapping[str, Any]) -> None:
             raise ConfigError(unknown("key of trainer", key, known))
         _check_whole(key, value)
     _check_length(config["trainer"])
-    _check_best(config["trainer"].get("keep_best"), list(config["objective"]))
+    validated = [f"val/{key}" for key in config["objective"]]
+    trained = [f"train/{key}" for key in (*config["objective"], "loss")]
+    _check_metric("trainer.keep_best", config["trainer"].get("keep_best"), validated)
+    _check_metric("optimized_metric", config.get("optimized_metric"), [*validated, *trained])
     name = config["logger"]["name"]
     if name not in _LOGGERS:
         raise ConfigError(f"unknown logger {name!r}: csv, tensorboard, wandb or mlflow")
@@ -83,15 +86,16 @@ def _check_length(options: Mapping[str, Any]) -> None:
         )
 
 
-def _check_best(metric: Any, objectives: Sequence[str]) -> None:
-    """Refuses a metric that no validation logs."""
-    if metric is None:
-        return
-    split, _, rest = str(metric).partition("/")
-    if split != "val" or rest.partition("/")[0] not in objectives:
-        raise ConfigError(
-            unknown("trainer.keep_best", str(metric), [f"val/{key}" for key in objectives])
-        )
+def _check_metric(key: str, metric: Any, known: Sequence[str]) -> None:
+    """Refuses a metric that no run logs.
+
+    Args:
+        key: The option that names it.
+        metric: Its name, or None.
+        known: Names that it may have, or begin with before a slash.
+    """
+    if metric is not None and "/".join(str(metric).split("/")[:2]) not in known:
+        raise ConfigError(unknown(key, str(metric), known))
 
 
 def build_trainer(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Frames, Recording
+from tactileforge.data.frames.cut import held_clips
 from tactileforge.errors import DataError, unknown
 from tactileforge.sensors.taxels import REST
 
@@ -28,7 +29,7 @@ LEAST = 3.0
 
 
 class ForceReader(Protocol):
-    """What calibration needs of a model; `hub.model.Model` is one."""
+    """Interface that calibration needs of a model, such as `hub.model.Model`."""
 
     @property
     def frames(self) -> int:
@@ -48,7 +49,7 @@ class ForceReader(Protocol):
     def force_inputs(
         self, frames: NDArray[np.uint8], background: NDArray[np.uint8], sensor: str
     ) -> dict[str, Tensor]:
-        """What is read of the force in frames 2..T, float32 (B, T - 1) each."""
+        """Readings of the force in frames 2..T, float32 (B, T - 1) each."""
 
 
 def force_features(
@@ -159,11 +160,10 @@ def _pictures(
 def _read_by(model: ForceReader, recording: Recording) -> Iterator[dict[str, NDArray[np.float64]]]:
     """Features of a model for the last frame of the clips that end at each frame."""
     rest = model.squash(median_background(recording).round().astype(np.uint8))
-    stride = max(1, round(model.spacing / (recording.period or 1.0)))
-    back = np.arange(model.frames - 1, -1, -1) * stride
-    for start in range(0, len(recording.frames), _CHUNK):
-        ends = np.arange(start, min(start + _CHUNK, len(recording.frames)))
-        rows = np.maximum(ends[:, None] - back, 0)
+    ends = np.arange(len(recording.frames))
+    held = held_clips(recording.times, ends, model.frames, model.spacing)
+    for start in range(0, len(held), _CHUNK):
+        rows = held[start : start + _CHUNK]
         known, places = np.unique(rows, return_inverse=True)
         pictures = model.squash(recording.frames.read(known.tolist()))
         clips = pictures[places.reshape(rows.shape)]

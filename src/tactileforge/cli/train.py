@@ -14,7 +14,7 @@ from tactileforge.run_length import LENGTHS
 def _train(_: None, config: dict[str, Any]) -> float:
     """Trains a recipe; a run that was stopped goes on with resume=RUN."""
     from tactileforge.run_folder import LAST
-    from tactileforge.train import check_metric, metric, train
+    from tactileforge.train import metric, train
 
     folder = _folder()
     _check_new_keys(config)
@@ -22,7 +22,6 @@ def _train(_: None, config: dict[str, Any]) -> float:
         config = _with_given(_of_run(config["resume"]), config)
     elif config.get("init"):
         _check_encoder(str(config["init"]))
-    check_metric(config)
     try:
         return metric(train(config, folder), config.get("optimized_metric"))
     except KeyboardInterrupt as stop:

@@ -222,7 +222,7 @@ def find_card(model: str) -> tuple[Card, Weight]:
 
 
 def folder_of_run(folder: Path) -> str:
-    """What to do with a folder where a model is wanted."""
+    """Error text for a folder where a model is wanted."""
     packed = folder / "model.safetensors"
     if packed.is_file():
         return f"{folder} is a folder, and a model one file: file:{packed}"

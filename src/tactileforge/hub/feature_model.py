@@ -21,6 +21,7 @@ from tactileforge.hub.inputs import (
     prepare_clips,
     squash_clips,
     squash_images,
+    uses_background,
 )
 from tactileforge.hub.packed_linear import PackedLinears
 from tactileforge.hub.sensor_rows import Policy, name_each, row_each, takes_any_sensor
@@ -212,9 +213,7 @@ class FeatureModel(nn.Module):
 
     def _prepare(self, frames: Images, background: Images | str | None) -> ClipInputs:
         """Frames and backgrounds of a batch, uint8, as in training; whether it was one clip."""
-        steps = getattr(self.encoder, "pixels", None)
-        needed = getattr(steps, "offset", 0) is not None
-        clips = prepare_clips(frames, background, self.frames, needed)
+        clips = prepare_clips(frames, background, self.frames, uses_background(self.encoder))
         return squash_clips(clips, self.squashed)
 
     def _read(self, tap: str, frames: Tensor, background: Tensor, rows: Tensor) -> Tensor:

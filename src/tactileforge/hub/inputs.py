@@ -66,6 +66,11 @@ def prepare_clips(
     )
 
 
+def uses_background(encoder: Any) -> bool:
+    """Whether an encoder subtracts the frame without contact."""
+    return getattr(getattr(encoder, "pixels", None), "offset", 0) is not None
+
+
 def squash_images(images: NDArray[np.uint8], size: tuple[int, int] | None) -> NDArray[np.uint8]:
     """Images as training reads them from disk: its encoder sees no others.
 

@@ -10,6 +10,7 @@ from tactileforge.bench.fit.frozen_encoder import FrozenEncoder
 from tactileforge.bench.fit.resolve import PreparedTask
 from tactileforge.bench.results.write import file_name
 from tactileforge.hub.classify import FORMAT, ClassFacts, ClassHead, encoder_hash
+from tactileforge.hub.inputs import uses_background
 
 
 def keep_class_head(
@@ -52,7 +53,6 @@ def keep_class_head(
 
 def _subtracts(prepared: PreparedTask, subject: FrozenEncoder) -> bool | None:
     """Whether a background is subtracted from its pictures; None where the encoder takes none."""
-    pixels = getattr(subject.encoder, "pixels", None)
-    if getattr(pixels, "offset", 0) is None:
+    if not uses_background(subject.encoder):
         return None
     return any(recording.no_contact is not None for recording in prepared.source.recordings)

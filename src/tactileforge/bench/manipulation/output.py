@@ -137,9 +137,10 @@ def _success(outcome: Outcome, name: str, setting: Setting, notes: Notes) -> Tab
 
 def _interval(found: Sequence[CellResult]) -> tuple[float, float]:
     """Interval of the success: as that of a `difference`, since trainings share their starts."""
-    score = compared([tally(cell) for cell in found])
-    if len(found) > 1 and score.low < score.high:
-        return score.low, score.high
+    if len(found) > 1:
+        score = compared([tally(cell) for cell in found])
+        if score.low < score.high:
+            return score.low, score.high
     return wilson(found[0].summary.successes, len(found[0].episodes))
 
 

@@ -106,7 +106,7 @@ class Loader(DataLoader[Batch]):
 
 
 def _context(workers: int) -> BaseContext | None:
-    """How workers start: not by a fork of a process that talks to others.
+    """Start method of workers: no fork of a process that talks to others.
 
     Gloo and NCCL have threads, whose locks a fork copies as they are (a warning of torch's
     ``DistributedDataParallel``), so that some runs would hang.

@@ -1,4 +1,4 @@
-"""Which frames make a clip: one rule for training, videos and live sensors."""
+"""Cuts clips by time: one rule for training, videos, calibration and live sensors."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def held_clips(
 def whole_clips(
     times: NDArray[np.float64], rows: NDArray[np.int64], spacing: float, period: float | None = None
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which clips reach as far back as they should, and which have no gap; bool (N,) both.
+    """Checks that clips reach as far back as they should, and have no gap; bool (N,) both.
 
     A frame that was lost is replaced by its neighbour; a longer gap is one.
 

@@ -1,4 +1,4 @@
-"""What tells whether frames on disk are still those of before."""
+"""Stamps of frames on disk, which change when the files do."""
 
 from __future__ import annotations
 
