@@ -23,7 +23,7 @@ def learn(
 ) -> tuple[TouchModule, dict[str, float]]:
     """A recipe after a few steps; the means of its last logged values, by name."""
     overrides = ["scale=demo", f"data.scenes={TOUCHES}", "data.val=2", "data.size=64"]
-    overrides += ["encoder.image_size=64"]
+    overrides += ["encoder.image_size=64", "encoder.depth=2"]
     overrides += [f"batch.size={BATCH}"]
     overrides += [f"trainer.max_steps={steps}", f"trainer.val_check_interval={steps}"]
     module = train(compose(recipe, [*overrides, *words]), folder)

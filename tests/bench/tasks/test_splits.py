@@ -5,8 +5,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
-from tactileforge.bench.tasks import splits, targets
+from tactileforge.bench.tasks import metrics, splits, targets
 from tactileforge.bench.tasks.facts import recording_fact
 from tactileforge.bench.tasks.source import TaskSource
 from tactileforge.bench.tasks.suite import ClipSpec, SplitPlan, Task, parse_task
@@ -232,11 +233,19 @@ def test_a_word_where_a_number_should_be_is_named() -> None:
         targets.build_target(task("numbers:grade"), source(data, ["train", "val"]))
 
 
-def test_forces_along_one_axis_are_named() -> None:
-    force = np.ones((10, 3), np.float32)
-    force[:, :2] = np.nan
-    of = source([recording("a", force=force)], ["train"])
-    with pytest.raises(DataError, match=r"along all of x, y, z \(it has z\); a benchmark"):
+def test_normal_force_needs_no_other_axis() -> None:
+    force = np.full((10, 3), np.nan, np.float32)
+    force[:, 2] = np.arange(10)
+    of = source([recording("a", force=force), recording("b", force=None)], ["train"])
+    target = targets.build_target(task("normal_force"), of)
+    part = target.parts["normal_force"]
+    assert target.clips.tolist() == [0, 1, 2, 3]
+    assert part.truth[:, 0].tolist() == [2, 4, 6, 8]
+    np.testing.assert_allclose(part.scale[:, 0], 14.14, rtol=1e-6)
+    score = metrics.METRICS["r2"].build(part)
+    score.update(part.truth + torch.tensor([[1.0], [-1.0], [1.0], [-1.0]]), part.truth)
+    assert score.compute().item() == pytest.approx(1 - 4 / 20)
+    with pytest.raises(DataError, match=r"all of x, y, z \(it has z\).*normal_force needs z alone"):
         targets.build_target(task("force"), of)
 
 

@@ -149,6 +149,7 @@ def _partial(parts: dict[str, TargetPart]) -> str:
             return (
                 f" along all of {', '.join(part.names)} (it has {', '.join(axes)}); a benchmark of "
                 "forces needs all axes in one clip"
+                f"{'; target: normal_force needs z alone' if 'z' in axes else ''}"
             )
     return ""
 
@@ -201,6 +202,13 @@ def _newton(task: Task, source: TaskSource, change: bool) -> TargetPart:
 
     truth = np.array(_each(source, value), np.float32).reshape(-1, 3)
     return TargetPart("force", torch.from_numpy(truth), _scale(task, source), ("x", "y", "z"))
+
+
+def _normal_force(task: Task, source: TaskSource) -> dict[str, TargetPart]:
+    """Force along z in newton, where no more was measured."""
+    force = _newton(task, source, change=False)
+    z = TargetPart("numbers", force.truth[:, 2:], force.scale[:, 2:], ("z",))
+    return {"normal_force": z}
 
 
 def _slips(recording: Recording, first: int, last: int) -> str | None:
@@ -300,6 +308,7 @@ def _slip(task: Task, source: TaskSource) -> dict[str, TargetPart]:
 TARGETS: dict[str, Callable[[Task, TaskSource], dict[str, TargetPart]]] = {
     "force": lambda task, source: {"force": _newton(task, source, change=False)},
     "delta_force": lambda task, source: {"delta_force": _newton(task, source, change=True)},
+    "normal_force": _normal_force,
     "slip": _slip,
     "action": lambda _, source: {"action": _classes(source, _action, ACTIONS)},
     "object": lambda _, source: {"object": _classes(source, lambda r, *_: r.object)},
