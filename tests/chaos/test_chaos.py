@@ -61,6 +61,7 @@ pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "reliability.md"
+WRITE = "TACTILEFORGE_WRITE=1 pytest tests/chaos writes it anew"
 BEGIN, END = "<!-- made by tests/chaos -->\n", "<!-- end -->\n"
 FORK = multiprocessing.get_context("fork")
 tqdm.set_lock(threading.RLock())  # its own is shared, and dies with who holds it
@@ -69,7 +70,11 @@ ROWS: dict[str, list[str]] = {}
 
 
 def note(what: str, *cells: object) -> None:
+    """Adds a row to the table; the page has to have it already, unless it is being written."""
     ROWS[what] = [str(cell) for cell in cells]
+    if not os.environ.get("TACTILEFORGE_WRITE"):
+        _, held, _ = _page()
+        assert _done(_rows({what: ROWS[what]}))[0] in _done(held), WRITE
 
 
 def helper(name: str) -> ModuleType:
@@ -508,19 +513,26 @@ def test_two_at_once(tmp_path: Path) -> None:
 
 
 def test_the_table_is_what_was_found() -> None:
-    if len(ROWS) < 16:  # other processes ran the rest of the file
+    if len(ROWS) < 16:  # each row was compared; what else the page has, one process cannot tell
         pytest.skip("run the whole file: pytest tests/chaos")
-    lines = ["| what was done | times | what came of it |", "|---|---|---|"]
-    lines += [f"| {what} | {' | '.join(cells)} |" for what, cells in ROWS.items()]
-    table = "\n".join(lines) + "\n"
-    text = PAGE.read_text("utf-8")
-    before, _, rest = text.partition(BEGIN)
-    held, _, after = rest.partition(END)
+    table = "| what was done | times | what came of it |\n|---|---|---|\n" + _rows(ROWS)
+    before, held, after = _page()
     if os.environ.get("TACTILEFORGE_WRITE"):
         PAGE.write_text(before + BEGIN + table + END + after, "utf-8")
         return
     # how many of the random bytes are named depends on the versions of what is written
-    assert _done(held) == _done(table), "TACTILEFORGE_WRITE=1 pytest tests/chaos writes it anew"
+    assert _done(held) == _done(table), WRITE
+
+
+def _page() -> tuple[str, str, str]:
+    """The page before its table, the table, and the page after it."""
+    before, _, rest = PAGE.read_text("utf-8").partition(BEGIN)
+    held, _, after = rest.partition(END)
+    return before, held, after
+
+
+def _rows(rows: dict[str, list[str]]) -> str:
+    return "".join(f"| {what} | {' | '.join(cells)} |\n" for what, cells in rows.items())
 
 
 def _done(table: str) -> list[list[str]]:
