@@ -6,11 +6,11 @@ PIP := $(BIN)/pip --disable-pip-version-check install --quiet --constraint const
 
 .PHONY: demo demo-policy bench-mini test test-fast lint docs clean
 
-# from random weights; from those of the zoo: make demo SCALE=finetune
-SCALE ?= demo
+# fine-tunes the zoo's weights; from random weights, twice as long: make demo SCALE=demo
+SCALE ?= finetune
 START := $(if $(filter finetune,$(SCALE)),init=anytouch2.tiny,"objective=[pixel,diff,align,match,force,surface]")
-# one unit of each sensor: what pushes on a gel of unknown stiffness, forty touches do not tell; validation is on
-# three indenters that training has not
+# one unit of each sensor: forty touches are too few to tell a soft gel from a strong push; validation is on three
+# indenters that this training has not
 demo: $(VENV)/.installed
 	rm -rf runs/demo
 	$(BIN)/tactileforge train scale=$(SCALE) $(START) data.randomise=none data.indenters=bench hydra.run.dir=runs/demo
