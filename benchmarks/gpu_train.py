@@ -29,10 +29,11 @@ from torch.utils.flop_counter import FlopCounterMode
 from train_subjects import Case, Subject, build, config_of, step_flops
 
 from tactileforge.assemble import build_data
-from tactileforge.callbacks.speed import cpus, peak_of
+from tactileforge.callbacks.speed import peak_of
 from tactileforge.contracts import Batch
 from tactileforge.data.batches.transfer import Transfer, pin
 from tactileforge.data.labels.augment import fill_captions
+from tactileforge.processes import cpus
 
 #: Seconds that a row is timed for, steps before that, and most steps.
 SECONDS, WARMUP, STEPS = 3.0, 3, 60

@@ -15,7 +15,7 @@ from PIL import Image
 from waiting import wait_until
 from warm import Warm, warm_commands
 
-from tactileforge import registry
+from tactileforge import processes, registry
 from tactileforge.contracts import Batch, Frame, Frames, SensorSpec
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import TactileForgeError
@@ -45,6 +45,15 @@ def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         folder = tmp_path_factory.mktemp("cache")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("TACTILEFORGE_CACHE", str(folder))
+        yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _one_process() -> Iterator[None]:
+    """Processes that test side by side start no others by themselves: all cores are busy."""
+    with pytest.MonkeyPatch.context() as patch:
+        if "PYTEST_XDIST_WORKER" in os.environ:
+            patch.setattr(processes, "cpus", lambda: 1)
         yield
 
 

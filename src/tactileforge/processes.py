@@ -18,6 +18,27 @@ from tactileforge.errors import TactileForgeError
 _Options = TypeVar("_Options")
 
 
+def cpus() -> int:
+    """Number of CPUs that this process may use: fewer than there are, where a scheduler says so."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def process_count(pieces: int, asked: int | None) -> int:
+    """Number of processes for some pieces of work.
+
+    Args:
+        pieces: More processes than that have nothing to do.
+        asked: None for one for each CPU that may be used.
+
+    Example:
+        >>> process_count(3, asked=8)
+        3
+    """
+    return min(pieces, asked or cpus())
+
+
 def spread(
     command: Sequence[str],
     numbers: Sequence[int],

@@ -205,7 +205,7 @@ def test_a_process_whose_parent_is_gone_stops(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     parents = iter([7, 7, 1])
-    monkeypatch.setattr(generate.os, "getppid", lambda: next(parents))
+    monkeypatch.setattr(os, "getppid", lambda: next(parents))
     given = json.dumps(asdict(Sim(sensors=["digit"], size=32).config))
     generate._main(given, str(tmp_path), "0", "1")
     assert [path.name for path in tmp_path.iterdir()] == ["train-000000.tar"]

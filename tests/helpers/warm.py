@@ -138,6 +138,8 @@ def serve(address: str) -> list[str]:
 if __name__ == "__main__":
     for module in _MODULES:
         import_module(f"tactileforge.{module}")
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        import_module("tactileforge.processes").cpus = lambda: 1  # the others are busy
     from tactileforge.cli import main
 
     # as the installed command is called, which Lightning repeats for its other processes

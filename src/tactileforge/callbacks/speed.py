@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
 import re
 import time
 from typing import Any
@@ -14,6 +13,7 @@ from lightning.pytorch.callbacks import Callback
 from torch.utils.flop_counter import FlopCounterMode
 
 from tactileforge.module import log_interval
+from tactileforge.processes import cpus
 
 log = logging.getLogger(__name__)
 
@@ -166,13 +166,6 @@ def peak_of(name: str) -> float | None:
     """
     found = (peak for key, peak in PEAKS.items() if re.search(rf"\b{key}\b", name))
     return next(found, None)
-
-
-def cpus() -> int:
-    """Number of CPUs that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def advice(workers: int, available: int) -> str:

@@ -20,6 +20,7 @@ import cv2
 
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.packing.work import ShardJob, ShardNote, make_shard, packed_job, run_packed
+from tactileforge.processes import process_count
 
 #: Is told the number of a job, and how many frames of it are done.
 Tick: TypeAlias = Callable[[int, int], None]
@@ -45,7 +46,7 @@ def execute(jobs: Sequence[ShardJob], executor: str, processes: int | None, tick
         TactileForgeError: A process died twice over one shard.
         ConfigError: Ray is not installed.
     """
-    count = min(processes or os.cpu_count() or 1, len(jobs))
+    count = process_count(len(jobs), processes)
     if executor == "ray" and jobs:
         return _on_ray(jobs, processes, tick)
     return _local(jobs, count, tick) if count > 1 else _here(jobs, tick)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -18,7 +17,7 @@ from tactileforge.data.shards import shards
 from tactileforge.data.shards.index import Index, IndexEntry
 from tactileforge.errors import TactileForgeError
 from tactileforge.files import claim, sealed, unsealed, write_text
-from tactileforge.processes import run_share, spread
+from tactileforge.processes import process_count, run_share, spread
 from tactileforge.rollouts.actors import Expert
 from tactileforge.rollouts.episode import Episode, play_episode
 from tactileforge.rollouts.options import DemonstrationOptions, make_environment
@@ -75,7 +74,7 @@ def write_demonstrations(options: DemonstrationOptions) -> Demonstrations:
 
 
 def _play(options: DemonstrationOptions, folder: Path, numbers: Sequence[int], bar: Any) -> None:
-    count = min(len(numbers), options.processes or os.cpu_count() or 1)
+    count = process_count(len(numbers), options.processes)
     if count > 1 and len(numbers) >= _MANY:
         spread(
             [__name__, json.dumps(asdict(options))],

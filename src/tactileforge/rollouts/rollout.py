@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any
 from tqdm import tqdm
 
 from tactileforge.files import claim
-from tactileforge.processes import run_share, spread
+from tactileforge.processes import process_count, run_share, spread
 from tactileforge.rollouts.actors import SCRIPTED, fingerprint, make_actor
 from tactileforge.rollouts.episode import Episode, play_episode
 from tactileforge.rollouts.options import RolloutOptions, make_environment
@@ -73,7 +72,7 @@ def roll_out(options: RolloutOptions) -> Rollouts:
 
 
 def _play(options: RolloutOptions, numbers: Sequence[int], bar: Any) -> None:
-    count = min(len(numbers), options.processes or os.cpu_count() or 1)
+    count = process_count(len(numbers), options.processes)
     if count > 1 and len(numbers) >= _MANY:
         command = [__name__, json.dumps(asdict(options))]
         spread(command, numbers, count, lambda n: _path(options.folder, n).exists(), bar)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -20,7 +19,7 @@ from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards import shards
 from tactileforge.errors import ConfigError, TactileForgeError
-from tactileforge.processes import spread, while_waited_for
+from tactileforge.processes import process_count, spread, while_waited_for
 from tactileforge.sensors.taxels import TaxelLayout
 from tactileforge.sim.config import SimConfig
 from tactileforge.sim.generate import path_of
@@ -223,7 +222,7 @@ def write_array_scenes(
         processes: Processes that simulate; None for one a core.
     """
     missing = [n for n in numbers if not path_of(folder, n).exists()]
-    count = min(len(missing), processes or os.cpu_count() or 1)
+    count = process_count(len(missing), processes)
     with tqdm(
         total=len(missing), desc="simulating", unit="touch", disable=len(missing) < _MANY
     ) as bar:

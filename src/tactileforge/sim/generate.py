@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -20,7 +19,7 @@ from tactileforge.data.shards import shards
 from tactileforge.data.shards.index import Index, IndexEntry
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.files import claim
-from tactileforge.processes import spread, while_waited_for
+from tactileforge.processes import process_count, spread, while_waited_for
 from tactileforge.sim.config import FIRST_VAL, SimConfig
 from tactileforge.sim.optics.scene_camera import render_scene_image
 from tactileforge.sim.play import play_scenes
@@ -120,7 +119,7 @@ def write_scenes(
     missing = [n for n in numbers if not path_of(folder, n).exists()]
     if not missing:
         return
-    count = min(len(missing), processes or os.cpu_count() or 1)
+    count = process_count(len(missing), processes)
     many = len(missing) >= _MANY
     with tqdm(total=len(missing), desc="simulating", unit="touch", disable=not many) as bar:
         if many and count > 1:
