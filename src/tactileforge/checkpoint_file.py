@@ -112,7 +112,9 @@ def read_checkpoint(path: str | Path) -> dict[str, Any]:
     return checkpoint
 
 
-def initialise(module: nn.Module, state: Mapping[str, torch.Tensor], part: bool = False) -> str:
+def initialise(
+    module: nn.Module, state: Mapping[str, torch.Tensor], new: tuple[str, ...] = ()
+) -> str:
     """Initialises a module from the weights of another run; the whole encoder must match.
 
     Heads and objectives are taken where name and shape agree, because the new run may have others;
@@ -121,7 +123,8 @@ def initialise(module: nn.Module, state: Mapping[str, torch.Tensor], part: bool 
     Args:
         module: Of the new run.
         state: Weights.
-        part: Whether they are those of a part of the encoder.
+        new: How names of encoder tensors begin that may be missing. Where the encoder is twice as
+            wide by them, what reads all of it starts from what read the half.
 
     Returns:
         A line that says what was taken and what was not.
@@ -133,12 +136,15 @@ def initialise(module: nn.Module, state: Mapping[str, torch.Tensor], part: bool 
         {key: value for key, value in states.items() if not key.startswith("balance.")}
         for states in (module.state_dict(), state)
     )
+    if new:
+        state = {k: _widened(v, current[k]) if k in current else v for k, v in state.items()}
     fits = {k: v for k, v in state.items() if k in current and current[k].shape == v.shape}
     wrong = [
         f"{key} ({tuple(state[key].shape) if key in state else 'missing'} in the checkpoint, "
         f"{tuple(current[key].shape) if key in current else 'absent'} here)"
-        for key in sorted(state.keys() if part else current.keys() | state.keys())
+        for key in sorted(current.keys() | state.keys())
         if key.startswith("encoder.") and key not in fits
+        if key in state or not key.startswith(new)
     ]
     if wrong:
         some = "; ".join(wrong[:5])
@@ -146,6 +152,14 @@ def initialise(module: nn.Module, state: Mapping[str, torch.Tensor], part: bool 
     module.load_state_dict(fits, strict=False)
     fresh, left = (_parts(keys - fits.keys()) for keys in (current.keys(), state.keys()))
     return f"init: {len(fits)} tensors taken; new: {fresh}; not used: {left}"
+
+
+def _widened(value: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:
+    """A tensor made twice as long, where that is wanted; linear layers read nothing of the rest."""
+    if not value.ndim or wanted.shape != (*value.shape[:-1], 2 * value.shape[-1]):
+        return value
+    rest = wanted[..., value.shape[-1] :]
+    return torch.cat([value, rest if value.ndim == 1 else torch.zeros_like(rest)], dim=-1)
 
 
 def _parts(keys: Iterable[str]) -> str:

@@ -1,4 +1,6 @@
-"""Weights that a run starts from, ``init=``: a model of the zoo, another run, or photographs."""
+"""Weights that a run starts from, ``init=``: a model of the zoo, another run, or photographs, also
+beside either.
+"""
 
 from __future__ import annotations
 
@@ -35,27 +37,50 @@ def start_from(plain: dict[str, Any]) -> Mapping[str, Tensor] | None:
                 f"init={run_folder.IMAGENET}, or a model or run that has such a stream"
             )
         return None
-    init = str(plain["init"])
+    init, beside = run_folder.with_photographs(str(plain["init"]))
     if init == run_folder.IMAGENET:
-        if "photo_stream" not in plain["encoder"]:
-            raise ConfigError(
-                f"init={init}: encoder={plain['encoder']['name']} has no stream that looks at "
-                "touch as at photographs; give encoder=tactile_vit"
-            )
-        plain["encoder"]["photo_stream"] = True
-        return imagenet_weights()
-    if run_folder.is_run(init):
-        state: Mapping[str, Tensor] = read_checkpoint(init)["state_dict"]
-        _go_on_with(plain["encoder"], init)
+        return _photographs(plain)
+    state = _touch(plain, init)
+    if not beside:
         return state
+    if plain["encoder"].get("photo_stream"):
+        raise ConfigError(f"init={plain['init']}: {init} has such a stream; give init={init}")
+    return {**state, **_photographs(plain)}
+
+
+def new_in(init: str) -> tuple[str, ...]:
+    """How names of encoder tensors begin that the weights of ``init=`` need not have."""
+    if init == run_folder.IMAGENET:
+        return ("encoder.",)
+    return ("encoder.photo_stream.project.",) if run_folder.with_photographs(init)[1] else ()
+
+
+def _photographs(plain: dict[str, Any]) -> dict[str, Tensor]:
+    """Gives the encoder a photo stream; its weights."""
+    node = plain["encoder"]
+    if "photo_stream" not in node and node["name"] != "tactile_vit":
+        raise ConfigError(
+            f"init={plain['init']}: encoder={node['name']} has no stream that looks at touch as at "
+            "photographs; give encoder=tactile_vit"
+        )
+    node["photo_stream"] = True
+    return imagenet_weights()
+
+
+def _touch(plain: dict[str, Any], init: str) -> Mapping[str, Tensor]:
+    """Weights of a run or a model; the encoder is made to go with them."""
+    if run_folder.is_run(init):
+        kept: Mapping[str, Tensor] = read_checkpoint(init)["state_dict"]
+        _go_on_with(plain["encoder"], init)
+        return kept
     node, state = starting_weights(init)
     same = plain["encoder"]["name"] == node["name"]
-    kept = {
+    own = {
         key: plain["encoder"][key]
         for key in run_folder.OF_TRAINING
         if same and key in plain["encoder"]
     }
-    plain["encoder"] = node | kept
+    plain["encoder"] = node | own
     log.info("init: the encoder and its options are those of %s", init)
     return state
 
@@ -96,7 +121,7 @@ def check_robot(config: Mapping[str, Any]) -> None:
     Raises:
         ConfigError: See there.
     """
-    init = str(config["init"] or "")
+    init, _ = run_folder.with_photographs(str(config["init"] or ""))
     if not config["robot"] or not init or not run_folder.is_run(init):
         return
     found = _config_of(init)

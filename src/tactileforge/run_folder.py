@@ -29,6 +29,16 @@ IMAGENET = "imagenet"
 BEST = Path("checkpoints") / "best.ckpt"
 
 
+def with_photographs(init: str) -> tuple[str, bool]:
+    """What ``init=`` names, and whether a network of photographs is to lie beside it.
+
+    Example:
+        >>> with_photographs("anytouch2.tiny+imagenet")
+        ('anytouch2.tiny', True)
+    """
+    return init.removesuffix(f"+{IMAGENET}"), init.endswith(f"+{IMAGENET}")
+
+
 def is_run(init: str) -> bool:
     """Whether ``init=`` names a run or a checkpoint of one, not a model of the zoo or a file."""
     return not init.startswith("file:") and ("/" in init or Path(init).exists())

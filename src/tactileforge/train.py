@@ -24,7 +24,7 @@ from tactileforge.compiled import compile_blocks
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.files import sealed, write_text
-from tactileforge.initial import check_robot, start_from
+from tactileforge.initial import check_robot, new_in, start_from
 from tactileforge.loggers import log_config, log_report
 from tactileforge.module import TouchModule
 from tactileforge.pages.drawings import collected_drawings
@@ -109,7 +109,7 @@ def _train(
     lost.skip(data.skipped)
     data.observers += [met.observe, lost.observe]
     if state is not None:
-        log.info(initialise(module, state, part=plain["init"] == run_folder.IMAGENET))
+        log.info(initialise(module, state, new_in(str(plain["init"]))))
     if not resume:
         module.prepare(data.train)
     if plain["freeze"]:

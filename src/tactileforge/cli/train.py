@@ -38,8 +38,9 @@ def _check_encoder(init: str) -> None:
     """
     from hydra.core.hydra_config import HydraConfig
 
-    from tactileforge.run_folder import IMAGENET, OF_TRAINING, is_run
+    from tactileforge.run_folder import IMAGENET, OF_TRAINING, is_run, with_photographs
 
+    init, _ = with_photographs(init)
     if init == IMAGENET or is_run(init):  # whether it matches is checked when its weights are read
         return
     free = tuple(f"encoder.{key}=" for key in OF_TRAINING)
