@@ -1,6 +1,4 @@
-"""Weights that a run starts from, ``init=``: a model of the zoo, another run, or photographs, also
-beside either.
-"""
+"""Weights that a run starts from, ``init=``: a model, another run, photographs, or two of them."""
 
 from __future__ import annotations
 
