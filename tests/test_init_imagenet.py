@@ -91,10 +91,14 @@ def test_photographs_beside_a_model_that_has_them_are_refused(tmp_path: Path) ->
         start(tmp_path, "init=anytouch2.tiny-real+imagenet")
 
 
-def test_an_encoder_of_another_depth_is_named_beside_photographs() -> None:
+def test_what_else_is_missing_beside_photographs_is_named() -> None:
     module = torch.nn.ModuleDict({"encoder": torch.nn.Linear(4, 3)})
     with pytest.raises(ConfigError, match=r"encoder\.bias \(missing in the checkpoint"):
         initialise(module, {"encoder.weight": torch.ones(3, 4)}, ("encoder.photo_stream.project.",))
+
+
+def test_what_read_the_tokens_reads_nothing_of_the_photo_stream_at_first() -> None:
+    module = torch.nn.ModuleDict({"encoder": torch.nn.Linear(4, 3)})
     state = {"encoder.weight": torch.ones(3, 2), "encoder.bias": torch.ones(3)}
     initialise(module, state, ("encoder.photo_stream.project.",))
     assert module["encoder"].weight.tolist() == [[1, 1, 0, 0]] * 3

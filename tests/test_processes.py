@@ -1,4 +1,4 @@
-"""How many processes work is spread over."""
+"""Number of processes that work is spread over."""
 
 import os
 import subprocess

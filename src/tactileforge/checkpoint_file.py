@@ -123,8 +123,8 @@ def initialise(
     Args:
         module: Of the new run.
         state: Weights.
-        new: How names of encoder tensors begin that may be missing. Where the encoder is twice as
-            wide by them, what reads all of it starts from what read the half.
+        new: Prefixes of the encoder tensors that may be missing. Where these make the encoder twice
+            as wide, what reads all of it starts from what read the half.
 
     Returns:
         A line that says what was taken and what was not.

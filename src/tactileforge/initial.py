@@ -37,24 +37,24 @@ def start_from(plain: dict[str, Any]) -> Mapping[str, Tensor] | None:
         return None
     init, beside = run_folder.with_photographs(str(plain["init"]))
     if init == run_folder.IMAGENET:
-        return _photographs(plain)
-    state = _touch(plain, init)
+        return _add_photo_stream(plain)
+    state = _weights_of(init, plain)
     if not beside:
         return state
-    if plain["encoder"].get("photo_stream"):
+    if any(key.startswith("encoder.photo_stream.") for key in state):
         raise ConfigError(f"init={plain['init']}: {init} has such a stream; give init={init}")
-    return {**state, **_photographs(plain)}
+    return {**state, **_add_photo_stream(plain)}
 
 
 def new_in(init: str) -> tuple[str, ...]:
-    """How names of encoder tensors begin that the weights of ``init=`` need not have."""
+    """Prefixes of the encoder tensors that the weights of ``init=`` need not have."""
     if init == run_folder.IMAGENET:
         return ("encoder.",)
     return ("encoder.photo_stream.project.",) if run_folder.with_photographs(init)[1] else ()
 
 
-def _photographs(plain: dict[str, Any]) -> dict[str, Tensor]:
-    """Gives the encoder a photo stream; its weights."""
+def _add_photo_stream(plain: dict[str, Any]) -> dict[str, Tensor]:
+    """Gives the encoder a photo stream; returns its weights."""
     node = plain["encoder"]
     if "photo_stream" not in node and node["name"] != "tactile_vit":
         raise ConfigError(
@@ -65,20 +65,20 @@ def _photographs(plain: dict[str, Any]) -> dict[str, Tensor]:
     return imagenet_weights()
 
 
-def _touch(plain: dict[str, Any], init: str) -> Mapping[str, Tensor]:
+def _weights_of(init: str, plain: dict[str, Any]) -> Mapping[str, Tensor]:
     """Weights of a run or a model; the encoder is made to go with them."""
     if run_folder.is_run(init):
-        kept: Mapping[str, Tensor] = read_checkpoint(init)["state_dict"]
+        state: Mapping[str, Tensor] = read_checkpoint(init)["state_dict"]
         _go_on_with(plain["encoder"], init)
-        return kept
+        return state
     node, state = starting_weights(init)
     same = plain["encoder"]["name"] == node["name"]
-    own = {
+    kept = {
         key: plain["encoder"][key]
         for key in run_folder.OF_TRAINING
         if same and key in plain["encoder"]
     }
-    plain["encoder"] = node | own
+    plain["encoder"] = node | kept
     log.info("init: the encoder and its options are those of %s", init)
     return state
 

@@ -30,7 +30,7 @@ BEST = Path("checkpoints") / "best.ckpt"
 
 
 def with_photographs(init: str) -> tuple[str, bool]:
-    """What ``init=`` names, and whether a network of photographs is to lie beside it.
+    """Splits ``init=`` into its model or run, and whether a photo stream lies beside it.
 
     Example:
         >>> with_photographs("anytouch2.tiny+imagenet")
