@@ -12,6 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from tactileforge import balance as balances
+from tactileforge import moves
 from tactileforge.contracts import AfterStep, Batch, Prepared, Scored
 from tactileforge.curriculum import Curriculum, from_config
 from tactileforge.data.batches.datamodule import TouchData
@@ -169,8 +170,9 @@ class TouchModule(L.LightningModule):
         return {key: self._term(key, views, batch) for key in self.objectives if weights.get(key)}
 
     def _term(self, key: str, views: Any, batch: Batch) -> Term:
-        prediction = self.heads[key](views, batch)
-        return Term(prediction, *self.objectives[key](prediction, batch))
+        with moves.explained(self.heads[key], self.objectives[key]):
+            prediction = self.heads[key](views, batch)
+            return Term(prediction, *self.objectives[key](prediction, batch))
 
     def losses(
         self, batch: Batch, weights: Mapping[str, float], universal: float = 0.0

@@ -12,13 +12,15 @@ from importlib.metadata import EntryPoint, entry_points
 from inspect import Parameter, signature
 from typing import Any, get_type_hints
 
-from tactileforge import strict
+from tactileforge import moves, strict
 from tactileforge.contracts import CONTEXT
 from tactileforge.errors import ConfigError, PluginError, nearest_name, unknown
 
 KINDS = ("sensors", "datasets", "encoders", "heads", "objectives")
-#: Kinds that have no conformance suite.
-OTHERS = ("publishers",)
+#: Kinds whose entry points name a module: verbs of the command line.
+MODULES = ("verbs",)
+#: Kinds without a conformance suite: publishers of ``live``, and packages of YAML options.
+OTHERS = ("publishers", "conf")
 
 #: Group of a configuration -> kind of plugin that its options are.
 GROUPS = {
@@ -41,8 +43,8 @@ class PluginInfo:
 
     Attributes:
         name: The word users type.
-        kind: One of `KINDS` or `OTHERS`.
-        target: ``module:Class``.
+        kind: One of `KINDS`, `MODULES` or `OTHERS`.
+        target: ``module:Class``, or a module.
         distribution: The package that installed it, "" if unknown.
         version: Version of that package.
         status: ``ok``, or ``conflict`` when another distribution claims the same name.
@@ -58,7 +60,7 @@ class PluginInfo:
 
 @cache
 def _entries(kind: str) -> dict[str, list[EntryPoint]]:
-    if kind not in (*KINDS, *OTHERS):
+    if kind not in (*KINDS, *MODULES, *OTHERS):
         raise PluginError(unknown("kind of plugin", kind, KINDS))
     entries: dict[str, dict[tuple[str, str], EntryPoint]] = {}
     for entry in entry_points(group=f"tactileforge.{kind}"):
@@ -88,13 +90,13 @@ def list_plugins() -> list[PluginInfo]:
             entry.dist.version if entry.dist else "",
             "ok" if len(entries) == 1 else "conflict",
         )
-        for kind in (*KINDS, *OTHERS)
+        for kind in (*KINDS, *MODULES, *OTHERS)
         for name, entries in _entries(kind).items()
         for entry in entries
     ]
 
 
-#: Plugins that our own packages provide, which are in plugins/.
+#: Plugins of our own packages in plugins/, by the name that users type.
 _OURS = {
     "anyskin": "tactileforge-anyskin",
     "ati_netft": "tactileforge-ft",
@@ -114,8 +116,23 @@ def _describe(kind: str, entry: EntryPoint) -> str:
     return f"{kind.removesuffix('s')} {entry.name!r} ({entry.value}{dist})"
 
 
+def package_of(kind: str, name: str) -> str:
+    """The package of ours that provides a plugin; "" for none."""
+    return _OURS.get(name, "") if kind in ("sensors", "verbs") else ""
+
+
 def get(kind: str, name: str) -> type[Any]:
     """Imports one plugin class.
+
+    Raises:
+        PluginError: Not installed (names the nearest), claimed twice (names both), or broken.
+    """
+    loaded: type[Any] = load(kind, name)
+    return loaded
+
+
+def load(kind: str, name: str) -> Any:
+    """Imports one plugin: a class, or the module of a verb.
 
     Raises:
         PluginError: Not installed (names the nearest), claimed twice (names both), or broken.
@@ -123,7 +140,7 @@ def get(kind: str, name: str) -> type[Any]:
     entries = _entries(kind).get(name, [])
     if not entries:
         is_typo = nearest_name(name, names(kind)) != "."
-        package = _OURS.get(name, "")
+        package = package_of(kind, name)
         fix = f"Install the package that provides it{package and f': pip install {package}'}"
         fix = "" if is_typo and not package else fix
         raise PluginError(unknown(kind.removesuffix("s"), name, names(kind), fix))
@@ -131,12 +148,13 @@ def get(kind: str, name: str) -> type[Any]:
         claims = " and ".join(_describe(kind, entry) for entry in entries)
         raise PluginError(f"{claims} claim one name: uninstall one of the two packages")
     try:
-        loaded: type[Any] = entries[0].load()
+        return entries[0].load()
     except (Exception, SystemExit) as error:  # one that exits ends nothing but itself
+        why = f"{type(error).__name__}: {error}"
+        hint = moves.import_hint(error)
         raise PluginError(
-            f"{_describe(kind, entries[0])} cannot be loaded: {type(error).__name__}: {error}"
+            f"{_describe(kind, entries[0])} cannot be loaded: {why}{hint and f'; {hint}'}"
         ) from error
-    return loaded
 
 
 def parameters(plugin: type[Any]) -> dict[str, Any]:

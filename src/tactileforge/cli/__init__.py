@@ -1,21 +1,19 @@
 """The command line: a verb, and ``key=value`` for everything else. A verb is a file of this folder.
 
 The first line of such a file is its line of ``tactileforge --help``; its ``COMMANDS`` are what the
-verb does, by action (``pack`` of ``data pack``; "" for a verb without actions). Files that begin
-with ``_`` are what verbs share: `_command` says what a command is, `_run` runs it, `_words` reads
-what was typed.
+verb does, by action (``pack`` of ``data pack``; "" for a verb without actions). Installed packages
+bring further verbs. Files that begin with ``_`` are what verbs share: `_verbs` finds them,
+`_command` says what a command is, `_run` runs it, `_words` reads what was typed.
 """
 
 from __future__ import annotations
 
-import ast
 import os
 import sys
 from collections.abc import Mapping, Sequence
-from importlib import import_module
-from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tactileforge.cli._verbs import commands, verbs
 from tactileforge.errors import ConfigError, TactileForgeError, full, unknown
 
 if TYPE_CHECKING:
@@ -115,26 +113,6 @@ def dispatch(verb: str, rest: Sequence[str]) -> int:
     elif rest[:1] and rest[0] in known:
         action, *rest = rest
     return _run.run(f"{verb} {action}".strip(), known[action], rest)
-
-
-def verbs() -> dict[str, str]:
-    """Summaries of the verbs, by name; imports none of them."""
-    files = sorted(Path(__file__).parent.glob("[a-z]*.py"))
-    docs = {file.stem: ast.get_docstring(ast.parse(file.read_text("utf-8"))) for file in files}
-    return {name: (doc or "").splitlines()[0] for name, doc in docs.items()}
-
-
-def commands(verb: str) -> Mapping[str, Command]:
-    """The commands of a verb, by action.
-
-    Raises:
-        ConfigError: There is no such verb; names the nearest.
-    """
-    known = verbs()
-    if verb not in known:
-        raise ConfigError(unknown("verb", verb, known, "tactileforge --help says what each does"))
-    commands: Mapping[str, Command] = import_module(f"tactileforge.cli.{verb}").COMMANDS
-    return commands
 
 
 def actions(verb: str, known: Mapping[str, Command]) -> str:

@@ -16,7 +16,7 @@ def complete(line: str | None = None) -> list[str]:
     Args:
         line: What was typed; None for ``$COMP_LINE``, up to ``$COMP_POINT``.
     """
-    from tactileforge.cli import commands, verbs
+    from tactileforge.cli._verbs import commands, verbs
 
     if line is None:
         line = os.environ.get("COMP_LINE", "")[

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import keyword
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from importlib.resources import files
 from inspect import Parameter
@@ -13,10 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from tactileforge import registry
+from tactileforge.cli import _options, _verbs
 from tactileforge.cli._command import Command
 from tactileforge.errors import ConfigError, PluginError, SensorError, unknown
 
-_KINDS = [kind.removesuffix("s") for kind in registry.KINDS]
+_KINDS = [kind.removesuffix("s") for kind in (*registry.KINDS, *registry.MODULES)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +37,7 @@ class _Check:
 
     Attributes:
         names: Plugins; none for all.
-        kind: Only this kind: sensor, dataset, encoder, head or objective.
+        kind: Only this kind: sensor, dataset, encoder, head, objective or verb.
         attached: Whether each sensor that is attached is checked.
         options: Other keys are options of the one plugin that is named.
     """
@@ -56,7 +57,7 @@ class _New:
     """Keys of ``plugins new``.
 
     Attributes:
-        kind: sensor, dataset or objective.
+        kind: sensor, dataset, objective, verb or suite.
         name: The word users will type, snake_case.
         out: Folder to write it in.
     """
@@ -77,6 +78,8 @@ def _list(keys: _List, _: dict[str, Any]) -> None:
 
     rows = [asdict(plugin) for plugin in registry.list_plugins()]
     for row in rows:
+        if row["kind"] == "verbs" and row["name"] in _verbs.builtin():
+            row["status"] = "conflict"  # with a verb of the package itself, which wins
         row["kind"] = row["kind"].removesuffix("s")
     if keys.json:
         print(json.dumps(rows, indent=2))
@@ -137,7 +140,8 @@ def _attached(
 
 
 def _chosen(names: Sequence[str], kind: str | None) -> list[tuple[str, str]]:
-    installed = [(k, n) for k in registry.KINDS for n in registry.names(k)]
+    kinds = (*registry.KINDS, *registry.MODULES)
+    installed = [(k, n) for k in kinds for n in registry.names(k)]
     within = [(k, n) for k, n in installed if kind in (None, k.removesuffix("s"))]
     for name in names:
         if name not in (n for _, n in within):
@@ -150,9 +154,19 @@ _FILES = {
     "sensor": ("sensor.py", "synthetic.py"),
     "dataset": ("dataset.py", "synthetic.py"),
     "objective": ("objective.py", "head.py"),
+    "verb": ("verb.py",),
+    "suite": ("conf/__init__.py", "conf/suite/forces_at_a_glance.yaml"),
 }
 #: What the example calls its plugin of a kind.
-_NAMES = {"sensor": "dummy", "dataset": "dummy_presses", "objective": "contact_area"}
+_NAMES = {
+    "sensor": "dummy",
+    "dataset": "dummy_presses",
+    "objective": "contact_area",
+    "verb": "brightness",
+    "suite": "forces_at_a_glance",
+}
+#: Group of the entry points of a kind, where its name is another.
+_GROUPS = {"suite": "conf"}
 
 
 def _new(keys: _New, _: dict[str, Any]) -> None:
@@ -161,7 +175,7 @@ def _new(keys: _New, _: dict[str, Any]) -> None:
     class_name = _camel(name)
     if not re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", name) or keyword.iskeyword(class_name):
         raise ConfigError(f"{name!r} is no name for a plugin: use snake_case, e.g. my_{kind}")
-    if name in registry.names(f"{kind}s"):
+    if name in _names_of(kind):
         raise ConfigError(f"an installed {kind} has the name {name!r}: choose another")
     package = f"tactileforge_{name}"
     folder = out / package.replace("_", "-")
@@ -180,10 +194,18 @@ def _new(keys: _New, _: dict[str, Any]) -> None:
     source = files("tactileforge.example") / "tactileforge-example"
     for path in _paths(kind):
         text = _sections_of(kind, source.joinpath(path).read_text("utf-8"))
-        target = folder / path.replace("tactileforge_example", package)
+        target = folder / pattern.sub(lambda match: words[match[0]], path)
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_text(pattern.sub(lambda match: words[match[0]], text), "utf-8")
-    print(f"wrote {folder}\nnext: pip install -e {folder} && tactileforge plugins check {name}")
+    then = {"suite": f"bench suite={name} --cfg job"}.get(kind, f"plugins check {name}")
+    print(f"wrote {folder}\nnext: pip install -e {folder} && tactileforge {then}")
+
+
+def _names_of(kind: str) -> Collection[str]:
+    """Names that are taken: installed plugins, verbs, options of ``suite=``."""
+    if kind == "suite":
+        return _options.options("suite")
+    return _verbs.verbs() if kind == "verb" else registry.names(f"{kind}s")
 
 
 def _camel(name: str) -> str:
@@ -198,10 +220,14 @@ def _paths(kind: str) -> list[str]:
 def _sections_of(kind: str, text: str) -> str:
     """Drops the sections of pyproject.toml and README.md that are about other kinds."""
     sections = re.split(r"^(?=## |\[)", text, flags=re.MULTILINE)
-    foreign = set(_KINDS) - {kind} - ({"head"} if kind == "objective" else set())
+    foreign = {*_KINDS, "suite"} - {kind} - ({"head"} if kind == "objective" else set())
+    groups = {other: _GROUPS.get(other, f"{other}s") for other in foreign}
     heads = [
-        rf"## The {other}$|\[project\.entry-points\.\"tactileforge\.{other}s" for other in foreign
+        rf"## The {other}$|\[project\.entry-points\.\"tactileforge\.{group}"
+        for other, group in groups.items()
     ]
+    if kind != "suite":
+        heads.append(r"\[tool\.setuptools\.package-data")
     about_others = re.compile("|".join(heads), re.MULTILINE)
     return "".join(section for section in sections if not about_others.match(section))
 

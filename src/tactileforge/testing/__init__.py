@@ -36,8 +36,10 @@ def check(
     """Checks one plugin against the contract of its kind.
 
     Args:
-        kind: ``sensor``, ``dataset``, ``encoder``, ``head`` or ``objective``, or its plural.
-        plugin: An installed name, or a class; of a sensor or data set also an instance.
+        kind: ``sensor``, ``dataset``, ``encoder``, ``head``, ``objective`` or ``verb``, or its
+            plural.
+        plugin: An installed name, or a class; of a sensor or data set also an instance; of a verb
+            a module.
         head: Class of the head that feeds an objective; None takes the installed head that the
             objective names.
         options: Constructor arguments.
@@ -52,26 +54,30 @@ def check(
         >>> {result.status for result in check("objective", "force")} <= {"ran", "skipped"}
         True
     """
-    kind = kind if kind in registry.KINDS else f"{kind}s"
-    if kind not in registry.KINDS:
-        known = [known.removesuffix("s") for known in registry.KINDS]
+    checked = (*registry.KINDS, *registry.MODULES)
+    kind = kind if kind in checked else f"{kind}s"
+    if kind not in checked:
+        known = [known.removesuffix("s") for known in checked]
         raise PluginError(unknown("kind of plugin", kind.removesuffix("s"), known))
     if isinstance(plugin, str) and plugin in registry.names(kind):
         try:
-            registry.get(kind, plugin)
+            registry.load(kind, plugin)
         except PluginError as error:
             return [CheckResult("it can be imported", "failed", str(error))]
     subject = _subject(kind, plugin, head, options)
-    checks: list[Check] = import_module(f"tactileforge.testing.{kind}").CHECKS
+    own: list[Check] = import_module(f"tactileforge.testing.{kind}").CHECKS
+    shared = [general.name_is_snake_case] if kind in registry.MODULES else general.CHECKS
     with torch.random.fork_rng(devices=[]), one_thread():
-        return [run_check(test, subject) for test in (*general.CHECKS, *checks)]
+        return [run_check(test, subject) for test in (*shared, *own)]
 
 
 def _subject(
     kind: str, plugin: Any, head: type[Any] | None, options: dict[str, Any]
 ) -> CheckSubject:
     if isinstance(plugin, str):
-        return CheckSubject(kind, registry.get(kind, plugin), plugin, options, head=head)
+        return CheckSubject(kind, registry.load(kind, plugin), plugin, options, head=head)
+    if kind in registry.MODULES:
+        return CheckSubject(kind, plugin, "", options)
     instance = None if isclass(plugin) else plugin
     if instance is not None and (kind not in ("sensors", "datasets") or options):
         raise PluginError(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from inspect import Parameter
 from typing import Any, Literal, TypeAlias
 
-from tactileforge import registry
+from tactileforge import moves, registry
 
 
 @dataclass(frozen=True)
@@ -99,6 +99,7 @@ def run_check(check: Check, subject: CheckSubject) -> CheckResult:
         return CheckResult(name, "skipped", str(why))
     except (Exception, SystemExit) as error:
         text = str(error) if isinstance(error, Violation) else f"{type(error).__name__}: {error}"
+        text = "; ".join([text, *moves.change_hints(subject.plugin)])
         if reason is None:
             return CheckResult(name, "failed", text)
         return CheckResult(name, "expected", f"{reason} ({text})")

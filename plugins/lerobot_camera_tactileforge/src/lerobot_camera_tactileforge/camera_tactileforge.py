@@ -13,10 +13,7 @@ from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnected
 from numpy.typing import NDArray
 
 from lerobot_camera_tactileforge.config_tactileforge import TactileForgeCameraConfig
-from tactileforge import registry
-from tactileforge.contracts import Frame, Sensor
-from tactileforge.errors import SensorError, TactileForgeError
-from tactileforge.sensors.capture import Capture
+from tactileforge.plugin import Capture, Frame, Sensor, SensorError, TactileForgeError, build, names
 
 #: Seconds that the first frame, and a frame that `read` waits for, may take.
 _FIRST, _READ = 10.0, 5.0
@@ -55,9 +52,9 @@ class TactileForgeCamera(Camera):
     def find_cameras() -> list[dict[str, Any]]:
         """The attached sensors of all plugins that give pictures."""
         found = []
-        for name in registry.names("sensors"):
+        for name in names("sensors"):
             try:
-                sensor: Sensor = registry.build("sensors", {"name": name})
+                sensor: Sensor = build("sensors", {"name": name})
                 addresses = sensor.discover() if sensor.spec.kind in ("image", "array") else []
             except (TactileForgeError, OSError):  # it needs options, or its SDK is not there
                 continue

@@ -7,8 +7,7 @@ from typing import Any
 
 from lerobot.cameras.configs import CameraConfig
 
-from tactileforge import registry
-from tactileforge.contracts import Sensor
+from tactileforge.plugin import Sensor, build
 
 
 @CameraConfig.register_subclass("tactileforge")
@@ -48,5 +47,5 @@ class TactileForgeCameraConfig(CameraConfig):
 
     def build(self) -> Sensor:
         """The sensor, unopened."""
-        sensor: Sensor = registry.build("sensors", {**self.options, "name": self.sensor})
+        sensor: Sensor = build("sensors", {**self.options, "name": self.sensor})
         return sensor

@@ -12,9 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tactileforge.contracts import SensorSpec
-from tactileforge.sensors.drivers.serial_array import SerialArray
-from tactileforge.sensors.links import Link, SerialLink
+from tactileforge.plugin import Link, SensorSpec, SerialArray, SerialLink
 
 #: Temperatures that can be true, degrees Celsius.
 COLDEST, HOTTEST = -20.0, 100.0

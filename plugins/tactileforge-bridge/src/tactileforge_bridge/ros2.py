@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from math import nan
 from typing import Any
 
-from tactileforge.errors import ConfigError
+from tactileforge.plugin import ConfigError
 
 #: Values of ``/tactile/NAME/reading``, in order; NaN where one is not known.
 READING = ("contact", "slip", "difference", "depth_mm", "latency_ms")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from tactileforge.errors import ConfigError
+from tactileforge.plugin import ConfigError
 
 
 class ZeroMq:

@@ -7,9 +7,7 @@ from typing import Any
 
 import cv2
 
-from tactileforge.errors import ConfigError, SensorError
-from tactileforge.sensors.drivers.camera import Camera
-from tactileforge.sensors.specs import SPECS
+from tactileforge.plugin import SPECS, Camera, ConfigError, SensorError
 from tactileforge_digit.attached import USB, attached
 
 #: Width and height that the camera gives, before it is turned upright, and its rates.

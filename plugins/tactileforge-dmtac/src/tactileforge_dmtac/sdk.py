@@ -11,9 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.contracts import Frame, Sensor
-from tactileforge.errors import ConfigError, SensorError, TactileForgeError
-from tactileforge.sensors.specs import SPECS
+from tactileforge.plugin import SPECS, ConfigError, Frame, Sensor, SensorError, TactileForgeError
 
 #: Pictures that it gives: of the camera, and cut and straightened.
 PICTURES = {"raw": "getRawImg", "infer": "getInferImg"}

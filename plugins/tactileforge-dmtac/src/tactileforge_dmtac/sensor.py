@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from tactileforge.sensors.drivers.camera import Camera
-from tactileforge.sensors.specs import SPECS
+from tactileforge.plugin import SPECS, Camera
 
 #: What its camera has in its name.
 NAME = "N160MU2"

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.contracts import ACTIONS, FrameSubset, Recording
-from tactileforge.sensors.specs import spec
+from tactileforge.plugin import ACTIONS, FrameSubset, Recording, spec
 from tactileforge_example.synthetic import press
 
 if TYPE_CHECKING:

@@ -6,8 +6,7 @@ from typing import ClassVar
 
 from torch import Tensor, nn
 
-from tactileforge.contracts import NEUTRAL_BACKGROUND, Batch
-from tactileforge.distributed import masked_mean
+from tactileforge.plugin import NEUTRAL_BACKGROUND, Batch, masked_mean
 
 
 class ContactArea(nn.Module):

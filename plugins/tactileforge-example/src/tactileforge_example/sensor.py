@@ -8,8 +8,7 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.contracts import Frame, SensorSpec
-from tactileforge.errors import TactileForgeError
+from tactileforge.plugin import Frame, SensorSpec, TactileForgeError
 from tactileforge_example.synthetic import GEL, press
 
 

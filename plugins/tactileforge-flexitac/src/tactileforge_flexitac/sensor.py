@@ -6,10 +6,7 @@ counter, and the header may stand among the taxels as well: see `parser.GridPars
 
 from __future__ import annotations
 
-from tactileforge.contracts import SensorSpec
-from tactileforge.errors import ConfigError
-from tactileforge.sensors.drivers.serial_array import SerialArray
-from tactileforge.sensors.framing import Parser
+from tactileforge.plugin import ConfigError, Parser, SensorSpec, SerialArray
 from tactileforge_flexitac.parser import GridParser
 
 

@@ -17,12 +17,7 @@ from urllib.request import ProxyHandler, build_opener
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.contracts import Frame, SensorSpec
-from tactileforge.errors import SensorError
-from tactileforge.sensors.continuity import Arrival
-from tactileforge.sensors.drivers.force_torque import ForceTorque
-from tactileforge.sensors.framing import Parser
-from tactileforge.sensors.links import Link
+from tactileforge.plugin import Arrival, ForceTorque, Frame, Link, Parser, SensorError, SensorSpec
 
 #: Commands of a request.
 STOP, START, BIAS = 0x0000, 0x0002, 0x0042

@@ -6,9 +6,7 @@ import struct
 import time
 from collections.abc import Sequence
 
-from tactileforge.errors import SensorError
-from tactileforge.sensors.checksums import CHECKSUMS
-from tactileforge.sensors.links import Link
+from tactileforge.plugin import CHECKSUMS, Link, SensorError
 
 #: "Write registers", and the mark of a reply that refuses.
 WRITE, REFUSED = 0x10, 0x80

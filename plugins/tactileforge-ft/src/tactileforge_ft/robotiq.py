@@ -10,8 +10,7 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 
-from tactileforge.sensors.drivers.force_torque import ForceTorque
-from tactileforge.sensors.links import Link
+from tactileforge.plugin import ForceTorque, Link
 from tactileforge_ft import modbus
 
 #: Its number on the line, and the register and value that switch the stream on.

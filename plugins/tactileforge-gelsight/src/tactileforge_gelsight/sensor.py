@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from tactileforge.errors import ConfigError
-from tactileforge.sensors.drivers.camera import Camera
-from tactileforge.sensors.drivers.v4l2 import VideoDevice
-from tactileforge.sensors.specs import SPECS
+from tactileforge.plugin import SPECS, Camera, ConfigError, v4l2
 
 #: What every Mini's name begins with. Its USB id is that of other cameras as well.
 NAME = "GelSight Mini"
@@ -60,7 +57,7 @@ class GelSightMini(Camera):
         )
         self.frames = warmup
 
-    def number(self, camera: VideoDevice) -> str:
+    def number(self, camera: v4l2.VideoDevice) -> str:
         """Its serial number; else the last word of its name, the number on the unit."""
         return camera.serial or camera.name.removeprefix(NAME).split(":")[0].strip().split(" ")[-1]
 

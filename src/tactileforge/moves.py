@@ -1,0 +1,108 @@
+"""Changes of the contract with plugins, for packages that were built for an older one."""
+
+from __future__ import annotations
+
+import linecache
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from importlib.resources import files
+from inspect import getsource
+from typing import Any
+
+from tactileforge.errors import PluginError, TactileForgeError
+
+#: Changes so far that authors of plugins have to follow; `tactileforge.plugin` is the contract.
+VERSION = 2
+
+#: Changed in meaning, not in place: what code of an older package mentions, and how to mend it.
+CHANGES = {
+    "force_valid": "force_valid of a batch is (B, 3) since contract 2, a value for each axis: "
+    'batch["force_valid"][:, 2] says whether normal force is known',
+}
+
+
+@cache
+def public_names() -> frozenset[str]:
+    """Names of `tactileforge.plugin`, from its source: importing it here would be a circle."""
+    text = (files("tactileforge") / "plugin.py").read_text("utf-8")
+    return frozenset(re.findall(r'^    "(\w+)",$', text, re.M))
+
+
+def import_hint(error: BaseException) -> str:
+    """Where the names are now that an import of a private module did not find; "" for none.
+
+    Args:
+        error: Raised while a plugin was imported.
+
+    Example:
+        >>> import_hint(ModuleNotFoundError("No module named 'x'", name="x"))
+        ''
+    """
+    if not isinstance(error, ImportError) or not (error.name or "").startswith("tactileforge."):
+        return ""
+    wanted = re.findall(r"\w+", _line(error).partition(" import ")[2])
+    wanted += re.findall(r"cannot import name '(\w+)'", str(error))
+    last = (error.name or "").rpartition(".")[2].replace("_", "")
+    alike = [name for name in public_names() if name.lower() == last]
+    found = sorted(public_names() & set(wanted)) or alike
+    names = ", ".join(found)
+    if not found:
+        return "the module is private: import from tactileforge.plugin, which has what plugins need"
+    return f"use: from tactileforge.plugin import {names}"
+
+
+def _line(error: BaseException) -> str:
+    """Source line that raised an error, outside this package and the import system."""
+    step, line = error.__traceback__, ""
+    while step is not None:
+        code = step.tb_frame.f_code
+        if not code.co_filename.startswith("<frozen"):
+            line = linecache.getline(code.co_filename, step.tb_lineno)
+        step = step.tb_next
+    return line
+
+
+def change_hints(plugin: Any) -> list[str]:
+    """Changes of meaning that concern a plugin of another package, by what its source mentions.
+
+    Args:
+        plugin: An instance or class.
+
+    Returns:
+        A sentence for each; [] for the plugins of tactileforge itself.
+    """
+    cls = plugin if isinstance(plugin, type) else type(plugin)
+    if cls.__module__.partition(".")[0] == "tactileforge":
+        return []
+    try:
+        source = getsource(cls)
+    except (OSError, TypeError):
+        return []
+    return [said for name, said in CHANGES.items() if re.search(rf"\b{name}\b", source)]
+
+
+@contextmanager
+def explained(*plugins: Any) -> Iterator[None]:
+    """Adds the changes of the contract to what a plugin of another package raises.
+
+    Args:
+        plugins: Those that run inside.
+
+    Raises:
+        PluginError: One failed, and its source mentions what has changed; names the mend.
+    """
+    try:
+        yield
+    except TactileForgeError:
+        raise
+    except Exception as error:
+        hints = {hint: type(plugin) for plugin in plugins for hint in change_hints(plugin)}
+        if not hints:
+            raise
+        cls = next(iter(hints.values()))
+        raise PluginError(
+            f"{cls.__module__}.{cls.__qualname__}: {type(error).__name__}: {error}. Its package "
+            f"was made for an older contract: {'; '.join(hints)}"
+        ) from error

@@ -1,0 +1,129 @@
+"""The public door for authors of plugins: everything that a package may import.
+
+    from tactileforge.plugin import Frame, Sensor, SensorError, SensorSpec
+
+These names, those of `tactileforge` itself and of `tactileforge.testing` stay where they are. Every
+other module is private, and may change with any release. `VERSION` counts the changes that authors
+have to follow; the changelog has a line for each.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from tactileforge.cli._command import Command
+from tactileforge.contracts import (
+    ACTIONS,
+    NEUTRAL_BACKGROUND,
+    AfterStep,
+    Batch,
+    Dataset,
+    Encoder,
+    Features,
+    Frame,
+    Frames,
+    FrameSubset,
+    Head,
+    MaskedFeatures,
+    Objective,
+    Prepared,
+    Recording,
+    Scored,
+    Sensor,
+    SensorSpec,
+    TrainingClips,
+    Views,
+)
+from tactileforge.data.frames.lazy import ArrayFrames, ImageFrames, VideoFrames
+from tactileforge.data.labels.actions import label_actions
+from tactileforge.data.labels.align import estimate_lag, nearest
+from tactileforge.errors import (
+    ConfigError,
+    DataError,
+    DataNotFoundError,
+    PluginError,
+    SensorError,
+    TactileForgeError,
+)
+from tactileforge.moves import VERSION
+from tactileforge.registry import build, names
+from tactileforge.sensors.capture import Capture
+from tactileforge.sensors.checksums import CHECKSUMS
+from tactileforge.sensors.continuity import Arrival
+from tactileforge.sensors.drivers import v4l2
+from tactileforge.sensors.drivers.camera import Camera
+from tactileforge.sensors.drivers.force_torque import ForceTorque
+from tactileforge.sensors.drivers.replay import Replay
+from tactileforge.sensors.drivers.serial_array import SerialArray
+from tactileforge.sensors.drivers.serial_robot import SerialRobot
+from tactileforge.sensors.framing import Parser
+from tactileforge.sensors.links import Link, SerialLink
+from tactileforge.sensors.specs import SPECS, spec
+from tactileforge.sensors.taxels import TaxelLayout
+
+if TYPE_CHECKING:
+    from tactileforge.distributed import masked_mean
+
+__all__ = [
+    "ACTIONS",
+    "CHECKSUMS",
+    "NEUTRAL_BACKGROUND",
+    "SPECS",
+    "VERSION",
+    "AfterStep",
+    "ArrayFrames",
+    "Arrival",
+    "Batch",
+    "Camera",
+    "Capture",
+    "Command",
+    "ConfigError",
+    "DataError",
+    "DataNotFoundError",
+    "Dataset",
+    "Encoder",
+    "Features",
+    "ForceTorque",
+    "Frame",
+    "FrameSubset",
+    "Frames",
+    "Head",
+    "ImageFrames",
+    "Link",
+    "MaskedFeatures",
+    "Objective",
+    "Parser",
+    "PluginError",
+    "Prepared",
+    "Recording",
+    "Replay",
+    "Scored",
+    "Sensor",
+    "SensorError",
+    "SensorSpec",
+    "SerialArray",
+    "SerialLink",
+    "SerialRobot",
+    "TactileForgeError",
+    "TaxelLayout",
+    "TrainingClips",
+    "VideoFrames",
+    "Views",
+    "build",
+    "estimate_lag",
+    "label_actions",
+    "masked_mean",
+    "names",
+    "nearest",
+    "spec",
+    "v4l2",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Imports what needs torch on first use: the module of a sensor costs none."""
+    if name == "masked_mean":
+        from tactileforge.distributed import masked_mean
+
+        return masked_mean
+    raise AttributeError(f"module 'tactileforge.plugin' has no attribute {name!r}")

@@ -1,0 +1,119 @@
+"""What authors of plugins import stays in one place, and older packages are told what moved."""
+
+import ast
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+
+from tactileforge import moves, plugin, registry
+from tactileforge.errors import PluginError
+from tactileforge.objectives.force import Force
+from tactileforge.testing import check
+
+ROOT = Path(__file__).parents[1]
+PUBLIC = {"tactileforge", "tactileforge.plugin", "tactileforge.testing"}
+
+
+def test_every_name_of_the_door_is_there():
+    assert moves.public_names() == set(plugin.__all__)
+    assert sorted(plugin.__all__) == sorted(set(plugin.__all__))
+    for name in plugin.__all__:
+        assert getattr(plugin, name) is not None
+
+
+def test_the_door_costs_no_torch():
+    code = (
+        "import sys, tactileforge.plugin; sys.exit(bool({'torch', 'lightning'} & {*sys.modules}))"
+    )
+    assert subprocess.run([sys.executable, "-c", code]).returncode == 0
+
+
+def _imported(text):
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("tactileforge"):
+            yield node.module
+        elif isinstance(node, ast.Import):
+            yield from (item.name for item in node.names if item.name.startswith("tactileforge"))
+
+
+@pytest.mark.parametrize("page", sorted((ROOT / "docs/plugins").glob("*.md")), ids=lambda p: p.stem)
+def test_the_docs_for_authors_import_from_the_door_alone(page):
+    blocks = re.findall(r"^```python\n(.*?)^```", page.read_text(), re.M | re.S)
+    used = {module for block in blocks for module in _imported(block)}
+    assert used <= PUBLIC
+
+
+@pytest.mark.parametrize(
+    "path",
+    sorted((ROOT / "plugins").glob("tactileforge-*/src/**/*.py")),
+    ids=lambda p: f"{p.parent.name}/{p.stem}",
+)
+def test_our_packages_import_what_a_third_party_could(path):
+    used = {name for name in _imported(path.read_text()) if not name.startswith("tactileforge_")}
+    assert used <= PUBLIC
+
+
+@pytest.mark.parametrize(
+    ("line", "hint"),
+    [
+        ("from tactileforge.sensors.camera import Camera", "import Camera"),
+        (
+            "from tactileforge.data.frames import VideoFrames, ImageFrames",
+            "ImageFrames, VideoFrames",
+        ),
+        ("import tactileforge.sensors.replay", "import Replay"),
+        ("from tactileforge.no_such import thing", "the module is private"),
+    ],
+)
+def test_an_import_that_moved_is_told_where(line, hint, installed):
+    installed("older", "[tactileforge.datasets]\nolder = older_data:Older", {"older_data.py": line})
+    with pytest.raises(PluginError, match=r"'older' \(older_data:Older, from older 1.0\)") as error:
+        registry.get("datasets", "older")
+    assert hint in str(error.value)
+    assert "from tactileforge.plugin" in str(error.value)
+
+
+def test_a_module_of_others_that_is_missing_is_left_to_its_own_words(installed):
+    installed("sdk", "[tactileforge.sensors]\nsdk = sdk_x:X", {"sdk_x.py": "import no_such_sdk"})
+    with pytest.raises(PluginError) as error:
+        registry.get("sensors", "sdk")
+    assert "tactileforge.plugin" not in str(error.value)
+
+
+OLDER = """
+from torch import nn
+class Older(nn.Module):
+    head = "force"
+    needs = frozenset({"force"})
+    def forward(self, prediction, batch):
+        valid = batch["force_valid"]  # it was (B,)
+        return (prediction.mean((1, 2)) * valid).sum() / valid.sum(), {}
+"""
+
+
+@pytest.fixture
+def older(installed):
+    installed("older", "[tactileforge.objectives]\nolder = old:Older", {"old.py": OLDER})
+    return registry.get("objectives", "older")
+
+
+def test_a_field_that_changed_is_named_at_the_check(older):
+    failed = [result.detail for result in check("objective", older) if result.status == "failed"]
+    assert failed
+    assert all("force_valid of a batch is (B, 3) since contract 2" in text for text in failed)
+
+
+def test_a_field_that_changed_is_named_at_use(older):
+    batch = {"force_valid": torch.ones(4, 3)}
+    said = pytest.raises(PluginError, match=r"old\.Older: RuntimeError: .*\[:, 2\]")
+    with said, moves.explained(older()):
+        older()(torch.zeros(4, 2, 3), batch)
+
+
+def test_a_fault_of_ours_keeps_its_traceback():
+    with pytest.raises(RuntimeError, match="ours"), moves.explained(Force()):
+        raise RuntimeError("ours")
