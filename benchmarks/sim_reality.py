@@ -26,15 +26,15 @@ import numpy as np
 import torch
 from common import RESULTS, save
 from omegaconf import OmegaConf
+from reality.classifier import VIEWS, PatchSplit, told_apart
+from reality.measures import Array
+from reality.patches import patches
+from reality.profiles import Profile, correlations, distances, profile
+from reality.simulated import config, simulated, trial
 
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.datasets.recordings import Recordings
-from tactileforge.reality.classifier import VIEWS, PatchSplit, told_apart
-from tactileforge.reality.measures import Array
-from tactileforge.reality.patches import patches
-from tactileforge.reality.profiles import Profile, correlations, distances, profile
-from tactileforge.reality.simulated import config, simulated, trial
 
 ROOT = Path(__file__).parents[1]
 DATA = Path(os.environ.get("TACTILEFORGE_REALDATA", ROOT.parent / "shared" / "realdata"))

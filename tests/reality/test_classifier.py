@@ -4,10 +4,10 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from reality.classifier import VIEWS, PatchSplit, auc, told_apart
+from reality.patches import PATCH, patch_colours, patch_spectra
 
 from tactileforge.errors import ConfigError
-from tactileforge.reality.classifier import VIEWS, PatchSplit, auc, told_apart
-from tactileforge.reality.patches import PATCH, patch_colours, patch_spectra
 
 
 def patches(seed: int, count: int = 120, blur: float = 0.0, red: float = 1.0) -> np.ndarray:

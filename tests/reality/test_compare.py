@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from reality.compare import CompareOptions, by_source, compare_reality
+from reality.profiles import DISTANCES, distances, profile, ratio
+from reality.touches import strongest_touches
+from sim_compare import main
 
-from tactileforge import cli
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.errors import ConfigError, DataError
-from tactileforge.reality.compare import CompareOptions, by_source, compare_reality
-from tactileforge.reality.profiles import DISTANCES, distances, profile, ratio
-from tactileforge.reality.touches import strongest_touches
 
 SIM = ["data=sim", "data.scenes=3", "data.val=0", "data.size=64", "data.sensors=[digit]"]
 FEW = ["scenes=2", "trials=0", "indenters=[small_sphere,ring_shaped]", "newton=[3,6]"]
@@ -147,7 +147,7 @@ def test_options_that_are_none_are_told():
 @pytest.mark.slow
 def test_the_page_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "page.html"
-    assert cli.run(["sim", "compare", *SIM, *FEW, f"out={out}"]) == 0
+    assert main([*SIM, *FEW, f"out={out}"]) == 0
     page, said = out.read_text(), capsys.readouterr().out
     assert "Simulated touch beside sim" in page
     assert page.count('alt="sim/') >= 9, "three pictures of two simulated and of real touches"
@@ -167,10 +167,10 @@ def test_the_page_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 )
 def test_mistakes_are_named(words, said, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert cli.run(["sim", "compare", *words]) == 1
+    assert main([*words]) == 1
     assert said in capsys.readouterr().err
 
 
 def test_help_lists_the_keys(capsys):
-    assert cli.run(["sim", "compare", "--help"]) == 0
+    assert main(["--help"]) == 0
     assert "trials: 3" in capsys.readouterr().out

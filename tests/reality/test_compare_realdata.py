@@ -5,11 +5,11 @@ from typing import Any
 
 import pytest
 from omegaconf import OmegaConf
+from reality.profiles import profile
+from reality.response import response
 
 from tactileforge.contracts import Recording
 from tactileforge.datasets.recordings import Recordings
-from tactileforge.reality.profiles import profile
-from tactileforge.reality.response import response
 
 CONFIG = Path(__file__).parents[2] / "conf/data/public_samples.yaml"
 

@@ -5,9 +5,8 @@ from itertools import pairwise
 import cv2
 import numpy as np
 import pytest
-
-from tactileforge.reality import measures
-from tactileforge.reality.measures import BANDS, LOW, RINGS, SIDE
+from reality import measures
+from reality.measures import BANDS, LOW, RINGS, SIDE
 
 SIZE = (240, 320, 3)
 

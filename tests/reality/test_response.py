@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from reality import measures
+from reality.response import fitted, response
 
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
-from tactileforge.reality import measures
-from tactileforge.reality.response import fitted, response
 
 COUNT, HEIGHT, WIDTH = 240, 60, 80
 

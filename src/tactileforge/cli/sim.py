@@ -1,4 +1,4 @@
-"""Simulates touch, as shards; and compares it with real touch."""
+"""Simulates touch, as shards."""
 
 from __future__ import annotations
 
@@ -6,10 +6,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from tactileforge import registry
 from tactileforge.cli._command import Command
-from tactileforge.files import write_text
-from tactileforge.reality.compare import CompareOptions, Side, compare_reality
 from tactileforge.sim.config import SimConfig
 from tactileforge.sim.generate import write_seconds
 
@@ -70,44 +67,4 @@ def _sim(keys: _Sim, _: dict[str, Any]) -> None:
 _SIMULATED = {spec.name for spec in fields(SimConfig)}
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Compare(CompareOptions):
-    """A page with simulated and real touches side by side.
-
-    Attributes:
-        out: The page.
-    """
-
-    out: str = "compare.html"
-
-
-def _compare(keys: _Compare, config: dict[str, Any]) -> None:
-    """Writes a page with simulated and real touches side by side."""
-    dataset = registry.build("datasets", config["data"])
-    sides = compare_reality(dataset, keys)
-
-    from tactileforge.reality.page import reality_page
-
-    write_text(Path(keys.out), reality_page(config["data"]["name"], sides))
-    for sensor, side in sides.items():
-        print(_told(sensor, side))
-    for line in dataset.skipped:
-        print(f"note: {line}")
-    print(f"page: {keys.out}")
-
-
-def _told(sensor: str, side: Side) -> str:
-    """The nearest real source by each number."""
-    lines = [f"{sensor}: {len(side.simulated.looks)} simulated touches"]
-    for source, found in side.apart.items():
-        numbers = ", ".join(
-            f"{name} {value:.2g}" for name, value in found.items() if value == value
-        )
-        lines.append(f"  to {source}: {numbers}")
-    return "\n".join(lines)
-
-
-COMMANDS = {
-    "": Command(run=_sim, keys=_Sim),
-    "compare": Command(run=_compare, keys=_Compare, groups={"data": "???"}),
-}
+COMMANDS = {"": Command(run=_sim, keys=_Sim)}

@@ -8,9 +8,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from reality.measures import Array
+from reality.touches import strongest_touches
 from tactileforge.contracts import Recording
-from tactileforge.reality.measures import Array
-from tactileforge.reality.touches import strongest_touches
 
 #: Rows and columns of a patch.
 PATCH = 48

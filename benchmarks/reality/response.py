@@ -19,10 +19,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from reality import measures
+from reality.measures import Array
 from tactileforge.contracts import Recording
 from tactileforge.inspection.frame_stats import evenly
-from tactileforge.reality import measures
-from tactileforge.reality.measures import Array
 
 #: Frames of a trial that are fitted, the share of the largest force from which on they are, and the
 #: frames of a block that goes to one half.

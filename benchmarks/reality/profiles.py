@@ -8,17 +8,17 @@ from pathlib import Path
 
 import numpy as np
 
-from tactileforge.contracts import Frames, FrameSubset, Recording
-from tactileforge.inspection.frame_stats import evenly
-from tactileforge.reality import measures
-from tactileforge.reality.measures import Array
-from tactileforge.reality.response import Response, response
-from tactileforge.reality.touches import (
+from reality import measures
+from reality.measures import Array
+from reality.response import Response, response
+from reality.touches import (
     StrongestTouch,
     TouchMeasures,
     measure_touch,
     strongest_touches,
 )
+from tactileforge.contracts import Frames, FrameSubset, Recording
+from tactileforge.inspection.frame_stats import evenly
 
 #: Smallest number of which a logarithm is compared: a hundredth of a grey level is nothing.
 _FLOOR = 0.01

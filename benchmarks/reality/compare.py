@@ -8,11 +8,11 @@ from functools import cached_property
 
 from tqdm import tqdm
 
+from reality.profiles import Profile, distances, profile, ratio
+from reality.simulated import config, simulated, trial
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.inspection.frame_stats import evenly
-from tactileforge.reality.profiles import Profile, distances, profile, ratio
-from tactileforge.reality.simulated import config, simulated, trial
 from tactileforge.sim.mechanics.sensor_gels import DEVICES
 
 #: Sources of one sensor that are told apart by the folder of their keys; more go by `source`.

@@ -8,9 +8,9 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.ticker import FuncFormatter, LogLocator
 
+from reality import measures
+from reality.profiles import Profile
 from tactileforge.pages.figures import CLASSES, INK, SHADE, drawing, svg
-from tactileforge.reality import measures
-from tactileforge.reality.profiles import Profile
 
 
 def spectra_chart(profiles: Sequence[Profile]) -> Markup:

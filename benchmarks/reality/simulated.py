@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from reality import measures
 from tactileforge.contracts import FrameSubset, Recording
 from tactileforge.data.shards import shards
 from tactileforge.errors import DataError
-from tactileforge.reality import measures
 from tactileforge.sim.config import SimConfig
 from tactileforge.sim.generate import recordings
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from reality import measures
+from reality.measures import Array
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.crop import size_text
 from tactileforge.errors import DataError
 from tactileforge.inspection.frame_stats import evenly
-from tactileforge.reality import measures
-from tactileforge.reality.measures import Array
 
 #: Frames of a part of a recording in which the strongest contact is looked for.
 _FRAMES = 24

@@ -14,9 +14,9 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from reality.measures import Array
+from reality.patches import patch_colours, patch_spectra
 from tactileforge.errors import ConfigError
-from tactileforge.reality.measures import Array
-from tactileforge.reality.patches import patch_colours, patch_spectra
 
 #: Fewest patches of a class.
 _LEAST = 16

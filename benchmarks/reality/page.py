@@ -7,6 +7,11 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from markupsafe import Markup
 
+from reality import charts
+from reality.compare import Side
+from reality.measures import Array
+from reality.profiles import DISTANCES, Profile, correlations
+from reality.touches import StrongestTouch
 from tactileforge.pages.images import difference, figure
 from tactileforge.pages.page import (
     NONE,
@@ -24,11 +29,6 @@ from tactileforge.pages.page import (
     verdict,
 )
 from tactileforge.pages.templating import joined
-from tactileforge.reality import charts
-from tactileforge.reality.compare import Side
-from tactileforge.reality.measures import Array
-from tactileforge.reality.profiles import DISTANCES, Profile, correlations
-from tactileforge.reality.touches import StrongestTouch
 
 #: Grey levels of the amplified difference for one of the change; the same everywhere.
 _GAIN = 4.0
