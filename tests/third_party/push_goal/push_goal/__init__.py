@@ -1,0 +1,1 @@
+"""A package of a third party, as its author wrote it; never edited with the framework."""
