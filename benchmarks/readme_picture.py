@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 import tactileforge
-from tactileforge.contracts import Recording
+from tactileforge.contracts import Dataset, Recording
 from tactileforge.depth import DepthReader
 from tactileforge.registry import build
 
@@ -28,7 +28,7 @@ AXES = {"x": "#d1495b", "y": "#2e8b57", "z": "#2a6fdb"}
 
 def touch() -> Recording:
     """A simulated press and slide of a GelSight Mini."""
-    data = build(
+    data: Dataset = build(
         "datasets",
         {
             "name": "sim",
@@ -42,14 +42,19 @@ def touch() -> Recording:
             "seed": 4,
         },
     )
-    return max(data.recordings("train"), key=lambda item: float(np.nanmax(abs(item.force))))
+    return max(data.recordings("train"), key=strength)
+
+
+def strength(recording: Recording) -> float:
+    """Largest force of a recording along any axis, N."""
+    return float(np.nanmax(np.abs(np.asarray(recording.force))))
 
 
 def read(recording: Recording) -> tuple[Array, Array, Array, Array, Array]:
     """Frames, times, tokens of the strongest clip, read forces and depth of its last frame."""
     model = tactileforge.load("anytouch2.tiny")
     count = len(recording.frames)
-    frames, rest = recording.frames.read(range(count)), recording.background()
+    frames, rest = recording.frames.read(range(count)), np.asarray(recording.background())
     step = max(1, round(model.spacing / recording.period))
     ends = np.arange(3 * step, count)
     forces = np.stack(
@@ -69,7 +74,8 @@ def colours(tokens: Array) -> Array:
     rows = rows - rows.mean(0)
     main = rows @ np.linalg.svd(rows, full_matrices=False)[2][:3].T
     low, high = np.percentile(main, [2, 98], axis=0)
-    return np.clip((main - low) / (high - low), 0, 1).reshape(*grid, 3)
+    image: Array = np.clip((main - low) / (high - low), 0, 1).reshape(*grid, 3)
+    return image
 
 
 def bare(axis: Axes, title: str) -> None:
@@ -84,7 +90,7 @@ def bare(axis: Axes, title: str) -> None:
 def draw(recording: Recording) -> Figure:
     """The whole picture."""
     shown, times, tokens, forces, depth = read(recording)
-    figure = plt.figure(figsize=(13.0, 3.3), dpi=150)
+    figure: Figure = plt.figure(figsize=(13.0, 3.3), dpi=150)
     grid = figure.add_gridspec(1, 4, width_ratios=[0.5, 1.0, 1.33, 1.5], wspace=0.16)
     left = grid[0].subgridspec(3, 1, hspace=0.06)
     for i, frame in enumerate(shown):
