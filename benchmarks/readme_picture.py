@@ -62,7 +62,7 @@ def read(recording: Recording) -> tuple[Array, Array, Array, Array, Array]:
     )
     top = int(ends[np.argmax(np.asarray(recording.force)[ends, 2])])
     tokens = model.features(frames[top - 3 * step : top + 1 : step], rest, SENSOR, tap="patches")
-    depth = DepthReader(SENSOR).read(frames[top], rest).depth
+    depth = np.asarray(DepthReader(SENSOR).read(frames[top], rest).depth)
     shown = np.stack([frames[i] for i in (0, (top + int(ends[0])) // 2, top)])
     return shown, recording.times[ends], np.asarray(tokens), forces, depth
 
