@@ -15,12 +15,8 @@ from tactileforge.data.frames.crop import size_text
 from tactileforge.data.frames.lazy import VIDEO_SUFFIXES, Crop, ImageFrames, VideoFrames
 from tactileforge.data.labels.actions import label_actions
 from tactileforge.datasets.reading.files import DamagedFileError, kind_of, matching_files
-from tactileforge.datasets.reading.layout import (
-    DatasetLayout,
-    FrameTable,
-    check_action,
-    check_sensor,
-)
+from tactileforge.datasets.reading.layout import DatasetLayout, check_action, check_sensor
+from tactileforge.datasets.reading.layout_keys import FrameTable
 from tactileforge.datasets.reading.tables import (
     LabelRow,
     label_row,

@@ -18,10 +18,10 @@ from tactileforge.data.labels.plausible import impossible_row, limits
 from tactileforge.datasets.reading.files import read_text
 from tactileforge.datasets.reading.layout import (
     DatasetLayout,
-    FrameTable,
     check_action,
     template_parts,
 )
+from tactileforge.datasets.reading.layout_keys import FrameTable
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
 
 
