@@ -28,6 +28,8 @@ _CLOSE = 0.04
 #: is where two recorders were started by hand.
 _SHIFT = 0.3
 _START = 0.1
+#: Labels so much shorter than the recording are in another unit.
+_SHORT = 0.05
 #: Steps of as many rows as frames that differ by this share are of another rate.
 _STEP = 0.15
 #: Share of the frames that has labels where a word is due.
@@ -44,13 +46,17 @@ class Misfit:
         words: The problem, to be read after the name of the column.
         fix: A way out, as a phrase.
         unit: The unit that would fit; "" where another one would not help.
+        plain: Whether that unit is all that it takes.
         certain: Whether labels would be wrong. Where they are only few, a word is enough.
+        doubtful: Whether it may be right all the same, so that `misfit` may be told so.
     """
 
     words: str
     fix: str
     unit: str = ""
+    plain: bool = False
     certain: bool = True
+    doubtful: bool = False
 
 
 def date_unit(values: NDArray[np.float64]) -> str:
@@ -78,7 +84,9 @@ def seconds_of(unit: str, where: str) -> float:
     return UNITS[unit]
 
 
-def misfit(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> Misfit | None:
+def misfit(
+    rows: NDArray[np.float64], frames: NDArray[np.float64], partial: bool = False
+) -> Misfit | None:
     """Says how times of labels contradict those of frames; None where they fit.
 
     Labels may start late, end early, go on after the last frame, and have a rate of their own. They
@@ -88,6 +96,7 @@ def misfit(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> Misfit | N
     Args:
         rows: float64 (n,), ascending; seconds, as far as is known.
         frames: float64 (T,), seconds, ascending.
+        partial: Whether labels are known to last longer or shorter than the frames.
 
     Example:
         >>> misfit(np.arange(0, 2240.0, 10), np.arange(68) / 30).words
@@ -118,13 +127,15 @@ def _unit(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> Misfit | No
         as_long = 1 / _AS_LONG <= length * seconds / span <= _AS_LONG
         if unit == "s" or not (as_long or (is_lost and step * seconds <= _SLOW)):
             continue
-        question = f"is it {_NAMES[unit]}"
+        question, plain = f"is it {_NAMES[unit]}", False
         if date_unit(rows) == unit:
             question += " since 1970"
         elif not frames[0] - span <= rows[0] * seconds <= frames[-1]:
             question += " of another zero"
+        else:
+            plain = True
         words = f"{_ends(rows, frames)}: {question}?"
-        return Misfit(words, "give seconds since the first frame", unit)
+        return Misfit(words, "give seconds since the first frame", unit, plain)
     return None
 
 
@@ -135,8 +146,8 @@ def _apart(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> Misfit | N
     if rows[-1] >= frames[0] and rows[0] <= frames[-1]:
         return None
     return Misfit(
-        f"({_number(rows[0])} to {_number(rows[-1])}) does not overlap the times of the frames "
-        f"({frames[0]:.3g} to {frames[-1]:.3g} s)",
+        f"goes from {_number(rows[0])} to {_number(rows[-1])} and does not overlap the times of "
+        f"the frames ({frames[0]:.3g} to {frames[-1]:.3g} s)",
         "give seconds since the first frame",
     )
 
@@ -151,18 +162,24 @@ def _rate(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> Misfit | No
     said += f"{frames[0]:.3g} to {frames[-1]:.3g} s"
     if abs(late) <= _START * span:
         times = _times(length / span)
-        if abs(len(rows) - len(frames)) <= 1 and abs(length / span - 1) > _STEP:
-            times = f"{length / span:.3g} times"
+        if length < _SHORT * span:
+            times = f"{length / span:.2g} times"
+        steps = float(np.median(np.diff(rows)) / np.median(np.diff(frames)))
+        is_slow = min(abs(steps - 1), abs(length / span - 1)) > _STEP
+        if abs(len(rows) - len(frames)) <= 1 and is_slow:
+            times = f"{steps:.3g} times"
         if times:
             rate = (len(rows) - 1) / span
             return Misfit(
-                f"{said}, {times} as long: is the rate another one?",
+                f"{said}, {times} as long: is the rate or unit another one?",
                 f"{rate:.3g} rows a second would fit",
+                doubtful=True,
             )
     elif abs(length / span - 1) <= _START and late > _SHIFT * span:
         return Misfit(
             f"{said}, as long but {late:.3g} s late: is it another zero?",
             "give seconds since the first frame",
+            doubtful=True,
         )
     return None
 

@@ -158,6 +158,9 @@ def _check(keys: LayoutKeys, each: str, where: str) -> None:
     is_open = each == "sequence" and keys.times is None
     if (is_open and keys.fps is None) or (keys.fps is not None and keys.fps <= 0):
         raise ConfigError(f"{where}: fps is {keys.fps}; give frames per second, e.g. fps: 30")
+    tables = (keys.force, keys.action)
+    if each == "video" and any(getattr(table, "key", None) for table in tables):
+        raise ConfigError(f"{where}: key: names images, and these are videos; give frame: or time:")
     if not 1 <= keys.tier <= 5:
         raise ConfigError(f"{where}: tier is {keys.tier}, but must be 1 to 5")
 

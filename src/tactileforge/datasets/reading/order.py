@@ -147,3 +147,14 @@ def other_order(paths: Sequence[Path]) -> str:
         return ""
     i = next(i for i, pair in enumerate(zip(turned, stems, strict=True)) if pair[0] != pair[1])
     return f"with points that are no fractions, {turned[i]!r} comes before {stems[i]!r}"
+
+
+def order_doubt(paths: Sequence[Path]) -> str:
+    """What is not clear about the order of images, as a phrase; see `other_order`."""
+    other = other_order(paths)
+    if not other:
+        return ""
+    return (
+        f"two orders are possible: {paths[0].stem!r} is read first, but {other}; give order: "
+        "'f{number}', with the text before the number that counts, or a column"
+    )
