@@ -9,10 +9,9 @@ import pytest
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.labels.align import Lag
+from tactileforge.data.labels.doubts import Suspicion, check_labels
 from tactileforge.inspection.checks import (
     REASONS,
-    Suspicion,
-    check_labels,
     check_lag,
     check_pixels,
     is_sure,

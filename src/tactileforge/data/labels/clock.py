@@ -211,9 +211,5 @@ def _ends(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> str:
 
 
 def _number(value: float) -> str:
-    """A time as it stands in the file, short where it is a date."""
-    return (
-        f"{value:.4g}"
-        if abs(value) < 1e6 and value != round(value)
-        else (f"{value:.0f}" if abs(value) < 1e6 else f"{value:.5g}")
-    )
+    """A time as it stands in the file."""
+    return f"{value:.10g}" if abs(value) >= 1e6 else f"{value:.4g}"

@@ -48,7 +48,7 @@ def on_frames(
         return seconds
     fix = found.fix
     if found.unit and found.plain:
-        fix = f"{fix}, or its unit: {found.unit}"
+        fix = f"{fix}, or say so: unit: {found.unit}"
     elif found.unit:
         fix = f"{fix}, with unit: {found.unit} if it stays so"
     if found.doubtful:
