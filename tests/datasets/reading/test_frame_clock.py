@@ -105,7 +105,7 @@ def test_times_of_a_csv(tmp_path: Path, make_image: MakeFile, write: MakeFile) -
     write("x.csv", "image,t\n" + "".join(f"{name}.png,{DATE + t}\n" for name, t in rows))
     with pytest.raises(
         DataError,
-        match=r"time of frame 1, 1763000000, is not after that of the frame before, 1763000001",
+        match=r"frame 1, 1763000000, is not after that of .* 1763000001",
     ):
         read(tmp_path, **layout, times=keyed | {"key": None})
     write("x.csv", "image,t\n" + "".join(f"{name}.png,{t * 1000}\n" for name, t in rows))

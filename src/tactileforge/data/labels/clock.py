@@ -104,7 +104,10 @@ def misfit(
     """
     if not len(rows) or not len(frames):
         return None
-    return _unit(rows, frames) or _apart(rows, frames) or _rate(rows, frames) or _few(rows, frames)
+    found = _unit(rows, frames) or _apart(rows, frames)
+    if found is None and not partial:
+        found = _rate(rows, frames) or _few(rows, frames)
+    return found
 
 
 def _unit(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> Misfit | None:
