@@ -65,7 +65,8 @@ def _verdict(survey: Scan) -> Iterator[tuple[str, str]]:
             mark = "plain" if reason == "no_background" else "bad"
             yield mark, f"{REASONS[reason].title}: {_of(reason, count, survey)}."
     for line in result.notes:
-        yield "bad", f"{line}."
+        mark = "plain" if line.startswith("one ") else "bad"  # one class is what some sets are for
+        yield mark, f"{line[0].upper()}{line[1:]}."
     if not any(result.counts.values()):
         yield "good", "No recording is suspicious."
     telling = sum(is_sure(lag) for _, lag in survey.lags)

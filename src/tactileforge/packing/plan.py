@@ -89,7 +89,7 @@ def plan_pack(dataset: Dataset, out: Path, options: PackOptions) -> PackPlan:
     doubts = Doubts()
     for recording in chain.from_iterable(by_split.values()):
         doubts.add(recording)
-    notes = [*getattr(dataset, "notes", ()), *doubts.of_each(), *doubts.of_all()]
+    notes = [*getattr(dataset, "notes", ()), *doubts.of_each(), *doubts.of_all({"force"})]
     return PackPlan(jobs, skipped, sum(map(len, by_split.values())), whole, notes)
 
 
