@@ -383,7 +383,8 @@ class Dataset(Protocol):
     ``provides`` holds batch keys, of `LABELS`. One that cuts its recordings in a way of its own has
     ``cut``, which is called like `data.batches.clips.Clips`.
     ``skipped`` grows as `recordings` meets files it cannot read: one line each, which names the
-    file.
+    file. ``notes``, where there is one, likewise grows by lines on recordings that are read, and
+    may be read wrongly.
 
     A large data set may also have ``sources(split)``, see `data.batches.sources.Sharded`: it is
     then opened part by part while it is read, and not as a whole.

@@ -9,10 +9,9 @@ import pytest
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.labels.align import Lag
+from tactileforge.data.labels.doubts import Suspicion, check_labels
 from tactileforge.inspection.checks import (
     REASONS,
-    Suspicion,
-    check_labels,
     check_lag,
     check_pixels,
     is_sure,
@@ -71,7 +70,7 @@ FAULTS: dict[str, tuple[dict[str, Any], float, str]] = {
     "lag": ({"lag": 0.2}, 0.2, "images come 0.2 s after forces"),
     "gaps_in_time": (gapped(0.5), 15, "1 gap, up to 0.5 s (usual 0.0333 s)"),
     "force_out_of_range": (scaled(30), 30 / 14.14, "30 N along z, 2.1 times the scale"),
-    "pulling_force": (scaled(-2), 2, "down to \N{MINUS SIGN}2 N along z"),
+    "pulling_force": (scaled(-2), 2, "down to -2 N along z"),
     "no_background": ({"no_contact": None}, 0, "no frame without contact"),
 }
 

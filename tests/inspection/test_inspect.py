@@ -300,3 +300,18 @@ def test_simulated_touch_is_not_suspicious(tmp_path: Path) -> None:
     assert findings.recordings == 3
     assert not any(findings.counts.values())
     assert "slide right" in text
+
+
+def test_what_no_recording_tells_alone_is_noted(touch: Touch, listed: Any, tmp_path: Path) -> None:
+    still = np.zeros((90, 3), np.float32)
+    data = listed([touch(i, object="cup", force=still) for i in range(2)])
+    data.notes = ["a/x: two orders are possible"]
+    findings, text = written(data, tmp_path / "page.html")
+    first, forces, objects = findings.notes
+    assert first == "a/x: two orders are possible"
+    assert forces.startswith("the forces of all 180 frames are all 0 N")
+    assert objects.startswith("one object alone (cup) in 2 recordings")
+    assert f"note: {forces}" in str(findings).split("\n")
+    assert "The forces of all 180 frames are all 0 N" in text
+    sane = listed([touch(i, object=f"cup {i}") for i in range(2)])
+    assert written(sane, tmp_path / "sane.html")[0].notes == []

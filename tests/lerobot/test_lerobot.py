@@ -24,6 +24,7 @@ from tactileforge.lerobot.statistics import image_statistics, number_statistics
 from tactileforge.lerobot.write import write_dataset
 from tactileforge.testing import check
 
+pa = pytest.importorskip("pyarrow")
 parquet = pytest.importorskip("pyarrow.parquet")
 
 
@@ -414,3 +415,35 @@ class CountedFrames(ArrayFrames):
     @property
     def rows(self) -> list[int]:
         return [row for rows in self.__dict__["noted"] for row in rows]
+
+
+@pytest.mark.parametrize("fps", [15, 60])
+def test_a_video_of_another_rate_than_the_metadata(tmp_path: Path, fps: int) -> None:
+    root = tmp_path / "set"
+    write_dataset([touch(0)], root, LeRobotOptions())
+    path = root / "meta/info.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"fps": fps}))
+    with pytest.raises(DataError, match=rf"its video comes 30 times a second, .*fps: {fps};"):
+        all_of(root)
+
+
+def test_rows_of_another_rate_than_the_metadata(tmp_path: Path) -> None:
+    root = tmp_path / "set"
+    write_dataset([touch(0)], root, LeRobotOptions())
+    (root / folder.TOUCH).unlink()
+    (path,) = (root / "data").glob("*/*.parquet")
+    table = parquet.read_table(path)
+    stamps = pa.array(np.arange(24, dtype=np.float32) * 33.3)
+    at = table.column_names.index("timestamp")
+    parquet.write_table(
+        table.set_column(at, "timestamp", stamps).drop_columns(["observation.time.digit"])
+        if "observation.time.digit" in table.column_names
+        else table.set_column(at, "timestamp", stamps),
+        path,
+    )
+    info = json.loads((root / "meta/info.json").read_text())
+    info["features"].pop("observation.time.digit", None)
+    (root / "meta/info.json").write_text(json.dumps(info))
+    data = LeRobot(str(root), ["observation.images.digit"], ["digit"], val=0)
+    with pytest.raises(DataError, match=r"timestamp comes 0\.03003 times a second, .*fps: 30;"):
+        list(data.recordings("train"))

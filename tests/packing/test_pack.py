@@ -272,3 +272,15 @@ def test_options_that_cannot_be_are_named() -> None:
     ):
         with pytest.raises(ConfigError, match=words):
             build(PackOptions, "pack", given)
+
+
+def test_doubts_about_labels_are_said_once(
+    packable: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    force = np.zeros((20, 3), np.float32)
+    force[:, 2] = np.linspace(0, 800, 20)
+    touches = [noise(f"t{i}", 20, sensor="digit", force=force) for i in range(3)]
+    pack(packable.Given(*touches), "touches", tmp_path / "out", PNG)
+    notes = [line for line in capsys.readouterr().err.split("\n") if line.startswith("note: ")]
+    assert len(notes) == 1
+    assert notes[0].startswith("note: force out of range in 3 of 3 recordings (t0: 800 N along z")

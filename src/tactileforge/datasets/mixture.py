@@ -67,6 +67,12 @@ class Mixture:
         """Recordings that could not be read, of all data sets."""
         return [line for data in self.datasets.values() for line in data.skipped]
 
+    @property
+    def notes(self) -> list[str]:
+        """What is not clear of recordings, of all data sets."""
+        noted = ((name, getattr(data, "notes", ())) for name, data in self.datasets.items())
+        return [f"{name}: {line}" for name, lines in noted for line in lines]
+
     def sources(self, split: str) -> list[Source]:
         """The sources of all data sets; see `data.batches.sources.Sharded`."""
         return [

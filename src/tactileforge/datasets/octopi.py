@@ -11,6 +11,7 @@ from typing import Any
 
 from tactileforge.contracts import FrameSubset, Recording
 from tactileforge.data.frames.lazy import VideoFrames
+from tactileforge.data.frames.video_clock import video_times
 from tactileforge.datasets.reading.official import ALL, OCTOPI_OFFICIAL
 from tactileforge.datasets.reading.published import PublishedDataset, RecordingItem
 from tactileforge.errors import DataError
@@ -72,7 +73,7 @@ class Octopi(PublishedDataset):
             path.stem,
             sensor="gelsight_mini",
             frames=frames,
-            times=frames.times,
+            times=video_times(frames, "download it again"),
             no_contact=FrameSubset(frames, range(still)),
             object=name,
             text=", ".join(phrases),

@@ -13,6 +13,7 @@ from omegaconf import OmegaConf
 from tactileforge.contracts import Recording
 from tactileforge.datasets.reading.files import DamagedFileError
 from tactileforge.datasets.reading.layout import EXAMPLE, SPLITS, DatasetLayout, parse_layout
+from tactileforge.datasets.reading.notes import Notes
 from tactileforge.datasets.reading.reader import LayoutReader, LayoutTouch
 from tactileforge.datasets.reading.splits import is_held_out, split_parts
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
@@ -59,6 +60,7 @@ class Recordings:
         self.root = Path(root).expanduser()
         self.val = val
         self.skipped: list[str] = []
+        self._noted = Notes()
         self._given = _parse_all(layouts) if layouts else None
 
     @cached_property
@@ -73,6 +75,11 @@ class Recordings:
             return frozenset(label for layout in self.layouts for label in layout.provides)
         except DataNotFoundError:
             return frozenset()
+
+    @property
+    def notes(self) -> list[str]:
+        """What is not clear of the recordings that were read; a line for each kind."""
+        return self._noted.lines()
 
     def recordings(self, split: str) -> Iterator[Recording]:
         """Yields the recordings of a split, layout by layout, files in natural order.
@@ -99,6 +106,9 @@ class Recordings:
                 if side not in (split, "time"):
                     continue
                 labelled = _labelled(reader, touch)
+                while reader.doubts:
+                    name, doubt = reader.doubts.pop()
+                    self._noted.add(f"{reader.layout.name}/{name}", doubt)
                 if isinstance(labelled, str):
                     failed.append(labelled)
                     if labelled not in self.skipped:

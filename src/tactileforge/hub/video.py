@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tactileforge.contracts import Frames
 from tactileforge.data.frames.cut import clip_rows, clip_step, frame_period
 from tactileforge.data.frames.lazy import ArrayFrames, VideoFrames
+from tactileforge.data.frames.video_clock import video_times
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.streaming.buffer import warn_of_slow_frames
 
@@ -81,6 +82,8 @@ def _rows(times: Times, end: int, frames: int, spacing: float, period: float) ->
 def _times(video: Frames, times: Times | None) -> Times:
     """Seconds of each frame: finite, and each after the one before."""
     given = getattr(video, "times", None) if times is None else times
+    if times is None and isinstance(video, VideoFrames):
+        given = video_times(video, "give the seconds of each frame: times=")
     if given is None or len(given) != len(video):
         raise ConfigError(
             f"times: give the seconds of each of the {len(video)} frames; only files know their own"

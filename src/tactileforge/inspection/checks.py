@@ -1,23 +1,21 @@
-"""Checks for suspicious recordings; each gives a number, and the same in words."""
+"""Checks for suspicious recordings; each gives a number, and the same in words.
+
+Those that decode nothing are `data.labels.doubts`, which training and packing make too.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
-from dataclasses import dataclass
 
 import numpy as np
 
 from tactileforge.contracts import Recording
 from tactileforge.data.labels.align import Lag, estimate_lag
-from tactileforge.errors import ConfigError
+from tactileforge.data.labels.doubts import GAP, RANGE, TINY, Suspicion
 from tactileforge.inspection.findings import Reason
 from tactileforge.inspection.frame_stats import FrameStats, changes
-from tactileforge.pages.page import number, percent
-from tactileforge.sensors.specs import spec
+from tactileforge.pages.page import percent
 
-#: Step in time, as a multiple of the usual one, that counts as a gap: a clip across it is not cut.
-GAP = 2.5
 #: Grey levels. Noise of real videos reaches 1.8 here, and the faintest touches 2.5 (a sponge on a
 #: GelSight Mini, 0.5 N of simulated force).
 NO_CONTACT = 2.0
@@ -33,10 +31,6 @@ LAG = 0.05
 LAG_FRAMES = 1.5
 LAG_CORRELATION = 0.8
 LAG_PROMINENCE = 0.1
-#: Force, as a multiple of the sensor's scale, that is out of its range: heads predict about -1..1.
-RANGE = 1.5
-#: Share of the scale of the normal force, and of the largest one here, that counts as pulling.
-PULL = 0.05
 #: Frames that the lag is estimated on, at least and at most.
 LAG_LEAST, LAG_MOST = 30, 1000
 
@@ -94,30 +88,20 @@ REASONS = {
         "positive, and the sensor of force tared.",
         "N",
     ),
+    "tiny_pictures": Reason(
+        "Tiny pictures",
+        f"Fewer than {TINY} pixels along a side, in which no contact has a shape: were they "
+        "reduced, or cut?",
+        "pixels",
+        worst=-1,
+    ),
+    "views_elsewhere": Reason(
+        "Camera views of another time",
+        "No camera view was taken while the sensor touched, by its times: is their clock, or its "
+        "unit, another one?",
+        "s",
+    ),
 }
-
-
-@dataclass(frozen=True)
-class Suspicion:
-    """A reason a recording looks suspicious.
-
-    Attributes:
-        reason: One of `REASONS`.
-        value: The measured number, in the unit of the reason.
-        words: The same in words.
-    """
-
-    reason: str
-    value: float
-    words: str
-
-
-def check_labels(recording: Recording) -> Iterator[Suspicion]:
-    """Checks of labels and times; decodes nothing."""
-    if recording.no_contact is None:
-        yield Suspicion("no_background", 0.0, "no frame without contact")
-    yield from _times(recording)
-    yield from _force(recording)
 
 
 def check_pixels(recording: Recording, seen: FrameStats) -> Iterator[Suspicion]:
@@ -168,38 +152,3 @@ def lag_of(recording: Recording) -> Lag | None:
     stretch = slice(start, min(count, start + LAG_MOST))
     change = changes(recording, range(count)[stretch])
     return estimate_lag(recording.times[stretch], force[stretch], change)
-
-
-def _times(recording: Recording) -> Iterator[Suspicion]:
-    times, count = recording.times, len(recording.frames)
-    if len(times) != count:
-        yield Suspicion("gaps_in_time", float("inf"), f"{len(times)} times for {count} frames")
-        return
-    steps = np.diff(times)
-    usual = float(np.median(steps)) if len(steps) else 1.0
-    if len(steps) and (not np.isfinite(times).all() or steps.min() <= 0):
-        yield Suspicion("gaps_in_time", float("inf"), "times do not increase")
-    elif len(steps) and steps.max() > GAP * usual:
-        gaps = int((steps > GAP * usual).sum())
-        words = f"{gaps} gap{'s' * (gaps > 1)}, up to {steps.max():.3g} s (usual {usual:.3g} s)"
-        yield Suspicion("gaps_in_time", float(steps.max() / usual), words)
-
-
-def _force(recording: Recording) -> Iterator[Suspicion]:
-    force = recording.force
-    if force is None or not np.isfinite(force).any():
-        return
-    force = np.where(np.isfinite(force).any(axis=0), force, 0.0)  # an axis that nobody measured
-    scale = np.ones(3)
-    with suppress(ConfigError):  # a sensor that is not installed here
-        scale = np.array(spec(recording.sensor).force_scale)
-        largest = np.nanmax(np.abs(force), axis=0)
-        axis = int((largest / scale).argmax())
-        times = float(largest[axis] / scale[axis])
-        if times > RANGE:
-            words = f"{largest[axis]:.3g} N along {'xyz'[axis]}, {times:.2g} times the scale"
-            yield Suspicion("force_out_of_range", times, words)
-    normal = force[:, 2]
-    pull = -float(np.nanmin(normal))
-    if pull > PULL * max(scale[2], float(np.nanmax(np.abs(normal)))):
-        yield Suspicion("pulling_force", pull, f"down to {number(-pull)} N along z")

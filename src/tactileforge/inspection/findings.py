@@ -89,6 +89,8 @@ class InspectionFindings:
         repeated: Keys that more than one recording has, a bounded number.
         unreadable: One line for each recording that the reader left out, or that has a frame that
             cannot be decoded.
+        notes: One line for each kind of doubt about the set: what its reader noticed, forces that
+            never change, one class alone.
     """
 
     totals: dict[tuple[str, str], Total]
@@ -99,6 +101,7 @@ class InspectionFindings:
     similar: list[tuple[str, str, float]]
     repeated: list[str]
     unreadable: list[str]
+    notes: list[str] = field(default_factory=list)
 
     @property
     def recordings(self) -> int:
@@ -132,4 +135,4 @@ class InspectionFindings:
             ("keys that several recordings have", self.repeated),
         )
         lines += [f"{len(entries)} {words}" for words, entries in counted if entries]
-        return "\n".join(lines)
+        return "\n".join([*lines, *(f"note: {line}" for line in self.notes)])

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from markupsafe import Markup
 
 from tactileforge.contracts import LABELS
+from tactileforge.data.labels.doubts import FIXES
 from tactileforge.inspection.checks import REASONS, is_sure
 from tactileforge.inspection.findings import InspectionFindings, Suspect
 from tactileforge.inspection.scan import Scan
@@ -27,7 +28,7 @@ from tactileforge.pages.page import (
 )
 
 #: Reasons that are told without a pixel, of all recordings.
-_COUNTED = ("no_background", "gaps_in_time", "force_out_of_range", "pulling_force")
+_COUNTED = ("no_background", "gaps_in_time", *FIXES)
 _SHOWN = 12
 _LINES = 100
 
@@ -63,6 +64,9 @@ def _verdict(survey: Scan) -> Iterator[tuple[str, str]]:
         if count:
             mark = "plain" if reason == "no_background" else "bad"
             yield mark, f"{REASONS[reason].title}: {_of(reason, count, survey)}."
+    for line in result.notes:
+        mark = "plain" if line.startswith("one ") else "bad"  # one class is what some sets are for
+        yield mark, f"{line[0].upper()}{line[1:]}."
     if not any(result.counts.values()):
         yield "good", "No recording is suspicious."
     telling = sum(is_sure(lag) for _, lag in survey.lags)

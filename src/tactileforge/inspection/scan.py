@@ -11,12 +11,11 @@ from tqdm import tqdm
 
 from tactileforge.contracts import Dataset
 from tactileforge.data.labels.align import Lag
+from tactileforge.data.labels.doubts import Doubts, Suspicion, check_labels
 from tactileforge.errors import DataError, DataNotFoundError
 from tactileforge.inspection import duplicates
 from tactileforge.inspection.checks import (
     REASONS,
-    Suspicion,
-    check_labels,
     check_lag,
     check_pixels,
     lag_of,
@@ -126,10 +125,12 @@ def scan_dataset(dataset: Dataset, limit: int, progress: bool) -> Scan:
         DataError: It holds no recording that can be opened.
     """
     tally, suspects, sample = Counters(), Suspects(), RecordingSample(limit)
+    doubts = Doubts()
     unreadable: list[str] = []
     listed = _listed(dataset, unreadable)
     for sampled in tqdm(listed, desc="count", unit="recording", disable=not progress):
         tally.add(sampled.recording, sampled.split)
+        doubts.add(sampled.recording)
         for flag in check_labels(sampled.recording):
             suspects.add(flag, sampled)
         sample.offer(sampled)
@@ -157,6 +158,7 @@ def scan_dataset(dataset: Dataset, limit: int, progress: bool) -> Scan:
         similar=[(keys[i], keys[j], level) for i, j, level in similar],
         repeated=[key for key, count in tally.names.top("key", _WORST) if count > 1],
         unreadable=list(dict.fromkeys([*dataset.skipped, *unreadable])),
+        notes=[*getattr(dataset, "notes", ()), *doubts.of_all()],
     )
     strips = [item for item in seen if item.of.order in stripped]
     return Scan(tally, seen, strips, lags, same, similar, findings)

@@ -25,6 +25,9 @@ from tactileforge.lerobot.touch import read_touch
 #: Columns that each file of episodes has.
 _NEEDED = ("episode_index", "length", "data/chunk_index", "data/file_index")
 
+#: Share by which the rate of a video, or of rows, may differ from that of the metadata.
+_RATE = 0.1
+
 
 @dataclass(frozen=True)
 class TouchFeature:
@@ -177,6 +180,7 @@ class LeRobotFolder:
         key = (file, crop)
         video = self._videos.get(key) or VideoFrames(*key)
         self._videos[key] = video
+        self._check_rate(f"{key[0]}: its video", video.times)
         first = self._cell(row, f"videos/{feature}/from_timestamp") - 0.5 / self.info.fps
         start = int(np.searchsorted(video.times, first))
         if start + length > len(video):
@@ -235,7 +239,21 @@ class LeRobotFolder:
         """True times where they are kept, else those of the rows."""
         if feature in self.info.features:
             return self._numbers(row, feature)[:, 0].astype(np.float64)
+        if "timestamp" in self.info.features:
+            stamps = self._numbers(row, "timestamp")[:, 0].astype(np.float64)
+            self._check_rate(f"{self._data(row)[0]}: timestamp", stamps)
         return np.arange(int(row["length"])) / self.info.fps
+
+    def _check_rate(self, what: str, times: NDArray[np.float64]) -> None:
+        """Raises a `DataError` where times have another rate than the metadata say."""
+        fps = self.info.fps
+        step = float(np.median(np.diff(times))) if len(times) > 1 else 1 / fps
+        if abs(step * fps - 1) > _RATE:
+            said = f"{1 / step:.4g} times a second" if step > 0 else "without a step in time"
+            raise DataError(
+                f"{what} comes {said}, where {self.root / folder.INFO} says fps: {fps:g}; correct "
+                "the one that is wrong, or convert the video"
+            )
 
     def _action(
         self, row: dict[str, Any], device: str, kept: NDArray[np.int64]

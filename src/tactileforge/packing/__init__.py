@@ -59,6 +59,8 @@ def pack(
     options = options or PackOptions()
     out = Path(out).absolute()
     planned = plan_pack(dataset, out, options)
+    for line in planned.notes:
+        print(f"note: {line}", file=sys.stderr)
     made = _made(name, data or {}, planned, options)
     try:
         _claim(out, made)

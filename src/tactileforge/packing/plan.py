@@ -6,14 +6,15 @@ import hashlib
 import json
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from itertools import groupby
+from dataclasses import dataclass, field
+from itertools import chain, groupby
 from pathlib import Path
 
 import numpy as np
 
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.data.frames.stamp import stamp_of
+from tactileforge.data.labels.doubts import Doubts
 from tactileforge.data.labels.plausible import impossible
 from tactileforge.data.shards import shards
 from tactileforge.data.shards.index import sort_recordings
@@ -33,12 +34,14 @@ class PackPlan:
         skipped: Recordings that the reader could not open, a line each, by split.
         recordings: Number of recordings to pack.
         digest: Names all recordings and what is done with them.
+        notes: Doubts about the recordings, a line each kind.
     """
 
     jobs: list[ShardJob]
     skipped: dict[str, list[str]]
     recordings: int
     digest: str
+    notes: list[str] = field(default_factory=list)
 
     @property
     def frames(self) -> int:
@@ -83,7 +86,11 @@ def plan_pack(dataset: Dataset, out: Path, options: PackOptions) -> PackPlan:
             digest = _digest(members, path.name, options)
             jobs.append(ShardJob(len(jobs), path, split, members, frames, digest, options))
     whole = hashlib.sha256("".join(job.digest for job in jobs).encode()).hexdigest()
-    return PackPlan(jobs, skipped, sum(map(len, by_split.values())), whole)
+    doubts = Doubts()
+    for recording in chain.from_iterable(by_split.values()):
+        doubts.add(recording)
+    notes = [*getattr(dataset, "notes", ()), *doubts.of_each(), *doubts.of_all({"force"})]
+    return PackPlan(jobs, skipped, sum(map(len, by_split.values())), whole, notes)
 
 
 def deal(recordings: Sequence[Recording], frames: int) -> Iterator[list[Recording]]:

@@ -12,11 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Frame
-from tactileforge.data.frames.cut import clip_rows, clip_step, frame_period
+from tactileforge.data.frames.cut import clip_rows, frame_period, is_slow
 
-#: Longest spacing, over the one a model was trained with, that passes without a warning: a camera
-#: whose rate is no multiple of the model's is off by a third at most.
-_STRETCH = 4 / 3
 #: Frames that are kept at most, whatever the rate.
 _MOST = 512
 #: Seconds of frames that are kept beyond a clip, so that the rate can be told.
@@ -96,7 +93,7 @@ def warn_of_slow_frames(period: float, spacing: float, frames: int, stacklevel: 
         frames: Of a clip.
         stacklevel: See `warnings.warn`.
     """
-    if frames > 1 and clip_step(period, spacing) > _STRETCH * spacing + 1e-9:
+    if is_slow(period, spacing, frames):
         warnings.warn(
             f"frames come every {period:.3g} s, and the model was trained on frames {spacing:.3g} "
             f"s apart: clips are {period / spacing:.1f} times as long. Record at "

@@ -2,7 +2,8 @@ from typing import Any
 
 import pytest
 
-from tactileforge.datasets.reading.layout import BackgroundRule, FrameTable, Tile, parse_layout
+from tactileforge.datasets.reading.layout import BackgroundRule, Tile, parse_layout
+from tactileforge.datasets.reading.layout_keys import FrameTable
 from tactileforge.errors import ConfigError
 
 VIDEO = {"videos": "*.mp4", "sensor": "digit", "background": {"first": 3}}

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from tactileforge.contracts import ACTIONS
-from tactileforge.datasets.reading.layout import DatasetLayout, FrameTable, parse_layout
+from tactileforge.datasets.reading.layout import DatasetLayout, parse_layout
+from tactileforge.datasets.reading.layout_keys import FrameTable
 from tactileforge.datasets.reading.tables import (
     LabelRow,
     label_row,

@@ -15,6 +15,7 @@ from tactileforge.data.batches.allocate import allocate
 from tactileforge.data.batches.clips import Clips, Skipped
 from tactileforge.data.batches.loader import Loader
 from tactileforge.data.batches.pairs import Pairs
+from tactileforge.data.batches.say_doubts import say_doubts
 from tactileforge.data.batches.source_samplers import (
     FullSource,
     WindowedSource,
@@ -25,6 +26,7 @@ from tactileforge.data.batches.sources import Source, sources_of
 from tactileforge.data.batches.stream import BatchIndexSampler, Stream
 from tactileforge.data.batches.transfer import Transfer
 from tactileforge.data.labels.augment import Augment, fill_captions
+from tactileforge.data.labels.doubts import Doubts
 from tactileforge.data.shards.summary import Summary
 from tactileforge.distributed import seed_step
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
@@ -82,7 +84,7 @@ class TouchData(L.LightningDataModule):
     ) -> None:
         super().__init__()
         self.dataset = dataset
-        self.hop = hop
+        self.hop, self.spacing, self.frames = hop, spacing, frames
         cut: Callable[..., Clips] = getattr(dataset, "cut", Clips)
         self._cut = partial(cut, frames=frames, spacing=spacing, hop=hop, size=size)
         self.batch_size = batch_size
@@ -102,6 +104,7 @@ class TouchData(L.LightningDataModule):
         self._whole: dict[int, Clips] = {}
         self._bad: Skipped = {}
         self._transfer = Transfer()
+        self._doubts = Doubts()
 
     @property
     def skipped(self) -> Skipped:
@@ -153,6 +156,7 @@ class TouchData(L.LightningDataModule):
             source.open(_first(source, self.window), self._note) for source in self.sources["val"]
         ]
         kept = self._readable(list(chain.from_iterable(held_out)))
+        self._doubts = say_doubts(self.dataset, sample, kept, self.spacing, self.frames)
         if kept:
             self.val = self._clips(kept)
         else:
@@ -175,6 +179,9 @@ class TouchData(L.LightningDataModule):
         }
         lost = {key: wanted for key, wanted in missing.items() if wanted}
         if not lost:
+            labels = {label for need in chain(*needs.values()) for label in need.split("|")}
+            for line in self._doubts.of_all(labels):
+                log.warning(line)
             return
         if not self.sources:
             next(iter(self.dataset.recordings("train")), None)  # a wrong folder has no labels

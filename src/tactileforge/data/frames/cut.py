@@ -9,6 +9,10 @@ from numpy.typing import NDArray
 
 from tactileforge.data.labels.align import nearest
 
+#: Longest spacing, over the one that is asked for, that passes without a warning: a camera whose
+#: rate is no multiple of it is off by a third at most.
+_STRETCH = 4 / 3
+
 
 def frame_period(times: NDArray[np.float64]) -> float:
     """Seconds between frames: the median, which a lost or a late frame does not change.
@@ -29,6 +33,21 @@ def clip_step(period: float, spacing: float) -> float:
         0.06
     """
     return max(1, round(spacing / period)) * period
+
+
+def is_slow(period: float, spacing: float, frames: int) -> bool:
+    """Whether frames come too seldom for clips of a spacing.
+
+    Args:
+        period: Seconds between the frames that come.
+        spacing: Seconds between the frames of a clip.
+        frames: Of a clip.
+
+    Example:
+        >>> is_slow(0.5, 0.0667, 4), is_slow(0.0333, 0.0667, 4)
+        (True, False)
+    """
+    return frames > 1 and period > 0 and clip_step(period, spacing) > _STRETCH * spacing + 1e-9
 
 
 def held_clips(

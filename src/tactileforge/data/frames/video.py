@@ -60,6 +60,11 @@ class VideoFrames(Cropped):
         """float64 (T,), seconds since the first frame."""
         return self._index.times
 
+    @property
+    def rate(self) -> float:
+        """Frames per second, as the header says."""
+        return self._index.rate
+
     def __len__(self) -> int:
         return len(self._index.times)
 

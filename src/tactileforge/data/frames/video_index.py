@@ -23,6 +23,9 @@ _COUNTED = frozenset({".avi", ".m4v", ".mov", ".mp4"})
 _MISSING = 0.05
 #: OpenCV looks for a key frame at least this many frames before the one it seeks.
 _SEEK_MARGIN = 16
+#: Frames per second of a video without times and without a rate: as no camera has it,
+#: `video_clock.video_times` asks for one.
+_NO_RATE = 1e6
 #: Frames of a video: 38 hours at 30 a second.
 MAX_FRAMES = 1 << 22
 
@@ -129,7 +132,7 @@ def _apart(times: NDArray[np.float64], rate: float) -> NDArray[np.float64]:
     rows = np.arange(len(times))
     new = np.diff(times, prepend=-np.inf) > 0
     if 2 * new.sum() <= len(times):
-        return rows / rate
+        return rows / (rate if np.isfinite(rate) and rate > 0 else _NO_RATE)
     period = float(np.median(np.diff(times[new])))
     known = np.append(rows[new], len(times))
     out: NDArray[np.float64] = np.interp(rows, known, np.append(times[new], times[-1] + period))

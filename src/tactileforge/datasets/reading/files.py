@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import csv
-import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from io import StringIO
 from pathlib import Path
-from typing import Any
 
+from tactileforge.datasets.reading.order import Natural, name_keys, natural
 from tactileforge.errors import ConfigError, DataError
 
 
@@ -51,8 +50,7 @@ def matching_files(
 ) -> tuple[list[Path], list[Path]]:
     """Files that match any pattern, each once, in natural order; and what matches and is none.
 
-    Numbers in names count as such, 2 before 10; where all names of a folder are numbers, these do,
-    -1.5 before 0.25.
+    Numbers in names count as such, 2 before 10 and 8.27 before 8.5; see `order.name_keys`.
 
     Args:
         folder: Where to look.
@@ -67,8 +65,8 @@ def matching_files(
         is_for_files = "." in pattern.rpartition("/")[2]
         for path in _matches(folder, pattern, layout):
             found[path] = found.get(path, False) or is_for_files
-    numbered = _numbered(found)
-    paths = sorted(found, key=lambda path: _order(path.relative_to(folder), numbered[path.parent]))
+    keys = name_keys(found)
+    paths = sorted(found, key=lambda path: (*_folders(path.relative_to(folder)), *keys[path]))
     odd = [path for path in paths if not path.is_file() and (found[path] or not path.is_dir())]
     return [path for path in paths if path.is_file()], odd
 
@@ -90,21 +88,6 @@ def kind_of(path: Path) -> str:
     return "a folder" if path.is_dir() else "a pipe, socket or device"
 
 
-def _numbered(paths: Iterable[Path]) -> dict[Path, bool]:
-    """Folders, and whether all names in them are numbers, such as seconds."""
-    numbered: dict[Path, bool] = {}
-    for path in paths:
-        is_number = re.fullmatch(r"-?\d+(\.\d+)?", path.stem) is not None
-        numbered[path.parent] = numbered.get(path.parent, True) and is_number
-    return numbered
-
-
-def _order(path: Path, is_numbered: bool) -> tuple[Any, ...]:
-    """Key that sorts paths, name by name."""
-    folders = [_natural(part) for part in path.parts[:-1]]
-    name = _natural(path.name)
-    return (*folders, [("", float(path.stem)), *name] if is_numbered else name)
-
-
-def _natural(name: str) -> list[tuple[str, float]]:
-    return [(text, int(digits or 0)) for text, digits in re.findall(r"(\D*)(\d*)", name)]
+def _folders(path: Path) -> list[Natural]:
+    """Key that sorts the folders of a path, name by name."""
+    return [natural(part) for part in path.parts[:-1]]

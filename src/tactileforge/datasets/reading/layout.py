@@ -12,10 +12,14 @@ from typing import Any
 
 from tactileforge.contracts import ACTIONS
 from tactileforge.data.frames.lazy import Crop
+from tactileforge.data.labels.clock import seconds_of
+from tactileforge.datasets.reading.clock_keys import parse_order, parse_times
 from tactileforge.datasets.reading.layout_keys import (
     ActionKeys,
     BackgroundRule,
+    ClockKeys,
     ForceKeys,
+    FrameTable,
     LayoutKeys,
 )
 from tactileforge.errors import ConfigError, unknown
@@ -43,27 +47,6 @@ class Tile:
 
 
 @dataclass(frozen=True)
-class FrameTable:
-    """A CSV of values per frame, or on a clock of its own.
-
-    Attributes:
-        file: Path from the layout's folder.
-        frame: Column of the frame number; None: row ``i`` is frame ``i``, or `time` says when.
-        columns: Columns of the values; "" for one that there is not.
-        sign: What each value is multiplied by.
-        lag_s: Seconds by which the images lag the values.
-        time: Column of the seconds since the first frame; None where rows are frames.
-    """
-
-    file: str
-    frame: str | None
-    columns: tuple[str, ...]
-    sign: tuple[float, ...] = (1.0, 1.0, 1.0)
-    lag_s: float = 0.0
-    time: str | None = None
-
-
-@dataclass(frozen=True)
 class ActionRange:
     """Frames ``start..stop - 1`` show an action."""
 
@@ -82,6 +65,8 @@ class DatasetLayout:
     each: str
     sensor: str | None
     fps: float | None
+    times: ClockKeys | str
+    order: ClockKeys | str
     crops: Mapping[str, Tile]
     background: BackgroundRule | None
     labels: str | None
@@ -130,6 +115,8 @@ def parse_layout(name: str, config: Any) -> DatasetLayout:
         each=each,
         sensor=sensor,
         fps=keys.fps,
+        times=parse_times(keys.times, each, where),
+        order=parse_order(keys.order, each, where),
         crops=crops,
         background=_background(keys.background, f"{where}: background"),
         labels=keys.labels.file,
@@ -168,8 +155,12 @@ def _check(keys: LayoutKeys, each: str, where: str) -> None:
     """Validates what types cannot express."""
     if not template_columns(keys.split) and keys.split not in SPLITS:
         raise ConfigError(f"{where}: {unknown('split', keys.split, SPLITS)}")
-    if (each == "sequence" and keys.fps is None) or (keys.fps is not None and keys.fps <= 0):
+    is_open = each == "sequence" and keys.times is None
+    if (is_open and keys.fps is None) or (keys.fps is not None and keys.fps <= 0):
         raise ConfigError(f"{where}: fps is {keys.fps}; give frames per second, e.g. fps: 30")
+    tables = (keys.force, keys.action)
+    if each == "video" and any(getattr(table, "key", None) for table in tables):
+        raise ConfigError(f"{where}: key: names images, and these are videos; give frame: or time:")
     if not 1 <= keys.tier <= 5:
         raise ConfigError(f"{where}: tier is {keys.tier}, but must be 1 to 5")
 
@@ -267,17 +258,19 @@ def _force(keys: ForceKeys | None, where: str) -> FrameTable | None:
             f"{where}: columns are {names}; give each axis a column of its own, and null to an "
             "axis that was not measured: [null, null, fz]"
         )
-    if keys.frame is not None and keys.time is not None:
-        raise ConfigError(f"{where}: give frame or time, which say both of which frame a row is")
+    if sum(name is not None for name in (keys.frame, keys.time, keys.key)) > 1:
+        raise ConfigError(f"{where}: give one of frame, time and key: each says what a row is of")
+    if keys.unit is not None:
+        seconds_of(keys.unit, where)
     columns_or_none = tuple("" if name is None else str(name) for name in names)
-    return FrameTable(keys.file, keys.frame, columns_or_none, keys.sign, keys.lag_s, keys.time)
+    return FrameTable(**{**vars(keys), "columns": columns_or_none})
 
 
 def _action(keys: LayoutKeys, where: str) -> str | FrameTable | tuple[ActionRange, ...] | None:
     """Reads the origin of actions; ``force`` stands for the forces themselves."""
     action = keys.action
     if isinstance(action, ActionKeys):
-        return FrameTable(action.file, action.frame, (action.column,))
+        return FrameTable(action.file, action.frame, (action.column,), key=action.key)
     if isinstance(action, tuple):
         for part in action:
             check_action(part.action, where)

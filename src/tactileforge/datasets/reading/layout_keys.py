@@ -49,6 +49,53 @@ class ForceKeys:
     time: str | None = None
     sign: tuple[float, float, float] = (1.0, 1.0, 1.0)
     lag_s: float = 0.0
+    key: str | None = None
+    unit: str | None = None
+    partial: bool = False
+
+
+@dataclass(frozen=True)
+class ClockKeys:
+    """Origin of times, or of the order, of frames.
+
+    Attributes:
+        file: A CSV; None where the names of the images say it.
+        column: Its column of times or places.
+        key: Its column of the names of images; None where row ``i`` is frame ``i``.
+        unit: Unit of the times; None for seconds, or that of a date.
+    """
+
+    file: str | None = None
+    column: str | None = None
+    key: str | None = None
+    unit: str | None = None
+
+
+@dataclass(frozen=True)
+class FrameTable:
+    """A CSV of values per frame, or on a clock of its own.
+
+    Attributes:
+        file: Path from the layout's folder.
+        frame: Column of the frame number; None: row ``i`` is frame ``i``, or `time` says when.
+        columns: Columns of the values; "" for one that there is not.
+        sign: What each value is multiplied by.
+        lag_s: Seconds by which the images lag the values.
+        time: Column of the seconds since the first frame; None where rows are frames.
+        key: Column of the names of images; None where rows have other places.
+        unit: Unit of `time`; None for seconds, or that of a date.
+        partial: Whether rows may cover a part of the recording, or more than it.
+    """
+
+    file: str
+    frame: str | None
+    columns: tuple[str, ...]
+    sign: tuple[float, ...] = (1.0, 1.0, 1.0)
+    lag_s: float = 0.0
+    time: str | None = None
+    key: str | None = None
+    unit: str | None = None
+    partial: bool = False
 
 
 @dataclass(frozen=True)
@@ -58,6 +105,7 @@ class ActionKeys:
     file: str = field(metadata={"example": '"{stem}.csv"'})
     column: str = field(metadata={"example": "action"})
     frame: str | None = None
+    key: str | None = None
 
 
 @dataclass(frozen=True)
@@ -81,6 +129,8 @@ class LayoutKeys:
     path: str = "."
     sensor: str | None = None
     fps: float | None = None
+    times: str | ClockKeys | None = None
+    order: str | ClockKeys | None = None
     crops: dict[str, CropKeys] = field(default_factory=dict)
     labels: LabelKeys = field(default_factory=LabelKeys)
     words: dict[Any, dict[Any, Any]] = field(default_factory=dict)

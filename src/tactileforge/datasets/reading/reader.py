@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TypeAlias
 
@@ -15,14 +16,20 @@ from tactileforge.data.frames.crop import size_text
 from tactileforge.data.frames.lazy import VIDEO_SUFFIXES, Crop, ImageFrames, VideoFrames
 from tactileforge.data.labels.actions import label_actions
 from tactileforge.datasets.reading.files import DamagedFileError, kind_of, matching_files
+from tactileforge.datasets.reading.frame_clock import Clocks, FrameClock
+from tactileforge.datasets.reading.image_rows import ImageRows, names_images
 from tactileforge.datasets.reading.layout import (
     DatasetLayout,
-    FrameTable,
     check_action,
     check_sensor,
+    template_columns,
 )
+from tactileforge.datasets.reading.layout_keys import FrameTable
+from tactileforge.datasets.reading.order import order_doubt
+from tactileforge.datasets.reading.table_clock import on_frames
 from tactileforge.datasets.reading.tables import (
     LabelRow,
+    Row,
     label_row,
     read_actions,
     read_force,
@@ -60,6 +67,7 @@ class LayoutReader:
 
     Attributes:
         odd: What matches a pattern and is no file, a line each; filled by `touches`.
+        doubts: What is not clear of a touch: its name, and what, as a phrase.
 
     Raises:
         DataNotFoundError: The folder does not exist.
@@ -69,6 +77,8 @@ class LayoutReader:
         self.layout = layout
         self.folder = root / layout.path
         self.odd: list[str] = []
+        self.doubts: list[tuple[str, str]] = []
+        self._clocks = Clocks(layout, ImageRows(self.folder, []))
         self._backgrounds: dict[Path, FileFrames] = {}
         if not self.folder.is_dir():
             raise DataNotFoundError(
@@ -95,6 +105,7 @@ class LayoutReader:
         for path in files:
             touch = path.parent if self.layout.each == "sequence" else path
             named.setdefault(touch.relative_to(self.folder).as_posix(), []).append(path)
+        self._clocks = Clocks(self.layout, ImageRows(self.folder, files))
         labels = read_labels(self.layout, self.folder)
         for name, row in labels.items():
             if name not in named and not (self.folder / name).exists():
@@ -113,14 +124,25 @@ class LayoutReader:
         """Touches less the images that are the background of any; without those that are one."""
         rule = self.layout.background
         if rule is None or rule.file is None or self.layout.each == "video":
-            return touches
+            return self._in_order(touches)
         names = {touch.row.fill(rule.file) for touch in touches}
         still = {self.folder / name for name in names if name is not None}
         kept = [
             replace(touch, paths=[path for path in touch.paths if path not in still])
             for touch in touches
         ]
-        return [touch for touch in kept if touch.paths]
+        return self._in_order([touch for touch in kept if touch.paths])
+
+    def _in_order(self, touches: list[LayoutTouch]) -> list[LayoutTouch]:
+        """Touches whose images are in the order that the layout gives."""
+        if self.layout.each != "sequence":
+            return touches
+        out = []
+        for touch in touches:
+            paths = self._clocks.ordered(touch.paths, partial(self._path, touch=touch))
+            self._doubt(touch, "" if self.layout.order else order_doubt(paths))
+            out.append(replace(touch, paths=paths))
+        return out
 
     def open(self, touch: LayoutTouch) -> FileFrames:
         """Opens the frames of a touch; decodes nothing.
@@ -148,13 +170,11 @@ class LayoutReader:
             ConfigError: A label names an unknown sensor or action.
         """
         layout, row = self.layout, touch.row
-        times = self._times(frames)
-        force = None
-        if layout.force:
-            path = self._path(layout.force.file, touch)
-            felt_by = [layout.sensor, *(tile.sensor for tile in layout.crops.values())]
-            sensor = self._sensor(next(name for name in felt_by if name), touch)
-            force = read_force(layout.force, path, times, sensor)
+        video = frames if isinstance(frames, VideoFrames) else None
+        clock = self._clocks.times(touch.paths, video, partial(self._path, touch=touch))
+        self._doubt(touch, clock.doubt)
+        times = clock.times
+        force = self._force(touch, clock) if layout.force else None
         phrases = [row.fill(phrase, spaced=True) for phrase in layout.text]
         whole = Recording(
             key=f"{layout.name}/{touch.name}",
@@ -201,10 +221,33 @@ class LayoutReader:
         check_sensor(name, touch.row.where)
         return name
 
-    def _times(self, frames: FileFrames) -> NDArray[np.float64]:
-        if isinstance(frames, VideoFrames) and not self.layout.fps:
-            return frames.times
-        return np.arange(len(frames)) / (self.layout.fps or 1.0)
+    def _doubt(self, touch: LayoutTouch, doubt: str) -> None:
+        if doubt:
+            self.doubts.append((touch.name, doubt))
+
+    def _force(self, touch: LayoutTouch, clock: FrameClock) -> NDArray[np.float32]:
+        layout = self.layout
+        table = layout.force
+        assert table is not None
+        felt_by = [layout.sensor, *(tile.sensor for tile in layout.crops.values())]
+        sensor = self._sensor(next(name for name in felt_by if name), touch)
+        note = partial(self._doubt, touch)
+        fit = partial(on_frames, start=clock.start, note=note)
+        path = self._path(table.file, touch)
+        return read_force(table, path, clock.times, sensor, fit, self._images(table, touch))
+
+    def _images(self, table: FrameTable, touch: LayoutTouch) -> Mapping[int, Row] | None:
+        """Rows by frame of a table whose rows name images; None for one of another kind."""
+        if table.frame or table.time or self.layout.each == "video":
+            return None
+        path = self._path(table.file, touch)
+        is_shared = not template_columns(table.file)
+        if table.key is None and not (
+            self.layout.each == "touch" and (is_shared or names_images(path))
+        ):
+            return None
+        columns = [name for name in table.columns if name]
+        return self._clocks.rows.find(path, table.key, columns, touch.paths, is_shared)
 
     def _action(
         self, touch: LayoutTouch, times: NDArray[np.float64], force: NDArray[np.float32] | None
@@ -215,7 +258,8 @@ class LayoutReader:
         if action == "force" and force is not None:
             return label_actions(times, force)
         if isinstance(action, FrameTable):
-            return read_actions(action, self._path(action.file, touch), len(times))
+            path = self._path(action.file, touch)
+            return read_actions(action, path, len(times), self._images(action, touch))
         actions = np.full(len(times), -1, np.int64)
         if isinstance(action, str):
             name = touch.row.fill(action)

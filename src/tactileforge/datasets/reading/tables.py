@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +19,19 @@ from tactileforge.data.labels.plausible import impossible_row, limits
 from tactileforge.datasets.reading.files import read_text
 from tactileforge.datasets.reading.layout import (
     DatasetLayout,
-    FrameTable,
     check_action,
     template_parts,
 )
+from tactileforge.datasets.reading.layout_keys import FrameTable
+from tactileforge.datasets.reading.table_clock import on_frames
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
+
+#: Place and cells of a row.
+Row: TypeAlias = tuple[str, dict[str, str]]
+#: Times of the rows of a table, and those of the frames, to the former on the latter's clock.
+Fit: TypeAlias = Callable[
+    [FrameTable, Path, NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]
+]
 
 
 @dataclass(frozen=True)
@@ -79,7 +88,7 @@ def read_labels(layout: DatasetLayout, folder: Path) -> dict[str, LabelRow]:
         return {}
     path = folder / layout.labels
     rows: dict[str, LabelRow] = {}
-    for where, cells in _read(path, [layout.key, *layout.words]):
+    for where, cells in read_cells(path, [layout.key, *layout.words]):
         name = cells[layout.key]
         if name in rows:
             raise DataError(f"{where}: {name!r} has a row already ({rows[name].where})")
@@ -100,7 +109,12 @@ def label_row(name: str, labels: Mapping[str, LabelRow], layout: DatasetLayout) 
 
 
 def read_force(
-    table: FrameTable, path: Path, times: NDArray[np.float64], sensor: str
+    table: FrameTable,
+    path: Path,
+    times: NDArray[np.float64],
+    sensor: str,
+    fit: Fit = on_frames,
+    images: Mapping[int, Row] | None = None,
 ) -> NDArray[np.float32]:
     """Forces per frame, as the images show them.
 
@@ -109,6 +123,8 @@ def read_force(
         path: The CSV.
         times: float64 (T,), seconds of the frames.
         sensor: That has felt them.
+        fit: Puts the times of rows on the clock of the frames; see `table_clock.on_frames`.
+        images: Rows by frame, where they name images; None where the CSV is that of these frames.
 
     Returns:
         float32 (T, 3), newton; an empty cell is NaN, and so are an axis without a column and what
@@ -121,9 +137,10 @@ def read_force(
     """
     if table.time is not None:
         clock, measured = _on_a_clock(table, path, sensor)
+        clock = fit(table, path, clock, times)
         return resampled(times - table.lag_s, clock, measured).astype(np.float32)
     force = np.full((len(times), 3), np.nan)
-    for frame, where, cells in _per_frame(table, path, len(times)):
+    for frame, where, cells in _per_frame(table, path, len(times), images):
         force[frame] = _force(table, where, cells, sensor)
     return _delayed(times, force, table.lag_s).astype(np.float32)
 
@@ -136,12 +153,12 @@ def _on_a_clock(
     named = [name for name in table.columns if name]
     clock: list[float] = []
     forces = []
-    for where, cells in _read(path, [*named, table.time]):
+    for where, cells in read_cells(path, [*named, table.time]):
         now = _number(cells[table.time], f"{where}, column {table.time!r}")
         if math.isnan(now) or (clock and now <= clock[-1]):
             raise DataError(
                 f"{where}: the time {cells[table.time]!r} is not after that of the row before; "
-                "sort the rows by time, in seconds since the first frame"
+                "sort the rows by time"
             )
         clock.append(now)
         forces.append(_force(table, where, cells, sensor))
@@ -167,7 +184,9 @@ def _force(
     return force
 
 
-def read_actions(table: FrameTable, path: Path, count: int) -> NDArray[np.int64]:
+def read_actions(
+    table: FrameTable, path: Path, count: int, images: Mapping[int, Row] | None = None
+) -> NDArray[np.int64]:
     """Actions per frame by name; an empty cell is -1.
 
     Raises:
@@ -176,7 +195,7 @@ def read_actions(table: FrameTable, path: Path, count: int) -> NDArray[np.int64]
         ConfigError: A name that is no action.
     """
     actions = np.full(count, -1, np.int64)
-    for frame, where, cells in _per_frame(table, path, count):
+    for frame, where, cells in _per_frame(table, path, count, images):
         (name,) = cells.values()
         if name:
             check_action(name, where)
@@ -184,12 +203,19 @@ def read_actions(table: FrameTable, path: Path, count: int) -> NDArray[np.int64]
     return actions
 
 
-def _per_frame(table: FrameTable, path: Path, count: int) -> list[tuple[int, str, dict[str, str]]]:
+def _per_frame(
+    table: FrameTable, path: Path, count: int, images: Mapping[int, Row] | None = None
+) -> list[tuple[int, str, dict[str, str]]]:
     """Frame number, place and the cells asked for of each row of a CSV per frame."""
     named = [name for name in table.columns if name]
+    if images is not None:
+        return [
+            (frame, where, {name: cells[name] for name in named})
+            for frame, (where, cells) in images.items()
+        ]
     needed = [*named, *([table.frame] if table.frame else [])]
     out, seen = [], set()
-    for i, (where, cells) in enumerate(_read(path, needed, whole=table.frame is None)):
+    for i, (where, cells) in enumerate(read_cells(path, needed, whole=table.frame is None)):
         text = cells[table.frame] if table.frame else str(i)
         try:
             frame = int(text)
@@ -213,8 +239,21 @@ def _per_frame(table: FrameTable, path: Path, count: int) -> list[tuple[int, str
     return out
 
 
-def _read(path: Path, needed: list[str], whole: bool = False) -> list[tuple[str, dict[str, str]]]:
-    """Place and cells of each row of a CSV; ``whole`` if a row must not be skipped in silence."""
+def read_cells(
+    path: Path, needed: Sequence[str], whole: bool = False
+) -> list[tuple[str, dict[str, str]]]:
+    """Place and cells of each row of a CSV.
+
+    Args:
+        path: The CSV; its first line names the columns.
+        needed: Columns that it must have.
+        whole: Whether an empty line, which is no row, is an error.
+
+    Raises:
+        DataNotFoundError: There is no such CSV.
+        DataError: It is no CSV, or a row is longer than the header.
+        ConfigError: A column does not exist.
+    """
     if not path.is_file():
         raise DataNotFoundError(f"{path}: no such CSV; correct the layout, or add the file")
     try:
@@ -223,7 +262,7 @@ def _read(path: Path, needed: list[str], whole: bool = False) -> list[tuple[str,
         raise DataError(f"{path}: not a CSV ({error}); save it as one") from error
 
 
-def _rows(path: Path, needed: list[str], whole: bool) -> list[tuple[str, dict[str, str]]]:
+def _rows(path: Path, needed: Sequence[str], whole: bool) -> list[tuple[str, dict[str, str]]]:
     with StringIO(read_text(path), newline="") as file:
         reader = csv.DictReader(file, restval="", skipinitialspace=True)
         header = reader.fieldnames or []

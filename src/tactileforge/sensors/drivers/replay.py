@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Frame, Frames, Sensor, SensorSpec
 from tactileforge.data.frames.lazy import ImageFrames, VideoFrames
+from tactileforge.data.frames.video_clock import video_times
 from tactileforge.data.shards import shards
 from tactileforge.errors import ConfigError, DataNotFoundError, TactileForgeError, unknown
 from tactileforge.sensors.specs import spec
@@ -107,7 +108,7 @@ class Replay(Sensor):
             raise ConfigError(f"{path}: set sensor.replay.type= to the sensor that made it")
         if path.is_file():
             video = VideoFrames(path)
-            return video, video.times
+            return video, None if self.fps else video_times(video, "set sensor.replay.fps=")
         images = sorted(
             (file for file in path.iterdir() if file.suffix.lower() in _IMAGES), key=_by_number
         )

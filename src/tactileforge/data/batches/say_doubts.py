@@ -1,0 +1,56 @@
+"""What training says of the data that it is given, once, before the first step."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from itertools import chain
+
+import numpy as np
+
+from tactileforge.contracts import Dataset, Recording
+from tactileforge.data.frames.cut import frame_period, is_slow
+from tactileforge.data.labels.doubts import Doubts
+
+log = logging.getLogger(__name__)
+
+
+def say_doubts(
+    dataset: Dataset,
+    train: Sequence[Recording],
+    val: Sequence[Recording],
+    spacing: float,
+    frames: int,
+) -> Doubts:
+    """Logs what `data inspect` would say without a pixel, and whether frames come too seldom.
+
+    Args:
+        dataset: The data set, for what its reader has noticed.
+        train: Recordings to train on, or a sample of them.
+        val: Recordings that are held out.
+        spacing: Seconds between the frames of a clip.
+        frames: Of a clip.
+
+    Returns:
+        The doubts, for those that depend on what is learnt.
+    """
+    doubts = Doubts()
+    for recording in chain(train, val):
+        doubts.add(recording)
+    for line in (*getattr(dataset, "notes", ()), *doubts.of_each()):
+        log.warning("data: %s", line)
+    periods = [frame_period(one.times) for one in train if len(one.times) > 1]
+    slow = [period for period in periods if is_slow(period, spacing, frames)]
+    if slow:
+        usual = float(np.median(slow))
+        # a few slow recordings are a property of many public sets; most of them are a mistake
+        level = logging.WARNING if 2 * len(slow) >= len(periods) else logging.INFO
+        log.log(
+            level,
+            "data: frames come every %.3g s in %d of %d recordings, and the recipe's clips have "
+            "them %.3g s apart: such clips are %.1f times as long. Record at %.3g frames a second "
+            "or more, or give batch.spacing=%.3g",
+            *(usual, len(slow), len(periods), spacing),
+            *(usual / spacing, 1 / spacing, usual),
+        )
+    return doubts

@@ -1,0 +1,218 @@
+"""Whether two clocks fit: the times of labels, and those of the frames that they belong to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.errors import ConfigError, unknown
+
+#: Units of time, and their seconds.
+UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+#: Years 2001 to 2103 in seconds since 1970: a number of that size is a date, in the unit that
+#: makes it one.
+_DATES = 1e9, 4.2e9
+_NAMES = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
+#: Rows that are so many times further apart than frames are in another unit, or of no use.
+_SPARSE = 5.0
+#: Seconds between labels beyond which a clock is too slow to be one.
+_SLOW = 0.5
+#: Times that labels may be longer or shorter than the frames, to tell the unit.
+_AS_LONG = 2.5
+#: How many times as long or short labels of a wrong rate are, and how closely.
+_RATES = (2, 3, 4, 5, 10, 60)
+_CLOSE = 0.04
+#: Shares of the recording: labels that start as late as this, and are as long, are shifted; less
+#: is where two recorders were started by hand.
+_SHIFT = 0.3
+_START = 0.1
+#: Labels so much shorter than the recording are in another unit.
+_SHORT = 0.05
+#: Steps of as many rows as frames that differ by this share are of another rate.
+_STEP = 0.15
+#: Share of the frames that has labels where a word is due.
+_HALF = 0.5
+#: Frames and rows by which rates and spans can be told.
+_LEAST = 4
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """A contradiction between the times of labels and those of frames.
+
+    Attributes:
+        words: The problem, to be read after the name of the column.
+        fix: A way out, as a phrase.
+        unit: The unit that would fit; "" where another one would not help.
+        plain: Whether that unit is all that it takes.
+        certain: Whether labels would be wrong. Where they are only few, a word is enough.
+        doubtful: Whether it may be right all the same, so that `misfit` may be told so.
+    """
+
+    words: str
+    fix: str
+    unit: str = ""
+    plain: bool = False
+    certain: bool = True
+    doubtful: bool = False
+
+
+def date_unit(values: NDArray[np.float64]) -> str:
+    """The unit in which all values are seconds since 1970; "" where there is none.
+
+    Example:
+        >>> date_unit(np.array([1.7e12, 1.8e12])), date_unit(np.array([0.0, 2.0]))
+        ('ms', '')
+    """
+    for unit, seconds in UNITS.items():
+        low, high = (date / seconds for date in _DATES)
+        if len(values) and values.min() >= low and values.max() < high:
+            return unit
+    return ""
+
+
+def seconds_of(unit: str, where: str) -> float:
+    """The seconds of a unit of time.
+
+    Raises:
+        ConfigError: It is none.
+    """
+    if unit not in UNITS:
+        raise ConfigError(f"{where}: {unknown('unit', unit, UNITS)}")
+    return UNITS[unit]
+
+
+def misfit(
+    rows: NDArray[np.float64], frames: NDArray[np.float64], partial: bool = False
+) -> Misfit | None:
+    """Says how times of labels contradict those of frames; None where they fit.
+
+    Labels may start late, end early, go on after the last frame, and have a rate of their own. They
+    may not be in another unit, begin at another zero, or last twice or half as long from the same
+    start, which is another rate.
+
+    Args:
+        rows: float64 (n,), ascending; seconds, as far as is known.
+        frames: float64 (T,), seconds, ascending.
+        partial: Whether labels are known to last longer or shorter than the frames.
+
+    Example:
+        >>> misfit(np.arange(0, 2240.0, 10), np.arange(68) / 30).words
+        'ends at 2230, the recording at 2.23 s: is it milliseconds?'
+    """
+    if not len(rows) or not len(frames):
+        return None
+    found = _unit(rows, frames) or _apart(rows, frames)
+    if found is None and not partial:
+        found = _rate(rows, frames) or _few(rows, frames)
+    return found
+
+
+def _unit(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> Misfit | None:
+    """Rows that are so sparse that they are in another unit, or numbers of frames."""
+    span = float(frames[-1] - frames[0])
+    if len(rows) < 2 or len(frames) < 2 or span <= 0:
+        return None
+    step, length = float(np.median(np.diff(rows))), float(rows[-1] - rows[0])
+    period = float(np.median(np.diff(frames)))
+    if step <= _SPARSE * period:
+        return None
+    inside = int(((rows >= frames[0]) & (rows <= frames[-1])).sum())
+    is_lost = len(rows) > _LEAST and inside < 2 and step > _SLOW
+    if step == 1 and rows[0] in (0, 1) and abs(len(rows) - len(frames)) <= 1:
+        return Misfit(
+            f"{_ends(rows, frames)}: is it the number of the frame?",
+            "give frame: in place of time:",
+        )
+    for unit, seconds in UNITS.items():
+        as_long = 1 / _AS_LONG <= length * seconds / span <= _AS_LONG
+        if unit == "s" or not (as_long or (is_lost and step * seconds <= _SLOW)):
+            continue
+        question, plain = f"is it {_NAMES[unit]}", False
+        if date_unit(rows) == unit:
+            question += " since 1970"
+        elif not frames[0] - span <= rows[0] * seconds <= frames[-1]:
+            question += " of another zero"
+        else:
+            plain = True
+        words = f"{_ends(rows, frames)}: {question}?"
+        return Misfit(words, "give seconds since the first frame", unit, plain)
+    return None
+
+
+def _apart(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> Misfit | None:
+    """Rows of another epoch."""
+    if len(frames) < 2 and not date_unit(rows):
+        return None  # a still, of which any row may be meant
+    if rows[-1] >= frames[0] and rows[0] <= frames[-1]:
+        return None
+    return Misfit(
+        f"goes from {_number(rows[0])} to {_number(rows[-1])} and does not overlap the times of "
+        f"the frames ({frames[0]:.3g} to {frames[-1]:.3g} s)",
+        "give seconds since the first frame",
+    )
+
+
+def _rate(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> Misfit | None:
+    """Rows that last too long or too short, or are shifted."""
+    span, length = float(frames[-1] - frames[0]), float(rows[-1] - rows[0])
+    if len(frames) < _LEAST or len(rows) < _LEAST or span <= 0 or length <= 0:
+        return None
+    late = float(rows[0] - frames[0])
+    said = f"goes from {_number(rows[0])} to {_number(rows[-1])}, the frames from "
+    said += f"{frames[0]:.3g} to {frames[-1]:.3g} s"
+    if abs(late) <= _START * span:
+        times = _times(length / span)
+        if length < _SHORT * span:
+            times = f"{length / span:.2g} times"
+        steps = float(np.median(np.diff(rows)) / np.median(np.diff(frames)))
+        is_slow = min(abs(steps - 1), abs(length / span - 1)) > _STEP
+        if abs(len(rows) - len(frames)) <= 1 and is_slow:
+            times = f"{steps:.3g} times"
+        if times:
+            rate = (len(rows) - 1) / span
+            return Misfit(
+                f"{said}, {times} as long: is the rate or unit another one?",
+                f"{rate:.3g} rows a second would fit",
+                doubtful=True,
+            )
+    elif abs(length / span - 1) <= _START and late > _SHIFT * span:
+        return Misfit(
+            f"{said}, as long but {late:.3g} s late: is it another zero?",
+            "give seconds since the first frame",
+            doubtful=True,
+        )
+    return None
+
+
+def _few(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> Misfit | None:
+    """Rows that leave most frames without a label."""
+    share = float(((frames >= rows[0]) & (frames <= rows[-1])).mean())
+    if share >= _HALF or len(frames) < _LEAST:
+        return None
+    return Misfit(
+        f"goes from {_number(rows[0])} to {_number(rows[-1])}, the frames from {frames[0]:.3g} to "
+        f"{frames[-1]:.3g} s: only {100 * share:.0f} % of them get a label",
+        "see whether both clocks start at the first frame",
+        certain=False,
+    )
+
+
+def _times(ratio: float) -> str:
+    for times in _RATES:
+        if abs(ratio / times - 1) <= _CLOSE:
+            return f"{times} times"
+        if abs(ratio * times - 1) <= _CLOSE:
+            return "half" if times == 2 else f"1/{times}"
+    return ""
+
+
+def _ends(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> str:
+    return f"ends at {_number(rows[-1])}, the recording at {frames[-1]:.3g} s"
+
+
+def _number(value: float) -> str:
+    """A time as it stands in the file."""
+    return f"{value:.10g}" if abs(value) >= 1e6 else f"{value:.4g}"

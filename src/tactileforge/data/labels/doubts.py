@@ -1,0 +1,196 @@
+"""Doubts about labels and times, told without decoding a frame: one place for all that say them.
+
+`data inspect` counts them on its page; training and packing say each kind once (`Doubts`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from collections.abc import Set as AbstractSet
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactileforge.contracts import ACTIONS, Recording
+from tactileforge.errors import ConfigError
+from tactileforge.sensors.specs import spec
+
+#: Step in time, as a multiple of the usual one, that counts as a gap: a clip across it is not cut.
+GAP = 2.5
+#: Force, as a multiple of the sensor's scale, that is out of its range: heads predict about -1..1.
+RANGE = 1.5
+#: Share of the scale of the normal force, and of the largest one here, that counts as pulling.
+PULL = 0.05
+#: Pixels along a side below which a picture shows no contact.
+TINY = 8
+#: Labelled frames from which forces that never change are no chance.
+_FRAMES = 10
+#: Labels that are looked at over a whole set.
+_ALL = frozenset(("force", "object", "action"))
+#: Names that are kept to tell one from several.
+_NAMES = 2
+
+#: Reasons that training and packing repeat, and what is done about each. The others are choices
+#: (no background), or change nothing that is learnt (gaps, over which no clip is cut).
+FIXES = {
+    "force_out_of_range": "is it grams (x 0.00981) or mN (x 0.001)? sign: of a layout multiplies",
+    "pulling_force": "pressing is positive: does z point out of the gel (sign: [1, 1, -1]), or was "
+    "the sensor of force not tared?",
+    "tiny_pictures": "give the pictures as they were taken",
+    "views_elsewhere": "give the views times on the clock of the frames",
+}
+
+
+@dataclass(frozen=True)
+class Suspicion:
+    """A reason a recording looks suspicious.
+
+    Attributes:
+        reason: Its name; `inspection.checks.REASONS` explains it.
+        value: The measured number, in the unit of the reason.
+        words: The same in words.
+    """
+
+    reason: str
+    value: float
+    words: str
+
+
+def check_labels(recording: Recording) -> Iterator[Suspicion]:
+    """Checks of labels, times and sizes; decodes nothing."""
+    if recording.no_contact is None:
+        yield Suspicion("no_background", 0.0, "no frame without contact")
+    yield from _times(recording)
+    yield from _force(recording)
+    yield from _views(recording)
+    height, width = recording.frames.shape
+    if min(height, width) < _least(recording.sensor):
+        yield Suspicion("tiny_pictures", min(height, width), f"{width} x {height} pixels")
+
+
+def _least(sensor: str) -> int:
+    """Pixels along a side that a sensor has at least: some have a few taxels, and no picture."""
+    with suppress(ConfigError):
+        own = spec(sensor)
+        return min([TINY, *(side for side in (own.height, own.width) if side > 0)])
+    return TINY
+
+
+class Doubts:
+    """Doubts about the recordings of a set; each kind is said once."""
+
+    def __init__(self) -> None:
+        self.total = 0
+        self._worst: dict[str, tuple[float, int, str]] = {}
+        self._felt = 0
+        self._range = np.array([[np.inf] * 3, [-np.inf] * 3])
+        self._objects: dict[str, set[str]] = {"object": set(), "action": set()}
+        self._named = {"object": 0, "action": 0}
+
+    def add(self, recording: Recording) -> None:
+        """Checks a recording."""
+        self.total += 1
+        for flag in check_labels(recording):
+            if flag.reason in FIXES:
+                value, count, words = self._worst.get(flag.reason, (-np.inf, 0, ""))
+                if flag.value > value:
+                    value, words = flag.value, f"{recording.key}: {flag.words}"
+                self._worst[flag.reason] = value, count + 1, words
+        self._classes(recording)
+        force = recording.force
+        if force is not None and np.isfinite(force).any():
+            known = force[np.isfinite(force).any(axis=1)]
+            self._felt += len(known)
+            self._range[0] = np.fmin(self._range[0], np.fmin.reduce(known))
+            self._range[1] = np.fmax(self._range[1], np.fmax.reduce(known))
+
+    def _classes(self, recording: Recording) -> None:
+        seen: dict[str, set[str]] = {"object": set(), "action": set()}
+        if recording.object is not None:
+            seen["object"] = {recording.object}
+        if recording.action is not None:
+            shown = np.unique(recording.action[recording.action >= 0]).tolist()
+            seen["action"] = {ACTIONS[i] for i in shown if i < len(ACTIONS)}
+        for label, names in seen.items():
+            self._named[label] += bool(names)
+            if len(self._objects[label]) < _NAMES:
+                self._objects[label] |= names
+
+    def of_each(self) -> list[str]:
+        """One line for each reason of `FIXES`, with the worst recording."""
+        return [
+            f"{reason.replace('_', ' ')} in {count} of {self.total} recordings ({words}); "
+            f"{FIXES[reason]}"
+            for reason, (_, count, words) in self._worst.items()
+        ]
+
+    def of_all(
+        self, labels: AbstractSet[str] = frozenset(("force", "object", "action"))
+    ) -> list[str]:
+        """One line for each kind of doubt that no recording raises alone.
+
+        Args:
+            labels: Those that have to differ for anything to be learnt from them.
+        """
+        out = []
+        low, high = self._range
+        known = np.isfinite(low)
+        if "force" in labels and self._felt >= _FRAMES and (low[known] == high[known]).all():
+            said = ", ".join(f"{axis:g}" for axis in low[known])
+            what = "are all 0 N" if not low[known].any() else f"are all the same ({said} N)"
+            out.append(
+                f"the forces of all {self._felt} frames {what}: was the sensor of force connected, "
+                "and are its columns the right ones?"
+            )
+        for label, names in self._objects.items():
+            if label in labels and len(names) == 1 and self._named[label] > 1:
+                out.append(
+                    f"one {label} alone ({next(iter(names))}) in {self._named[label]} recordings: "
+                    f"nothing that tells one {label} from another can be learnt"
+                )
+        return out
+
+
+def _times(recording: Recording) -> Iterator[Suspicion]:
+    times, count = recording.times, len(recording.frames)
+    if len(times) != count:
+        yield Suspicion("gaps_in_time", float("inf"), f"{len(times)} times for {count} frames")
+        return
+    steps = np.diff(times)
+    usual = float(np.median(steps)) if len(steps) else 1.0
+    if len(steps) and (not np.isfinite(times).all() or steps.min() <= 0):
+        yield Suspicion("gaps_in_time", float("inf"), "times do not increase")
+    elif len(steps) and steps.max() > GAP * usual:
+        gaps = int((steps > GAP * usual).sum())
+        words = f"{gaps} gap{'s' * (gaps > 1)}, up to {steps.max():.3g} s (usual {usual:.3g} s)"
+        yield Suspicion("gaps_in_time", float(steps.max() / usual), words)
+
+
+def _force(recording: Recording) -> Iterator[Suspicion]:
+    force = recording.force
+    if force is None or not np.isfinite(force).any():
+        return
+    force = np.where(np.isfinite(force).any(axis=0), force, 0.0)  # an axis that nobody measured
+    scale = np.ones(3)
+    with suppress(ConfigError):  # a sensor that is not installed here
+        scale = np.array(spec(recording.sensor).force_scale)
+        largest = np.nanmax(np.abs(force), axis=0)
+        axis = int((largest / scale).argmax())
+        times = float(largest[axis] / scale[axis])
+        if times > RANGE:
+            words = f"{largest[axis]:.3g} N along {'xyz'[axis]}, {times:.2g} times the scale"
+            yield Suspicion("force_out_of_range", times, words)
+    normal = force[:, 2]
+    pull = -float(np.nanmin(normal))
+    if pull > PULL * max(scale[2], float(np.nanmax(np.abs(normal)))):
+        yield Suspicion("pulling_force", pull, f"down to {-pull:.3g} N along z")
+
+
+def _views(recording: Recording) -> Iterator[Suspicion]:
+    views, times = recording.image_times, recording.times
+    if views is None or not len(views) or len(times) < 2:
+        return
+    away = max(float(views[0] - times[-1]), float(times[0] - views[-1]))
+    if away > times[-1] - times[0]:
+        yield Suspicion("views_elsewhere", away, f"{away:.3g} s from the nearest frame")

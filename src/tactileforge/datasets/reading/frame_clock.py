@@ -1,0 +1,176 @@
+"""Times of the frames of a touch, from its layout, its names, a CSV or the video."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.data.frames.video import VideoFrames
+from tactileforge.data.frames.video_clock import rate_doubt, video_times
+from tactileforge.data.labels.clock import UNITS, date_unit
+from tactileforge.datasets.reading.image_rows import ImageRows
+from tactileforge.datasets.reading.layout import DatasetLayout
+from tactileforge.datasets.reading.layout_keys import ClockKeys
+from tactileforge.datasets.reading.name_times import name_times
+from tactileforge.datasets.reading.order import by_pattern
+from tactileforge.datasets.reading.tables import read_cells
+from tactileforge.errors import ConfigError, DataError
+
+#: Seconds between frames beyond which times are asked for their unit.
+_SLOW = 5.0
+
+
+@dataclass(frozen=True)
+class FrameClock:
+    """Times of frames.
+
+    Attributes:
+        times: float64 (T,), seconds since the first frame.
+        start: Seconds since 1970 of the first frame; None if unknown.
+        doubt: What is not clear, as a phrase; "" where all is.
+    """
+
+    times: NDArray[np.float64]
+    start: float | None = None
+    doubt: str = ""
+
+
+class Clocks:
+    """Gives frames their times and their order.
+
+    Args:
+        layout: The layout.
+        rows: Finds rows of CSVs that name images.
+    """
+
+    def __init__(self, layout: DatasetLayout, rows: ImageRows) -> None:
+        self.layout = layout
+        self.rows = rows
+
+    def times(
+        self, paths: list[Path], video: VideoFrames | None, file: Callable[[str], Path]
+    ) -> FrameClock:
+        """The times of the frames of a touch.
+
+        Args:
+            paths: Its files.
+            video: Its frames, where it is a video.
+            file: Makes a path of a template of the layout.
+
+        Raises:
+            DataError: Times do not increase, are not one a frame, or are in another unit.
+            ConfigError: Names were to give the times, and give none.
+        """
+        layout = self.layout
+        if isinstance(layout.times, ClockKeys) and layout.times.file is not None:
+            path = file(layout.times.file)
+            count = len(paths) if video is None else len(video)
+            return _of_values(
+                layout.times, path, self._values(layout.times, path, paths, count), layout.fps
+            )
+        if video is None:
+            return _of_names(layout, paths)
+        if layout.fps:
+            return FrameClock(np.arange(len(video)) / layout.fps)
+        fix = f"give layout {layout.name!r} the rate of the camera: fps: 30"
+        return FrameClock(video_times(video, fix), doubt=rate_doubt(video))
+
+    def ordered(self, paths: list[Path], file: Callable[[str], Path]) -> list[Path]:
+        """The images of a sequence in the order that the layout gives, if it gives any.
+
+        Args:
+            paths: Its images.
+            file: Makes a path of a template of the layout.
+
+        Raises:
+            DataError: An image has no place, or two have one.
+        """
+        order = self.layout.order
+        if isinstance(order, str):
+            return by_pattern(paths, order, self.layout.name) if order else paths
+        path = file(order.file or "")
+        places = self._values(order, path, paths, len(paths))
+        if len(set(places)) < len(places):
+            raise DataError(
+                f"{path}: {order.column!r} gives two images of {paths[0].parent} one place; give "
+                "each its own"
+            )
+        return [paths[i] for i in np.argsort(places, kind="stable")]
+
+    def _values(
+        self, keys: ClockKeys, path: Path, paths: list[Path], count: int
+    ) -> NDArray[np.float64]:
+        """A column of numbers, one a frame."""
+        column = keys.column or ""
+        if keys.key is not None:
+            found = self.rows.find(path, keys.key, [column], paths, "{" not in (keys.file or ""))
+            if lost := [paths[i] for i in range(count) if i not in found]:
+                raise DataError(f"{path}: no row of {lost[0]}; add it, or move the image out")
+            rows = [found[i] for i in range(count)]
+        else:
+            rows = read_cells(path, [column], whole=True)
+        if len(rows) != count:
+            raise DataError(
+                f"{path}: {len(rows)} times for {count} frames; give one a frame, or the column of "
+                "the names of images (key:)"
+            )
+        return np.array(
+            [_value(cells[column], f"{where}, column {column!r}") for where, cells in rows]
+        )
+
+
+def _value(cell: str, where: str) -> float:
+    try:
+        value = float(cell)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise DataError(f"{where}: {cell!r} is not a finite number; fill it in")
+    return value
+
+
+def _of_values(
+    keys: ClockKeys, path: Path, values: NDArray[np.float64], fps: float | None
+) -> FrameClock:
+    """Times of a column, in its unit."""
+    steps = np.diff(values)
+    if not (steps > 0).all():
+        row = int(np.flatnonzero(steps <= 0)[0]) + 1
+        raise DataError(
+            f"{path}: the time of frame {row}, {values[row]:.10g}, is not after that of the frame "
+            f"before, {values[row - 1]:.10g}; correct {keys.column!r}"
+        )
+    date = date_unit(values)
+    seconds = UNITS[keys.unit or date or "s"]
+    times = (values - values[0]) * seconds
+    period = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+    if keys.unit is None and not date and (period > _SLOW or (fps and period * fps > _SLOW)):
+        likely = next((unit for unit in ("ms", "us") if period * UNITS[unit] < 1), "ns")
+        raise DataError(
+            f"{path}: by {keys.column!r}, frames come every {period:.3g} s: is it another unit? "
+            f"Give times: {{..., unit: {likely}}}, or unit: s if it is right"
+        )
+    return FrameClock(times, float(values[0]) * seconds if date else None)
+
+
+def _of_names(layout: DatasetLayout, paths: list[Path]) -> FrameClock:
+    even = FrameClock(np.arange(len(paths)) / (layout.fps or 1.0))
+    if layout.each != "sequence" or layout.times == "even" or len(paths) < 2:
+        return even
+    unit = layout.times.unit if isinstance(layout.times, ClockKeys) else None
+    found = name_times([path.stem for path in paths], layout.fps, unit)
+    if found.times is not None:
+        return FrameClock(found.times, found.start, found.doubt)
+    if layout.times and layout.fps is None:
+        raise ConfigError(
+            f"{paths[0].parent}: names such as {paths[0].stem!r} and {paths[1].stem!r} give no "
+            f"times{f': {found.doubt}' if found.doubt else ''}; give layout {layout.name!r} fps:, "
+            "or times: {file: times.csv, column: t}"
+        )
+    fix = f"{found.doubt}: give times: names, times: {{unit: ms}} or times: even"
+    return FrameClock(even.times, doubt=fix if found.doubt else "")

@@ -1,0 +1,187 @@
+"""Times of images from their names: stamps, dates, seconds, and numbers of which some are left out.
+
+Numbers are kept as whole nanoseconds while they are compared: a stamp of 19 digits is more than a
+float can hold.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from decimal import Decimal
+from itertools import pairwise
+from math import gcd
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.data.labels.clock import UNITS, date_unit
+
+_NUMBER = re.compile(r"\d+(?:\.\d+)?")
+_DATE = re.compile(
+    r"(20\d\d)[-_.]?([01]\d)[-_.]?([0-3]\d)[-_T ]{0,2}"
+    r"([0-2]\d)[-_.h:]?([0-5]\d)[-_.m:]?([0-5]\d)(?:[-_.,s](\d{1,9})(?!\d))?"
+)
+_NS = {unit: round(seconds * 1e9) for unit, seconds in UNITS.items()}
+#: Steps of stamps whose unit is not said are those of the rate, this closely.
+_CLOSE = 0.3
+#: Frames a second that a camera of touch may have.
+_RATES = 1.0, 300.0
+#: A usual step in numbers up to which what is missing was dropped.
+_DROPPED = 10
+#: Consequence of a doubt.
+_ELSE = ", where fps is {:g}; frames are spread evenly"
+
+
+@dataclass(frozen=True)
+class NameTimes:
+    """Times that names give.
+
+    Attributes:
+        times: float64 (T,), seconds since the first image; None where names give none.
+        start: Seconds since 1970 of the first; None where they are no dates.
+        doubt: What is not clear, as a phrase; "" where all is.
+    """
+
+    times: NDArray[np.float64] | None = None
+    start: float | None = None
+    doubt: str = ""
+
+
+def name_times(stems: Sequence[str], fps: float | None, unit: str | None = None) -> NameTimes:
+    """Reads times from the names of the images of a sequence.
+
+    Args:
+        stems: Names without their endings, oldest first.
+        fps: Frames per second, which gives numbers their meaning; None if unknown.
+        unit: Unit of the numbers; None to find it out.
+
+    Example:
+        >>> name_times(["f_00005", "f_00006", "f_00036"], 30.0).times.round(3).tolist()
+        [0.0, 0.033, 1.033]
+        >>> name_times(["1763000000000000000", "1763000000033000000"], None).times.tolist()
+        [0.0, 0.033]
+    """
+    if len(stems) < 2:
+        return NameTimes(np.zeros(len(stems)))
+    dates = _dates(stems)
+    if dates is not None and unit is None and not _is_counter(dates):
+        return _dated(dates, fps)
+    columns = _columns(stems)
+    if not columns:
+        return NameTimes()
+    stamps = _stamps(columns, unit)
+    if stamps is not None and not _is_counter(stamps):
+        return _dated(stamps, fps)
+    rising = [column for column in columns if all(a < b for a, b in pairwise(column))]
+    if not rising:
+        return NameTimes()
+    numbers = rising[-1]
+    if unit is not None:
+        return NameTimes(_since([round(number * _NS[unit]) for number in numbers]))
+    if any(number != int(number) for number in numbers):
+        return _seconds(numbers, fps, all(map(_NUMBER.fullmatch, stems)))
+    return _counted([int(number) for number in numbers], fps)
+
+
+def _columns(stems: Sequence[str]) -> list[list[Decimal]]:
+    """Numbers in the names, place by place, that differ; [] where names differ in more."""
+    if len({_NUMBER.sub("0", stem) for stem in stems}) > 1:
+        return []
+    columns = zip(*(map(Decimal, _NUMBER.findall(stem)) for stem in stems), strict=True)
+    return [list(column) for column in columns if len(set(column)) > 1 or date_of(column)]
+
+
+def date_of(column: Sequence[Decimal]) -> str:
+    """The unit in which numbers are seconds since 1970; "" for none."""
+    return date_unit(np.array([float(number) for number in column]))
+
+
+def _dates(stems: Sequence[str]) -> list[int] | None:
+    """Calendar dates in names, ns since 1970; None where there are none, or not to the second."""
+    out = []
+    for stem in stems:
+        found = _DATE.search(stem)
+        if not found:
+            return None
+        try:
+            date = datetime(*map(int, found.groups()[:6])).replace(tzinfo=UTC)  # type: ignore[arg-type]
+        except ValueError:
+            return None
+        out.append(int(date.timestamp()) * 10**9 + int((found[7] or "").ljust(9, "0")))
+    return out
+
+
+def _stamps(columns: Sequence[Sequence[Decimal]], unit: str | None) -> list[int] | None:
+    """Seconds since 1970 in names, ns; a number after whole seconds may be their nanoseconds."""
+    for place, column in enumerate(columns):
+        found = date_of(column)
+        if not found or (unit is not None and unit != found):
+            continue
+        stamps = [int(number * _NS[found]) for number in column]
+        if found == "s" and all(number == int(number) for number in column):
+            after = columns[place + 1] if place + 1 < len(columns) else None
+            if after is not None and max(after) >= 1000 and max(after) < 10**9:
+                part = 1 if max(after) >= 10**6 else 1000
+                stamps = [a + int(b) * part for a, b in zip(stamps, after, strict=True)]
+        if len(set(stamps)) > 1:
+            return stamps
+    return None
+
+
+def _dated(stamps: list[int], fps: float | None) -> NameTimes:
+    if any(b <= a for a, b in pairwise(stamps)):
+        return NameTimes(doubt="the stamps in names do not increase, so they give no times")
+    times = _since(stamps)
+    rate = 1 / float(np.median(np.diff(times)))
+    doubt = ""
+    if fps and not 1 / 1.5 < rate / fps < 1.5:
+        doubt = f"names come {rate:.3g} times a second and fps is {fps:g}; the names count"
+    return NameTimes(times, stamps[0] / 1e9, doubt)
+
+
+def _is_counter(stamps: Sequence[int]) -> bool:
+    """Whether stamps come faster than any camera: a number after a date then counts images."""
+    return 0 <= stamps[-1] - stamps[0] < (len(stamps) - 1) * 1e9 / _RATES[1]
+
+
+def _seconds(numbers: Sequence[Decimal], fps: float | None, alone: bool) -> NameTimes:
+    """Fractions, that are seconds where they have the rate; ``alone``: names are nothing else."""
+    times = _since([int(number * 10**9) for number in numbers])
+    steps = np.diff(times)
+    rate = 1 / float(np.median(steps))
+    if fps and abs(rate / fps - 1) <= _CLOSE:
+        return NameTimes(times)
+    is_likely = alone and _RATES[0] <= rate <= _RATES[1] and float(np.ptp(steps)) > 1e-6
+    doubt = f"names may be seconds, {rate:.3g} a second{_ELSE}" if is_likely else ""
+    return NameTimes(doubt=doubt.format(fps))
+
+
+def _counted(numbers: list[int], fps: float | None) -> NameTimes:
+    """Whole numbers: of frames, some of them left out, or stamps since the start."""
+    steps = np.diff(numbers)
+    usual = int(np.median(steps))
+    if (steps == steps[0]).all() or not fps:
+        return NameTimes()
+    places = np.array([number - numbers[0] for number in numbers], np.float64)
+    if (steps == 1).mean() >= 0.5:
+        return NameTimes(places / fps)
+    for unit, ns in _NS.items():
+        if unit != "s" and abs(usual * ns * fps / 1e9 - 1) <= _CLOSE:
+            return NameTimes(_since([number * ns for number in numbers]))
+    stride = gcd(*(int(step) for step in steps))
+    if stride == usual or usual <= _DROPPED:
+        return NameTimes(places / (fps * (stride if stride == usual else 1)))
+    for unit, ns in _NS.items():
+        rate = 1e9 / (usual * ns)
+        if unit != "s" and _RATES[0] <= rate <= _RATES[1]:
+            return NameTimes(
+                doubt=f"names may be times in {unit}, {rate:.3g} a second{_ELSE}".format(fps)
+            )
+    return NameTimes(doubt="the numbers in names leave some out; frames are spread evenly")
+
+
+def _since(stamps: Sequence[int]) -> NDArray[np.float64]:
+    return np.array([stamp - stamps[0] for stamp in stamps], np.float64) / 1e9

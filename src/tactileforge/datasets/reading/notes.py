@@ -1,0 +1,41 @@
+"""What readers notice of data that they read all the same."""
+
+from __future__ import annotations
+
+import re
+
+#: What differs between two notes of one kind: numbers, quoted names and paths.
+_DETAILS = re.compile(r"'[^']*'|\S*/\S*|\d[\d.e+-]*")
+
+
+class Notes:
+    """Notes, the first of each kind with a count of the others."""
+
+    def __init__(self) -> None:
+        self._kinds: dict[str, tuple[str, set[str]]] = {}
+
+    def add(self, key: str, doubt: str) -> None:
+        """Notes a doubt about a recording; the same one twice counts once.
+
+        Args:
+            key: The recording.
+            doubt: The doubt, as a phrase; "" for none.
+        """
+        if doubt:
+            kind = _DETAILS.sub("", doubt)
+            self._kinds.setdefault(kind, (f"{key}: {doubt}", set()))[1].add(key)
+
+    def lines(self) -> list[str]:
+        """One line a kind.
+
+        Example:
+            >>> notes = Notes()
+            >>> notes.add("a", "ends at 2 s")
+            >>> notes.add("b", "ends at 3 s")
+            >>> notes.lines()
+            ['a: ends at 2 s (and 1 more)']
+        """
+        return [
+            first if len(keys) == 1 else f"{first} (and {len(keys) - 1} more)"
+            for first, keys in self._kinds.values()
+        ]
