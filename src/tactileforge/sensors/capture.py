@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import threading
-import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -13,8 +12,10 @@ from dataclasses import dataclass, field
 from tactileforge.contracts import Frame, Sensor
 from tactileforge.errors import ConfigError, SensorError, TactileForgeError
 from tactileforge.sensors.awake import CLOCK
+from tactileforge.sensors.clock_lag import ClockLag
 from tactileforge.sensors.frame_contract import BAD_VALUES, bad_values, check_frame
 from tactileforge.sensors.health import Health
+from tactileforge.sensors.picture_changes import CHANGES, PictureChanges
 
 #: Seconds by which the time of a frame may differ from the clock when it arrives.
 _AHEAD, _BEHIND = 1.0, 10.0
@@ -60,6 +61,8 @@ class Capture:
     Attributes:
         counts: What it has given.
         health: What its pictures look like.
+        changes: How its pictures have changed since the first.
+        lag: How its times go.
         error: Why it has ended; None while all is well.
         ended: Whether its source is over.
         is_lost: Whether it is being opened again.
@@ -79,6 +82,8 @@ class Capture:
         self.reconnect, self.silence = reconnect, silence
         self.counts = Counts()
         self.health = Health(sensor.spec)
+        self.changes = PictureChanges(sensor.spec)
+        self.lag = ClockLag()
         self.error: TactileForgeError | None = None
         self.ended = False
         self.is_lost = False
@@ -130,6 +135,12 @@ class Capture:
         own = {key: getattr(counts, key) for key in ("backwards", "untimed", "frozen")}
         both = counts.bad_values + Counter(getattr(self.sensor, "drops", {}))
         return own | dict.fromkeys(getattr(self.sensor, "drops", {}), 0) | both
+
+    def noticed(self) -> dict[str, str]:
+        """What is odd about frames that were kept, in words, by ``clock`` or a change."""
+        found = {key: CHANGES[key] for key in list(self.changes.counts)}
+        clock = self.lag.trouble()
+        return found | ({"clock": clock} if clock else {})
 
     def watch(self) -> None:
         """Notices what the thread that reads cannot: that it hangs, or has ended.
@@ -236,6 +247,7 @@ class Capture:
 
     def _accept(self, frame: Frame) -> None:
         behind = CLOCK.since(frame.time)
+        self.lag.add(frame.time, frame.time + behind)
         if not -_AHEAD < behind < _BEHIND:
             raise SensorError(
                 f"a frame is {abs(behind):.1f} s {'behind' if behind > 0 else 'ahead of'} the "
@@ -249,6 +261,7 @@ class Capture:
         if self.health.look(frame) == "frozen":
             self.counts.frozen += 1
             return
+        self.changes.look(frame)
         self.counts.frames += 1
         self.sink(frame)
 
