@@ -165,11 +165,10 @@ class Scripted(Opened):
         moves: Whether its picture changes much from frame to frame.
     """
 
-    shape = (24, 32)
-
     def __init__(
         self, fps=50.0, limit=None, events=None, type="digit", address="", moves=False, kind="image"
     ):
+        self.shape = (32, 24) if type == "digit" else (24, 32)  # a digit stands upright
         height, width = (0, 0) if kind == "wrench" else self.shape
         self.spec = SensorSpec(
             name=type,

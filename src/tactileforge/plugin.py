@@ -45,6 +45,7 @@ from tactileforge.errors import (
     SensorError,
     TactileForgeError,
 )
+from tactileforge.live.publish import to_json
 from tactileforge.moves import VERSION
 from tactileforge.registry import build, names
 from tactileforge.sensors.capture import Capture
@@ -58,6 +59,7 @@ from tactileforge.sensors.drivers.serial_array import SerialArray
 from tactileforge.sensors.drivers.serial_robot import SerialRobot
 from tactileforge.sensors.framing import Parser
 from tactileforge.sensors.links import Link, SerialLink
+from tactileforge.sensors.opening import close_sensor, open_sensor
 from tactileforge.sensors.specs import SPECS, spec
 from tactileforge.sensors.taxels import TaxelLayout
 
@@ -110,12 +112,15 @@ __all__ = [
     "VideoFrames",
     "Views",
     "build",
+    "close_sensor",
     "estimate_lag",
     "label_actions",
     "masked_mean",
     "names",
     "nearest",
+    "open_sensor",
     "spec",
+    "to_json",
     "v4l2",
 ]
 

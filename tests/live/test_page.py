@@ -97,7 +97,7 @@ def test_pictures_are_those_of_the_sensor(page):
     data, headers = get(page.url + "frame/left?t=1")
     assert headers["Content-Type"] == "image/jpeg"
     picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-    assert picture.shape == (168, 224, 3)  # of 24 x 32, whole pixels enlarged
+    assert picture.shape == (224, 168, 3)  # of 32 x 24, whole pixels enlarged
     assert 110 < np.median(picture) < 225
 
 

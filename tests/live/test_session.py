@@ -242,7 +242,7 @@ def test_a_sensor_that_stays_away_is_an_error(scripted, model):
 
 @pytest.mark.slow
 def test_frozen_frames_are_said(scripted, model):
-    still = np.random.default_rng(0).integers(100, 150, (24, 32, 3)).astype(np.uint8)
+    still = np.random.default_rng(0).integers(100, 150, (32, 24, 3)).astype(np.uint8)
 
     def freeze(frame):
         return Frame(array=still, time=frame.time)
@@ -292,7 +292,7 @@ def test_the_background_is_the_median_or_a_file(scripted, tmp_path):
     with view:
         view.take_background()
         assert abs(view.fingers["left"].stream.background.astype(float) - 121).max() <= 1
-    picture = np.arange(24 * 32 * 3, dtype=np.uint8).reshape(24, 32, 3)
+    picture = np.arange(32 * 24 * 3, dtype=np.uint8).reshape(32, 24, 3)
     cv2.imwrite(str(tmp_path / "still.png"), cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
     still = options(background=ShowBackground(image=str(tmp_path / "still.png")))
     with LiveSession({"left": scripted()}, None, still) as view:
@@ -301,7 +301,7 @@ def test_the_background_is_the_median_or_a_file(scripted, tmp_path):
     cv2.imwrite(str(tmp_path / "small.png"), picture[:5])
     small = options(background=ShowBackground(image=str(tmp_path / "small.png")))
     view = LiveSession({"left": scripted()}, None, small)
-    with view, pytest.raises(ConfigError, match=r"the background has \(5, 32\) pixels"):
+    with view, pytest.raises(ConfigError, match=r"the background has \(5, 24\) pixels"):
         view.take_background()
 
 

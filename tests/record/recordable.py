@@ -19,7 +19,7 @@ class Numbered:
     def __init__(self, seed: int) -> None:
         self.seed = seed
         self.spec = SensorSpec(
-            name="digit", height=48, width=64, fps=30.0, area_mm=None, force_scale=(1.0, 1.0, 1.0)
+            name="digit", height=64, width=48, fps=30.0, area_mm=None, force_scale=(1.0, 1.0, 1.0)
         )
 
     def discover(self):
@@ -47,7 +47,7 @@ class Numbered:
 
 def picture(seed, number):
     rng = np.random.default_rng([seed, number])
-    return rng.integers(0, 256, (48, 64, 3), np.uint8)
+    return rng.integers(0, 256, (64, 48, 3), np.uint8)
 
 
 def main(out, given):

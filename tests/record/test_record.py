@@ -283,7 +283,7 @@ def test_an_outage_of_all_sensors_loses_neither_forces_nor_what_comes_after(scri
 
 def test_the_status_says_how_each_sensor_does_and_warns_once(scripted, options):
     dark = scripted(fps=50)
-    dark.picture = lambda number: np.full((24, 32, 3), number % 3, np.uint8)
+    dark.picture = lambda number: np.full((32, 24, 3), number % 3, np.uint8)
     said = io.StringIO()
     given = options()
     record(

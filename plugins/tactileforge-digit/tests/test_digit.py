@@ -65,7 +65,10 @@ def test_discovery_by_serial_number(two):
 
 
 def test_which_one_must_be_clear(two):
-    with pytest.raises(SensorError, match=r"fits /dev/video2, /dev/video10; choose"):
+    with pytest.raises(
+        SensorError,
+        match=r"fits /dev/video2 D20001, /dev/video10 D20342; choose with device=serial:D20001",
+    ):
         Digit().open()
     with pytest.raises(SensorError, match="no camera serial:D9 is attached"):
         Digit(serial="D9").open()

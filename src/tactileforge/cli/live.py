@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from tactileforge.cli._command import Command
 from tactileforge.live.publish import JsonLines, Publisher, build_publishers
-from tactileforge.live.session import LiveOptions, LiveSession, run_session
+from tactileforge.live.session import LiveOptions, LiveSession, check_port, run_session
 from tactileforge.live.status_line import LiveStatus
 from tactileforge.sensors.opening import build_sensors as built_sensors
 from tactileforge.signals import stopped_by_signals
@@ -41,6 +41,10 @@ class _Live(LiveOptions):
     port: int = 0
     json: bool = False
     publish: list[str] | dict[str, Any] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_port(self.port)
 
 
 def _live(keys: _Live, config: dict[str, Any]) -> None:

@@ -27,6 +27,9 @@ def _record(keys: RecordOptions, config: dict[str, Any]) -> None:
         finally:
             status.end()
     print(_told(summary))
+    for name, noticed in summary.noticed.items():
+        for words in noticed.values():
+            print(f"noticed: {name}: {words}")
     print(f"look at it: tactileforge data inspect data=shards data.root={keys.out}")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol, TextIO
@@ -50,11 +51,35 @@ class JsonLines:
     def send(self, message: dict[str, Any]) -> None:
         """Writes a line, at once."""
         to = self._to or sys.stdout
-        to.write(json.dumps(message, allow_nan=False) + "\n")
+        to.write(to_json(message) + "\n")
         to.flush()
 
     def close(self) -> None:
         """Does nothing: standard output stays open."""
+
+
+def to_json(message: Mapping[str, Any]) -> str:
+    """Plain data as JSON, in which a number that is none is null.
+
+    Args:
+        message: Lists, mappings, numbers and words.
+
+    Example:
+        >>> to_json({"force": [float("nan"), 0.5], "difference": float("inf")})
+        '{"force": [null, 0.5], "difference": null}'
+    """
+    try:
+        return json.dumps(message, allow_nan=False)
+    except ValueError:
+        return json.dumps(_finite(message), allow_nan=False)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _finite(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def build_publishers(publishers: Sequence[str] | Mapping[str, Any]) -> list[Publisher]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hmac
-import json
 import secrets
 import threading
 import time
@@ -18,8 +17,9 @@ from numpy.typing import NDArray
 
 from tactileforge.errors import ConfigError
 from tactileforge.live.page import page_html
+from tactileforge.live.publish import to_json
 from tactileforge.live.sensor_stream import Reading, SensorStream
-from tactileforge.live.session import LiveSession
+from tactileforge.live.session import LiveSession, check_port
 
 #: Pixels of the longer side of an image on the page, and of the shorter side of a small one.
 _LARGE = 480
@@ -46,10 +46,11 @@ class LivePage:
         token: In the address.
 
     Raises:
-        ConfigError: The port is taken.
+        ConfigError: The port is taken, or there is no such port.
     """
 
     def __init__(self, view: LiveSession, port: int = 0) -> None:
+        check_port(port)
         self.token = secrets.token_urlsafe(18)
         handler = type("Handler", (_Handler,), {"view": view, "token": self.token})
         try:
@@ -84,6 +85,8 @@ class _Handler(BaseHTTPRequestHandler):
     view: LiveSession
     token: str
     protocol_version = "HTTP/1.1"
+    # a head and a body are two writes: the second would wait until the first is acknowledged
+    disable_nagle_algorithm = True
     timeout = _SILENCE
 
     def do_GET(self) -> None:
@@ -102,7 +105,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._answer(200, "text/html; charset=utf-8", page_html(nonce).encode(), nonce)
         elif rest == "state":
             content = page_state(self.view, dict(parse_qsl(url.query)))
-            self._answer(200, "application/json", json.dumps(content).encode())
+            self._answer(200, "application/json", to_json(content).encode())
         elif what in ("frame", "difference", "depth") and unquote(name) in self.view.fingers:
             self._picture(self.view.fingers[unquote(name)], what)
         else:

@@ -18,6 +18,7 @@ from tactileforge.errors import ConfigError, SensorError, unknown
 from tactileforge.hub.model import Model
 from tactileforge.live.publish import Publisher
 from tactileforge.live.sensor_stream import Reading, SensorStream, StreamOptions, read_background
+from tactileforge.sensors.awake import CLOCK
 from tactileforge.sensors.background import Background
 from tactileforge.sensors.capture import check
 from tactileforge.sensors.low_latency_threads import low_latency_threads
@@ -27,8 +28,20 @@ from tactileforge.sensors.opening import open_all, unit_of
 _PATIENCE, _WAIT = 10.0, 0.1
 #: Readings over which latency is told: of the whole run at the end, and meanwhile.
 _KEPT, _RECENT = 20_000, 300
+#: Largest number of a port.
+_LAST_PORT = 65535
 #: Rows of a height map: few, so that a frame takes milliseconds.
 LIVE_ROWS = 60
+
+
+def check_port(port: int) -> None:
+    """Checks the number of the page's port.
+
+    Raises:
+        ConfigError: There is no such port.
+    """
+    if not 0 <= port <= _LAST_PORT:
+        raise ConfigError(f"port={port}: give 1 to {_LAST_PORT}, or 0 for any that is free")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,11 +183,12 @@ class LiveSession:
         return {name: load_calibration(path) for name, path in paths.items()}
 
     def _wait_for_all(self) -> None:
-        end = time.monotonic() + _PATIENCE
+        end = CLOCK.now() + _PATIENCE
         while silent := [f for f in self.fingers.values() if not f.stream.buffer.count]:
             self.check()
-            if time.monotonic() > end or silent[0].capture.ended:
-                raise SensorError(f"{silent[0].name}: delivers no frames; is it on?")
+            if CLOCK.now() > end or silent[0].capture.ended:
+                why = silent[0].capture.cause or "is it on?"
+                raise SensorError(f"{silent[0].name}: delivers no frames; {why}")
             time.sleep(0.01)
 
     def check(self) -> None:

@@ -36,7 +36,9 @@ class LiveStatus(Status):
         p50, p99 = view.latency.percentiles(recent=False)
         waited = "" if math.isnan(p50) else f"; latency p50 {1e3 * p50:.1f} p99 {1e3 * p99:.1f} ms"
         back = f"; came back: {lost}" if lost else ""
-        return f"readings: {counts}{waited}{back}; dropped: {dropped}"
+        words = [f"{f.name}: {word}" for f in fingers for word in f.capture.noticed().values()]
+        noticed = "".join(f"; noticed: {one}" for one in words)
+        return f"readings: {counts}{waited}{back}; dropped: {dropped}{noticed}"
 
 
 def stream_status(finger: SensorStream) -> str:

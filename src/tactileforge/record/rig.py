@@ -19,6 +19,7 @@ from tactileforge.errors import ConfigError, SensorError
 from tactileforge.record.frame_queue import FrameQueue, SampleBuffer
 from tactileforge.record.options import RecordOptions
 from tactileforge.sensors import background
+from tactileforge.sensors.awake import CLOCK
 from tactileforge.sensors.capture import Capture, check
 from tactileforge.sensors.opening import open_all
 from tactileforge.sensors.specs import spec
@@ -192,10 +193,10 @@ class Rig:
                 step = -(-len(seen) // _LOOKED_AT) or 1
                 frames = [frame.array for frame in seen[::step]]
                 camera = device.sensor.spec.kind == "image"
-                background.check_background(device.name, frames, given.threshold, camera)
+                good = background.check_background(device.name, frames, given.threshold, camera)
                 codec, keeps = self.codec(device), device.keeps
                 assert isinstance(keeps, FrameQueue)
-                chosen = background.spread_frames(frames, given.frames)
+                chosen = background.spread_frames(good, given.frames)
                 device.background = [keeps.encode(frame)[codec] for frame in chosen]
                 if device.name in self._depth:
                     still = np.median(chosen, axis=0).astype(np.uint8)
@@ -208,13 +209,12 @@ class Rig:
 
     def _wait_for_all(self) -> None:
         """Waits until every device has delivered a frame or sample."""
-        end = time.monotonic() + _PATIENCE
+        end = CLOCK.now() + _PATIENCE
         while silent := [d for d in self.all if not (d.capture.is_done or d.capture.has_begun)]:
             self.check()
-            if time.monotonic() > end:
-                raise SensorError(
-                    f"{silent[0].name}: gives nothing within {_PATIENCE:g} s; is it on?"
-                )
+            if CLOCK.now() > end:
+                why = silent[0].capture.cause or "is it on?"
+                raise SensorError(f"{silent[0].name}: gives nothing within {_PATIENCE:g} s; {why}")
             time.sleep(0.02)
 
     def _tare(self, force: RigSensor) -> None:

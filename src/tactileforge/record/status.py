@@ -30,6 +30,7 @@ class RecordSummary:
         bytes: Size of the shards.
         reasons: All frames of each device that were dropped, by reason; ``late`` found the queues
             full.
+        noticed: What is odd about frames of each device that were kept; see `Capture.noticed`.
     """
 
     takes: int
@@ -38,6 +39,7 @@ class RecordSummary:
     dropped: dict[str, int]
     bytes: int
     reasons: dict[str, dict[str, int]] = field(default_factory=dict)
+    noticed: dict[str, dict[str, str]] = field(default_factory=dict)
 
 
 class RecordStatus(Status):
@@ -69,11 +71,12 @@ class RecordStatus(Status):
         self._write(" | ".join(parts))
 
     def _warn(self, device: RigSensor) -> None:
-        for trouble in set(device.capture.health.counts):
+        told = {key: TROUBLES[key] for key in list(device.capture.health.counts)}
+        for trouble, words in (told | device.capture.noticed()).items():
             if (device.name, trouble) not in self._warned:
                 self._warned.add((device.name, trouble))
                 self.end()
-                self.to.write(f"warning: {device.name}: {TROUBLES[trouble]}\n")
+                self.to.write(f"warning: {device.name}: {words}\n")
 
 
 def device_status(device: RigSensor) -> str:

@@ -124,6 +124,8 @@ class Take:
             dropped[device.name] = dropped.get(device.name, 0) + device.keeps.dropped
             late = {"late": dropped[device.name]}
             self.summary.reasons[device.name] = late | device.capture.drops()
+            if noticed := device.capture.noticed():
+                self.summary.noticed[device.name] = noticed
         if not self.segments:
             self.say(f"take {self.number}: nothing came")
             return
@@ -222,7 +224,8 @@ class Take:
         return {"episode": f"{folder}_{self.number:05d}", "finger": device.name}
 
     def _labels(self, device: RigSensor) -> dict[str, str | float]:
-        counts = device.capture.counts
+        counts, noticed = device.capture.counts, device.capture.noticed()
+        clock = {"clock_trouble": noticed["clock"]} if "clock" in noticed else {}
         return {
             **self.options.labels,
             **self.known.get(device.name, {}),
@@ -235,6 +238,8 @@ class Take:
             "clock": self.start,
             "dropped": device.keeps.dropped,
             **device.capture.drops(),
+            **device.capture.changes.counts,
+            **clock,
             "stalled": counts.stalled,
             "reopened": counts.reopened,
         }

@@ -14,6 +14,9 @@ from tactileforge.sensors.health import TROUBLES, exposure_trouble
 
 #: Pixels on the side of the squares that are averaged, so that noise does not count as touch.
 _SQUARE = 8
+#: First frames that may be odd, as a camera that has just begun gives them, at most a third of all;
+#: and the share of the squares that is then another, which no touch changes from frame to frame.
+_ODD, _ODD_SHARE = 10, 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,8 +66,8 @@ def variation(frames: Sequence[NDArray[np.uint8]], camera: bool = True) -> float
 
 def check_background(
     name: str, frames: Sequence[NDArray[np.uint8]], threshold: float, camera: bool = True
-) -> None:
-    """Raises an error where the frames cannot be a background.
+) -> Sequence[NDArray[np.uint8]]:
+    """Frames that can be a background: those given, without odd first ones of a camera.
 
     Args:
         name: Of the sensor.
@@ -77,15 +80,40 @@ def check_background(
     """
     if not frames:
         raise SensorError(f"{name}: no frame came for its background; does it still run?")
+    if camera:
+        frames = without_odd_first(frames, threshold)
     if trouble := exposure_trouble(frames[len(frames) // 2]):
         raise SensorError(f"{name}: its background is {trouble}: {TROUBLES[trouble]}")
     change = variation(frames, camera)
     if change > threshold:
+        first = ", throw more first frames away with warmup= of the camera" if camera else ""
         raise SensorError(
             f"{name}: something touches it, or its light flickers: its pictures change by "
             f"{change:.1f} grey levels while nothing should touch. Lift everything off and start "
-            f"again, or allow more: background.threshold={threshold:g} is the limit"
+            f"again{first}, or allow more: background.threshold={threshold:g} is the limit"
         )
+    return frames
+
+
+def without_odd_first(
+    frames: Sequence[NDArray[np.uint8]], threshold: float
+) -> Sequence[NDArray[np.uint8]]:
+    """Frames without first ones that are another picture altogether: black, green, half read.
+
+    Args:
+        frames: uint8 (H, W, 3) each, at least one.
+        threshold: Change of a square that counts, grey levels.
+    """
+    most = min(_ODD, len(frames) // 3)
+    if not most:
+        return frames
+    rest = np.median([squares(frame, True) for frame in frames[most:]], axis=0)
+    odd = 0
+    for number, frame in enumerate(frames[:most], 1):
+        change = np.abs(squares(frame, True) - rest).max(-1)
+        if np.mean(change > threshold) > _ODD_SHARE:
+            odd = number
+    return frames[odd:]
 
 
 def spread_frames(frames: Sequence[NDArray[np.uint8]], count: int) -> list[NDArray[np.uint8]]:

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import math
 import threading
-import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
 
 from tactileforge.contracts import Frame, Sensor
-from tactileforge.errors import SensorError, TactileForgeError
+from tactileforge.errors import ConfigError, SensorError, TactileForgeError
+from tactileforge.sensors.awake import CLOCK
+from tactileforge.sensors.clock_lag import ClockLag
+from tactileforge.sensors.frame_contract import BAD_VALUES, bad_values, check_frame
 from tactileforge.sensors.health import Health
+from tactileforge.sensors.picture_changes import CHANGES, PictureChanges
 
 #: Seconds by which the time of a frame may differ from the clock when it arrives.
 _AHEAD, _BEHIND = 1.0, 10.0
@@ -31,6 +34,7 @@ class Counts:
         backwards: Frames that were not later than the one before, and were dropped.
         untimed: Frames whose time is no number, and were dropped.
         frozen: Frames that repeated one picture for too long, and were dropped.
+        bad_values: Samples that were dropped for their values, by `frame_contract.BAD_VALUES`.
         stalled: How often its driver did not return for longer than silence may last.
         reopened: How often it was lost and came back.
     """
@@ -39,6 +43,7 @@ class Counts:
     backwards: int = 0
     untimed: int = 0
     frozen: int = 0
+    bad_values: Counter[str] = field(default_factory=Counter)
     stalled: int = 0
     reopened: int = 0
 
@@ -56,10 +61,13 @@ class Capture:
     Attributes:
         counts: What it has given.
         health: What its pictures look like.
+        changes: How its pictures have changed since the first.
+        lag: How its times go.
         error: Why it has ended; None while all is well.
         ended: Whether its source is over.
         is_lost: Whether it is being opened again.
         latest: Time of the last good frame.
+        cause: Why the last frame was no good one; "" after a good one.
     """
 
     def __init__(
@@ -74,11 +82,14 @@ class Capture:
         self.reconnect, self.silence = reconnect, silence
         self.counts = Counts()
         self.health = Health(sensor.spec)
+        self.changes = PictureChanges(sensor.spec)
+        self.lag = ClockLag()
         self.error: TactileForgeError | None = None
         self.ended = False
         self.is_lost = False
         self.latest = -math.inf
-        self._good = self._opened = time.monotonic()  # the last good frame, and open()
+        self.cause = ""
+        self._good = self._opened = CLOCK.now()  # the last good frame, and open()
         self._lost: float | None = None  # when it was; None while frames come
         self._call: tuple[str, float] | None = None  # of the driver, that has not returned
         self._recent: deque[float] = deque(maxlen=_RATE_OVER)
@@ -87,7 +98,8 @@ class Capture:
 
     def start(self) -> None:
         """Starts the thread."""
-        self._good = self._opened = time.monotonic()
+        CLOCK.start()
+        self._good = self._opened = CLOCK.now()
         self._thread.start()
 
     def stop(self) -> None:
@@ -113,7 +125,7 @@ class Capture:
         span = times[-1] - times[0] if len(times) > 1 else 0.0
         if span <= 0 or self.is_lost:
             return 0.0
-        quiet = time.monotonic() - self._good
+        quiet = CLOCK.now() - self._good
         is_late = not self.is_done and quiet > 3 * span / (len(times) - 1)
         return (len(times) - 1) / (span + quiet * is_late)
 
@@ -121,7 +133,14 @@ class Capture:
         """Frames that were dropped, by reason; with those its driver counts (``sensor.drops``)."""
         counts = self.counts
         own = {key: getattr(counts, key) for key in ("backwards", "untimed", "frozen")}
-        return own | dict(getattr(self.sensor, "drops", {}))
+        both = counts.bad_values + Counter(getattr(self.sensor, "drops", {}))
+        return own | dict.fromkeys(getattr(self.sensor, "drops", {}), 0) | both
+
+    def noticed(self) -> dict[str, str]:
+        """What is odd about frames that were kept, in words, by ``clock`` or a change."""
+        found = {key: CHANGES[key] for key in list(self.changes.counts)}
+        clock = self.lag.trouble()
+        return found | ({"clock": clock} if clock else {})
 
     def watch(self) -> None:
         """Notices what the thread that reads cannot: that it hangs, or has ended.
@@ -133,7 +152,7 @@ class Capture:
             return
         if not self._thread.is_alive():
             self.error = SensorError(f"{self.name}: the thread that reads it has ended")
-        elif call is not None and (took := time.monotonic() - call[1]) > self.silence:
+        elif call is not None and (took := CLOCK.now() - call[1]) > self.silence:
             self.counts.stalled += not self.is_lost
             self.is_lost = True
             if took > self.silence + self.reconnect:
@@ -144,7 +163,7 @@ class Capture:
 
     @contextmanager
     def _calls(self, what: str) -> Iterator[None]:
-        self._call = (what, time.monotonic())
+        self._call = (what, CLOCK.now())
         try:
             yield
         finally:
@@ -174,37 +193,47 @@ class Capture:
         except (SensorError, OSError) as error:
             self._reopen(str(error))
         else:
-            if self._is_timed(frame):
-                self._accept(frame)
-            else:
-                self._miss("its times do not go on")
+            self._take(frame)
+
+    def _take(self, frame: Frame) -> None:
+        if not self._is_timed(frame):
+            self._miss("its times do not go on")
+            return
+        check_frame(frame, self.sensor.spec)
+        if reason := bad_values(frame, self.sensor.spec):
+            self.counts.bad_values[reason] += 1
+            self._miss(BAD_VALUES[reason])
+        else:
+            self._accept(frame)
 
     def _miss(self, cause: str) -> None:
         """No good frame came: after a while the sensor is opened again, and then given up."""
-        now = time.monotonic()
+        now, self.cause = CLOCK.now(), cause
         if now - self._good > self.silence + self.reconnect:
             raise SensorError(f"{cause} (for {now - self._good:.1f} s)")
         if now - max(self._good, self._opened) > self.silence:
             self._reopen(cause)
 
     def _reopen(self, cause: str) -> None:
-        self.is_lost = True
-        with self._calls("close"):
+        self.is_lost, self.cause = True, cause
+        with self._calls("close"), suppress(Exception):  # what is gone may not close either
             self.sensor.close()
         if self._lost is None:
-            self._lost = time.monotonic()
+            self._lost = CLOCK.now()
         # one without a zero to keep is opened as at first
         reopen = getattr(self.sensor, "reopen", self.sensor.open)
         while not self._stop.wait(_RETRY):
-            if time.monotonic() > self._lost + self.reconnect:
+            if CLOCK.now() > self._lost + self.reconnect:
                 raise SensorError(f"{cause} (it has not come back within {self.reconnect:g} s)")
             try:
                 with self._calls("open"):
                     reopen()
-            except (SensorError, OSError):
+            except ConfigError:
+                raise
+            except Exception:  # a driver has its own words for what is not there yet
                 continue
             self.counts.reopened += 1
-            self._opened = time.monotonic()
+            self._opened = CLOCK.now()
             return
 
     def _is_timed(self, frame: Frame) -> bool:
@@ -217,24 +246,22 @@ class Capture:
         return True
 
     def _accept(self, frame: Frame) -> None:
-        behind = time.monotonic() - frame.time
+        behind = CLOCK.since(frame.time)
+        self.lag.add(frame.time, frame.time + behind)
         if not -_AHEAD < behind < _BEHIND:
             raise SensorError(
                 f"a frame is {abs(behind):.1f} s {'behind' if behind > 0 else 'ahead of'} the "
                 "clock: its times must be those of time.monotonic(), and a replay or simulation "
                 "needs realtime=true"
             )
-        spec = self.sensor.spec
-        if frame.array.shape[:2] != (spec.height, spec.width):
-            got, want = frame.array.shape[:2], (spec.height, spec.width)
-            raise SensorError(f"a frame of {got} pixels, and its spec says {want}")
-        self.latest = frame.time
-        self._good = time.monotonic()
+        self.latest, self.cause = frame.time, ""
+        self._good = CLOCK.now()
         self.is_lost, self._lost = False, None
         self._recent.append(frame.time)
         if self.health.look(frame) == "frozen":
             self.counts.frozen += 1
             return
+        self.changes.look(frame)
         self.counts.frames += 1
         self.sink(frame)
 

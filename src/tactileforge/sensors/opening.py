@@ -9,10 +9,13 @@ from typing import Any, NamedTuple
 
 from tactileforge import registry
 from tactileforge.contracts import Sensor
-from tactileforge.errors import ConfigError, SensorError, unknown
+from tactileforge.errors import ConfigError, SensorError, TactileForgeError, unknown
+from tactileforge.sensors.awake import CLOCK
 
 #: Seconds that a driver may take to open a device, and to close it.
 _OPEN, _CLOSE = 30.0, 5.0
+#: Seconds between two looks at a driver that is waited for.
+_LOOK = 0.5
 
 
 class BuiltSensors(NamedTuple):
@@ -35,17 +38,29 @@ def build_sensors(config: Mapping[str, Any]) -> BuiltSensors:
     """Builds the sensors of a configuration, by its groups.
 
     Raises:
-        ConfigError: A node names no plugin.
+        ConfigError: A node names no plugin, or a driver does not take its options.
         PluginError: A plugin is not installed.
     """
     nodes: dict[str, Any] = {key: node for key, node in config["sensor"].items() if node}
     for key, node in nodes.items():
         if "name" not in node:
             raise ConfigError(unknown("sensor", key, registry.names("sensors")))
-    sensors = {key: registry.build("sensors", node) for key, node in nodes.items()}
-    others = [config.get(group) for group in ("force", "camera", "robot")]
-    built = [registry.build("sensors", node) if node else None for node in others]
+    sensors = {key: _built(key, node) for key, node in nodes.items()}
+    others = {group: config.get(group) for group in ("force", "camera", "robot")}
+    built = [_built(group, node) if node else None for group, node in others.items()]
     return BuiltSensors(sensors, *built)
+
+
+def _built(key: str, node: Mapping[str, Any]) -> Sensor:
+    try:
+        sensor: Sensor = registry.build("sensors", node)
+    except TactileForgeError:
+        raise
+    except Exception as error:  # a driver that has no words of its own for it
+        raise ConfigError(
+            f"{key}: {node['name']} does not take its options: {type(error).__name__}: {error}"
+        ) from error
+    return sensor
 
 
 def open_all(sensors: Mapping[str, Sensor], stack: ExitStack) -> None:
@@ -53,14 +68,12 @@ def open_all(sensors: Mapping[str, Sensor], stack: ExitStack) -> None:
 
     Raises:
         SensorError: One cannot be opened, or two are the same device.
+        ConfigError: An option of one is missing or wrong.
     """
     owners: dict[str, str] = {}
     for name, sensor in sensors.items():
-        try:
-            stack.callback(within, _CLOSE, f"{name}: close()", sensor.close)
-            within(_OPEN, f"{name}: open()", sensor.open)
-        except OSError as error:  # a driver that has no words of its own for it
-            raise SensorError(f"{name}: cannot be opened: {error}") from error
+        stack.callback(close_sensor, name, sensor)
+        open_sensor(name, sensor)
         address = str(getattr(sensor, "address", ""))
         if address and address in owners:
             raise SensorError(
@@ -68,6 +81,48 @@ def open_all(sensors: Mapping[str, Sensor], stack: ExitStack) -> None:
                 "port, serial number or path"
             )
         owners[address] = name
+
+
+def open_sensor(name: str, sensor: Sensor) -> None:
+    """Opens a sensor, whatever its driver does.
+
+    Args:
+        name: Of the sensor, for messages.
+        sensor: The sensor.
+
+    Raises:
+        SensorError: It cannot be opened, or its driver does not return in time.
+        ConfigError: An option is missing or wrong.
+    """
+    try:
+        within(_OPEN, f"{name}: open()", sensor.open)
+    except TactileForgeError:
+        raise
+    except OSError as error:  # a driver that has no words of its own for it
+        raise SensorError(f"{name}: cannot be opened: {error}") from error
+    except Exception as error:
+        raise SensorError(f"{name}: cannot be opened: {type(error).__name__}: {error}") from error
+
+
+def close_sensor(name: str, sensor: Sensor) -> None:
+    """Closes a sensor, whatever its driver does.
+
+    Args:
+        name: Of the sensor, for messages.
+        sensor: The sensor.
+
+    Raises:
+        SensorError: Its driver fails, or does not return in time.
+    """
+    try:
+        within(_CLOSE, f"{name}: close()", sensor.close)
+    except TactileForgeError:
+        raise
+    except Exception as error:
+        raise SensorError(
+            f"{name}: close() of its driver fails with {type(error).__name__}: {error}; what was "
+            "read is kept"
+        ) from error
 
 
 def unit_of(sensor: Sensor) -> str:
@@ -101,8 +156,11 @@ def within(seconds: float, what: str, call: Callable[[], object]) -> None:
             ended.append(error)
 
     thread = threading.Thread(target=run, name=f"driver-{what}", daemon=True)
+    CLOCK.start()
+    end = CLOCK.now() + seconds
     thread.start()
-    thread.join(seconds)
+    while thread.is_alive() and (left := end - CLOCK.now()) > 0:
+        thread.join(min(left, _LOOK))
     if not ended:
         raise SensorError(
             f"{what} of its driver has not returned within {seconds:g} s and is left behind: plug "

@@ -192,7 +192,7 @@ class TouchStream:
         """
         seen, self._seen = self._seen or [], None
         if image is None and options is not None and options.seconds:
-            check_background(name, seen, options.threshold, self._camera)
+            seen = list(check_background(name, seen, options.threshold, self._camera))
             image = median_image(spread_frames(seen, options.frames))
         elif image is None:
             shot = self.buffer.newest()

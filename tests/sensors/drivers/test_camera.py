@@ -364,5 +364,5 @@ def test_a_camera_that_is_named_and_absent_or_double(system, monkeypatch):
     monkeypatch.setattr("tactileforge.sensors.drivers.v4l2.SYSTEM", system)
     with pytest.raises(SensorError, match=r"no camera serial:D9 is attached \(attached: /dev/vid"):
         Camera("serial:D9").open()
-    with pytest.raises(SensorError, match=r"fits /dev/video2, /dev/video10"):
+    with pytest.raises(SensorError, match=r"fits /dev/video2 D20123, /dev/video10; serial"):
         Camera("name:i").open()

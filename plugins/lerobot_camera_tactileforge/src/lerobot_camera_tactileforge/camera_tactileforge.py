@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from contextlib import suppress
 from typing import Any
 
 import cv2
@@ -13,7 +14,16 @@ from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnected
 from numpy.typing import NDArray
 
 from lerobot_camera_tactileforge.config_tactileforge import TactileForgeCameraConfig
-from tactileforge.plugin import Capture, Frame, Sensor, SensorError, TactileForgeError, build, names
+from tactileforge.plugin import (
+    Capture,
+    Frame,
+    Sensor,
+    TactileForgeError,
+    build,
+    close_sensor,
+    names,
+    open_sensor,
+)
 
 #: Seconds that the first frame, and a frame that `read` waits for, may take.
 _FIRST, _READ = 10.0, 5.0
@@ -56,7 +66,7 @@ class TactileForgeCamera(Camera):
             try:
                 sensor: Sensor = build("sensors", {"name": name})
                 addresses = sensor.discover() if sensor.spec.kind in ("image", "array") else []
-            except (TactileForgeError, OSError):  # it needs options, or its SDK is not there
+            except Exception:  # it needs options, or its SDK is not there
                 continue
             shape = {"width": sensor.spec.width, "height": sensor.spec.height}
             profile = {**shape, "fps": sensor.spec.fps, "format": "RGB"}
@@ -87,8 +97,10 @@ class TactileForgeCamera(Camera):
         self._frame, self._number, self._seen = None, 0, 0
         self._sensor = self.config.build()
         try:
-            self._sensor.open()
-        except (SensorError, OSError) as error:
+            open_sensor(self.config.sensor, self._sensor)
+        except TactileForgeError as error:
+            with suppress(TactileForgeError):  # it may hang or fail here as well
+                close_sensor(self.config.sensor, self._sensor)
             raise ConnectionError(f"{self} cannot be opened: {error}") from error
         reconnect = self.config.reconnect
         self._capture = Capture(self.config.sensor, self._sensor, self._take, reconnect)
@@ -97,7 +109,8 @@ class TactileForgeCamera(Camera):
             try:
                 self._wait(_FIRST)
             except (TimeoutError, ConnectionError) as error:
-                self.disconnect()
+                with suppress(ConnectionError):
+                    self.disconnect()
                 raise ConnectionError(f"{self} gives no frame: {error}") from error
 
     def _take(self, frame: Frame) -> None:
@@ -184,8 +197,12 @@ class TactileForgeCamera(Camera):
 
         Raises:
             DeviceNotConnectedError: It is not open.
+            ConnectionError: Its driver fails or hangs; it is left behind.
         """
         capture, self._capture = self._opened(), None
         capture.stop()
         assert self._sensor is not None
-        self._sensor.close()
+        try:
+            close_sensor(self.config.sensor, self._sensor)
+        except TactileForgeError as error:
+            raise ConnectionError(f"{self} cannot be closed: {error}") from error

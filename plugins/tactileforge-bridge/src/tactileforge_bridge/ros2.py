@@ -80,7 +80,7 @@ class Ros2:
         if message.get("force") is not None:
             wrench = self._stamped("wrench", message)
             force = wrench.wrench.force
-            force.x, force.y, force.z = map(float, message["force"])
+            force.x, force.y, force.z = (nan if x is None else float(x) for x in message["force"])
             self._topic(sensor, "wrench").publish(wrench)
         if message.get("embedding") is not None:
             self._publish_array("embedding", message, message["embedding"])

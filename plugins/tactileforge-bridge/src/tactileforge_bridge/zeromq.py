@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
-from tactileforge.plugin import ConfigError
+from tactileforge.plugin import ConfigError, to_json
 
 
 class ZeroMq:
@@ -49,7 +48,7 @@ class ZeroMq:
 
     def send(self, message: dict[str, Any]) -> None:
         """Sends a message; does not wait."""
-        parts = [str(message["sensor"]).encode(), json.dumps(message).encode()]
+        parts = [str(message["sensor"]).encode(), to_json(message).encode()]
         self._socket.send_multipart(parts)  # a PUB socket drops what it cannot send
 
     def close(self) -> None:

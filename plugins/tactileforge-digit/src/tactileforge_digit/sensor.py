@@ -27,7 +27,7 @@ class Digit(Camera):
             firmware 2.00 or later, and leaves them alone with an older one, whose scale is not
             known.
         device: Path of the camera, or of a video file in its place; "" finds it by ``serial``.
-        warmup: Frames to throw away when it is opened.
+        warmup: Frames to throw away when it is opened: the first ones may be green.
 
     Raises:
         ConfigError: A mode that it does not have, or lights out of range.
@@ -42,7 +42,7 @@ class Digit(Camera):
         fps: int = 30,
         lights: Sequence[int] | None = None,
         device: str = "",
-        warmup: int = 0,
+        warmup: int = 10,
     ) -> None:
         if resolution not in MODES:
             raise ConfigError(f"resolution={resolution}: a DIGIT has {', '.join(MODES)}")

@@ -19,10 +19,12 @@ from tactileforge.errors import ConfigError, SensorError, TactileForgeError
 from tactileforge.sensors.drivers.v4l2 import (
     VideoDevice,
     attached_cameras,
+    choices,
     matching,
     video_devices,
     why_not,
 )
+from tactileforge.sensors.frame_contract import check_orientation
 from tactileforge.sensors.specs import spec
 
 # Seconds that OpenCV waits for a frame of a device; it reads them once.
@@ -126,7 +128,8 @@ class Camera(Sensor):
         """Opens the camera, and sets the requested controls.
 
         Raises:
-            SensorError: It is absent, busy, several fit, or it does not do what is asked for.
+            SensorError: It is absent, busy, several fit, it does not do what is asked for, or its
+                frames lie on their side.
             ConfigError: The crop lies outside its frames.
         """
         self.close()
@@ -165,7 +168,7 @@ class Camera(Sensor):
                 f"no camera {self.device} is attached{attached_cameras()}; plug it in"
             )
         if len(paths) > 1:
-            raise SensorError(f"{self.device} fits {', '.join(paths)}; choose with device=serial:")
+            raise SensorError(f"{self.device} fits {choices(paths)}")
         return paths[0]
 
     def _set_up(self, capture: Any, source: str) -> None:
@@ -188,6 +191,7 @@ class Camera(Sensor):
                 )
         self._size = (int(got["height"]), int(got["width"]))
         self.spec = self._specified(self._size, got["fps"] if got["fps"] > 0 else None)
+        check_orientation(self.spec)
         if not self._is_file:
             self.adjust(capture)
 

@@ -25,6 +25,8 @@ from tactileforge.sensors.stream import StreamSensor
 #: What a device without pictures has for one.
 NO_PICTURE: NDArray[np.uint8] = np.zeros((0, 0, 3), np.uint8)
 _LINKS = ("serial", "udp", "tcp")
+#: Largest number of a port of the network.
+_LAST_PORT = 65535
 
 
 @dataclass(frozen=True)
@@ -122,8 +124,10 @@ class PacketSensor(StreamSensor):
         if self.link == "serial":
             return SerialLink(self.port or next(iter(self.discover()), ""), self.baudrate)
         host, colon, number = self.port.rpartition(":")
-        if not colon or not number.isdigit():
-            raise ConfigError(f"port={self.port!r}: give HOST:PORT, e.g. 192.168.1.1:49152")
+        if not colon or not number.isdecimal() or int(number) > _LAST_PORT:
+            raise ConfigError(
+                f"port={self.port!r}: give HOST:PORT, e.g. 192.168.1.1:49152, at most {_LAST_PORT}"
+            )
         if self.link == "udp":
             return UdpLink(host, int(number)) if host else UdpLink("", listen=int(number))
         return TcpLink(host, int(number))

@@ -15,6 +15,7 @@ from tactileforge.data.frames.lazy import ImageFrames, VideoFrames
 from tactileforge.data.frames.video_clock import video_times
 from tactileforge.data.shards import shards
 from tactileforge.errors import ConfigError, DataNotFoundError, TactileForgeError, unknown
+from tactileforge.sensors.frame_contract import check_orientation
 from tactileforge.sensors.specs import spec
 
 _IMAGES = {".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp"}
@@ -81,6 +82,7 @@ class Replay(Sensor):
             ConfigError: No path or type is given, or the shard has no such recording.
             DataNotFoundError: There is nothing at the path.
             DataError: It is no video, or an image cannot be read.
+            SensorError: Its frames lie on their side.
         """
         frames, times = self._source()
         if times is None or self.fps is not None:
@@ -88,6 +90,7 @@ class Replay(Sensor):
         self._times = times - times[0]
         height, width = frames.shape
         self.spec = replace(self.spec, height=height, width=width)
+        check_orientation(self.spec)
         self._frames = frames
         self._next = 0
         self._start = time.monotonic()

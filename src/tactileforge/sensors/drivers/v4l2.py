@@ -5,11 +5,12 @@ from __future__ import annotations
 import errno
 import os
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-#: Where Linux lists them.
-SYSTEM = Path("/sys/class/video4linux")
+#: Where Linux lists them, and where they have names that tell their sockets.
+SYSTEM, BY_PATH = Path("/sys/class/video4linux"), Path("/dev/v4l/by-path")
 
 
 @dataclass(frozen=True)
@@ -74,9 +75,27 @@ def matching(words: str, devices: list[VideoDevice]) -> list[VideoDevice]:
 
 
 def attached_cameras() -> str:
-    """Lists the attached cameras, for an error."""
-    cameras = ", ".join(f"{camera.path} {camera.name}" for camera in video_devices())
-    return f" (attached: {cameras or 'none'})"
+    """Lists the attached cameras with their serial numbers, for an error."""
+    told = [f"{c.path} {c.name} {c.serial}".strip() for c in video_devices()]
+    return f" (attached: {', '.join(told) or 'none'})"
+
+
+def choices(paths: Sequence[str], by_path: Path | None = None) -> str:
+    """Lists cameras with their serial numbers, and says how one is chosen, for an error.
+
+    Args:
+        paths: Of the cameras, more than one.
+        by_path: Folder of links that are named by socket; None for that of this machine.
+    """
+    serials = {camera.path: camera.serial for camera in video_devices()}
+    told = ", ".join(f"{path} {serials.get(path, '')}".strip() for path in paths)
+    numbers = [serials.get(path, "") for path in paths]
+    if all(numbers) and len(set(numbers)) == len(numbers):
+        return f"{told}; choose with device=serial:{numbers[0]}"
+    folder = by_path or BY_PATH
+    links = sorted(link for link in folder.glob("*") if os.path.realpath(link) in paths)
+    names = " or ".join(f"device={link}" for link in links) or f"device={folder}/..."
+    return f"{told}; serial numbers do not tell them apart: choose by socket, with {names}"
 
 
 def why_not(source: str) -> str:

@@ -1,0 +1,162 @@
+"""Notices pictures that roll, turn or change their colours in the middle of a stream."""
+
+from __future__ import annotations
+
+from collections import Counter
+from itertools import permutations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import Frame, SensorSpec
+
+#: What is noticed, and what to do about it.
+CHANGES = {
+    "rolled": "its pictures have rolled: rows or columns begin elsewhere than at first; plug it "
+    "out and in, and use a shorter cable",
+    "turned": "its pictures are turned or mirrored, and were not at first; is its driver set up "
+    "twice?",
+    "recoloured": "its pictures have other colours than at first: are red and blue swapped, is a "
+    "light out, does its white balance adjust itself?",
+}
+#: Seconds after the first frame until pictures are compared: the first ones may be odd.
+_SETTLE = 0.5
+#: Rows or columns, whichever are fewer, that are compared.
+_SIZE = 30
+#: Mean change from the first picture, grey levels, below which nothing is looked for; and seconds
+#: between two looks where the picture changes slowly.
+_CALM, _EVERY = 6.0, 0.5
+#: Sudden change of the mean change, grey levels, that is looked at once.
+_SUDDEN = 3.0
+#: Share of the change that may remain once it is undone, and shift that is none, of the side.
+_REMAINS, _SHIFT = 0.4, 0.04
+#: Change of the colour of the whole picture, grey levels, that no touch makes.
+_COLOUR = 40.0
+#: Contrast of a channel, or between them, grey levels, that is none, and that is one.
+_DEAD, _ALIVE = 1.0, 8.0
+
+
+class PictureChanges:
+    """Compares the pictures of one camera with its first.
+
+    A change counts where undoing it (rolling back, turning back, swapping channels back) gives the
+    first picture again, but for what touches; or where the median colour is another.
+
+    Args:
+        spec: Of the sensor; only pictures of cameras are looked at.
+
+    Attributes:
+        counts: Pictures with each of `CHANGES`.
+        first: Time of the first picture with each, monotonic seconds.
+    """
+
+    def __init__(self, spec: SensorSpec) -> None:
+        self.is_camera = spec.kind == "image"
+        self.counts: Counter[str] = Counter()
+        self.first: dict[str, float] = {}
+        self._begun: float | None = None
+        self._reference: NDArray[np.uint8] | None = None
+        self._small: NDArray[np.int16] = np.zeros((0, 0, 3), np.int16)
+        self._state, self._looked, self._change = "", 0.0, 0.0
+
+    def look(self, frame: Frame) -> str:
+        """Change of a picture, one of `CHANGES`; "" without one."""
+        if not self.is_camera:
+            return ""
+        reference = self._reference
+        if reference is None or reference.shape != frame.array.shape:
+            self._begin(frame)
+            return ""
+        change = _difference(_smaller(frame.array), self._small)
+        sudden = abs(change - self._change) > _SUDDEN
+        if change < _CALM:
+            self._state = ""
+        elif sudden or frame.time - self._looked > _EVERY:
+            self._looked = frame.time
+            self._state = change_of(frame.array, reference)
+        self._change = change
+        if self._state:
+            self.counts[self._state] += 1
+            self.first.setdefault(self._state, frame.time)
+        return self._state
+
+    def _begin(self, frame: Frame) -> None:
+        if self._begun is None:
+            self._begun = frame.time
+        if frame.time - self._begun >= _SETTLE:
+            self._reference, self._small = frame.array, _smaller(frame.array)
+
+
+def change_of(picture: NDArray[np.uint8], reference: NDArray[np.uint8]) -> str:
+    """Change from a picture to another, one of `CHANGES`; "" for none but touch.
+
+    Args:
+        picture: uint8 (H, W, 3).
+        reference: The same, earlier.
+    """
+    small, want = _smaller(picture), _smaller(reference)
+    most = _REMAINS * _difference(small, want)
+    if min(_difference(small[..., list(order)], want) for order in _ORDERS) < most:
+        return "recoloured"
+    if min(_difference(turned, want) for turned in _turned(small)) < most:
+        return "turned"
+    if (
+        min((_difference(_smaller(r), want) for r in _rolled(picture, reference)), default=most)
+        < most
+    ):
+        return "rolled"
+    if np.abs(_colour(small) - _colour(want)).max() > _COLOUR or _has_lost_colour(small, want):
+        return "recoloured"
+    return ""
+
+
+_ORDERS = [order for order in permutations(range(3)) if order != (0, 1, 2)]
+
+
+def _smaller(picture: NDArray[np.uint8]) -> NDArray[np.int16]:
+    step = max(1, min(picture.shape[:2]) // _SIZE)
+    return picture[::step, ::step].astype(np.int16)
+
+
+def _difference(one: NDArray[np.int16], other: NDArray[np.int16]) -> float:
+    return float(np.abs(one - other).mean()) if one.shape == other.shape else np.inf
+
+
+def _colour(small: NDArray[np.int16]) -> NDArray[np.float64]:
+    median = np.median(small, axis=(0, 1))
+    colour: NDArray[np.float64] = median - median.mean()
+    return colour
+
+
+def _has_lost_colour(small: NDArray[np.int16], want: NDArray[np.int16]) -> bool:
+    """Whether pictures have become grey, or a channel says nothing any more."""
+    now, before = (np.ptp(one, axis=2).mean() for one in (small, want))
+    contrasts = small.std(axis=(0, 1)), want.std(axis=(0, 1))
+    dead = (contrasts[0] < _DEAD) & (contrasts[1] > _ALIVE)
+    return bool(dead.any() or (now < _DEAD and before > _ALIVE))
+
+
+def _turned(small: NDArray[np.int16]) -> list[NDArray[np.int16]]:
+    quarter = [np.rot90(small, 1), np.rot90(small, 3)]  # of another shape unless square
+    return [small[::-1], small[:, ::-1], small[::-1, ::-1], *quarter]
+
+
+def _rolled(picture: NDArray[np.uint8], reference: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
+    """The picture rolled back by the shifts that its sums of rows and columns tell."""
+    shifts = [_shift(picture, reference, axis) for axis in (0, 1)]
+    told = [(shifts[0], 0), (0, shifts[1]), tuple(shifts)]
+    return [
+        np.roll(picture, (-down, -right), (0, 1))
+        for down, right in dict.fromkeys(told)
+        if down or right
+    ]
+
+
+def _shift(picture: NDArray[np.uint8], reference: NDArray[np.uint8], axis: int) -> int:
+    """By how much a picture is rolled along an axis; 0 for as good as nothing."""
+    sums = [one.sum(axis=(1 - axis, 2), dtype=np.float64) for one in (picture, reference)]
+    waves = [np.fft.rfft(one - one.mean()) for one in sums]
+    fits = np.fft.irfft(waves[0] * waves[1].conj(), len(sums[0]))
+    shift = int(fits.argmax())
+    size = len(fits)
+    return shift if min(shift, size - shift) > _SHIFT * size else 0
