@@ -8,6 +8,7 @@ from torch import Tensor, nn
 
 from tactileforge.contracts import NEUTRAL_BACKGROUND, Batch
 from tactileforge.distributed import masked_mean
+from tactileforge.means import Mean
 
 
 class ContactArea(nn.Module):
@@ -27,7 +28,7 @@ class ContactArea(nn.Module):
         super().__init__()
         self.threshold = threshold
 
-    def forward(self, prediction: Tensor, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
+    def forward(self, prediction: Tensor, batch: Batch) -> tuple[Mean, dict[str, Mean]]:
         """The loss; logs the mean contact area.
 
         Args:
