@@ -18,6 +18,7 @@ from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.distributed import alone, mean_over_ranks, seed_step, sum_over_ranks
 from tactileforge.encoders.given import views_of
 from tactileforge.errors import ConfigError, TactileForgeError
+from tactileforge.finite import FiniteWatch, NotFiniteError
 from tactileforge.means import Mean
 from tactileforge.optim import optimiser, set_rate
 from tactileforge.parts import Term, build_parts, logs_of, term_of
@@ -82,6 +83,7 @@ class TouchModule(L.LightningModule):
         #: Objectives that met no label in the last step that was logged.
         self.unlabelled: list[str] = []
         self._sharded = False
+        self.finite = FiniteWatch(list(objectives))
 
     @classmethod
     def from_config(
@@ -133,7 +135,12 @@ class TouchModule(L.LightningModule):
         self.plan = from_config(self.curriculum_config, self.weights, total, self.epoch_steps)
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Keeps the length of the run and of its epochs in steps, processes, and scores."""
+        """Keeps the length of the run and of its epochs in steps, processes, and scores.
+
+        Raises:
+            NotFiniteError: A weight is not finite: it would take the place of one that is.
+        """
+        self.finite.check(self, self.trainer.optimizers, self.global_step)
         checkpoint["total"], checkpoint["epoch_steps"] = self.total, self.epoch_steps
         checkpoint["processes"] = self.trainer.world_size
         logged = self.trainer.callback_metrics
@@ -194,6 +201,7 @@ class TouchModule(L.LightningModule):
         universal = self.plan.universal(self.global_step)
         terms = self.terms(batch, weights, universal)
         losses = {key: term.loss.value for key, term in terms.items()}
+        self.finite.note(losses, self.global_step)
         total: Tensor = self.balance(losses, weights, self.global_step, self.encoder)
         if not total.requires_grad:  # every objective is still asleep
             raise ConfigError(
@@ -212,6 +220,7 @@ class TouchModule(L.LightningModule):
         """Initialises the EMA copies with the encoder's weights; takes the rate of this step."""
         if self.global_step == 0:
             self._follow(0)
+        self.finite.start(self)
         schedule: Any = self.lr_schedulers()
         set_rate(schedule)  # a resumed run may have another length
 
@@ -293,11 +302,7 @@ class TouchModule(L.LightningModule):
     ) -> None:
         logs, total = self._shared(means, total)
         if not torch.isfinite(total):
-            bad = [key for key, value in logs.items() if not torch.isfinite(value)]
-            raise TactileForgeError(
-                f"the loss is not finite at step {self.global_step} ({', '.join(bad)}); lower "
-                "optim.lr, or train with trainer.precision=32"
-            )
+            raise NotFiniteError(f"step {self.global_step}{self.finite.began()}")
         self.unlabelled = [key for key in self.objectives if key in means and key not in logs]
         optimizer: Any = self.optimizers()
         row = {f"train/{key}": value for key, value in logs.items()} | {"train/loss": total}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import platform
+import shlex
 import sys
 import warnings
 from collections.abc import Mapping, Sequence
@@ -24,6 +25,7 @@ from tactileforge.compiled import compile_blocks
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.files import sealed, write_text
+from tactileforge.finite import NotFiniteError
 from tactileforge.initial import check_robot, new_in, start_from
 from tactileforge.loggers import log_config, log_report
 from tactileforge.module import TouchModule
@@ -133,6 +135,8 @@ def _train(
             warnings.filterwarnings("ignore", message)
         try:
             trainer.fit(module, data, ckpt_path=resume, weights_only=True)
+        except NotFiniteError as error:
+            raise NotFiniteError(f"{error}. {_way_back(folder, trainer.precision)}") from error
         except ValueError as error:
             if "val_check_interval" not in str(error):
                 raise
@@ -148,6 +152,20 @@ def _train(
         log_report(trainer.loggers[1:], report, drawings, trainer.global_step)
         print(f"report: {report}")
     return module
+
+
+def _way_back(folder: Path, numbers: str) -> str:
+    """What is kept of a run whose numbers are not finite, and the commands that go back to it."""
+    exact = "" if numbers.startswith("32") else " trainer.precision=32"
+    if not (folder / run_folder.LAST).is_file():
+        also = f" or{exact}" if exact else ""
+        return f"Nothing was saved before: start again with a smaller optim.lr={also}"
+    step = read_checkpoint(folder)["global_step"]
+    name = shlex.quote(str(folder))
+    return (
+        f"The checkpoint of step {step} stays: go back to it with tactileforge train resume={name}"
+        f"{exact}, or start from it with init={name} and a smaller optim.lr="
+    )
 
 
 def _whole(

@@ -170,7 +170,8 @@ class _Best(ModelCheckpoint):
 
     def on_validation_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Keeps the weights, where they are the best so far."""
-        if self.monitor in trainer.callback_metrics:
+        score = trainer.callback_metrics.get(str(self.monitor))
+        if score is not None and bool(torch.isfinite(score)):
             super().on_validation_end(trainer, pl_module)
 
     def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
