@@ -73,7 +73,8 @@ def options_of(data: str, folder: Path) -> list[str]:
     if data == "asleep":
         two = ["trainer.strategy=fsdp2", "trainer.devices=2", "trainer.accelerator=cpu"]
         two += ["trainer.max_steps=10", "trainer.val_check_interval=5"]
-        staged = [f"curriculum.objective.{key}.start=0.8" for key in ("force", "match")]
+        rows = [f"curriculum.objective.{key}" for key in ("force", "match")]
+        staged = [f"{row}.{edge}" for row in rows for edge in ("start=0.8", "end=1.0")]
         return [*OPTIONS, *SMALL, *two, *staged]
     for number in range(2):
         config = SimConfig(
@@ -122,7 +123,7 @@ def test_a_killed_run_resumes_bit_identically(tmp_path: Path, data: str, warm: W
 @pytest.mark.slow
 def test_a_sharded_run_goes_on_with_another_number_of_processes(tmp_path: Path, warm: Warm) -> None:
     """Two, one, two; saved while no gradient has reached the heads that wake late."""
-    first = ["trainer.max_steps=2", "curriculum.objective.force.start=0.9"]
+    first = ["trainer.max_steps=2", "trainer.save_every=2"]
     options = [*options_of("asleep", tmp_path), *first, "trainer.val_check_interval=100"]
     assert warm.start("train", *options, f"hydra.run.dir={tmp_path}").wait(timeout=300) == 0
     for devices, steps in ((1, 4), (2, 6)):

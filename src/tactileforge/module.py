@@ -128,8 +128,13 @@ class TouchModule(L.LightningModule):
             self._sharded = True
 
     def setup(self, stage: str) -> None:
-        """Reads the curriculum, once the length of the run is known."""
+        """Reads the curriculum, once the length of the run is known.
+
+        A run that is shorter than the interval between logged steps logs its last one.
+        """
         total = self.total = int(self.trainer.estimated_stepping_batches)
+        trainer: Any = self.trainer
+        trainer.log_every_n_steps = max(1, min(log_interval(trainer), total))
         batches = _epoch_batches(self.trainer) / self.trainer.accumulate_grad_batches
         self.epoch_steps = max(1, math.ceil(batches)) if math.isfinite(batches) else total
         self.plan = from_config(self.curriculum_config, self.weights, total, self.epoch_steps)
@@ -221,6 +226,9 @@ class TouchModule(L.LightningModule):
         if self.global_step == 0:
             self._follow(0)
         self.finite.start(self)
+        optimizer: Any = self.optimizers()
+        for group in optimizer.param_groups:
+            group["fused"] = self._is_fused()  # a resumed run may have other numbers
         schedule: Any = self.lr_schedulers()
         set_rate(schedule)  # a resumed run may have another length
 
@@ -278,8 +286,10 @@ class TouchModule(L.LightningModule):
     def configure_optimizers(self) -> Any:
         """See `optim.optimiser`."""
         total = int(self.trainer.estimated_stepping_batches)
-        fused = self.trainer.precision not in ("16", "16-mixed", "16-true")
-        return optimiser(self.parameters(), self.optim, total, fused)
+        return optimiser(self.parameters(), self.optim, total, self._is_fused())
+
+    def _is_fused(self) -> bool:
+        return self.trainer.precision not in ("16", "16-mixed", "16-true")
 
     def configure_gradient_clipping(
         self,

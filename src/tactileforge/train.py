@@ -81,9 +81,6 @@ def train(config: DictConfig | dict[str, Any], folder: Path) -> TouchModule:
             state = read_own(resume, plain.get("run"))  # before data is made or read
             step = int(state["global_step"])
             is_news = change_run(plain, run_folder.read_config(folder), state)
-            if is_news:
-                check_options(plain)
-                run_folder.write_config(folder, {**plain, "resume": None})
             if 0 < plain["trainer"]["max_steps"] <= step:
                 log.info("the run has ended at step %d; to go further: trainer.max_steps=", step)
         else:
@@ -125,6 +122,8 @@ def _train(
         compile_blocks(module)
     static = getattr(module.encoder, "static_graph", False)
     trainer, saver = build_trainer(plain, folder, [met, lost], step, static)
+    if resume and is_news and trainer.is_global_zero:
+        run_folder.write_config(folder, {**plain, "resume": None})
     if is_news:
         log_config(trainer.loggers[1:], plain, folder)
     if trainer.is_global_zero and not resume:
@@ -137,6 +136,10 @@ def _train(
             trainer.fit(module, data, ckpt_path=resume, weights_only=True)
         except NotFiniteError as error:
             raise NotFiniteError(f"{error}. {_way_back(folder, trainer.precision)}") from error
+        except SystemExit as stop:  # what Lightning makes of Ctrl-C
+            done = trainer.global_step
+            when = f"in the step after {done}" if done > step else "before the first step"
+            raise KeyboardInterrupt(f"{stop.__context__ or 'stopped'} {when}") from stop
         except ValueError as error:
             if "val_check_interval" not in str(error):
                 raise
@@ -195,7 +198,7 @@ def metric(module: TouchModule, name: str | None = None) -> float:
     Args:
         module: After its training.
         name: As in the metrics, for example ``val/force``; None for the sum of the losses of all
-            objectives that were validated, or trained where the run was too short to be validated.
+            objectives that were validated, or trained where nothing is held out.
 
     Raises:
         ConfigError: Nothing of that name was logged.
