@@ -77,8 +77,8 @@ def _check_whole(key: str, value: Any) -> None:
 def _check_interval(value: Any) -> None:
     if isinstance(value, int | float) and not value > 0:
         raise ConfigError(
-            f"trainer.val_check_interval={value}: give steps, 1 or more, or a share of the epoch, up "
-            "to 1.0; the end is always validated, and trainer.limit_val_batches=0 validates never"
+            f"trainer.val_check_interval={value}: give steps, 1 or more, or a share of the epoch, "
+            "up to 1.0; the end is always validated, but for trainer.limit_val_batches=0"
         )
 
 

@@ -16,8 +16,8 @@ import lightning as L
 import torch
 from lightning.pytorch.callbacks import Callback, ModelCheckpoint
 from lightning.pytorch.plugins.io import TorchCheckpointIO
-from tqdm import tqdm
 
+from tactileforge.bars import Bar
 from tactileforge.checkpoint_file import read_checkpoint, read_own, seal
 from tactileforge.errors import TactileForgeError
 from tactileforge.module import log_interval
@@ -110,7 +110,7 @@ class Checkpoints(Callback):
             raise KeyboardInterrupt(f"stopped at once by {signal.Signals(number).name}")
         self.interrupted = True
         with suppress(OSError):  # a terminal that is gone takes no more words
-            tqdm.write("stopping after this step (once more to stop at once)")
+            Bar.write("stopping after this step (once more to stop at once)")
             sys.stdout.flush()
 
     def on_train_batch_end(
