@@ -130,8 +130,12 @@ class TouchModule(L.LightningModule):
     def setup(self, stage: str) -> None:
         """Reads the curriculum, once the length of the run is known.
 
-        A run that is shorter than the interval between logged steps logs its last one.
+        A run that is shorter than the interval between logged steps logs its last one, and an epoch
+        that is shorter than that between validations is validated at its end.
         """
+        every = self.trainer.val_check_interval
+        if isinstance(every, int) and self.trainer.check_val_every_n_epoch is not None:
+            self.trainer.val_check_interval = int(min(every, _epoch_batches(self.trainer)))
         total = self.total = int(self.trainer.estimated_stepping_batches)
         trainer: Any = self.trainer
         trainer.log_every_n_steps = max(1, min(log_interval(trainer), total))

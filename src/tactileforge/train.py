@@ -20,13 +20,19 @@ from omegaconf import DictConfig, OmegaConf
 from tactileforge import curriculum, precision, registry, run_folder
 from tactileforge.assemble import build_data
 from tactileforge.callbacks.met import MetLabels, SkippedRecordings
-from tactileforge.checkpoint_file import find_checkpoint, initialise, read_checkpoint, read_own
+from tactileforge.checkpoint_file import (
+    find_checkpoint,
+    initialise,
+    left_out,
+    read_checkpoint,
+    read_own,
+)
 from tactileforge.compiled import compile_blocks
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.files import sealed, write_text
 from tactileforge.finite import NotFiniteError
-from tactileforge.initial import check_robot, new_in, start_from
+from tactileforge.initial import check_robot, new_in, start_from, warn_of_dropped
 from tactileforge.loggers import log_config, log_report
 from tactileforge.module import TouchModule
 from tactileforge.pages.drawings import collected_drawings
@@ -109,6 +115,7 @@ def _train(
     data.observers += [met.observe, lost.observe]
     if state is not None:
         log.info(initialise(module, state, new_in(str(plain["init"]))))
+        warn_of_dropped(plain, left_out(module, state))
     if not resume:
         module.prepare(data.train)
     if plain["freeze"]:
