@@ -94,5 +94,7 @@ def test_what_encode_calls_is_compiled() -> None:
 
 
 def test_an_encoder_without_blocks_says_no() -> None:
-    with pytest.raises(ConfigError, match="the encoder pixels has no blocks"):
-        tactileforge.load("pixels").compile()
+    model = tactileforge.load("anytouch2.tiny")
+    model.encoder, model.heads = torch.nn.Linear(2, 2), torch.nn.ModuleDict()
+    with pytest.raises(ConfigError, match="the encoder tactile_vit has no blocks to be compiled"):
+        model.compile()

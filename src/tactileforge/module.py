@@ -320,6 +320,10 @@ class TouchModule(L.LightningModule):
         self.unlabelled = [key for key in self.objectives if key in means and key not in logs]
         optimizer: Any = self.optimizers()
         row = {f"train/{key}": value for key, value in logs.items()} | {"train/loss": total}
+        kept: Any = self.trainer._results  # Lightning would show the values of an older step
+        for name in [name for name in kept or () if name.startswith("training_step.train/")]:
+            if name.removeprefix("training_step.") not in row:
+                del kept[name]
         self.log_dict(row)
         self.log_dict(self.balance.logs(weights))
         self.log_dict({"universal": universal, "lr": float(optimizer.param_groups[0]["lr"])})

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 import torch
+from omegaconf import OmegaConf
 
 from tactileforge.callbacks import progress
 from tactileforge.compose import compose
@@ -46,7 +47,8 @@ def test_the_end_is_validated_once(tmp_path: Path, words: list[str]) -> None:
 @pytest.mark.parametrize("value", [0, 0.0, -1])
 def test_an_interval_of_0_is_refused(value: float) -> None:
     for key in ("val_check_interval", "check_val_every_n_epoch", "log_every_n_steps", "save_every"):
-        config: dict[str, Any] = dict(compose("anytouch2", [*SMALL, f"trainer.{key}={value}"]))
+        made = compose("anytouch2", [*SMALL, f"trainer.{key}={value}"])
+        config: Any = OmegaConf.to_container(made, resolve=True)
         with pytest.raises(ConfigError, match=rf"trainer\.{key}={value}: give "):
             check_options(config)
 
