@@ -15,6 +15,7 @@ from torch import Tensor, nn
 from torch.nn.parallel import DistributedDataParallel
 
 from tactileforge.contracts import Batch
+from tactileforge.means import Mean
 from tactileforge.module import TouchModule
 from tactileforge.objectives import force
 from tactileforge.testing import batch as make_batch
@@ -50,13 +51,13 @@ class Losses(nn.Module):
     def forward(self, batch: Batch) -> Tensor:
         weights = dict.fromkeys(self.module.objectives, 1.0)
         terms = self.module.terms(batch, weights, universal=0.5)
-        losses = {key: term.loss for key, term in terms.items()}
+        losses = {key: term.loss.value for key, term in terms.items()}
         total: Tensor = self.module.balance(losses, weights, 0, self.module.encoder)
         return total
 
 
-def local_mean(losses: Tensor, valid: Tensor, empty: float = 0.0) -> Tensor:
-    return torch.where(valid, losses, 0.0).sum() / valid.sum().clamp(min=1)
+def local_mean(losses: Tensor, valid: Tensor) -> Mean:
+    return Mean(torch.where(valid, losses, 0.0).sum() / valid.sum().clamp(min=1), valid.sum())
 
 
 def rows_of(batch: Batch, rows: slice) -> Batch:
@@ -83,7 +84,7 @@ def main() -> None:
     share = 8 // world
     total = losses(rows_of(batch, slice(rank * share, (rank + 1) * share)))
     total.backward()
-    logged, mean = module._shared({"all": total.detach()}, total.detach())
+    logged, mean = module._shared({"all": Mean(total.detach(), torch.ones(()))}, total.detach())
     if rank == 0:
         grads = {k: p.grad for k, p in module.named_parameters() if p.grad is not None}
         balance = {f"balance.{k}": v for k, v in module.balance.state_dict().items()}

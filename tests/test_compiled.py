@@ -9,11 +9,13 @@ from omegaconf import OmegaConf
 from torch._dynamo.utils import counters
 from torch.utils.flop_counter import FlopCounterMode
 
+import tactileforge
 from tactileforge.compiled import compile_blocks
 from tactileforge.compose import compose
 from tactileforge.contracts import Batch
 from tactileforge.encoders.preprocess import Preprocess
 from tactileforge.encoders.transformer import Block
+from tactileforge.errors import ConfigError
 from tactileforge.module import TouchModule
 from tactileforge.testing import batch as make_batch
 
@@ -77,3 +79,22 @@ def test_a_compiled_step_is_the_same_step() -> None:
     assert not counters["graph_break"]
     assert not counters["recompile_limit"]
     assert operations(plain, batch) == operations(compiled, batch)  # what MFU is computed from
+
+
+def test_what_encode_calls_is_compiled() -> None:
+    """As `torch.nn.Module.compile` would not: it changes what calling the model does."""
+    plain, compiled = tactileforge.load("anytouch2.tiny"), tactileforge.load("anytouch2.tiny")
+    frames = torch.randint(0, 255, (2, compiled.frames, 64, 64, 3), dtype=torch.uint8)
+    given: Any = {"background": "first", "sensor": "digit"}
+    counters.clear()
+    compiled.compile()
+    found = compiled.encode(frames, **given)
+    assert counters["stats"]["unique_graphs"] > 0
+    torch.testing.assert_close(found, plain.encode(frames, **given), rtol=1e-3, atol=1e-4)
+
+
+def test_an_encoder_without_blocks_says_no() -> None:
+    model = tactileforge.load("anytouch2.tiny")
+    model.encoder, model.heads = torch.nn.Linear(2, 2), torch.nn.ModuleDict()
+    with pytest.raises(ConfigError, match="the encoder tactile_vit has no blocks to be compiled"):
+        model.compile()

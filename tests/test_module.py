@@ -1,3 +1,5 @@
+from typing import Any
+
 import pytest
 import torch
 
@@ -5,7 +7,8 @@ from tactileforge import parts
 from tactileforge.assemble import build_data
 from tactileforge.compose import compose
 from tactileforge.contracts import Batch
-from tactileforge.errors import ConfigError
+from tactileforge.distributed import masked_mean
+from tactileforge.errors import ConfigError, PluginError
 from tactileforge.module import TouchModule
 from tactileforge.parts import check_size
 
@@ -192,3 +195,64 @@ def test_validation_leaves_out_what_has_no_label(
     of_images = validated(seen)["val/align/touch_image"]
     assert of_images > 0.1
     assert validated(seen, blind, blind)["val/align/touch_image"] == pytest.approx(of_images)
+
+
+class TwoParts(torch.nn.Module):
+    """A loss over forces and one over every clip; what is logged of them is scaled and copied."""
+
+    head, needs = "force", frozenset({"force"})
+
+    def forward(self, prediction: Any, batch: Batch) -> tuple[Any, dict[str, Any]]:
+        error = prediction.force.abs().mean((1, 2))
+        some = masked_mean(error, batch["force_valid"][:, 2])
+        every = masked_mean(error, torch.ones_like(batch["force_valid"][:, 2]))
+        return 0.5 * some + every, {
+            "plain": some,
+            "scaled": 1000 * some.detach(),
+            "copied": some.clone().float(),
+            "root": some.map(torch.sqrt).map(torch.square),
+            "every": every,
+            "clips": error.detach().mean(),
+        }
+
+
+def test_what_is_made_of_a_mean_keeps_its_weight(
+    module: TouchModule, batch: Batch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The mean over three batches is that over their labels, however the value was changed."""
+    shown: dict[str, float] = {}
+    module.objectives["force"] = TwoParts()
+    monkeypatch.setattr(module, "current_weights", lambda: {"force": 1.0})
+    monkeypatch.setattr(module, "log_dict", lambda row, **_: shown.update(row))
+    errors, labelled = [], []
+    for number, count in enumerate((1, 5, 0)):
+        made = batch | {"force_valid": torch.zeros(8, 3, dtype=torch.bool)}
+        made["force_valid"][:count] = True
+        made["frames"] = batch["frames"].roll(40 * number, dims=-1)
+        hook = module.heads["force"].register_forward_hook(
+            lambda *said: errors.append(said[2].force.detach().abs().mean((1, 2)))
+        )
+        module.validation_step(made, number)
+        hook.remove()
+        labelled.append(made["force_valid"][:, 2])
+    module.on_validation_epoch_end()
+    some, every = torch.cat(errors)[torch.cat(labelled)].mean().item(), torch.cat(errors).mean()
+    for name in ("plain", "copied", "root"):
+        assert shown[f"val/force/{name}"] == pytest.approx(some, rel=1e-5), name
+    assert shown["val/force/scaled"] == pytest.approx(1000 * some, rel=1e-5)
+    for name in ("every", "clips"):
+        assert shown[f"val/force/{name}"] == pytest.approx(every.item(), rel=1e-5), name
+    assert some != pytest.approx(every.item(), rel=1e-3)
+
+
+def test_an_objective_of_the_old_form_is_named(module: TouchModule, batch: Batch) -> None:
+    def root(prediction: Any, made: Batch) -> tuple[Any, dict[str, Any]]:
+        mean = masked_mean(prediction.force.abs().mean((1, 2)), made["force_valid"][:, 2])
+        return mean.sqrt(), {}
+
+    module.objectives["force"].forward = root
+    with pytest.raises(PluginError, match=r"objective 'force': .*'sqrt': write mean\.map"):
+        module.losses(batch, {"force": 1.0})
+    module.objectives["force"].forward = lambda *_: (0.5, {})
+    with pytest.raises(PluginError, match="objective 'force': the loss is no Mean and no tensor"):
+        module.losses(batch, {"force": 1.0})

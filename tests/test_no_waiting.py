@@ -109,7 +109,7 @@ def step(monkeypatch: pytest.MonkeyPatch, module: TouchModule, batch: dict[str, 
         if module.augment:
             batch = module.augment(batch)
         terms = module.terms(batch, weights, universal=0.5)
-        losses = {key: term.loss for key, term in terms.items()}
+        losses = {key: term.loss.value for key, term in terms.items()}
         total = module.balance(losses, weights, 0, module.encoder)
         torch.autograd.backward(total)
         module.total = 10

@@ -52,6 +52,7 @@ def same(a: object, b: object, where: str = "") -> None:
 def options_of(data: str, folder: Path) -> list[str]:
     """One data set sampled as a whole, in bf16; or two, window by window, with balanced losses.
 
+    `asleep` is saved before two of its objectives have had a gradient, by two processes (FSDP2).
     `dino` has a slow copy of the encoder, a centre and a temperature that change step by step; in
     `sharded`, two processes have a share of them each (FSDP2). `compiled` has a teacher, whose
     features are measured before the first step alone.
@@ -69,6 +70,12 @@ def options_of(data: str, folder: Path) -> list[str]:
         # the sixth step starts after a validation and ends with a save
         two += ["trainer.max_steps=10", "trainer.val_check_interval=5"]
         return ["recipe=dino", *OPTIONS, *SMALL, *two]
+    if data == "asleep":
+        two = ["trainer.strategy=fsdp2", "trainer.devices=2", "trainer.accelerator=cpu"]
+        two += ["trainer.max_steps=10", "trainer.val_check_interval=5"]
+        rows = [f"curriculum.objective.{key}" for key in ("force", "match")]
+        staged = [f"{row}.{edge}" for row in rows for edge in ("start=0.8", "end=1.0")]
+        return [*OPTIONS, *SMALL, *two, *staged]
     for number in range(2):
         config = SimConfig(
             sensors=("digit", "gelsight_mini"),
@@ -91,7 +98,7 @@ def options_of(data: str, folder: Path) -> list[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("data", ["whole", "windows", "dino", "sharded", "compiled"])
+@pytest.mark.parametrize("data", ["whole", "windows", "dino", "sharded", "asleep", "compiled"])
 def test_a_killed_run_resumes_bit_identically(tmp_path: Path, data: str, warm: Warm) -> None:
     start = partial(warm.start, "train")
     whole, killed = tmp_path / "whole", tmp_path / "killed"
@@ -102,7 +109,7 @@ def test_a_killed_run_resumes_bit_identically(tmp_path: Path, data: str, warm: W
     os.killpg(run.pid, signal.SIGKILL)  # all its processes
     assert run.wait() == -signal.SIGKILL
     end = read_checkpoint(whole)["global_step"]
-    assert end == (10 if data == "sharded" else 16)
+    assert end == (10 if data in ("sharded", "asleep") else 16)
     assert 3 <= read_checkpoint(killed)["global_step"] < end
     machine = ["batch.workers=0"] if data == "whole" else []  # other readers, the same clips
     assert start(f"resume={killed}", *machine).wait(timeout=300) == 0
@@ -111,6 +118,20 @@ def test_a_killed_run_resumes_bit_identically(tmp_path: Path, data: str, warm: W
     for part in ("state_dict", "optimizer_states", "lr_schedulers"):
         same(ends[0][part], ends[1][part], part)
     assert (killed / "report.html").exists()
+
+
+@pytest.mark.slow
+def test_a_sharded_run_goes_on_with_another_number_of_processes(tmp_path: Path, warm: Warm) -> None:
+    """Two, one, two; saved while no gradient has reached the heads that wake late."""
+    first = ["trainer.max_steps=2", "trainer.save_every=2"]
+    options = [*options_of("asleep", tmp_path), *first, "trainer.val_check_interval=100"]
+    assert warm.start("train", *options, f"hydra.run.dir={tmp_path}").wait(timeout=300) == 0
+    for devices, steps in ((1, 4), (2, 6)):
+        more = [f"trainer.devices={devices}", f"trainer.max_steps={steps}"]
+        assert warm.start("train", f"resume={tmp_path}", *more).wait(timeout=300) == 0
+        assert read_checkpoint(tmp_path)["global_step"] == steps
+    state = read_checkpoint(tmp_path)["optimizer_states"][0]["state"]
+    assert {int(one["step"]) for one in state.values()} <= {4, 5, 6}
 
 
 @pytest.mark.slow

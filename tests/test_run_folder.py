@@ -299,8 +299,10 @@ def test_a_run_goes_on_with_other_processes() -> None:
     both = run_by("max_epochs", devices=2, max_epochs=9)
     with pytest.raises(ConfigError, match=r"another length: give trainer\.max_steps="):
         change_run(both, run_by("max_epochs"), state)
-    other = run_by("max_steps", precision="32")
-    with pytest.raises(ConfigError, match=r"length and machine of a run, not trainer\.precision"):
+    moved = run_by("max_steps", precision="32", accelerator="auto")  # another kind of device
+    assert change_run(moved, run_by("max_steps"), state)
+    other = run_by("max_steps", strategy="fsdp2")
+    with pytest.raises(ConfigError, match=r"length and machine of a run, not trainer\.strategy"):
         change_run(other, run_by("max_steps"), state)
 
 

@@ -6,10 +6,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from tqdm import tqdm
-
 from reality.profiles import Profile, distances, profile, ratio
 from reality.simulated import config, simulated, trial
+from tactileforge.bars import Bar
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.inspection.frame_stats import evenly
@@ -142,7 +141,7 @@ def _side(
     for name, of_source in by_source(recordings).items():
         rows = evenly(len(of_source), options.recordings).tolist()
         chosen = (of_source[row] for row in rows)
-        bar = tqdm(chosen, desc=f"{sensor}, {name}", total=len(rows), disable=not progress)
+        bar = Bar(chosen, desc=f"{sensor}, {name}", total=len(rows), disable=not progress)
         real.append(profile(name, sensor, bar))
     real = [measured for measured in real if measured.looks]
     if not real:

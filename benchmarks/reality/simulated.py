@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from reality import measures
+from tactileforge.bars import Bar
 from tactileforge.contracts import FrameSubset, Recording
 from tactileforge.data.shards import shards
 from tactileforge.errors import DataError
@@ -73,7 +73,7 @@ def simulated(config: SimConfig, scenes: range, progress: bool = False) -> Itera
     """
     label = f"simulating {', '.join(config.sensors)}"
     with tempfile.TemporaryDirectory() as folder:
-        for number in tqdm(scenes, desc=label, unit="touch", disable=not progress):
+        for number in Bar(scenes, desc=label, unit="touch", disable=not progress):
             path = Path(folder) / f"{number}.tar"
             shards.write_shard(path, recordings(config, number))
             for recording in shards.read_shard(path):

@@ -154,6 +154,22 @@ def initialise(
     return f"init: {len(fits)} tensors taken; new: {fresh}; not used: {left}"
 
 
+def left_out(module: nn.Module, state: Mapping[str, torch.Tensor]) -> list[str]:
+    """Parts of heads and objectives whose weights `initialise` does not take, ``heads.align``.
+
+    Args:
+        module: Of the new run.
+        state: Weights.
+    """
+    current = {key: value.shape for key, value in module.state_dict().items()}
+    kept = (key for key in state if key.startswith(("heads.", "objectives.")))
+    return sorted({_part(key) for key in kept if current.get(key) != state[key].shape})
+
+
+def _part(key: str) -> str:
+    return ".".join(key.split(".")[:2])
+
+
 def _widened(value: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:
     """A tensor made twice as long, where that is wanted; linear layers read nothing of the rest."""
     if not value.ndim or wanted.shape != (*value.shape[:-1], 2 * value.shape[-1]):

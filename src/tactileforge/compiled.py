@@ -1,18 +1,20 @@
-"""``compile=true``: transformer blocks and preprocessing as compiled kernels."""
+"""``compile=true`` and `Model.compile`: blocks and preprocessing as compiled kernels."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
+from torch import nn
 
 from tactileforge.encoders.preprocess import Preprocess
 from tactileforge.encoders.transformer import Block
-from tactileforge.module import TouchModule
 
 #: Kernels that blocks may have: one a sequence length and width, with and without gradients.
 _VARIANTS = 64
 
 
-def compile_blocks(module: TouchModule) -> int:
+def compile_blocks(module: nn.Module, **options: Any) -> int:
     """Compiles the preprocessing and the blocks of the encoder and the heads, in place.
 
     Blocks of one shape share their kernels, which torch keeps on disk: a deep encoder compiles as
@@ -21,7 +23,8 @@ def compile_blocks(module: TouchModule) -> int:
     are: they meet another number of captions in every batch.
 
     Args:
-        module: Before its training.
+        module: Before its training, or a model.
+        **options: See `torch.compile`; shapes are fixed unless they say otherwise.
 
     Returns:
         Number of modules that are compiled.
@@ -35,7 +38,7 @@ def compile_blocks(module: TouchModule) -> int:
         if isinstance(part, Block | Preprocess) and not _in_tower(name)
     ]
     for part in parts:
-        part.compile(dynamic=False)
+        part.compile(**{"dynamic": False, **options})
     return len(parts)
 
 

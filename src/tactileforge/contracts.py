@@ -67,6 +67,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from torch import Tensor
 
+    from tactileforge.means import Mean
+
 Batch: TypeAlias = dict[str, Any]
 
 #: The eight atomic actions (paper, section Method), in the order of their labels.
@@ -608,6 +610,13 @@ class Objective(Protocol):
     head: ClassVar[str]
     needs: ClassVar[frozenset[str]]
 
-    def __call__(self, prediction: Any, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
-        """The loss (a scalar), and further scalars to log by name."""
+    def __call__(
+        self, prediction: Any, batch: Batch
+    ) -> tuple[Tensor | Mean, Mapping[str, Tensor | Mean]]:
+        """The loss, and further scalars to log by name.
+
+        A `means.Mean`, as `distributed.masked_mean` returns it, counts by its labels in validation,
+        and is absent where there are none. A tensor is a scalar, and counts by the clips of the
+        batch.
+        """
         ...

@@ -9,17 +9,15 @@ import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import torch
 import torch.distributed as dist
 from torch import Tensor
 
-#: How many labels a mean was taken over, and the mean.
-Counted: TypeAlias = tuple[Tensor, Tensor]
+from tactileforge.means import Mean
 
-_LABELS: ContextVar[list[Counted] | None] = ContextVar("labels", default=None)
 _ALONE: ContextVar[bool] = ContextVar("alone", default=False)
 
 
@@ -90,37 +88,6 @@ def mean_over_ranks(x: Tensor) -> Tensor:
     return sum_over_ranks(x) / size if size > 1 else x
 
 
-@contextmanager
-def counted_labels() -> Iterator[list[Counted]]:
-    """Collects the means of losses within, and how many labels each was taken over, of all ranks.
-
-    Example:
-        >>> import torch
-        >>> with counted_labels() as labels:
-        ...     _ = masked_mean(torch.tensor([1.0, 5.0]), torch.tensor([True, False]))
-        >>> labels
-        [(tensor(1.), tensor(1.))]
-    """
-    labels: list[Counted] = []
-    token = _LABELS.set(labels)
-    try:
-        yield labels
-    finally:
-        _LABELS.reset(token)
-
-
-def note_labels(count: Tensor, mean: Tensor) -> None:
-    """Adds to what `counted_labels` collects, if anything does.
-
-    Args:
-        count: A scalar, the same on every rank.
-        mean: The mean over so many.
-    """
-    labels = _LABELS.get()
-    if labels is not None:
-        labels.append((count.detach().float(), mean.detach()))
-
-
 class _Gather(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, x: Tensor) -> Tensor:
@@ -148,8 +115,8 @@ def gather_rows(x: Tensor) -> Tensor:
     return out
 
 
-def masked_mean(losses: Tensor, valid: Tensor, empty: float = 0.0) -> Tensor:
-    """Mean of the valid losses over all ranks.
+def masked_mean(losses: Tensor, valid: Tensor) -> Mean:
+    """Mean of the valid losses over all ranks, and how many there are.
 
     DDP averages gradients over ranks that may hold different numbers of labelled samples. Each
     rank's sum is divided by the joint count and multiplied by the number of ranks, so that average
@@ -158,23 +125,18 @@ def masked_mean(losses: Tensor, valid: Tensor, empty: float = 0.0) -> Tensor:
     Args:
         losses: float (B,), one a sample, or of any other shape.
         valid: bool, alike.
-        empty: The mean where nothing is valid: 0 for a loss, NaN for a number that is shown.
 
     Returns:
-        A scalar, connected to the graph even when nothing is valid.
+        The mean, connected to the graph and 0 even when nothing is valid, and the joint count.
 
     Example:
         >>> import torch
         >>> masked_mean(torch.tensor([1.0, 5.0, 3.0]), torch.tensor([True, False, True]))
-        tensor(2.)
+        Mean(value=tensor(2.), count=tensor(2.))
     """
     total = torch.where(valid, losses, torch.zeros_like(losses)).sum()
-    count = valid.sum().to(losses.dtype)
+    count = valid.sum().float()
     size = world()[1]
     if size > 1:
         dist.all_reduce(count)
-    mean = total * size / count.clamp(min=1)
-    if empty != 0:
-        return mean.masked_fill(count == 0, empty)
-    note_labels(count, mean)
-    return mean
+    return Mean(total * size / count.clamp(min=1), count)

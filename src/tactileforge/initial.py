@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from torch import Tensor
@@ -11,7 +11,11 @@ from torch import Tensor
 from tactileforge import run_folder
 from tactileforge.checkpoint_file import find_checkpoint, read_checkpoint
 from tactileforge.errors import ConfigError
-from tactileforge.hub.starting_point import imagenet_weights, starting_weights
+from tactileforge.hub.starting_point import (
+    imagenet_weights,
+    starting_heads,
+    starting_weights,
+)
 from tactileforge.parts import robot_of
 
 log = logging.getLogger(__name__)
@@ -111,6 +115,51 @@ def _go_on_with(encoder: dict[str, Any], init: str) -> None:
             init,
             ", ".join(f"encoder.{key}={before.get(key)} (now {encoder.get(key)})" for key in other),
         )
+
+
+def warn_of_dropped(plain: Mapping[str, Any], left: Sequence[str]) -> None:
+    """Warns of parts of the weights of ``init=`` that the run does not take, and why.
+
+    Args:
+        plain: Configuration of the run.
+        left: See `checkpoint_file.left_out`.
+    """
+    if not left:
+        return
+    init, _ = run_folder.with_photographs(str(plain["init"]))
+    known = _config_of(init) if run_folder.is_run(init) else {"head": starting_heads(init)}
+    before = known or {}
+    keys = sorted({part.partition(".")[2] for part in left})
+    gone = [key for key in keys if key not in plain["objective"]]
+    said = [f"objective=[{','.join(plain['objective'])}] has no {', '.join(gone)}"] if gone else []
+    for key in keys:
+        if key not in gone:
+            said.append(", ".join(_changed(key, before, plain)) or f"another shape of {key}")
+    log.warning(
+        "init: %s of %s not taken: %s; give what it was trained with to keep them",
+        ", ".join(left),
+        init,
+        "; ".join(said),
+    )
+
+
+def _changed(key: str, before: Mapping[str, Any], plain: Mapping[str, Any]) -> list[str]:
+    """Options of a head, its objective and its towers that were others."""
+    places = ((f"head.{key}", "head"), (f"objective.{key}", "objective"))
+    pairs = [
+        (name, before.get(group, {}).get(key), plain[group].get(key)) for name, group in places
+    ]
+    for kind in ("text_encoder", "image_encoder"):
+        pairs.append((kind, before.get(kind), plain.get(kind)))
+    found = []
+    for name, old, new in pairs:
+        old, new = dict(old or {}), dict(new or {})
+        if not old or (name.startswith("objective") and not new):
+            continue
+        for option in sorted((old.keys() | new.keys()) - {"weight"}):
+            if old.get(option) != new.get(option):
+                found.append(f"{name}.{option}={new.get(option)} (there {old.get(option)})")
+    return found
 
 
 def check_robot(config: Mapping[str, Any]) -> None:

@@ -51,18 +51,26 @@ class Labels:
         if count["batches"] == PATIENCE and (line := self.missing(key)):
             log.warning(line)
 
-    def missing(self, key: str) -> str:
-        """Problem with the labels of an objective; "" where there is none, or it is early."""
+    def missing(self, key: str, has_ended: bool = False) -> str:
+        """Problem with the labels of an objective; "" where there is none, or it is early.
+
+        Args:
+            key: The objective.
+            has_ended: Whether no more batches come, however few there were.
+        """
         count = self.counts.get(key)
-        if count is None or count["batches"] < PATIENCE:
+        if count is None or (count["batches"] < PATIENCE and not has_ended):
             return ""
         extent = f"its first {count['batches']} batches ({count['clips']} clips)"
+        if not count["labelled"] and count["batches"] < PATIENCE:
+            return f"objective {key!r} has met no label in {extent}: it has no loss"
         if not count["labelled"]:
             return (
                 f"objective {key!r} has met no label in {extent}: it learns nothing. Give sources "
                 "that have its labels a share (batch.shares), or leave it out of objective=[...]"
             )
-        if blind := [axis for axis in AXES if not count.get(axis, 1)]:
+        blind = [axis for axis in AXES if not count.get(axis, 1)]
+        if blind and count["batches"] >= PATIENCE:
             return (
                 f"objective {key!r} has met no force along {' and '.join(blind)} in {extent}: it "
                 "learns the other axes alone"

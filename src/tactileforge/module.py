@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from collections.abc import Set as AbstractSet
 from typing import TYPE_CHECKING, Any, Self
 
@@ -16,18 +16,13 @@ from tactileforge import moves
 from tactileforge.contracts import AfterStep, Batch, Prepared, Scored
 from tactileforge.curriculum import Curriculum, from_config
 from tactileforge.data.batches.datamodule import TouchData
-from tactileforge.distributed import (
-    Counted,
-    alone,
-    counted_labels,
-    mean_over_ranks,
-    seed_step,
-    sum_over_ranks,
-)
+from tactileforge.distributed import alone, mean_over_ranks, seed_step, sum_over_ranks
 from tactileforge.encoders.given import views_of
 from tactileforge.errors import ConfigError, TactileForgeError
+from tactileforge.finite import FiniteWatch, NotFiniteError
+from tactileforge.means import Mean
 from tactileforge.optim import optimiser, set_rate
-from tactileforge.parts import Term, build_parts, logs_of
+from tactileforge.parts import Term, build_parts, logs_of, term_of
 from tactileforge.strategies import shard
 
 if TYPE_CHECKING:
@@ -86,7 +81,10 @@ class TouchModule(L.LightningModule):
         #: Of validation: sums of scores; and of losses times labels, beside the labels.
         self._sums: dict[str, Tensor] = {}
         self._losses: dict[str, Tensor] = {}
+        #: Objectives that met no label in the last step that was logged.
+        self.unlabelled: list[str] = []
         self._sharded = False
+        self.finite = FiniteWatch(list(objectives))
 
     @classmethod
     def from_config(
@@ -131,14 +129,28 @@ class TouchModule(L.LightningModule):
             self._sharded = True
 
     def setup(self, stage: str) -> None:
-        """Reads the curriculum, once the length of the run is known."""
+        """Reads the curriculum, once the length of the run is known.
+
+        A run that is shorter than the interval between logged steps logs its last one, and an epoch
+        that is shorter than that between validations is validated at its end.
+        """
+        every = self.trainer.val_check_interval
+        if isinstance(every, int) and self.trainer.check_val_every_n_epoch is not None:
+            self.trainer.val_check_interval = int(min(every, _epoch_batches(self.trainer)))
         total = self.total = int(self.trainer.estimated_stepping_batches)
+        trainer: Any = self.trainer
+        trainer.log_every_n_steps = max(1, min(log_interval(trainer), total))
         batches = _epoch_batches(self.trainer) / self.trainer.accumulate_grad_batches
         self.epoch_steps = max(1, math.ceil(batches)) if math.isfinite(batches) else total
         self.plan = from_config(self.curriculum_config, self.weights, total, self.epoch_steps)
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Keeps the length of the run and of its epochs in steps, processes, and scores."""
+        """Keeps the length of the run and of its epochs in steps, processes, and scores.
+
+        Raises:
+            NotFiniteError: A weight is not finite: it would take the place of one that is.
+        """
+        self.finite.check(self, self.trainer.optimizers, self.global_step)
         checkpoint["total"], checkpoint["epoch_steps"] = self.total, self.epoch_steps
         checkpoint["processes"] = self.trainer.world_size
         logged = self.trainer.callback_metrics
@@ -172,11 +184,11 @@ class TouchModule(L.LightningModule):
     def _term(self, key: str, views: Any, batch: Batch) -> Term:
         with moves.explained(self.heads[key], self.objectives[key]):
             prediction = self.heads[key](views, batch)
-            return Term(prediction, *self.objectives[key](prediction, batch))
+            return term_of(key, self.objectives[key], prediction, batch)
 
     def losses(
         self, batch: Batch, weights: Mapping[str, float], universal: float = 0.0
-    ) -> tuple[Tensor, dict[str, Tensor]]:
+    ) -> tuple[Tensor, dict[str, Mean]]:
         """The weighted loss, and what to log: each objective's loss and its further scalars.
 
         Args:
@@ -187,7 +199,7 @@ class TouchModule(L.LightningModule):
         terms = self.terms(batch, weights, universal)
         total = torch.zeros((), device=self.device)
         for key, term in terms.items():
-            total = total + weights[key] * term.loss
+            total = total + weights[key] * term.loss.value
         return total, logs_of(terms)
 
     def training_step(self, batch: Batch, batch_idx: int) -> Tensor:
@@ -199,7 +211,8 @@ class TouchModule(L.LightningModule):
         weights = self.current_weights()
         universal = self.plan.universal(self.global_step)
         terms = self.terms(batch, weights, universal)
-        losses = {key: term.loss for key, term in terms.items()}
+        losses = {key: term.loss.value for key, term in terms.items()}
+        self.finite.note(losses, self.global_step)
         total: Tensor = self.balance(losses, weights, self.global_step, self.encoder)
         if not total.requires_grad:  # every objective is still asleep
             raise ConfigError(
@@ -218,6 +231,10 @@ class TouchModule(L.LightningModule):
         """Initialises the EMA copies with the encoder's weights; takes the rate of this step."""
         if self.global_step == 0:
             self._follow(0)
+        self.finite.start(self)
+        optimizer: Any = self.optimizers()
+        for group in optimizer.param_groups:
+            group["fused"] = self._is_fused()  # a resumed run may have other numbers
         schedule: Any = self.lr_schedulers()
         set_rate(schedule)  # a resumed run may have another length
 
@@ -245,24 +262,18 @@ class TouchModule(L.LightningModule):
             views = views_of(self.encoder, batch, 0.0)
             for key in self.objectives:
                 if weights.get(key):
-                    with counted_labels() as labels:
-                        term = self._term(key, views, batch)
-                    self._add_loss(key, term, batch, labels)
+                    self._add_loss(key, self._term(key, views, batch), batch)
 
-    def _add_loss(self, key: str, term: Term, batch: Batch, labels: Sequence[Counted]) -> None:
+    def _add_loss(self, key: str, term: Term, batch: Batch) -> None:
         """Adds to the means over the split, in which a clip without a label has no part."""
         logs = logs_of({key: term})
         if isinstance(objective := self.objectives[key], Scored):
             sums = objective.sums(term.prediction, batch)
             self._sums[key] = self._sums[key] + sums if key in self._sums else sums
             logs = {key: logs[key]}  # its scores are those of the whole split
-        whole = term.loss.new_full((), len(batch["group"]))
-        if labels:
-            whole = torch.stack([count for count, _ in labels]).sum()
-        parts = {mean.data_ptr(): count for count, mean in labels}  # of which an objective is a sum
-        for name, value in logs.items():
-            weight = parts.get(value.data_ptr(), whole)
-            row = torch.stack([torch.where(weight > 0, value * weight, 0.0), weight]).float()
+        for name, mean in logs.items():
+            weighed = torch.where(mean.count > 0, mean.value * mean.count, 0.0)
+            row = torch.stack([weighed, mean.count]).float()
             self._losses[name] = self._losses[name] + row if name in self._losses else row
 
     def on_validation_epoch_end(self) -> None:
@@ -281,8 +292,10 @@ class TouchModule(L.LightningModule):
     def configure_optimizers(self) -> Any:
         """See `optim.optimiser`."""
         total = int(self.trainer.estimated_stepping_batches)
-        fused = self.trainer.precision not in ("16", "16-mixed", "16-true")
-        return optimiser(self.parameters(), self.optim, total, fused)
+        return optimiser(self.parameters(), self.optim, total, self._is_fused())
+
+    def _is_fused(self) -> bool:
+        return self.trainer.precision not in ("16", "16-mixed", "16-true")
 
     def configure_gradient_clipping(
         self,
@@ -299,29 +312,35 @@ class TouchModule(L.LightningModule):
     def _log_step(
         self,
         total: Tensor,
-        logs: Mapping[str, Tensor],
+        means: Mapping[str, Mean],
         weights: Mapping[str, float],
         universal: float,
     ) -> None:
-        logs, total = self._shared(logs, total)
+        logs, total = self._shared(means, total)
         if not torch.isfinite(total):
-            bad = [key for key, value in logs.items() if not torch.isfinite(value)]
-            raise TactileForgeError(
-                f"the loss is not finite at step {self.global_step} ({', '.join(bad)}); lower "
-                "optim.lr, or train with trainer.precision=32"
-            )
+            raise NotFiniteError(f"step {self.global_step}{self.finite.began()}")
+        self.unlabelled = [key for key in self.objectives if key in means and key not in logs]
         optimizer: Any = self.optimizers()
         row = {f"train/{key}": value for key, value in logs.items()} | {"train/loss": total}
+        kept: Any = self.trainer._results  # Lightning would show the values of an older step
+        for name in [name for name in kept or () if name.startswith("training_step.train/")]:
+            if name.removeprefix("training_step.") not in row:
+                del kept[name]
         self.log_dict(row)
         self.log_dict(self.balance.logs(weights))
         self.log_dict({"universal": universal, "lr": float(optimizer.param_groups[0]["lr"])})
 
-    def _shared(
-        self, logs: Mapping[str, Tensor], total: Tensor
-    ) -> tuple[dict[str, Tensor], Tensor]:
-        """Means over ranks, of which each has its share of the joint loss; one message."""
-        *values, total = mean_over_ranks(torch.stack([*logs.values(), total])).unbind()
-        return dict(zip(logs, values, strict=True)), total
+    def _shared(self, means: Mapping[str, Mean], total: Tensor) -> tuple[dict[str, Tensor], Tensor]:
+        """Means over ranks, of which each has its share of the joint loss; one message.
+
+        What no rank has a label for is left out.
+        """
+        *values, total = mean_over_ranks(
+            torch.stack([*(mean.value for mean in means.values()), total])
+        ).unbind()
+        counts = torch.stack([mean.count for mean in means.values()]).tolist()
+        rows = zip(means, values, counts, strict=True)
+        return {name: value for name, value, count in rows if count}, total
 
 
 def _epoch_batches(trainer: L.Trainer) -> float:

@@ -11,8 +11,9 @@ import torch
 from torch import Tensor, nn
 
 from tactileforge import registry, strict
-from tactileforge.contracts import Robot
-from tactileforge.errors import ConfigError
+from tactileforge.contracts import Batch, Robot
+from tactileforge.errors import ConfigError, PluginError
+from tactileforge.means import FIX, Mean, NotATensorError
 
 #: Largest number among the options of an encoder, most blocks, and most weights of one.
 _LARGEST, _DEEPEST, _MOST = 8192, 256, 20_000_000_000
@@ -24,21 +25,56 @@ class Term:
 
     Attributes:
         prediction: Of its head.
-        loss: A scalar, not weighted.
+        loss: Not weighted.
         extra: Further scalars to log.
     """
 
     prediction: Any
-    loss: Tensor
-    extra: Mapping[str, Tensor]
+    loss: Mean
+    extra: Mapping[str, Mean]
 
 
-def logs_of(terms: Mapping[str, Term]) -> dict[str, Tensor]:
+def term_of(key: str, objective: nn.Module, prediction: Any, batch: Batch) -> Term:
+    """Computes the term of an objective; what it gives without a count is a mean over the clips.
+
+    Args:
+        key: Name of the objective.
+        objective: See `contracts.Objective`.
+        prediction: Of its head.
+        batch: See `tactileforge.contracts`.
+
+    Raises:
+        PluginError: The objective takes a mean for a tensor, or gives something else.
+    """
+    try:
+        loss, extra = objective(prediction, batch)
+        rows = len(batch["group"])
+        logs = {name: _counted(value, rows, name) for name, value in extra.items()}
+        return Term(prediction, _counted(loss, rows, "the loss"), logs)
+    except NotATensorError as error:
+        raise PluginError(f"objective {key!r}: {error}") from error
+    except TypeError as error:
+        if Mean.__name__ not in str(error):
+            raise
+        raise PluginError(
+            f"objective {key!r}: {error}; masked_mean returns a Mean: {FIX}"
+        ) from error
+
+
+def _counted(value: Any, rows: int, name: str) -> Mean:
+    if isinstance(value, Mean):
+        return value
+    if isinstance(value, Tensor):
+        return Mean(value, value.detach().new_full((), rows, dtype=torch.float32))
+    raise TypeError(f"{name} is no {Mean.__name__} and no tensor, but {type(value).__name__}")
+
+
+def logs_of(terms: Mapping[str, Term]) -> dict[str, Mean]:
     """Losses by objective, and their further scalars as ``objective/name``."""
-    logs: dict[str, Tensor] = {}
+    logs: dict[str, Mean] = {}
     for key, term in terms.items():
         logs[key] = term.loss.detach()
-        logs |= {f"{key}/{name}": value for name, value in term.extra.items()}
+        logs |= {f"{key}/{name}": mean.detach() for name, mean in term.extra.items()}
     return logs
 
 

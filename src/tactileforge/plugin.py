@@ -9,6 +9,7 @@ have to follow; the changelog has a line for each.
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from tactileforge.cli._command import Command
@@ -65,6 +66,7 @@ from tactileforge.sensors.taxels import TaxelLayout
 
 if TYPE_CHECKING:
     from tactileforge.distributed import masked_mean
+    from tactileforge.means import Mean
 
 __all__ = [
     "ACTIONS",
@@ -93,6 +95,7 @@ __all__ = [
     "ImageFrames",
     "Link",
     "MaskedFeatures",
+    "Mean",
     "Objective",
     "Parser",
     "PluginError",
@@ -129,6 +132,7 @@ def __getattr__(name: str) -> Any:
     """Imports what needs torch on first use: the module of a sensor costs none."""
     if name == "masked_mean":
         from tactileforge.distributed import masked_mean
+    from tactileforge.means import Mean
 
         return masked_mean
     raise AttributeError(f"module 'tactileforge.plugin' has no attribute {name!r}")

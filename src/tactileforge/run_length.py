@@ -14,8 +14,8 @@ log = logging.getLogger(__name__)
 
 #: Keys of ``trainer`` that are the length of a run.
 LENGTHS = ("max_steps", "max_epochs")
-#: Those that say how many processes it has.
-MACHINE = ("devices", "num_nodes")
+#: Those that say what it runs on: how many processes, which kind of device, which numbers.
+MACHINE = ("devices", "num_nodes", "accelerator", "precision")
 
 
 def change_run(plain: dict[str, Any], before: Mapping[str, Any], state: Mapping[str, Any]) -> bool:

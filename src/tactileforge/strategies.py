@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import gc
 import os
+from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import torch
 from lightning.pytorch.strategies import DDPStrategy, ModelParallelStrategy, Strategy
 from torch import Tensor, nn
 
@@ -54,6 +57,48 @@ class Sharded(ModelParallelStrategy):
         """Starts the processes, and lays them out in a row."""
         self._data_parallel_size = self.num_nodes * self.num_processes
         super().setup_environment()
+
+    def load_checkpoint(
+        self, checkpoint_path: str | Path, weights_only: bool | None = None
+    ) -> dict[str, Any]:
+        """Loads weights and averages of a run of any number of processes.
+
+        Lightning refuses averages that lack a parameter, as one has whose objective is asleep.
+        """
+        from torch.distributed.checkpoint import state_dict as states  # a second
+
+        assert self.model is not None
+        path = Path(self.broadcast(checkpoint_path))
+        checkpoint: dict[str, Any] = self.checkpoint_io.load_checkpoint(path)
+        whole = states.StateDictOptions(full_state_dict=True, broadcast_from_rank0=True)
+        states.set_model_state_dict(self.model, checkpoint.pop("state_dict"), options=whole)
+        kept = zip(self.optimizers, checkpoint["optimizer_states"], strict=True)
+        for optimizer, state in kept:
+            named = _completed(state, self.model)
+            states.set_optimizer_state_dict(self.model, optimizer, named, options=whole)
+        return checkpoint
+
+
+def _completed(state: Mapping[str, Any], module: nn.Module) -> dict[str, Any]:
+    """AdamW's averages by the names of parameters, 0 for those that no gradient has reached.
+
+    Args:
+        state: Of a checkpoint, whole and by number.
+        module: Whose parameters they are of; sharded.
+    """
+    from torch.distributed.fsdp import FullyShardedDataParallel, OptimStateKeyType
+
+    named: dict[str, Any] = FullyShardedDataParallel.rekey_optim_state_dict(
+        dict(state), OptimStateKeyType.PARAM_NAME, module
+    )
+    parameters = dict(module.named_parameters())
+    for group in named["param_groups"]:
+        for name in group["params"]:
+            if name not in named["state"]:
+                zeros = [torch.zeros(parameters[name].shape) for _ in range(2)]
+                fresh = dict(zip(("exp_avg", "exp_avg_sq"), zeros, strict=True))
+                named["state"][name] = {"step": torch.zeros(()), **fresh}
+    return named
 
 
 def shard(module: nn.Module, mesh: DeviceMesh) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import platform
+import shlex
 import sys
 import warnings
 from collections.abc import Mapping, Sequence
@@ -19,12 +20,19 @@ from omegaconf import DictConfig, OmegaConf
 from tactileforge import curriculum, precision, registry, run_folder
 from tactileforge.assemble import build_data
 from tactileforge.callbacks.met import MetLabels, SkippedRecordings
-from tactileforge.checkpoint_file import find_checkpoint, initialise, read_checkpoint, read_own
+from tactileforge.checkpoint_file import (
+    find_checkpoint,
+    initialise,
+    left_out,
+    read_checkpoint,
+    read_own,
+)
 from tactileforge.compiled import compile_blocks
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.files import sealed, write_text
-from tactileforge.initial import check_robot, new_in, start_from
+from tactileforge.finite import NotFiniteError
+from tactileforge.initial import check_robot, new_in, start_from, warn_of_dropped
 from tactileforge.loggers import log_config, log_report
 from tactileforge.module import TouchModule
 from tactileforge.pages.drawings import collected_drawings
@@ -79,9 +87,6 @@ def train(config: DictConfig | dict[str, Any], folder: Path) -> TouchModule:
             state = read_own(resume, plain.get("run"))  # before data is made or read
             step = int(state["global_step"])
             is_news = change_run(plain, run_folder.read_config(folder), state)
-            if is_news:
-                check_options(plain)
-                run_folder.write_config(folder, {**plain, "resume": None})
             if 0 < plain["trainer"]["max_steps"] <= step:
                 log.info("the run has ended at step %d; to go further: trainer.max_steps=", step)
         else:
@@ -110,6 +115,7 @@ def _train(
     data.observers += [met.observe, lost.observe]
     if state is not None:
         log.info(initialise(module, state, new_in(str(plain["init"]))))
+        warn_of_dropped(plain, left_out(module, state))
     if not resume:
         module.prepare(data.train)
     if plain["freeze"]:
@@ -123,6 +129,8 @@ def _train(
         compile_blocks(module)
     static = getattr(module.encoder, "static_graph", False)
     trainer, saver = build_trainer(plain, folder, [met, lost], step, static)
+    if resume and is_news and trainer.is_global_zero:
+        run_folder.write_config(folder, {**plain, "resume": None})
     if is_news:
         log_config(trainer.loggers[1:], plain, folder)
     if trainer.is_global_zero and not resume:
@@ -133,6 +141,12 @@ def _train(
             warnings.filterwarnings("ignore", message)
         try:
             trainer.fit(module, data, ckpt_path=resume, weights_only=True)
+        except NotFiniteError as error:
+            raise NotFiniteError(f"{error}. {_way_back(folder, trainer.precision)}") from error
+        except SystemExit as stop:  # what Lightning makes of Ctrl-C
+            done = trainer.global_step
+            when = f"in the step after {done}" if done > step else "before the first step"
+            raise KeyboardInterrupt(f"{stop.__context__ or 'stopped'} {when}") from stop
         except ValueError as error:
             if "val_check_interval" not in str(error):
                 raise
@@ -148,6 +162,20 @@ def _train(
         log_report(trainer.loggers[1:], report, drawings, trainer.global_step)
         print(f"report: {report}")
     return module
+
+
+def _way_back(folder: Path, numbers: str) -> str:
+    """What is kept of a run whose numbers are not finite, and the commands that go back to it."""
+    exact = "" if numbers.startswith("32") else " trainer.precision=32"
+    if not (folder / run_folder.LAST).is_file():
+        also = f" or{exact}" if exact else ""
+        return f"Nothing was saved before: start again with a smaller optim.lr={also}"
+    step = read_checkpoint(folder)["global_step"]
+    name = shlex.quote(str(folder))
+    return (
+        f"The checkpoint of step {step} stays: go back to it with tactileforge train resume={name}"
+        f"{exact}, or start from it with init={name} and a smaller optim.lr="
+    )
 
 
 def _whole(
@@ -177,7 +205,7 @@ def metric(module: TouchModule, name: str | None = None) -> float:
     Args:
         module: After its training.
         name: As in the metrics, for example ``val/force``; None for the sum of the losses of all
-            objectives that were validated, or trained where the run was too short to be validated.
+            objectives that were validated, or trained where nothing is held out.
 
     Raises:
         ConfigError: Nothing of that name was logged.

@@ -17,6 +17,7 @@ from tactileforge import strict
 from tactileforge.callbacks import checkpoints
 from tactileforge.callbacks.progress import Progress
 from tactileforge.callbacks.speed import Speed
+from tactileforge.callbacks.validation import LastValidation
 from tactileforge.distributed import count_processes
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.loggers import build_loggers
@@ -30,6 +31,7 @@ _LOGGERS |= {"mlflow": ("mlflow",)}
 
 #: Options of the trainer that are whole numbers, by how they begin, and the least of each.
 _LEAST = {"max_": -1, "min_": 0, "save_": 1, "log_every": 1, "accumulate": 1, "num_nodes": 1}
+_LEAST |= {"check_val": 1}
 
 
 def check_options(config: Mapping[str, Any]) -> None:
@@ -49,6 +51,7 @@ def check_options(config: Mapping[str, Any]) -> None:
         if key not in known:
             raise ConfigError(unknown("key of trainer", key, known))
         _check_whole(key, value)
+    _check_interval(config["trainer"].get("val_check_interval"))
     _check_length(config["trainer"])
     validated = [f"val/{key}" for key in config["objective"]]
     trained = [f"train/{key}" for key in (*config["objective"], "loss")]
@@ -69,6 +72,14 @@ def _check_whole(key: str, value: Any) -> None:
     if not isinstance(value, int) or isinstance(value, bool) or value < least:
         said = "-1 for any" if least < 0 else f"{least} or more"
         raise ConfigError(f"trainer.{key}={value}: give a whole number, {said}")
+
+
+def _check_interval(value: Any) -> None:
+    if isinstance(value, int | float) and not value > 0:
+        raise ConfigError(
+            f"trainer.val_check_interval={value}: give steps, 1 or more, or a share of the epoch, "
+            "up to 1.0; the end is always validated, but for trainer.limit_val_batches=0"
+        )
 
 
 def _check_length(options: Mapping[str, Any]) -> None:
@@ -129,7 +140,14 @@ def build_trainer(
         default_root_dir=folder,
         logger=build_loggers(config["logger"], folder, config.get("run"), step),
         # the timer is for the report: how long it took
-        callbacks=[saver, Speed(config["batch"]["workers"]), Progress(), Timer(), *kept],
+        callbacks=[
+            saver,
+            Speed(config["batch"]["workers"]),
+            Progress(),
+            Timer(),
+            LastValidation(),
+            *kept,
+        ],
         plugins=[checkpoints.AtomicCheckpointIO(config.get("run"))],
         gradient_clip_val=config["optim"].get("clip"),
         use_distributed_sampler=False,

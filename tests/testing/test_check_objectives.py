@@ -63,7 +63,7 @@ class SmallDinoHead(DinoHead):
 )
 def test_built_in_objectives(statuses, name, head):
     status_by_name = statuses("objective", name, head=head)
-    unlabelled = {"unlabelled samples change nothing", "missing key is named"}
+    unlabelled = {"unlabelled samples change nothing", "labels are counted", "missing key is named"}
     skipped = {name for name, status in status_by_name.items() if status == "skipped"}
     free = ("pixel", "diff", "jepa", "dino", "distill")
     assert skipped == (unlabelled if name in free else set())
@@ -86,7 +86,7 @@ class Push(nn.Module):
 
     def forward(self, prediction, batch):
         loss = masked_mean(self.errors(prediction, batch), batch["force_valid"][:, 2])
-        return self.change(loss), {"rmse": loss.detach().sqrt()}
+        return self.change(loss), {"rmse": loss.detach().map(torch.sqrt)}
 
     def change(self, loss):
         return loss
@@ -102,7 +102,7 @@ class NoHead(Push):
 
 class NotAScalar(Push):
     def change(self, loss):
-        return loss[None]
+        return loss.map(lambda value: value[None])
 
 
 class NotFinite(Push):
@@ -151,6 +151,21 @@ class UsesGarbage(Push):
         return self.errors(prediction, batch).mean(), {}
 
 
+class DoesNotCount(Push):
+    def forward(self, prediction, batch):
+        return super().forward(prediction, batch)[0].value, {}
+
+
+class TakesItForATensor(Push):
+    def change(self, loss):
+        return loss.sqrt()
+
+
+class Powers(Push):
+    def change(self, loss):
+        return loss**2
+
+
 class MeanOfNothing(Push):
     def forward(self, prediction, batch):
         return self.errors(prediction, batch)[batch["force_valid"][:, 2]].mean(), {}
@@ -189,6 +204,9 @@ UNLABELLED = "unlabelled samples change nothing"
         (CountsTheUnlabelled, UNLABELLED, "with 3 samples that have 'force'"),
         (UsesGarbage, UNLABELLED, "with 3 samples that have 'force'"),
         (MeanOfNothing, UNLABELLED, "with no 'force' at all it is nan"),
+        (DoesNotCount, "labels are counted", "3 samples without 'force' count as 3"),
+        (TakesItForATensor, "loss is a finite scalar", "no 'sqrt': write mean.map(FUNCTION)"),
+        (Powers, "loss is a finite scalar", "a Mean is no tensor: write mean.map(FUNCTION)"),
         (Shrugs, "missing key is named", "gives a loss without"),
         (Mumbles, "missing key is named", "ValueError: something is missing"),
     ],

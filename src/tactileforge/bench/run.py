@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
 
+from tactileforge.bars import Bar
 from tactileforge.bench.fit import class_heads, evaluate
 from tactileforge.bench.fit.evaluate import SourceFeatures
 from tactileforge.bench.fit.features import FLIPS, PLAIN, FeatureStore, extract_features
@@ -123,7 +123,7 @@ class Bench:
                 for prepared in group:
                     self._refuse(error, prepared, entry)
                 return
-        for prepared in tqdm(group, desc=f"probes on {entry.name}", unit="task"):
+        for prepared in Bar(group, desc=f"probes on {entry.name}", unit="task"):
             try:
                 self._task(entry, subjects, extracted, prepared)
             except TactileForgeError as error:

@@ -6,6 +6,8 @@ import logging
 import os
 import shutil
 import signal
+import sys
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -15,10 +17,12 @@ import torch
 from lightning.pytorch.callbacks import Callback, ModelCheckpoint
 from lightning.pytorch.plugins.io import TorchCheckpointIO
 
+from tactileforge.bars import Bar
 from tactileforge.checkpoint_file import read_checkpoint, read_own, seal
 from tactileforge.errors import TactileForgeError
 from tactileforge.module import log_interval
 from tactileforge.run_folder import BEST, LAST
+from tactileforge.signals import handled
 
 log = logging.getLogger(__name__)
 
@@ -68,9 +72,9 @@ class AtomicCheckpointIO(TorchCheckpointIO):
 class Checkpoints(Callback):
     """Saves ``last.ckpt`` every so many steps, at the end, and when the run is asked to stop.
 
-    The first Ctrl-C (or SIGTERM) lets the step finish, saves and ends the run in order; the second
-    ends it at once. Several processes agree on it at the next step that is logged or saved: asking
-    the others makes a step wait for the device.
+    The first Ctrl-C, SIGTERM or SIGHUP lets the step finish, saves and ends the run in order; the
+    second ends it at once. Several processes agree on it at the next step that is logged or saved:
+    asking the others makes a step wait for the device.
 
     Args:
         folder: Folder of the run.
@@ -84,12 +88,11 @@ class Checkpoints(Callback):
         self.path = folder / LAST
         self.every = every
         self.interrupted = self._stopped = False
-        self._handlers: dict[int, Any] = {}
+        self._listening = ExitStack()
 
     def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Listens for signals."""
-        for number in (signal.SIGINT, signal.SIGTERM):
-            self._handlers[number] = signal.signal(number, self._stop)
+        self._listening.enter_context(handled(self._stop))
 
     def on_train_batch_start(
         self, trainer: L.Trainer, pl_module: L.LightningModule, batch: Any, batch_idx: int
@@ -103,9 +106,12 @@ class Checkpoints(Callback):
             check_room(self.path, _size(trainer))
 
     def _stop(self, number: int, frame: FrameType | None) -> None:
+        if self.interrupted:
+            raise KeyboardInterrupt(f"stopped at once by {signal.Signals(number).name}")
         self.interrupted = True
-        signal.signal(number, self._handlers[number])
-        print("\nstopping after this step (once more to stop at once)", flush=True)
+        with suppress(OSError):  # a terminal that is gone takes no more words
+            Bar.write("stopping after this step (once more to stop at once)")
+            sys.stdout.flush()
 
     def on_train_batch_end(
         self,
@@ -147,9 +153,7 @@ class Checkpoints(Callback):
         self._release()
 
     def _release(self) -> None:
-        for number, handler in self._handlers.items():
-            signal.signal(number, handler)
-        self._handlers.clear()
+        self._listening.close()
 
 
 class _Best(ModelCheckpoint):
@@ -170,7 +174,8 @@ class _Best(ModelCheckpoint):
 
     def on_validation_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Keeps the weights, where they are the best so far."""
-        if self.monitor in trainer.callback_metrics:
+        score = trainer.callback_metrics.get(str(self.monitor))
+        if score is not None and bool(torch.isfinite(score)):
             super().on_validation_end(trainer, pl_module)
 
     def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:

@@ -11,7 +11,7 @@ from lightning.pytorch.callbacks import Callback
 
 from tactileforge.contracts import Batch
 from tactileforge.errors import DataError
-from tactileforge.labels import Labels
+from tactileforge.labels import PATIENCE, Labels
 from tactileforge.module import TouchModule
 
 log = logging.getLogger(__name__)
@@ -89,6 +89,12 @@ class MetLabels(Callback):
             if weight:
                 needs: frozenset[str] = getattr(self.module.objectives[key], "needs", frozenset())
                 self.labels.add(key, needs, batch)
+
+    def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Names the objectives that met no label in a run too short to be warned in."""
+        for key, count in self.labels.counts.items():
+            if count["batches"] < PATIENCE and (line := self.labels.missing(key, has_ended=True)):
+                log.warning(line)
 
     def on_save_checkpoint(
         self, trainer: L.Trainer, pl_module: L.LightningModule, checkpoint: dict[str, Any]

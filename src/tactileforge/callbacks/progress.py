@@ -6,8 +6,8 @@ from typing import Any
 
 import lightning as L
 from lightning.pytorch.callbacks import Callback
-from tqdm import tqdm
 
+from tactileforge.bars import Bar
 from tactileforge.module import log_interval
 
 
@@ -18,13 +18,13 @@ class Progress(Callback):
     """
 
     def __init__(self) -> None:
-        self.bar: tqdm[Any] | None = None
+        self.bar: Bar | None = None
 
     def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Draws the bar, starting at the step from which the run continues."""
         if trainer.is_global_zero:
             total = int(trainer.estimated_stepping_batches)
-            self.bar = tqdm(total=total, initial=trainer.global_step, desc="train", unit="step")
+            self.bar = Bar(total=total, initial=trainer.global_step, desc="train", unit="step")
 
     def on_train_batch_end(
         self,
@@ -43,7 +43,8 @@ class Progress(Callback):
                 for name, value in trainer.logged_metrics.items()
                 if name.startswith("train/") and name.count("/") == 1
             }
-            self.bar.set_postfix(losses | _speed(trainer), refresh=False)
+            absent = dict.fromkeys(getattr(pl_module, "unlabelled", ()), "no label")
+            self.bar.set_postfix(losses | absent | _speed(trainer), refresh=False)
         self.bar.update(trainer.global_step - self.bar.n)
 
     def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:

@@ -11,10 +11,12 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from tactileforge.cli._verbs import commands, verbs
 from tactileforge.errors import ConfigError, TactileForgeError, full, unknown
+from tactileforge.signals import interrupted_by_signals
 
 if TYPE_CHECKING:
     from tactileforge.cli._command import Command
@@ -50,7 +52,12 @@ def main() -> None:
 
 def run(argv: Sequence[str]) -> int:
     """Runs one command and gives its exit status."""
-    verb, *rest = argv or ["--help"]
+    with interrupted_by_signals():
+        return _told(*(argv or ["--help"]))
+
+
+def _told(verb: str, *rest: str) -> int:
+    """Runs one command, and says in a line what ends it."""
     try:
         if verb in ("-h", "--help", "help"):
             print(usage())
@@ -80,7 +87,8 @@ def run(argv: Sequence[str]) -> int:
         _end_bars()
         said = str(stop) or "stopped"
         again = "" if "go on with" in said else "; go on with: the same command again"
-        print(f"{said}{again}", file=sys.stderr)
+        with suppress(OSError):  # of a terminal that is gone
+            print(f"{said}{again}", file=sys.stderr)
         return 130
 
 

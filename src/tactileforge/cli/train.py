@@ -8,7 +8,7 @@ from typing import Any
 
 from tactileforge.cli._command import Command
 from tactileforge.errors import ConfigError
-from tactileforge.run_length import LENGTHS
+from tactileforge.run_length import LENGTHS, MACHINE
 
 
 def _train(_: None, config: dict[str, Any]) -> float:
@@ -26,8 +26,12 @@ def _train(_: None, config: dict[str, Any]) -> float:
         return metric(train(config, folder), config.get("optimized_metric"))
     except KeyboardInterrupt as stop:
         kept = (folder / LAST).is_file()
+        said = str(stop) or "stopped"
+        if not kept:
+            early = "" if "step" in said else " before the first step"
+            said += f"{early}; nothing was saved"
         again = f"tactileforge train resume={folder}" if kept else "the same command again"
-        raise KeyboardInterrupt(f"{str(stop) or 'stopped'}; go on with: {again}") from stop
+        raise KeyboardInterrupt(f"{said}; go on with: {again}") from stop
 
 
 def _check_encoder(init: str) -> None:
@@ -58,8 +62,7 @@ _ANEW = (
     *(f"trainer.{key}" for key in LENGTHS),
     "batch.workers",
     "batch.cache_mb",
-    "trainer.devices",
-    "trainer.num_nodes",
+    *(f"trainer.{key}" for key in MACHINE),
 )
 
 
@@ -114,8 +117,8 @@ def _prepare(overrides: list[str]) -> list[str]:
     if given:
         raise ConfigError(
             f"resume= goes on with the same run, so {' '.join(given)} cannot be given with it, but "
-            "for its length (trainer.max_steps=) and its machine; init= starts a new run from its "
-            "weights"
+            f"for its length (trainer.max_steps=) and its machine ({', '.join(_ANEW[2:])}); init= "
+            "starts a new run from its weights"
         )
     _of_run(folders[-1])  # before Hydra makes a folder
     words = [word for word in overrides if not word.startswith("resume=")]

@@ -50,6 +50,7 @@ class FeatureModel(nn.Module):
             encoder.unknown_sensor = "error"  # the policy is an argument of `encode`
         self._any_sensor = takes_any_sensor(encoder)
         self._packed = PackedLinears()
+        self._is_compiled = False
         self.to(check_device(device)).eval()
 
     @property
@@ -211,6 +212,27 @@ class FeatureModel(nn.Module):
             out = torch.cat([self._read(tap, *part).float() for part in parts])
         return out[0] if single else out
 
+    def compile(self, *args: Any, **kwargs: Any) -> None:
+        """Compiles the preprocessing and blocks that `encode`, `force` and all methods call.
+
+        The first call after it, and the first of each other batch size, takes a minute.
+
+        Args:
+            *args: None; options have names.
+            **kwargs: See `torch.compile`.
+
+        Raises:
+            ConfigError: The encoder has no such blocks: it is not one of ours.
+        """
+        from tactileforge.compiled import compile_blocks
+
+        if not compile_blocks(self, *args, **kwargs):
+            raise ConfigError(
+                f"the encoder {self.header.encoder.get('name')} has no blocks to be compiled; "
+                "leave compile() out, or compile parts of model.encoder by torch.compile"
+            )
+        self._is_compiled = True
+
     def _prepare(self, frames: Images, background: Images | str | None) -> ClipInputs:
         """Frames and backgrounds of a batch, uint8, as in training; whether it was one clip."""
         clips = prepare_clips(frames, background, self.frames, uses_background(self.encoder))
@@ -230,7 +252,7 @@ class FeatureModel(nn.Module):
         return out
 
     def _faster(self) -> Any:
-        packs = is_plain(self.encoder) and not torch.compiler.is_compiling()
+        packs = is_plain(self.encoder) and not (self._is_compiled or torch.compiler.is_compiling())
         return self._packed if packs else nullcontext()
 
     def _names(self, sensor: str | Sequence[str] | None, count: int) -> list[str]:

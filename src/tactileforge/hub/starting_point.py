@@ -36,6 +36,12 @@ def starting_weights(name: str) -> tuple[dict[str, Any], dict[str, Tensor]]:
     return dict(model.header.encoder), state
 
 
+def starting_heads(name: str) -> dict[str, Any]:
+    """Plugin and constructor arguments of the heads that `starting_weights` has, by name."""
+    heads = {} if name == "pixels" else load(name).header.heads
+    return {key: found["node"] for key, found in heads.items()}
+
+
 def imagenet_weights() -> dict[str, Tensor]:
     """Weights of ImageNet for the photo stream of an encoder, as `starting_weights` has them.
 

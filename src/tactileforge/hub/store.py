@@ -211,13 +211,13 @@ def _from_url(name: str, weight: Weight, part: Path) -> None:
     scheme = weight.url.partition(":")[0]
     if scheme not in ("https", "http", "file"):
         raise ConfigError(f"{name}: {weight.url}: use https://, http://, file:// or hf://")
-    from tqdm import tqdm
+    from tactileforge.bars import Bar
 
     request = urllib.request.Request(weight.url, headers={"User-Agent": "tactileforge"})
     with (
         urllib.request.urlopen(request, timeout=_TIMEOUT) as source,
         part.open("wb") as file,
-        tqdm(desc=name, total=weight.bytes, unit="B", unit_scale=True, disable=None) as bar,
+        Bar(desc=name, total=weight.bytes, unit="B", unit_scale=True, disable=None) as bar,
     ):
         # One byte more than expected is enough to know that it is another file.
         while file.tell() <= weight.bytes and (

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from tqdm import tqdm
 
+from tactileforge.bars import Bar
 from tactileforge.contracts import Dataset
 from tactileforge.data.labels.align import Lag
 from tactileforge.data.labels.doubts import Doubts, Suspicion, check_labels
@@ -128,7 +128,7 @@ def scan_dataset(dataset: Dataset, limit: int, progress: bool) -> Scan:
     doubts = Doubts()
     unreadable: list[str] = []
     listed = _listed(dataset, unreadable)
-    for sampled in tqdm(listed, desc="count", unit="recording", disable=not progress):
+    for sampled in Bar(listed, desc="count", unit="recording", disable=not progress):
         tally.add(sampled.recording, sampled.split)
         doubts.add(sampled.recording)
         for flag in check_labels(sampled.recording):
@@ -186,7 +186,7 @@ def _look(
     progress: bool,
 ) -> list[ScannedRecording]:
     seen = []
-    for sampled in tqdm(chosen, desc="look", unit="recording", disable=not progress):
+    for sampled in Bar(chosen, desc="look", unit="recording", disable=not progress):
         try:
             pixels = frame_stats(sampled.recording, sampled.order in stripped)
         except DataError as error:
@@ -204,7 +204,7 @@ def _lags(
     able = [sampled for sampled in drawn if sampled.recording.force is not None]
     able = _over_sensors(able, _LAGS)
     lags = []
-    for sampled in tqdm(able, desc="lag", unit="recording", disable=not progress or not able):
+    for sampled in Bar(able, desc="lag", unit="recording", disable=not progress or not able):
         try:
             lag = lag_of(sampled.recording)
         except DataError as error:

@@ -9,8 +9,9 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from tactileforge.contracts import Batch
-from tactileforge.distributed import gather_rows, note_labels
+from tactileforge.distributed import gather_rows
 from tactileforge.heads.align import Aligned
+from tactileforge.means import Mean
 
 
 class Align(nn.Module):
@@ -32,10 +33,11 @@ class Align(nn.Module):
         self.alpha_tv = alpha_tv
         self.alpha_tl = alpha_tl
 
-    def forward(self, prediction: Aligned, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
+    def forward(self, prediction: Aligned, batch: Batch) -> tuple[Mean, dict[str, Mean]]:
         """The loss; logs both parts, unweighted."""
         touch = gather_rows(F.normalize(prediction.touch, dim=-1))
-        loss = touch.sum() * 0 + prediction.scale * 0
+        nothing = touch.sum() * 0 + prediction.scale * 0
+        loss = Mean(nothing, torch.zeros_like(nothing))
         logs = {}
         for name, alpha, other, valid in (
             ("touch_image", self.alpha_tv, prediction.image, prediction.image_valid),
@@ -50,7 +52,7 @@ class Align(nn.Module):
         return loss, logs
 
 
-def info_nce(a: Tensor, b: Tensor, valid: Tensor, scale: Tensor) -> Tensor:
+def info_nce(a: Tensor, b: Tensor, valid: Tensor, scale: Tensor) -> Mean:
     """Mean of the two directions of InfoNCE over the valid rows; 0 where there is none.
 
     Args:
@@ -67,6 +69,5 @@ def info_nce(a: Tensor, b: Tensor, valid: Tensor, scale: Tensor) -> Tensor:
         for side in (logits, logits.T)
     )
     rows = torch.where(valid, sum(losses, torch.zeros_like(logits[0])) / 2, 0.0)
-    mean = rows.sum() / valid.sum().clamp(min=1)
-    note_labels(valid.sum(), mean)
-    return mean
+    count = valid.sum().float()
+    return Mean(rows.sum() / count.clamp(min=1), count)

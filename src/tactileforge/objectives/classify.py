@@ -9,6 +9,7 @@ from torch.nn import functional as F
 
 from tactileforge.contracts import Batch
 from tactileforge.distributed import masked_mean
+from tactileforge.means import Mean
 
 
 class Classify(nn.Module):
@@ -23,7 +24,7 @@ class Classify(nn.Module):
     head: ClassVar[str] = "classify"
     needs: ClassVar[frozenset[str]] = frozenset({"object"})
 
-    def forward(self, prediction: Tensor, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
+    def forward(self, prediction: Tensor, batch: Batch) -> tuple[Mean, dict[str, Mean]]:
         """The loss; logs the share of clips whose class scores highest."""
         known = batch["object"] >= 0
         label = batch["object"].remainder(prediction.shape[-1])

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from torch import Tensor, nn
+from torch import nn
 
 from tactileforge.contracts import Batch
 from tactileforge.distributed import masked_mean
 from tactileforge.heads.policy.base import ChunkPrediction
+from tactileforge.means import Mean
 
 
 class Denoise(nn.Module):
@@ -20,9 +21,7 @@ class Denoise(nn.Module):
     head: ClassVar[str] = "diffusion_policy"
     needs: ClassVar[frozenset[str]] = frozenset({"action_chunk"})
 
-    def forward(
-        self, prediction: ChunkPrediction, batch: Batch
-    ) -> tuple[Tensor, dict[str, Tensor]]:
+    def forward(self, prediction: ChunkPrediction, batch: Batch) -> tuple[Mean, dict[str, Mean]]:
         """The loss."""
         error = (prediction.predicted.float() - prediction.target) ** 2
         return masked_mean(error.mean(-1), batch["action_chunk_valid"]), {}

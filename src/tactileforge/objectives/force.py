@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import ClassVar
 
 import torch
@@ -14,6 +13,7 @@ from tactileforge.data.batches.force_spread import force_spread
 from tactileforge.distributed import masked_mean
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.heads.force import Forces
+from tactileforge.means import Mean
 from tactileforge.objectives.r_squared import r_squared
 
 #: Losses by name, of errors in units of what counts as 1; ``huber`` is linear from 1 on.
@@ -62,8 +62,8 @@ class Force(nn.Module):
         else:  # weights to start from may have brought others
             self.deviation.fill_(1)
 
-    def forward(self, prediction: Forces, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
-        """The loss; logs the mean absolute error of each axis, mN, NaN where none is labelled."""
+    def forward(self, prediction: Forces, batch: Batch) -> tuple[Mean, dict[str, Mean]]:
+        """The loss; logs the mean absolute error of each labelled axis, mN."""
         first = 0 if self.shear else 2
         valid = batch["force_valid"][:, first:]
         scale = batch["force_scale"][:, None]
@@ -73,7 +73,7 @@ class Force(nn.Module):
         loss = masked_mean((of_force + self.delta * of_delta).mean(1)[:, first:], valid)
         newton = ((prediction.force.detach() - force[:, 1:]) * scale).abs().mean(1)[:, first:]
         logs = {
-            f"mae_{axis}_mN": masked_mean(1000 * newton[:, i], valid[:, i], empty=math.nan)
+            f"mae_{axis}_mN": masked_mean(1000 * newton[:, i], valid[:, i])
             for i, axis in enumerate(AXES[first:])
         }
         return loss, logs

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
-from torch import Tensor, nn
+from torch import nn
 from torch.nn import functional as F
 
 from tactileforge.contracts import Batch
 from tactileforge.distributed import masked_mean
 from tactileforge.errors import ConfigError
 from tactileforge.heads.policy.base import ChunkPrediction
+from tactileforge.means import Mean
 
 _LOSSES = {"l1": F.l1_loss, "huber": F.smooth_l1_loss}
 
@@ -29,9 +30,7 @@ class Imitate(nn.Module):
         super().__init__()
         self.loss = loss
 
-    def forward(
-        self, prediction: ChunkPrediction, batch: Batch
-    ) -> tuple[Tensor, dict[str, Tensor]]:
+    def forward(self, prediction: ChunkPrediction, batch: Batch) -> tuple[Mean, dict[str, Mean]]:
         """The loss; logs the mean absolute error in the robot's units.
 
         Raises:

@@ -11,6 +11,7 @@ from torch.nn import functional as F
 from tactileforge.contracts import Batch
 from tactileforge.distributed import masked_mean, rand_rows
 from tactileforge.heads.match import PairScores
+from tactileforge.means import Mean
 
 
 class Match(nn.Module):
@@ -34,7 +35,7 @@ class Match(nn.Module):
         self.of_object = of_object
         self.of_action = of_action
 
-    def forward(self, prediction: PairScores, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
+    def forward(self, prediction: PairScores, batch: Batch) -> tuple[Mean, dict[str, Mean]]:
         """The loss; logs both parts."""
         group = batch["group"]
         together = (group[:, None] == group) & (group >= 0)
@@ -49,7 +50,7 @@ class Match(nn.Module):
         return self.of_object * of_object + self.of_action * of_action, logs
 
 
-def pair_loss(scores: Tensor, label: Tensor, together: Tensor) -> Tensor:
+def pair_loss(scores: Tensor, label: Tensor, together: Tensor) -> Mean:
     """``-log s(positive) - log(1 - s(negative))``, averaged over the anchors that have both.
 
     Args:

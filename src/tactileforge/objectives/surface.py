@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from tactileforge.contracts import AXES, Batch
 from tactileforge.data.labels import displacement
 from tactileforge.distributed import masked_mean
+from tactileforge.means import Mean
 from tactileforge.objectives.r_squared import r_squared
 
 
@@ -32,7 +33,7 @@ class Surface(nn.Module):
         scale = torch.tensor(list(deviation)).view(3, 1, 1)
         self.register_buffer("deviation", scale, persistent=False)
 
-    def forward(self, prediction: Tensor, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
+    def forward(self, prediction: Tensor, batch: Batch) -> tuple[Mean, dict[str, Mean]]:
         """The loss, averaged over frames and places."""
         true = displacement.coded_displacement(batch["surface"])
         errors = ((prediction.float() - true) / self.deviation) ** 2

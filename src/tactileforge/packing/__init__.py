@@ -12,8 +12,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
+from tactileforge.bars import Bar
 from tactileforge.contracts import Dataset
 from tactileforge.data.shards.index import NAME, Index
 from tactileforge.errors import ConfigError, DataError, TactileForgeError
@@ -101,7 +100,7 @@ def _notes(planned: PackPlan, options: PackOptions, out: Path) -> dict[int, Shar
     for note in notes.values():
         guard.see(note)
     done = {job.number: job.frames for job in planned.jobs if job.number in notes}
-    with tqdm(total=planned.frames, initial=sum(done.values()), unit="frame", desc="pack") as bar:
+    with Bar(total=planned.frames, initial=sum(done.values()), unit="frame", desc="pack") as bar:
 
         def tick(number: int, frames: int) -> None:
             done[number] = frames

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
-from tqdm import tqdm
 
+from tactileforge.bars import Bar
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.data.shards.index import sort_recordings
 from tactileforge.errors import DataError
@@ -97,7 +97,7 @@ def preview(
     everything = sort_recordings(item for split in SPLITS for item in dataset.recordings(split))
     skipped = list(dataset.skipped)
     judged = []
-    for recording in tqdm(_spread(everything, recordings), desc="look", unit="recording"):
+    for recording in Bar(_spread(everything, recordings), desc="look", unit="recording"):
         try:
             judged.append(judge(_middle(recording, frames), chosen))
         except DataError as error:

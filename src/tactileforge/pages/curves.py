@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -46,7 +47,7 @@ def read_metrics(folder: Path) -> dict[str, Curve]:
     points: dict[str, dict[int, float]] = {}
     for row in metric_rows(folder / METRICS):
         for key, value in row.items():
-            if value not in ("", "nan") and key not in ("step", "epoch"):
+            if key not in ("step", "epoch") and value and math.isfinite(float(value)):
                 points.setdefault(key, {})[int(row["step"])] = float(value)
     return {key: _curve(values) for key, values in sorted(points.items())}
 

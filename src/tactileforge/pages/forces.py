@@ -47,6 +47,7 @@ def agreement_figure(
         words: Written into the corner.
         name: Description for those who cannot see it; made of the labels if empty.
     """
+    groups = [_finite(group) for group in groups]
     low, high = limits or _span(groups)
     room = 0.02 * (high - low) if limits else max(0.05 * (high - low), 0.1 - (high - low) / 2)
     ends = (low - room, high + room)
@@ -61,9 +62,16 @@ def agreement_figure(
         return svg(figure, name or f"{labels[1]} against {labels[0]}")
 
 
+def _finite(points: Points) -> Points:
+    """Those that can be drawn."""
+    x, y, classes, strength = points
+    known = np.isfinite(x) & np.isfinite(y)
+    return x[known], y[known], classes[known], strength
+
+
 def _span(groups: Sequence[Points]) -> tuple[float, float]:
     values = np.concatenate([part for x, y, *_ in groups for part in (x, y)])
-    return float(values.min()), float(values.max())
+    return (float(values.min()), float(values.max())) if len(values) else (0.0, 1.0)
 
 
 def prediction_figure(

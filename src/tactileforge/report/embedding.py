@@ -57,7 +57,7 @@ class NeighbourScore:
 
 
 def embedding_of(data: TouchData, looks: dict[str, ClipSample]) -> Embedding:
-    """Puts the clips of the splits together.
+    """Puts the clips of the splits together, but those whose embedding is not finite.
 
     Args:
         data: The data of the run.
@@ -77,7 +77,10 @@ def embedding_of(data: TouchData, looks: dict[str, ClipSample]) -> Embedding:
     vectors = np.concatenate([look.cls for look in looks.values()]).astype(np.float64)
     vectors /= np.linalg.norm(vectors, axis=1, keepdims=True).clip(1e-12)
     held_out = np.concatenate([np.full(len(look.clips), s == "val") for s, look in looks.items()])
-    return Embedding(vectors, recordings, held_out, labels)
+    fine = np.isfinite(vectors).all(1)
+    kept = np.flatnonzero(fine).tolist()
+    names = {kind: [known[i] for i in kept] for kind, known in labels.items()}
+    return Embedding(vectors[fine], [recordings[i] for i in kept], held_out[fine], names)
 
 
 def neighbours(embedding: Embedding, kind: str) -> NeighbourScore | None:
@@ -126,7 +129,9 @@ def embedding_section(embedding: Embedding, scores: dict[str, NeighbourScore | N
     """The map, coloured by what is known of the clips, and the scores."""
     name, title = "embedding", "Embedding map"
     if len(embedding.vectors) < 3:
-        return Section(name, title, paragraph("Fewer than three clips: no map."))
+        return Section(
+            name, title, paragraph("Fewer than three clips with a finite embedding: no map.")
+        )
     places, shares = principal(embedding.vectors)
     if not shares.any():
         return Section(name, title, paragraph("All clips have one and the same embedding."))

@@ -56,10 +56,7 @@ def losses(curves: Mapping[str, Curve], objectives: Sequence[str], last_step: in
     parts = []
     for key in objectives:
         logged = [curves.get(f"{kind}/{key}") for kind in ("train", "val", "weight")]
-        asleep = (
-            "" if logged[0] else "never computed: its weight was 0 whenever metrics were logged"
-        )
-        parts.append(panel(key, curve_figure("loss", last_step, *logged, of=key), asleep))
+        parts.append(panel(key, curve_figure("loss", last_step, *logged, of=key), _absent(*logged)))
     for key, title in (
         ("lr", "learning rate"),
         ("universal", "chance of the universal sensor token"),
@@ -88,6 +85,15 @@ def losses(curves: Mapping[str, Curve], objectives: Sequence[str], last_step: in
     if parts_of:
         body += details("Parts of the losses", panels(parts_of))
     return Section("losses", "Losses", body)
+
+
+def _absent(train: Curve | None, val: Curve | None, weight: Curve | None) -> str:
+    """Why an objective has no training loss; "" where it has one."""
+    if train is not None:
+        return ""
+    if weight is not None and weight.values.any():
+        return "no loss: it met no label in any step whose metrics were logged"
+    return "never computed: its weight was 0 whenever metrics were logged"
 
 
 def balance(

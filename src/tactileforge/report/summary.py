@@ -85,7 +85,9 @@ def run_verdict(
     else:
         lines.append(("plain", "No validation: the data holds nothing out."))
     lines += [
-        ("bad", f"{line[0].upper()}{line[1:]}.") for key in weights if (line := labels.missing(key))
+        ("bad", f"{line[0].upper()}{line[1:]}.")
+        for key in weights
+        if (line := labels.missing(key, has_ended=True))
     ]
     if findings is not None:
         lines += _rebuilt(findings.explained)

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
+from tactileforge.bars import Bar
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards import shards
@@ -59,7 +59,7 @@ def write_demonstrations(options: DemonstrationOptions) -> Demonstrations:
     folder = Path(options.out)
     claim(folder / MADE, _made(options), "demonstrations")
     tried = 0
-    with tqdm(total=options.n, desc="demonstrations", unit="episode") as bar:
+    with Bar(total=options.n, desc="demonstrations", unit="episode") as bar:
         while (kept := len(_kept(folder, tried))) < options.n:
             if tried > 2 * options.n + 10:
                 raise TactileForgeError(

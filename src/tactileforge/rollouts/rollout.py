@@ -8,8 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
+from tactileforge.bars import Bar
 from tactileforge.files import claim
 from tactileforge.processes import process_count, run_share, spread
 from tactileforge.rollouts.actors import SCRIPTED, fingerprint, make_actor
@@ -62,7 +61,7 @@ def roll_out(options: RolloutOptions) -> Rollouts:
     env.close()
     claim(folder / MADE, made, "rollouts")
     missing = [n for n in range(options.n) if not _path(folder, n).exists()]
-    with tqdm(total=options.n, initial=options.n - len(missing), unit="episode") as bar:
+    with Bar(total=options.n, initial=options.n - len(missing), unit="episode") as bar:
         bar.set_description(f"{options.word}, {Path(options.policy).name}")
         _play(options, missing, bar)
     episodes = [EpisodeResult.load(_path(folder, n)) for n in range(options.n)]

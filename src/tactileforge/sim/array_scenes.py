@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from tactileforge import strict
+from tactileforge.bars import Bar
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards import shards
@@ -223,7 +223,7 @@ def write_array_scenes(
     """
     missing = [n for n in numbers if not path_of(folder, n).exists()]
     count = process_count(len(missing), processes)
-    with tqdm(
+    with Bar(
         total=len(missing), desc="simulating", unit="touch", disable=len(missing) < _MANY
     ) as bar:
         if len(missing) >= _MANY and count > 1:

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from tactileforge import strict
+from tactileforge.bars import Bar
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards import shards
@@ -121,7 +121,7 @@ def write_scenes(
         return
     count = process_count(len(missing), processes)
     many = len(missing) >= _MANY
-    with tqdm(total=len(missing), desc="simulating", unit="touch", disable=not many) as bar:
+    with Bar(total=len(missing), desc="simulating", unit="touch", disable=not many) as bar:
         if many and count > 1:
             command = [__name__, json.dumps(asdict(config)), str(folder)]
             spread(command, missing, count, lambda n: path_of(folder, n).exists(), bar)

@@ -10,6 +10,7 @@ from torch import Tensor, nn
 
 from tactileforge import registry
 from tactileforge.contracts import LABELS, Batch, Views
+from tactileforge.parts import Term, term_of
 from tactileforge.testing.batches import batch, half_labelled, rows_of, without
 from tactileforge.testing.modules import small_context, views_of
 from tactileforge.testing.results import Check, CheckSubject, Skip, Violation, construct, require
@@ -25,13 +26,16 @@ class _Parts:
     def modules(self) -> nn.ModuleList:
         return nn.ModuleList([self.encoder, self.head, self.objective])
 
-    def __call__(self, made: Batch) -> tuple[Tensor, dict[str, Tensor]]:
+    def __call__(self, made: Batch) -> Tensor:
+        """The loss."""
+        return self.term(made).loss.value
+
+    def term(self, made: Batch) -> Term:
         torch.manual_seed(0)
         return self.of_views(self.encoder.views(made), made)
 
-    def of_views(self, views: Views, made: Batch) -> tuple[Tensor, dict[str, Tensor]]:
-        loss, logs = self.objective(self.head(views, made), made)
-        return loss, logs
+    def of_views(self, views: Views, made: Batch) -> Term:
+        return term_of("objective", self.objective, self.head(views, made), made)
 
 
 def _parts(subject: CheckSubject) -> _Parts:
@@ -58,8 +62,9 @@ def head_and_needs_are_declared(subject: CheckSubject) -> None:
 
 def loss_is_a_finite_scalar(subject: CheckSubject) -> None:
     """So are the logs."""
-    loss, logs = _parts(subject)(batch())
-    for name, value in {"loss": loss, **logs}.items():
+    term = _parts(subject).term(batch())
+    means = {"loss": term.loss, **term.extra}
+    for name, value in {name: mean.value for name, mean in means.items()}.items():
         require(value.ndim == 0, f"{name} has shape {tuple(value.shape)}: it must be a scalar")
         require(bool(torch.isfinite(value)), f"{name} is {value.item()}")
 
@@ -78,7 +83,7 @@ def every_own_parameter_gets_gradient(subject: CheckSubject) -> None:
     optimizer = torch.optim.SGD(parts.modules.parameters(), lr=1e-2)
     for _ in range(3):
         optimizer.zero_grad()
-        torch.autograd.backward(parts(batch())[0])
+        torch.autograd.backward(parts(batch()))
         reached |= {n for n, p in parameters.items() if p.grad is not None and bool(p.grad.any())}
         optimizer.step()
     idle = sorted(set(parameters) - reached)
@@ -103,7 +108,7 @@ def _twenty_steps(subject: CheckSubject, rate: float) -> tuple[float, float]:
     losses = []
     for _ in range(21):
         optimizer.zero_grad()
-        loss, _ = parts(batch())
+        loss = parts(batch())
         losses.append(float(loss.detach()))
         torch.autograd.backward(loss)
         optimizer.step()
@@ -112,16 +117,16 @@ def _twenty_steps(subject: CheckSubject, rate: float) -> tuple[float, float]:
 
 def same_seed_same_loss(subject: CheckSubject) -> None:
     """Built twice, computed twice."""
-    first, second = (float(_parts(subject)(batch())[0].detach()) for _ in range(2))
+    first, second = (float(_parts(subject)(batch()).detach()) for _ in range(2))
     require(first == second, f"{first!r}, then {second!r}")
 
 
 def bf16_autocast_works(subject: CheckSubject) -> None:
     """The loss is within 10 % of that in fp32, gradients are finite."""
     parts = _parts(subject)
-    full = float(parts(batch())[0].detach())
+    full = float(parts(batch()).detach())
     with torch.autocast("cpu", torch.bfloat16):
-        loss, _ = parts(batch())
+        loss = parts(batch())
     torch.autograd.backward(loss)
     gap = abs(float(loss.detach()) - full)
     require(gap <= 0.1 * abs(full) + 0.02, f"the loss is {loss.item():.4g}, in fp32 {full:.4g}")
@@ -142,8 +147,8 @@ def unlabelled_samples_change_nothing(subject: CheckSubject) -> None:
         for rows in (slice(3), slice(6), slice(3, 6)):
             torch.manual_seed(0)
             with torch.no_grad():
-                loss, _ = parts.of_views(views.rows(rows), rows_of(made, rows))
-            losses.append(float(loss))
+                term = parts.of_views(views.rows(rows), rows_of(made, rows))
+            losses.append(float(term.loss.value))
         labelled, half, none = losses
         require(
             abs(labelled - half) <= 1e-5 * max(1.0, abs(labelled)),
@@ -151,6 +156,24 @@ def unlabelled_samples_change_nothing(subject: CheckSubject) -> None:
             f"{half:.6g}",
         )
         require(none == none and abs(none) != float("inf"), f"with no {need!r} at all it is {none}")
+
+
+def labels_are_counted(subject: CheckSubject) -> None:
+    """A loss over labels is a `means.Mean`, whose count is 0 where there is none."""
+    needs = sorted(subject.plugin.needs)
+    if not needs:
+        raise Skip("it needs no labels")
+    parts = _parts(subject)
+    for need in needs:
+        made = half_labelled(need)
+        views = views_of(parts.encoder, made).rows(slice(3, 6))
+        with torch.no_grad():
+            count = parts.of_views(views, rows_of(made, slice(3, 6))).loss.count.item()
+        require(
+            count == 0,
+            f"3 samples without {need!r} count as {count:g} in the validation loss: return what "
+            "masked_mean returns, or a means.Mean",
+        )
 
 
 def missing_key_is_named(subject: CheckSubject) -> None:
@@ -177,5 +200,6 @@ CHECKS: list[Check] = [
     same_seed_same_loss,
     bf16_autocast_works,
     unlabelled_samples_change_nothing,
+    labels_are_counted,
     missing_key_is_named,
 ]

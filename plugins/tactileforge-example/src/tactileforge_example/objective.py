@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from torch import Tensor, nn
 
-from tactileforge.plugin import NEUTRAL_BACKGROUND, Batch, masked_mean
+from tactileforge.plugin import NEUTRAL_BACKGROUND, Batch, Mean, masked_mean
 
 
 class ContactArea(nn.Module):
@@ -26,7 +26,7 @@ class ContactArea(nn.Module):
         super().__init__()
         self.threshold = threshold
 
-    def forward(self, prediction: Tensor, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
+    def forward(self, prediction: Tensor, batch: Batch) -> tuple[Mean, dict[str, Mean]]:
         """The loss; logs the mean contact area.
 
         Args:

@@ -14,8 +14,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch.utils.data import DataLoader, Subset
-from tqdm import tqdm
 
+from tactileforge.bars import Bar
 from tactileforge.bench.fit import decoded
 from tactileforge.bench.fit.frozen_encoder import FrozenEncoder
 from tactileforge.bench.tasks.source import TaskSource
@@ -152,7 +152,7 @@ class _Extraction:
             arrays = {what: np.lib.format.open_memmap(p, "r+") for what, p in parts.items()}
         flips = tuple(dict.fromkeys(flip for _, flip in self.paths))
         summary = any(tap == "summary" for tap, _ in self.paths)
-        with tqdm(
+        with Bar(
             total=self.total, initial=done, desc=f"features of {self.subject.name}", unit="clip"
         ) as bar:
             for number, (places, batch) in enumerate(self._batches(done), start=1):

@@ -11,8 +11,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
-from tqdm import tqdm
 
+from tactileforge.bars import Bar
 from tactileforge.bench.fit.features import FLIPS, PLAIN, FeatureStore, loader, readers
 from tactileforge.bench.fit.frozen_encoder import FrozenEncoder
 from tactileforge.bench.fit.probes.base import Values
@@ -110,7 +110,7 @@ class _Run:
         total = max(1, training.epochs * math.ceil(len(uses[0]) / training.batch))
         best: dict[str, Tensor] = {}
         done = 0
-        for epoch in tqdm(range(1, training.epochs + 1), desc=f"fine-tuning {self.subject.name}"):
+        for epoch in Bar(range(1, training.epochs + 1), desc=f"fine-tuning {self.subject.name}"):
             rng, losses = np.random.default_rng([epoch, outcome.seed]), []
             for places, batch in self._batches(rng.permutation(uses[0])):
                 if training.schedule == "cosine":

@@ -1,0 +1,133 @@
+"""Numbers that are not finite: where they began, and that they are never saved."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+import torch
+import torch.distributed as dist
+from torch import Tensor, nn
+
+from tactileforge.distributed import sum_over_ranks, world
+from tactileforge.errors import TactileForgeError
+
+
+class NotFiniteError(TactileForgeError):
+    """Training has left the finite numbers; what it has learned is lost back to its checkpoint."""
+
+
+class FiniteWatch:
+    """Notes the first step at which each loss is not finite, without waiting for the device.
+
+    Args:
+        keys: The objectives.
+    """
+
+    def __init__(self, keys: Sequence[str]) -> None:
+        self.keys = list(keys)
+        self._first: Tensor | None = None
+        self._odd: frozenset[str] = frozenset()
+
+    def start(self, module: nn.Module) -> None:
+        """Notes what is not finite on purpose, as a mask of attention may be.
+
+        Args:
+            module: Of the run, before its first step.
+        """
+        self._odd = frozenset(broken(module.named_buffers()))
+
+    def note(self, losses: Mapping[str, Tensor], step: int) -> None:
+        """Looks at the losses of a step.
+
+        Args:
+            losses: Scalars, of the objectives that are computed.
+            step: Optimiser steps taken so far.
+        """
+        some = next(iter(losses.values()), None)
+        if some is None:
+            return
+        never = torch.full((), torch.inf, device=some.device)
+        if self._first is None:
+            self._first = never.expand(len(self.keys)).clone()
+        bad = [
+            torch.where(torch.isfinite(losses[key].detach()), never, float(step))
+            if key in losses
+            else never
+            for key in self.keys
+        ]
+        self._first = torch.minimum(self._first, torch.stack(bad))
+
+    def check(self, module: nn.Module, optimizers: Iterable[Any], step: int) -> None:
+        """Refuses to save what is not finite: weights, EMA copies, or averages of the optimiser.
+
+        Every process has to ask.
+
+        Args:
+            module: Of the run; its parameters may be shares of this process.
+            optimizers: Of the run.
+            step: Optimiser steps taken so far.
+
+        Raises:
+            NotFiniteError: There is such a number; names parts, objectives and steps.
+        """
+        named = [
+            *module.named_parameters(),
+            *module.named_buffers(),
+            *_averages(optimizers, module),
+        ]
+        bad = broken(pair for pair in named if pair[0] not in self._odd)
+        count = torch.tensor(float(len(bad)), device=named[0][1].device)
+        if sum_over_ranks(count):
+            parts = sorted({_part(name) for name in bad}) or ["those of another process"]
+            raise NotFiniteError(
+                f"step {step}: weights are not finite ({', '.join(parts)}){self.began()}"
+            )
+
+    def began(self) -> str:
+        """Which losses were not finite, and since when; of all processes, which have to ask."""
+        if self._first is None:
+            return ""
+        first = self._first.clone()
+        if world()[1] > 1:
+            dist.all_reduce(first, op=dist.ReduceOp.MIN)
+        since = dict(zip(self.keys, first.tolist(), strict=True))
+        known = sorted((step, key) for key, step in since.items() if step != torch.inf)
+        said = ", ".join(f"{key!r} since step {step:.0f}" for step, key in known)
+        return f"; the loss is not finite: {said}" if said else "; every loss was finite"
+
+
+def broken(named: Iterable[tuple[str, Tensor]]) -> list[str]:
+    """Names of the tensors with a number that is not finite.
+
+    Example:
+        >>> broken([("a", torch.ones(2)), ("b", torch.tensor([1.0, torch.nan]))])
+        ['b']
+    """
+    found = {name: _is_finite(tensor) for name, tensor in named if tensor.is_floating_point()}
+    if not found:
+        return []
+    rows = torch.stack([flag.cpu() for flag in found.values()]).tolist()
+    return [name for name, fine in zip(found, rows, strict=True) if not fine]
+
+
+def _is_finite(tensor: Tensor) -> Tensor:
+    """Whether the share of this process is finite, as a scalar on its device."""
+    local: Tensor = tensor.to_local() if hasattr(tensor, "to_local") else tensor
+    return local.detach().isfinite().all()
+
+
+def _averages(optimizers: Iterable[Any], module: nn.Module) -> Iterator[tuple[str, Tensor]]:
+    """What an optimiser keeps of each parameter, by the parameter's name."""
+    names = {id(parameter): name for name, parameter in module.named_parameters()}
+    for optimizer in optimizers:
+        for parameter, state in optimizer.state.items():
+            for key, value in state.items():
+                if isinstance(value, Tensor):
+                    yield f"{names.get(id(parameter), 'optimiser')}.{key}", value
+
+
+def _part(name: str) -> str:
+    """The encoder, or the head or objective that a tensor belongs to."""
+    words = name.split(".")
+    return ".".join(words[:2]) if words[0] in ("heads", "objectives") else words[0]

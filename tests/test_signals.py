@@ -1,0 +1,56 @@
+"""Signals that end a run: as an event, as an interrupt, and in processes that are forked."""
+
+import multiprocessing
+import os
+import signal
+import time
+
+import pytest
+
+from tactileforge import cli
+from tactileforge.signals import ENDING, interrupted_by_signals, stopped_by_signals
+
+
+@pytest.mark.parametrize("number", ENDING)
+def test_an_event_is_set_and_the_second_ends_at_once(number: signal.Signals) -> None:
+    before = [signal.getsignal(one) for one in ENDING]
+    with stopped_by_signals() as stop:
+        os.kill(os.getpid(), number)
+        assert stop.wait(10)
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), number)
+    assert [signal.getsignal(one) for one in ENDING] == before
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_command_that_listens_to_nothing_says_what_stopped_it(
+    number: signal.Signals, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def dispatch(verb: str, rest: object) -> int:
+        os.kill(os.getpid(), number)
+        return 0
+
+    monkeypatch.setattr(cli, "dispatch", dispatch)
+    assert cli.run(["demos", "task=wipe"]) == 130
+    said = capsys.readouterr().err
+    assert said == f"stopped by {number.name}; go on with: the same command again\n"
+
+
+def test_what_is_ignored_stays_so() -> None:
+    """As `nohup` starts a command."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with interrupted_by_signals(), stopped_by_signals() as stop:
+            os.kill(os.getpid(), signal.SIGHUP)
+            assert not stop.is_set()
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def test_a_forked_process_ends_by_the_signal() -> None:
+    with interrupted_by_signals():
+        child = multiprocessing.get_context("fork").Process(target=time.sleep, args=(600,))
+        child.start()
+        child.terminate()
+        child.join(60)
+    assert child.exitcode == -signal.SIGTERM
