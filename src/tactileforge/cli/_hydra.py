@@ -16,9 +16,12 @@ from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from tactileforge.cli._command import Command, Result
-from tactileforge.cli._options import options, own_places
+from tactileforge.cli._options import options, own_places, places_of
+from tactileforge.cli._quote import quoted
+from tactileforge.cli._sweep import JOB, stopped_sweep
 from tactileforge.cli._words import Words
 from tactileforge.errors import ConfigError, TactileForgeError, nearest_name, unknown
+from tactileforge.processes import end_with_parent
 
 
 def run(verb: str, command: Command, words: Words) -> Result:
@@ -34,15 +37,18 @@ def run(verb: str, command: Command, words: Words) -> Result:
 
     register()
     os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # its errors are raised, and told here
-    typed = sys.argv
+    typed, launcher = sys.argv, os.getpid()
+    places = places_of(words.overrides, words.flags)
     results: list[Result] = []
     ended: list[BaseException] = []  # Hydra would print an account of its own
 
     def task(config: DictConfig) -> Result:
         alone = HydraConfig.get().mode is not hydra.types.RunMode.MULTIRUN
-        # processes that Lightning starts for DDP repeat the command, or this job of it
-        jobs = [] if alone else [typed[0], *verb.split(), *HydraConfig.get().overrides.task]
-        sys.argv = typed if alone else jobs
+        # processes that are started repeat the command, or this job of it
+        task_words = [] if alone else HydraConfig.get().overrides.task
+        sys.argv = typed if alone else [typed[0], *verb.split(), *places, *task_words]
+        if os.getppid() == launcher:
+            end_with_parent(launcher)
         try:
             given = plain(command.finish(config) if command.finish else config)
             results.append(command.run(command.build(given), given))
@@ -55,7 +61,10 @@ def run(verb: str, command: Command, words: Words) -> Result:
             return None
 
     name = command.declare(verb)
-    sys.argv = ["tactileforge", *words.flags, *words.overrides]
+    if command.yaml and words.sweeps and (folder := stopped_sweep(words.typed)):
+        print(f"goes on with the sweep in {folder}; hydra.sweep.dir= starts another", flush=True)
+        words.overrides.append(f"hydra.sweep.dir={quoted(str(folder))}")
+    sys.argv = ["tactileforge", *words.typed]
     try:
         with told(verb, command, words):
             hydra.main(version_base="1.3", config_path="pkg://tactileforge.conf", config_name=name)(
@@ -73,7 +82,7 @@ def run(verb: str, command: Command, words: Words) -> Result:
 
 
 #: What there is in a folder before a run begins: what Hydra writes, and the run's own lock.
-_BEFORE = {".hydra", ".lock", "train.log"}
+_BEFORE = {".hydra", ".lock", "train.log", JOB}
 
 
 def _forget(hydra: Any) -> None:

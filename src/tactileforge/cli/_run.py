@@ -13,6 +13,7 @@ from typing import Any, get_origin, get_type_hints
 from tactileforge import strict
 from tactileforge.cli import _words
 from tactileforge.cli._command import Command, Result
+from tactileforge.cli._quote import for_hydra, quoted
 from tactileforge.cli._words import Words
 
 
@@ -37,6 +38,7 @@ def run(verb: str, command: Command, argv: Sequence[str]) -> int:
     light = not (command.groups or command.yaml or words.asks_hydra or words.explain)
     if light:
         return _status(_light(command, words, given))
+    words.overrides = [for_hydra(word, words.sweeps) for word in words.overrides]
     words.overrides += [f"{key}={_quoted(value)}" for key, value in given.items()]
     words.overrides = command.prepare(words.overrides)
     from tactileforge.cli import _hydra
@@ -77,8 +79,7 @@ def _light(command: Command, words: Words, given: dict[str, Any]) -> Result:
 def _quoted(value: Any) -> str:
     if isinstance(value, list):
         return f"[{','.join(map(_quoted, value))}]"
-    escaped = str(value).replace("\\", "\\\\").replace("'", "\\'")
-    return f"'{escaped}'"
+    return quoted(str(value))
 
 
 def _status(result: Result) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import keyword
 import re
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from importlib.resources import files
@@ -14,7 +15,7 @@ from typing import Any
 
 from tactileforge import registry
 from tactileforge.cli._command import Command
-from tactileforge.errors import ConfigError, PluginError, SensorError, unknown
+from tactileforge.errors import ConfigError, PluginError, SensorError, command, unknown
 
 _KINDS = [kind.removesuffix("s") for kind in registry.KINDS]
 
@@ -183,7 +184,8 @@ def _new(keys: _New, _: dict[str, Any]) -> None:
         target = folder / path.replace("tactileforge_example", package)
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_text(pattern.sub(lambda match: words[match[0]], text), "utf-8")
-    print(f"wrote {folder}\nnext: pip install -e {folder} && tactileforge plugins check {name}")
+    install = shlex.join(["pip", "install", "-e", str(folder)])
+    print(f"wrote {folder}\nnext: {install} && {command('plugins', 'check', name)}")
 
 
 def _camel(name: str) -> str:

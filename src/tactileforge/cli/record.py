@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from tactileforge.cli._command import Command
+from tactileforge.errors import command
 from tactileforge.record.options import RecordOptions
 from tactileforge.record.record import record
 from tactileforge.record.status import RecordStatus, RecordSummary
@@ -27,7 +28,8 @@ def _record(keys: RecordOptions, config: dict[str, Any]) -> None:
         finally:
             status.end()
     print(_told(summary))
-    print(f"look at it: tactileforge data inspect data=shards data.root={keys.out}")
+    look = command("data", "inspect", "data=shards", f"data.root={keys.out}")
+    print(f"look at it: {look}")
 
 
 def _say(status: RecordStatus) -> Any:

@@ -8,6 +8,7 @@ from typing import Any
 
 from tactileforge import registry
 from tactileforge.cli._command import Command
+from tactileforge.errors import command
 from tactileforge.files import write_text
 from tactileforge.reality.compare import CompareOptions, Side, compare_reality
 from tactileforge.sim.config import SimConfig
@@ -64,7 +65,7 @@ def _sim(keys: _Sim, _: dict[str, Any]) -> None:
     folder = Path(keys.out)
     train, val = write_seconds(config, folder, keys.seconds, keys.val, keys.processes)
     print(f"{train} touches for training and {val} for validation: {folder}")
-    print(f"train on them: tactileforge train data=shards data.root={folder}")
+    print(f"train on them: {command('train', 'data=shards', f'data.root={folder}')}")
 
 
 _SIMULATED = {spec.name for spec in fields(SimConfig)}
