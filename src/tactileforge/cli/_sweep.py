@@ -93,11 +93,8 @@ def stopped_sweep(words: Sequence[str]) -> Path | None:
         return None
     for path in sorted(_HERE.glob(f"*/{_SWEEP}"), reverse=True):
         about = json.loads(path.read_text("utf-8"))
-        if (
-            about["words"] == _of_sweep(words)
-            and not about["ended"]
-            and not is_claimed(path.parent)
-        ):
+        same = about == {"words": _of_sweep(words), "ended": False}
+        if same and not is_claimed(path.parent):
             return path.parent
     return None
 
@@ -115,6 +112,8 @@ class SweepTable(Callback):
     Jobs may run in other processes or on other machines, so each leaves its row in its folder.
     """
 
+    _words: Sequence[str] = ()
+
     def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
         """Holds the folder of the sweep, and notes what it is.
 
@@ -130,11 +129,8 @@ class SweepTable(Callback):
             raise ConfigError(
                 f"{folder}: another process runs this sweep; give another hydra.sweep.dir="
             ) from error
-        self._note(folder, ended=False)
-
-    def _note(self, folder: Path, ended: bool) -> None:
-        about = {"words": _of_sweep(sys.argv[1:]), "ended": ended}
-        write_text(folder / _SWEEP, json.dumps(about))
+        self._words = _of_sweep(sys.argv[1:])  # jobs have words of their own
+        write_text(folder / _SWEEP, json.dumps({"words": self._words, "ended": False}))
 
     def __getstate__(self) -> dict[str, Any]:
         """Leaves the lock here, where jobs run in other processes."""
@@ -155,7 +151,7 @@ class SweepTable(Callback):
     def on_multirun_end(self, config: DictConfig, **_: Any) -> None:
         """Gathers the rows of all jobs, and shows them."""
         folder = Path(config.hydra.sweep.dir)
-        self._note(folder, ended=True)
+        write_text(folder / _SWEEP, json.dumps({"words": self._words, "ended": True}))
         if not (table := _gather(config, folder)):
             return
         widths = [max(map(len, column)) for column in zip(*table, strict=True)]

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import logging
 import signal
+import sys
 import time
 from collections.abc import Iterator, Mapping
-from multiprocessing import get_context
+from multiprocessing import current_process, get_context, get_start_method
 from multiprocessing.context import BaseContext
 from typing import Any, TypeVar
 
@@ -41,7 +42,16 @@ class Loader(DataLoader[Batch]):
 
     @classmethod
     def of(cls, stream: Stream, numbers: BatchIndexSampler, workers: int) -> Loader:
-        """A loader of the batches of a stream that a sampler names."""
+        """A loader of the batches of a stream that a sampler names.
+
+        Args:
+            stream: The batches.
+            numbers: Which of them.
+            workers: Processes that read; 0 reads here, as does a process that may start none.
+        """
+        if workers and current_process().daemon:
+            log.warning("batch.workers=%d: this process may start no others, so it reads", workers)
+            workers = 0
         return cls(
             stream,
             batch_size=None,
@@ -108,10 +118,14 @@ class Loader(DataLoader[Batch]):
 def _context(workers: int) -> BaseContext | None:
     """Start method of workers: no fork of a process that talks to others.
 
-    Gloo and NCCL have threads, whose locks a fork copies as they are (a warning of torch's
-    ``DistributedDataParallel``), so that some runs would hang.
+    Gloo, NCCL and Ray have threads, whose locks a fork copies as they are (a warning of torch's
+    ``DistributedDataParallel``), so that some runs would hang. That of joblib's processes pickles
+    what cannot be pickled.
     """
-    if not workers or world()[1] == 1:
+    if not workers:
+        return None
+    is_alone = world()[1] == 1 and "ray" not in sys.modules
+    if is_alone and get_start_method() in ("fork", "spawn"):
         return None
     context = get_context("forkserver")
     context.set_forkserver_preload([__name__])
