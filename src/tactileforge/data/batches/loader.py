@@ -7,7 +7,13 @@ import signal
 import sys
 import time
 from collections.abc import Iterator, Mapping
-from multiprocessing import current_process, get_context, get_start_method
+from multiprocessing import (
+    current_process,
+    get_all_start_methods,
+    get_context,
+    get_start_method,
+    set_start_method,
+)
 from multiprocessing.context import BaseContext
 from typing import Any, TypeVar
 
@@ -119,13 +125,15 @@ def _context(workers: int) -> BaseContext | None:
     """Start method of workers: no fork of a process that talks to others.
 
     Gloo, NCCL and Ray have threads, whose locks a fork copies as they are (a warning of torch's
-    ``DistributedDataParallel``), so that some runs would hang. That of joblib's processes pickles
-    what cannot be pickled.
+    ``DistributedDataParallel``), so that some runs would hang. joblib's processes have a start
+    method of their own, which their children do not know.
     """
     if not workers:
         return None
-    is_alone = world()[1] == 1 and "ray" not in sys.modules
-    if is_alone and get_start_method() in ("fork", "spawn"):
+    known = get_start_method() in get_all_start_methods()
+    if not known:
+        set_start_method("forkserver", force=True)
+    if known and world()[1] == 1 and "ray" not in sys.modules:
         return None
     context = get_context("forkserver")
     context.set_forkserver_preload([__name__])
