@@ -54,7 +54,7 @@ def run(verb: str, command: Command, words: Words) -> Result:
         started.append(True)
         try:
             given = plain(command.finish(config) if command.finish else config)
-            results.append(command.run(command.build(given), given))
+            results.append(command.start(given))
             return results[-1]
         except TactileForgeError as error:
             _forget(HydraConfig.get())

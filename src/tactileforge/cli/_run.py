@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, get_origin, get_type_hints
 
-from tactileforge import strict
 from tactileforge.cli import _words
 from tactileforge.cli._command import Command, Result
 from tactileforge.cli._quote import for_hydra, quoted
@@ -53,7 +52,7 @@ def run(verb: str, command: Command, argv: Sequence[str]) -> int:
         return _status(_hydra.run(verb, command, words))
     with _hydra.told(verb, command, words):
         config = command.compose(verb, words.overrides)
-    return _status(command.run(command.build(config), config))
+    return _status(command.start(config))
 
 
 def _given(verb: str, command: Command, words: Words) -> dict[str, Any]:
@@ -73,7 +72,7 @@ def _light(command: Command, words: Words, given: dict[str, Any]) -> Result:
     if command.others:
         others = {key: given.pop(key) for key in [*given] if key not in hints}
         given[command.others] = others
-    return command.run(strict.build(command.keys, "", given), given)
+    return command.start(given, given)
 
 
 def _quoted(value: Any) -> str:

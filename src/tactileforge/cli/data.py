@@ -179,7 +179,7 @@ _DATA = {"data": "???"}
 COMMANDS = {
     "inspect": Command(run=_inspect, keys=_Inspect, groups=_DATA),
     "filter": Command(run=_filter, keys=_Filter, groups=_DATA),
-    "pack": Command(run=_pack, keys=_Pack, groups=_DATA),
-    "lerobot": Command(run=_lerobot, keys=_LeRobot, groups=_DATA),
-    "embed": Command(run=_embed, keys=_Embed, groups=_DATA),
+    "pack": Command(run=_pack, keys=_Pack, groups=_DATA, into=True),
+    "lerobot": Command(run=_lerobot, keys=_LeRobot, groups=_DATA, into=True),
+    "embed": Command(run=_embed, keys=_Embed, groups=_DATA, into=True),
 }

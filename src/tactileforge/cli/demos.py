@@ -23,4 +23,4 @@ def _demos(keys: DemonstrationOptions, _: dict[str, Any]) -> None:
     print(f"train on them: {command('train', *words)}")
 
 
-COMMANDS = {"": Command(run=_demos, keys=DemonstrationOptions)}
+COMMANDS = {"": Command(run=_demos, keys=DemonstrationOptions, into=True)}

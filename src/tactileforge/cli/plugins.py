@@ -211,5 +211,5 @@ def _sections_of(kind: str, text: str) -> str:
 COMMANDS = {
     "list": Command(run=_list, keys=_List),
     "check": Command(run=_check, keys=_Check, bare=("names",), others="options"),
-    "new": Command(run=_new, keys=_New, bare=("kind", "name")),
+    "new": Command(run=_new, keys=_New, into=True, bare=("kind", "name")),
 }

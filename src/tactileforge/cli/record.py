@@ -50,4 +50,4 @@ def _told(summary: RecordSummary) -> str:
 
 
 _SENSORS = {"sensor": "???", "force": None, "camera": None, "robot": None}
-COMMANDS = {"": Command(run=_record, keys=RecordOptions, groups=_SENSORS)}
+COMMANDS = {"": Command(run=_record, keys=RecordOptions, groups=_SENSORS, into=True)}

@@ -109,6 +109,6 @@ def _told(sensor: str, side: Side) -> str:
 
 
 COMMANDS = {
-    "": Command(run=_sim, keys=_Sim),
+    "": Command(run=_sim, keys=_Sim, into=True),
     "compare": Command(run=_compare, keys=_Compare, groups={"data": "???"}),
 }

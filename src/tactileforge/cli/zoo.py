@@ -195,7 +195,7 @@ def _card(model: str) -> Path:
 COMMANDS = {
     "list": Command(run=_list, keys=_List, bare=("pattern",)),
     "show": Command(run=_show, keys=_Show, bare=("model",)),
-    "get": Command(run=_get, keys=_Get, bare=("model",), also={"from": "file"}),
+    "get": Command(run=_get, keys=_Get, bare=("model",), also={"from": "file"}, cache=True),
     "pack": Command(run=_pack, keys=_Pack, bare=("run",)),
     "gate": Command(run=_gate, keys=_Gate, bare=("model", "benches")),
 }

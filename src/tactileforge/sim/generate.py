@@ -176,6 +176,7 @@ def write_seconds(
         numbers.append(FIRST_VAL + held_out if to_val else train)
         total += config.scene(numbers[-1]).path.seconds
     claim(folder / "sim.json", asdict(config), "touches")
+    shards.keep_whole(path_of(folder, n) for n in numbers)
     write_scenes(config, folder, numbers, processes)
     splits = {
         split: [
