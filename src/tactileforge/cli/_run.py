@@ -31,7 +31,7 @@ def run(verb: str, command: Command, argv: Sequence[str]) -> int:
     if words.help:
         from tactileforge.cli._help import text
 
-        print(text(verb, command))
+        print(text(verb, command, words.overrides))
         return 0
     given = _given(verb, command, words)
     light = not (command.groups or command.yaml or words.asks_hydra or words.explain)

@@ -17,6 +17,8 @@ _FLAGS = {
     **dict.fromkeys(("--cfg", "-c", "--config-dir", "-cd", "--package", "-p"), True),
     **dict.fromkeys(("--info", "-i", "--experimental-rerun"), True),
 }
+#: Flags as they are completed.
+FLAGS = ("--help", "--explain", *(flag for flag in _FLAGS if flag.startswith("--")))
 #: Options of a group that holds several, each under its own name.
 _SEVERAL = re.compile(r"(sensor|objective|head)=\[.*\]")
 #: Keys that are Hydra's own, and what adds or takes a key away.

@@ -53,6 +53,19 @@ class _Check:
 
 
 @dataclass(frozen=True, kw_only=True)
+class _Keys:
+    """Keys of ``plugins keys``.
+
+    Attributes:
+        names: Plugins; none for all.
+        markdown: Whether it is the page docs/keys.md.
+    """
+
+    names: list[str] = field(default_factory=list)
+    markdown: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
 class _New:
     """Keys of ``plugins new``.
 
@@ -156,6 +169,24 @@ _FILES = {
 _NAMES = {"sensor": "dummy", "dataset": "dummy_presses", "objective": "contact_area"}
 
 
+def _keys(keys: _Keys, _: dict[str, Any]) -> None:
+    """Says what each option of a plugin means, and its default."""
+    from tactileforge.cli._help import keys_page, plugin_keys
+
+    if keys.markdown:
+        print(keys_page(), end="")
+        return
+    groups = {kind: group for group, kind in reversed(registry.GROUPS.items())}
+    known = [one for one in registry.list_plugins() if one.kind in groups]
+    for name in keys.names:
+        if name not in {one.name for one in known}:
+            raise ConfigError(unknown("plugin", name, {one.name for one in known}))
+    for one in known:
+        if not keys.names or one.name in keys.names:
+            group = groups[one.kind]
+            print("\n".join([f"{group}={one.name}", *plugin_keys(group, one.name, "  "), ""]))
+
+
 def _new(keys: _New, _: dict[str, Any]) -> None:
     """Writes a package to start from."""
     kind, name, out = keys.kind, keys.name, Path(keys.out)
@@ -211,5 +242,6 @@ def _sections_of(kind: str, text: str) -> str:
 COMMANDS = {
     "list": Command(run=_list, keys=_List),
     "check": Command(run=_check, keys=_Check, bare=("names",), others="options"),
+    "keys": Command(run=_keys, keys=_Keys, bare=("names",)),
     "new": Command(run=_new, keys=_New, into=True, bare=("kind", "name")),
 }

@@ -192,10 +192,15 @@ def _card(model: str) -> Path:
     return Path(str(cards.zoo_folder() / "recipe" / f"{model.partition('.')[0]}.md"))
 
 
+def _packed(keys: _Pack) -> Path | str | None:
+    """The file, where there is a run."""
+    return keys.out or (Path(keys.run) / "model.safetensors" if Path(keys.run).is_dir() else None)
+
+
 COMMANDS = {
     "list": Command(run=_list, keys=_List, bare=("pattern",)),
     "show": Command(run=_show, keys=_Show, bare=("model",)),
     "get": Command(run=_get, keys=_Get, bare=("model",), also={"from": "file"}, cache=True),
-    "pack": Command(run=_pack, keys=_Pack, bare=("run",)),
+    "pack": Command(run=_pack, keys=_Pack, bare=("run",), writes=_packed),
     "gate": Command(run=_gate, keys=_Gate, bare=("model", "benches")),
 }
