@@ -220,6 +220,20 @@ def plain(config: DictConfig) -> dict[str, Any]:
     return out
 
 
+def check_presets(config: DictConfig) -> None:
+    """Checks that the keys of presets are where they are read.
+
+    Raises:
+        ConfigError: A recipe or another preset lacks its package line.
+    """
+    for group in _PRESETS:
+        if config.get(group):
+            raise ConfigError(
+                f"{group}=: the first line of its YAML has to be '# @package _global_', or its "
+                "keys stay below its own name, where nothing reads them"
+            )
+
+
 def finish(config: DictConfig) -> DictConfig:
     """Completes a composed configuration: one head for each objective, no more, no fewer.
 
@@ -232,12 +246,7 @@ def finish(config: DictConfig) -> DictConfig:
         ConfigError: No objective, or a row for something that is not one.
         PluginError: A plugin is not installed.
     """
-    for group in _PRESETS:
-        if config.get(group):
-            raise ConfigError(
-                f"{group}=: the first line of its YAML has to be '# @package _global_', or its "
-                "keys stay below its own name, where nothing reads them"
-            )
+    check_presets(config)
     chosen = _chosen("objective", config)
     if not chosen:
         raise ConfigError("no objective: choose some, e.g. objective=[pixel,diff]")

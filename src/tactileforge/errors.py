@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import shlex
 from collections.abc import Iterable
 from difflib import get_close_matches
 
@@ -48,6 +49,16 @@ def full(error: OSError) -> str:
         return ""
     where = f"{error.filename}: " if error.filename else ""
     return f"{where}the disk is full ({error.strerror}); make room, and go on"
+
+
+def command(*words: str) -> str:
+    """A command of ours that can be pasted into a shell.
+
+    Example:
+        >>> command("train", "resume=runs/a b")
+        "tactileforge train 'resume=runs/a b'"
+    """
+    return shlex.join(["tactileforge", *words])
 
 
 def nearest_name(name: str, known: Iterable[str]) -> str:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
+import logging
 import os
+import re
+import shutil
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -15,8 +19,14 @@ from uuid import uuid4
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.untrusted import dump_yaml, load_json, load_yaml
 
+log = logging.getLogger(__name__)
+
 #: Seconds after which a part that nobody writes to is that of a process that was killed.
 _ABANDONED = 3600.0
+#: Ending of the name of a part: its machine and process, before other words.
+_PART = re.compile(r"(?:\.([^.-]+)-(\d+)\.\w+|\.\w+)?\.part(?:\.\w+)?$")
+#: Bytes that a full disk has no room for.
+_BLOCK = 4096
 #: First line of a sealed YAML, before the checksum of what follows.
 _SEAL = "# sha256 (remove this line where you change the file): "
 
@@ -36,32 +46,144 @@ def cache_folder(path: str | None = None) -> Path:
 
 def write_text(path: Path, text: str) -> None:
     """Writes a text file beside its place, then renames it; makes its folder."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
-    try:
+    with new_part(path) as part:
         part.write_text(text, encoding="utf-8")
         part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 @contextmanager
-def new_part(target: Path) -> Iterator[Path]:
-    """A name beside a file, for the time in which it is written; of this process alone.
+def new_part(target: Path, suffix: str = "") -> Iterator[Path]:
+    """A name beside a file or folder, for the time in which it is written; of this process alone.
 
-    It is removed at the end, if it is still there. Parts that killed processes left are removed
-    when nobody has written to them for an hour.
+    It is removed at the end, if it is still there. So are parts of the same target that killed
+    processes left; see `sweep_parts`.
+
+    Args:
+        target: The file or folder.
+        suffix: Ending of the name, for a writer that looks at it.
     """
     target.parent.mkdir(parents=True, exist_ok=True)
-    for old in target.parent.glob(f".{target.name}.*.part"):
-        with suppress(FileNotFoundError):  # another process may do the same
-            if time.time() - old.stat().st_mtime > _ABANDONED:
-                old.unlink()
-    part = target.with_name(f".{target.name}.{uuid4().hex}.part")
+    sweep_parts(target.parent, f".{target.name}.")
+    part = part_name(target, suffix)
     try:
         yield part
     finally:
+        _remove(part)
+
+
+def part_name(target: Path, suffix: str = "") -> Path:
+    """A new name beside a file, which says whose it is; see `sweep_parts`."""
+    owner = f"{_node()}-{os.getpid()}"
+    return target.with_name(f".{target.name}.{owner}.{uuid4().hex[:8]}.part{suffix}")
+
+
+def say_swept(folder: Path, count: int) -> None:
+    """Says how many parts `sweep_parts` removed, if any."""
+    if count:
+        parts = "1 part of a file" if count == 1 else f"{count} parts of files"
+        log.warning("%s: removed %s that a stopped command had left", folder, parts)
+
+
+def sweep_parts(folder: Path, start: str = "", alone: bool = False) -> int:
+    """Removes parts of files that killed processes left in a folder.
+
+    A part is abandoned where its process, which its name says, is gone from this machine; or where
+    nobody has written to it for an hour.
+
+    Args:
+        folder: Where parts are looked for, not in folders below.
+        start: How their names begin.
+        alone: Whether no other process writes into the folder, so that every part is abandoned.
+
+    Returns:
+        How many were removed.
+    """
+    found = [path for path in _listed(folder) if path.name.startswith(start)]
+    abandoned = [
+        path
+        for path in found
+        if (match := _PART.search(path.name)) and (alone or _is_abandoned(path, match))
+    ]
+    for path in abandoned:
+        _remove(path)
+    return len(abandoned)
+
+
+def _listed(folder: Path) -> list[Path]:
+    try:
+        return list(folder.iterdir())
+    except OSError:  # it is not there, or has become a file
+        return []
+
+
+def _is_abandoned(path: Path, match: re.Match[str]) -> bool:
+    if match[1] == _node() and not _runs(int(match[2])):
+        return True
+    try:
+        return time.time() - path.stat().st_mtime > _ABANDONED
+    except FileNotFoundError:  # another process may do the same
+        return False
+
+
+def _runs(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:  # of another user
+        return True
+    return True
+
+
+def _remove(part: Path) -> None:
+    if part.is_dir() and not part.is_symlink():
+        shutil.rmtree(part, ignore_errors=True)
+    else:
         part.unlink(missing_ok=True)
+
+
+def _node() -> str:
+    """This machine, as the names of parts say it."""
+    return re.sub(r"\W", "", os.uname().nodename) or "machine"
+
+
+def check_writable(path: Path, fix: str = "give another out=", folder: bool = False) -> None:
+    """Checks that a file or folder can be written, before the work that fills it.
+
+    Args:
+        path: The file or folder; folders above it may still have to be made.
+        fix: What to do where it cannot.
+        folder: Whether it is a folder.
+
+    Raises:
+        ConfigError: The place is read-only, full, or of the other kind; says the fix.
+    """
+    try:
+        if path.is_dir() and not folder:
+            raise IsADirectoryError(errno.EISDIR, "a folder is there")
+        place = path.absolute() if folder else path.absolute().parent
+        while not place.exists():
+            place = place.parent
+        if not place.is_dir():
+            raise NotADirectoryError(errno.ENOTDIR, f"{place} is a file, not a folder")
+        with new_part(place / "probe") as part:
+            part.write_bytes(bytes(_BLOCK))
+    except (OSError, ValueError) as error:  # a name may hold what no name can
+        reason = getattr(error, "strerror", None) or str(error)
+        raise ConfigError(f"{path}: cannot be written ({reason}); {fix}") from error
+
+
+def check_cache(path: str | None = None) -> None:
+    """Checks that the cache can be written, before the work whose results it keeps.
+
+    Args:
+        path: See `cache_folder`.
+
+    Raises:
+        ConfigError: It cannot; says the fix.
+    """
+    fix = "set TACTILEFORGE_CACHE= to a folder that can be written"
+    check_writable(cache_folder(path), fix, folder=True)
 
 
 @contextmanager
@@ -137,6 +259,8 @@ def claim(path: Path, made: Mapping[str, Any], what: str) -> None:
         ConfigError: The folder is made with something else, or the record is damaged.
     """
     wanted = json.loads(json.dumps(made))
+    folders = [path.parent, *filter(Path.is_dir, _listed(path.parent))]
+    say_swept(path.parent, sum(map(sweep_parts, folders)))
     if not path.exists():
         refuse_shards(path.parent)
         write_text(path, sealed(wanted))

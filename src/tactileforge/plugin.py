@@ -130,9 +130,7 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     """Imports what needs torch on first use: the module of a sensor costs none."""
-    if name == "masked_mean":
-        from tactileforge.distributed import masked_mean
-    from tactileforge.means import Mean
-
-        return masked_mean
-    raise AttributeError(f"module 'tactileforge.plugin' has no attribute {name!r}")
+    home = {"masked_mean": "distributed", "Mean": "means"}.get(name)
+    if home is None:
+        raise AttributeError(f"module 'tactileforge.plugin' has no attribute {name!r}")
+    return getattr(import_module(f"tactileforge.{home}"), name)

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
+import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
+from functools import partial
 from tempfile import TemporaryFile
 from typing import IO, Any, TypeVar
 
@@ -16,6 +19,14 @@ from tactileforge import strict
 from tactileforge.errors import TactileForgeError
 
 _Options = TypeVar("_Options")
+
+#: Variable that names the process with which another ends.
+_PARENT = "TACTILEFORGE_PARENT"
+#: Seconds between two looks for it, and from SIGTERM, which training answers with a checkpoint, to
+#: the end.
+_LOOK, _GRACE = 0.5, 10.0
+#: Characters of what a program says that are kept.
+_TAIL = 4000
 
 
 def cpus() -> int:
@@ -69,7 +80,9 @@ def spread(
         for share in range(count):
             words = [sys.executable, "-m", *command, *map(str, numbers[share::count])]
             said = stack.enter_context(TemporaryFile("w+"))  # a pipe that nobody reads fills up
-            process = stack.enter_context(subprocess.Popen(words, stderr=said))
+            process = stack.enter_context(
+                subprocess.Popen(words, stderr=said, env=with_this_process())
+            )
             stack.callback(process.kill)
             running.append((process, said))
         while any([_runs(process, said) for process, said in running]):
@@ -87,13 +100,56 @@ def _runs(process: subprocess.Popen[bytes], said: IO[str]) -> bool:
     return status is None
 
 
-def while_waited_for(numbers: Iterable[int]) -> Iterator[int]:
-    """Numbers of a share, as long as the process that started this one is there."""
-    parent = os.getppid()
-    for number in numbers:
-        if os.getppid() != parent:  # it was killed: nobody waits for the rest
-            return
-        yield number
+def with_this_process() -> dict[str, str]:
+    """Environment of a process that ends with this one, where it calls `end_with_parent`."""
+    return {**os.environ, _PARENT: str(os.getpid())}
+
+
+def end_with_parent(parent: int | None = None) -> None:
+    """Ends this process soon after the one that started it, however that one ends.
+
+    Args:
+        parent: Its number; None for the one that `with_this_process` names, or for that of a
+            process of several that train together. Without either, nothing is done.
+    """
+    together = os.environ.get("LOCAL_RANK", "0") != "0"
+    named = os.getppid() if together else int(os.environ.get(_PARENT, 0))
+    if (parent or named) == os.getppid():
+        follow = partial(_follow, parent or named)
+        threading.Thread(target=follow, daemon=True, name="end with parent").start()
+
+
+def _follow(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(_LOOK)
+    os.kill(os.getpid(), signal.SIGTERM)
+    time.sleep(_GRACE)
+    os._exit(1)
+
+
+def run_program(command: Sequence[str]) -> tuple[int, str]:
+    """Runs a program that ends with this process, and shows its output.
+
+    Args:
+        command: Its words.
+
+    Returns:
+        Exit status, and the end of what it said on standard error.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C, once the program has ended, too.
+    """
+    output = b""
+    with subprocess.Popen(command, stderr=subprocess.PIPE, env=with_this_process()) as process:
+        assert process.stderr is not None
+        try:
+            for chunk in iter(partial(os.read, process.stderr.fileno(), 4096), b""):
+                sys.stderr.write(chunk.decode(errors="replace"))
+                output = (output + chunk)[-_TAIL:]
+        except KeyboardInterrupt:
+            process.wait()  # the terminal has told it too, and it keeps a checkpoint
+            raise
+    return process.returncode, output.decode(errors="replace")
 
 
 def run_share(
@@ -105,9 +161,10 @@ def run_share(
         kind: Dataclass of the options.
         work: Does numbers, given the options, the numbers and what to call after each.
     """
+    end_with_parent()
     config, *numbers = sys.argv[1:]
     try:
         options = strict.build(kind, "", json.loads(config))
-        work(options, while_waited_for(map(int, numbers)), lambda: None)
+        work(options, map(int, numbers), lambda: None)
     except (TactileForgeError, OSError) as error:
         sys.exit(str(error))

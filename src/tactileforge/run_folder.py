@@ -11,7 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
-from tactileforge.files import sealed_yaml, unsealed, unsealed_yaml, write_text
+from tactileforge.files import (
+    say_swept,
+    sealed_yaml,
+    sweep_parts,
+    unsealed,
+    unsealed_yaml,
+    write_text,
+)
 
 #: File that is locked while a process writes into the folder.
 LOCK = ".lock"
@@ -134,6 +141,8 @@ def claimed(folder: Path, resumes: bool) -> Iterator[None]:
                 f"{folder} holds a run: go on with it (resume={folder}), start from its weights "
                 f"(init={folder}) with another hydra.run.dir=, or remove it"
             )
+        places = (folder, (folder / LAST).parent)
+        say_swept(folder, sum(sweep_parts(place, alone=True) for place in places))
         file.truncate(0)
         file.write(f"{os.getpid()} on {os.uname().nodename}")
         file.flush()

@@ -189,12 +189,23 @@ def _plain(value: Any) -> Any:
 
 def meanings(kind: type[Any]) -> dict[str, str]:
     """Descriptions of fields, from the docstring of their dataclass; one line each."""
+    return _meanings([base for base in kind.__mro__ if is_dataclass(base)], "Attributes")
+
+
+def arguments(kind: type[Any]) -> dict[str, str]:
+    """Descriptions of a constructor's arguments, from the docstrings of a class and its bases."""
+    return _meanings(kind.__mro__, "Args")
+
+
+def _meanings(kinds: Sequence[type[Any]], section: str) -> dict[str, str]:
+    """Rows of a section of docstrings; a class wins over its bases."""
     meanings: dict[str, str] = {}
-    for base in reversed([base for base in kind.__mro__ if is_dataclass(base)]):
-        _, _, text = inspect.cleandoc(base.__doc__ or "").partition("Attributes:\n")
-        block = re.split(r"\n\S|\n\n(?! )", text)[0]
-        rows = re.findall(r"^    (\w+): (.*(?:\n {5,}.*)*)", block, re.MULTILINE)
-        meanings |= {name: re.sub(r"\s+", " ", said).strip() for name, said in rows}
+    for kind in reversed(kinds):
+        for text in (kind.__doc__, vars(kind).get("__init__", kind).__doc__):
+            _, _, text = inspect.cleandoc(text or "").partition(f"{section}:\n")
+            block = re.split(r"\n\S|\n\n(?! )", text)[0]
+            rows = re.findall(r"^    (\w+): (.*(?:\n {5,}.*)*)", block, re.MULTILINE)
+            meanings |= {name: re.sub(r"\s+", " ", said).strip() for name, said in rows}
     return meanings
 
 
@@ -222,19 +233,25 @@ def describe(kind: type[Any]) -> str:
 def _lines(kind: type[Any], indent: str = "") -> Iterator[str]:
     said, hints = meanings(kind), get_type_hints(kind)
     for spec in _fields(kind):
-        words = re.sub(r"\bNone\b", "null", said.get(spec.name, "")).replace("`", "")
-        yield from (f"{indent}# {line}" for line in textwrap.wrap(words, 96 - len(indent)))
+        yield from comment(said.get(spec.name, ""), indent)
         hint = hints[spec.name]
         if is_dataclass(hint) and isinstance(hint, type):
             yield f"{indent}{spec.name}:"
             yield from _lines(hint, indent + "  ")
         else:
-            yield f"{indent}{spec.name}: {_written(_plain(_default(spec)))}"
+            yield f"{indent}{spec.name}: {written(_plain(_default(spec)))}"
 
 
-def _written(value: Any) -> str:
+def comment(meaning: str, indent: str = "") -> list[str]:
+    """A meaning as lines of a YAML."""
+    words = re.sub(r"\bNone\b", "null", meaning).replace("`", "")
+    return [f"{indent}# {line}" for line in textwrap.wrap(words, 96 - len(indent))]
+
+
+def written(value: Any) -> str:
+    """A default, as YAML."""
     if isinstance(value, str):
         return value if value else '""'
     if isinstance(value, list | tuple):
-        return f"[{', '.join(map(_written, value))}]"
-    return json.dumps(value)
+        return f"[{', '.join(map(written, value))}]"
+    return json.dumps(value, default=str)

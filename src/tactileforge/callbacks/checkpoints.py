@@ -20,6 +20,7 @@ from lightning.pytorch.plugins.io import TorchCheckpointIO
 from tactileforge.bars import Bar
 from tactileforge.checkpoint_file import read_checkpoint, read_own, seal
 from tactileforge.errors import TactileForgeError
+from tactileforge.files import new_part
 from tactileforge.module import log_interval
 from tactileforge.run_folder import BEST, LAST
 from tactileforge.signals import handled
@@ -46,21 +47,18 @@ class AtomicCheckpointIO(TorchCheckpointIO):
             TactileForgeError: The disk is full, or cannot be written; the last checkpoint stays.
         """
         path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_name(path.name + ".part")
         try:
-            with part.open("w+b") as file:
-                torch.save({**checkpoint, "run": self.run}, file)
-                seal(file)
-                os.fsync(file.fileno())
-            part.replace(path)
+            with new_part(path) as part:
+                with part.open("w+b") as file:
+                    torch.save({**checkpoint, "run": self.run}, file)
+                    seal(file)
+                    os.fsync(file.fileno())
+                part.replace(path)
         except (OSError, RuntimeError) as error:  # torch: a RuntimeError
             raise TactileForgeError(
                 f"{path}: the checkpoint cannot be written ({error}); the one before it stays. "
                 "Make room, then go on with resume="
             ) from error
-        finally:
-            part.unlink(missing_ok=True)
 
     def load_checkpoint(
         self, path: str | Path, map_location: Any = None, weights_only: bool | None = None

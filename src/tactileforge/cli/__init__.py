@@ -41,6 +41,9 @@ Completion, in bash: complete -o nospace -o default -C 'tactileforge --complete'
 
 def main() -> None:
     """Entry point of ``tactileforge``; exits with 1 for an error and 130 when stopped."""
+    from tactileforge.processes import end_with_parent
+
+    end_with_parent()
     try:
         status = run(sys.argv[1:])
         sys.stdout.flush()

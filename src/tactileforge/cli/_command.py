@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from inspect import getdoc
+from pathlib import Path
 from typing import Any
 
 from tactileforge import strict
+from tactileforge.files import check_cache, check_writable
 
 #: What a command gives: its exit status, the number that a sweep makes small, or nothing.
 Result = int | float | None
@@ -29,6 +31,9 @@ class Command:
         also: Other names of keys.
         others: Key that holds, as a mapping, keys that are not known; "" where that is an error.
         yaml: Name of the YAML in conf/ instead of keys and groups.
+        writes: The file or folder that it writes, given its keys; None for none.
+        into: Whether that is a folder.
+        cache: Whether it keeps what it does in the cache.
         prepare: Checks and completes ``key=value`` words before anything is composed.
         finish: Completes what was composed.
     """
@@ -41,6 +46,9 @@ class Command:
     also: Mapping[str, str] = field(default_factory=dict)
     others: str = ""
     yaml: str = ""
+    writes: Callable[[Any], Path | str | None] = lambda keys: getattr(keys, "out", None)
+    into: bool = False
+    cache: bool = False
     prepare: Callable[[list[str]], list[str]] = list
     finish: Callable[[Any], Any] | None = None
 
@@ -69,6 +77,23 @@ class Command:
 
         config = composed(self.declare(verb), overrides)
         return plain(self.finish(config) if self.finish else config)
+
+    def start(self, config: dict[str, Any], given: Mapping[str, Any] | None = None) -> Result:
+        """Runs, once it is known that what it makes can be written.
+
+        Args:
+            config: The whole configuration.
+            given: Values of its keys, where they are not those of the configuration.
+
+        Raises:
+            ConfigError: A key is wrong, or the place cannot be written.
+        """
+        keys = self.build(config) if given is None else strict.build(self.keys, "", given)
+        if out := self.writes(keys):
+            check_writable(Path(out), folder=self.into)
+        if self.cache:
+            check_cache(config.get("cache"))
+        return self.run(keys, config)
 
     def build(self, given: Mapping[str, Any]) -> Any:
         """Its keys, as their dataclass; None where it has none.

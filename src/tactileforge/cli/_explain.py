@@ -11,7 +11,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
 from tactileforge.cli._options import own_places
-from tactileforge.compose import SearchPath, composed, register
+from tactileforge.compose import SearchPath, check_presets, composed, register
 from tactileforge.errors import ConfigError, unknown
 
 
@@ -31,6 +31,7 @@ def explain(name: str, key: str, overrides: Sequence[str], flags: Sequence[str] 
     overrides, SearchPath.also = own_places(overrides, flags)
     try:
         config = composed(name, overrides)
+        check_presets(config)
         rows = [*_files(name, key, overrides), *_typed(key, overrides)]
     finally:
         SearchPath.also = []

@@ -2,23 +2,42 @@
 
 from __future__ import annotations
 
-from tactileforge import strict
+import re
+from collections.abc import Sequence
+from inspect import Parameter
+
+from tactileforge import registry, strict
 from tactileforge.cli._command import Command
 from tactileforge.cli._options import options, yaml_groups, yaml_text
 
 _FLAGS = """\
 --cfg job  what would be used   --explain KEY  where a value comes from   -m key=1,2  once for each
---config-dir DIR  options of your own, as DIR/GROUP/NAME.yaml"""
+--config-dir DIR  options of your own, as DIR/GROUP/NAME.yaml
+GROUP=NAME --help  the keys of that option too; all of them: docs/keys.md"""
+
+#: Groups that hold several options at once (`compose.MULTI`, which imports Hydra).
+MULTI = {"head", "objective", "sensor"}
 
 
-def text(verb: str, command: Command) -> str:
-    """All that there is to know of a command."""
+#: Groups of which one YAML has all keys, with their meanings.
+_WHOLE = ("trainer", "optim", "batch")
+
+
+def text(verb: str, command: Command, typed: Sequence[str] = ()) -> str:
+    """All that there is to know of a command.
+
+    Args:
+        verb: As it is typed.
+        command: What it is.
+        typed: Words beside ``--help``; options that they choose are told with their keys.
+    """
     bare = "".join(f" {word.upper()}" for word in command.bare)
     groups = dict(command.groups) or (yaml_groups(command.yaml) if command.yaml else {})
     needed = "".join(f" {group}=NAME" for group, option in groups.items() if option == "???")
     lines = [f"tactileforge {verb}{bare}{needed} [key=value ...]", command.about, ""]
     for group, option in groups.items():
-        lines += _group(group, option)
+        chosen = next((w.partition("=")[2] for w in typed if w.startswith(f"{group}=")), option)
+        lines += [*_group(group, option), *option_keys(group, chosen)]
     if command.keys is not None:
         lines += [strict.describe(command.keys), ""]
     elif command.yaml:
@@ -31,6 +50,80 @@ def _group(group: str, option: str | None) -> list[str]:
 
     known = wrap(f"Known: {', '.join(options(group))}", 96)
     return [*(f"# {line}" for line in known), f"{group}: {option or 'null'}", ""]
+
+
+def option_keys(group: str, chosen: str | None) -> list[str]:
+    """The keys of the options of a group that are chosen: what each means, and its default."""
+    if group in _WHOLE and chosen:
+        rows = [f"  {line}" for line in yaml_text(f"{group}/{chosen}").rstrip().splitlines()]
+        return [f"{group}:", *rows, ""]
+    if group not in registry.GROUPS or chosen in (None, "???"):
+        return []
+    lines = []
+    for name in filter(None, re.split(r"[\[\],\s]+", chosen)):
+        if name in registry.names(registry.GROUPS[group]):
+            place = f"{group}.{name}" if group in MULTI else group
+            lines += [f"{place}:  # {name}", *plugin_keys(group, name), ""]
+    return lines
+
+
+def keys_page() -> str:
+    """The page docs/keys.md: every key of every verb, and of every plugin of this package."""
+    from tactileforge.cli import commands, verbs
+
+    lines = [_HEAD]
+    for verb in verbs():
+        for action, command in commands(verb).items():
+            if command.keys is not None and (rows := strict.describe(command.keys)):
+                lines += [f"### {f'{verb} {action}'.strip()}", "", *_block(rows)]
+    lines += ["## Training", "", "`tactileforge train` has these in groups.", ""]
+    lines += _block(_after_defaults("train"))
+    for group in _WHOLE:
+        option = next(iter(options(group)))
+        lines += [f"### {group}={option}", "", *_block("\n".join(option_keys(group, option)))]
+    ours = [one for one in registry.list_plugins() if one.distribution == "tactileforge"]
+    for kind in registry.KINDS:
+        group = next(key for key, value in registry.GROUPS.items() if value == kind)
+        lines += [f"## {kind.capitalize()}", "", f"`{group}=NAME`, and `{_place(group)}.KEY=`.", ""]
+        for plugin in ours:
+            if plugin.kind == kind and (rows := "\n".join(plugin_keys(group, plugin.name, ""))):
+                lines += [f"### {group}={plugin.name}", "", *_block(rows)]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+_HEAD = """\
+# Keys
+
+```bash
+tactileforge train data=recordings --help
+```
+
+All keys of all verbs and plugins: what each means, and its default; `???` has to be given.
+`tactileforge plugins keys markdown=true` writes this page from where they are defined.
+
+## Verbs
+"""
+
+
+def _place(group: str) -> str:
+    return f"{group}.NAME" if group in MULTI else group
+
+
+def _block(rows: str) -> list[str]:
+    return ["```yaml", rows.strip("\n"), "```", ""]
+
+
+def plugin_keys(group: str, name: str, indent: str = "  ") -> list[str]:
+    """The keys of a plugin, as YAML: what each means, and its default."""
+    plugin = registry.get(registry.GROUPS[group], name)
+    said = strict.arguments(plugin)
+    lines = []
+    if group == "objective":
+        lines = [f"{indent}# Largest weight; a curriculum begins with 0.", f"{indent}weight: 1.0"]
+    for key, default in registry.parameters(plugin).items():
+        value = strict.TO_GIVE if default is Parameter.empty else strict.written(default)
+        lines += [*strict.comment(said.get(key, ""), indent), f"{indent}{key}: {value}"]
+    return lines
 
 
 def _after_defaults(name: str) -> str:

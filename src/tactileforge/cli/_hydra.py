@@ -6,19 +6,23 @@ import os
 import re
 import shutil
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import yaml
 from hydra.errors import HydraException
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from tactileforge.cli._command import Command, Result
-from tactileforge.cli._options import options, own_places
+from tactileforge.cli._options import options, own_places, places_of
+from tactileforge.cli._quote import quoted
+from tactileforge.cli._sweep import JOB, stopped_sweep
 from tactileforge.cli._words import Words
 from tactileforge.errors import ConfigError, TactileForgeError, nearest_name, unknown
+from tactileforge.processes import end_with_parent
 
 
 def run(verb: str, command: Command, words: Words) -> Result:
@@ -34,18 +38,23 @@ def run(verb: str, command: Command, words: Words) -> Result:
 
     register()
     os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # its errors are raised, and told here
-    typed = sys.argv
+    typed, launcher = sys.argv, os.getpid()
+    places = places_of(words.overrides, words.flags)
     results: list[Result] = []
+    started: list[bool] = []
     ended: list[BaseException] = []  # Hydra would print an account of its own
 
     def task(config: DictConfig) -> Result:
         alone = HydraConfig.get().mode is not hydra.types.RunMode.MULTIRUN
-        # processes that Lightning starts for DDP repeat the command, or this job of it
-        jobs = [] if alone else [typed[0], *verb.split(), *HydraConfig.get().overrides.task]
-        sys.argv = typed if alone else jobs
+        # processes that are started repeat the command, or this job of it
+        task_words = [] if alone else HydraConfig.get().overrides.task
+        sys.argv = typed if alone else [typed[0], *verb.split(), *places, *task_words]
+        if os.getppid() == launcher:
+            end_with_parent(launcher)
+        started.append(True)
         try:
             given = plain(command.finish(config) if command.finish else config)
-            results.append(command.run(command.build(given), given))
+            results.append(command.start(given))
             return results[-1]
         except TactileForgeError as error:
             _forget(HydraConfig.get())
@@ -55,9 +64,13 @@ def run(verb: str, command: Command, words: Words) -> Result:
             return None
 
     name = command.declare(verb)
-    sys.argv = ["tactileforge", *words.flags, *words.overrides]
+    _check_flags(name, words)
+    if command.yaml and words.sweeps and (folder := stopped_sweep(words.typed)):
+        print(f"goes on with the sweep in {folder}; hydra.sweep.dir= starts another", flush=True)
+        words.overrides.append(f"hydra.sweep.dir={quoted(str(folder))}")
+    sys.argv = ["tactileforge", *words.typed]
     try:
-        with told(verb, command, words):
+        with told(verb, command, words, lambda: not started):
             hydra.main(version_base="1.3", config_path="pkg://tactileforge.conf", config_name=name)(
                 task
             )()
@@ -73,7 +86,7 @@ def run(verb: str, command: Command, words: Words) -> Result:
 
 
 #: What there is in a folder before a run begins: what Hydra writes, and the run's own lock.
-_BEFORE = {".hydra", ".lock", "train.log"}
+_BEFORE = {".hydra", ".lock", "train.log", JOB}
 
 
 def _forget(hydra: Any) -> None:
@@ -86,14 +99,40 @@ def _forget(hydra: Any) -> None:
         shutil.rmtree(folder)
 
 
+def _check_flags(name: str, words: Words) -> None:
+    """Checks flags that Hydra answers by itself.
+
+    Raises:
+        ConfigError: Two that exclude each other; a preset that lacks its package line.
+    """
+    shows = next((flag for flag in words.flags if flag in ("--cfg", "-c", "--info", "-i")), None)
+    if shows and words.sweeps:
+        raise ConfigError(
+            f"-m and {shows} do not go together: leave -m out, and give the values of one job"
+        )
+    if shows and name == "train":
+        from tactileforge.compose import SearchPath, check_presets, composed
+
+        overrides, SearchPath.also = own_places(words.overrides, words.flags)
+        try:
+            check_presets(composed(name, overrides))
+        except HydraException:
+            return  # is told when it is shown
+        finally:
+            SearchPath.also = []
+
+
 @contextmanager
-def told(verb: str, command: Command, words: Words) -> Iterator[None]:
-    """Turns what Hydra and OmegaConf raise into a ConfigError of one line.
+def told(
+    verb: str, command: Command, words: Words, composing: Callable[[], bool] = lambda: True
+) -> Iterator[None]:
+    """Turns what goes wrong while a configuration is composed into a ConfigError of one line.
 
     Args:
         verb: As it is typed.
         command: Whose configuration is composed.
         words: What was typed.
+        composing: Whether it still is, and no work has begun.
 
     Raises:
         ConfigError: See there.
@@ -104,11 +143,62 @@ def told(verb: str, command: Command, words: Words) -> Iterator[None]:
         said, cause = str(error), str(error.__cause__ or "")
         whole = said if cause in said else f"{said}\n{cause}"
         raise ConfigError(_told(command.name(verb), whole, words)) from error
+    except yaml.YAMLError as error:
+        raise ConfigError(yaml_slip(error)) from error
     except RecursionError as error:
         raise ConfigError(
             "the defaults of a YAML of yours choose its own group: an option that changes another "
             "one of its group begins with defaults: [OTHER, _self_]"
         ) from error
+    except (ValueError, TypeError, AttributeError, LookupError, AssertionError) as error:
+        if not composing():
+            raise
+        raise ConfigError(_wrong(error, words)) from error
+
+
+def _wrong(error: Exception, words: Words) -> str:
+    """What stands in the way of a configuration, where Hydra has no word of its own for it."""
+    overrides, own = own_places(words.overrides, words.flags)
+    if "Config group override" in str(error):
+        pairs = [word.lstrip("+").partition("=")[::2] for word in overrides]
+        group, value = next(
+            ((key, value) for key, value in pairs if value == "null" and _options(key, own)),
+            ("a group", "null"),
+        )
+        return f"{group}={value}: give the name of an option. Known: {_known(group, own)}"
+    places = f" in {', '.join(own)}" if own else ""
+    if isinstance(error, UnicodeDecodeError):
+        return f"a YAML{places} is not UTF-8 ({error.reason}); save it as UTF-8"
+    return f"the configuration cannot be composed{places}: {type(error).__name__}: {_line(error)}"
+
+
+def _known(group: str, own: Sequence[str]) -> str:
+    return ", ".join(_options(group, own)) or "(none)"
+
+
+def _options(group: str, own: Sequence[str]) -> list[str]:
+    """Options of a group, those of Hydra's own included."""
+    return _of_hydra(group) if group.startswith("hydra/") else options(group, own)
+
+
+def _line(error: BaseException) -> str:
+    return re.sub(r"\s*\n\s*", "; ", str(error).strip())[:300]
+
+
+def _of_hydra(group: str) -> list[str]:
+    """Options of a group of Hydra's own, such as ``hydra/launcher``."""
+    from hydra.core.config_store import ConfigStore
+
+    found = ConfigStore.instance().list(group)
+    return sorted(name.removesuffix(".yaml") for name in found)
+
+
+def yaml_slip(error: yaml.YAMLError) -> str:
+    """What is wrong with a YAML, and where, in one line."""
+    mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
+    where = f"{mark.name}, line {mark.line + 1}" if mark else "a YAML"
+    what = getattr(error, "problem", None) or _line(error)
+    return f"{where}: no YAML ({what}); correct that line or the one before it"
 
 
 def _told(name: str, said: str, words: Words) -> str:
@@ -116,7 +206,13 @@ def _told(name: str, said: str, words: Words) -> str:
     if match := re.search(r"Could not override '(.+?)'\.? ?(No match in the defaults list)?", said):
         key = match[1].removesuffix("@_global_")
         return unknown_key(name, key, overrides, own)
+    if match := re.search(r"Could not find '(hydra/\w+)/'", said):
+        return f"{match[1]}=: give the name of an option. Known: {_known(match[1], own)}"
     if match := re.search(r"Could not find '([\w/]+)/(.+?)'", said):
+        if match[1].startswith("hydra/"):
+            kind = match[1].partition("/")[2]
+            fix = f"Those of others are packages: pip install hydra-{match[2]}-{kind}"
+            return unknown(match[1], match[2], _of_hydra(match[1]), fix)
         return unknown(match[1], match[2], options(match[1], own))
     if match := re.search(r"You must specify '(\w+)'", said):
         return f"give {match[1]}=NAME; Known: {', '.join(options(match[1], own))}"

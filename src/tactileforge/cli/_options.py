@@ -42,6 +42,12 @@ def own_places(overrides: Sequence[str], flags: Sequence[str]) -> tuple[list[str
     return rest, places
 
 
+def places_of(words: Sequence[str], flags: Sequence[str]) -> list[str]:
+    """The words that name the user's own folders of options, as they were typed."""
+    named = [word for pair in pairwise(flags) if pair[0] in _FOLDER for word in pair]
+    return [*named, *(word for word in words if word.startswith("hydra.searchpath="))]
+
+
 def options(group: str, own: Sequence[str] = ()) -> list[str]:
     """The options of a group, sorted; imports no plugin.
 

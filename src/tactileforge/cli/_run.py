@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, get_origin, get_type_hints
 
-from tactileforge import strict
 from tactileforge.cli import _words
 from tactileforge.cli._command import Command, Result
+from tactileforge.cli._quote import for_hydra, quoted
 from tactileforge.cli._words import Words
 
 
@@ -31,12 +31,13 @@ def run(verb: str, command: Command, argv: Sequence[str]) -> int:
     if words.help:
         from tactileforge.cli._help import text
 
-        print(text(verb, command))
+        print(text(verb, command, words.overrides))
         return 0
     given = _given(verb, command, words)
     light = not (command.groups or command.yaml or words.asks_hydra or words.explain)
     if light:
         return _status(_light(command, words, given))
+    words.overrides = [for_hydra(word, words.sweeps) for word in words.overrides]
     words.overrides += [f"{key}={_quoted(value)}" for key, value in given.items()]
     words.overrides = command.prepare(words.overrides)
     from tactileforge.cli import _hydra
@@ -51,7 +52,7 @@ def run(verb: str, command: Command, argv: Sequence[str]) -> int:
         return _status(_hydra.run(verb, command, words))
     with _hydra.told(verb, command, words):
         config = command.compose(verb, words.overrides)
-    return _status(command.run(command.build(config), config))
+    return _status(command.start(config))
 
 
 def _given(verb: str, command: Command, words: Words) -> dict[str, Any]:
@@ -71,14 +72,13 @@ def _light(command: Command, words: Words, given: dict[str, Any]) -> Result:
     if command.others:
         others = {key: given.pop(key) for key in [*given] if key not in hints}
         given[command.others] = others
-    return command.run(strict.build(command.keys, "", given), given)
+    return command.start(given, given)
 
 
 def _quoted(value: Any) -> str:
     if isinstance(value, list):
         return f"[{','.join(map(_quoted, value))}]"
-    escaped = str(value).replace("\\", "\\\\").replace("'", "\\'")
-    return f"'{escaped}'"
+    return quoted(str(value))
 
 
 def _status(result: Result) -> int:

@@ -1,22 +1,109 @@
-"""The table of a sweep: what each job was given, and the number that it gave."""
+"""A sweep: folders of its jobs, and the table of what each was given, and the number that it gave.
+
+A job is known by its words. The same command, given again, finds its folders, whatever their order.
+"""
 
 from __future__ import annotations
 
 import csv
+import fcntl
 import json
 import math
+import os
+import re
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from io import StringIO
 from pathlib import Path
 from typing import Any
 
 from hydra.core.utils import JobReturn, JobStatus
 from hydra.experimental.callback import Callback
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
+from tactileforge.errors import ConfigError
 from tactileforge.files import write_text
+from tactileforge.run_folder import LOCK, is_claimed
 
 #: Of a job, in its folder; and of all jobs, in that of the sweep.
-_JOB, TABLE = "sweep.json", "sweep.csv"
+JOB, TABLE = "sweep.json", "sweep.csv"
+#: Of the sweep: the words that it was given, and whether all its jobs have ended.
+_SWEEP = ".sweep.json"
+#: Where sweeps lie that were given no folder (conf/train.yaml).
+_HERE = Path("runs") / "sweeps"
+#: Words that say how jobs are run, and not which.
+_HOW = re.compile(r"hydra\.sweep\.dir=|hydra[./]launcher|hydra\.verbose")
+
+
+def job_folder(sweep: str, number: int, words: Sequence[str]) -> str:
+    """Name of the folder of a job: that of a job with these words, else one of its own.
+
+    Args:
+        sweep: Folder of the sweep.
+        number: Of the job; the name of a new folder, where no other job has it.
+        words: What the job is given.
+    """
+    own = _of_job(words)
+    with _alone(Path(sweep)) as folder:
+        records = {path.parent.name: record for path, record in _records(folder)}
+        for name, record in records.items():
+            if _of_job(record["words"]) == own:
+                return name
+        free = (str(n) for n in [number, *range(10**6)] if str(n) not in records)
+        name = next(name for name in free if name == str(number) or not (folder / name).exists())
+        write_text(folder / name / JOB, json.dumps({"words": list(words)}))
+        return name
+
+
+def _of_job(words: Sequence[str]) -> list[str]:
+    return sorted(word for word in words if not word.startswith("hydra"))
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[Path]:
+    """Holds the folder of a sweep, for the moment in which a job chooses its own."""
+    folder.mkdir(parents=True, exist_ok=True)
+    place = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(place, fcntl.LOCK_EX)
+        yield folder
+    finally:
+        os.close(place)
+
+
+def _records(folder: Path) -> list[tuple[Path, dict[str, Any]]]:
+    return [(path, json.loads(path.read_text("utf-8"))) for path in sorted(folder.glob(f"*/{JOB}"))]
+
+
+def ended(folder: Path) -> float | None:
+    """The number that a job of a sweep gave; None where it has not ended."""
+    path = folder / JOB
+    number = json.loads(path.read_text("utf-8")).get("metric") if path.is_file() else None
+    return float(number) if isinstance(number, int | float) else None
+
+
+def stopped_sweep(words: Sequence[str]) -> Path | None:
+    """Folder of the last sweep with these words that was stopped; None where there is none.
+
+    Args:
+        words: Of the command line; those that say how jobs are run do not count.
+    """
+    if any(word.startswith("hydra.sweep.dir=") for word in words):
+        return None
+    for path in sorted(_HERE.glob(f"*/{_SWEEP}"), reverse=True):
+        about = json.loads(path.read_text("utf-8"))
+        same = about == {"words": _of_sweep(words), "ended": False}
+        if same and not is_claimed(path.parent):
+            return path.parent
+    return None
+
+
+def _of_sweep(words: Sequence[str]) -> list[str]:
+    return sorted(word for word in words if not _HOW.match(word))
+
+
+OmegaConf.register_new_resolver("tactileforge_job", job_folder, replace=True)
 
 
 class SweepTable(Callback):
@@ -25,21 +112,46 @@ class SweepTable(Callback):
     Jobs may run in other processes or on other machines, so each leaves its row in its folder.
     """
 
+    _words: Sequence[str] = ()
+
+    def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
+        """Holds the folder of the sweep, and notes what it is.
+
+        Raises:
+            ConfigError: Another process runs this sweep.
+        """
+        folder = Path(config.hydra.sweep.dir)
+        folder.mkdir(parents=True, exist_ok=True)
+        self._held = (folder / LOCK).open("a+")  # until the process ends
+        try:
+            fcntl.lockf(self._held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise ConfigError(
+                f"{folder}: another process runs this sweep; give another hydra.sweep.dir="
+            ) from error
+        self._words = _of_sweep(sys.argv[1:])  # jobs have words of their own
+        write_text(folder / _SWEEP, json.dumps({"words": self._words, "ended": False}))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leaves the lock here, where jobs run in other processes."""
+        return {}
+
     def on_job_end(self, config: DictConfig, job_return: JobReturn, **_: Any) -> None:
         """Leaves the row of one job of a sweep."""
         hydra = config.hydra
         if "MULTIRUN" not in str(hydra.mode) or job_return.status is not JobStatus.COMPLETED:
             return
         words = [word for word in hydra.overrides.task if not word.startswith("hydra")]
-        row = {"job": hydra.job.num, "words": words, "metric": job_return.return_value}
         folder = Path(hydra.runtime.output_dir)
+        row = {"words": words, "metric": job_return.return_value}
         if folder.is_dir():
-            write_text(folder / _JOB, json.dumps(row))
+            write_text(folder / JOB, json.dumps(row))
             _gather(config, Path(hydra.sweep.dir))  # the next one may fail, which ends the sweep
 
     def on_multirun_end(self, config: DictConfig, **_: Any) -> None:
         """Gathers the rows of all jobs, and shows them."""
         folder = Path(config.hydra.sweep.dir)
+        write_text(folder / _SWEEP, json.dumps({"words": self._words, "ended": True}))
         if not (table := _gather(config, folder)):
             return
         widths = [max(map(len, column)) for column in zip(*table, strict=True)]
@@ -50,7 +162,8 @@ class SweepTable(Callback):
 
 def _gather(config: DictConfig, folder: Path) -> list[list[str]]:
     """Writes the table of the jobs that have ended: a head and a row each; [] for none."""
-    rows = [json.loads(path.read_text("utf-8")) for path in folder.glob(f"*/{_JOB}")]
+    found = _records(folder)
+    rows = [{"job": path.parent.name, **row} for path, row in found if "metric" in row]
     if not rows:
         return []
     said = [dict(word.partition("=")[::2] for word in row["words"]) for row in rows]
@@ -70,8 +183,9 @@ def _number(metric: Any) -> str:
     return f"{metric:.5g}" if isinstance(metric, int | float) else ""
 
 
-def _order(pair: tuple[dict[str, Any], dict[str, str]]) -> tuple[float, int]:
+def _order(pair: tuple[dict[str, Any], dict[str, str]]) -> tuple[float, int, str]:
     """The smallest number first; jobs without one last."""
     metric = pair[0]["metric"]
     known = isinstance(metric, int | float) and math.isfinite(metric)
-    return (float(metric) if known else math.inf), pair[0]["job"]
+    job = pair[0]["job"]
+    return (float(metric) if known else math.inf), len(job), job

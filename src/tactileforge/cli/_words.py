@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from types import UnionType
 from typing import Any, Union, get_args, get_origin
 
+from tactileforge.cli._quote import at_home, unquoted
 from tactileforge.errors import ConfigError
 
 #: Flags that Hydra answers, and whether a word follows.
@@ -16,6 +17,8 @@ _FLAGS = {
     **dict.fromkeys(("--cfg", "-c", "--config-dir", "-cd", "--package", "-p"), True),
     **dict.fromkeys(("--info", "-i", "--experimental-rerun"), True),
 }
+#: Flags as they are completed.
+FLAGS = ("--help", "--explain", *(flag for flag in _FLAGS if flag.startswith("--")))
 #: Options of a group that holds several, each under its own name.
 _SEVERAL = re.compile(r"(sensor|objective|head)=\[.*\]")
 #: Keys that are Hydra's own, and what adds or takes a key away.
@@ -44,6 +47,16 @@ class Words:
     def asks_hydra(self) -> bool:
         """Whether only Hydra can answer."""
         return bool(self.flags) or any(_OF_HYDRA.match(word) for word in self.overrides)
+
+    @property
+    def typed(self) -> list[str]:
+        """Flags and overrides, as Hydra is given them."""
+        return [*self.flags, *self.overrides]
+
+    @property
+    def sweeps(self) -> bool:
+        """Whether there is a job for each of several values."""
+        return "-m" in self.flags or "--multirun" in self.flags
 
 
 def read(argv: Sequence[str]) -> Words:
@@ -117,9 +130,9 @@ def fill(words: Words, keys: Sequence[str], several: bool, verb: str) -> dict[st
     given: dict[str, Any] = {}
     for key in keys[:-1] if several else keys:
         if rest and not any(word.startswith(f"{key}=") for word in words.overrides):
-            given[key] = rest.pop(0)
+            given[key] = unquoted(at_home(rest.pop(0)))
     if several and rest:
-        given[keys[-1]], rest = rest, []
+        given[keys[-1]], rest = [unquoted(at_home(word)) for word in rest], []
     if rest:
         raise ConfigError(f"{rest[0]!r} is not key=value; tactileforge {verb} --help lists keys")
     return given
@@ -135,8 +148,9 @@ def _value(key: str, text: str, hint: Any) -> Any:
     kinds = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
     if text == "null" and type(None) in kinds:
         return None
+    text = at_home(text)
     if set(kinds) <= {str, type(None)}:
-        return text
+        return unquoted(text)
     import yaml
 
     try:

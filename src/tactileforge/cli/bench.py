@@ -231,4 +231,21 @@ def _ablations() -> list[str]:
 
 
 _SUITES = {"suite": "sim", "pretrain": "none"}
-COMMANDS = {"": Command(run=_bench, keys=_Bench, groups=_SUITES, groups_last=True)}
+
+
+def _folder(keys: _Bench) -> str:
+    """Where results go."""
+    return keys.out or "runs/bench"
+
+
+COMMANDS = {
+    "": Command(
+        run=_bench,
+        keys=_Bench,
+        groups=_SUITES,
+        groups_last=True,
+        writes=_folder,
+        into=True,
+        cache=True,
+    )
+}

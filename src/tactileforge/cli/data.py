@@ -10,6 +10,7 @@ from tactileforge import packing, registry
 from tactileforge.cli._command import Command
 from tactileforge.contracts import Dataset
 from tactileforge.embed import EmbedOptions as EmbedOptions
+from tactileforge.errors import command
 from tactileforge.lerobot.options import LeRobotOptions as LeRobotOptions
 from tactileforge.lerobot.options import LeRobotSummary, Vectors
 
@@ -107,7 +108,7 @@ def _pack(keys: _Pack, config: dict[str, Any]) -> None:
     dataset, name = _data(config)
     index = packing.pack(dataset, name, Path(keys.out), keys.pack, config["data"])
     print(packing.summary(index))
-    print(f"train on them: tactileforge train data=shards data.root={keys.out}")
+    print(f"train on them: {command('train', 'data=shards', f'data.root={keys.out}')}")
 
 
 def _filter(keys: _Filter, config: dict[str, Any]) -> None:
@@ -170,7 +171,7 @@ def _write(
     if written.lacks:
         lacks = " and ".join(f"no {feature}" for feature in written.lacks)
         print(f"{lacks}: LeRobot trains no policy on it (docs/lerobot.md#policies)")
-    print(f"LeRobot reads it: LeRobotDataset('local/touch', root='{out}')")
+    print(f"LeRobot reads it: LeRobotDataset('local/touch', root={out!r})")
     return written
 
 
@@ -178,7 +179,7 @@ _DATA = {"data": "???"}
 COMMANDS = {
     "inspect": Command(run=_inspect, keys=_Inspect, groups=_DATA),
     "filter": Command(run=_filter, keys=_Filter, groups=_DATA),
-    "pack": Command(run=_pack, keys=_Pack, groups=_DATA),
-    "lerobot": Command(run=_lerobot, keys=_LeRobot, groups=_DATA),
-    "embed": Command(run=_embed, keys=_Embed, groups=_DATA),
+    "pack": Command(run=_pack, keys=_Pack, groups=_DATA, into=True),
+    "lerobot": Command(run=_lerobot, keys=_LeRobot, groups=_DATA, into=True),
+    "embed": Command(run=_embed, keys=_Embed, groups=_DATA, into=True),
 }

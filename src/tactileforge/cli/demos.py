@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from tactileforge.cli._command import Command
+from tactileforge.errors import command
 from tactileforge.rollouts.options import DemonstrationOptions
 
 
@@ -18,8 +19,8 @@ def _demos(keys: DemonstrationOptions, _: dict[str, Any]) -> None:
         kinds = ", ".join(f"{seed} {kind}" for seed, kind in made.failed.items())
         tried = made.episodes + len(made.failed)
         print(f"left out, the expert failed in {len(made.failed)} of {tried}; seeds: {kinds}")
-    words = "recipe=imitation data=demonstrations"
-    print(f"train on them: tactileforge train {words} data.root={keys.out}")
+    words = ("recipe=imitation", "data=demonstrations", f"data.root={keys.out}")
+    print(f"train on them: {command('train', *words)}")
 
 
-COMMANDS = {"": Command(run=_demos, keys=DemonstrationOptions)}
+COMMANDS = {"": Command(run=_demos, keys=DemonstrationOptions, into=True)}

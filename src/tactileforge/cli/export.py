@@ -37,11 +37,9 @@ def _export(keys: _Export, _: dict[str, Any]) -> None:
     """Writes a model as one file, preprocessing inside (docs/export.md)."""
     from tactileforge.export.write import export
 
-    model = keys.model
-    stem = Path(model.removeprefix("file:")).stem if model.startswith("file:") else model
     done = export(
-        model,
-        keys.out or f"{stem}{_SUFFIXES.get(keys.format, '')}",
+        keys.model,
+        _file(keys),
         format=keys.format,  # type: ignore[arg-type]
         size=[keys.size] if isinstance(keys.size, int) else keys.size,
         int8=keys.int8,
@@ -56,4 +54,11 @@ def _export(keys: _Export, _: dict[str, Any]) -> None:
         )
 
 
-COMMANDS = {"": Command(run=_export, keys=_Export)}
+def _file(keys: _Export) -> str:
+    """Where it is written."""
+    model = keys.model
+    stem = Path(model.removeprefix("file:")).stem if model.startswith("file:") else model
+    return keys.out or f"{stem}{_SUFFIXES.get(keys.format, '')}"
+
+
+COMMANDS = {"": Command(run=_export, keys=_Export, writes=_file)}

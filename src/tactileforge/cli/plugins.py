@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import keyword
 import re
+import shlex
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from importlib.resources import files
@@ -15,7 +16,7 @@ from typing import Any
 from tactileforge import registry
 from tactileforge.cli import _options, _verbs
 from tactileforge.cli._command import Command
-from tactileforge.errors import ConfigError, PluginError, SensorError, unknown
+from tactileforge.errors import ConfigError, PluginError, SensorError, command, unknown
 
 _KINDS = [kind.removesuffix("s") for kind in (*registry.KINDS, *registry.MODULES)]
 
@@ -50,6 +51,19 @@ class _Check:
     def __post_init__(self) -> None:
         if self.kind not in (None, *_KINDS):
             raise ConfigError(unknown("kind", str(self.kind), _KINDS))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Keys:
+    """Keys of ``plugins keys``.
+
+    Attributes:
+        names: Plugins; none for all.
+        markdown: Whether it is the page docs/keys.md.
+    """
+
+    names: list[str] = field(default_factory=list)
+    markdown: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -169,6 +183,24 @@ _NAMES = {
 _GROUPS = {"suite": "conf"}
 
 
+def _keys(keys: _Keys, _: dict[str, Any]) -> None:
+    """Says what each option of a plugin means, and its default."""
+    from tactileforge.cli._help import keys_page, plugin_keys
+
+    if keys.markdown:
+        print(keys_page(), end="")
+        return
+    groups = {kind: group for group, kind in reversed(registry.GROUPS.items())}
+    known = [one for one in registry.list_plugins() if one.kind in groups]
+    for name in keys.names:
+        if name not in {one.name for one in known}:
+            raise ConfigError(unknown("plugin", name, {one.name for one in known}))
+    for one in known:
+        if not keys.names or one.name in keys.names:
+            group = groups[one.kind]
+            print("\n".join([f"{group}={one.name}", *plugin_keys(group, one.name, "  "), ""]))
+
+
 def _new(keys: _New, _: dict[str, Any]) -> None:
     """Writes a package to start from."""
     kind, name, out = keys.kind, keys.name, Path(keys.out)
@@ -197,8 +229,10 @@ def _new(keys: _New, _: dict[str, Any]) -> None:
         target = folder / pattern.sub(lambda match: words[match[0]], path)
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_text(pattern.sub(lambda match: words[match[0]], text), "utf-8")
-    then = {"suite": f"bench suite={name} --cfg job"}.get(kind, f"plugins check {name}")
-    print(f"wrote {folder}\nnext: pip install -e {folder} && tactileforge {then}")
+    install = shlex.join(["pip", "install", "-e", str(folder)])
+    check = ("plugins", "check", name)
+    then = ("bench", f"suite={name}", "--cfg", "job") if kind == "suite" else check
+    print(f"wrote {folder}\nnext: {install} && {command(*then)}")
 
 
 def _names_of(kind: str) -> Collection[str]:
@@ -235,5 +269,6 @@ def _sections_of(kind: str, text: str) -> str:
 COMMANDS = {
     "list": Command(run=_list, keys=_List),
     "check": Command(run=_check, keys=_Check, bare=("names",), others="options"),
-    "new": Command(run=_new, keys=_New, bare=("kind", "name")),
+    "keys": Command(run=_keys, keys=_Keys, bare=("names",)),
+    "new": Command(run=_new, keys=_New, into=True, bare=("kind", "name")),
 }

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from tactileforge.cli._command import Command
+from tactileforge.errors import command
 from tactileforge.record.options import RecordOptions
 from tactileforge.record.record import record
 from tactileforge.record.status import RecordStatus, RecordSummary
@@ -30,7 +31,8 @@ def _record(keys: RecordOptions, config: dict[str, Any]) -> None:
     for name, noticed in summary.noticed.items():
         for words in noticed.values():
             print(f"noticed: {name}: {words}")
-    print(f"look at it: tactileforge data inspect data=shards data.root={keys.out}")
+    look = command("data", "inspect", "data=shards", f"data.root={keys.out}")
+    print(f"look at it: {look}")
 
 
 def _say(status: RecordStatus) -> Any:
@@ -51,4 +53,4 @@ def _told(summary: RecordSummary) -> str:
 
 
 _SENSORS = {"sensor": "???", "force": None, "camera": None, "robot": None}
-COMMANDS = {"": Command(run=_record, keys=RecordOptions, groups=_SENSORS)}
+COMMANDS = {"": Command(run=_record, keys=RecordOptions, groups=_SENSORS, into=True)}

@@ -27,4 +27,9 @@ def _report(keys: _Report, _: dict[str, Any]) -> None:
     print(f"report: {report_of_run(Path(keys.run))}")
 
 
-COMMANDS = {"": Command(run=_report, keys=_Report, bare=("run",))}
+def _page(keys: _Report) -> Path | None:
+    """The page, where there is a run."""
+    return Path(keys.run) / "report.html" if Path(keys.run).is_dir() else None
+
+
+COMMANDS = {"": Command(run=_report, keys=_Report, bare=("run",), writes=_page)}

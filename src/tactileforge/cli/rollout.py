@@ -25,4 +25,6 @@ def _rollout(keys: RolloutOptions, _: dict[str, Any]) -> None:
     print(f"results: {keys.folder / RESULTS}\nreport: {keys.folder / PAGE}")
 
 
-COMMANDS = {"": Command(run=_rollout, keys=RolloutOptions)}
+COMMANDS = {
+    "": Command(run=_rollout, keys=RolloutOptions, writes=lambda keys: keys.folder, into=True)
+}

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from tactileforge.cli._command import Command
+from tactileforge.errors import command
 from tactileforge.sim.config import SimConfig
 from tactileforge.sim.generate import write_seconds
 
@@ -61,10 +62,10 @@ def _sim(keys: _Sim, _: dict[str, Any]) -> None:
     folder = Path(keys.out)
     train, val = write_seconds(config, folder, keys.seconds, keys.val, keys.processes)
     print(f"{train} touches for training and {val} for validation: {folder}")
-    print(f"train on them: tactileforge train data=shards data.root={folder}")
+    print(f"train on them: {command('train', 'data=shards', f'data.root={folder}')}")
 
 
 _SIMULATED = {spec.name for spec in fields(SimConfig)}
 
 
-COMMANDS = {"": Command(run=_sim, keys=_Sim)}
+COMMANDS = {"": Command(run=_sim, keys=_Sim, into=True)}

@@ -7,17 +7,35 @@ from pathlib import Path
 from typing import Any
 
 from tactileforge.cli._command import Command
-from tactileforge.errors import ConfigError
+from tactileforge.cli._quote import quoted, unquoted
+from tactileforge.errors import ConfigError, command
 from tactileforge.run_length import LENGTHS, MACHINE
 
 
 def _train(_: None, config: dict[str, Any]) -> float:
     """Trains a recipe; a run that was stopped goes on with resume=RUN."""
+    from hydra.core.hydra_config import HydraConfig
+    from hydra.types import RunMode
+
     from tactileforge.run_folder import LAST
-    from tactileforge.train import metric, train
 
     folder = _folder()
     _check_new_keys(config)
+    if HydraConfig.get().mode is RunMode.MULTIRUN:
+        from tactileforge.cli._job import run_job
+
+        if (folder / LAST).is_file():
+            config = {**config, "resume": str(folder)}
+        words = list(HydraConfig.get().overrides.task)
+        anew = [word for word in words if word.partition("=")[0] in _ANEW]
+        return run_job(folder, config, words, anew, lambda: _run(config, folder))
+    return _run(config, folder)
+
+
+def _run(config: dict[str, Any], folder: Path) -> float:
+    from tactileforge.run_folder import LAST
+    from tactileforge.train import metric, train
+
     if config.get("resume"):
         config = _with_given(_of_run(config["resume"]), config)
     elif config.get("init"):
@@ -30,7 +48,7 @@ def _train(_: None, config: dict[str, Any]) -> float:
         if not kept:
             early = "" if "step" in said else " before the first step"
             said += f"{early}; nothing was saved"
-        again = f"tactileforge train resume={folder}" if kept else "the same command again"
+        again = command("train", f"resume={folder}") if kept else "the same command again"
         raise KeyboardInterrupt(f"{said}; go on with: {again}") from stop
 
 
@@ -109,7 +127,7 @@ def _prepare(overrides: list[str]) -> list[str]:
     """
     overrides = [f"++{w}" if re.match(r"head\.\w+\.", w) else w for w in overrides]
     given = [word.partition("=")[2] for word in overrides if word.startswith("resume=")]
-    folders = [word.strip("'\"").replace("\\=", "=") for word in given]
+    folders = [unquoted(word).replace("\\=", "=") for word in given]
     if not folders or folders[-1] in ("", "null"):
         return overrides
     free = ("resume=", "hydra.", *(f"{path}=" for path in _ANEW))
@@ -122,8 +140,8 @@ def _prepare(overrides: list[str]) -> list[str]:
         )
     _of_run(folders[-1])  # before Hydra makes a folder
     words = [word for word in overrides if not word.startswith("resume=")]
-    quoted = f"'{folders[-1]}'"  # whatever is in its name
-    return [*words, f"resume={quoted}", f"hydra.run.dir={quoted}", "hydra.output_subdir=null"]
+    name = quoted(folders[-1])  # whatever is in it
+    return [*words, f"resume={name}", f"hydra.run.dir={name}", "hydra.output_subdir=null"]
 
 
 def _of_run(folder: str) -> dict[str, Any]:

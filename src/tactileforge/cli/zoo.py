@@ -153,7 +153,7 @@ def _get(keys: _Get, _: dict[str, Any]) -> None:
         from tactileforge.hub.pack import import_published
 
         path = import_published(keys.model, Path(keys.file), keys.sensor)
-    print(f'{path}\nload it: tactileforge.load("{keys.model}")')
+    print(f"{path}\nload it: tactileforge.load({keys.model!r})")
 
 
 def _pack(keys: _Pack, _: dict[str, Any]) -> None:
@@ -169,7 +169,7 @@ def _pack(keys: _Pack, _: dict[str, Any]) -> None:
         tag = keys.name.partition(".")[2]
         gates.stamp_card(_card(keys.name), tag, sha256(path), path.stat().st_size)
     print(f"{path}: {path.stat().st_size / 1e6:.1f} MB, sha256 {sha256(path)}")
-    print(f'load it: tactileforge.load("file:{path}")')
+    print(f"load it: tactileforge.load({f'file:{path}'!r})")
 
 
 def _gate(keys: _Gate, _: dict[str, Any]) -> None:
@@ -192,10 +192,15 @@ def _card(model: str) -> Path:
     return Path(str(cards.zoo_folder() / "recipe" / f"{model.partition('.')[0]}.md"))
 
 
+def _packed(keys: _Pack) -> Path | str | None:
+    """The file, where there is a run."""
+    return keys.out or (Path(keys.run) / "model.safetensors" if Path(keys.run).is_dir() else None)
+
+
 COMMANDS = {
     "list": Command(run=_list, keys=_List, bare=("pattern",)),
     "show": Command(run=_show, keys=_Show, bare=("model",)),
-    "get": Command(run=_get, keys=_Get, bare=("model",), also={"from": "file"}),
-    "pack": Command(run=_pack, keys=_Pack, bare=("run",)),
+    "get": Command(run=_get, keys=_Get, bare=("model",), also={"from": "file"}, cache=True),
+    "pack": Command(run=_pack, keys=_Pack, bare=("run",), writes=_packed),
     "gate": Command(run=_gate, keys=_Gate, bare=("model", "benches")),
 }

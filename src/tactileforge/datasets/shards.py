@@ -13,7 +13,7 @@ from tactileforge.data.shards import index, shards
 from tactileforge.data.shards.fetch import ShardFolder
 from tactileforge.data.shards.index import Index, IndexEntry
 from tactileforge.data.shards.summary import Summary
-from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError, command, unknown
 from tactileforge.files import cache_folder
 
 if TYPE_CHECKING:
@@ -62,9 +62,10 @@ class Shards:
         if folder.remote or (folder.path / index.NAME).exists():
             return index.parse_index(folder.text(index.NAME), f"{self.root}/{index.NAME}")
         if not any(folder.path.glob("train-*.tar")):
+            pack = command("data", "pack", "data=NAME", f"out={self.root}")
             raise DataNotFoundError(
                 f"{folder.path}: neither {index.NAME} nor train-*.tar here; set data.root to a "
-                f"folder of shards, or make one: tactileforge data pack data=NAME out={self.root}"
+                f"folder of shards, or make one: {pack}"
             )
         return None
 

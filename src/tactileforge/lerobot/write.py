@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 from collections.abc import Iterable
 from pathlib import Path
 
 from tactileforge.contracts import Recording
 from tactileforge.errors import ConfigError
+from tactileforge.files import new_part
 from tactileforge.lerobot import folder
 from tactileforge.lerobot.episode import device_word, group_takes
 from tactileforge.lerobot.options import LeRobotOptions, LeRobotSummary, Vectors
@@ -36,8 +35,7 @@ def write_dataset(
     folder.import_arrow()
     if out.exists():
         raise ConfigError(f"{out} exists: give another out=, or remove it")
-    part = out.with_name(f"{out.name}.{os.getpid()}.part")
-    try:
+    with new_part(out) as part:
         with Writer(part, options, vectors) as writer:
             chosen = (
                 recording
@@ -49,6 +47,4 @@ def write_dataset(
                 writer.add(group)
             result = writer.finish()
         part.replace(out)
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
     return result

@@ -16,7 +16,7 @@ from tactileforge.bars import Bar
 from tactileforge.contracts import Dataset
 from tactileforge.data.shards.index import NAME, Index
 from tactileforge.errors import ConfigError, DataError, TactileForgeError
-from tactileforge.files import sealed, unsealed, write_text
+from tactileforge.files import say_swept, sealed, sweep_parts, unsealed, write_text
 from tactileforge.packing.executors import execute
 from tactileforge.packing.options import Filter, PackOptions
 from tactileforge.packing.plan import SPLITS, PackPlan, plan_pack
@@ -64,7 +64,7 @@ def pack(
     try:
         _claim(out, made)
         with _alone(out):
-            _sweep(out)
+            say_swept(out, _sweep(out))
             try:
                 notes = _notes(planned, options, out)
                 index = Index(name=name, sorted=True, made=made, **_merged(planned, notes))
@@ -225,11 +225,9 @@ def _flat(plain: Mapping[str, Any], above: str = "") -> dict[str, Any]:
     return flat
 
 
-def _sweep(out: Path) -> None:
-    """Removes what a run that was killed has left half-written."""
-    for folder in (out, out / NOTES):
-        for path in folder.glob("*.part"):
-            path.unlink(missing_ok=True)
+def _sweep(out: Path) -> int:
+    """Removes what a run that was killed has left half-written; returns how many files."""
+    return sum(sweep_parts(folder, alone=True) for folder in (out, out / NOTES))
 
 
 def summary(index: Index) -> str:

@@ -58,6 +58,8 @@ def write_demonstrations(options: DemonstrationOptions) -> Demonstrations:
     make_environment(options.of_unit(0)).close()  # mistakes are named before processes start
     folder = Path(options.out)
     claim(folder / MADE, _made(options), "demonstrations")
+    shards.keep_whole(sorted(folder.glob("episode-*.tar")))
+    _forget_damaged(folder)
     tried = 0
     with Bar(total=options.n, desc="demonstrations", unit="episode") as bar:
         while (kept := len(_kept(folder, tried))) < options.n:
@@ -71,6 +73,15 @@ def write_demonstrations(options: DemonstrationOptions) -> Demonstrations:
             tried = numbers.stop
         bar.update(options.n - int(bar.n))
     return _index(options, folder, tried)
+
+
+def _forget_damaged(folder: Path) -> None:
+    """Removes notes of failures that are damaged, so that these episodes are played anew."""
+    for path in folder.glob("failed/*.json"):
+        try:
+            unsealed(path.read_bytes())["failure"]
+        except (ValueError, KeyError):
+            path.unlink()
 
 
 def _play(options: DemonstrationOptions, folder: Path, numbers: Sequence[int], bar: Any) -> None:

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tactileforge.files import new_part
 from tactileforge.rollouts.episode import Episode
 
 #: VP9 in MP4: the wheels of OpenCV write it, and browsers play it; H.264 they do not write.
@@ -41,19 +42,16 @@ def write_video(path: Path, frames: Sequence[NDArray[np.uint8]], rate: float) ->
         frames: RGB, uint8 (H, W, 3), all of one even size.
         rate: Frames per second.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.stem}.part{path.suffix}")
     height, width = frames[0].shape[:2]
     code = cv2.VideoWriter.fourcc(*_FOURCC)
-    writer: Any = cv2.VideoWriter(str(part), cv2.CAP_FFMPEG, code, rate, (width, height))
-    try:
-        if not writer.isOpened():
-            return False
-        for frame in frames:
-            writer.write(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
-        writer.release()
+    with new_part(path, path.suffix) as part:
+        writer: Any = cv2.VideoWriter(str(part), cv2.CAP_FFMPEG, code, rate, (width, height))
+        try:
+            if not writer.isOpened():
+                return False
+            for frame in frames:
+                writer.write(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
+        finally:
+            writer.release()
         part.replace(path)
         return True
-    finally:
-        writer.release()
-        part.unlink(missing_ok=True)

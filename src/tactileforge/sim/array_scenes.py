@@ -19,7 +19,7 @@ from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards import shards
 from tactileforge.errors import ConfigError, TactileForgeError
-from tactileforge.processes import process_count, spread, while_waited_for
+from tactileforge.processes import end_with_parent, process_count, spread
 from tactileforge.sensors.taxels import TaxelLayout
 from tactileforge.sim.config import SimConfig
 from tactileforge.sim.generate import path_of
@@ -245,7 +245,8 @@ def _main(config: str, array: str, folder: str, *numbers: str) -> None:
     """A process that simulates a share of the scenes."""
     scenes = strict.build(SimConfig, "", json.loads(config))
     taxels = strict.build(Array, "", json.loads(array))
-    for number in while_waited_for(map(int, numbers)):
+    end_with_parent()
+    for number in map(int, numbers):
         _write(scenes, taxels, Path(folder), number)
 
 

@@ -19,7 +19,7 @@ from tactileforge.data.shards import shards
 from tactileforge.data.shards.index import Index, IndexEntry
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.files import claim
-from tactileforge.processes import process_count, spread, while_waited_for
+from tactileforge.processes import end_with_parent, process_count, spread
 from tactileforge.sim.config import FIRST_VAL, SimConfig
 from tactileforge.sim.optics.scene_camera import render_scene_image
 from tactileforge.sim.play import play_scenes
@@ -176,6 +176,7 @@ def write_seconds(
         numbers.append(FIRST_VAL + held_out if to_val else train)
         total += config.scene(numbers[-1]).path.seconds
     claim(folder / "sim.json", asdict(config), "touches")
+    shards.keep_whole(path_of(folder, n) for n in numbers)
     write_scenes(config, folder, numbers, processes)
     splits = {
         split: [
@@ -191,7 +192,8 @@ def write_seconds(
 def _main(config: str, folder: str, *numbers: str) -> None:
     """A process that simulates a share of the scenes."""
     scenes = strict.build(SimConfig, "", json.loads(config))
-    for number in while_waited_for(map(int, numbers)):
+    end_with_parent()
+    for number in map(int, numbers):
         _write(scenes, Path(folder), number)
 
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ import torch
 from tactileforge.bench.tasks.source import TaskSource
 from tactileforge.contracts import Batch
 from tactileforge.data.batches.clips import Clips
-from tactileforge.files import write_text
+from tactileforge.files import part_name, sweep_parts, write_text
 
 #: Bytes of clips beyond which they are decoded each time.
 LIMIT = 512 * 2**20
@@ -73,6 +72,8 @@ def store_batches(folder: Path, count: int, batches: Iterator[Batch]) -> Iterato
         batches: From the first clip on.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    sweep_parts(folder)
+    parts = {name: part_name(folder / f"{name}.npy") for name in _ARRAYS}
     arrays: dict[str, np.memmap] = {}
     sensors: list[str] = []
     for batch in batches:
@@ -81,21 +82,11 @@ def store_batches(folder: Path, count: int, batches: Iterator[Batch]) -> Iterato
             values = batch[name].numpy()
             if name not in arrays:
                 shape = (count, *values.shape[1:])
-                part = _part(folder, name)
-                arrays[name] = np.lib.format.open_memmap(part, "w+", np.uint8, shape)
+                arrays[name] = np.lib.format.open_memmap(parts[name], "w+", np.uint8, shape)
             arrays[name][rows] = values
         sensors += batch["sensor"]
         yield batch
-    _finish(folder, arrays, sensors)
-
-
-def _finish(folder: Path, arrays: dict[str, np.memmap], sensors: Sequence[str]) -> None:
     for name, array in arrays.items():
         array.flush()
-        _part(folder, name).replace(folder / f"{name}.npy")
+        parts[name].replace(folder / f"{name}.npy")
     write_text(folder / "sensors.json", json.dumps(sensors))
-
-
-def _part(folder: Path, name: str) -> Path:
-    """The temporary file of this process, renamed once it is complete."""
-    return folder / f"{name}.{os.getpid()}.part"

@@ -100,7 +100,15 @@ def extract_features(
             fcntl.lockf(lock, fcntl.LOCK_EX)  # another bench may be at it: it is waited for
             if missing := absent():
                 _Extraction(store, subject, source, clips, missing, policy).run()
+                _remove_partial(store.folder / key)
     return {what: np.load(path, mmap_mode="r") for what, path in wanted.items()}
+
+
+def _remove_partial(folder: Path) -> None:
+    """Removes what passes over other sets of arrays left when they were stopped."""
+    for path in folder.iterdir():
+        if path.suffix != ".npy":
+            path.unlink()
 
 
 def _suffix(flip: Flip) -> str:

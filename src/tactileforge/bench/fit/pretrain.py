@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,16 +16,15 @@ from tactileforge import strict
 from tactileforge.bench.fit.frozen_encoder import FrozenEncoder
 from tactileforge.bench.fit.models import ModelEntry, encoder_of_run
 from tactileforge.bench.results.results import LossCurve
-from tactileforge.errors import ConfigError, TactileForgeError, unknown
+from tactileforge.errors import ConfigError, TactileForgeError, command, unknown
 from tactileforge.files import write_text
+from tactileforge.processes import run_program
 from tactileforge.run_folder import LAST
 
 #: Written before a run starts: what it is trained with.
 _WORDS = "bench.json"
 #: Written where a run failed: why.
 _FAILED = "failed.txt"
-#: Characters of what a run says that are kept.
-_TAIL = 4000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,28 +161,13 @@ def pretrain(job: PretrainJob) -> None:
     words = [f"resume={job.folder}"]
     if not job.has_checkpoint:
         words = [*job.words, f"hydra.run.dir={job.folder}"]
-    print(f"tactileforge train {' '.join(words)}", flush=True)
-    status, output = _run([sys.executable, "-m", "tactileforge", "train", *words])
+    print(command("train", *words), flush=True)
+    status, output = run_program([sys.executable, "-m", "tactileforge", "train", *words])
     if status == 130:
         raise KeyboardInterrupt(f"stopped in {job.folder}")
     if status:
         reason = output.strip().rpartition("error: ")[2] or f"exit status {status}"
         write_text(job.folder / _FAILED, " ".join(reason.split()))
-
-
-def _run(command: Sequence[str]) -> tuple[int, str]:
-    """Runs a program and shows its output; returns its exit status and the end of the output."""
-    output = b""
-    with subprocess.Popen(command, stderr=subprocess.PIPE) as process:
-        assert process.stderr is not None
-        try:
-            for chunk in iter(partial(os.read, process.stderr.fileno(), 4096), b""):
-                sys.stderr.write(chunk.decode(errors="replace"))
-                output = (output + chunk)[-_TAIL:]
-        except KeyboardInterrupt:
-            process.wait()  # the terminal has told it too, and it keeps a checkpoint
-            raise
-    return process.returncode, output.decode(errors="replace")
 
 
 def _claim(job: PretrainJob) -> None:

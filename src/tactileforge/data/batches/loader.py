@@ -4,9 +4,16 @@ from __future__ import annotations
 
 import logging
 import signal
+import sys
 import time
 from collections.abc import Iterator, Mapping
-from multiprocessing import get_context
+from multiprocessing import (
+    current_process,
+    get_all_start_methods,
+    get_context,
+    get_start_method,
+    set_start_method,
+)
 from multiprocessing.context import BaseContext
 from typing import Any, TypeVar
 
@@ -41,7 +48,16 @@ class Loader(DataLoader[Batch]):
 
     @classmethod
     def of(cls, stream: Stream, numbers: BatchIndexSampler, workers: int) -> Loader:
-        """A loader of the batches of a stream that a sampler names."""
+        """A loader of the batches of a stream that a sampler names.
+
+        Args:
+            stream: The batches.
+            numbers: Which of them.
+            workers: Processes that read; 0 reads here, as does a process that may start none.
+        """
+        if workers and current_process().daemon:
+            log.warning("batch.workers=%d: this process may start no others, so it reads", workers)
+            workers = 0
         return cls(
             stream,
             batch_size=None,
@@ -108,10 +124,16 @@ class Loader(DataLoader[Batch]):
 def _context(workers: int) -> BaseContext | None:
     """Start method of workers: no fork of a process that talks to others.
 
-    Gloo and NCCL have threads, whose locks a fork copies as they are (a warning of torch's
-    ``DistributedDataParallel``), so that some runs would hang.
+    Gloo, NCCL and Ray have threads, whose locks a fork copies as they are (a warning of torch's
+    ``DistributedDataParallel``), so that some runs would hang. joblib's processes have a start
+    method of their own, which their children do not know.
     """
-    if not workers or world()[1] == 1:
+    if not workers:
+        return None
+    known = get_start_method() in get_all_start_methods()
+    if not known:
+        set_start_method("forkserver", force=True)
+    if known and world()[1] == 1 and "ray" not in sys.modules:
         return None
     context = get_context("forkserver")
     context.set_forkserver_preload([__name__])

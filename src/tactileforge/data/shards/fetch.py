@@ -13,6 +13,7 @@ from urllib.parse import unquote, urlparse
 
 from tactileforge.data.shards import remote
 from tactileforge.errors import DataError
+from tactileforge.files import new_part, sweep_parts
 
 #: Bytes of an index; more are none of ours.
 _MAX_TEXT = 1 << 28
@@ -115,26 +116,25 @@ class ShardFolder:
 
     def _fetch(self, path: Path, size: int, sha256: str) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
+        sweep_parts(path.parent)
         self._make_room(size)
-        part = path.with_name(f"{path.name}.{os.getpid()}.part")
         url = f"{self.root}/{path.name}"
         try:
-            with part.open("wb") as out:
-                remote.copy(url, size, out)
-            found = _digest(part)
-            if found != sha256:
-                raise DataError(
-                    f"{url}: {part.stat().st_size} bytes with SHA-256 {found[:12]}..., but the "
-                    f"index says {size} with {sha256[:12]}...; upload the shard again"
-                )
-            part.replace(path)
+            with new_part(path) as part:
+                with part.open("wb") as out:
+                    remote.copy(url, size, out)
+                found = _digest(part)
+                if found != sha256:
+                    raise DataError(
+                        f"{url}: {part.stat().st_size} bytes with SHA-256 {found[:12]}..., but the "
+                        f"index says {size} with {sha256[:12]}...; upload the shard again"
+                    )
+                part.replace(path)
             _CHECKED.add(_state(path, sha256))
         except FileNotFoundError:
             raise
         except OSError as error:
             raise DataError(f"{url}: cannot be fetched ({error})") from error
-        finally:
-            part.unlink(missing_ok=True)
 
     def _make_room(self, size: int) -> None:
         if self.cache_gb is None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import io
 import json
+import logging
 import os
 import re
 import tarfile
@@ -40,7 +41,10 @@ from tactileforge.data.shards.description import (
     parse_description,
 )
 from tactileforge.errors import DataError
+from tactileforge.files import new_part
 from tactileforge.untrusted import MAX_PIXELS
+
+log = logging.getLogger(__name__)
 
 __all__ = [
     "CODECS",
@@ -87,15 +91,11 @@ def write_shard(path: Path, recordings: Iterable[Packed]) -> None:
     Raises:
         DataError: A recording has a number that is infinite, or a time that is NaN; names it.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
-    try:
+    with new_part(path) as part:
         with tarfile.open(part, "w", format=tarfile.USTAR_FORMAT) as tar:
             for number, packed in enumerate(recordings):
                 _add(tar, f"{number:06d}", packed)
         part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def _add(tar: tarfile.TarFile, stem: str, packed: Packed) -> None:
@@ -203,6 +203,29 @@ def _member(file: BinaryIO, path: Path, place: int) -> tuple[str, int] | None:
     if not 0 <= info.size < 1 << 60:
         raise DataError(f"{path}: a member of {info.size} bytes at byte {place}; pack it again")
     return info.name, info.size
+
+
+def is_whole(path: Path) -> bool:
+    """Whether a shard is there, and every description and picture of it is what was written."""
+    if not path.is_file():
+        return False
+    try:
+        for recording in read_shard(path):
+            for frames in (recording.frames, recording.no_contact, recording.image):
+                for place in range(len(frames) if isinstance(frames, PackedFrames) else 0):
+                    frames.encoded(place)  # type: ignore[union-attr]
+    except DataError:
+        return False
+    return True
+
+
+def keep_whole(paths: Iterable[Path]) -> list[str]:
+    """Removes shards that are damaged, so that they are made anew; returns their names."""
+    damaged = [path for path in paths if path.exists() and not is_whole(path)]
+    for path in damaged:
+        log.warning("%s: damaged, so it is made anew", path)
+        path.unlink()
+    return [path.name for path in damaged]
 
 
 def members(path: Path) -> Iterator[tuple[str, bytes]]:

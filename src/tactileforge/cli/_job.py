@@ -1,0 +1,97 @@
+"""A job of a sweep: taken where it has ended, gone on with where it was stopped."""
+
+from __future__ import annotations
+
+import logging
+import math
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from tactileforge.cli._sweep import ended
+from tactileforge.distributed import count_processes
+from tactileforge.errors import TactileForgeError
+from tactileforge.pages.curves import read_metrics
+from tactileforge.processes import run_program
+from tactileforge.run_folder import LAST
+
+log = logging.getLogger(__name__)
+
+#: What a job gives that has no number: it comes last.
+NO_NUMBER = math.inf
+
+
+def run_job(
+    folder: Path,
+    config: dict[str, Any],
+    words: Sequence[str],
+    anew: Sequence[str],
+    train: Callable[[], float],
+) -> float:
+    """Runs a job of a sweep, and gives the number that the sweep makes small.
+
+    Args:
+        folder: Of the job.
+        config: Finished.
+        words: What the job is given.
+        anew: Those of them that a run that goes on may have otherwise.
+        train: Trains here.
+
+    Raises:
+        TactileForgeError: It failed.
+        KeyboardInterrupt: It was stopped; says what goes on with it.
+    """
+    said = " ".join(word for word in words if not word.startswith("hydra"))
+    number = ended(folder)
+    if number is not None:
+        log.info("taken, as it has ended: %s (%s)", folder, said)
+        return number
+    stopped = (folder / LAST).is_file()
+    if stopped:
+        log.info("goes on where it was stopped: %s (%s)", folder, said)
+    try:
+        if count_processes(config["trainer"]) > 1 and "LOCAL_RANK" not in os.environ:
+            _run_apart(folder, words, anew, stopped)
+            number = logged(folder, config)
+        else:
+            number = train()
+            number = number if math.isfinite(number) else logged(folder, config)
+    except KeyboardInterrupt as stop:
+        why = str(stop).partition("; go on with")[0] or "stopped"
+        raise KeyboardInterrupt(f"{why}; go on with: the same command again") from stop
+    if not math.isfinite(number):
+        log.warning(
+            "%s: no finite number to rank this job by, so it comes last; a run that is shorter "
+            "than trainer.log_every_n_steps logs none",
+            folder,
+        )
+        return NO_NUMBER
+    return number
+
+
+def logged(folder: Path, config: dict[str, Any]) -> float:
+    """The number of a run, as it is in its ``metrics.csv``; NaN where there is none."""
+    curves = {key: float(curve.values[-1]) for key, curve in read_metrics(folder).items()}
+    if name := config.get("optimized_metric"):
+        return curves.get(name, math.nan)
+    rows = [
+        [curves[f"{split}/{key}"] for key in config["objective"] if f"{split}/{key}" in curves]
+        for split in ("val", "train")
+    ]
+    return sum(rows[0] or rows[1] or [math.nan])
+
+
+def _run_apart(folder: Path, words: Sequence[str], anew: Sequence[str], stopped: bool) -> None:
+    """Trains in processes of its own: those of a job before are gone with their group."""
+    typed = sys.argv[2:]  # folders of options, then what the job is given
+    given = anew if stopped else [word for word in words if not word.startswith("hydra")]
+    place = "resume" if stopped else "hydra.run.dir"
+    own = [*typed[: len(typed) - len(words)], *given, f"{place}={folder}"]
+    status, output = run_program([sys.executable, "-m", "tactileforge", "train", *own])
+    if status == 130:
+        raise KeyboardInterrupt(f"stopped in {folder}")
+    if status:
+        reason = output.strip().rpartition("error: ")[2] or f"exit status {status}"
+        raise TactileForgeError(f"{folder}: the job failed: {' '.join(reason.split())[-500:]}")

@@ -1,0 +1,171 @@
+"""Values as they are typed: one rule for ``~``, quotes and special characters, on every verb.
+
+A value that Hydra's grammar cannot read is plain text, and is quoted for it; so is every value of a
+key that names a path. ``~`` is the home folder, which a shell sees to before ``=`` alone.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+#: Last words of keys that name a path.
+_PATHS = frozenset(
+    {"root", "out", "cache", "dir", "folder", "data_folder", "run", "resume", "init", "file"}
+    | {"reference", "path", "calibration"}
+)
+#: ``~`` or ``~ana`` at the start of a value, or of one in a list, with what may stand before it.
+_HOME = re.compile(r"(?:^|(?<=[\[{,:'\"])|(?<=[\[{,:] ))(~[\w.-]*)(?=/|$)")
+
+
+def at_home(value: str) -> str:
+    """A value with ``~`` as the home folder.
+
+    Example:
+        >>> at_home("~/touches") == str(Path.home() / "touches")
+        True
+        >>> at_home("file:~/a") == f"file:{Path.home()}/a"
+        True
+        >>> at_home("a~/b")
+        'a~/b'
+    """
+    return _HOME.sub(lambda match: _expanded(match[1]), value) if "~" in value else value
+
+
+def _expanded(word: str) -> str:
+    try:
+        return str(Path(word).expanduser())
+    except RuntimeError:  # nobody of that name
+        return word
+
+
+def unquoted(value: str) -> str:
+    r"""A value without the quotes around it; one that is in its name is escaped.
+
+    Example:
+        >>> unquoted(r"'it\'s'"), unquoted('"a b"'), unquoted("a'b")
+        ("it's", 'a b', "a'b")
+    """
+    mark = value[:1]
+    if len(value) < 2 or mark not in "'\"" or value[-1] != mark or Path(value).exists():
+        return value
+    inner = value[1:-1]
+    if re.search(rf"(?<!\\)(\\\\)*{mark}", inner):  # 'a','b'
+        return value
+    return re.sub(rf"(\\+)({mark}|$)", lambda m: "\\" * (len(m[1]) // 2) + m[2], inner)
+
+
+def quoted(value: str) -> str:
+    r"""A value as Hydra's grammar quotes it, whatever is in it.
+
+    Example:
+        >>> print(quoted("it's"), quoted(r"a\b"))
+        'it\'s' 'a\b'
+    """
+    escaped = re.sub(
+        r"(\\*)('|$)", lambda m: m[1] * 2 + ("\\'" if m[2] else ""), value, flags=re.DOTALL
+    )
+    return f"'{escaped}'"
+
+
+def for_hydra(word: str, sweeps: bool = False) -> str:
+    """A ``key=value`` word that Hydra reads as it was meant.
+
+    Args:
+        word: As typed.
+        sweeps: Whether commas part the values of jobs.
+
+    Example:
+        >>> for_hydra("data.root=in/Prüfstand")
+        "data.root='in/Prüfstand'"
+        >>> for_hydra("optim.lr=1e-3"), for_hydra("objective=[pixel,diff]")
+        ('optim.lr=1e-3', 'objective=[pixel,diff]')
+        >>> for_hydra("data.root=a (1),b=c", sweeps=True)
+        "data.root='a (1)','b=c'"
+    """
+    key, equals, value = word.partition("=")
+    if not equals or key.startswith("~"):
+        return word
+    value = at_home(value)
+    names_path = re.split(r"[.@/]", key.lstrip("+"))[-1] in _PATHS
+    return f"{key}={_value(value, names_path, sweeps)}"
+
+
+def _value(value: str, names_path: bool, sweeps: bool) -> str:
+    if value in ("", "null") or ("${" in value and _parses(value)):
+        return value
+    if unquoted(value) != value:
+        return quoted(unquoted(value))
+    if _exists(value) and (names_path or not _parses(value) or _is_choice(value)):
+        return quoted(value)
+    if sweeps and len(items := split(value)) > 1:
+        return ",".join(_value(item, names_path, False) for item in items)
+    if sweeps and re.match(r"(choice|range|interval|glob|tag|shuffle|sort)\(.*\)$", value):
+        return value
+    if names_path and value[0] not in "[{":
+        return quoted(value)
+    return value if _parses(value) else _text(value)
+
+
+def _text(value: str) -> str:
+    """What Hydra cannot read: lists and mappings keep their shape, all else is plain text."""
+    if value[0] in "[{" and value[-1] != {"[": "]", "{": "}"}[value[0]]:
+        return value  # half a list is a slip, not a name
+    if value[0] == "[":
+        return f"[{','.join(_item(item) for item in split(value[1:-1]))}]"
+    if value[0] == "{" and ":" in value:
+        pairs = [item.partition(":") for item in split(value[1:-1])]
+        return f"{{{','.join(f'{key.strip()}: {_item(rest)}' for key, _, rest in pairs)}}}"
+    return quoted(value)
+
+
+def _item(value: str) -> str:
+    value = value.strip()
+    return value if not value or _parses(value) else _text(value)
+
+
+def split(value: str) -> list[str]:
+    """The parts between commas, outside quotes and brackets.
+
+    Example:
+        >>> split("a,[b,c],'d,e'")
+        ['a', '[b,c]', "'d,e'"]
+    """
+    parts, depth, mark = [""], 0, ""
+    for place, letter in enumerate(value):
+        if mark:
+            mark = "" if letter == mark and value[place - 1] != "\\" else mark
+        elif letter in "'\"" and not parts[-1].strip():  # one in the middle is part of a name
+            mark = letter
+        elif letter in "[{(":
+            depth += 1
+        elif letter in "]})":
+            depth -= 1
+        if letter == "," and not mark and depth <= 0:
+            parts.append("")
+        else:
+            parts[-1] += letter
+    return parts
+
+
+def _exists(value: str) -> bool:
+    try:
+        return Path(value).exists()
+    except (OSError, ValueError):  # too long for a name
+        return False
+
+
+def _parses(value: str) -> bool:
+    """Whether Hydra's grammar reads a value."""
+    from hydra.core.override_parser.overrides_parser import OverridesParser
+    from hydra.errors import HydraException
+
+    try:
+        OverridesParser.create().parse_override(f"key={value}")
+    except HydraException:
+        return False
+    return True
+
+
+def _is_choice(value: str) -> bool:
+    return len(split(value)) > 1
