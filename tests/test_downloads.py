@@ -350,7 +350,7 @@ def test_a_pause_beyond_the_time_in_all_is_not_waited_for(
     serve: Callable[[Answer], str], slept: list[float]
 ) -> None:
     url = serve(lambda request: answered(request, code=429, Retry_After="50"))
-    with pytest.raises(OSError, match="429.*no time for another"):
+    with pytest.raises(OSError, match=r"429.*no time for another"):
         fetched(url, 10, seconds=40.0)
     assert slept == []
 
@@ -375,7 +375,7 @@ def test_what_is_always_short_is_judged_by_its_checksum(
     serve: Callable[[Answer], str], tmp_path: Path, slept: list[float]
 ) -> None:
     folder = ShardFolder(serve(lambda request: answered(request, b"short")), tmp_path)
-    with pytest.raises(DataError, match="5 bytes with SHA-256 .* but the index says 9"):
+    with pytest.raises(DataError, match=r"5 bytes with SHA-256 .* but the index says 9"):
         folder.get("a.tar", 9, "0" * 64)
     assert len(slept) == 3
 
@@ -385,10 +385,7 @@ def test_a_length_that_is_none_is_no_traceback(
     stated: str, serve: Callable[[Answer], str], slept: list[float]
 ) -> None:
     url = serve(lambda request: answered(request, b"body", Content_Length=stated))
-    try:
-        assert fetched(url, 10) == b"body"
-    except OSError as error:
-        assert "attempt" in str(error)
+    assert fetched(url, 10) == b"body"
 
 
 def sends_to(place: str) -> Answer:
@@ -462,7 +459,7 @@ def test_bytes_that_are_written_are_told_and_files_are_read(tmp_path: Path) -> N
     assert fetched(path.as_uri(), 300_000, moved=told.append) == bytes(200_000)
     assert told[-1] == 200_000
     assert told == sorted(told)
-    with pytest.raises(OSError, match="No such file.*attempt 1"):
+    with pytest.raises(OSError, match=r"No such file.*attempt 1"):
         fetched((tmp_path / "none").as_uri(), 10)
 
 

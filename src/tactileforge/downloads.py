@@ -10,6 +10,7 @@ from contextlib import closing
 from datetime import UTC, datetime
 from email.message import Message
 from email.utils import parsedate_to_datetime
+from http.client import InvalidURL
 from typing import BinaryIO
 
 from tactileforge.links import SILENCE, Link, Refused
@@ -167,7 +168,7 @@ def _named(error: BaseException) -> OSError:
     """The error to raise: `Dropped` where another attempt may go well."""
     text = str(error) or repr(error)
     if not isinstance(error, Refused):
-        final = isinstance(error, ValueError | FileNotFoundError | PermissionError)
+        final = isinstance(error, ValueError | InvalidURL | FileNotFoundError | PermissionError)
         return OSError(f"{text}, attempt 1") if final else Dropped(text)
     if error.code < 500 and error.code not in _BUSY:
         return OSError(f"{text}, attempt 1")

@@ -6,8 +6,9 @@ import logging
 import platform
 import sys
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
+from contextlib import contextmanager
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -18,6 +19,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from tactileforge import curriculum, precision, registry, run_folder
 from tactileforge.assemble import build_data
+from tactileforge.callbacks.checkpoints import Checkpoints
 from tactileforge.callbacks.met import MetLabels, SkippedRecordings
 from tactileforge.checkpoint_file import find_checkpoint, initialise, read_checkpoint, read_own
 from tactileforge.compiled import compile_blocks
@@ -132,7 +134,8 @@ def _train(
         for message in _EXPECTED:
             warnings.filterwarnings("ignore", message)
         try:
-            trainer.fit(module, data, ckpt_path=resume, weights_only=True)
+            with _resumed_from(resume, saver):
+                trainer.fit(module, data, ckpt_path=resume, weights_only=True)
         except ValueError as error:
             if "val_check_interval" not in str(error):
                 raise
@@ -148,6 +151,20 @@ def _train(
         log_report(trainer.loggers[1:], report, drawings, trainer.global_step)
         print(f"report: {report}")
     return module
+
+
+@contextmanager
+def _resumed_from(resume: Path | None, saver: Checkpoints) -> Iterator[None]:
+    """Names the checkpoint where a run cannot go on with what it holds."""
+    try:
+        yield
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, RuntimeError) as error:
+        if resume is None or saver.started:
+            raise
+        raise ConfigError(
+            f"{resume}: the run cannot go on with it ({error!r}): it is whole, but was changed or "
+            "is of another program; start a new run from its weights with init="
+        ) from error
 
 
 def _whole(

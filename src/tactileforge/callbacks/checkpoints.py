@@ -78,16 +78,18 @@ class Checkpoints(Callback):
 
     Attributes:
         interrupted: Whether this process was asked to stop; after the run, whether it was stopped.
+        started: Whether training began: what a run goes on with was read, and fits.
     """
 
     def __init__(self, folder: Path, every: int) -> None:
         self.path = folder / LAST
         self.every = every
-        self.interrupted = self._stopped = False
+        self.interrupted = self._stopped = self.started = False
         self._handlers: dict[int, Any] = {}
 
     def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Listens for signals."""
+        self.started = True
         for number in (signal.SIGINT, signal.SIGTERM):
             self._handlers[number] = signal.signal(number, self._stop)
 

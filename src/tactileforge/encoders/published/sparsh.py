@@ -109,7 +109,7 @@ def _check_bands(state: State, width: int, axes: int) -> None:
 
 
 def _precision(values: Tensor) -> float:
-    """Relative precision of numbers, that of a type of half the length where they went through one."""
+    """Relative precision of numbers: of half the bits where they went through such a type."""
     for dtype in (torch.bfloat16, torch.float16):
         if torch.equal(values.to(dtype).to(values.dtype), values):
             return torch.finfo(dtype).eps
