@@ -26,8 +26,10 @@ _KINDS: dict[str, type] = {
 }
 _ORDERED: dict[type, type] = {dict: OrderedDict}
 #: What a run goes on with, or is reported from.
-_OF_RUN = ("global_step", "epoch", "loops", "callbacks", "optimizer_states", "lr_schedulers")
-_OF_RUN += ("total", "epoch_steps", "processes", "skipped", "labels")
+_OF_RUN = (
+    *("global_step", "epoch", "loops", "callbacks", "optimizer_states", "lr_schedulers"),
+    *("total", "epoch_steps", "processes", "skipped", "labels"),
+)
 #: What a zip file ends with where it has no comment: a record of 22 bytes.
 _END, _END_BYTES = b"PK\x05\x06", 22
 
