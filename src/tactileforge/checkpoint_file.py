@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections import OrderedDict
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import IO, Any
@@ -17,6 +18,18 @@ from tactileforge.run_folder import LAST
 #: A checkpoint is a zip file; its comment is this and the SHA-256 of all that comes before.
 _SEAL = b"tactileforge sha256 "
 _SEALED = len(_SEAL) + 64
+#: What is read of a checkpoint, where it is there, and its kinds.
+_KINDS: dict[str, type] = {
+    **dict.fromkeys(("state_dict", "loops", "callbacks", "scores", "skipped", "labels"), dict),
+    **dict.fromkeys(("optimizer_states", "lr_schedulers"), list),
+    **dict.fromkeys(("global_step", "epoch", "processes"), int),
+}
+_ORDERED: dict[type, type] = {dict: OrderedDict}
+#: What a run goes on with, or is reported from.
+_OF_RUN = (
+    *("global_step", "epoch", "loops", "callbacks", "optimizer_states", "lr_schedulers"),
+    *("total", "epoch_steps", "processes", "skipped", "labels"),
+)
 #: What a zip file ends with where it has no comment: a record of 22 bytes.
 _END, _END_BYTES = b"PK\x05\x06", 22
 
@@ -87,6 +100,11 @@ def read_own(path: str | Path, run: str | None) -> dict[str, Any]:
             f"beside it is of run {run}: one of the two was copied or overwritten. Start a new "
             "run from the weights with init=, or put the right file back"
         )
+    if lacks := [key for key in _OF_RUN if key not in found]:
+        raise ConfigError(
+            f"{find_checkpoint(path)} has no {lacks[0]}: it holds weights alone, or is another "
+            "program's; start a new run from its weights with init="
+        )
     return found
 
 
@@ -103,13 +121,26 @@ def read_checkpoint(path: str | Path) -> dict[str, Any]:
         checkpoint: dict[str, Any] = torch.load(
             file, map_location="cpu", weights_only=True, mmap=True
         )
-        if not isinstance(checkpoint, dict) or "state_dict" not in checkpoint:
-            raise ValueError("no state_dict in it")
+        _check_structure(checkpoint)
     except Exception as error:
         raise ConfigError(
             f"{file} is not a checkpoint that can be read ({error}); nothing in it was executed"
         ) from error
     return checkpoint
+
+
+def _check_structure(checkpoint: Any) -> None:
+    """Raises a ValueError where what is in a checkpoint is not of the kind that is read."""
+    if not isinstance(checkpoint, dict) or "state_dict" not in checkpoint:
+        raise ValueError("no state_dict in it")
+    for key, kind in _KINDS.items():
+        if key in checkpoint and type(checkpoint[key]) not in (kind, _ORDERED.get(kind)):
+            raise ValueError(f"{key} is {str(checkpoint[key])[:60]!r}, not of type {kind.__name__}")
+    for name, value in checkpoint["state_dict"].items():
+        if not isinstance(name, str) or not isinstance(value, torch.Tensor):
+            raise ValueError(f"{str(name)[:60]!r} of its state_dict is no tensor")
+    if not 0 <= checkpoint.get("global_step", 0) < 1 << 48:
+        raise ValueError(f"global_step is {checkpoint['global_step']}")
 
 
 def initialise(

@@ -7,8 +7,9 @@ import platform
 import shlex
 import sys
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
+from contextlib import contextmanager
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -19,6 +20,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from tactileforge import curriculum, precision, registry, run_folder
 from tactileforge.assemble import build_data
+from tactileforge.callbacks.checkpoints import Checkpoints
 from tactileforge.callbacks.met import MetLabels, SkippedRecordings
 from tactileforge.checkpoint_file import (
     find_checkpoint,
@@ -140,7 +142,8 @@ def _train(
         for message in _EXPECTED:
             warnings.filterwarnings("ignore", message)
         try:
-            trainer.fit(module, data, ckpt_path=resume, weights_only=True)
+            with _resumed_from(resume, saver):
+                trainer.fit(module, data, ckpt_path=resume, weights_only=True)
         except NotFiniteError as error:
             raise NotFiniteError(f"{error}. {_way_back(folder, trainer.precision)}") from error
         except SystemExit as stop:  # what Lightning makes of Ctrl-C
@@ -176,6 +179,20 @@ def _way_back(folder: Path, numbers: str) -> str:
         f"The checkpoint of step {step} stays: go back to it with tactileforge train resume={name}"
         f"{exact}, or start from it with init={name} and a smaller optim.lr="
     )
+
+
+@contextmanager
+def _resumed_from(resume: Path | None, saver: Checkpoints) -> Iterator[None]:
+    """Names the checkpoint where a run cannot go on with what it holds."""
+    try:
+        yield
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, RuntimeError) as error:
+        if resume is None or saver.started:
+            raise
+        raise ConfigError(
+            f"{resume}: the run cannot go on with it ({error!r}): it is whole, but was changed or "
+            "is of another program; start a new run from its weights with init="
+        ) from error
 
 
 def _whole(

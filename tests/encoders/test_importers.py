@@ -183,6 +183,47 @@ def test_each_tensor_of_the_encoder_matters(published: ModuleType, case: str) ->
         convert(state | {stray: torch.zeros(2)})
 
 
+@pytest.mark.parametrize("back", [False, True])
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16])
+@pytest.mark.parametrize("case", FILES)
+def test_a_copy_in_half_the_bits_is_the_same_model(
+    published: ModuleType, case: str, dtype: torch.dtype, back: bool, tmp_path: Path
+) -> None:
+    """Also one that was cast back to float32 later."""
+    state = state_of(published, case)
+    half = {key: x.to(dtype).to(x.dtype if back else dtype) for key, x in state.items()}
+    torch.save({"model": half}, tmp_path / "half.pth")
+    whole, copied = convert(state), convert(read_tensors(tmp_path / "half.pth"))
+    assert copied.name == whole.name
+    lengths = [one.encoder_config.pop("length", None) or 0.0 for one in (copied, whole)]
+    assert lengths[0] == pytest.approx(lengths[1], rel=2e-2)
+    assert copied.encoder_config == whole.encoder_config
+    eps = torch.finfo(dtype).eps
+    for key, tensor in whole.state.items():
+        assert copied.state[key].dtype == torch.float32
+        torch.testing.assert_close(copied.state[key], tensor, rtol=2 * eps, atol=2 * eps)
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float16, torch.bfloat16])
+def test_other_fixed_positions_are_no_rounding(published: ModuleType, dtype: torch.dtype) -> None:
+    state = state_of(published, "mae")
+    for other in (10000 ** -(torch.arange(48) / 47), 9000 ** -(torch.arange(48) / 48)):
+        state["encoder.pos_embed.frequency_bands"] = other.expand(2, -1).to(dtype)
+        with pytest.raises(ConfigError, match="frequency_bands"):
+            convert(state)
+
+
+@pytest.mark.parametrize("case", FILES)
+def test_tensors_of_odd_shapes_are_named(published: ModuleType, case: str) -> None:
+    state = state_of(published, case)
+    for key in list(state):
+        for odd in (torch.zeros(()), torch.zeros(0), torch.zeros(2, 0, 3), state[key][None]):
+            try:
+                convert(state | {key: odd})
+            except ConfigError:
+                continue
+
+
 def test_what_is_missing_is_named(published: ModuleType) -> None:
     state = state_of(published, "anytouch2, 4 frames")
     del state["touch_mae_model.touch_model.encoder.layers.1.mlp.fc1.bias"]

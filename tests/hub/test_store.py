@@ -18,6 +18,7 @@ import torch
 from waiting import wait_until
 
 import tactileforge
+from tactileforge import downloads
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.files import new_part
 from tactileforge.hub import cards, store
@@ -29,11 +30,13 @@ AddCard = Callable[..., None]
 def server(checkpoint: Path) -> Iterator[SimpleNamespace]:
     """Serves ``data``; after ``pause_at`` bytes it waits until the test is over."""
     state = SimpleNamespace(data=checkpoint.read_bytes(), pause_at=None, hits=0, status=200)
+    state.tokens = []
     over = threading.Event()
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
             state.hits += 1
+            state.tokens.append(self.headers.get("Authorization"))
             self.send_response(state.status)
             self.end_headers()
             with contextlib.suppress(ConnectionError):  # who has enough hangs up
@@ -119,8 +122,12 @@ def test_one_wrong_bit_is_an_error(
 
 
 def test_files_of_another_length(
-    add_card: AddCard, weight: dict[str, Any], server: SimpleNamespace
+    add_card: AddCard,
+    weight: dict[str, Any],
+    server: SimpleNamespace,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr(downloads, "_sleep", lambda seconds: None)
     add_card("thing", weights=[weight | {"url": server.url}])
     good = server.data
     server.data = good[:-7]
@@ -128,6 +135,20 @@ def test_files_of_another_length(
         tactileforge.load("thing")
     server.data = good * 3  # no more is taken than tells that it is another file
     with pytest.raises(DataError, match=f"{len(good) + 1} bytes, expected {len(good)}"):
+        tactileforge.load("thing")
+    assert files_in_cache() == []
+
+
+def test_a_server_that_stalls_is_left(
+    add_card: AddCard,
+    weight: dict[str, Any],
+    server: SimpleNamespace,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(downloads, "SILENCE", 0.1)
+    add_card("thing", weights=[weight | {"url": server.url}])
+    server.pause_at = 1000
+    with pytest.raises(DataNotFoundError, match=r"cannot be fetched \(it sends less than 65536"):
         tactileforge.load("thing")
     assert files_in_cache() == []
 
@@ -150,6 +171,7 @@ def test_addresses(
     add_card: AddCard,
     weight: dict[str, Any],
     checkpoint: Path,
+    server: SimpleNamespace,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     add_card("local", weights=[weight | {"url": checkpoint.as_uri()}])
@@ -162,17 +184,16 @@ def test_addresses(
         tactileforge.load("loose")
     asked = []
 
-    def download(repo: str, file: str, *, revision: str, local_dir: str) -> str:
+    def address(repo: str, file: str, *, revision: str) -> str:
         asked.append((repo, file, revision))
-        target = Path(local_dir) / file
-        target.parent.mkdir(parents=True)
-        target.write_bytes(checkpoint.read_bytes())
-        return str(target)
+        return server.url
 
-    monkeypatch.setitem(sys.modules, "huggingface_hub", SimpleNamespace(hf_hub_download=download))
+    client = SimpleNamespace(hf_hub_url=address, get_token=lambda: "secret")
+    monkeypatch.setitem(sys.modules, "huggingface_hub", client)
     add_card("hub", weights=[weight | {"url": "hf://owner/repo/sub/file.safetensors@abc123"}])
     assert tactileforge.load("hub").header.name == "thing.tiny"
     assert asked == [("owner/repo", "sub/file.safetensors", "abc123")]
+    assert server.tokens == ["Bearer secret"]
     assert all(name.endswith(".safetensors") for name in files_in_cache())
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from bent import bent
 from lerobot_recordings import PSNR, all_of, psnr, touch
 from numpy.typing import NDArray
 from omegaconf import OmegaConf
@@ -17,7 +18,7 @@ from tactileforge import cli, registry
 from tactileforge.compose import compose
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.datasets.lerobot import LeRobot
-from tactileforge.errors import ConfigError, DataError, DataNotFoundError
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError, TactileForgeError
 from tactileforge.lerobot import folder
 from tactileforge.lerobot.options import LeRobotOptions
 from tactileforge.lerobot.statistics import image_statistics, number_statistics
@@ -361,6 +362,17 @@ def test_damaged_metadata_of_touch_is_named(
     [
         ("data/{chunk}/x.parquet", r"cannot be filled in \(KeyError"),
         ("../{chunk_index}/{file_index}.parquet", "lies outside the data set, and is not opened"),
+        ("{episode_chunk:99999999999d}/x.parquet", "cannot be filled in; it may have chunk_index"),
+        ("{chunk_index:99999999999d}/x.parquet", "cannot be filled in; it may have chunk_index"),
+        ("{chunk_index.__class__}/x.parquet", "cannot be filled in; it may have chunk_index"),
+        ("{chunk_index!r}/x.parquet", "cannot be filled in"),
+        ("{chunk_index[0]}/x.parquet", "cannot be filled in"),
+        ("{0}/x.parquet", "cannot be filled in"),
+        ("{chunk_index:{file_index}d}/x.parquet", "cannot be filled in"),
+        ("data/{chunk_index", "cannot be filled in"),
+        ("{chunk_index}" * 2000, "cannot be filled in"),
+        ("data/\0.parquet", "is no path"),
+        ("a" * 300, "is no path"),
     ],
 )
 def test_a_path_of_the_info_file_stays_inside(pattern: str, message: str, tmp_path: Path) -> None:
@@ -447,3 +459,99 @@ def test_rows_of_another_rate_than_the_metadata(tmp_path: Path) -> None:
     data = LeRobot(str(root), ["observation.images.digit"], ["digit"], val=0)
     with pytest.raises(DataError, match=r"timestamp comes 0\.03003 times a second, .*fps: 30;"):
         list(data.recordings("train"))
+
+
+def bent_info(root: Path, change: Callable[[dict[str, Any]], object]) -> None:
+    info = json.loads((root / folder.INFO).read_text())
+    change(info)
+    (root / folder.INFO).write_text(json.dumps(info))
+
+
+@pytest.mark.parametrize("fps", [True, "30", None, 1e300, -30, float("nan"), 10**400, [30]])
+def test_a_rate_that_is_none_is_named(tmp_path: Path, fps: object) -> None:
+    write_dataset([touch(0)], tmp_path / "set", LeRobotOptions())
+    bent_info(tmp_path / "set", lambda info: info.update(fps=fps))
+    with pytest.raises(DataError, match=r"info\.json: .*fps|info\.json: not a LeRobot info file"):
+        all_of(tmp_path / "set")
+
+
+@pytest.mark.parametrize(
+    "dtype", ["S1000000000", "U9", "O", ">f8", "complex64", "datetime64[s]", 3]
+)
+def test_types_of_features_are_of_a_list(tmp_path: Path, dtype: object) -> None:
+    write_dataset([touch(0)], tmp_path / "set", LeRobotOptions())
+    about = "observation.force.digit"
+    bent_info(tmp_path / "set", lambda info: info["features"][about].update(dtype=dtype))
+    with pytest.raises(DataError, match=rf"{about} is of dtype"):
+        all_of(tmp_path / "set")
+
+
+def test_a_feature_of_a_type_that_is_not_read_is_no_fault(tmp_path: Path) -> None:
+    write_dataset([touch(0)], tmp_path / "set", LeRobotOptions())
+    other = {"observation.sound": {"dtype": "audio", "shape": [1], "names": None}}
+    bent_info(tmp_path / "set", lambda info: info["features"].update(other))
+    assert len(all_of(tmp_path / "set")) == 1
+
+
+def test_a_device_without_a_feature_is_named(tmp_path: Path) -> None:
+    root = tmp_path / "set"
+    write_dataset([touch(0)], root, LeRobotOptions())
+    held = json.loads((root / folder.TOUCH).read_text())
+    held["episodes"][0]["paw"] = held["episodes"][0]["digit"]
+    (root / folder.TOUCH).write_text(json.dumps(held))
+    with pytest.raises(DataError, match=r"feature in meta/tactileforge.json .*images\.paw"):
+        all_of(root)
+
+
+@pytest.mark.parametrize("name", [folder.INFO, folder.TOUCH])
+def test_metadata_that_is_bent_is_named_or_read(tmp_path: Path, name: str) -> None:
+    root, found = tmp_path / "set", {"named": 0, "read": 0}
+    write_dataset([touch(0, frames=4)], root, LeRobotOptions(images="png"))
+    whole = json.loads((root / name).read_text())
+    for what, changed in list(bent(whole))[::2]:
+        (root / name).write_text(json.dumps(changed))
+        try:
+            for one in LeRobot(str(root), val=0.0).recordings("train"):
+                assert len(one.frames.read(range(len(one.frames)))) == 4, what
+                assert one.background() is None or one.background().ndim == 3
+            found["read"] += 1
+        except TactileForgeError:
+            found["named"] += 1
+    assert min(found.values()) > 20
+
+
+CELLS = (None, True, -1, 1 << 50, float("nan"), "x", [1], b"a", {"a": 1})
+
+
+@pytest.mark.parametrize("where", ["meta/episodes", "data", "meta"])
+def test_tables_that_are_bent_are_named_or_read(tmp_path: Path, where: str) -> None:
+    """Each column dropped, renamed, and with cells of another type."""
+    import pyarrow
+
+    root, named = tmp_path / "set", 0
+    write_dataset([touch(0, frames=4)], root, LeRobotOptions(images="png"))
+    (root / folder.TOUCH).unlink()
+    options = {"touch": ["observation.images.digit"], "sensors": ["digit"]}
+    options["force"] = ["observation.force.digit"]
+    path = next(p for p in sorted(root.rglob("*.parquet")) if str(p.parent).find(where) > 0)
+    table = parquet.read_table(path)
+    for column in [name for name in table.column_names if not name.startswith("stats/")]:
+        others = [table.drop_columns([column]), table.slice(0, 0)]
+        others.append(
+            table.rename_columns([f"{n}2" if n == column else n for n in table.column_names])
+        )
+        at = table.column_names.index(column)
+        for cell in CELLS:
+            cells = pyarrow.array([cell] * len(table))
+            others.append(table.set_column(at, column, cells))
+        for other in others:
+            parquet.write_table(other, path)
+            folder.read_parquet.cache_clear()
+            folder._group_starts.cache_clear()
+            folder._read_group.cache_clear()
+            try:
+                for one in LeRobot(str(root), val=0.0, **options).recordings("train"):
+                    one.frames.read(range(len(one.frames)))
+            except TactileForgeError:
+                named += 1
+    assert named >= 3

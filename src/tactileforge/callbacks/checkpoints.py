@@ -80,16 +80,18 @@ class Checkpoints(Callback):
 
     Attributes:
         interrupted: Whether this process was asked to stop; after the run, whether it was stopped.
+        started: Whether training began: what a run goes on with was read, and fits.
     """
 
     def __init__(self, folder: Path, every: int) -> None:
         self.path = folder / LAST
         self.every = every
-        self.interrupted = self._stopped = False
+        self.interrupted = self._stopped = self.started = False
         self._listening = ExitStack()
 
     def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Listens for signals."""
+        self.started = True
         self._listening.enter_context(handled(self._stop))
 
     def on_train_batch_start(

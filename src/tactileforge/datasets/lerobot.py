@@ -176,6 +176,7 @@ class LeRobot:
             )
         out = []
         for name, sensor in kinds.items():
+            folder.known(f"observation.images.{name}", "meta/tactileforge.json")
             force = f"observation.force.{name}"
             known = force if force in folder.info.features else ""
             out.append(TouchFeature(f"observation.images.{name}", sensor, known))

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from safetensors import safe_open
+from safetensors import SafetensorError, safe_open
 from torch import nn
 
 from tactileforge import registry
-from tactileforge.errors import DataError, PluginError
+from tactileforge.errors import DataError, PluginError, TactileForgeError
 from tactileforge.hub.header import Header
 
 #: Arguments that name files or places on a network.
@@ -46,8 +46,11 @@ def check_nodes(path: Path, header: Header) -> None:
             model, or the plugin reads files where it is built; or the model is larger than the
             file.
     """
-    with safe_open(path, "pt") as file:
-        tensors = len(file.keys())
+    try:
+        with safe_open(path, "pt") as file:
+            tensors = len(file.keys())
+    except SafetensorError as error:
+        raise DataError(f"{path}: damaged: {error}; fetch or write it again") from error
     for kind, node in [
         ("encoders", header.encoder),
         *(("heads", entry["node"]) for entry in header.heads.values()),
@@ -81,6 +84,25 @@ def _check_argument(path: Path, where: str, value: Any) -> None:
         raise DataError(f"{path}: {where} is {value!r}, larger than in any model")
 
 
+def build(path: Path, kind: str, node: Mapping[str, Any], **given: Any) -> Any:
+    """A plugin from the arguments that a file has for it; see `registry.build`.
+
+    Raises:
+        DataError: It cannot be built from them.
+        TactileForgeError: See `registry.build`.
+        NotImplementedError: It needs its numbers where it is built, and there are none.
+        RuntimeError: Likewise.
+    """
+    try:
+        return registry.build(kind, node, **given)
+    except (TactileForgeError, NotImplementedError, RuntimeError):
+        raise
+    except Exception as error:
+        raise DataError(
+            f"{path}: {node['name']} cannot be built from its header ({error!r}); fetch it again"
+        ) from error
+
+
 def _check_total(path: Path, header: Header) -> None:
     """Builds without memory, and compares with what the file has."""
     parts: list[nn.Module] = []
@@ -93,7 +115,7 @@ def _check_total(path: Path, header: Header) -> None:
         with suppress(NotImplementedError, RuntimeError), torch.device("meta"):
             context = {"encoder": parts[0]} if parts else {}
             with torch.random.fork_rng(devices=[]):
-                parts.append(registry.build(kind, node, **context))
+                parts.append(build(path, kind, node, **context))
     needs = sum(x.numel() for part in parts for x in part.state_dict().values())
     if needs > path.stat().st_size:  # a byte a number, at least
         raise DataError(

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from tactileforge import registry
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.files import new_part, writing
-from tactileforge.hub.file_checks import check_nodes, check_plugin
+from tactileforge.hub.file_checks import build, check_nodes, check_plugin
 from tactileforge.hub.header import FORMAT, Header, read_header, seal_checkpoint
 from tactileforge.hub.positions import changed_options, rebuild_encoder
 
@@ -162,7 +162,7 @@ def open_model(
     check_nodes(path, header)
     node = dict(header.encoder)
     with torch.random.fork_rng(devices=[]):  # the numbers drawn here are replaced
-        encoder = registry.build("encoders", node)
+        encoder = build(path, "encoders", node)
     try:
         state = load_file(path)
     except SafetensorError as error:
@@ -190,7 +190,7 @@ def _open_heads(
     for name, entry in header.heads.items():
         prefix = _of_head(name)
         with torch.random.fork_rng(devices=[]):
-            head: nn.Module = registry.build("heads", entry["node"], encoder=encoder)
+            head: nn.Module = build(path, "heads", entry["node"], encoder=encoder)
         own = {key.removeprefix(prefix): x for key, x in state.items() if key.startswith(prefix)}
         fill_weights(head, own, f"{path}, head {name}")
         heads[name] = head.requires_grad_(False).eval()

@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, TypeGuard
 
 from tactileforge import strict
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
@@ -25,6 +26,15 @@ _LONGEST = 64 << 20
 #: Longest header of ours in it.
 _LONGEST_OWN = 1 << 20
 _KEY = "tactileforge"
+#: Rows of a table of sensors.
+_ROWS = 1 << 16
+#: Types of numbers in safetensors files, and the bytes of one.
+_BYTES = {
+    **dict.fromkeys(("BOOL", "U8", "I8", "F8_E5M2", "F8_E4M3"), 1),
+    **dict.fromkeys(("F16", "BF16", "I16", "U16"), 2),
+    **dict.fromkeys(("F32", "I32", "U32"), 4),
+    **dict.fromkeys(("F64", "I64", "U64"), 8),
+}
 #: The checksum before it is known, and what stands before it in the file (JSON within JSON).
 _UNKNOWN, _BEFORE = "0" * 64, b'\\"sha256\\": \\"'
 
@@ -137,7 +147,7 @@ def read_header(path: str | Path) -> Header:
     try:
         table = strict.mapping("its table of tensors", load_json(text))
         content = strict.mapping("__metadata__", table.pop("__metadata__", {})).get(_KEY)
-        _check_size(path, 8 + len(text), table)
+        _check_table(path, 8 + len(text), table)
         if not isinstance(content, str):
             raise ConfigError(
                 "safetensors, but not written by tactileforge; for published weights: "
@@ -164,11 +174,23 @@ def _parse(content: Any) -> Header:
     header = strict.build(Header, "the header", content)
     if not isinstance(header.encoder.get("name"), str):
         raise ConfigError("the header: encoder has no name")
+    if not 0 <= header.spacing < math.inf:
+        raise ConfigError(f"the header: spacing is {header.spacing}, not seconds between frames")
+    if not all(0 <= row < _ROWS for row in header.sensors.values()):
+        raise ConfigError("the header: sensors have rows, whole numbers from 0 on")
     for key, head in header.heads.items():
         node = strict.mapping(f"head {key}", head).get("node")
         if not isinstance(strict.mapping(f"node of head {key}", node).get("name"), str):
             raise ConfigError(f"the header: head {key} has no name")
+        for sensor, scale in strict.mapping(f"scale of head {key}", head.get("scale", {})).items():
+            if not (isinstance(scale, list) and len(scale) == 3 and all(map(_is_force, scale))):
+                raise ConfigError(f"the header: head {key} has no newtons for {sensor}: {scale!r}")
+    strict.mapping("the header: recipe.data", header.recipe.get("data") or {})
     return header
+
+
+def _is_force(value: Any) -> bool:
+    return type(value) in (int, float) and 0 < value < math.inf
 
 
 def _json_text(path: Path, file: BinaryIO) -> bytes:
@@ -186,13 +208,35 @@ def _json_text(path: Path, file: BinaryIO) -> bytes:
     return first + file.read(length - 1)
 
 
-def _check_size(path: Path, start: int, table: dict[str, Any]) -> None:
-    ends = [0]
-    for name, entry in table.items():
-        offsets = strict.mapping(f"tensor {name!r}", entry).get("data_offsets")
-        if not (isinstance(offsets, list) and len(offsets) == 2 and isinstance(offsets[1], int)):
-            raise ConfigError(f"tensor {name!r} has no data_offsets")
-        ends.append(offsets[1])
-    expected, size = start + max(ends), path.stat().st_size
+def _check_table(path: Path, start: int, table: dict[str, Any]) -> None:
+    """Checks that the tensors lie one behind the other, and that the file ends with the last."""
+    places = [_place(f"tensor {name!r}", entry) for name, entry in table.items()]
+    end = 0
+    expected, size = start + max((last for _, last in places), default=0), path.stat().st_size
     if size != expected:
         raise ConfigError(f"{size} bytes, expected {expected}; fetch or write it again")
+    for first, last in sorted(places):
+        if first != end:
+            raise ConfigError(f"no tensor begins at byte {end} of the numbers; fetch it again")
+        end = last
+
+
+def _place(where: str, entry: Any) -> tuple[int, int]:
+    """First and last place of a tensor's bytes, which are as many as its shape says."""
+    about = strict.mapping(where, entry)
+    offsets, shape, dtype = (about.get(key) for key in ("data_offsets", "shape", "dtype"))
+    if not (_counts(offsets) and len(offsets) == 2):
+        raise ConfigError(f"{where} has no data_offsets")
+    if not (isinstance(dtype, str) and dtype in _BYTES):
+        raise ConfigError(f"{where} is of type {dtype!r}; known: {', '.join(_BYTES)}")
+    if not _counts(shape) or offsets[1] - offsets[0] != math.prod(shape) * _BYTES[dtype]:
+        raise ConfigError(
+            f"{where}: its shape, {str(shape)[:99]}, is not that of bytes {offsets[0]} to "
+            f"{offsets[1]}; fetch it again"
+        )
+    return offsets[0], offsets[1]
+
+
+def _counts(values: Any) -> TypeGuard[list[int]]:
+    """Whether a value is a list of numbers of bytes or rows: whole, not negative, of this world."""
+    return isinstance(values, list) and all(type(n) is int and 0 <= n < 1 << 48 for n in values)

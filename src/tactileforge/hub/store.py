@@ -10,23 +10,18 @@ import json
 import os
 import re
 import time
-import urllib.request
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from http.client import HTTPException
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
-from tactileforge import strict
+from tactileforge import downloads, strict
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, full
 from tactileforge.files import cache_folder, new_part, sha256, writing
 from tactileforge.hub import cards
 from tactileforge.hub.cards import Card, Weight
 from tactileforge.untrusted import load_json
 
-#: Seconds without a byte after which a server counts as gone.
-_TIMEOUT = 30.0
-_CHUNK = 1 << 20
 #: Seconds for which an import stays after another took its place.
 _GRACE = 3600.0
 
@@ -184,59 +179,60 @@ def _verify(path: Path, digest: str, size: int, fix: str) -> None:
 
 def _download(card: Card, weight: Weight, target: Path) -> None:
     """Downloads to a temporary file, renamed to the target only if its hash matches."""
+    name = f"{card.name}.{weight.tag}"
+    other = f"what {weight.url} serves is not what the card names; nothing was kept"
+    url, headers = _address(name, weight.url)
     with writing(target), new_part(target) as part:
         try:
-            if weight.url.startswith("hf://"):
-                _from_hugging_face(weight.url, part)
-            else:
-                _from_url(f"{card.name}.{weight.tag}", weight, part)
-        except (OSError, HTTPException) as error:  # OSError: URLError, time-outs
-            if isinstance(error, OSError) and full(error):
+            _fetch(name, url, headers, weight.bytes, part)
+        except downloads.TooMuch as error:
+            more = f"at least {weight.bytes + 1} bytes, expected {weight.bytes}"
+            raise DataError(f"{name}: {more}; {other}") from error
+        except OSError as error:
+            if full(error):
                 raise
             terms = "; its authors ask for terms to be accepted there" if weight.gated else ""
             raise DataNotFoundError(
-                f"{card.name}.{weight.tag}: {weight.url} cannot be fetched ({error}){terms}. "
+                f"{name}: {weight.url} cannot be fetched ({error}){terms}. "
                 f"Without a network: fetch it elsewhere, and put it at {target}"
             ) from error
-        _verify(
-            part,
-            weight.sha256,
-            weight.bytes,
-            f"what {weight.url} serves is not what the card names; nothing was kept",
-        )
+        _verify(part, weight.sha256, weight.bytes, other)
         part.replace(target)
 
 
-def _from_url(name: str, weight: Weight, part: Path) -> None:
-    scheme = weight.url.partition(":")[0]
-    if scheme not in ("https", "http", "file"):
-        raise ConfigError(f"{name}: {weight.url}: use https://, http://, file:// or hf://")
+def _fetch(name: str, url: str, headers: Mapping[str, str], size: int, part: Path) -> None:
     from tactileforge.bars import Bar
 
-    request = urllib.request.Request(weight.url, headers={"User-Agent": "tactileforge"})
     with (
-        urllib.request.urlopen(request, timeout=_TIMEOUT) as source,
         part.open("wb") as file,
-        Bar(desc=name, total=weight.bytes, unit="B", unit_scale=True, disable=None) as bar,
+        Bar(desc=name, total=size, unit="B", unit_scale=True, disable=None) as bar,
     ):
-        # One byte more than expected is enough to know that it is another file.
-        while file.tell() <= weight.bytes and (
-            chunk := source.read(min(_CHUNK, weight.bytes + 1 - file.tell()))
-        ):
-            file.write(chunk)
-            bar.update(len(chunk))
+        downloads.copy(
+            url,
+            size,
+            file,
+            lambda: file.tell() == size,
+            headers=headers,
+            moved=lambda count: bar.update(count - bar.n),
+        )
         file.flush()
         os.fsync(file.fileno())
 
 
-def _from_hugging_face(url: str, part: Path) -> None:
+def _address(name: str, url: str) -> tuple[str, dict[str, str]]:
+    """Where a file lies, and the headers that are sent there."""
+    if not url.startswith("hf://"):
+        if url.partition(":")[0] not in ("https", "http", "file"):
+            raise ConfigError(f"{name}: {url}: use https://, http://, file:// or hf://")
+        return url, {}
     match = re.fullmatch(r"hf://([^/@]+/[^/@]+)/([^@]+)@([^@]+)", url)
     if not match:
         raise ConfigError(f"{url}: write hf://OWNER/REPO/FILE@REVISION")
     try:
-        from huggingface_hub import hf_hub_download
+        from huggingface_hub import get_token, hf_hub_url
     except ImportError as error:
         raise ConfigError(f"{url} needs: pip install huggingface_hub") from error
     repo, file, revision = match.groups()
-    with TemporaryDirectory(dir=part.parent, prefix=".hf-") as around:
-        Path(hf_hub_download(repo, file, revision=revision, local_dir=around)).replace(part)
+    token = get_token()
+    headers = {"Authorization": f"Bearer {token}"} if token else {}
+    return hf_hub_url(repo, file, revision=revision), headers

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache, lru_cache
@@ -32,6 +33,18 @@ ROBOT = {"state": "observation.state", "robot_action": "action"}
 ENVIRONMENT = "observation.environment_state"
 #: Row groups of images that stay in memory: LeRobot writes one an episode.
 _GROUPS = 8
+#: Errors that tables of others may raise where they are read.
+WRONG = (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
+#: What a name in braces of a path looks like: ``{file_index}`` or ``{file_index:03d}``.
+_PLACE = re.compile(r"\{([a-z_]{1,40})(?::0?([1-9])d)?\}")
+#: Types of features that are numbers.
+NUMBERS = (
+    *(f"float{bits}" for bits in (16, 32, 64)),
+    *(f"{kind}{bits}" for kind in ("int", "uint") for bits in (8, 16, 32, 64)),
+    "bool",
+)
+#: Largest size of a feature, and most rows a second, of any data set.
+_LARGEST, _FASTEST = 1 << 24, 1e5
 #: Features that every data set has.
 COMMON: dict[str, dict[str, Any]] = {
     "timestamp": {"dtype": "float32", "shape": [1], "names": None},
@@ -96,21 +109,20 @@ class Info:
             info_json = load_json(path.read_text(encoding="utf-8"))
             version = str(info_json["codebase_version"])
             info = cls(
-                float(info_json["fps"]),
-                {str(key): dict(value) for key, value in info_json["features"].items()},
-                str(info_json.get("data_path") or DATA),
-                str(info_json.get("video_path") or VIDEO),
+                _rate(info_json["fps"]),
+                {str(key): _feature(key, value) for key, value in info_json["features"].items()},
+                _pattern(info_json.get("data_path"), DATA),
+                _pattern(info_json.get("video_path"), VIDEO),
             )
-            dtypes = [(feature["dtype"], feature["shape"]) for feature in info.features.values()]
-        except (ValueError, KeyError, TypeError, AttributeError, OSError) as error:
+        except (ValueError, KeyError, TypeError, AttributeError, OSError, OverflowError) as error:
             raise DataError(f"{path}: not a LeRobot info file ({error!r})") from error
         if not version.startswith("v3."):
             raise DataError(
                 f"{path}: format {version}, but only v3 can be read; convert it with LeRobot's "
                 "own script"
             )
-        if not info.fps > 0 or not dtypes:
-            raise DataError(f"{path}: fps={info.fps} and {len(dtypes)} features")
+        if not 0 < info.fps <= _FASTEST or not info.features:
+            raise DataError(f"{path}: fps={info.fps:g} and {len(info.features)} features")
         return info
 
     def data_file(self, root: Path, place: Mapping[str, int]) -> Path:
@@ -136,15 +148,50 @@ class Info:
         ]
 
 
+def _rate(value: Any) -> float:
+    if type(value) not in (int, float):
+        raise ValueError(f"fps is {value!r}, not a number")
+    return float(value)
+
+
+def _feature(name: str, value: Any) -> dict[str, Any]:
+    """A feature whose dtype is a plain word, and whose shape has sizes that an array may have."""
+    feature = dict(value)
+    dtype, shape = feature["dtype"], feature["shape"]
+    if not isinstance(dtype, str) or not re.fullmatch(r"[a-z][a-z_]{0,30}[0-9]{0,3}", dtype):
+        raise ValueError(f"{name} is of dtype {str(dtype)[:60]!r}; give {', '.join(NUMBERS)}, ...")
+    if not isinstance(shape, list) or not all(
+        type(size) is int and 0 <= size <= _LARGEST for size in shape
+    ):
+        raise ValueError(f"{name} has the shape {str(shape)[:60]}")
+    return feature
+
+
+def _pattern(value: Any, default: str) -> str:
+    if not isinstance(value or default, str):
+        raise ValueError(f"a path is {str(value)[:60]}, no text")
+    return str(value or default)
+
+
 def _filled(root: Path, key: str, pattern: str, fields: Mapping[str, str | int]) -> Path:
+    """A path of a data set; of Python's formats, names with a number of digits are all it has."""
     where = f"{root / INFO}, {key}"
     try:
-        name = pattern.format(**fields)
-    except (LookupError, ValueError, TypeError, AttributeError) as error:
+        name = _PLACE.sub(lambda found: _written(fields[found[1]], found[2]), pattern)
+    except KeyError as error:
         raise DataError(
             f"{where}: {pattern!r} cannot be filled in ({error!r}); it may name {', '.join(fields)}"
         ) from error
+    if "{" in _PLACE.sub("", pattern) or "}" in _PLACE.sub("", pattern) or len(name) > 1000:
+        raise DataError(
+            f"{where}: {pattern[:200]!r} cannot be filled in; it may have {', '.join(fields)} in "
+            "braces, with digits as in {file_index:03d}"
+        )
     return inside(root, name, where)
+
+
+def _written(value: str | int, digits: str | None) -> str:
+    return str(value) if digits is None or isinstance(value, str) else f"{value:0{int(digits)}d}"
 
 
 def inside(root: Path, name: str, where: str) -> Path:
@@ -158,6 +205,8 @@ def inside(root: Path, name: str, where: str) -> Path:
     Raises:
         DataError: It lies outside the data set.
     """
+    if "\0" in name or any(len(part.encode()) > 255 for part in name.split("/")):
+        raise DataError(f"{where}: {name[:60]!r} is no path; correct it")
     path = root / name
     real, folder = path.resolve(), root.resolve()
     shared = folder.parent.parent / "blobs" if folder.parent.name == "snapshots" else folder
@@ -194,7 +243,7 @@ def read_parquet(path: Path, columns: tuple[str, ...] | None = None) -> Any:
         raise DataNotFoundError(f"{path}: not there; download the data set again")
     try:
         return parquet.read_table(path, columns=None if columns is None else list(columns))
-    except (OSError, ValueError, KeyError, import_arrow().lib.ArrowException) as error:
+    except (*WRONG, OSError, import_arrow().lib.ArrowException) as error:
         raise DataError(f"{path}: cannot be read ({error}); download it again") from error
 
 
@@ -221,5 +270,5 @@ def read_cell(path: Path, column: str, row: int) -> Any:
         starts = _group_starts(path)
         number = int(np.searchsorted(starts, row, side="right")) - 1
         return _read_group(path, column, number)[row - int(starts[number])].as_py()
-    except (OSError, ValueError, KeyError, import_arrow().lib.ArrowException) as error:
+    except (*WRONG, OSError, import_arrow().lib.ArrowException) as error:
         raise DataError(f"{path}: cannot be read ({error}); download it again") from error

@@ -74,8 +74,13 @@ class LeRobotFolder:
             rows += folder.read_parquet(path, wanted).to_pylist()
         if not rows:
             raise DataNotFoundError(f"{self.root}/meta/episodes: no episodes there")
-        if any(row[name] is None for row in rows for name in _NEEDED):
-            raise DataError(f"{self.root}/meta/episodes: an empty cell; download it again")
+        for row in rows:
+            for name in _NEEDED:
+                if type(row[name]) is not int or not (name == "length") <= row[name] < 1 << 40:
+                    raise DataError(
+                        f"{self.root}/meta/episodes: {name} is {str(row[name])[:60]}, no whole "
+                        "number; download the data set again"
+                    )
         return sorted(rows, key=lambda row: int(row["episode_index"]))
 
     @cached_property
@@ -113,6 +118,22 @@ class LeRobotFolder:
             DataError: A file is damaged, or contradicts the others.
         """
         row = self.episodes[number]
+        try:
+            return self._recording(row, number, touch, camera, background)
+        except folder.WRONG as error:
+            raise DataError(
+                f"{self.root}: episode {row['episode_index']}, {touch.images}: its tables "
+                f"contradict meta/ ({error!r}); download the data set again"
+            ) from error
+
+    def _recording(
+        self,
+        row: dict[str, Any],
+        number: int,
+        touch: TouchFeature,
+        camera: str | None,
+        background: str,
+    ) -> Recording | None:
         device = touch.images.removeprefix("observation.images.")
         about = self.touch[number].get(device) if self.touch else None
         if self.touch and about is None:
@@ -208,21 +229,28 @@ class LeRobotFolder:
         return {name: int(self._cell(row, f"{group}/{name}")) for name in names}
 
     def _cell(self, row: dict[str, Any], name: str) -> float:
-        value = row.get(name)
-        if not isinstance(value, int | float):
+        value: Any = row.get(name)
+        if type(value) not in (int, float) or not 0 <= value < 1 << 40:
             raise DataError(
                 f"{self.root}/meta/episodes: {name} of episode {row['episode_index']} is "
                 f"{value!r}, not a number; download the data set again"
             )
-        return value
+        return float(value)
 
     def _numbers(
         self, row: dict[str, Any], feature: str, columns: Sequence[int] | None = None
     ) -> NDArray[Any]:
         path, start = self._data(row)
+        dtype = self.info.features[feature]["dtype"]
+        if dtype not in folder.NUMBERS:
+            raise DataError(
+                f"{self.root / folder.INFO}: {feature} is of dtype {dtype!r}, no numbers "
+                f"({', '.join(folder.NUMBERS)}); give another feature, or correct it"
+            )
         column = folder.read_parquet(path, (feature,))[feature].slice(start, int(row["length"]))
         try:
-            values = np.array(column.to_pylist(), np.dtype(self.info.features[feature]["dtype"]))
+            with np.errstate(over="ignore"):
+                values = np.array(column.to_pylist(), np.dtype(dtype))
         except (ValueError, TypeError, OverflowError) as error:
             raise DataError(f"{path}: {feature}: {error}; download it again") from error
         values = values.reshape(len(values), -1)

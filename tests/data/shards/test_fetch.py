@@ -153,7 +153,7 @@ from pathlib import Path
 from tactileforge.data.shards import fetch
 
 bodies = [bytes([i]) * 20_000 for i in range(40)]
-fetch.remote.copy = lambda url, limit, out: out.write(bodies[int(url[-10:-4])])
+fetch.downloads.copy = lambda url, limit, out, whole: out.write(bodies[int(url[-10:-4])])
 folder = fetch.ShardFolder("https://example.invalid/x", Path(sys.argv[1]), 12 * 20_000 / 1e9)
 draw = random.Random(int(sys.argv[2]))
 for _ in range(3000):

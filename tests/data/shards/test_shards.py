@@ -1,3 +1,4 @@
+import io
 import json
 import math
 import struct
@@ -9,11 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bent import bent
 
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards import description, shards
-from tactileforge.errors import ConfigError, DataError
+from tactileforge.data.shards.index import IndexEntry
+from tactileforge.errors import ConfigError, DataError, TactileForgeError
 
 
 @pytest.fixture
@@ -308,7 +311,7 @@ def test_what_is_no_shard_is_named(touch: Recording, tmp_path: Path) -> None:
         ({"labels": 7}, "not iterable"),
         ({"tracks": {"slip": {"dtype": "O", "values": [0] * 5}}}, "a track of 'O'"),
         ({"tracks": {"slip": {"dtype": "int8", "values": [0]}}}, "5 frames and 1 rows of slip"),
-        ({"tier": None}, "NoneType"),
+        ({"tier": None}, "tier is None, not 1 to 5"),
         ({"text": ["a"]}, "neither a string nor null"),
     ],
 )
@@ -320,6 +323,59 @@ def test_wrong_descriptions_are_named(
     wrong.head.update(change)
     shards.write_shard(path, [wrong])
     with pytest.raises(DataError, match=message):
+        list(shards.read_shard(path))
+
+
+def rewrite(
+    path: Path, first: tarfile.TarInfo, about: dict[str, Any], kept: list[tuple[Any, bytes]]
+) -> None:
+    """Writes a shard of one recording with another description, whose checksum is right."""
+    sealed = about | {"crc32": description.checksum(about)}
+    text = json.dumps(sealed).encode()
+    first.size = len(text)
+    with tarfile.open(path, "w", format=tarfile.USTAR_FORMAT) as tar:
+        for member, content in [(first, text), *kept]:
+            tar.addfile(member, io.BytesIO(content))
+
+
+def test_descriptions_that_are_bent_are_named_or_read(touch: Recording, tmp_path: Path) -> None:
+    """With the right checksum: what is opened has numbers that every reader takes."""
+    path, named, read = tmp_path / "a.tar", 0, 0
+    whole = packed(touch)
+    shards.write_shard(path, [whole])
+    with tarfile.open(path) as tar:
+        first, *others = tar.getmembers()
+        kept = [(one, tar.extractfile(one).read()) for one in others]
+        about = json.loads(tar.extractfile(first).read())
+    del about["crc32"]
+    for what, changed in list(bent(about))[::3]:
+        rewrite(path, first, changed, kept)
+        try:
+            (one,) = shards.read_shard(path)
+            for frames in filter(None, (one.frames, one.no_contact, one.image, one.surface)):
+                assert frames.read(range(len(frames))).size > 0, what
+            json.dumps(shards.describe_recording(one), allow_nan=False)
+            json.dumps(IndexEntry.of(path).to_json())
+            assert (np.diff(one.times) >= 0).all(), what
+            read += 1
+        except TactileForgeError:
+            named += 1
+    assert named > 350
+    assert read > 30
+
+
+@pytest.mark.parametrize("group", ["frames", "background", "image", "surface"])
+def test_a_negative_shape_is_named(touch: Recording, tmp_path: Path, group: str) -> None:
+    path = tmp_path / "a.tar"
+    shards.write_shard(path, [packed(touch)])
+    with tarfile.open(path) as tar:
+        first, *others = tar.getmembers()
+        kept = [(one, tar.extractfile(one).read()) for one in others]
+        about = json.loads(tar.extractfile(first).read())
+    del about["crc32"]
+    about["pictures"][group]["shape"] = [-24, -32]
+    rewrite(path, first, about, kept)
+    with pytest.raises(DataError, match=f"{group}: -24 x -32 pixels"):
         list(shards.read_shard(path))
 
 

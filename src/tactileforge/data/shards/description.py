@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.contracts import Recording
+from tactileforge.contracts import ACTIONS, Recording
 from tactileforge.data.frames.image_codecs import PackedFrames
 from tactileforge.errors import DataError
 from tactileforge.untrusted import load_json
@@ -110,9 +110,10 @@ def build_recording(about: dict[str, Any], lazy: dict[str, PackedFrames]) -> Rec
             errors of `WRONG` for values of another type.
     """
     times = np.array(about["times"], np.float64)
-    if times.ndim != 1 or not np.isfinite(times).all():
-        raise ValueError("times are finite numbers, one a frame")
-    force, action, seen = about["force"], about["action"], about["image_times"]
+    if times.ndim != 1 or not np.isfinite(times).all() or (np.diff(times) < 0).any():
+        raise ValueError("times are finite numbers, one a frame, that do not go back")
+    force, action = about["force"], _actions(about["action"])
+    seen = _views(about["image_times"], lazy.get("image"))
     tracks = {name: _track(track) for name, track in about["tracks"].items()}
     surface = lazy.get("surface")
     columns = {"times": times, "force": force, "action": action, "surface": surface, **tracks}
@@ -125,6 +126,8 @@ def build_recording(about: dict[str, Any], lazy: dict[str, PackedFrames]) -> Rec
     for name in ("object", "text"):
         if not isinstance(about[name], str | None):
             raise TypeError(f"{name} is {about[name]!r}, neither a string nor null")
+    if type(about["tier"]) is not int or not 1 <= about["tier"] <= 5:
+        raise ValueError(f"tier is {about['tier']!r}, not 1 to 5")
     none = [math.nan] * 3
     rows = None if force is None else [none if row is None else row for row in force]
     forces = None if rows is None else np.array(rows, np.float64).reshape(len(rows), 3)
@@ -137,16 +140,16 @@ def build_recording(about: dict[str, Any], lazy: dict[str, PackedFrames]) -> Rec
         times=times,
         no_contact=lazy.get("background"),
         force=None if forces is None else forces.astype(np.float32),
-        action=None if action is None else np.array(action, np.int64),
+        action=action,
         object=about["object"],
         text=about["text"],
         image=lazy.get("image"),
-        image_times=None if seen is None else np.array(seen, np.float64),
+        image_times=seen,
         surface=surface,
-        labels={name: math.nan if x is None else x for name, x in dict(about["labels"]).items()},
+        labels=_labels(about["labels"]),
         tracks=tracks,
         source=about["source"],
-        tier=int(about["tier"]),
+        tier=about["tier"],
         licence=about["licence"],
     )
 
@@ -154,4 +157,37 @@ def build_recording(about: dict[str, Any], lazy: dict[str, PackedFrames]) -> Rec
 def _track(track: Any) -> NDArray[Any]:
     if track["dtype"] not in _DTYPES:
         raise TypeError(f"a track of {track['dtype']!r}")
-    return np.array(track["values"], track["dtype"])
+    with np.errstate(over="ignore"):
+        values = np.array(track["values"], track["dtype"])
+    if values.dtype.kind == "f" and np.isinf(values).any():
+        raise ValueError(f"a track has a number that no {track['dtype']} holds")
+    return values
+
+
+def _actions(rows: Any) -> NDArray[np.int64] | None:
+    if rows is None:
+        return None
+    actions = np.array(rows, np.int64)
+    if actions.ndim != 1 or ((actions < -1) | (actions >= len(ACTIONS))).any():
+        raise ValueError(f"actions are numbers from -1 to {len(ACTIONS) - 1}, one a frame")
+    return actions
+
+
+def _views(rows: Any, image: PackedFrames | None) -> NDArray[np.float64] | None:
+    """Times of the views of a camera."""
+    if rows is None:
+        return None
+    times = np.array(rows, np.float64)
+    in_order = times.ndim == 1 and np.isfinite(times).all() and (np.diff(times) >= 0).all()
+    if not in_order or len(times) != len(image or ()):
+        raise ValueError("image_times are finite numbers, one a view, that do not go back")
+    return times
+
+
+def _labels(labels: Any) -> dict[str, str | float]:
+    """Labels by name; one that is null is no number."""
+    labels = dict(labels)
+    for name, value in labels.items():
+        if not isinstance(value, str | int | float | None):
+            raise TypeError(f"label {name} is {str(value)[:60]}, neither a word nor a number")
+    return {name: math.nan if x is None else x for name, x in labels.items()}

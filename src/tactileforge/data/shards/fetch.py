@@ -11,12 +11,12 @@ from io import BytesIO
 from pathlib import Path
 from urllib.parse import unquote, urlparse
 
-from tactileforge.data.shards import remote
+from tactileforge import downloads
 from tactileforge.errors import DataError
 from tactileforge.files import new_part, sweep_parts
 
-#: Bytes of an index; more are none of ours.
-_MAX_TEXT = 1 << 28
+#: Bytes of an index, and seconds that it may take; more are none of ours.
+_MAX_TEXT, _TEXT_SECONDS = 1 << 28, 1800.0
 #: Files of this process whose checksum is known, in the state in which it was read.
 _CHECKED: set[tuple[str, int, int, int, str]] = set()
 
@@ -49,7 +49,7 @@ class ShardFolder:
             self.path = cache / hashlib.sha256(self.root.encode()).hexdigest()[:16]
 
     def text(self, name: str) -> bytes:
-        """A small file, as it is now.
+        """A small file of JSON, as it is now.
 
         Raises:
             DataError: It cannot be read.
@@ -58,7 +58,13 @@ class ShardFolder:
             if not self.remote:
                 return (self.path / name).read_bytes()
             content = BytesIO()
-            remote.copy(f"{self.root}/{name}", _MAX_TEXT, content)
+            downloads.copy(
+                f"{self.root}/{name}",
+                _MAX_TEXT,
+                content,
+                lambda: content.getvalue().rstrip().endswith(b"}"),
+                seconds=_TEXT_SECONDS,
+            )
             return content.getvalue()
         except OSError as error:
             raise DataError(f"{self.root}/{name}: cannot be read ({error})") from error
@@ -122,7 +128,7 @@ class ShardFolder:
         try:
             with new_part(path) as part:
                 with part.open("wb") as out:
-                    remote.copy(url, size, out)
+                    downloads.copy(url, size, out, lambda: out.tell() == size)
                 found = _digest(part)
                 if found != sha256:
                     raise DataError(

@@ -268,7 +268,7 @@ def _recording(path: Path, stem: str, about: Any, place: int) -> tuple[Recording
             starts = np.concatenate([[place], ends[:-1]])
             place = int(ends[-1])
             height, width = map(int, table["shape"])
-            if not 0 < height * width <= MAX_PIXELS:
+            if min(height, width) < 1 or height * width > MAX_PIXELS:
                 raise ValueError(f"{group}: {height} x {width} pixels")
             lazy[group] = PackedFrames(
                 where, path, stem, group, about["codec"], (height, width), starts, sizes, crcs

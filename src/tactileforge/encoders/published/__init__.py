@@ -141,7 +141,7 @@ def convert(state: State, options: Mapping[str, Any] | None = None) -> Converted
     layout = recognise(state)
     prefix, _ = layout.locate(state)
     inner = {k.removeprefix(prefix): v for k, v in state.items() if k.startswith(prefix)}
-    plan = layout.plan(inner)
+    plan = _plan(layout, inner)
     known = registry.parameters(_CLASSES[plan.encoder])
     for key in options or {}:
         if key not in known:
@@ -169,6 +169,15 @@ def convert(state: State, options: Mapping[str, Any] | None = None) -> Converted
         force_head(state) if has_head else None,
         class_head(state) if has_probe else None,
     )
+
+
+def _plan(layout: WeightLayout, state: State) -> ConversionPlan:
+    try:
+        return layout.plan(state)
+    except (IndexError, KeyError, RuntimeError, TypeError, ValueError) as error:
+        raise ConfigError(
+            f"not a whole {layout.title} file; its tensors do not go together ({error!r})"
+        ) from error
 
 
 def _refuse_other_numbers(layout: WeightLayout, state: State) -> None:

@@ -98,12 +98,22 @@ def _check_bands(state: State, width: int, axes: int) -> None:
     if bands is None:
         raise ConfigError(f"not a whole Sparsh file; missing: pos_embed or {_BANDS}")
     count = -(-width // (2 * axes))
-    expected = 10000 ** -(torch.arange(count) / count)
-    if bands.shape != (axes, count) or not torch.allclose(bands.float(), expected.expand(axes, -1)):
+    expected = (10000 ** -(torch.arange(count) / count)).expand(axes, -1)
+    if bands.shape != (axes, count) or not torch.allclose(
+        bands.float(), expected, rtol=_precision(bands), atol=1e-7
+    ):
         raise ConfigError(
             f"Sparsh: {_BANDS} {tuple(bands.shape)} is not 10000 ** (-k / {count}) on {axes} axes: "
             "its positions are made in another way than the published ones"
         )
+
+
+def _precision(values: Tensor) -> float:
+    """Relative precision of numbers: of half the bits where they went through such a type."""
+    for dtype in (torch.bfloat16, torch.float16):
+        if torch.equal(values.to(dtype).to(values.dtype), values):
+            return torch.finfo(dtype).eps
+    return 1e-5
 
 
 def _layout(

@@ -38,7 +38,7 @@ def _plan(state: State) -> ConversionPlan:
     # Vectors are normalised and multiplied by this; the published program has 5 where the file
     # does not say.
     options["length"] = (
-        round(float(state[_SCALE].exp().clamp(max=100)), 4) if _SCALE in state else 5.0
+        round(float(state[_SCALE].float().exp().clamp(max=100)), 4) if _SCALE in state else 5.0
     )
     keys: Keys = {
         "class_token": f"{_INPUT}.cls_token",
