@@ -18,6 +18,7 @@ from hydra import initialize_config_module
 from hydra.core.config_search_path import ConfigSearchPath
 from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
+from hydra.core.hydra_config import HydraConfig
 from hydra.core.object_type import ObjectType
 from hydra.core.plugins import Plugins
 from hydra.errors import ConfigCompositionException
@@ -89,12 +90,26 @@ class SearchPath(SearchPathPlugin):
 
     def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
         """Appends the places where options are looked for."""
-        for place in SearchPath.also:
+        for place in dict.fromkeys([*SearchPath.also, *_places_of_job()]):
             search_path.append("command-line", place)
         search_path.append("tactileforge-zoo", "pkg://tactileforge.zoo")
         for entry in entry_points(group="tactileforge.conf"):
             search_path.append(entry.name, f"pkg://{entry.value}")
         search_path.append("tactileforge-plugins", f"{PluginSource.scheme()}://")
+
+
+def _places_of_job() -> list[str]:
+    """Places of options that the command line named for the job that runs, if one does.
+
+    What a job composes itself, such as a preset of data that a suite names, is looked for there too.
+    """
+    if not HydraConfig.initialized():
+        return []
+    return [
+        source.path if "://" in source.path else f"{source.schema}://{source.path}"
+        for source in HydraConfig.get().runtime.config_sources
+        if source.schema and "command-line" in source.provider
+    ]
 
 
 def node_of(group: str, name: str) -> dict[str, Any]:
