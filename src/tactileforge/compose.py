@@ -7,6 +7,7 @@ constructor's defaults become the node of the configuration.
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Mapping, Sequence
 from importlib.metadata import entry_points
@@ -30,6 +31,8 @@ from omegaconf.errors import InterpolationToMissingValueError
 from tactileforge import registry
 from tactileforge.errors import ConfigError, PluginError, unknown
 from tactileforge.registry import GROUPS
+
+log = logging.getLogger(__name__)
 
 #: Groups that hold several options at once, each under its own name.
 MULTI = {"head", "objective", "sensor"}
@@ -183,7 +186,7 @@ def compose(recipe: str = "anytouch2", overrides: Sequence[str] = ()) -> DictCon
         >>> compose("anytouch2", ["encoder.size=tiny"]).encoder.size
         'tiny'
     """
-    return finish(composed("train", [f"recipe={recipe}", *overrides]))
+    return finish(composed("train", [f"recipe={recipe}", *overrides]), overrides)
 
 
 def composed(name: str, overrides: Sequence[str] = ()) -> DictConfig:
@@ -235,13 +238,17 @@ def plain(config: DictConfig) -> dict[str, Any]:
     return out
 
 
-def finish(config: DictConfig) -> DictConfig:
+def finish(config: DictConfig, typed: Sequence[str] = ()) -> DictConfig:
     """Completes a composed configuration: one head for each objective, no more, no fewer.
 
     Rows that a recipe writes for objectives that are not chosen are left out, and so are heads that
     no objective uses. An objective that is null (``objective.diff=null``) is not chosen. An
     objective without a head is given the one its class names, with the options that are written for
-    it.
+    it. Options of the encoder that a recipe or scale wrote for another one are left out.
+
+    Args:
+        config: As it was composed.
+        typed: The ``key=value`` strings that were typed: what they set is never left out.
 
     Raises:
         ConfigError: No objective, or a row for something that is not one.
@@ -272,8 +279,26 @@ def finish(config: DictConfig) -> DictConfig:
         for key, node in chosen.items()
     }
     config.curriculum.objective = {key: row for key, row in rows.items() if key in chosen}
+    _leave_out(config.encoder, typed)
     OmegaConf.set_struct(config, True)
     return config
+
+
+#: Encoders for whose options recipes and scales are written.
+_SIZED = ("tactile_vit", "plain_vit")
+
+
+def _leave_out(encoder: DictConfig, typed: Sequence[str]) -> None:
+    """Removes options of our own encoders from an encoder that does not have them."""
+    if encoder["name"] in _SIZED or encoder["name"] not in registry.names("encoders"):
+        return
+    own = registry.parameters(registry.get("encoders", encoder["name"]))
+    known = {key for name in _SIZED for key in node_of("encoder", name)}
+    given = {word.lstrip("+").partition("=")[0] for word in typed}
+    left = [k for k in encoder if k not in {*own, "name"} and k in known]
+    for key in (key for key in left if f"encoder.{key}" not in given):
+        del encoder[key]
+        log.info("encoder=%s has no %s: what a recipe or scale gave is left out", encoder.name, key)
 
 
 def _own_head(objective: str, options: Any) -> Any:

@@ -56,7 +56,7 @@ class _New:
     """Keys of ``plugins new``.
 
     Attributes:
-        kind: sensor, dataset or objective.
+        kind: sensor, dataset, encoder or objective.
         name: The word users will type, snake_case.
         out: Folder to write it in.
     """
@@ -67,7 +67,7 @@ class _New:
 
     def __post_init__(self) -> None:
         if self.kind not in _FILES:
-            also = "A head comes with its objective; an encoder is a class, see docs/contracts.md"
+            also = "A head comes with its objective"
             raise ConfigError(unknown("kind", self.kind, _FILES, also))
 
 
@@ -149,10 +149,16 @@ def _chosen(names: Sequence[str], kind: str | None) -> list[tuple[str, str]]:
 _FILES = {
     "sensor": ("sensor.py", "synthetic.py"),
     "dataset": ("dataset.py", "synthetic.py"),
+    "encoder": ("encoder.py",),
     "objective": ("objective.py", "head.py"),
 }
 #: What the example calls its plugin of a kind.
-_NAMES = {"sensor": "dummy", "dataset": "dummy_presses", "objective": "contact_area"}
+_NAMES = {
+    "sensor": "dummy",
+    "dataset": "dummy_presses",
+    "encoder": "small_cnn",
+    "objective": "contact_area",
+}
 
 
 def _new(keys: _New, _: dict[str, Any]) -> None:
