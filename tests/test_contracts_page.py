@@ -61,7 +61,8 @@ def page() -> str:
     """The whole page."""
     doc = contracts.__doc__ or ""
     axes, batch = doc.partition("Axes. ")[2].partition("A batch is a plain dict:")[::2]
-    targets = ", ".join(f"`{name}`" for name in (*TARGETS, "label:NAME", "numbers:NAME+NAME"))
+    labels = ("label:NAME", "numbers:NAME+NAME", "shares:NAME+NAME")
+    targets = ", ".join(f"`{name}`" for name in (*TARGETS, *labels))
     parts = {
         "Recording": f"{axes.strip()}\n\n{table(Recording)}",
         "Batch": f"A batch is a plain dict:\n{batch.rstrip()}",

@@ -28,7 +28,8 @@ def build_data(config: Mapping[str, Any]) -> tuple[TouchData, dict[str, Any]]:
     """Builds the data of a run: indexed, and checked against the needs of the objectives.
 
     Returns:
-        The data, and the configuration of the encoder that fits it: with a row for every sensor.
+        The data, and the configuration of the encoder that fits it: with a row for every sensor
+        where it has the option ``sensors``.
         Sensors that it does not know yet take the free rows in alphabetical order, and the
         resolved configuration says so.
 
@@ -63,6 +64,8 @@ def build_data(config: Mapping[str, Any]) -> tuple[TouchData, dict[str, Any]]:
     data.setup()
     data.check(needs)
     names = data.summary("train").sensors
+    if "sensors" not in registry.parameters(registry.get("encoders", config["encoder"]["name"])):
+        return data, dict(config["encoder"])
     return data, {**config["encoder"], "sensors": _rows(dict(encoder.sensors), names)}
 
 

@@ -7,6 +7,7 @@ constructor's defaults become the node of the configuration.
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Mapping, Sequence
 from importlib.metadata import entry_points
@@ -18,6 +19,7 @@ from hydra import initialize_config_module
 from hydra.core.config_search_path import ConfigSearchPath
 from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
+from hydra.core.hydra_config import HydraConfig
 from hydra.core.object_type import ObjectType
 from hydra.core.plugins import Plugins
 from hydra.errors import ConfigCompositionException
@@ -29,6 +31,8 @@ from omegaconf.errors import InterpolationToMissingValueError
 from tactileforge import registry
 from tactileforge.errors import ConfigError, PluginError, unknown
 from tactileforge.registry import GROUPS
+
+log = logging.getLogger(__name__)
 
 #: Groups that hold several options at once, each under its own name.
 MULTI = {"head", "objective", "sensor"}
@@ -89,12 +93,26 @@ class SearchPath(SearchPathPlugin):
 
     def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
         """Appends the places where options are looked for."""
-        for place in SearchPath.also:
+        for place in dict.fromkeys([*SearchPath.also, *_places_of_job()]):
             search_path.append("command-line", place)
         search_path.append("tactileforge-zoo", "pkg://tactileforge.zoo")
         for entry in entry_points(group="tactileforge.conf"):
             search_path.append(entry.name, f"pkg://{entry.value}")
         search_path.append("tactileforge-plugins", f"{PluginSource.scheme()}://")
+
+
+def _places_of_job() -> list[str]:
+    """Places of options that the command line named for the job that runs, if one does.
+
+    What a job composes itself, such as the preset of data of a suite, is looked for there too.
+    """
+    if not HydraConfig.initialized():
+        return []
+    return [
+        source.path if "://" in source.path else f"{source.schema}://{source.path}"
+        for source in HydraConfig.get().runtime.config_sources
+        if source.schema and "command-line" in source.provider
+    ]
 
 
 def node_of(group: str, name: str) -> dict[str, Any]:
@@ -168,7 +186,7 @@ def compose(recipe: str = "anytouch2", overrides: Sequence[str] = ()) -> DictCon
         >>> compose("anytouch2", ["encoder.size=tiny"]).encoder.size
         'tiny'
     """
-    return finish(composed("train", [f"recipe={recipe}", *overrides]))
+    return finish(composed("train", [f"recipe={recipe}", *overrides]), overrides)
 
 
 def composed(name: str, overrides: Sequence[str] = ()) -> DictConfig:
@@ -234,13 +252,17 @@ def check_presets(config: DictConfig) -> None:
             )
 
 
-def finish(config: DictConfig) -> DictConfig:
+def finish(config: DictConfig, typed: Sequence[str] = ()) -> DictConfig:
     """Completes a composed configuration: one head for each objective, no more, no fewer.
 
     Rows that a recipe writes for objectives that are not chosen are left out, and so are heads that
     no objective uses. An objective that is null (``objective.diff=null``) is not chosen. An
     objective without a head is given the one its class names, with the options that are written for
-    it.
+    it. Options of the encoder that a recipe or scale wrote for another one are left out.
+
+    Args:
+        config: As it was composed.
+        typed: The ``key=value`` strings that were typed: what they set is never left out.
 
     Raises:
         ConfigError: No objective, or a row for something that is not one.
@@ -266,8 +288,26 @@ def finish(config: DictConfig) -> DictConfig:
         for key, node in chosen.items()
     }
     config.curriculum.objective = {key: row for key, row in rows.items() if key in chosen}
+    _leave_out(config.encoder, typed)
     OmegaConf.set_struct(config, True)
     return config
+
+
+#: Encoders for whose options recipes and scales are written.
+_SIZED = ("tactile_vit", "plain_vit")
+
+
+def _leave_out(encoder: DictConfig, typed: Sequence[str]) -> None:
+    """Removes options of our own encoders from an encoder that does not have them."""
+    if encoder["name"] in _SIZED or encoder["name"] not in registry.names("encoders"):
+        return
+    own = registry.parameters(registry.get("encoders", encoder["name"]))
+    known = {key for name in _SIZED for key in node_of("encoder", name)}
+    given = {word.lstrip("+").partition("=")[0] for word in typed}
+    left = [k for k in encoder if k not in {*own, "name"} and k in known]
+    for key in (key for key in left if f"encoder.{key}" not in given):
+        del encoder[key]
+        log.info("encoder=%s has no %s: what a recipe or scale gave is left out", encoder.name, key)
 
 
 def _own_head(objective: str, options: Any) -> Any:

@@ -66,10 +66,13 @@ from tactileforge.sensors.taxels import TaxelLayout
 
 if TYPE_CHECKING:
     from tactileforge.distributed import masked_mean
+    from tactileforge.encoders.backbone import Backbone, patches_at
+    from tactileforge.encoders.preprocess import ANYTOUCH2
     from tactileforge.means import Mean
 
 __all__ = [
     "ACTIONS",
+    "ANYTOUCH2",
     "CHECKSUMS",
     "NEUTRAL_BACKGROUND",
     "SPECS",
@@ -77,6 +80,7 @@ __all__ = [
     "AfterStep",
     "ArrayFrames",
     "Arrival",
+    "Backbone",
     "Batch",
     "Camera",
     "Capture",
@@ -122,15 +126,24 @@ __all__ = [
     "names",
     "nearest",
     "open_sensor",
+    "patches_at",
     "spec",
     "to_json",
     "v4l2",
 ]
 
 
+#: Module of what needs torch, and is imported on first use: the module of a sensor costs none.
+_HEAVY = {
+    "ANYTOUCH2": "encoders.preprocess",
+    "Backbone": "encoders.backbone",
+    "Mean": "means",
+    "masked_mean": "distributed",
+    "patches_at": "encoders.backbone",
+}
+
+
 def __getattr__(name: str) -> Any:
-    """Imports what needs torch on first use: the module of a sensor costs none."""
-    home = {"masked_mean": "distributed", "Mean": "means"}.get(name)
-    if home is None:
+    if name not in _HEAVY:
         raise AttributeError(f"module 'tactileforge.plugin' has no attribute {name!r}")
-    return getattr(import_module(f"tactileforge.{home}"), name)
+    return getattr(import_module(f"tactileforge.{_HEAVY[name]}"), name)

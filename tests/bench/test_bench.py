@@ -141,6 +141,30 @@ def test_everything_is_in_the_file(data: Any, tmp_path: Path) -> None:
     assert "unseen in test: object" in loaded.tasks[0].split
 
 
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"metrics": ["rmse_sum_axes", "accuracy"]}, "tasks.t.metrics: metric accuracy measures"),
+        ({"target": "numbers:hardness", "metrics": ["mae"], "flips": True}, "set flips: false"),
+        ({"split": FORCE["split"] | {"unit": "session"}}, "has no 'session'"),
+    ],
+)
+def test_what_does_not_fit_is_refused_before_features(
+    change: Any, said: str, data: Any, tmp_path: Path
+) -> None:
+    with pytest.raises(ConfigError, match=said):
+        bench(tmp_path, {"t": FORCE | change})
+
+
+def test_classes_that_training_never_saw_are_in_the_results(data: Any, tmp_path: Path) -> None:
+    data(labels=(0, 1, 0, 1, 0, 1, 2, 1))
+    runner = bench(tmp_path, {"hard": HARD})
+    assert runner.writer.notes == [
+        "hard: 4 of 8 test labels are classes that training never saw: 2"
+    ]
+    assert runner.writer.results.tasks[0].split.endswith("never saw: 2")
+
+
 @pytest.mark.slow
 def test_cells_that_are_there_are_kept(
     data: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -159,6 +159,7 @@ def test_new_refuses_to_overwrite(tmp_path):
 FILES = {
     "sensor": {"sensor.py", "synthetic.py", "test_sensor.py"},
     "dataset": {"dataset.py", "synthetic.py", "test_dataset.py"},
+    "encoder": {"encoder.py", "test_encoder.py"},
     "objective": {"objective.py", "head.py", "test_objective.py"},
     "verb": {"verb.py", "test_verb.py"},
     "suite": {"shiny_thing.yaml", "test_suite.py"},
@@ -184,13 +185,8 @@ def test_new_package_passes_its_own_tests_once_installed(kind, tmp_path, capsys)
     files = {path.name for path in folder.rglob("*") if path.is_file()}
     assert files == {"pyproject.toml", "README.md", "__init__.py"} | FILES[kind]
     text = "".join(path.read_text() for path in folder.rglob("*") if path.is_file())
-    for old in (
-        "tactileforge-example",
-        "tactileforge_example",
-        "dummy",
-        "Dummy",
-        "contact_area",
-    ):
+    words = ("tactileforge-example", "tactileforge_example", "dummy", "Dummy", "contact_area")
+    for old in (*words, "small_cnn"):
         assert old not in text
     groups = tomllib.loads((folder / "pyproject.toml").read_text())["project"]["entry-points"]
     expected = {"objective": {"heads", "objectives"}, "suite": {"conf"}}.get(kind, {f"{kind}s"})

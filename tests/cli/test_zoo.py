@@ -52,19 +52,51 @@ def test_list_says_what_can_be_loaded(capsys: pytest.CaptureFixture[str]) -> Non
 
 
 def test_show(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["show", "mae"]) == 0
+    assert main(["show", "mae", "details=true"]) == 0
     out = capsys.readouterr().out
     assert "CC-BY-NC-4.0" in out
     assert "1953.82 mN" in out
     assert "tactileforge train recipe=mae" in out
     assert main(["show", "clip"]) == 0
     assert "importer only" in capsys.readouterr().out
-    assert main(["show", "anytouch2.base-2f"]) == 0
+    assert main(["show", "anytouch2.base-2f", "details=true"]) == 0
     out = capsys.readouterr().out
     assert "2 frames, 0.2 s apart" in out
     assert "1076.33 mN" in out
     assert "894.32 mN" not in out
     assert "recipe=anytouch2" in out
+
+
+@pytest.mark.parametrize(
+    ("name", "purpose"),
+    [
+        ("anytouch2.tiny", "forces, shear and depth of the gel"),
+        ("anytouch2.tiny-real", "objects, classes and other probes, of touches by a GelSight Mini"),
+        ("mae.tiny", "comparisons; a masked autoencoder that encodes all sensors alike"),
+    ],
+)
+def test_show_begins_with_purpose_loading_licence_and_gate(
+    name: str, purpose: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["show", name]) == 0
+    first, second, third, *rest = capsys.readouterr().out.splitlines()
+    assert first == f"{name}: {purpose}"
+    load = f'load it: tactileforge.load("{name}"); licence of the weights: Apache-2.0'
+    assert second == f"{load}; a demonstration"
+    assert third.startswith("release gate: fails: ")
+    assert len(rest) < 20
+    assert rest[-1].endswith(f"zoo show {name} details=true")
+
+
+def test_show_says_what_has_to_be_done_before_loading(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["show", "anytouch2"]) == 0
+    first, second, third, *_ = capsys.readouterr().out.splitlines()
+    assert first.startswith("anytouch2.base: A CLIP-style vision transformer on")
+    assert second.startswith("load it: tactileforge zoo get anytouch2.base --from FILE, then ")
+    assert second.endswith("licence of the weights: NOASSERTION")
+    assert third == "release gate: not measured"
+    assert main(["show", "imitation"]) == 0
+    assert "\nno weights: tactileforge train recipe=imitation\n" in capsys.readouterr().out
 
 
 def test_get_without_a_file_says_where_to_get_it() -> None:

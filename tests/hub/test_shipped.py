@@ -28,6 +28,8 @@ def test_it_works_without_a_network_and_is_small(
     _, weight = cards.find_card(name)
     assert weight.kind == "shipped"
     assert weight.bytes < 15_000_000
+    assert set(model.sensors) == set(weight.sensors), "the card and docs/zoo.md say the same"
+    assert model.any_sensor == name.startswith("mae")
     assert model.header.licence == weight.licence == "Apache-2.0"
     assert set(model.header.data["licences"]) <= {"BSD-2-Clause", "CC0-1.0"}  # CC0: simulated
     assert list(tmp_path.iterdir()) == []

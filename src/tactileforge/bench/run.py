@@ -19,11 +19,16 @@ from tactileforge.bench.fit.evaluate import SourceFeatures
 from tactileforge.bench.fit.features import FLIPS, PLAIN, FeatureStore, extract_features
 from tactileforge.bench.fit.frozen_encoder import FrozenEncoder
 from tactileforge.bench.fit.models import ModelEntry
-from tactileforge.bench.fit.resolve import PreparedTask, ProbeChoice, choose_probe
+from tactileforge.bench.fit.resolve import (
+    PreparedTask,
+    ProbeChoice,
+    choose_probe,
+    prepare_task,
+)
 from tactileforge.bench.fit.training import TrainedProbe
 from tactileforge.bench.results import results
 from tactileforge.bench.results.write import Writer
-from tactileforge.bench.tasks import metrics, splits, targets
+from tactileforge.bench.tasks import metrics, splits
 from tactileforge.bench.tasks.source import TaskSource, open_source
 from tactileforge.bench.tasks.suite import Task
 from tactileforge.errors import ConfigError, DataError, TactileForgeError
@@ -76,15 +81,16 @@ class Bench:
             try:
                 if isinstance(source, TactileForgeError):
                     raise source
-                target = targets.build_target(task, source)
-                self.prepared.append(
-                    PreparedTask(task, source, target, splits.build_splits(task, source, target))
-                )
+                prepared = prepare_task(task, source)
             except DataError as error:
                 reason, fix = _split(error)
                 # what a run calls data.root is, on this command line, the task's
                 reason = re.sub(r"\bdata\.(?=root|layouts)", f"tasks.{task.name}.data.", reason)
                 writer.not_run(reason, task=task.name, fix=fix)
+                continue
+            self.prepared.append(prepared)
+            if strange := splits.unseen_classes(prepared.target, prepared.splits):
+                writer.note(task.name, strange)
 
     def run(self, entry: ModelEntry) -> None:
         """Measures all tasks on a model."""

@@ -88,7 +88,10 @@ class Command:
         Raises:
             ConfigError: A key is wrong, or the place cannot be written.
         """
-        keys = self.build(config) if given is None else strict.build(self.keys, "", given)
+        if given is not None and self.keys is not None:
+            keys = strict.build(self.keys, "", given)
+        else:
+            keys = self.build(config)
         if out := self.writes(keys):
             check_writable(Path(out), folder=self.into)
         if self.cache:

@@ -187,6 +187,8 @@ def _report(writer: Writer) -> int:
     print(f"report: {writer.folder / 'report.html'}")
     for head in sorted((writer.folder / "heads").glob("*")):
         print(f"head for model.classify: {head}")
+    for note in writer.notes:
+        print(f"note: {note}")
     for hint in edge_rates(writer.results, collect_scores(writer.results)):
         print(f"hint: {hint}")
     for row in writer.results.not_run:

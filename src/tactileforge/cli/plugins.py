@@ -71,7 +71,7 @@ class _New:
     """Keys of ``plugins new``.
 
     Attributes:
-        kind: sensor, dataset, objective, verb or suite.
+        kind: sensor, dataset, encoder, objective, verb or suite.
         name: The word users will type, snake_case.
         out: Folder to write it in.
     """
@@ -82,7 +82,7 @@ class _New:
 
     def __post_init__(self) -> None:
         if self.kind not in _FILES:
-            also = "A head comes with its objective; an encoder is a class, see docs/contracts.md"
+            also = "A head comes with its objective"
             raise ConfigError(unknown("kind", self.kind, _FILES, also))
 
 
@@ -167,6 +167,7 @@ def _chosen(names: Sequence[str], kind: str | None) -> list[tuple[str, str]]:
 _FILES = {
     "sensor": ("sensor.py", "synthetic.py"),
     "dataset": ("dataset.py", "synthetic.py"),
+    "encoder": ("encoder.py",),
     "objective": ("objective.py", "head.py"),
     "verb": ("verb.py",),
     "suite": ("conf/__init__.py", "conf/suite/forces_at_a_glance.yaml"),
@@ -175,6 +176,7 @@ _FILES = {
 _NAMES = {
     "sensor": "dummy",
     "dataset": "dummy_presses",
+    "encoder": "small_cnn",
     "objective": "contact_area",
     "verb": "brightness",
     "suite": "forces_at_a_glance",

@@ -152,9 +152,12 @@ def _of_run(folder: str) -> dict[str, Any]:
 
 
 def _finish(config: Any) -> Any:
+    from hydra.core.hydra_config import HydraConfig
+
     from tactileforge.compose import finish
 
-    return finish(config)
+    typed = HydraConfig.get().overrides.task if HydraConfig.initialized() else ()
+    return finish(config, typed)
 
 
 COMMANDS = {"": Command(run=_train, yaml="train", prepare=_prepare, finish=_finish)}

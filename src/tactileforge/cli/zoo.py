@@ -34,9 +34,11 @@ class _Show:
 
     Attributes:
         model: NAME or NAME.TAG.
+        details: Whether published results, the gate task by task and the whole card follow.
     """
 
     model: str
+    details: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,27 +114,54 @@ def _state(card: cards.Card, weight: cards.Weight | None) -> str:
 
 
 def _show(keys: _Show, _: dict[str, Any]) -> None:
-    """The card of a model."""
+    """What a model is for, how to load it, its licence and gate; details=true prints its card."""
     name, dot, tag = keys.model.partition(".")
     card = cards.read_card(name)
     weights = [card.weight(tag)] if dot else card.weights
-    sensors, data = card.trained_on(weights[0] if weights else None)
+    first = weights[0] if weights else None
+    full = f"{name}.{first.tag}" if first else name
+    sensors, data = card.trained_on(first)
+    print(f"{full}: {card.purpose(first)}")
+    print(_how_to_load(card, first))
+    gate = card.gate(first) if first else []
+    print(f"release gate: {gates.gate_verdict(gate)}\n")
     facts = [
-        ("licence", card.licence),
-        ("paper", card.paper),
-        ("code", card.code or "none"),
+        ("title", card.title),
         ("sensors", ", ".join(sensors) or "none"),
         ("data", ", ".join(data)),
-        ("clip", describe_clip(card, weights[0] if weights else None)),
+        ("clip", describe_clip(card, first)),
+        ("paper", card.paper),
+        ("code", f"{card.code or 'none'} (licence {card.licence})"),
         ("recipe", f"tactileforge train recipe={name}" if card.recipe else "none: importer only"),
     ]
-    print(f"{card.title} ({name})\n\n{align_columns(facts)}\n")
+    print(f"{align_columns(facts)}\n")
     rows = [("weights", "kind", "licence", "MB", "from")]
     for weight in weights:
         size = f"{weight.bytes / 1e6:.1f}" if weight.bytes else "-"
         origin = weight.file or weight.url or weight.source + " (gated)" * weight.gated
         rows.append((weight.tag, _state(card, weight), weight.licence, size, origin))
     print(align_columns(rows) if weights else "No weights.")
+    if keys.details:
+        _details(card, weights, tag)
+    else:
+        print(f"\nresults, gate and card: tactileforge zoo show {keys.model} details=true")
+
+
+def _how_to_load(card: cards.Card, weight: cards.Weight | None) -> str:
+    """One line: the call that loads the weights, or what has to be done before; their licence."""
+    if weight is None:
+        how = f"tactileforge train recipe={card.name}" if card.recipe else "choose another model"
+        return f"no weights: {how}"
+    full = f"{card.name}.{weight.tag}"
+    load = f'tactileforge.load("{full}")'
+    if weight.kind == "import" and not store.is_available(card, weight):
+        load = f"tactileforge zoo get {full} --from FILE, then {load}"
+    kept = "; a demonstration" * weight.demonstration
+    return f"load it: {load}; licence of the weights: {weight.licence}{kept}"
+
+
+def _details(card: cards.Card, weights: Sequence[cards.Weight], tag: str) -> None:
+    """Published results, the release gate task by task, and the page of the card."""
     results = [r for r in card.results if not tag or r.model == tag]
     if results:
         table = [("model", "task", "metric", "value", "source")]

@@ -25,7 +25,7 @@ class Backbone(nn.Module):
     `sensor_ids`, `encode` and `pool_tokens` are.
 
     Args:
-        size: A key of `transformer.SIZES`.
+        size: A key of `transformer.SIZES`; or the width of a token, for what is no transformer.
         depth: Blocks; None takes the size's.
         frames: Frames of a clip; ``tube`` divides it.
         spacing: Seconds between them that it is trained with; 0 for one frame.
@@ -59,7 +59,7 @@ class Backbone(nn.Module):
 
     def __init__(
         self,
-        size: str,
+        size: str | int,
         depth: int | None,
         frames: int,
         spacing: float,
@@ -83,7 +83,9 @@ class Backbone(nn.Module):
             )
         if not 0 <= mask_ratio < 1:
             raise ConfigError(f"encoder: mask_ratio is {mask_ratio}; it must be in [0, 1)")
-        self.width, blocks, self.heads = size_preset(size)
+        self.width, blocks, self.heads = (
+            (size, 0, 0) if isinstance(size, int) else size_preset(size)
+        )
         self.depth = blocks if depth is None else depth
         self.frames = frames
         self.spacing = spacing

@@ -32,6 +32,8 @@ class PixelEncoder(Backbone):
     """
 
     prefix = 0
+    #: It has no weights to train.
+    serves = ()
 
     def __init__(
         self,

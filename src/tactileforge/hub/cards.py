@@ -50,6 +50,7 @@ class Weight:
         data: Data that they were trained on, likewise.
         demonstration: Whether it only shows how things work: it may then be shipped without
             passing the release gate, and says so wherever it is listed.
+        purpose: What they are for, in a few words; "" takes the first sentence of the card.
     """
 
     tag: str
@@ -67,6 +68,7 @@ class Weight:
     sensors: list[str] = field(default_factory=list)
     data: list[str] = field(default_factory=list)
     demonstration: bool = False
+    purpose: str = ""
 
     @property
     def kind(self) -> str:
@@ -165,6 +167,13 @@ class Card:
             if tag in ("", weight.tag):
                 return weight
         raise ConfigError(unknown(f"weights of {self.name}", tag, (w.tag for w in self.weights)))
+
+    def purpose(self, weight: Weight | None) -> str:
+        """What some weights are for; the first sentence of the card where nothing else is said."""
+        if weight and weight.purpose:
+            return weight.purpose
+        paragraph = " ".join(self.text.partition("\n")[2].strip().partition("\n\n")[0].split())
+        return re.split(r"(?<=[a-z0-9)])\. ", paragraph)[0].rstrip(".")
 
     def trained_on(self, weight: Weight | None) -> tuple[list[str], list[str]]:
         """Sensors and data that some weights saw."""

@@ -61,8 +61,13 @@ class FeatureModel(nn.Module):
 
     @property
     def sensors(self) -> list[str]:
-        """Sensors that it was trained on; empty where it ignores the sensor type."""
-        return [] if self._any_sensor else list(self.encoder.sensors)
+        """Sensors that it was trained on; it takes others where ``any_sensor`` is true."""
+        return list(self.encoder.sensors)
+
+    @property
+    def any_sensor(self) -> bool:
+        """Whether it ignores the sensor type: every sensor is encoded alike, named or not."""
+        return self._any_sensor
 
     @property
     def spacing(self) -> float:

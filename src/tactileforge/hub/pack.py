@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path, PurePosixPath, PureWindowsPath
@@ -79,13 +79,16 @@ def pack_run(
         data={"name": config["data"]["name"], "licences": kept.get("licences", [])},
         recipe=_without_folders(config),
         source={"steps": checkpoint["global_step"], "encoder": kind},
-        heads={name: _entry(name, config["head"][name], built.sensors) for name in heads},
+        heads={
+            name: _entry(name, config["head"][name], built.sensors or kept.get("sensors", ()))
+            for name in heads
+        },
     )
     files.save_checkpoint(path, built, header, dtype, heads)
     return path
 
 
-def _entry(name: str, node: Mapping[str, Any], sensors: Mapping[str, int]) -> dict[str, Any]:
+def _entry(name: str, node: Mapping[str, Any], sensors: Iterable[str]) -> dict[str, Any]:
     entry: dict[str, Any] = {"node": node}
     return entry | {"scale": _scales(sensors)} if name == "force" else entry
 
@@ -103,7 +106,7 @@ def _heads(
     return heads
 
 
-def _scales(sensors: Mapping[str, int]) -> dict[str, list[float]]:
+def _scales(sensors: Iterable[str]) -> dict[str, list[float]]:
     """Force scale of each sensor, the newtons per unit; skips sensors without installed plugin."""
     scales = {}
     for name in sensors:

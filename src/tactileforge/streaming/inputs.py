@@ -30,7 +30,7 @@ def known_as(name: str, model: HeadModel | None, unknown_sensor: str) -> str:
     """
     if unknown_sensor not in ("error", "universal"):
         raise ConfigError(f"unknown_sensor={unknown_sensor}: give error or universal")
-    if model is None or not model.sensors or name in model.sensors:
+    if model is None or model.any_sensor or name in model.sensors:
         return name
     has_universal = getattr(model.encoder, "universal", None) is not None
     if has_universal and "universal" in (name, unknown_sensor):

@@ -110,7 +110,8 @@ class TouchStream:
             model.axes_of(calibration, [calibration.sensor if sensor is None else sensor])
         self.model, self.calibration, self.embedding = model, calibration, embedding
         self.sensor = None if sensor is None else known_as(sensor, model, unknown_sensor)
-        if sensor is None and model is not None and len(model.sensors) > 1:
+        asks = model is not None and not model.any_sensor and len(model.sensors) > 1
+        if sensor is None and model is not None and asks:
             raise ConfigError(f"no sensor is named: give sensor=..., one of: {model.sensors}")
         frames, spacing = (1, 0.0) if model is None else (model.frames, model.spacing)
         self.buffer = ClipBuffer(frames, spacing, self.prepare)

@@ -45,8 +45,8 @@ def batch(size: int = 8, frames: int = 4, image: int = 32, seed: int = 0) -> Bat
     colour = 80 * torch.rand(size, 1, 3, 1, 1, generator=draw)
     pressed = background[:, None] + colour * rise[:, :, 2, None, None, None] * dent[:, None, None]
     return {
-        "frames": pressed.to(torch.uint8),
-        "background": background.to(torch.uint8),
+        "frames": _as_read(pressed.to(torch.uint8)),
+        "background": _as_read(background.to(torch.uint8)),
         "sensor": sensor,
         "force": rise * scale[:, None],
         "force_valid": torch.ones(size, 3, dtype=torch.bool),
@@ -54,13 +54,20 @@ def batch(size: int = 8, frames: int = 4, image: int = 32, seed: int = 0) -> Bat
         "action": pair % len(ACTIONS),
         "object": pair,
         "text": [f"a press on object {i}" for i in pair.tolist()],
-        "image": torch.randint(256, (size, 3, image, image), generator=draw).to(torch.uint8),
+        "image": _as_read(
+            torch.randint(256, (size, 3, image, image), generator=draw).to(torch.uint8)
+        ),
         "image_valid": torch.ones(size, dtype=torch.bool),
-        "surface": _surface(dent, rise),
+        "surface": _as_read(_surface(dent, rise)),
         "surface_valid": torch.ones(size, dtype=torch.bool),
         "group": pair.clone(),
         **_demonstrated(rise, image, draw),
     }
+
+
+def _as_read(pixels: Tensor) -> Tensor:
+    """Pixels (..., 3, H, W) as readers lay them out in memory: colours beside each other."""
+    return pixels.movedim(-3, -1).contiguous().movedim(-1, -3)
 
 
 def robot(image: int = 32) -> Robot:

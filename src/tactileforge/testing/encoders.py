@@ -21,6 +21,8 @@ from tactileforge.testing.modules import (
     require_row,
 )
 from tactileforge.testing.results import Check, CheckSubject, Skip, require
+from tactileforge.testing.trained_encoders import CHECKS as OF_RUNS
+from tactileforge.testing.trained_encoders import known_sensors
 
 
 def _build(subject: CheckSubject, seed: int = 0) -> Any:
@@ -36,15 +38,10 @@ def _inputs(encoder: Any, size: int) -> tuple[Any, ...]:
     """Arguments of a call: ``size`` samples, of another image size than the encoder's own."""
     if _modality(encoder) == "touch":
         made = batch(size, frames=encoder.frames, image=48)
-        rows = [encoder.sensors[name] for name in _known(encoder, size)]
+        rows = [encoder.sensors.get(name, 0) for name in known_sensors(encoder, size)]
         return made["frames"], made["background"], torch.tensor(rows)
     made = batch(size, image=48)
     return (made[_modality(encoder)],)
-
-
-def _known(encoder: Any, size: int) -> list[str]:
-    names = list(encoder.sensors)
-    return [names[i % len(names)] for i in range(size)]
 
 
 def _call(encoder: Any, size: int) -> list[Tensor]:
@@ -74,7 +71,7 @@ def views_are_what_they_declare(subject: CheckSubject) -> None:
     encoder = _build(subject)
     if _modality(encoder) != "touch":
         raise Skip("only touch encoders have views")
-    made = batch(4, frames=encoder.frames, image=48) | {"sensor": _known(encoder, 4)}
+    made = batch(4, frames=encoder.frames, image=48) | {"sensor": known_sensors(encoder, 4)}
     with torch.no_grad():
         views = encoder.views(made)
         full, masked = views.full, views.masked
@@ -131,4 +128,5 @@ CHECKS: list[Check] = [
     batch_of_one_equals_a_row,
     torch_export_matches,
     save_and_load_are_bit_equal,
+    *OF_RUNS,
 ]

@@ -84,6 +84,18 @@ def test_batches_do_not_matter() -> None:
         assert float(parts.compute()) == pytest.approx(float(whole.compute()))
 
 
+def test_errors_of_numbers_are_in_their_unit() -> None:
+    """Mean over the columns, of the mean absolute error and of the root of the mean square."""
+    truth = torch.tensor([[100.0, 1.0], [200.0, 3.0], [300.0, 5.0], [400.0, 7.0]])
+    part = TargetPart("numbers", truth, torch.ones_like(truth), ("mm", "shore"))
+    predicted = truth + torch.tensor([[3.0, 0.0], [-3.0, 0.0], [3.0, 2.0], [-3.0, 0.0]])
+    assert metrics.measure("mae", part, predicted, truth) == pytest.approx((3 + 0.5) / 2)
+    assert metrics.measure("rmse", part, predicted, truth) == pytest.approx((3 + 1) / 2)
+    one = TargetPart("numbers", truth[:, :1], torch.ones(4, 1), ("mm",))
+    assert metrics.measure("rmse", one, predicted[:, :1], truth[:, :1]) == pytest.approx(3)
+    assert metrics.metric_kind("mae").better == metrics.metric_kind("rmse").better == "lower"
+
+
 def test_distance_is_percent_of_the_width() -> None:
     truth = torch.tensor([[0.5, 0.5], [0.2, 0.1]])
     part = TargetPart("place", truth, torch.ones_like(truth), ("x", "y"))
@@ -132,5 +144,6 @@ def test_names() -> None:
     with pytest.raises(ConfigError, match="did you mean 'rmse_sum_axes'"):
         metrics.metric_kind("rmse_sum_axis")
     assert metrics.part_of("rmse_x", {"slip": classes([0], 2), "delta": force()}) == "delta"
-    with pytest.raises(ConfigError, match="distance measures place"):
+    said = "distance measures place, and the target is force; give one of: rmse_sum_axes"
+    with pytest.raises(ConfigError, match=said):
         metrics.part_of("distance", {"force": force()})

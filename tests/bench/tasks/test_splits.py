@@ -181,7 +181,11 @@ def test_tasks_are_read_strictly() -> None:
         "metrics": ["rmse_sum_axes"],
         "split": {"test": {"side": "val"}},
     }
-    assert parse_task("t", plain).sides == ("val",)
+    assert parse_task("t", plain).sides == ("train", "val"), "what the test leaves trains"
+    only = {"split": {"only": {"side": "val"}, "folds": 3}}
+    assert parse_task("t", plain | only).sides == ("val",)
+    both = {"split": {"train": {"side": "train"}, "test": {"side": "test"}}}
+    assert parse_task("t", plain | both).sides == ("train", "test")
     assert parse_task("t", plain | {"split": {"folds": 3}}).sides == ("train", "val")
     for key, value, said in (
         ("clip", {"hopp": 1}, "did you mean 'hop'"),
@@ -231,6 +235,39 @@ def test_a_word_where_a_number_should_be_is_named() -> None:
     data = [recording(str(i), labels={"grade": "hard"}) for i in range(2)]
     with pytest.raises(DataError, match=r"a label of grade is no number .*'hard'.*label:NAME"):
         targets.build_target(task("numbers:grade"), source(data, ["train", "val"]))
+
+
+def test_numbers_keep_their_unit_and_shares_are_of_the_width() -> None:
+    """Frames are 8 pixels wide."""
+    data = [recording(str(i), labels={"a_px": 4.0, "b": 2.0}) for i in range(2)]
+    of = source(data, ["train", "val"])
+    plain = targets.build_target(task("numbers:a_px+b"), of).parts["numbers"]
+    assert plain.truth[0].tolist() == [4.0, 2.0]
+    shares = targets.build_target(task("shares:a_px"), of).parts["numbers"]
+    assert shares.truth[0].tolist() == [0.5]
+
+
+def test_a_use_without_recordings_says_what_there_is() -> None:
+    data = [recording(str(i), object=str(i)) for i in range(6)]
+    of = source(data, ["train"] * 4 + ["val"] * 2)
+    planned = task(train={"object": "none"})
+    said = r"of 6 recordings of sides train, val the test has 2, and split.train=.* finds none"
+    with pytest.raises(ConfigError, match=said):
+        splits.build_splits(planned, of, targets.build_target(planned, of))
+
+
+def test_classes_that_training_never_saw_are_named() -> None:
+    data = [recording(str(i), object=("ball", "nut")[i % 2]) for i in range(6)]
+    data += [recording("6", object="cube"), recording("7", object="ball")]
+    of = source(data, ["train"] * 6 + ["val"] * 2)
+    planned = task("object")
+    target = targets.build_target(planned, of)
+    said = splits.unseen_classes(target, splits.build_splits(planned, of, target))
+    assert said == "4 of 8 test labels are classes that training never saw: cube"
+    folds = task("object", test={}, folds=2)
+    known = source(data[:6], ["train"] * 6)
+    target = targets.build_target(folds, known)
+    assert splits.unseen_classes(target, splits.build_splits(folds, known, target)) == ""
 
 
 def test_normal_force_needs_no_other_axis() -> None:

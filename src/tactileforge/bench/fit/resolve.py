@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tactileforge.bench.fit.probes import probe_class
 from tactileforge.bench.fit.probes.base import Probe, ProbeTraining
 from tactileforge.bench.results import results
-from tactileforge.bench.tasks import metrics, splits
+from tactileforge.bench.tasks import metrics, splits, targets
 from tactileforge.bench.tasks.source import TaskSource
 from tactileforge.bench.tasks.splits import Split
 from tactileforge.bench.tasks.suite import Task
@@ -69,6 +69,28 @@ class PreparedTask:
     @property
     def _test(self) -> NDArray[np.int64]:
         return np.concatenate([split.test for split in self.splits])
+
+
+def prepare_task(task: Task, source: TaskSource) -> PreparedTask:
+    """Target and splits of a task; what does not fit is refused before features take their time.
+
+    Raises:
+        ConfigError: A metric that measures something else, flips of what cannot be mirrored, or a
+            split that does not fit the data.
+        DataError: No clip has the label, or all are of one class.
+    """
+    target = targets.build_target(task, source)
+    for metric in task.metrics:
+        try:
+            metrics.part_of(metric, target.parts)
+        except ConfigError as error:
+            raise ConfigError(f"tasks.{task.name}.metrics: {error}") from error
+    if task.flips:
+        for part in target.parts.values():
+            part.flipped(True, True)
+    prepared = PreparedTask(task, source, target, splits.build_splits(task, source, target))
+    _ = prepared.test_units  # a fact that intervals are drawn by
+    return prepared
 
 
 @dataclass(frozen=True, kw_only=True)

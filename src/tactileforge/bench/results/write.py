@@ -47,6 +47,9 @@ class Writer:
         suite: Name of the suites.
         settings: What the bench was run with.
         tasks: Its tasks.
+
+    Attributes:
+        notes: What is to be known of tasks before their numbers are read, a line each.
     """
 
     def __init__(
@@ -64,6 +67,7 @@ class Writer:
             training=[],
             not_run=[],
         )
+        self.notes: list[str] = []
         self._measured = self._read()
 
     def _read(self) -> dict[str, tuple[str, list[Cell]]]:
@@ -76,6 +80,14 @@ class Writer:
             }
         except (OSError, TactileForgeError, ValueError, TypeError, KeyError, AttributeError):
             return {}  # none yet, or of another format: everything is measured again
+
+    def note(self, task: str, text: str) -> None:
+        """Adds to what is said of the split of a task, there and in ``notes`` for the console."""
+        self.notes.append(f"{task}: {text}")
+        tasks = self.results.tasks
+        tasks[:] = [
+            replace(row, split=f"{row.split}; {text}") if row.name == task else row for row in tasks
+        ]
 
     def model(self, model: ResultModel) -> None:
         """Adds a row."""

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from operator import itemgetter
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -195,13 +196,18 @@ def _correlation() -> Metric:
     return PerAxis(PearsonCorrCoef(num_outputs=3), torch.mean)
 
 
+def _of_numbers(metric: type[Metric], part: TargetPart, **options: Any) -> Metric:
+    """An error of numbers in their own unit, mean over their columns."""
+    return PerAxis(metric(num_outputs=part.truth.shape[1], **options), torch.mean)
+
+
 @dataclass(frozen=True)
 class MetricKind:
     """A metric that a task may name.
 
     Attributes:
         of: Kinds of the part it measures, see `targets.TargetPart`.
-        unit: Of its values.
+        unit: Of its values; "" for a plain number, or one in the unit of the label.
         better: ``lower`` or ``higher``.
         build: From the part.
     """
@@ -226,6 +232,10 @@ METRICS: dict[str, MetricKind] = {
         )
         for axis, name in enumerate("xyz")
     },
+    "mae": MetricKind(("numbers",), "", "lower", partial(_of_numbers, MeanAbsoluteError)),
+    "rmse": MetricKind(
+        ("numbers",), "", "lower", partial(_of_numbers, MeanSquaredError, squared=False)
+    ),
     "r2": MetricKind(_VECTORS, "", "higher", lambda part: R2(part.truth.shape[1])),
     **{
         f"r2_{name}": MetricKind(
@@ -259,8 +269,11 @@ def part_of(name: str, parts: dict[str, TargetPart]) -> str:
     for key, part in parts.items():
         if part.kind in wanted:
             return key
+    kinds = list(dict.fromkeys(part.kind for part in parts.values()))
+    fitting = [known for known, kind in METRICS.items() if set(kind.of) & set(kinds)]
     raise ConfigError(
-        f"metric {name} measures {' or '.join(wanted)}, which the target does not have"
+        f"metric {name} measures {' or '.join(wanted)}, and the target is {' and '.join(kinds)}; "
+        f"give one of: {', '.join(fitting)}"
     )
 
 

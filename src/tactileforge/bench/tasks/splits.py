@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from tactileforge.bench.tasks.facts import matches_filter, recording_fact
@@ -59,12 +60,29 @@ def build_splits(task: Task, source: TaskSource, target: Target) -> list[Split]:
         train = [n for n in rest if n not in set(validation)]
         for name, chosen in (("train", train), ("validation", validation), ("test", test)):
             if not chosen:
-                raise ConfigError(f"task {task.name}: no recording for {name}; change its split")
+                raise ConfigError(_nothing_for(name, task, len(numbers), len(rest), len(test)))
         check_leakage(task, source, train, validation, test)
         places = [np.flatnonzero(np.isin(of, chosen)) for chosen in (train, validation, test)]
         splits.append(Split(*places))
     _check_classes(task, target, splits)
     return splits
+
+
+def _nothing_for(use: str, task: Task, every: int, rest: int, test: int) -> str:
+    """Error text for a use without recordings: what there is, and the key that decides."""
+    plan = task.split
+    left = {
+        "train": f"split.validation={dict(plan.validation)} takes all {rest} that may train"
+        if rest
+        else f"split.train={dict(plan.train)} finds none in what the test leaves",
+        "validation": f"split.validation={dict(plan.validation)} finds none in the {rest} that may "
+        "train",
+        "test": f"split.test={dict(plan.test)} finds none",
+    }
+    return (
+        f"task {task.name}: no recording for {use}: of {every} recordings of sides "
+        f"{', '.join(task.sides)} the test has {test}, and {left[use]}; change that key"
+    )
 
 
 def group_names(
@@ -170,6 +188,26 @@ def _validation(
     if not taken and groups and len(names) > 1:
         taken.add(max(groups, key=len)[0])
     return [n for n in rest if names[n] in taken]
+
+
+def unseen_classes(target: Target, splits: Sequence[Split]) -> str:
+    """Test clips of classes that their training never saw, in words; "" where there are none."""
+    names: dict[str, None] = {}
+    missed = tested = 0
+    for part in target.parts.values():
+        if part.kind != "classes":
+            continue
+        for split in splits:
+            known, asked = part.truth[np.r_[split.train, split.validation]], part.truth[split.test]
+            tested += asked.numel()
+            for column, seen in zip(asked.T.long(), known.T.long(), strict=True):
+                strange = column[~torch.isin(column, seen)].tolist()
+                missed += len(strange)
+                names |= dict.fromkeys(part.names[place] for place in sorted(set(strange)))
+    if not missed:
+        return ""
+    listed = ", ".join([*list(names)[:8], *(["..."] if len(names) > 8 else [])])
+    return f"{missed} of {tested} test labels are classes that training never saw: {listed}"
 
 
 def _check_classes(task: Task, target: Target, splits: Sequence[Split]) -> None:

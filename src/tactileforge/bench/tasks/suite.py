@@ -100,11 +100,16 @@ class Task:
 
     @property
     def sides(self) -> tuple[str, ...]:
-        """Sides of the data set named by the split; train and val by default."""
+        """Sides of the data set to read: all that train may take, and those that others name.
+
+        Without a side in ``only`` or ``train``, training takes train and val less the test.
+        """
+        plan = self.split
         named: list[str] = []
-        for chosen in (self.split.only, self.split.train, self.split.test, self.split.validation):
+        for chosen in (plan.only, plan.train, plan.test, plan.validation):
             named += _values(chosen.get("side", []))
-        return tuple(dict.fromkeys(named)) or ("train", "val")
+        free = "side" not in plan.only and "side" not in plan.train
+        return tuple(dict.fromkeys([*(("train", "val") if free else ()), *named]))
 
 
 def _values(wanted: Any) -> list[str]:

@@ -24,7 +24,7 @@ _SHIFTS = (-5.0, -2.0, -1.0, -0.5, -0.1, 0.1, 0.5, 1.0, 2.0, 5.0)
 _TURNS = (-2.0, -1.0, -0.5, -0.2, -0.03, 0.03, 0.2, 0.5, 1.0, 2.0)
 #: Share of the friction cone from which a simulated touch slips, and the least normal force, N.
 _CONE, _TOUCH_N = 0.95, 0.1
-_NUMBERS = "numbers:"
+_NUMBERS, _SHARES = "numbers:", "shares:"
 
 
 @dataclass(frozen=True)
@@ -108,6 +108,8 @@ def build_target(task: Task, source: TaskSource) -> Target:
         parts = {"class": _classes(source, lambda r, *_: _label(r, task.target[6:]))}
     elif task.target.startswith(_NUMBERS):
         parts = {"numbers": _numbers(source, task.target.removeprefix(_NUMBERS).split("+"))}
+    elif task.target.startswith(_SHARES):
+        parts = {"numbers": _numbers(source, task.target[len(_SHARES) :].split("+"), shares=True)}
     elif task.target in TARGETS:
         parts = TARGETS[task.target](task, source)
     else:
@@ -115,7 +117,7 @@ def build_target(task: Task, source: TaskSource) -> Target:
             unknown(
                 f"target of task {task.name}",
                 task.target,
-                [*TARGETS, "label:NAME", "numbers:NAME+NAME"],
+                [*TARGETS, "label:NAME", "numbers:NAME+NAME", "shares:NAME+NAME"],
             )
         )
     good = torch.stack([part.truth.isfinite().all(1) for part in parts.values()]).all(0)
@@ -257,8 +259,8 @@ def _place(task: Task, source: TaskSource) -> dict[str, TargetPart]:
     return {"place": TargetPart("place", truth, torch.ones_like(truth), ("x", "y"))}
 
 
-def _numbers(source: TaskSource, columns: list[str]) -> TargetPart:
-    """Numeric labels; those in pixels (``_px``) become shares of the image width."""
+def _numbers(source: TaskSource, columns: list[str], shares: bool = False) -> TargetPart:
+    """Numeric labels as they are; as shares, those in pixels are divided by the image's width."""
 
     def value(recording: Recording, first: int, last: int) -> list[float]:
         try:
@@ -268,8 +270,8 @@ def _numbers(source: TaskSource, columns: list[str]) -> TargetPart:
                 f"{recording.key}: a label of {', '.join(columns)} is no number ({error}); correct "
                 "it, or give target: label:NAME"
             ) from error
-        width = recording.frames.shape[1]
-        return [x / width if "_px" in n else x for x, n in zip(row, columns, strict=True)]
+        width = recording.frames.shape[1] if shares else 1
+        return [x / width for x in row]
 
     truth = torch.tensor(np.array(_each(source, value), np.float32).reshape(-1, len(columns)))
     return TargetPart("numbers", truth, torch.ones_like(truth), tuple(columns))
@@ -304,7 +306,8 @@ def _slip(task: Task, source: TaskSource) -> dict[str, TargetPart]:
 
 
 #: Target by name, besides ``label:NAME``, the class that a label of the recording names, and
-#: ``numbers:NAME+NAME``, labels as numbers.
+#: ``numbers:NAME+NAME``, labels as numbers in their own unit, and ``shares:NAME+NAME``, labels in
+#: pixels as shares of the width of the image.
 TARGETS: dict[str, Callable[[Task, TaskSource], dict[str, TargetPart]]] = {
     "force": lambda task, source: {"force": _newton(task, source, change=False)},
     "delta_force": lambda task, source: {"delta_force": _newton(task, source, change=True)},
