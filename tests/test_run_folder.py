@@ -203,7 +203,7 @@ def test_room_is_looked_for_before_the_step(
 
     def full(path: Path, size: int) -> None:
         sizes.append(size)
-        if len(sizes) == 2:
+        if len(sizes) == 3:  # at the start, and before the second and the fourth step
             raise TactileForgeError("the disk is full")
 
     monkeypatch.setattr(checkpoints, "check_room", full)
@@ -218,7 +218,8 @@ def test_room_is_looked_for_before_the_step(
     assert cli.run([*SMALL, *words]) == 1
     assert len(steps) == 3
     assert read_checkpoint(tmp_path)["global_step"] == 2
-    assert sizes[1] == pytest.approx((tmp_path / LAST).stat().st_size, rel=0.1)
+    for size in sizes[::2]:  # of a run that has taken no step, it is what it will be
+        assert size == pytest.approx((tmp_path / LAST).stat().st_size, rel=0.1)
 
 
 def test_no_room_is_an_error_with_numbers(tmp_path: Path) -> None:

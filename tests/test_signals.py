@@ -1,5 +1,6 @@
 """Signals that end a run: as an event, as an interrupt, and in processes that are forked."""
 
+import errno
 import multiprocessing
 import os
 import signal
@@ -34,6 +35,20 @@ def test_a_command_that_listens_to_nothing_says_what_stopped_it(
     assert cli.run(["demos", "task=wipe"]) == 130
     said = capsys.readouterr().err
     assert said == f"stopped by {number.name}; go on with: the same command again\n"
+
+
+@pytest.mark.parametrize("number", [errno.EACCES, errno.EROFS, errno.EPERM, errno.ENOSPC])
+def test_an_output_that_cannot_be_written_is_a_line(
+    number: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def dispatch(verb: str, rest: object) -> int:
+        raise OSError(number, os.strerror(number), "/runs/a/.lock")
+
+    monkeypatch.setattr(cli, "dispatch", dispatch)
+    assert cli.run(["train", "hydra.run.dir=/runs/a"]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("error: /runs/a/.lock: ")
+    assert os.strerror(number) in line
 
 
 def test_what_is_ignored_stays_so() -> None:

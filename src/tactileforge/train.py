@@ -58,6 +58,7 @@ _EXPECTED = (
     r"The number of training batches .* is smaller than the logging interval.*",
     r"The '\w+_dataloader' does not have many workers.*",
     r"Total length of `list` across ranks is zero.*",  # nothing is held out, which is said
+    r"It is recommended to use `self.log\('val/.*",  # values are those of all processes already
     r"Checkpoint directory .* exists and is not empty.*",  # a run that goes on
 )
 

@@ -90,7 +90,13 @@ class Checkpoints(Callback):
         self._listening = ExitStack()
 
     def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Listens for signals."""
+        """Listens for signals.
+
+        Raises:
+            TactileForgeError: There is no room for the first checkpoint.
+        """
+        if trainer.is_global_zero:
+            check_room(self.path, _size(trainer))
         self.started = True
         self._listening.enter_context(handled(self._stop))
 
@@ -224,8 +230,14 @@ def check_room(path: Path, size: int) -> None:
     if free < size:
         raise TactileForgeError(
             f"{path}: the disk is full: {free / 1e6:,.1f} MB are left, and a checkpoint takes "
-            f"{size / 1e6:,.1f} MB. The one before it stays: make room, then go on with resume="
+            f"{size / 1e6:,.1f} MB. {_kept(path)}"
         )
+
+
+def _kept(path: Path) -> str:
+    if path.exists():
+        return "The one before it stays: make room, then go on with resume="
+    return "Make room, or give another hydra.run.dir="
 
 
 def _size(trainer: L.Trainer) -> int:
@@ -234,4 +246,6 @@ def _size(trainer: L.Trainer) -> int:
     module = trainer.lightning_module
     state = [*module.parameters(), *module.buffers()]
     kept = [x for optim in trainer.optimizers for one in optim.state.values() for x in one.values()]
+    if not kept:  # before the first step; then two averages of each
+        kept = 2 * [x for x in module.parameters() if x.requires_grad]
     return sum(x.nbytes for x in [*state, *kept] if isinstance(x, torch.Tensor))
