@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import platform
+import re
 import shlex
 import sys
 import warnings
@@ -31,7 +32,7 @@ from tactileforge.checkpoint_file import (
 )
 from tactileforge.compiled import compile_blocks
 from tactileforge.data.batches.datamodule import TouchData
-from tactileforge.errors import ConfigError, unknown
+from tactileforge.errors import ConfigError, TactileForgeError, unknown
 from tactileforge.files import sealed, write_text
 from tactileforge.finite import NotFiniteError
 from tactileforge.initial import check_robot, new_in, start_from, warn_of_dropped
@@ -50,6 +51,9 @@ log = logging.getLogger(__name__)
 
 #: Packages whose versions a run keeps.
 _PACKAGES = ("tactileforge", "torch", "lightning", "hydra-core", "kornia", "numpy")
+
+#: What torch says where a process of the group is gone.
+_LOST = re.compile(r"closed by peer|reset by peer|Connection refused|NCCL|Broken pipe", re.I)
 
 #: What Lightning warns of although it is meant to be so.
 _EXPECTED = (
@@ -147,6 +151,12 @@ def _train(
                 trainer.fit(module, data, ckpt_path=resume, weights_only=True)
         except NotFiniteError as error:
             raise NotFiniteError(f"{error}. {_way_back(folder, trainer.precision)}") from error
+        except RuntimeError as error:
+            if trainer.world_size == 1 or not _LOST.search(str(error)):
+                raise
+            raise TactileForgeError(
+                f"another process of the run has died ({_first_line(error)}). {_kept(folder)}"
+            ) from error
         except SystemExit as stop:  # what Lightning makes of Ctrl-C
             done = trainer.global_step
             when = f"in the step after {done}" if done > step else "before the first step"
@@ -166,6 +176,17 @@ def _train(
         log_report(trainer.loggers[1:], report, drawings, trainer.global_step)
         print(f"report: {report}")
     return module
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).splitlines()[0][:120]
+
+
+def _kept(folder: Path) -> str:
+    """What goes on with a run that was cut short."""
+    if not (folder / run_folder.LAST).is_file():
+        return "Nothing was saved before: give the same command again"
+    return f"Go on from its checkpoint: tactileforge train resume={shlex.quote(str(folder))}"
 
 
 def _way_back(folder: Path, numbers: str) -> str:
