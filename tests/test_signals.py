@@ -5,10 +5,12 @@ import multiprocessing
 import os
 import signal
 import time
+from pathlib import Path
 
 import pytest
 
 from tactileforge import cli
+from tactileforge.run_folder import LAST
 from tactileforge.signals import ENDING, interrupted_by_signals, stopped_by_signals
 
 
@@ -69,3 +71,24 @@ def test_a_forked_process_ends_by_the_signal() -> None:
         child.terminate()
         child.join(60)
     assert child.exitcode == -signal.SIGTERM
+
+
+@pytest.mark.parametrize("kept", [False, True])
+def test_train_says_what_was_saved(
+    kept: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Stopped while data is read, and after its checkpoint was written."""
+    run = tmp_path / "my run"
+
+    def stopped(config: object, folder: Path) -> None:
+        if kept:
+            (folder / LAST).parent.mkdir(parents=True)
+            (folder / LAST).touch()
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    monkeypatch.setattr("tactileforge.train.train", stopped)
+    assert cli.run(["train", "scale=demo", f"hydra.run.dir='{run}'"]) == 130
+    said = capsys.readouterr().err.splitlines()[-1]
+    again = f"tactileforge train 'resume={run}'" if kept else "the same command again"
+    what = "" if kept else " before the first step; nothing was saved"
+    assert said == f"stopped by SIGTERM{what}; go on with: {again}"

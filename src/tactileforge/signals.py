@@ -8,9 +8,34 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType
+from typing import Any
 
 #: Those that ask a program to end.
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+#: Handlers that `handled` has set.
+_OURS: set[Any] = set()
+_MASKS = threading.local()
+
+
+def _hold_signals() -> None:
+    """Keeps signals back over a fork: one that comes to the child in it would be forgotten."""
+    _MASKS.before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
+
+
+def _let_through() -> None:
+    signal.pthread_sigmask(signal.SIG_SETMASK, _MASKS.before)
+
+
+def _end_by_signals() -> None:
+    for number in ENDING:
+        if signal.getsignal(number) in _OURS:
+            signal.signal(number, signal.SIG_DFL)
+    _let_through()
+
+
+os.register_at_fork(
+    before=_hold_signals, after_in_parent=_let_through, after_in_child=_end_by_signals
+)
 
 
 @contextmanager
@@ -40,11 +65,13 @@ def handled(
             os.kill(os.getpid(), number)
 
     kept = {number: old for number, old in before.items() if old is not signal.SIG_IGN}
+    _OURS.add(heard)
     for number in kept:
         signal.signal(number, heard)
     try:
         yield
     finally:
+        _OURS.discard(heard)
         for number, old in kept.items():
             signal.signal(number, old)
 

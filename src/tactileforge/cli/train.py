@@ -41,6 +41,8 @@ def _run(config: dict[str, Any], folder: Path) -> float:
     elif config.get("init"):
         _check_encoder(str(config["init"]))
     try:
+        from tactileforge.train import metric, train  # seconds, in which it may be stopped
+
         return metric(train(config, folder), config.get("optimized_metric"))
     except KeyboardInterrupt as stop:
         kept = (folder / LAST).is_file()
