@@ -34,7 +34,6 @@ def _train(_: None, config: dict[str, Any]) -> float:
 
 def _run(config: dict[str, Any], folder: Path) -> float:
     from tactileforge.run_folder import LAST
-    from tactileforge.train import metric, train
 
     if config.get("resume"):
         config = _with_given(_of_run(config["resume"]), config)
