@@ -1,9 +1,9 @@
 """Every code block on every page runs.
 
 Python blocks of a page share one namespace; bash blocks run with ``bash -e``. Both run in one
-temporary folder a page, from top to bottom. A block after ``<!-- no-run: reason -->`` is left out,
-one after ``<!-- made: NAME, NAME; also: WORDS -->`` runs on small files that are made (`made_files`),
-with the words added to its last command.
+temporary folder a page, from top to bottom. A block after ``<!-- no-run: reason -->`` is left out;
+one after ``<!-- made: NAME, NAME; also: WORDS -->`` runs on small files that are made first
+(`made_files`), with the words added to its last command.
 The README's ``tactileforge`` is the installed one, that of other pages is forked (`warm`).
 """
 
@@ -27,11 +27,11 @@ BLOCK = re.compile(
 )
 #: Reasons to leave out a block: none of them is a file that a reader has and a test can make.
 REASONS = (
-    "takes", "trains", "installs", "compiles", "needs GPUs", "needs a GPU", "needs SLURM", "needs Ray",
-    "needs a sensor", "needs the sensors", "needs a camera", "needs the arm", "needs LeRobot",
+    "takes", "trains", "installs", "compiles", "needs GPUs", "needs a GPU", "needs SLURM",
+    "needs Ray", "needs a sensor", "needs the sensors", "needs a camera", "needs the arm", "needs LeRobot",
     "needs a policy", "needs demonstrations", "needs presses", "needs the pictures",
     "needs a published", "needs published", "needs imported weights", "needs a public set",
-    "needs a LeRobot set", "needs recordings and sensors", "needs a recipe of yours",
+    "needs a LeRobot set", "needs recordings and sensors",
 )  # fmt: skip
 
 

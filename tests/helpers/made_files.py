@@ -52,7 +52,7 @@ def _recordings(folder: Path) -> None:
     rows = ["file,object,grasped,weight"]
     for number in range(24):
         _video(folder / "videos" / f"t{number}.avi", press(number))
-        rows.append(f"t{number}.avi,o{number % 8},{number % 2},{10 + number}")
+        rows.append(f"videos/t{number}.avi,o{number % 8},{number % 2},{10 + number}")
         fz = 5 * np.sin(np.linspace(0, np.pi, 12))
         lines = ["fx,fy,fz", *(f"0,{0.1 * number:.2f},{z:.3f}" for z in fz)]
         (folder / "forces").mkdir(exist_ok=True)
@@ -70,10 +70,19 @@ def _photos(folder: Path) -> None:
             Image.fromarray(image).save(folder / name / f"{number}.png")
 
 
+def _recipe(folder: Path) -> None:
+    """The recipe that docs/configuration.md shows."""
+    page = Path(__file__).parents[2] / "docs" / "configuration.md"
+    shown = page.read_text("utf-8").partition("`mine/recipe/soft.yaml`")[2]
+    (folder / "recipe").mkdir(parents=True)
+    (folder / "recipe" / "soft.yaml").write_text(shown.split("```yaml\n")[1].split("```")[0])
+
+
 MADE: dict[str, Callable[[Path], None]] = {
     "DIR": _recordings,
     "touches": _recordings,
     "photos": _photos,
+    "mine": _recipe,
     "press.mp4": lambda path: _video(path, press(0, 24)),
     "new.png": lambda path: Image.fromarray(press(3)[6]).save(path),
 }

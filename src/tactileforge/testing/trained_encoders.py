@@ -119,9 +119,8 @@ def a_step_of_each_objective_it_serves(subject: CheckSubject) -> None:
     """Losses are finite and reach the encoder, for every name in the class attribute ``serves``."""
     for name in _served(subject):
         encoder = build_for_run(subject).train()
-        run = _Run.of(encoder, name)
         try:
-            loss = run.step(made_for(encoder), 0)
+            loss = _Run.of(encoder, name).step(made_for(encoder), 0)
         except Exception as error:
             said = f"{type(error).__name__}: {error}"
             require(False, f"objective {name}: {said}; if it cannot serve it, say so in 'serves'")
