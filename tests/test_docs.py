@@ -28,8 +28,9 @@ BLOCK = re.compile(
 #: Reasons to leave out a block: none of them is a file that a reader has and a test can make.
 REASONS = (
     "takes", "trains", "installs", "compiles", "needs GPUs", "needs a GPU", "needs SLURM",
-    "needs Ray", "needs a sensor", "needs the sensors", "needs a camera", "needs the arm", "needs LeRobot",
-    "needs a policy", "needs demonstrations", "needs presses", "needs the pictures",
+    "needs Ray", "needs a sensor", "needs the sensors", "needs a camera", "needs the arm",
+    "needs LeRobot", "needs a policy", "needs demonstrations", "needs presses",
+    "needs the pictures",
     "needs a published", "needs published", "needs imported weights", "needs a public set",
     "needs a LeRobot set", "needs recordings and sensors",
 )  # fmt: skip
