@@ -18,6 +18,7 @@ from tactileforge.contracts import Batch
 from tactileforge.export.write import export
 from tactileforge.hub.files import make_header, save_checkpoint
 from tactileforge.hub.loading import load
+from tactileforge.parts import term_of
 from tactileforge.testing.batches import batch
 from tactileforge.testing.modules import require_close, require_equal, small_context
 from tactileforge.testing.results import Check, CheckSubject, Skip, require
@@ -92,7 +93,8 @@ class _Run:
     def step(self, made: Batch, number: int) -> Tensor:
         torch.manual_seed(number)
         self.optimizer.zero_grad()
-        loss: Tensor = self.objective(self.head(self.encoder.views(made), made), made)[0]
+        prediction = self.head(self.encoder.views(made), made)
+        loss = term_of("objective", self.objective, prediction, made).loss.value
         torch.autograd.backward(loss)
         self.optimizer.step()
         return loss.detach()
