@@ -158,3 +158,31 @@ def test_an_objective_without_a_row_of_the_curriculum_is_given_one() -> None:
     plan = from_config(config.curriculum, {"pixel": 1.0, "surface": 2.0}, total=100, epoch=1)
     assert [plan.weights(step)["surface"] for step in (0, 20, 35, 50, 99)] == [0, 0, 1, 2, 2]
     assert plan.weights(0)["pixel"] == 1
+
+
+ENCODER = """
+class Net:
+    def __init__(self, width: int = 8, image_size: int = 64):
+        pass
+"""
+
+
+@pytest.fixture
+def net(installed):
+    installed("net", "[tactileforge.encoders]\nnet = net_compose:Net", {"net_compose.py": ENCODER})
+
+
+@pytest.mark.parametrize("scale", ["demo", "tiny", "paper", "finetune"])
+@pytest.mark.parametrize("recipe", ["anytouch2", "mae", "dino"])
+def test_recipes_and_scales_set_only_options_that_the_encoder_has(scale, recipe, net):
+    node = compose(recipe, ["encoder=net", f"scale={scale}"]).encoder
+    assert set(node) == {"name", "width", "image_size"}
+    size = compose(recipe, [f"scale={scale}"]).encoder.image_size
+    assert node.image_size == (64 if scale == "paper" else size), "what it has is set"
+
+
+def test_an_option_that_is_typed_or_unknown_to_all_is_never_left_out(net):
+    node = compose("anytouch2", ["encoder=net", "scale=demo", "++encoder.depth=3"]).encoder
+    assert node.depth == 3, "the encoder refuses it when it is built"
+    node = compose("anytouch2", ["encoder=net", "scale=demo", "+encoder.widht=3"]).encoder
+    assert node.widht == 3

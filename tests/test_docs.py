@@ -1,7 +1,9 @@
 """Every code block on every page runs.
 
 Python blocks of a page share one namespace; bash blocks run with ``bash -e``. Both run in one
-temporary folder a page, from top to bottom. A block after ``<!-- no-run: reason -->`` is left out.
+temporary folder a page, from top to bottom. A block after ``<!-- no-run: reason -->`` is left out;
+one after ``<!-- made: NAME, NAME; also: WORDS -->`` runs on small files that are made first
+(`made_files`), with the words added to its last command.
 The README's ``tactileforge`` is the installed one, that of other pages is forked (`warm`).
 """
 
@@ -14,11 +16,24 @@ import warnings
 from pathlib import Path
 
 import pytest
+from made_files import make_files
 from warm import Warm
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-BLOCK = re.compile(r"(<!-- no-run: [^>]+-->\s*)?^```(python|bash)\n(.*?)^```$", re.M | re.S)
+BLOCK = re.compile(
+    r"(?:<!-- (no-run|made): ([^>]+?)(?:; also: ([^>]+?))? -->\s*)?^```(python|bash)\n(.*?)^```$",
+    re.M | re.S,
+)
+#: Reasons to leave out a block: none of them is a file that a reader has and a test can make.
+REASONS = (
+    "takes", "trains", "installs", "compiles", "needs GPUs", "needs a GPU", "needs SLURM",
+    "needs Ray", "needs a sensor", "needs the sensors", "needs a camera", "needs the arm",
+    "needs LeRobot", "needs a policy", "needs demonstrations", "needs presses",
+    "needs the pictures",
+    "needs a published", "needs published", "needs imported weights", "needs a public set",
+    "needs a LeRobot set", "needs recordings and sensors",
+)  # fmt: skip
 
 
 def run_bash(code: str, folder: Path, *commands: Path) -> None:
@@ -38,15 +53,24 @@ def run_bash(code: str, folder: Path, *commands: Path) -> None:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_code_blocks_run(page: Path, tmp_path: Path, warm: Warm) -> None:
     blocks = BLOCK.findall(page.read_text())
-    if not any(not skipped for skipped, _, _ in blocks):
+    if all(mark == "no-run" for mark, *_ in blocks):
         pytest.skip("no code to run on this page")
     namespace: dict[str, object] = {"__name__": "__main__"}
-    for skipped, language, code in blocks:
-        if skipped:
+    for mark, names, also, language, code in blocks:
+        if mark == "no-run":
             continue
+        if mark == "made":
+            make_files(names, tmp_path)
+        code = f"{code.rstrip()} {also}\n" if also else code
         if language == "bash":
             run_bash(code, tmp_path, *([] if page.name == "README.md" else [warm.bin]))
         else:
             with contextlib.chdir(tmp_path), warnings.catch_warnings():
                 warnings.simplefilter("default")
                 exec(compile(code, str(page), "exec"), namespace)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_what_does_not_run_has_a_reason(page: Path) -> None:
+    for mark, reason, *_ in BLOCK.findall(page.read_text()):
+        assert mark != "no-run" or reason.startswith(REASONS), reason

@@ -305,9 +305,11 @@ def _leave_out(encoder: DictConfig, typed: Sequence[str]) -> None:
     known = {key for name in _SIZED for key in node_of("encoder", name)}
     given = {word.lstrip("+").partition("=")[0] for word in typed}
     left = [k for k in encoder if k not in {*own, "name"} and k in known]
-    for key in (key for key in left if f"encoder.{key}" not in given):
-        del encoder[key]
-        log.info("encoder=%s has no %s: what a recipe or scale gave is left out", encoder.name, key)
+    if left := sorted(key for key in left if f"encoder.{key}" not in given):
+        for key in left:
+            del encoder[key]
+        names = ", ".join(left)
+        log.info("encoder=%s: left out what it has not and a preset gave: %s", encoder.name, names)
 
 
 def _own_head(objective: str, options: Any) -> Any:

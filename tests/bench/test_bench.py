@@ -535,3 +535,23 @@ def test_a_label_that_no_recording_has_names_the_nearest(data: Any, tmp_path: Pa
     bench(tmp_path, {"t": HARD | {"target": "label:hardnes"}}).run(tiny())
     ((_, _, reason),) = not_run(tmp_path)
     assert "unknown label 'hardnes'; did you mean 'hardness'? Known: hardness" in reason
+
+
+def test_a_suite_of_ones_own_sees_presets_of_its_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The preset is found, so that what is said is of the data that it names."""
+    monkeypatch.chdir(tmp_path)
+    for folder in ("suite", "data"):
+        (tmp_path / "own" / folder).mkdir(parents=True)
+    (tmp_path / "own/data/labset.yaml").write_text("name: recordings\nroot: nowhere\n")
+    (tmp_path / "own/suite/mine.yaml").write_text(
+        "# @package _global_\nsuites: {mine: Mine}\ntasks:\n  t:\n    title: T\n"
+        "    data: {preset: labset}\n    target: object\n    probe: {name: ridge}\n"
+        "    metrics: [accuracy]\n    split: {folds: 3}\n"
+    )
+    words = ["bench", "--config-dir", "own", "suite=mine", "model=[pixels]", "out=out"]
+    assert cli.run(words) == 3
+    (row,) = load.read_results(tmp_path / "out").not_run
+    assert "nowhere" in row.reason
+    assert "unknown data" not in row.reason

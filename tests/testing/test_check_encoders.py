@@ -1,5 +1,7 @@
 """Each class breaks one thing, and its check sees it."""
 
+import re
+
 import pytest
 import torch
 
@@ -113,3 +115,70 @@ def test_broken_encoder(result_of, plugin, name):
 )
 def test_built_in_encoders(failed, name, options):
     assert not failed("encoder", name, **options)
+
+
+class Views(Tiny):
+    """Takes pixels for contiguous, which those that are read are not."""
+
+    def preprocess(self, frames, background, sensor=None):
+        flat = frames.view(-1)
+        return super().preprocess(flat.view(frames.shape), background, sensor)
+
+
+class FixedSensors(Tiny):
+    """Its parameter does nothing."""
+
+    def __init__(self, sensors: dict[str, int] | None = None) -> None:
+        TactileViT.__init__(self, **small(sensor_tokens=0, sensors={}))
+
+
+class HidesNothing(TactileViT):
+    def __init__(self) -> None:
+        super().__init__(**small(mask_ratio=0.0))
+
+
+class Restless(Tiny):
+    """Its state is not in its checkpoint."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.steps = 0
+
+    def encode(self, patches, sensor, kept=None, class_only=False):
+        self.steps += self.training
+        return super().encode(patches, sensor, kept, class_only) * (1 + 0.1 * self.steps)
+
+
+STEP = "a step of each objective it serves"
+
+
+@pytest.mark.parametrize(
+    ("plugin", "name", "said"),
+    [
+        (Views, "declared sizes are true", "view size is not compatible"),
+        (FixedSensors, STEP, "gives an encoder with"),
+        (HidesNothing, STEP, "objective pixel: ConfigError.*say so in 'serves'"),
+        (Restless, "resumes to the same bits", "ends with other weights"),
+    ],
+)
+def test_what_training_would_meet(result_of, plugin, name, said):
+    result = result_of("encoder", plugin, name)
+    assert result.status == "failed"
+    assert re.search(said, result.detail), result.detail
+
+
+class ServesForce(HidesNothing):
+    serves = ("force",)
+
+
+class NoSensors(Tiny):
+    """Every sensor is welcome; it has no table."""
+
+    def __init__(self) -> None:
+        TactileViT.__init__(self, **small(sensor_tokens=0, sensors={}))
+
+
+@pytest.mark.parametrize("plugin", [ServesForce, NoSensors])
+def test_what_an_encoder_does_not_have_is_not_asked_for(result_of, plugin):
+    for name in ("views are what they declare", STEP):
+        assert result_of("encoder", plugin, name).status == "ran"

@@ -191,6 +191,16 @@ def init_weights(module: nn.Module) -> None:
             nn.init.zeros_(module.bias)
 
 
+def attention_heads(width: int) -> int:
+    """Heads of some 64 channels each: the largest number up to ``width // 64`` that divides it.
+
+    Example:
+        >>> [attention_heads(width) for width in (48, 192, 200, 768)]
+        [1, 3, 2, 12]
+    """
+    return next(count for count in range(max(1, width // 64), 0, -1) if width % count == 0)
+
+
 def size_preset(size: str) -> tuple[int, int, int]:
     """Width, depth and heads of a named size.
 

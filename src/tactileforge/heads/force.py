@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from tactileforge.contracts import Batch, Encoder, Features, Views
-from tactileforge.encoders.transformer import AttentivePooler
+from tactileforge.encoders.transformer import AttentivePooler, attention_heads
 from tactileforge.errors import ConfigError
 from tactileforge.heads.decoder import check_moving
 
@@ -76,7 +76,7 @@ class ForceHead(nn.Module):
 
     Args:
         encoder: The touch encoder (given by the framework).
-        heads: Attention heads; None takes one for 64 channels.
+        heads: Attention heads; None takes one for 64 channels, as many as divide the width.
         difference: Whether it is shown, beside the tokens, how the patches of each later slot
             differ from those of the first: a shear moves what a press leaves where it is.
         readout: ``attention``, the paper's decoders, or ``mean``, see `MeanReadout`.
@@ -94,7 +94,7 @@ class ForceHead(nn.Module):
         readout: Literal["attention", "mean"] = "attention",
     ) -> None:
         super().__init__()
-        heads = heads or encoder.width // 64
+        heads = heads or attention_heads(encoder.width)
         check_moving(encoder, "force")
         frames = encoder.frames - 1
         self.force, self.delta = (

@@ -18,6 +18,7 @@ from tactileforge.contracts import Batch
 from tactileforge.export.write import export
 from tactileforge.hub.files import make_header, save_checkpoint
 from tactileforge.hub.loading import load
+from tactileforge.parts import term_of
 from tactileforge.testing.batches import batch
 from tactileforge.testing.modules import require_close, require_equal, small_context
 from tactileforge.testing.results import Check, CheckSubject, Skip, require
@@ -92,7 +93,8 @@ class _Run:
     def step(self, made: Batch, number: int) -> Tensor:
         torch.manual_seed(number)
         self.optimizer.zero_grad()
-        loss: Tensor = self.objective(self.head(self.encoder.views(made), made), made)[0]
+        prediction = self.head(self.encoder.views(made), made)
+        loss = term_of("objective", self.objective, prediction, made).loss.value
         torch.autograd.backward(loss)
         self.optimizer.step()
         return loss.detach()
@@ -119,9 +121,8 @@ def a_step_of_each_objective_it_serves(subject: CheckSubject) -> None:
     """Losses are finite and reach the encoder, for every name in the class attribute ``serves``."""
     for name in _served(subject):
         encoder = build_for_run(subject).train()
-        run = _Run.of(encoder, name)
         try:
-            loss = run.step(made_for(encoder), 0)
+            loss = _Run.of(encoder, name).step(made_for(encoder), 0)
         except Exception as error:
             said = f"{type(error).__name__}: {error}"
             require(False, f"objective {name}: {said}; if it cannot serve it, say so in 'serves'")
