@@ -94,7 +94,7 @@ def test_odd_first_frames_are_left_out_and_touch_is_not():
     pressed = [frame.copy() for frame in still]
     for frame in pressed[4:]:
         frame[10:40, 10:40] += 30  # a third of it: somebody presses
-    with pytest.raises(SensorError, match="something touches it.* warmup= of the camera"):
+    with pytest.raises(SensorError, match=r"something touches it.* warmup= of the camera"):
         check_background("a", pressed, 4.0)
     with pytest.raises(SensorError, match="something touches it"):  # green for too long
         check_background("a", [*(green * 5), *still[15:]], 4.0)
