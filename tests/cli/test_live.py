@@ -22,7 +22,7 @@ def words(tmp_path):
     """A replay of pictures that move."""
     rng = np.random.default_rng(0)
     for number in range(6):
-        cv2.imwrite(str(tmp_path / f"{number}.png"), rng.integers(90, 140, (24, 32, 3)))
+        cv2.imwrite(str(tmp_path / f"{number}.png"), rng.integers(90, 140, (32, 24, 3)))
     replay = {"path": tmp_path, "type": "digit", "loop": "true"}
     return [
         "sensor=replay",
@@ -80,3 +80,11 @@ def test_defaults_are_those_of_the_class():
     built, wanted = COMMANDS[""].build(composed()), LiveOptions()
     for spec in fields(LiveOptions):
         assert getattr(built, spec.name) == getattr(wanted, spec.name)
+
+
+@pytest.mark.parametrize("port", [99999, -1])
+def test_a_port_that_cannot_be_is_named_before_anything_is_opened(words, capsys, port):
+    assert run(["live", *words, f"port={port}"]) == 1
+    error = capsys.readouterr().err.strip().splitlines()
+    assert error[-1] == f"error: port={port}: give 1 to 65535, or 0 for any that is free"
+    assert "page:" not in "".join(error)

@@ -10,6 +10,7 @@ import threading
 import time
 import urllib.error
 import urllib.request
+from http.client import HTTPConnection
 
 import cv2
 import numpy as np
@@ -204,3 +205,16 @@ def test_a_browser_shows_it(page, tmp_path, width):
         assert look(empty).count("no frame yet") == 2
         assert look("[...cards.right.root.querySelectorAll('img')].every(it => !it.offsetWidth)")
         assert look("document.documentElement.scrollWidth") <= width
+
+
+def test_answers_do_not_wait_for_one_another(page):
+    """A head and a body are two writes, and each goes out at once."""
+    from tactileforge.live.server import _Handler
+
+    assert _Handler.disable_nagle_algorithm
+    host, port = page.url.split("/")[2].split(":")
+    connection = HTTPConnection(host, int(port), timeout=20)
+    for _ in range(3):  # on one connection
+        connection.request("GET", f"/{page.token}/state")
+        assert json.loads(connection.getresponse().read())["sensors"].keys() == {"left"}
+    connection.close()

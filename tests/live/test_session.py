@@ -311,3 +311,31 @@ def test_it_ends_when_stopped(scripted, model):
     threading.Timer(3.0, stop.set).start()
     messages, _ = messages_of(LiveSession({"left": scripted()}, model, options(seconds=None)), stop)
     assert messages
+
+
+def test_numbers_that_are_none_are_null():
+    lines = io.StringIO()
+    JsonLines(lines).send({"sensor": "a", "force": [math.nan, 1.0], "difference": -math.inf})
+    assert lines.getvalue() == '{"sensor": "a", "force": [null, 1.0], "difference": null}\n'
+
+
+@pytest.mark.parametrize("error", [RuntimeError("no SDK"), ValueError("x"), KeyError("y")])
+def test_a_driver_that_cannot_open_with_any_error_is_one_line(scripted, error):
+    sensor = scripted()
+    sensor.refuse.append(error)
+    message = rf"^left: cannot be opened: {type(error).__name__}: "
+    with pytest.raises(SensorError, match=message):
+        LiveSession({"left": sensor}, None, options()).__enter__()
+
+
+def test_odd_first_frames_are_no_part_of_the_background(scripted):
+    """As those of a DIGIT, which may be green."""
+
+    def green(frame):
+        return Frame(array=frame.array * np.array([0, 1, 0], np.uint8), time=frame.time)
+
+    sensor = scripted(fps=50.0, events=dict.fromkeys(range(4), green))
+    view = LiveSession({"left": sensor}, None, options(background=ShowBackground(seconds=0.5)))
+    with view:
+        view.take_background()
+        assert view.fingers["left"].stream.background.min() >= 120

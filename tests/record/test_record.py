@@ -622,3 +622,54 @@ def test_sensors_that_hang_while_they_open_or_close_are_left_behind(scripted, op
         record(given, {"b": other}, say=quiet)
     assert len(only(given)["b"].frames) > 5  # kept
     release.set()
+
+
+def test_what_is_odd_about_frames_is_said_and_kept(scripted, options):
+    """Red and blue swap in the middle, and a clock is late from the start."""
+    sensor, late = scripted(fps=60, limit=240), scripted(fps=60)  # however long they take
+    slope = np.linspace(40, 200, 24)[None, :, None] * np.array([1.0, 0.5, 0.1]) + 20
+
+    def picture(number):
+        noise = np.random.default_rng(number).normal(0, 1, (32, 24, 3))
+        shown = (slope + noise).clip(0, 255).astype(np.uint8)
+        return np.ascontiguousarray(shown[..., ::-1]) if number >= 120 else shown
+
+    sensor.picture = picture
+    given = options(seconds=None, segment=1.0)
+    late.events = {n: lambda f: replace(f, time=f.time - 3) for n in range(10_000)}
+    found = record(given, {"a": sensor}, None, late, say=quiet)
+    assert set(found.noticed) == {"a", "view"}
+    assert "red and blue swapped" in found.noticed["a"]["recoloured"]
+    assert found.noticed["view"]["clock"].startswith("its times are 3.")
+    assert 0 < only(given)["a"].labels["recoloured"] <= 120
+
+
+def test_a_wrench_sensor_that_dies_is_counted_and_an_error(scripted, options, monkeypatch):
+    monkeypatch.setattr(rig, "Capture", partial(Capture, silence=0.3))
+    dead = {n: lambda f: replace(f, raw=np.full(6, np.nan, np.float32)) for n in range(20, 10_000)}
+    force = scripted(fps=100, kind="wrench", events=dead)
+    given = options(seconds=20, reconnect=0.3)
+    with pytest.raises(SensorError, match="force: its values are no numbers"):
+        record(given, {"a": scripted(fps=30)}, force, say=quiet)
+    assert only(given)["a"].labels["dropped"] == 0
+
+
+def test_a_process_that_was_stopped_goes_on(scripted, options, monkeypatch):
+    """As Ctrl-Z and fg do: a minute passes in which nobody waits for a driver."""
+    from tactileforge.sensors import awake
+
+    jump, true = [0.0], time.monotonic
+    clock = type("Time", (), {"monotonic": lambda: true() + jump[0], "sleep": time.sleep})
+    monkeypatch.setattr(awake, "time", clock)
+    watched = Capture.watch
+
+    def watch(self):
+        if self.counts.frames >= 10 and not jump[0]:
+            jump[0] = 60.0
+        watched(self)
+
+    monkeypatch.setattr(Capture, "watch", watch)
+    found = record(options(seconds=1.5), {"a": scripted(fps=50)}, say=quiet)
+    assert jump[0] == 60.0
+    assert found.frames["a"] > 20
+    assert not found.noticed

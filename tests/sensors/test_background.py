@@ -83,3 +83,18 @@ def test_a_unit_is_known_by_what_stays_with_it(scripted, address, unit, known):
     sensor = scripted(address=address)
     sensor.unit = unit
     assert unit_of(sensor) == known
+
+
+def test_odd_first_frames_are_left_out_and_touch_is_not():
+    rng = np.random.default_rng(0)
+    still = [rng.integers(100, 104, (48, 64, 3)).astype(np.uint8) for _ in range(30)]
+    green = [frame * np.array([0, 1, 0], np.uint8) for frame in still[:3]]
+    assert list(check_background("a", [*green, *still[3:]], 4.0)) == still[3:]
+    assert list(check_background("a", still, 4.0)) == still
+    pressed = [frame.copy() for frame in still]
+    for frame in pressed[4:]:
+        frame[10:40, 10:40] += 30  # a third of it: somebody presses
+    with pytest.raises(SensorError, match=r"something touches it.* warmup= of the camera"):
+        check_background("a", pressed, 4.0)
+    with pytest.raises(SensorError, match="something touches it"):  # green for too long
+        check_background("a", [*(green * 5), *still[15:]], 4.0)

@@ -1,7 +1,6 @@
 """Values that cannot be, or jump for one packet, are dropped and counted; true jumps are kept."""
 
 import struct
-import time
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from tactileforge.sensors.drivers.force_torque import ForceTorque
 from tactileforge.sensors.drivers.serial_array import SerialArray
 from tactileforge.sensors.framing import CHECKSUMS
 from tactileforge.sensors.stream import StreamSensor
+from tactileforge.testing.clock import FakeTime
 
 
 def given(sensor: StreamSensor, packets: list[bytes]) -> list[np.ndarray[Any, Any]]:
@@ -53,14 +53,18 @@ def test_one_packet_alone_is_not_believed() -> None:
     assert firsts(given(array(), pad(500, 501))) == [500, 501]
 
 
-def test_the_rate_of_change_is_an_option_and_grows_with_time() -> None:
+def test_the_rate_of_change_is_an_option_and_grows_with_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    clock = FakeTime()
+    monkeypatch.setattr("tactileforge.sensors.stream.time", clock)
     slow, free = array(rate=50.0), array(rate=0)  # 1 a packet at 50 a second
     assert firsts(given(slow, pad(1, 2, 3.5, 3))) == [1, 2, 3]
     assert firsts(given(free, pad(1, 2, 3.5, 900))) == [1, 2, 3.5, 900]
     late = array(rate=50.0)
     parser = late.new_parser()
     late.take(parser, b"".join(pad(1, 2)))
-    time.sleep(0.2)
+    clock.sleep(0.2)
     late.take(parser, b"".join(pad(9))[2:])  # 7 in at least 0.2 s: less than 50 a second
     assert firsts([np.ravel(frame.raw) for frame in late._frames]) == [1, 2, 9]
 

@@ -1,5 +1,6 @@
 """The camera against LeRobot's own base classes, with simulated sensors."""
 
+import threading
 import time
 
 import numpy as np
@@ -13,7 +14,8 @@ from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnected
 from lerobot_camera_tactileforge import TactileForgeCamera, TactileForgeCameraConfig
 
 from tactileforge.contracts import Frame
-from tactileforge.errors import PluginError, SensorError
+from tactileforge.errors import ConfigError, PluginError, SensorError
+from tactileforge.sensors import opening
 from tactileforge.sensors.specs import spec
 
 SIM = {"type": "digit", "size": 32}
@@ -138,3 +140,31 @@ def test_what_cannot_be_a_camera_is_named():
         TactileForgeCameraConfig(sensor="sim_wrench")
     with pytest.raises(ValueError, match="give 1 or more"):
         TactileForgeCameraConfig(sensor="sim", width=0)
+
+
+def test_drivers_that_hang_or_fail_are_connection_errors(monkeypatch):
+    release = threading.Event()
+    monkeypatch.setattr(opening, "_OPEN", 0.2)
+    monkeypatch.setattr(opening, "_CLOSE", 0.2)
+    made = TactileForgeCamera(config())
+    broken = Broken()
+    monkeypatch.setattr(TactileForgeCameraConfig, "build", lambda self: broken)
+    broken.open = lambda: release.wait(20)
+    with pytest.raises(ConnectionError, match=r"open\(\) of its driver has not returned"):
+        made.connect()
+    for error in (RuntimeError("no SDK"), ValueError("x"), ConfigError("no port")):
+
+        def fail(error=error):
+            raise error
+
+        broken.open = fail
+        with pytest.raises(ConnectionError, match="cannot be opened: "):
+            made.connect()
+        assert not made.is_connected
+    broken.open = lambda: None
+    made.connect()
+    broken.close = lambda: release.wait(20)
+    with pytest.raises(ConnectionError, match=r"cannot be closed: .*has not returned"):
+        made.disconnect()
+    assert not made.is_connected
+    release.set()

@@ -1,5 +1,3 @@
-import time
-
 import cv2
 import numpy as np
 import pytest
@@ -9,6 +7,15 @@ from tactileforge_digit.sensor import Digit, packed
 from tactileforge.errors import ConfigError, SensorError
 from tactileforge.sensors.drivers import camera, v4l2
 from tactileforge.testing import check
+from tactileforge.testing.clock import FakeTime
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """The time of cameras and of a test, which passes where somebody sleeps."""
+    made = FakeTime()
+    monkeypatch.setattr(camera, "time", made)
+    return made
 
 
 def plug(system, number, *, serial, usb="2833:0209", bcd="0200", index=0):
@@ -186,10 +193,10 @@ def video(tmp_path):
     return str(path)
 
 
-def test_a_file_in_place_of_the_device_keeps_time_whoever_reads_late(video):
+def test_a_file_in_place_of_the_device_keeps_time_whoever_reads_late(video, clock):
     with Digit(device=video) as sensor:
         frames = [sensor.read() for _ in range(3)]
-        time.sleep(0.12)  # three frames are lost
+        clock.sleep(0.12)  # three frames are lost
         frames.append(sensor.read())
         numbers = [round(float(frame.array.mean()) / 3) for frame in frames]
     assert frames[0].array.shape == (320, 240, 3)
@@ -208,3 +215,10 @@ def test_conformance_with_nothing_attached(system):
     assert statuses["discover with nothing attached gives nothing"] == "ran"
     assert statuses["frames are as specified"] == "skipped"
     assert "failed" not in statuses.values()
+
+
+def test_the_first_frames_are_thrown_away_as_they_may_be_green(two, device):
+    grabbed = []
+    device.grab = lambda: grabbed.append(1) or True
+    with Digit(serial="D20001"):
+        assert len(grabbed) == 10

@@ -11,6 +11,7 @@ from tactileforge_dmtac.sensor import DmTac
 from tactileforge.errors import ConfigError, SensorError, TactileForgeError
 from tactileforge.sensors.drivers import v4l2
 from tactileforge.testing import check
+from tactileforge.testing.clock import FakeTime
 
 
 @pytest.fixture
@@ -35,11 +36,13 @@ def test_the_camera_is_found_by_its_name(tmp_path, monkeypatch):
         DmTac(serial="S1").open()
 
 
-def test_a_file_in_place_of_the_camera_and_a_reader_that_is_late(video):
-    with DmTac(device=video, crop=[8, 4, 48, 36], rotation=90, warmup=0) as sensor:
-        assert (sensor.spec.name, sensor.spec.height, sensor.spec.width) == ("dm", 48, 36)
+def test_a_file_in_place_of_the_camera_and_a_reader_that_is_late(video, monkeypatch):
+    clock = FakeTime()
+    monkeypatch.setattr("tactileforge.sensors.drivers.camera.time", clock)
+    with DmTac(device=video, crop=[8, 4, 36, 44], rotation=90, warmup=0) as sensor:
+        assert (sensor.spec.name, sensor.spec.height, sensor.spec.width) == ("dm", 36, 44)
         frames = [sensor.read() for _ in range(2)]
-        time.sleep(0.12)
+        clock.sleep(0.12)
         frames.append(sensor.read())
     numbers = [round(float(frame.array.mean()) / 3) for frame in frames]
     assert numbers[2] - numbers[1] >= 3

@@ -1,4 +1,3 @@
-import time
 from pathlib import Path
 
 import cv2
@@ -9,6 +8,15 @@ from tactileforge_gelsight.sensor import GelSightMini, GelSightMiniMarkers
 from tactileforge.errors import ConfigError, SensorError
 from tactileforge.sensors.drivers import camera, v4l2
 from tactileforge.testing import check
+from tactileforge.testing.clock import FakeTime
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """The time of cameras and of a test, which passes where somebody sleeps."""
+    made = FakeTime()
+    monkeypatch.setattr(camera, "time", made)
+    return made
 
 
 @pytest.fixture
@@ -38,10 +46,11 @@ class Device:
         dark: Frames that are black at first.
     """
 
-    def __init__(self, period, dark=0, size=(3280, 2464)):
+    def __init__(self, clock, period, dark=0, size=(3280, 2464)):
+        self.clock = clock
         self.period, self.dark, self.size = period, dark, size
         self.asked, self.count = [], 0
-        self.due = time.monotonic()
+        self.due = clock.monotonic()
 
     def isOpened(self):
         return True
@@ -58,7 +67,7 @@ class Device:
 
     def grab(self):
         self.due += self.period
-        time.sleep(max(0.0, self.due - time.monotonic()))
+        self.clock.sleep(self.due - self.clock.monotonic())
         self.count += 1
         return True
 
@@ -78,8 +87,8 @@ def test_units_are_found_by_name(system):
         GelSightMini().open()
 
 
-def test_the_rate_that_comes_is_measured_on_frames_that_are_thrown_away(system, monkeypatch):
-    made = Device(1 / 18.75, dark=10, size=(328, 246))
+def test_the_rate_that_comes_is_measured_on_frames_that_are_thrown_away(system, monkeypatch, clock):
+    made = Device(clock, 1 / 18.75, dark=10, size=(328, 246))
     monkeypatch.setattr(camera, "open_capture", lambda source, backend: made)
     monkeypatch.setattr(camera.Path, "exists", lambda path: True)
     with GelSightMini(unit="28CZ-3YA2", width=328, height=246) as sensor:
@@ -90,8 +99,8 @@ def test_the_rate_that_comes_is_measured_on_frames_that_are_thrown_away(system, 
     assert (cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*"MJPG")) in made.asked
 
 
-def test_another_mode_is_refused(system, monkeypatch):
-    made = Device(0.0, size=(640, 480))
+def test_another_mode_is_refused(system, monkeypatch, clock):
+    made = Device(clock, 0.0, size=(640, 480))
     monkeypatch.setattr(camera, "open_capture", lambda source, backend: made)
     with pytest.raises(SensorError, match="width=3280 was asked for, and it gives 640"):
         GelSightMini(unit="28CZ-3YA2").open()
@@ -139,10 +148,10 @@ def video(tmp_path):
     }
 
 
-def test_a_file_in_place_of_the_device_and_a_reader_that_is_late(video):
+def test_a_file_in_place_of_the_device_and_a_reader_that_is_late(video, clock):
     with GelSightMini(**video) as sensor:
         frames = [sensor.read() for _ in range(2)]
-        time.sleep(0.15)  # three frames are lost
+        clock.sleep(0.15)  # three frames are lost
         frames.append(sensor.read())
         assert sensor.spec.fps == 25
     numbers = [round(float(frame.array.mean()) / 3) for frame in frames]

@@ -49,8 +49,8 @@ class AwakeClock:
             self._thread.start()
 
     def _run(self) -> None:
-        while True:
-            time.sleep(_BEAT)
+        never = threading.Event()
+        while not never.wait(_BEAT):
             self.beat()
 
     def beat(self) -> None:

@@ -59,7 +59,7 @@ class ClockLag:
         """What is wrong with the times so far; "" for nothing."""
         if len(self._ends) < _LEAST:
             return ""
-        ends, least = np.array(self._ends), np.array(self._least)
+        ends, least = np.array(self._ends[:-1]), np.array(self._least[:-1])  # the last goes on
         if drift := _drift(ends - ends[0], least):
             return (
                 f"its clock is {abs(100 * drift):.0f} % {'slow' if drift > 0 else 'fast'}: seconds "

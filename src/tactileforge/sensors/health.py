@@ -65,9 +65,11 @@ class Health:
 def exposure_trouble(picture: NDArray[np.uint8]) -> str:
     """``black``, ``saturated``, or "" for neither; of uint8 (H, W, 3)."""
     seen = picture[::_STEP, ::_STEP]
-    if np.percentile(seen, 99) < _DARK:
+    # counting is ten times as fast as a percentile, which only dark pictures need
+    lit = np.count_nonzero(seen >= _DARK)
+    if lit <= 0.01 * seen.size + 1 and np.percentile(seen, 99) < _DARK:
         return "black"
-    return "saturated" if np.mean(seen > _BRIGHT) > 0.5 else ""
+    return "saturated" if np.count_nonzero(seen > _BRIGHT) > 0.5 * seen.size else ""
 
 
 def _equal(picture: NDArray[np.uint8], other: NDArray[np.uint8]) -> bool:

@@ -111,6 +111,11 @@ class _Device:
             if self._stop.wait(max(0.0, due - time.monotonic())):
                 return
 
+    @property
+    def is_playing(self) -> bool:
+        """Whether anything that was given to `play` is still to be sent."""
+        return any(thread.is_alive() for thread in self._threads)
+
     def wait(self, timeout: float = 10.0) -> None:
         """Waits until all that was given to `play` is sent."""
         for thread in self._threads:

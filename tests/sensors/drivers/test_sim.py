@@ -1,11 +1,10 @@
-import time
-
 import numpy as np
 import pytest
 
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.sensors.drivers.sim import SimSensor
 from tactileforge.testing import check
+from tactileforge.testing.clock import FakeTime
 
 
 @pytest.mark.slow
@@ -35,10 +34,12 @@ def test_touches_follow_each_other_with_their_forces() -> None:
 
 
 @pytest.mark.slow
-def test_a_late_reader_gets_the_newest_frame() -> None:
+def test_a_late_reader_gets_the_newest_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = FakeTime()
+    monkeypatch.setattr("tactileforge.sensors.drivers.sim.time", clock)
     with SimSensor("gelsight_mini", size=16) as sensor:
         first = sensor.read()
-        time.sleep(0.6)
+        clock.sleep(0.6)
         second = sensor.read()
         assert second.time - first.time > 0.4
 

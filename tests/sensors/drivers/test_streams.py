@@ -4,10 +4,10 @@ import itertools
 import math
 import random
 import struct
-import time
 
 import numpy as np
 import pytest
+from waiting import wait_until
 
 from tactileforge.errors import ConfigError, SensorError, TactileForgeError
 from tactileforge.sensors.checksums import CHECKSUMS
@@ -120,7 +120,7 @@ def test_silence_says_what_came_instead(pty):
         with pytest.raises(TimeoutError, match=r"within 0\.05 s; is it on"):
             sensor.read(0.05)
         pty.write(bytes(100))
-        time.sleep(0.05)
+        wait_until(lambda: sensor._link._port.in_waiting == 100)
         with pytest.raises(TimeoutError, match="99 bytes came that are no packets"):
             sensor.read(0.05)
 
@@ -128,10 +128,8 @@ def test_silence_says_what_came_instead(pty):
 def test_a_request_is_sent_and_a_farewell(pty):
     with wrench_sensor(port=pty.port, request="0102", farewell="03") as sensor:
         assert sensor.discover() == [pty.port]
-        time.sleep(0.05)
-        assert pty.poll() == b"\x01\x02"
-    time.sleep(0.05)
-    assert pty.poll() == b"\x01\x02\x03"
+        wait_until(lambda: pty.poll() == b"\x01\x02")
+    wait_until(lambda: pty.poll() == b"\x01\x02\x03")
 
 
 def test_a_wrench_over_udp():
