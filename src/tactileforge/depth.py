@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -14,6 +15,8 @@ from torch import Tensor
 
 from tactileforge.contracts import Sensor, SensorSpec
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
+from tactileforge.sensors.health import TROUBLES
+from tactileforge.sensors.light import LightCheck
 from tactileforge.sensors.specs import spec
 from tactileforge.sim.optics.features import BLURS, POWERS, exponents
 from tactileforge.sim.optics.inverse import Surface, SurfaceReader
@@ -82,6 +85,9 @@ class DepthReader:
             pictures: uint8 (H, W, 3) or (B, H, W, 3), RGB.
             background: uint8 (H, W, 3), without contact.
 
+        Warns of pictures that differ from the background as light does and not as a touch
+        (`sensors.light`): they are read as flat.
+
         Returns:
             Slopes (2, h, w) and depth (h, w) in mm, with B in front for several pictures; ``rows``
             are h.
@@ -100,6 +106,14 @@ class DepthReader:
             )
         height, width = background.shape[:2]
         several = pictures if pictures.ndim == 4 else pictures[None]
+        lit = list(map(LightCheck(background), several))
+        if any(lit):
+            warnings.warn(
+                f"depth: in {sum(lit)} of {len(several)} pictures the light has changed since the "
+                f"background was taken, and their depth is 0: {TROUBLES['light']}",
+                stacklevel=2,
+            )
+            several = np.where(np.array(lit)[:, None, None, None], background, several)
         reader = self._reader(height, width)
         shown = torch.stack([_shrunk(picture, reader.size) for picture in several])
         surface = reader.read(shown, _shrunk(background, reader.size))

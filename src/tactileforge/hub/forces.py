@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,6 +13,8 @@ import torch
 from torch import Tensor, nn
 
 from tactileforge.contracts import AXES, Features
+from tactileforge.hub.inputs import uses_background
+from tactileforge.sensors.light import changed_light
 
 if TYPE_CHECKING:
     from tactileforge.calibration.file import Axis
@@ -56,6 +59,54 @@ def warn_of_estimates(stacklevel: int = 3) -> None:
         "with a force sensor before use",
         stacklevel=stacklevel,
     )
+
+
+def warn_of_missing(force: Tensor, stacklevel: int = 3) -> None:
+    """Warns of frames without a force.
+
+    Args:
+        force: float32 (..., 3), N; NaN where there is none.
+        stacklevel: See `warnings.warn`.
+    """
+    missing = int(force.isnan().any(-1).sum())
+    if missing:
+        warnings.warn(
+            f"force: {missing} of {force[..., 0].numel()} frames have none (NaN): the light has "
+            "changed since the background was taken, or the force is beyond the scale of the "
+            "sensor. Keep other light away, fix the exposure, and take the background again",
+            stacklevel=stacklevel,
+        )
+
+
+def has_no_background(encoder: Any, background: Any) -> bool:
+    """Whether frames are encoded as they are: no picture at rest to compare their light with."""
+    is_none = background is None or (isinstance(background, str) and background == "none")
+    return is_none or not uses_background(encoder)
+
+
+def without_light(force: Tensor, clips: Tensor, backgrounds: Tensor) -> Tensor:
+    """Forces, NaN in frames whose light has changed while nothing touches.
+
+    Args:
+        force: float32 (B, n, 3), of the last n frames of each clip.
+        clips: uint8 (B, T, 3, H, W).
+        backgrounds: uint8 (B, 3, H, W).
+    """
+    changed = torch.from_numpy(changed_light(clips[:, -force.shape[1] :], backgrounds))
+    return force.masked_fill(changed.to(force.device)[..., None], math.nan)
+
+
+def within_scale(force: Tensor, read: Mapping[str, Tensor], scale: Tensor) -> Tensor:
+    """Forces, NaN in frames in which the head says more than the sensor's scale along an axis.
+
+    Args:
+        force: float32 (B, n, 3), N.
+        read: What the head said before any calibration, see `calibration_inputs`.
+        scale: See `scales`.
+    """
+    said = torch.stack([read[name] for name in AXES], -1)
+    beyond = (said.abs() > scale.to(said.device)).any(-1, keepdim=True)
+    return force.masked_fill(beyond, math.nan)
 
 
 def calibration_inputs(

@@ -47,7 +47,9 @@ class HeadModel(FeatureModel):
         """The force of the object on the gel in frames 2..T of each clip.
 
         Warns without a calibration of the unit: units differ in gel and light, and the newtons are
-        then an estimate, no measurement.
+        then an estimate, no measurement. Warns, too, of frames that get no force: the light has
+        changed since the background was taken and nothing touches (`sensors.light`), or the force
+        is beyond the scale of the sensor, which no force in training was.
 
         Args:
             frames: See `encode`.
@@ -57,8 +59,8 @@ class HeadModel(FeatureModel):
                 calibrate model=...``); an axis that it leaves out stays the model's estimate.
 
         Returns:
-            float32 (T - 1, 3), or (B, T - 1, 3) for a batch, N; axes as in `contracts`. A published
-            head gives the newest frame alone, (1, 3) or (B, 1, 3).
+            float32 (T - 1, 3), or (B, T - 1, 3) for a batch, N; axes as in `contracts`; NaN in the
+            frames that get none. A published head gives the newest frame alone, (1, 3) or (B, 1, 3).
 
         Raises:
             ConfigError: The file has no force head, no scale for a sensor, or the calibration is of
@@ -76,6 +78,7 @@ class HeadModel(FeatureModel):
             raise ConfigError(f"force: say which sensor it is, one of: {', '.join(known)}")
         if calibration is None:
             forces.warn_of_estimates()
+        forces.warn_of_missing(force)
         return force
 
     def surface(
@@ -197,6 +200,7 @@ class HeadModel(FeatureModel):
         *,
         unknown_sensor: Policy = "error",
         calibration: Calibration | str | Path | None = None,
+        check_light: bool = True,
     ) -> ModelReadings:
         """Vectors and forces of clips, from one pass of the encoder.
 
@@ -206,6 +210,7 @@ class HeadModel(FeatureModel):
             sensor: See `encode`.
             unknown_sensor: See `encode`.
             calibration: See `force`.
+            check_light: Whether frames whose light has changed get no force; see `force`.
 
         Raises:
             DataError: See `encode`.
@@ -224,6 +229,9 @@ class HeadModel(FeatureModel):
                 axes = None if calibration is None else self.axes_of(calibration, names)
                 newton = self._readable(tokens, projected, scale)
                 vector, force = projected.float(), forces.to_newton(newton, axes)
+                force = forces.within_scale(force, newton, scale)
+                if check_light and not forces.has_no_background(self.encoder, background):
+                    force = forces.without_light(force, x, still)
         if single:
             return ModelReadings(vector[0], None if force is None else force[0])
         return ModelReadings(vector, force)

@@ -14,6 +14,10 @@ TROUBLES = {
     "frozen": "the same picture again and again: plug the sensor out and in",
     "black": "pictures are black: is its light on, is exposure= too low?",
     "saturated": "pictures are saturated: lower exposure=, or cover the sensor from other light",
+    "light": "the light has changed since the background was taken: keep other light away, fix the "
+    "exposure, and take the background again",
+    "out_of_range": "the force is beyond what the sensor's scale knows: press less, or take the "
+    "background again",
 }
 #: Seconds of one and the same picture that count as frozen.
 FROZEN_AFTER = 1.0

@@ -13,6 +13,7 @@ from tactileforge.contracts import Frame
 from tactileforge.errors import ConfigError, DataError, SensorError
 from tactileforge.sensors.background import Background, check_background, spread_frames
 from tactileforge.sensors.health import exposure_trouble
+from tactileforge.sensors.light import LightCheck
 from tactileforge.streaming.buffer import ClipBuffer, FrameWithClip, warn_of_slow_frames
 from tactileforge.streaming.contact import (
     BackgroundChange,
@@ -45,9 +46,9 @@ class Prediction:
         number: Of the frame, counted from 1.
         time: When it was taken, s, on the clock of whoever gave it.
         difference: From the background, grey levels.
-        contact: Whether anything touches; None where the image is invalid.
-        force: N, x, y and z, axes as in `contracts`; None where the model gives none, or the image
-            is invalid.
+        contact: Whether anything touches; None where the image is invalid or the light has changed.
+        force: N, x, y and z, axes as in `contracts`; None where the model gives none, the image is
+            invalid, the light has changed or the force is beyond the sensor's scale.
         slip: See `contact.SlipEstimator`; None without forces.
         trouble: One of `sensors.health.TROUBLES`; "" for none.
         embedding: float32 (projected,), the model's vector; None where it is not asked for.
@@ -203,6 +204,7 @@ class TouchStream:
         self.background = image
         self._still = self.prepare(image)
         self._difference = BackgroundChange(image, self._camera)
+        self._light = LightCheck(image)
 
     def prepare(self, image: Image) -> Image:
         """Prepares an image as in training, once, however many clips it is part of."""
@@ -236,9 +238,15 @@ class TouchStream:
         slip: bool | None = None
         vector: NDArray[np.float32] | None = None
         difference = self._difference(frame.array)
-        if not trouble:
+        if self._camera and not trouble and self._light(frame.array):
+            trouble = "light"
+        if trouble == "light":
+            vector = self._read(shot)[1]
+        elif not trouble:
             contact = self.contact.update(difference)
             force, vector = self._read(shot)
+            if force is not None and not all(map(math.isfinite, force)):
+                force, trouble = None, "out_of_range"
             if force is not None:
                 slip = self.slip.update(frame.time, np.array(force), contact)
         return Prediction(
@@ -259,7 +267,11 @@ class TouchStream:
         if self.model is None or shot.clip is None:
             return None, None
         reading = self.model.readings(
-            shot.clip, self._still, self.sensor, calibration=self.calibration
+            shot.clip,
+            self._still,
+            self.sensor,
+            calibration=self.calibration,
+            check_light=False,  # looked at already, in the picture as it came
         )
         vector = reading.vector.cpu().numpy() if self.embedding else None
         if reading.force is None:

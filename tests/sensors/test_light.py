@@ -1,0 +1,195 @@
+"""A change of light is no touch, and a touch is no change of light."""
+
+import warnings
+from functools import cache
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+import tactileforge
+from tactileforge.compose import option
+from tactileforge.depth import DepthReader
+from tactileforge.registry import build
+from tactileforge.sensors.light import LightCheck, changed_light
+from tactileforge.streaming.touch_stream import TouchStream
+
+SIZES = {
+    "digit": (320, 240),
+    "gelsight_mini": (240, 320),
+    "gelsight": (480, 640),
+    "wide": (270, 480),
+}
+LIGHTS = {
+    "brighter": lambda rest, x, y: rest + 6,
+    "much brighter": lambda rest, x, y: rest + 30,
+    "darker": lambda rest, x, y: rest - 10,
+    "exposure 1.08": lambda rest, x, y: rest * 1.08,
+    "exposure .85": lambda rest, x, y: rest * 0.85,
+    "red dims": lambda rest, x, y: rest * np.stack([1 - 0.25 * (1 - x), 1 + 0 * x, 1 + 0 * x], -1),
+    "one side dims": lambda rest, x, y: rest * (1 - 0.3 * np.exp(-(x**2) / 0.2))[..., None],
+    "daylight at an edge": lambda rest, x, y: rest + 30 * np.exp(-x / 0.2)[..., None],
+    "daylight at a corner": lambda rest, x, y: rest + 40 * np.exp(-(x**2 + y**2) / 0.15)[..., None],
+    "white balance": lambda rest, x, y: rest * np.array([1.1, 1, 0.9]),
+}
+
+
+def grid(size):
+    return np.meshgrid(*(np.linspace(0, 1, n) for n in size[::-1]))
+
+
+def resting(size):
+    """A gel lit from three sides, darker at its rim."""
+    x, y = grid(size)
+    rim = 1 - 0.25 * ((x - 0.5) ** 2 + (y - 0.5) ** 2)
+    return np.stack([90 + 20 * y, 105 - 24 * abs(x - 0.5), 110 - 20 * y], -1) * rim[..., None]
+
+
+def shown(picture, seed=0):
+    """As a camera sees it: noise of 1.5 grey levels, uint8."""
+    noise = np.random.default_rng(seed).normal(0, 1.5, picture.shape)
+    return np.clip(picture + noise, 0, 255).astype(np.uint8)
+
+
+def pressed(size, radius=0.2, depth=30.0):
+    """A ball on the gel: each colour brighter on one side of it and darker on the other."""
+    x, y = grid(size)
+    far = np.hypot((x - 0.5) * size[1] / min(size), (y - 0.5) * size[0] / min(size))
+    inside = far < radius
+    slopes = np.stack([x - 0.5, y - 0.5, 0.5 - x], -1) / radius
+    return resting(size) + depth * slopes * inside[..., None]
+
+
+@pytest.mark.parametrize("size", SIZES.values(), ids=SIZES)
+@pytest.mark.parametrize("kind", LIGHTS)
+def test_light_is_told(kind, size):
+    rest = resting(size)
+    assert LightCheck(shown(rest))(shown(LIGHTS[kind](rest, *grid(size)), 1))
+
+
+@pytest.mark.parametrize("size", SIZES.values(), ids=SIZES)
+@pytest.mark.parametrize("depth", [10.0, 30.0, 80.0])
+def test_a_touch_is_not_light(depth, size):
+    check = LightCheck(shown(resting(size)))
+    assert not check(shown(resting(size), 1)), "at rest"
+    assert not check(shown(pressed(size, depth=depth), 1))
+    assert not check(shown(pressed(size, depth=depth) * 1.03, 1)), "in slightly other light"
+
+
+def test_a_slow_drift_is_told_before_it_is_read_as_force():
+    rest, check = resting((320, 240)), LightCheck(shown(resting((320, 240))))
+    found = [check(shown(rest + 0.1 * step, step)) for step in range(120)]
+    assert not any(found[:30])
+    assert all(found[70:])
+
+
+def test_clips_are_looked_at_frame_by_frame():
+    rest = resting((64, 64))
+    frames = np.stack([shown(rest), shown(rest + 20), shown(pressed((64, 64)))])
+    clips = torch.from_numpy(frames).permute(0, 3, 1, 2)[None]
+    still = torch.from_numpy(shown(rest, 1)).permute(2, 0, 1)[None]
+    assert changed_light(clips, still).tolist() == [[False, True, False]]
+    assert not changed_light(clips[..., :8, :8], still[..., :8, :8]).any(), "too few pixels"
+
+
+@cache
+def tiny():
+    return tactileforge.load("anytouch2.tiny")
+
+
+def clip_of(picture):
+    return np.stack([shown(picture, seed) for seed in range(4)])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sensor", ["digit", "gelsight_mini"])
+@pytest.mark.parametrize("kind", LIGHTS)
+def test_light_is_no_force(kind, sensor):
+    rest = resting(SIZES[sensor])
+    still, clip = shown(rest, 9), clip_of(LIGHTS[kind](rest, *grid(SIZES[sensor])))
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        force = tiny().force(clip, still, sensor)
+    assert any("3 of 3 frames have none (NaN): the light" in str(one.message) for one in said)
+    assert force.isnan().all()
+    vector = tiny().encode(clip, still, sensor)
+    assert vector.isfinite().all()
+
+
+@pytest.mark.slow
+def test_a_force_beyond_the_scale_is_not_given():
+    from tactileforge.hub.forces import within_scale
+
+    scale = torch.tensor([[[5.0, 10.0, 14.0]]])
+    read = {"x": torch.tensor([[1.0, 6.0]]), "y": torch.zeros(1, 2), "z": torch.tensor([[14.5, 3]])}
+    force = within_scale(torch.ones(1, 2, 3), read, scale)
+    assert force.isnan().all()
+    read = {name: torch.zeros(1, 2) for name in "xyz"}
+    assert within_scale(torch.ones(1, 2, 3), read, scale).eq(1).all()
+
+
+@pytest.mark.slow
+def test_a_stream_names_the_light_and_gives_no_force():
+    rest = resting((320, 240))
+    stream = TouchStream(tiny(), "digit", background=shown(rest, 9))
+    readings = []
+    for number in range(60):
+        light = rest if number < 30 else rest + 12
+        readings.append(stream.push(shown(light, number), number / 15))
+    before, after = readings[10], readings[-1]
+    assert (before.trouble, before.contact) == ("", False)
+    assert abs(np.array(before.force)).max() < 0.5
+    assert (after.trouble, after.contact, after.force, after.slip) == ("light", None, None, None)
+    assert np.isfinite(after.embedding).all()
+
+
+def test_contact_without_a_model_names_it_too():
+    rest = resting((240, 320))
+    stream = TouchStream(None, background=shown(rest, 9))
+    assert stream.push(shown(rest, 1), 0.0).contact is False
+    assert stream.push(shown(rest + 20, 2), 0.1).trouble == "light"
+    assert stream.push(shown(pressed((240, 320)), 3), 0.2).contact is True
+
+
+@pytest.mark.parametrize("sensor", ["digit", "gelsight_mini"])
+def test_light_is_no_depth(sensor):
+    rest = resting(SIZES[sensor])
+    reader, still = DepthReader(sensor), shown(rest, 9)
+    for more in (6, 12, -10):
+        with pytest.warns(UserWarning, match="the light has changed since the background"):
+            assert float(reader.read(shown(rest + more), still).depth.abs().max()) < 0.02
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert float(reader.read(shown(pressed(SIZES[sensor])), still).depth.max()) > 0.015
+
+
+@pytest.mark.realdata
+@pytest.mark.slow
+def test_no_public_touch_is_taken_for_light(realdata):
+    """Every recording with a background: some frames of each."""
+    alarms, looked = [], 0
+    for preset in ("public_samples", "gsmini_slip"):
+        data = build("datasets", option("data", [f"data={preset}", f"data.root={realdata}"]))
+        for number, recording in enumerate(data.recordings("train")):
+            if number % 4 or (background := recording.background()) is None:
+                continue
+            check = LightCheck(background)
+            rows = np.unique(np.linspace(0, len(recording.frames) - 1, 6).astype(int)).tolist()
+            for frame in recording.frames.read(rows):
+                looked += 1
+                if check(frame):
+                    alarms.append(recording.key)
+    assert looked > 300
+    assert alarms == []
+
+
+@pytest.mark.realdata
+@pytest.mark.parametrize("name", ["digit_D00011", "digit_D00024", "digit_tvl", "gelslim3_ref"])
+@pytest.mark.parametrize("kind", LIGHTS)
+def test_light_on_real_backgrounds(realdata, name, kind):
+    (path,) = (realdata / "sensor_backgrounds").glob(f"{name}.*")
+    rest = cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2RGB).astype(float)
+    if name.startswith("gelslim") and kind in ("darker", "exposure .85", "daylight at an edge"):
+        pytest.skip("its black surround cannot get darker, so that the rim of the gel is an edge")
+    assert LightCheck(shown(rest))(shown(LIGHTS[kind](rest, *grid(rest.shape[:2])), 1))
