@@ -6,16 +6,15 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS, Frames, FrameSubset, Recording
 from tactileforge.data.frames.crop import size_text
-from tactileforge.data.frames.lazy import VIDEO_SUFFIXES, Crop, ImageFrames, VideoFrames
+from tactileforge.data.frames.lazy import Crop, ImageFrames, VideoFrames
 from tactileforge.data.labels.actions import label_actions
-from tactileforge.datasets.reading.files import DamagedFileError, kind_of, matching_files
+from tactileforge.datasets.reading.files import kind_of, matching_files
 from tactileforge.datasets.reading.frame_clock import Clocks, FrameClock
 from tactileforge.datasets.reading.frame_tables import FrameTables
 from tactileforge.datasets.reading.image_rows import ImageRows
@@ -30,10 +29,8 @@ from tactileforge.datasets.reading.tables import (
     label_row,
     read_labels,
 )
-from tactileforge.datasets.reading.touch import LayoutTouch
+from tactileforge.datasets.reading.touch import FileFrames, LayoutTouch, open_files
 from tactileforge.errors import DataError, DataNotFoundError
-
-FileFrames: TypeAlias = VideoFrames | ImageFrames
 
 #: Frames of a recording of which the median is taken.
 _MEDIAN_FRAMES = 15
@@ -252,7 +249,7 @@ class LayoutReader:
             return None
         path = self._path(rule.file, touch)
         if path not in self._backgrounds:
-            self._backgrounds[path] = _open([path])
+            self._backgrounds[path] = open_files([path])
         background = self._backgrounds[path]
         if background.full_shape != frames.full_shape:
             raise DataError(
@@ -288,18 +285,7 @@ class LayoutReader:
                 f"{self.folder}: no camera view of {touch.name} matches {pattern!r}; add it, or "
                 f"correct image of layout {self.layout.name!r}"
             )
-        return _open(files)
-
-
-def _open(paths: list[Path]) -> FileFrames:
-    """Opens what belongs to a touch beside its frames."""
-    is_video = len(paths) == 1 and paths[0].suffix.lower() in VIDEO_SUFFIXES
-    try:
-        return VideoFrames(paths[0]) if is_video else ImageFrames(paths)
-    except DataNotFoundError:
-        raise
-    except DataError as error:
-        raise DamagedFileError(str(error)) from error
+        return open_files(files)
 
 
 def _value(cell: str) -> str | float:
