@@ -1,4 +1,5 @@
 from collections import Counter
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -6,6 +7,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from tactileforge.contracts import ACTIONS, Recording
+from tactileforge.data.labels.doubts import Doubts
 from tactileforge.datasets.recordings import Recordings
 from tactileforge.errors import DataNotFoundError
 
@@ -26,7 +28,17 @@ def splits(realdata: Path) -> dict[str, list[Recording]]:
     data = Recordings(str(realdata), CONFIG.layouts, CONFIG.val)
     by_split = {split: list(data.recordings(split)) for split in ("train", "val")}
     assert data.skipped == []
+    assert data.notes == []
     return by_split
+
+
+@pytest.mark.realdata
+def test_no_label_time_or_size_is_doubted(splits: dict[str, list[Recording]]) -> None:
+    doubts = Doubts()
+    for recording in chain(*splits.values()):
+        doubts.add(recording)
+    assert doubts.total > 500
+    assert [*doubts.of_each(), *doubts.of_all()] == []
 
 
 @pytest.mark.realdata

@@ -14,8 +14,9 @@ from tactileforge.contracts import Recording
 from tactileforge.datasets.reading.files import DamagedFileError
 from tactileforge.datasets.reading.layout import EXAMPLE, SPLITS, DatasetLayout, parse_layout
 from tactileforge.datasets.reading.notes import Notes
-from tactileforge.datasets.reading.reader import LayoutReader, LayoutTouch
+from tactileforge.datasets.reading.reader import LayoutReader
 from tactileforge.datasets.reading.splits import is_held_out, split_parts
+from tactileforge.datasets.reading.touch import LayoutTouch
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
 from tactileforge.strict import build
 from tactileforge.untrusted import load_yaml

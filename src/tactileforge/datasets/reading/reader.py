@@ -2,60 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS, Frames, FrameSubset, Recording
 from tactileforge.data.frames.crop import size_text
-from tactileforge.data.frames.lazy import VIDEO_SUFFIXES, Crop, ImageFrames, VideoFrames
+from tactileforge.data.frames.lazy import Crop, ImageFrames, VideoFrames
 from tactileforge.data.labels.actions import label_actions
-from tactileforge.datasets.reading.files import DamagedFileError, kind_of, matching_files
+from tactileforge.datasets.reading.files import kind_of, matching_files
 from tactileforge.datasets.reading.frame_clock import Clocks, FrameClock
-from tactileforge.datasets.reading.image_rows import ImageRows, names_images
+from tactileforge.datasets.reading.frame_tables import FrameTables
+from tactileforge.datasets.reading.image_rows import ImageRows
 from tactileforge.datasets.reading.layout import (
     DatasetLayout,
     check_action,
     check_sensor,
-    template_columns,
 )
 from tactileforge.datasets.reading.layout_keys import FrameTable
 from tactileforge.datasets.reading.order import order_doubt
-from tactileforge.datasets.reading.table_clock import on_frames
 from tactileforge.datasets.reading.tables import (
-    LabelRow,
-    Row,
     label_row,
-    read_actions,
-    read_force,
     read_labels,
 )
+from tactileforge.datasets.reading.touch import FileFrames, LayoutTouch, open_files
 from tactileforge.errors import DataError, DataNotFoundError
-
-FileFrames: TypeAlias = VideoFrames | ImageFrames
 
 #: Frames of a recording of which the median is taken.
 _MEDIAN_FRAMES = 15
-
-
-@dataclass(frozen=True)
-class LayoutTouch:
-    """One touch before it is opened.
-
-    Attributes:
-        name: Its file, or its folder for an image sequence, from the folder of the layout.
-        paths: Its files.
-        row: What is known of it.
-    """
-
-    name: str
-    paths: list[Path]
-    row: LabelRow
 
 
 class LayoutReader:
@@ -78,13 +56,16 @@ class LayoutReader:
         self.folder = root / layout.path
         self.odd: list[str] = []
         self.doubts: list[tuple[str, str]] = []
-        self._clocks = Clocks(layout, ImageRows(self.folder, []))
+        self._of(ImageRows(self.folder, []))
         self._backgrounds: dict[Path, FileFrames] = {}
         if not self.folder.is_dir():
             raise DataNotFoundError(
                 f"{self.folder}: no such folder; set data.root to the folder of the data, or leave "
                 f"the layout out: data.layouts.{layout.name}=null"
             )
+
+    def _of(self, rows: ImageRows) -> None:
+        self._clocks, self._tables = Clocks(self.layout, rows), FrameTables(self.layout, rows)
 
     def touches(self) -> list[LayoutTouch]:
         """The touches, in natural order; reads nothing but the labels.
@@ -105,7 +86,7 @@ class LayoutReader:
         for path in files:
             touch = path.parent if self.layout.each == "sequence" else path
             named.setdefault(touch.relative_to(self.folder).as_posix(), []).append(path)
-        self._clocks = Clocks(self.layout, ImageRows(self.folder, files))
+        self._of(ImageRows(self.folder, files))
         labels = read_labels(self.layout, self.folder)
         for name, row in labels.items():
             if name not in named and not (self.folder / name).exists():
@@ -174,7 +155,7 @@ class LayoutReader:
         clock = self._clocks.times(touch.paths, video, partial(self._path, touch=touch))
         self._doubt(touch, clock.doubt)
         times = clock.times
-        force = self._force(touch, clock) if layout.force else None
+        force = self._force(touch, clock)
         phrases = [row.fill(phrase, spaced=True) for phrase in layout.text]
         whole = Recording(
             key=f"{layout.name}/{touch.name}",
@@ -225,29 +206,14 @@ class LayoutReader:
         if doubt:
             self.doubts.append((touch.name, doubt))
 
-    def _force(self, touch: LayoutTouch, clock: FrameClock) -> NDArray[np.float32]:
-        layout = self.layout
-        table = layout.force
-        assert table is not None
-        felt_by = [layout.sensor, *(tile.sensor for tile in layout.crops.values())]
+    def _force(self, touch: LayoutTouch, clock: FrameClock) -> NDArray[np.float32] | None:
+        table = self.layout.force
+        if table is None:
+            return None
+        felt_by = [self.layout.sensor, *(tile.sensor for tile in self.layout.crops.values())]
         sensor = self._sensor(next(name for name in felt_by if name), touch)
-        note = partial(self._doubt, touch)
-        fit = partial(on_frames, start=clock.start, note=note)
-        path = self._path(table.file, touch)
-        return read_force(table, path, clock.times, sensor, fit, self._images(table, touch))
-
-    def _images(self, table: FrameTable, touch: LayoutTouch) -> Mapping[int, Row] | None:
-        """Rows by frame of a table whose rows name images; None for one of another kind."""
-        if table.frame or table.time or self.layout.each == "video":
-            return None
-        path = self._path(table.file, touch)
-        is_shared = not template_columns(table.file)
-        if table.key is None and not (
-            self.layout.each == "touch" and (is_shared or names_images(path))
-        ):
-            return None
-        columns = [name for name in table.columns if name]
-        return self._clocks.rows.find(path, table.key, columns, touch.paths, is_shared)
+        path, note = self._path(table.file, touch), partial(self._doubt, touch)
+        return self._tables.force(table, path, clock, sensor, touch.paths, note)
 
     def _action(
         self, touch: LayoutTouch, times: NDArray[np.float64], force: NDArray[np.float32] | None
@@ -259,7 +225,7 @@ class LayoutReader:
             return label_actions(times, force)
         if isinstance(action, FrameTable):
             path = self._path(action.file, touch)
-            return read_actions(action, path, len(times), self._images(action, touch))
+            return self._tables.actions(action, path, len(times), touch.paths)
         actions = np.full(len(times), -1, np.int64)
         if isinstance(action, str):
             name = touch.row.fill(action)
@@ -283,7 +249,7 @@ class LayoutReader:
             return None
         path = self._path(rule.file, touch)
         if path not in self._backgrounds:
-            self._backgrounds[path] = _open([path])
+            self._backgrounds[path] = open_files([path])
         background = self._backgrounds[path]
         if background.full_shape != frames.full_shape:
             raise DataError(
@@ -319,18 +285,7 @@ class LayoutReader:
                 f"{self.folder}: no camera view of {touch.name} matches {pattern!r}; add it, or "
                 f"correct image of layout {self.layout.name!r}"
             )
-        return _open(files)
-
-
-def _open(paths: list[Path]) -> FileFrames:
-    """Opens what belongs to a touch beside its frames."""
-    is_video = len(paths) == 1 and paths[0].suffix.lower() in VIDEO_SUFFIXES
-    try:
-        return VideoFrames(paths[0]) if is_video else ImageFrames(paths)
-    except DataNotFoundError:
-        raise
-    except DataError as error:
-        raise DamagedFileError(str(error)) from error
+        return open_files(files)
 
 
 def _value(cell: str) -> str | float:

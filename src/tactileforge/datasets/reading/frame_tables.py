@@ -1,0 +1,78 @@
+"""Forces and actions of the frames of a touch, from CSVs whose rows are frames, times or images."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.datasets.reading.frame_clock import FrameClock
+from tactileforge.datasets.reading.image_rows import ImageRows, names_images
+from tactileforge.datasets.reading.layout import DatasetLayout, template_columns
+from tactileforge.datasets.reading.layout_keys import FrameTable
+from tactileforge.datasets.reading.table_clock import on_frames
+from tactileforge.datasets.reading.tables import Row, read_actions, read_force
+
+
+class FrameTables:
+    """Reads the tables of a layout, each for the frames of a touch.
+
+    Args:
+        layout: The layout.
+        rows: Finds rows that name images.
+    """
+
+    def __init__(self, layout: DatasetLayout, rows: ImageRows) -> None:
+        self.layout = layout
+        self.rows = rows
+
+    def force(
+        self,
+        table: FrameTable,
+        path: Path,
+        clock: FrameClock,
+        sensor: str,
+        paths: Sequence[Path],
+        note: Callable[[str], None],
+    ) -> NDArray[np.float32]:
+        """Forces per frame, (T, 3), N; see `tables.read_force`.
+
+        Args:
+            table: Its columns.
+            path: The CSV.
+            clock: Times of the frames.
+            sensor: The sensor that has felt them.
+            paths: Files of the touch.
+            note: Is told what is not clear; see `table_clock.on_frames`.
+        """
+        fit = partial(on_frames, start=clock.start, note=note)
+        return read_force(table, path, clock.times, sensor, fit, self._images(table, path, paths))
+
+    def actions(
+        self, table: FrameTable, path: Path, count: int, paths: Sequence[Path]
+    ) -> NDArray[np.int64]:
+        """Actions per frame, (T,); see `tables.read_actions`.
+
+        Args:
+            table: Its column.
+            path: The CSV.
+            count: Number of frames.
+            paths: Files of the touch.
+        """
+        return read_actions(table, path, count, self._images(table, path, paths))
+
+    def _images(
+        self, table: FrameTable, path: Path, paths: Sequence[Path]
+    ) -> Mapping[int, Row] | None:
+        """Rows by frame of a table whose rows name images; None for one of another kind."""
+        if table.frame or table.time or self.layout.each == "video":
+            return None
+        is_shared = not template_columns(table.file)
+        is_stills = self.layout.each == "touch" and (is_shared or names_images(path))
+        if table.key is None and not is_stills:
+            return None
+        columns = [name for name in table.columns if name]
+        return self.rows.find(path, table.key, columns, paths, is_shared)
