@@ -168,7 +168,7 @@ def test_an_expert_that_mostly_fails_is_an_error(tmp_path):
 @pytest.mark.slow
 def test_an_episode_that_is_damaged_is_played_anew(tmp_path, caplog):
     """A flipped bit, a file that is cut off, a damaged note; the bytes are those of before."""
-    write_demonstrations(options(tmp_path))
+    write_demonstrations(options(tmp_path, n=6))
     before = contents(tmp_path)
     first, second = sorted(tmp_path.glob("episode-*.tar"))[:2]
     raw = bytearray(first.read_bytes())
@@ -178,7 +178,7 @@ def test_an_episode_that_is_damaged_is_played_anew(tmp_path, caplog):
     part = tmp_path / ".episode-00000.tar.x-1.abc.part"
     part.touch()
     os.utime(part, (0, 0))
-    write_demonstrations(options(tmp_path))
+    write_demonstrations(options(tmp_path, n=6))
     assert contents(tmp_path) == before
     assert f"{first}: damaged, so it is made anew" in caplog.text
     assert f"{second}: damaged, so it is made anew" in caplog.text
