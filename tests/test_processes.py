@@ -1,12 +1,14 @@
 """Number of processes that work is spread over."""
 
 import os
+import signal
 import subprocess
 import sys
 
 import pytest
+from waiting import wait_until
 
-from tactileforge.processes import process_count
+from tactileforge.processes import process_count, run_program, with_this_process
 
 PRINT = "from tactileforge.processes import cpus; print(cpus())"
 
@@ -27,3 +29,39 @@ def test_a_scheduler_that_gives_one_core_is_asked_for_no_more() -> None:
         check=True,
     )
     assert said.stdout == "1\n"
+
+
+CHILD = (
+    "import os, sys, time; from tactileforge.processes import end_with_parent\n"
+    "end_with_parent()\n"
+    "print(os.getpid(), flush=True)\n"
+    "while True: time.sleep(1)"
+)
+PARENT = (
+    "import subprocess, sys; from tactileforge.processes import with_this_process\n"
+    f"subprocess.run([sys.executable, '-c', {CHILD!r}], env=with_this_process())"
+)
+
+
+def test_a_child_ends_with_its_parent_however_that_ends() -> None:
+    with subprocess.Popen([sys.executable, "-c", PARENT], stdout=subprocess.PIPE) as parent:
+        assert parent.stdout is not None
+        child = int(parent.stdout.readline())
+        assert _runs(child)
+        parent.send_signal(signal.SIGKILL)
+        wait_until(lambda: not _runs(child), 60)
+
+
+def _runs(process: int) -> bool:
+    try:
+        with open(f"/proc/{process}/stat") as file:
+            return file.read().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def test_a_program_is_shown_and_its_last_words_are_kept(capfd: pytest.CaptureFixture[str]) -> None:
+    code = "import sys; print('out'); sys.exit('error: no')"
+    assert run_program([sys.executable, "-c", code]) == (1, "error: no\n")
+    assert "error: no" in capfd.readouterr().err
+    assert with_this_process()["TACTILEFORGE_PARENT"] == str(os.getpid())

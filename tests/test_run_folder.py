@@ -407,3 +407,15 @@ def test_sensors_keep_their_rows_in_a_run_that_starts_from_another(tmp_path: Pat
     before, after = (run_folder.read_config(run)["encoder"]["sensors"] for run in runs)
     assert before == {key: after[key] for key in before}
     assert set(after) - set(before) == {"camera"}
+
+
+def test_the_folders_of_data_are_found_from_anywhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("a").mkdir()
+    sources = {"x": {"name": "shards", "root": "a"}, "y": {"root": "hf://b/c"}}
+    found = run_folder.anywhere({"root": None, "cache": "nowhere", "sources": sources})
+    assert found["sources"]["x"] == {"name": "shards", "root": str(tmp_path / "a")}
+    assert found["sources"]["y"] == {"root": "hf://b/c"}
+    assert found["cache"] == "nowhere"

@@ -61,24 +61,6 @@ def command(*words: str) -> str:
     return shlex.join(["tactileforge", *words])
 
 
-#: What the system says where a file or folder may not be changed.
-_CLOSED = frozenset({errno.EACCES, errno.EPERM, errno.EROFS})
-
-
-def closed(error: OSError) -> str:
-    """Says that a file or folder may not be changed, and the fix; "" for any other error.
-
-    Example:
-        >>> closed(PermissionError(errno.EACCES, "Permission denied", "/runs/a"))
-        '/runs/a: no access (Permission denied); make it writable, or give another folder'
-    """
-    if error.errno not in _CLOSED or not error.filename:
-        return ""
-    return (
-        f"{error.filename}: no access ({error.strerror}); make it writable, or give another folder"
-    )
-
-
 def nearest_name(name: str, known: Iterable[str]) -> str:
     """Ending of an error on an unknown name: the nearest known name, or a full stop.
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-from tactileforge.errors import ConfigError, DataError
+from tactileforge.errors import ConfigError, DataError, full
 from tactileforge.untrusted import dump_yaml, load_json, load_yaml
 
 log = logging.getLogger(__name__)
@@ -25,6 +25,9 @@ log = logging.getLogger(__name__)
 _ABANDONED = 3600.0
 #: Ending of the name of a part: its machine and process, before other words.
 _PART = re.compile(r"(?:\.([^.-]+)-(\d+)\.\w+|\.\w+)?\.part(?:\.\w+)?$")
+#: What the system says where nothing can be written.
+_UNWRITABLE = frozenset({errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOTDIR, errno.ENAMETOOLONG})
+_CACHE_FIX = "set TACTILEFORGE_CACHE= to a folder that can be written"
 #: Bytes that a full disk has no room for.
 _BLOCK = 4096
 #: First line of a sealed YAML, before the checksum of what follows.
@@ -182,8 +185,7 @@ def check_cache(path: str | None = None) -> None:
     Raises:
         ConfigError: It cannot; says the fix.
     """
-    fix = "set TACTILEFORGE_CACHE= to a folder that can be written"
-    check_writable(cache_folder(path), fix, folder=True)
+    check_writable(cache_folder(path), _CACHE_FIX, folder=True)
 
 
 @contextmanager
@@ -207,6 +209,24 @@ def writing(path: Path) -> Iterator[None]:
             f"{path}: cannot be written ({reason}); make room, or choose another place: out=, or "
             "TACTILEFORGE_CACHE for weights that are fetched"
         ) from error
+
+
+def unwritable(error: OSError) -> str:
+    """Says that a place is read-only or full, and the fix; "" for any other error.
+
+    Example:
+        >>> unwritable(OSError(errno.EROFS, "Read-only file system", "a"))
+        'a: cannot be written (Read-only file system); give another out= or hydra.run.dir='
+        >>> unwritable(OSError(errno.ENOENT, "No such file"))
+        ''
+    """
+    if error.errno not in _UNWRITABLE or not isinstance(error.filename, str):
+        return full(error)
+    path = Path(error.filename).absolute()
+    fix = "give another out= or hydra.run.dir="
+    if path.is_relative_to(cache_folder().absolute()):
+        fix = _CACHE_FIX
+    return full(error) or f"{error.filename}: cannot be written ({error.strerror}); {fix}"
 
 
 def sha256(path: Path) -> str:

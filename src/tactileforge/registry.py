@@ -190,7 +190,9 @@ def build(kind: str, config: Mapping[str, Any], **given: Any) -> Any:
         ConfigError: An argument the constructor does not have, a missing one, or one of another
             type than its hint says.
     """
-    arguments = dict(config)
+    arguments = strict.mapping(f"the {kind.removesuffix('s')}", config)
+    if "name" not in arguments:
+        raise ConfigError(f"the {kind.removesuffix('s')} names no plugin: its YAML has no name:")
     name = str(arguments.pop("name"))
     plugin = get(kind, name)
     known = parameters(plugin)

@@ -56,6 +56,22 @@ def identity() -> str:
     return secrets.token_hex(8)
 
 
+def anywhere(data: Mapping[str, Any]) -> dict[str, Any]:
+    """Options of a data set whose folders are found from any other folder.
+
+    Args:
+        data: Its node; ``root`` and ``cache``, also of its sources, become absolute paths where
+            they are there.
+    """
+    made = dict(data)
+    for key, value in data.items():
+        if isinstance(value, Mapping):
+            made[key] = anywhere(value)
+        elif key in ("root", "cache") and isinstance(value, str) and Path(value).exists():
+            made[key] = str(Path(value).absolute())
+    return made
+
+
 def write_config(folder: Path, plain: Mapping[str, Any]) -> None:
     """Writes ``config.yaml``, with its checksum."""
     write_text(folder / CONFIG, sealed_yaml(plain))

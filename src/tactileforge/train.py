@@ -98,6 +98,7 @@ def train(config: DictConfig | dict[str, Any], folder: Path) -> TouchModule:
                 log.info("the run has ended at step %d; to go further: trainer.max_steps=", step)
         else:
             plain["run"] = run_folder.identity()
+            plain["data"] = run_folder.anywhere(plain["data"])
         return _train(plain, folder, resume, step, is_news)
 
 

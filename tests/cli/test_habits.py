@@ -17,7 +17,7 @@ from omegaconf import OmegaConf
 
 from tactileforge import cli
 from tactileforge.cli._complete import complete
-from tactileforge.cli._options import options
+from tactileforge.cli._options import options, yaml_text
 from tactileforge.cli._sweep import SweepTable
 from tactileforge.cli._words import read
 from tactileforge.compose import compose
@@ -96,7 +96,9 @@ def test_multirun_trains_each_in_a_folder_of_its_own() -> None:
 
     assert cli.run(["train", "-m", "seed=0,1", *SMALL]) == 0
     (sweep,) = Path("runs/sweeps").iterdir()
-    assert {p.name for p in sweep.iterdir()} == {"0", "1", "multirun.yaml", "sweep.csv"}
+    assert {p.name for p in sweep.iterdir()} == {
+        *("0", "1", "multirun.yaml", "sweep.csv", ".lock", ".sweep.json")
+    }
     for number in range(2):
         assert yaml.safe_load((sweep / str(number) / "config.yaml").read_text())["seed"] == number
         assert (sweep / str(number) / "report.html").is_file()
@@ -303,10 +305,47 @@ def test_explain_says_where_a_value_is_from(capsys: pytest.CaptureFixture[str]) 
         ("tactileforge train objective=[pixel,for", ["[pixel,force"]),
         ("tactileforge data pack data=ycb", ["ycb_slide"]),
         ("tactileforge record qua", ["quality="]),
+        ("tactileforge train trainer.max_s", ["trainer.max_steps="]),
+        ("tactileforge train --optim.wei", ["--optim.weight_decay="]),
+        ("tactileforge train data=recordings data.roo", ["data.root="]),
+        ("tactileforge train objective.force.sh", ["objective.force.shear="]),
+        ("tactileforge train --cf", ["--cfg"]),
     ],
 )
 def test_completion(line: str, found: list[str]) -> None:
     assert complete(line) == found
+
+
+def test_options_of_ones_own_are_completed() -> None:
+    Path("mine/recipe").mkdir(parents=True)
+    Path("mine/recipe/soft.yaml").write_text(DERIVED)
+    assert complete("tactileforge train --config-dir mine recipe=so") == ["soft"]
+
+
+def test_help_tells_every_key_and_the_options_that_are_chosen(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    out = said(capsys, "train", "data=recordings", "--help")
+    for key in ("max_steps", "val_check_interval", "lr", "clip", "hop", "cache_mb", "root"):
+        before, found, _ = out.partition(f"\n  {key}:")
+        assert found, key
+        assert before.rpartition("\n")[2].startswith("  # "), f"{key} has no meaning"
+    assert "objective.force:" in out
+    assert "taxels" not in out
+
+
+def test_the_page_of_keys_is_that_of_the_code(capsys: pytest.CaptureFixture[str]) -> None:
+    """Written anew by ``tactileforge plugins keys markdown=true > docs/keys.md``."""
+    page = Path(__file__).parents[2] / "docs" / "keys.md"
+    assert said(capsys, "plugins", "keys", "markdown=true") == page.read_text("utf-8")
+
+
+@pytest.mark.parametrize("path", ["trainer/default", "optim/adamw", "batch/default"])
+def test_every_key_of_a_group_has_a_meaning(path: str) -> None:
+    lines = yaml_text(path).splitlines()
+    keys = [place for place, line in enumerate(lines) if not line.startswith("#")]
+    assert keys
+    assert all(lines[place - 1].startswith("# ") for place in keys)
 
 
 def test_a_run_below_a_file_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:

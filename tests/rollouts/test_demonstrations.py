@@ -1,5 +1,6 @@
 """Demonstrations of the expert: the format, the seeds, and what is kept."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -162,3 +163,23 @@ def test_mistakes_leave_nothing(given, message, tmp_path):
 def test_an_expert_that_mostly_fails_is_an_error(tmp_path):
     with pytest.raises(TactileForgeError, match=r"failed in 13 of 13 episodes \(crushed 13\)"):
         write_demonstrations(options(tmp_path / "d", n=1, env={"hopeless": True}))
+
+
+@pytest.mark.slow
+def test_an_episode_that_is_damaged_is_played_anew(tmp_path, caplog):
+    """A flipped bit, a file that is cut off, a damaged note; the bytes are those of before."""
+    write_demonstrations(options(tmp_path, n=6))
+    before = contents(tmp_path)
+    first, second = sorted(tmp_path.glob("episode-*.tar"))[:2]
+    raw = bytearray(first.read_bytes())
+    raw[len(raw) // 2] ^= 1
+    first.write_bytes(raw)
+    second.write_bytes(second.read_bytes()[:3000])
+    part = tmp_path / ".episode-00000.tar.x-1.abc.part"
+    part.touch()
+    os.utime(part, (0, 0))
+    write_demonstrations(options(tmp_path, n=6))
+    assert contents(tmp_path) == before
+    assert f"{first}: damaged, so it is made anew" in caplog.text
+    assert f"{second}: damaged, so it is made anew" in caplog.text
+    assert "removed 1 part of a file that a stopped command had left" in caplog.text

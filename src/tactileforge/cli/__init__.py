@@ -15,7 +15,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from tactileforge.cli._verbs import commands, verbs
-from tactileforge.errors import ConfigError, TactileForgeError, closed, full, unknown
+from tactileforge.errors import ConfigError, TactileForgeError, unknown
 from tactileforge.signals import interrupted_by_signals
 
 if TYPE_CHECKING:
@@ -81,8 +81,9 @@ def _told(verb: str, *rest: str) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 1
     except OSError as error:
-        said = full(error) or closed(error)
-        if not said:
+        from tactileforge.files import unwritable
+
+        if not (said := unwritable(error)):
             raise
         _end_bars()
         print(f"error: {said}", file=sys.stderr)

@@ -46,11 +46,8 @@ def complete(line: str | None = None) -> list[str]:
         *_, last = re.split(r"[\[,]", start)
         typed = start.removesuffix(last)
         return [typed + name for name in options(group, own) if name.startswith(last)]
-    keys = [
-        *groups,
-        *(strict.node(command.keys) if command.keys else {}),
-        *_below(group, groups, before),
-    ]
+    own_keys = strict.node(command.keys) if command.keys else {}
+    keys = [*groups, *own_keys, *_below(group, groups, before)]
     flags = [flag for flag in FLAGS if dashes and flag.startswith(word)]
     return [*flags, *(f"{dashes}{key}=" for key in dict.fromkeys(keys) if key.startswith(group))]
 

@@ -47,7 +47,7 @@ def unquoted(value: str) -> str:
         ("it's", 'a b', "a'b")
     """
     mark = value[:1]
-    if len(value) < 2 or mark not in "'\"" or value[-1] != mark or Path(value).exists():
+    if len(value) < 2 or mark not in "'\"" or value[-1] != mark or exists(value):
         return value
     inner = value[1:-1]
     if re.search(rf"(?<!\\)(\\\\)*{mark}", inner):  # 'a','b'
@@ -96,7 +96,7 @@ def _value(value: str, names_path: bool, sweeps: bool) -> str:
         return value
     if unquoted(value) != value:
         return quoted(unquoted(value))
-    if _exists(value) and (names_path or not _parses(value) or _is_choice(value)):
+    if exists(value) and (names_path or not _parses(value) or _is_choice(value)):
         return quoted(value)
     if sweeps and len(items := split(value)) > 1:
         return ",".join(_value(item, names_path, False) for item in items)
@@ -148,7 +148,8 @@ def split(value: str) -> list[str]:
     return parts
 
 
-def _exists(value: str) -> bool:
+def exists(value: str) -> bool:
+    """Whether a word is the path of something that is there."""
     try:
         return Path(value).exists()
     except (OSError, ValueError):  # too long for a name

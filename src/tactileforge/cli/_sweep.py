@@ -113,6 +113,7 @@ class SweepTable(Callback):
     """
 
     _words: Sequence[str] = ()
+    _held: int | None = None
 
     def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
         """Holds the folder of the sweep, and notes what it is.
@@ -122,7 +123,7 @@ class SweepTable(Callback):
         """
         folder = Path(config.hydra.sweep.dir)
         folder.mkdir(parents=True, exist_ok=True)
-        self._held = (folder / LOCK).open("a+")  # until the process ends
+        self._held = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT)  # until the process ends
         try:
             fcntl.lockf(self._held, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
@@ -152,6 +153,8 @@ class SweepTable(Callback):
         """Gathers the rows of all jobs, and shows them."""
         folder = Path(config.hydra.sweep.dir)
         write_text(folder / _SWEEP, json.dumps({"words": self._words, "ended": True}))
+        if self._held:
+            os.close(self._held)
         if not (table := _gather(config, folder)):
             return
         widths = [max(map(len, column)) for column in zip(*table, strict=True)]

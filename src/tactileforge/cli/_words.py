@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from types import UnionType
 from typing import Any, Union, get_args, get_origin
 
-from tactileforge.cli._quote import at_home, unquoted
+from tactileforge.cli._quote import at_home, exists, unquoted
 from tactileforge.errors import ConfigError
 
 #: Flags that Hydra answers, and whether a word follows.
@@ -85,7 +85,7 @@ def read(argv: Sequence[str]) -> Words:
             words.flags.append(word)
         elif re.fullmatch(r"--[a-z][\w.@/]*", name):
             if not equals:
-                value = rest.pop(0) if rest and not re.match(r"-|[\w.@/]+=", rest[0]) else "true"
+                value = rest.pop(0) if rest and _is_value(rest[0]) else "true"
             words.overrides.append(f"{name[2:]}={value}")
         elif word.startswith("-"):
             raise ConfigError(f"unknown flag {word}; --help shows keys and flags")
@@ -95,6 +95,11 @@ def read(argv: Sequence[str]) -> Words:
             words.bare.append(word)
     _check_twice(words.overrides)
     return words
+
+
+def _is_value(word: str) -> bool:
+    """Whether a word is the value of the ``--key`` before it."""
+    return not re.match(r"-|[\w.@/]+=", word) or exists(word)
 
 
 def _check_twice(overrides: Sequence[str]) -> None:

@@ -28,11 +28,12 @@ def _train(_: None, config: dict[str, Any]) -> float:
             config = {**config, "resume": str(folder)}
         words = list(HydraConfig.get().overrides.task)
         anew = [word for word in words if word.partition("=")[0] in _ANEW]
-        return run_job(folder, config, words, anew, lambda: _run(config, folder))
+        return run_job(folder, config, words, anew, lambda: _run(config, folder, True))
     return _run(config, folder)
 
 
-def _run(config: dict[str, Any], folder: Path) -> float:
+def _run(config: dict[str, Any], folder: Path, sweeps: bool = False) -> float:
+    """Trains, and gives the number of the run; in a sweep, NaN where it logged none."""
     from tactileforge.run_folder import LAST
 
     if config.get("resume"):
@@ -42,7 +43,7 @@ def _run(config: dict[str, Any], folder: Path) -> float:
     try:
         from tactileforge.train import metric, train  # seconds, in which it may be stopped
 
-        return metric(train(config, folder), config.get("optimized_metric"))
+        module = train(config, folder)
     except KeyboardInterrupt as stop:
         kept = (folder / LAST).is_file()
         said = str(stop) or "stopped"
@@ -51,6 +52,12 @@ def _run(config: dict[str, Any], folder: Path) -> float:
             said += f"{early}; nothing was saved"
         again = command("train", f"resume={folder}") if kept else "the same command again"
         raise KeyboardInterrupt(f"{said}; go on with: {again}") from stop
+    try:
+        return metric(module, config.get("optimized_metric"))
+    except ConfigError:
+        if not sweeps:
+            raise
+        return float("nan")
 
 
 def _check_encoder(init: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -182,7 +183,7 @@ def _get(keys: _Get, _: dict[str, Any]) -> None:
         from tactileforge.hub.pack import import_published
 
         path = import_published(keys.model, Path(keys.file), keys.sensor)
-    print(f"{path}\nload it: tactileforge.load({keys.model!r})")
+    print(f"{path}\nload it: tactileforge.load({json.dumps(keys.model)})")
 
 
 def _pack(keys: _Pack, _: dict[str, Any]) -> None:
@@ -198,7 +199,7 @@ def _pack(keys: _Pack, _: dict[str, Any]) -> None:
         tag = keys.name.partition(".")[2]
         gates.stamp_card(_card(keys.name), tag, sha256(path), path.stat().st_size)
     print(f"{path}: {path.stat().st_size / 1e6:.1f} MB, sha256 {sha256(path)}")
-    print(f"load it: tactileforge.load({f'file:{path}'!r})")
+    print(f"load it: tactileforge.load({json.dumps(f'file:{path}', ensure_ascii=False)})")
 
 
 def _gate(keys: _Gate, _: dict[str, Any]) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from omegaconf import OmegaConf
 
-from tactileforge import registry
+from tactileforge import processes, registry
 from tactileforge.bench.fit import pretrain
 from tactileforge.bench.fit.pretrain import PretrainJob, PretrainModel
 from tactileforge.cli.bench import COMMANDS
@@ -112,14 +112,14 @@ if words.get("stop"):
 """
     )
     calls: list[list[str]] = []
-    popen = pretrain.subprocess.Popen
+    popen = processes.subprocess.Popen
 
     def started(command: list[str], **given: Any) -> Any:
         assert command[:4] == [sys.executable, "-m", "tactileforge", "train"]
         calls.append(command[4:])
         return popen([sys.executable, str(program), *command[4:]], **given)
 
-    monkeypatch.setattr(pretrain.subprocess, "Popen", started)
+    monkeypatch.setattr(processes.subprocess, "Popen", started)
     return calls
 
 
