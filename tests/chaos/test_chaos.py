@@ -522,7 +522,10 @@ def test_servers_that_misbehave(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         "drips chunks": (head + b"Transfer-Encoding: chunked\r\n\r\n", b"1\r\nx\r\n"),
         "drips its headers": (head + b"X: ", b"x"),
         "is busy for ever": (b"HTTP/1.1 429 Busy\r\nRetry-After: 9\r\n\r\n", None),
-        "sends on for ever": (b"HTTP/1.1 302 Found\r\nLocation: /a\r\n\r\n", None),
+        "sends on for ever": (
+            b"HTTP/1.1 302 Found\r\nLocation: /sends_on_for_ever/a\r\n\r\n",
+            None,
+        ),
         "hangs up": (sized + b"short", None),
         "sends another length": (head + b"Content-Length: 3\r\n\r\nabc", None),
     }
@@ -532,7 +535,7 @@ def test_servers_that_misbehave(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
             pass
 
         def do_GET(self) -> None:
-            start, drop = servers[what]
+            start, drop = servers[self.path.split("/")[1].replace("_", " ")]
             self.wfile.write(start)
             while drop is not None and not over.wait(0.01):
                 self.wfile.write(drop)
@@ -546,8 +549,9 @@ def test_servers_that_misbehave(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     with ThreadingHTTPServer(("127.0.0.1", 0), Odd) as server:
         server.daemon_threads = True
         threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True).start()
-        folder = ShardFolder(f"http://127.0.0.1:{server.server_port}", tmp_path)
         for what in servers:
+            url = f"http://127.0.0.1:{server.server_port}/{what}"
+            folder = ShardFolder(url.replace(" ", "_"), tmp_path)
             with pytest.raises(DataError, match=r"127\.0\.0\.1"):
                 folder.get("train-000000.tar", 90_000, "0" * 64)
         over.set()
