@@ -78,8 +78,15 @@ def test_files_of_calibrations_are_checked(tmp_path):
         mine, DepthReader("digit", rows=24).read(picture, still).depth, rtol=0, atol=1e-3
     )
     plain = json.loads(path.read_text())
-    for key, value in (("fine", plain["fine"][:3]), ("steepest", 7.0), ("lights", "x")):
-        path.write_text(json.dumps(plain | {key: value}))
+    tables = [
+        {name: np.where(np.arange(np.size(plain[name])) == 1, odd, np.ravel(plain[name]))}
+        for name in ("fine", "coarse", "limits")
+        for odd in (np.nan, np.inf, -np.inf)
+    ]
+    tables = [{k: v.reshape(np.shape(plain[k])).tolist() for k, v in t.items()} for t in tables]
+    others = [{"fine": plain["fine"][:3]}, {"steepest": 7.0}, {"steepest": np.nan}, {"lights": "x"}]
+    for change in (*tables, *others):
+        path.write_text(json.dumps(plain | change))
         with pytest.raises(DataError, match="not an optical calibration"):
             read_optics(path)
     path.write_text("[")

@@ -68,12 +68,13 @@ def test_a_table_of_tensors_that_is_bent_is_named(file: Bent) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.* was trained on:UserWarning")
 def test_a_header_that_is_bent_is_named_or_loaded(file: Bent) -> None:
     named = 0
-    for _, changed in list(bent(file.header, levels=3))[::3]:
+    for _, changed in list(bent(file.header, levels=3))[::7]:
         file.write(file.table, changed)
         named += file.is_named()
-    assert named > 100
+    assert named > 40
 
 
 @pytest.mark.parametrize(

@@ -111,6 +111,9 @@ def test_sampling_takes_the_frames_nearest_to_the_ticks() -> None:
     np.testing.assert_array_equal(filters.sample_in_time(steady, 0.1), np.arange(0, 90, 3))
     np.testing.assert_array_equal(filters.sample_in_time(steady + 5, 1 / 15), np.arange(0, 90, 2))
     np.testing.assert_array_equal(filters.sample_in_time(steady, 1e-3), np.arange(90))
+    for start in (0.05, 7.02, -3.31):  # ticks begin with the recording, whatever its clock says
+        found = filters.sample_in_time(steady + start, 0.1)
+        np.testing.assert_array_equal(found, np.arange(0, 90, 3))
     jittered = steady + np.random.default_rng(0).uniform(-0.01, 0.01, 90)
     jittered[0] = 0
     np.testing.assert_array_equal(filters.sample_in_time(jittered, 0.1), np.arange(0, 90, 3))

@@ -1,9 +1,9 @@
 """Detection of changed light, as opposed to touch.
 
 Light changes slowly over the picture: brighter all over, an exposure that is adjusted, an LED that
-dims, daylight from one side. A touch has edges. So a blur takes away little of the change that light
-makes: mostly less than .1 of it, and more than a fifth of what real touches do (public recordings,
-tests/sensors/test_light.py).
+dims, daylight from one side. A touch has edges. So a blur takes away little of the change that
+light makes, mostly less than a tenth of it, and more than a fifth of what real touches do (public
+recordings: tests/sensors/test_light.py).
 """
 
 from __future__ import annotations
