@@ -60,7 +60,7 @@ class HeadModel(FeatureModel):
 
         Returns:
             float32 (T - 1, 3), or (B, T - 1, 3) for a batch, N; axes as in `contracts`; NaN in the
-            frames that get none. A published head gives the newest frame alone, (1, 3) or (B, 1, 3).
+            frames that get none. A published head gives the newest frame alone: (1, 3), (B, 1, 3).
 
         Raises:
             ConfigError: The file has no force head, no scale for a sensor, or the calibration is of
