@@ -62,6 +62,12 @@ def test_a_good_still_raises_no_flag(touch: Touch) -> None:
     assert flags(touch(count=1)) == {}
 
 
+def tiny(count: int) -> ArrayFrames:
+    """Flat pictures of 4 x 4 pixels, each of another level than the one before."""
+    levels = 90 + 40 * (np.arange(count) % 3)
+    return ArrayFrames(np.repeat(levels, 48).reshape(count, 4, 4, 3).astype(np.uint8))
+
+
 FAULTS: dict[str, tuple[dict[str, Any], float, str]] = {
     "never_in_contact": ({"height": 0.0}, 0.6, "grey levels"),
     "background_changed": ({"edit": lambda a: np.add(a, 25, out=a, casting="unsafe")}, 25, "25 "),
@@ -72,6 +78,16 @@ FAULTS: dict[str, tuple[dict[str, Any], float, str]] = {
     "force_out_of_range": (scaled(30), 30 / 14.14, "30 N along z, 2.1 times the scale"),
     "pulling_force": (scaled(-2), 2, "down to -2 N along z"),
     "no_background": ({"no_contact": None}, 0, "no frame without contact"),
+    "tiny_pictures": (
+        {"frames": tiny(90), "no_contact": tiny(1), "force": None},
+        4,
+        "4 x 4 pixels",
+    ),
+    "views_elsewhere": (
+        {"image": tiny(3), "image_times": np.arange(3) + 60.0},
+        57.03,
+        "57 s from the nearest frame",
+    ),
 }
 
 
