@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections import OrderedDict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
 
@@ -25,8 +25,8 @@ _KINDS: dict[str, type] = {
     **dict.fromkeys(("global_step", "epoch", "processes"), int),
 }
 _ORDERED: dict[type, type] = {dict: OrderedDict}
-#: What a run goes on with, or is reported from.
-_OF_RUN = (
+#: What a run goes on with.
+RESUMED = (
     *("global_step", "epoch", "loops", "callbacks", "optimizer_states", "lr_schedulers"),
     *("total", "epoch_steps", "processes", "skipped", "labels"),
 )
@@ -82,12 +82,13 @@ def _check_seal(path: Path) -> None:
         raise ValueError("its checksum is another: bytes of it have changed")
 
 
-def read_own(path: str | Path, run: str | None) -> dict[str, Any]:
+def read_own(path: str | Path, run: str | None, needs: Sequence[str] = ()) -> dict[str, Any]:
     """Reads a checkpoint, which must be of one run.
 
     Args:
         path: See `find_checkpoint`.
         run: Identity of the run.
+        needs: Keys that it must have; `RESUMED` to go on with the run.
 
     Raises:
         DataNotFoundError: See `find_checkpoint`.
@@ -100,7 +101,7 @@ def read_own(path: str | Path, run: str | None) -> dict[str, Any]:
             f"beside it is of run {run}: one of the two was copied or overwritten. Start a new "
             "run from the weights with init=, or put the right file back"
         )
-    if lacks := [key for key in _OF_RUN if key not in found]:
+    if lacks := [key for key in needs if key not in found]:
         raise ConfigError(
             f"{find_checkpoint(path)} has no {lacks[0]}: it holds weights alone, or is another "
             "program's; start a new run from its weights with init="

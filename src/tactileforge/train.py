@@ -24,6 +24,7 @@ from tactileforge.assemble import build_data
 from tactileforge.callbacks.checkpoints import Checkpoints
 from tactileforge.callbacks.met import MetLabels, SkippedRecordings
 from tactileforge.checkpoint_file import (
+    RESUMED,
     find_checkpoint,
     initialise,
     left_out,
@@ -91,7 +92,7 @@ def train(config: DictConfig | dict[str, Any], folder: Path) -> TouchModule:
     with run_folder.claimed(folder, resumes=resume is not None), flushed():
         step, is_news = 0, True
         if resume:
-            state = read_own(resume, plain.get("run"))  # before data is made or read
+            state = read_own(resume, plain.get("run"), RESUMED)  # before data is made or read
             step = int(state["global_step"])
             is_news = change_run(plain, run_folder.read_config(folder), state)
             if 0 < plain["trainer"]["max_steps"] <= step:

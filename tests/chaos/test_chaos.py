@@ -35,7 +35,7 @@ from waiting import wait_until
 from tactileforge import cli, downloads, run_folder
 from tactileforge.calibration.file import Axis, Calibration, ForceModel, load_calibration
 from tactileforge.callbacks import checkpoints
-from tactileforge.checkpoint_file import read_checkpoint, read_own, seal
+from tactileforge.checkpoint_file import RESUMED, read_checkpoint, read_own, seal
 from tactileforge.contracts import Frame, SensorSpec
 from tactileforge.data.frames.image_codecs import encode_image
 from tactileforge.data.frames.lazy import ImageFrames, VideoFrames
@@ -477,7 +477,7 @@ def bent_checkpoint(folder: Path) -> Iterator[Callable[[], Any]]:
 
     def read(state: dict[str, Any]) -> Any:
         checkpoints.AtomicCheckpointIO("a").save_checkpoint(state, path)
-        found = read_own(path, "a")
+        found = read_own(path, "a", RESUMED)
         return {key: value + 1 for key, value in found["state_dict"].items()}
 
     yield from (partial(read, one) for _, one in bent(whole, levels=2))

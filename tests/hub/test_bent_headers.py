@@ -77,6 +77,12 @@ def test_a_header_that_is_bent_is_named_or_loaded(file: Bent) -> None:
     assert named > 40
 
 
+@pytest.mark.parametrize("recipe", [{}, {"data": None}])
+def test_weights_without_a_recipe_are_loaded(file: Bent, recipe: dict[str, Any]) -> None:
+    file.write(file.table, file.header | {"recipe": recipe})
+    assert not file.is_named()
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

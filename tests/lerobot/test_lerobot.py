@@ -486,6 +486,22 @@ def test_types_of_features_are_of_a_list(tmp_path: Path, dtype: object) -> None:
         all_of(tmp_path / "set")
 
 
+@pytest.mark.parametrize("shape", [[-1], [True], ["3"], [1 << 30], 3, None, [3.0]])
+def test_shapes_of_features_are_sizes(tmp_path: Path, shape: object) -> None:
+    write_dataset([touch(0)], tmp_path / "set", LeRobotOptions())
+    about = "observation.force.digit"
+    bent_info(tmp_path / "set", lambda info: info["features"][about].update(shape=shape))
+    with pytest.raises(DataError, match=rf"{about} has the shape"):
+        all_of(tmp_path / "set")
+
+
+def test_names_and_digits_of_paths(tmp_path: Path) -> None:
+    path = "{video_key:03d}/{chunk_index}/{chunk_index:3d}-{file_index:06d}.mp4"
+    info = folder.Info(30.0, {}, "", path)
+    found = info.video_file(tmp_path, "a.b", {"chunk_index": 7, "file_index": 12})
+    assert found == tmp_path / "a.b/7/007-000012.mp4"
+
+
 def test_a_feature_of_a_type_that_is_not_read_is_no_fault(tmp_path: Path) -> None:
     write_dataset([touch(0)], tmp_path / "set", LeRobotOptions())
     other = {"observation.sound": {"dtype": "audio", "shape": [1], "names": None}}

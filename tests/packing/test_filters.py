@@ -65,6 +65,9 @@ def test_score_is_the_variance_of_the_laplacian_of_the_difference(slide: Recordi
     wanted = [by_formula(*pair) for pair in itertools.pairwise(frames)]
     np.testing.assert_allclose(values[1:], wanted, rtol=1e-5)
     assert {i for i, value in enumerate(values) if value > 0} == set(range(20, 40))
+    noise = np.random.default_rng(0).integers(0, 256, (4, 5, 6, 3), np.uint8)  # mean is not 0
+    _, *found = filters.laplacian_scores(enumerate(noise))
+    np.testing.assert_allclose(found, [by_formula(*pair) for pair in itertools.pairwise(noise)])
 
 
 def test_all_frames_of_clips_with_a_lively_frame_are_kept() -> None:
@@ -120,6 +123,7 @@ def test_sampling_takes_the_frames_nearest_to_the_ticks() -> None:
     gap = np.concatenate([steady[:10], steady[:10] + 60])
     assert filters.sample_in_time(gap, 0.1).tolist() == [0, 3, 6, 9, 10, 13, 16, 19]
     assert filters.sample_in_time(np.array([7.0]), 0.1).tolist() == [0]
+    assert filters.sample_in_time(np.array([]), 0.1).tolist() == []
 
 
 @pytest.fixture

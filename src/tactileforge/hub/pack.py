@@ -63,7 +63,7 @@ def pack_run(
     if (known := config["encoder"].get("sensors")) and (trained := kept.get("sensors")):
         # rows of other sensors were never trained
         config["encoder"]["sensors"] = {name: known[name] for name in known if name in trained}
-    checkpoint = read_own(run, config.pop("run", None))
+    checkpoint = read_own(run, config.pop("run", None), ("global_step",))
     kind, state = _choose(checkpoint["state_dict"], encoder, run)
     built = registry.build("encoders", config["encoder"])
     files.fill_weights(built, state, str(run))

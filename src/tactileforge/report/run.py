@@ -37,7 +37,7 @@ def report_of_run(folder: Path) -> Path:
     from tactileforge.assemble import build_data
 
     config = _config(folder)
-    state = read_own(folder, config.get("run"))
+    state = read_own(folder, config.get("run"), ("skipped", "labels"))
     data, _ = build_data(config)
     module = TouchModule.from_config(config, data.summary("train").labels)
     try:

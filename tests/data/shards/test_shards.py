@@ -312,6 +312,12 @@ def test_what_is_no_shard_is_named(touch: Recording, tmp_path: Path) -> None:
         ({"tracks": {"slip": {"dtype": "O", "values": [0] * 5}}}, "a track of 'O'"),
         ({"tracks": {"slip": {"dtype": "int8", "values": [0]}}}, "5 frames and 1 rows of slip"),
         ({"tier": None}, "tier is None, not 1 to 5"),
+        ({"tier": 6}, "tier is 6, not 1 to 5"),
+        ({"action": [-2, 0, 0, 0, 0]}, "actions are numbers from -1 to 7"),
+        ({"action": [8, 0, 0, 0, 0]}, "actions are numbers from -1 to 7"),
+        ({"image_times": [0.3, 0.1]}, "image_times are finite numbers, one a view"),
+        ({"image_times": [0.3]}, "image_times are finite numbers, one a view"),
+        ({"times": [0.0, 0.2, 0.1, 0.3, 0.4]}, "that do not go back"),
         ({"text": ["a"]}, "neither a string nor null"),
     ],
 )
