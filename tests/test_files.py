@@ -111,7 +111,6 @@ WRITERS = [
     (["demos", "task=chip"], "out"),
     (["rollout", "task=chip", "policy=expert"], "out"),
     (["sim"], "out"),
-    (["sim", "compare", "data=sim"], "out"),
     (["bench", "suite=sim", "model=[pixels]"], "out"),
     (["record", "sensor=sim"], "out"),
     (["calibrate", "data=sim"], "out"),
