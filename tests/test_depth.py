@@ -113,6 +113,12 @@ def test_a_calibration_serves_a_sensor_of_any_name(tmp_path):
         DepthReader("mine", path)
 
 
+def lying(sensor):
+    """The sensor under a name of its own: a DIGIT stands upright, and these pictures lie."""
+    sensor.spec = replace(sensor.spec, area_mm=(24 * SPACING, 32 * SPACING))
+    return sensor
+
+
 def showing(picture):
     return lambda frame: Frame(array=picture, time=frame.time)
 
@@ -121,7 +127,8 @@ def showing(picture):
 def test_live_tells_the_deepest_place(scripted, tmp_path):
     (still, picture), _ = dented()
     cv2.imwrite(str(tmp_path / "still.png"), still)
-    sensor = scripted(fps=50.0, events={n: showing(picture) for n in range(50_000)})
+    events = {n: showing(picture) for n in range(50_000)}
+    sensor = lying(scripted(fps=50.0, events=events, type="mine"))
     background = ShowBackground(image=str(tmp_path / "still.png"))
     options = LiveOptions(background=background, depth={"left": "digit"}, frames=5, seconds=20.0)
     lines = io.StringIO()
@@ -149,7 +156,8 @@ def test_record_keeps_a_track_that_shards_give_back(scripted, tmp_path):
         codec="png",
         depth={"left": "digit"},
     )
-    record(options, {"left": scripted(fps=50.0, events=events)}, say=lambda line: None)
+    sensor = lying(scripted(fps=50.0, events=events, type="mine"))
+    record(options, {"left": sensor}, say=lambda line: None)
     (one,) = Shards(options.out).recordings("train")
     track = one.tracks["depth_um"]
     assert (track.dtype, track.shape) == (np.int16, (len(one.times), 16, 21))
