@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Frames, Recording
 from tactileforge.data.frames.crop import size_text
+from tactileforge.data.frames.pixel_contract import checked_pixels
 from tactileforge.errors import DataError
 from tactileforge.pages import images
 
@@ -181,7 +182,7 @@ def amplified(difference: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 def _chunks(frames: Frames, rows: Sequence[int]) -> Iterator[NDArray[np.uint8]]:
     for start in range(0, len(rows), _CHUNK):
-        yield frames.read(rows[start : start + _CHUNK])
+        yield checked_pixels(frames.read(rows[start : start + _CHUNK]), "frames", 4)
 
 
 def _strongest(difference: NDArray[np.float32]) -> float:

@@ -29,6 +29,9 @@ _NO_RATE = 1e6
 #: Frames of a video: 38 hours at 30 a second.
 MAX_FRAMES = 1 << 22
 
+#: Number that FFmpeg's letters of a pixel format of 16 bits begin or end with.
+_DEEP = 16
+
 #: What is done about a damaged video.
 HINT = "download it again, or convert it: ffmpeg -i IN -c:v libx264 OUT.mp4"
 
@@ -103,6 +106,7 @@ def read_index(path: str) -> VideoIndex:
     rate = float(capture.get(cv2.CAP_PROP_FPS))
     announced = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
     _check_size(path, shape, announced)
+    _check_depth(path, int(capture.get(cv2.CAP_PROP_CODEC_PIXEL_FORMAT)))
     capture.set(cv2.CAP_PROP_FORMAT, -1)  # packets as they are, not decoded
     packets = []
     while capture.grab():
@@ -150,6 +154,16 @@ def _check_size(path: str, shape: tuple[int, int], frames: int) -> None:
         raise DataError(
             f"{path}: a video of {frames:,} frames, where {MAX_FRAMES:,} are the limit; cut it "
             "into parts: ffmpeg -i IN -f segment -segment_time 3600 -c copy OUT%03d.mp4"
+        )
+
+
+def _check_depth(path: str, pixel_format: int) -> None:
+    """Raises an error for 16 bits a channel: the codec would show the upper byte alone."""
+    letters = pixel_format.to_bytes(4, "little", signed=pixel_format < 0)
+    if _DEEP in (letters[0], letters[3]):
+        raise DataError(
+            f"{path}: 16 bits a channel; convert it to 8 bits a channel, scaled by what the camera "
+            "calls white"
         )
 
 
