@@ -11,6 +11,7 @@ from tactileforge.contracts import Recording
 from tactileforge.data.batches.sources import Bad, InMemory, Source
 from tactileforge.data.shards import index, shards
 from tactileforge.data.shards.fetch import ShardFolder
+from tactileforge.data.shards.foreign import ForeignShardError, check_foreign
 from tactileforge.data.shards.index import Index, IndexEntry
 from tactileforge.data.shards.summary import Summary
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, command, unknown
@@ -56,12 +57,15 @@ class Shards:
 
         Raises:
             DataNotFoundError: There is neither an index nor a shard.
-            DataError: The index is damaged, or cannot be fetched.
+            DataError: The index is damaged, or cannot be fetched; or the shards are of another
+                program.
         """
         folder = self.folder
         if folder.remote or (folder.path / index.NAME).exists():
             return index.parse_index(folder.text(index.NAME), f"{self.root}/{index.NAME}")
         if not any(folder.path.glob("train-*.tar")):
+            for path in sorted(folder.path.glob("*.tar"))[:1]:
+                check_foreign(path)
             pack = command("data", "pack", "data=NAME", f"out={self.root}")
             raise DataNotFoundError(
                 f"{folder.path}: neither {index.NAME} nor train-*.tar here; set data.root to a "
@@ -118,6 +122,8 @@ class Shards:
         for path in sorted(self.folder.path.glob(f"{split}-*.tar")):
             try:
                 content += shards.read_shard(path, lambda error: self._note(str(error), 1))
+            except ForeignShardError:
+                raise
             except DataError as error:
                 self._note(str(error), 1)
         summary = Summary.of(content)

@@ -45,7 +45,7 @@ def test_no_advice_wraps_around() -> None:
 
 def test_every_door_of_arrays_is_checked() -> None:
     shaped: Any = PICTURE / 255
-    with pytest.raises(DataError, match="found float64"):
+    with pytest.raises(DataError, match="not float64"):
         ArrayFrames(shaped[None])
     with pytest.raises(DataError, match=r"x, frame 0: .*found float64"):
         EncodedFrames("x", [shaped]).read([0])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,11 @@ MAX_FRAMES = 1 << 22
 #: Number that FFmpeg's letters of a pixel format of 16 bits begin or end with.
 _DEEP = 16
 
+#: How images are read as a video.
+_IMAGES = (
+    "open images as frames: tactileforge.data.frames.lazy.ImageFrames(sorted(Path(DIR)"
+    '.glob("*.png"))), and give their times'
+)
 #: What is done about a damaged video.
 HINT = "download it again, or convert it: ffmpeg -i IN -c:v libx264 OUT.mp4"
 
@@ -78,7 +84,13 @@ class VideoIndex:
 
 
 def open_video(path: str) -> Any:
-    """Opens a video silently: errors are raised, not printed by OpenCV."""
+    """Opens a video silently: errors are raised, not printed by OpenCV.
+
+    Raises:
+        DataNotFoundError: There is no such file.
+        DataError: It is a folder, or no video.
+    """
+    _check_file(path)
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(0)
     try:
@@ -87,10 +99,20 @@ def open_video(path: str) -> Any:
     finally:
         cv2.utils.logging.setLogLevel(level)
     if not capture.isOpened():
-        if not Path(path).is_file():
-            raise DataNotFoundError(f"{path}: no such file; correct the path")
         raise DataError(f"{path}: not a video, or truncated; {HINT}")
     return capture
+
+
+def _check_file(path: str) -> None:
+    """Raises an error where there is no file: OpenCV takes patterns of images and URLs as well."""
+    with suppress(OSError):  # a name that is too long is none
+        if Path(path).is_file():
+            return
+        if Path(path).is_dir():
+            raise DataError(f"{path}: a folder, not a video; {_IMAGES}")
+    if "%" in Path(path).name:
+        raise DataNotFoundError(f"{path}: no such file, and patterns of images are none; {_IMAGES}")
+    raise DataNotFoundError(f"{path}: no such file; correct the path")
 
 
 def read_index(path: str) -> VideoIndex:
