@@ -54,6 +54,7 @@ class FrameStats:
         strip: uint8 (STRIP or fewer, h, w, 3), frames over time; empty if not asked for.
         strip_difference: The same minus the background; empty without background.
         strip_rows: Their frame numbers.
+        still: float32 (h, w, 3), the picture without contact, or else the median of the frames.
     """
 
     rows: NDArray[np.int64]
@@ -70,6 +71,7 @@ class FrameStats:
     strip: NDArray[np.uint8]
     strip_difference: NDArray[np.uint8]
     strip_rows: list[int]
+    still: NDArray[np.float32]
 
 
 def frame_stats(recording: Recording, strip: bool = False) -> FrameStats:
@@ -118,6 +120,7 @@ def frame_stats(recording: Recording, strip: bool = False) -> FrameStats:
         if strip and background is not None
         else _NOTHING,
         strip_rows=rows[shown].tolist(),
+        still=still,
     )
 
 
