@@ -13,6 +13,7 @@ import torch
 from tactileforge.contracts import Batch, Dataset, Recording
 from tactileforge.data.batches.allocate import allocate
 from tactileforge.data.batches.clips import Clips, Skipped
+from tactileforge.data.batches.leaks import leak_warning, leaks
 from tactileforge.data.batches.loader import Loader
 from tactileforge.data.batches.pairs import Pairs
 from tactileforge.data.batches.say_doubts import say_doubts
@@ -136,17 +137,18 @@ class TouchData(L.LightningDataModule):
         self.sources = {split: sources_of(self.dataset, split) for split in ("train", "val")}
         if not self.sources["train"]:
             text = "the data set has no recording for training"
-            fix = ": all are held out for validation; give data.val=0"
+            fix = ": all are held out for validation"
+            fix += "; give data.val=0" if hasattr(self.dataset, "val") else ""
             raise DataNotFoundError(text + fix if self.sources["val"] else text)
-        sample: list[Recording] = []
+        opened: list[list[Recording]] = []
         for number, source in enumerate(self.sources["train"]):
             is_whole = len(source.parts) == 1 or source.summary.recordings <= self.window
             recordings = source.open(_first(source, None if is_whole else _SAMPLE), self._note)
-            sample += recordings
+            opened.append(recordings)
             if is_whole:
                 self._whole[number] = self._clips(recordings)
         alone = len(self.sources["train"]) == 1 and self._whole
-        self.train = self._whole[0] if alone else self._clips(sample)
+        self.train = self._whole[0] if alone else self._clips([*chain.from_iterable(opened)])
         if self.match and not Pairs(*self.train.labels()):
             raise ConfigError(
                 "matching needs two objects, one of them touched by two sensors, or two actions, "
@@ -155,12 +157,14 @@ class TouchData(L.LightningDataModule):
         held_out = [
             source.open(_first(source, self.window), self._note) for source in self.sources["val"]
         ]
+        self._check_leaks(opened, held_out)
         kept = self._readable(list(chain.from_iterable(held_out)))
         self._doubts = say_doubts(self.dataset, sample, kept, self.spacing, self.frames)
         if kept:
             self.val = self._clips(kept)
         else:
-            log.warning("no recording is held out: nothing is validated (data.val= is the share)")
+            share = " (data.val= is the share)" if hasattr(self.dataset, "val") else ""
+            log.warning("no recording is held out: nothing is validated%s", share)
 
     def check(self, needs: Mapping[str, frozenset[str]]) -> None:
         """Whether the training clips carry what objectives need.
@@ -291,6 +295,23 @@ class TouchData(L.LightningDataModule):
 
     def _clips(self, recordings: Sequence[Recording]) -> Clips:
         return self._cut(recordings, cache_mb=self.cache_mb)
+
+    def _check_leaks(
+        self, train: Sequence[list[Recording]], val: Sequence[list[Recording]]
+    ) -> None:
+        """Says where a source validates on what another one trains on."""
+        names = list(dict.fromkeys(s.name for of in self.sources.values() for s in of))
+        if len(names) < 2:
+            return
+        by_name: dict[str, dict[str, list[Recording]]] = {name: {} for name in names}
+        for split, opened in (("train", train), ("val", val)):
+            for source, recordings in zip(self.sources[split], opened, strict=True):
+                by_name[source.name].setdefault(split, []).extend(recordings)
+        found = leaks(
+            *([of.get(split, []) for of in by_name.values()] for split in ("train", "val"))
+        )
+        if found:
+            log.warning(leak_warning(found))
 
     def _readable(self, recordings: list[Recording]) -> list[Recording]:
         """Of a few recordings, those that can be read at both ends; of many, all."""

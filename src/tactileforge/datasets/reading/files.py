@@ -131,14 +131,17 @@ def deeper(folder: Path, patterns: Sequence[str], layout: str) -> str:
         patterns: See `matching_files`.
         layout: See `matching_files`.
     """
-    for pattern in patterns:
-        for path in sorted(_matches(folder, f"*/{pattern}", layout))[:1]:
-            place = path.relative_to(folder)
-            inside = folder / place.parts[0]
-            return (
-                f", but {place.as_posix()} is one folder deeper, where {inside} would be the root"
-            )
-    return ""
+    found = [path for p in patterns for path in _matches(folder, f"*/{p}", layout)]
+    if not found:
+        return ""
+    places = sorted(path.relative_to(folder) for path in found)
+    inside = sorted({place.parts[0] for place in places})
+    listed = " and ".join(inside[:3]) + (f" and {len(inside) - 3} more" if len(inside) > 3 else "")
+    better = folder / ("train" if "train" in inside else inside[0])
+    return (
+        f", but files one folder deeper, in {listed}, do, such as {places[0].as_posix()}: give one "
+        f"of these as the folder ({better})"
+    )
 
 
 def _any_case(pattern: str) -> str:
