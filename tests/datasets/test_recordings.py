@@ -539,7 +539,7 @@ def test_a_layout_of_the_data_is_left_out_by_null(
     write("tactileforge.yaml", f"layouts:\n  a: {one}\n  b: {one}\n")
     data = Recordings(str(tmp_path), {"a": None}, val=0)
     assert [recording.key for recording in data.recordings("train")] == ["b/0.png"]
-    with pytest.raises(ConfigError, match="unknown layout in data.layouts 'c'; did you mean"):
+    with pytest.raises(ConfigError, match=r"unknown layout in data\.layouts 'c'"):
         list(Recordings(str(tmp_path), {"c": None}).recordings("train"))
     with pytest.raises(ConfigError, match="every layout is null"):
         list(Recordings(str(tmp_path), {"a": None, "b": None}).recordings("train"))

@@ -55,7 +55,7 @@ def test_nothing_is_held_out_unless_asked_for(takes: Path) -> None:
     data = Shards(str(takes))
     assert len(list(data.recordings("train"))) == 40
     assert list(data.recordings("val")) == []
-    with pytest.raises(ConfigError, match="unknown hold_out 'takes'.*take"):
+    with pytest.raises(ConfigError, match=r"unknown hold_out 'takes'.*take"):
         Shards(str(takes), hold_out="takes")
     with pytest.raises(ConfigError, match="val is 1"):
         Shards(str(takes), val=1)

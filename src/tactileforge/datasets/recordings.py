@@ -180,9 +180,9 @@ def _parse_all(layouts: Mapping[str, Any]) -> list[DatasetLayout]:
 def _as_plain(config: Any) -> Any:
     """Plain data; a mapping's keys are names."""
     plain = OmegaConf.to_container(config, resolve=True) if OmegaConf.is_config(config) else config
-    return (
-        {str(key): value for key, value in plain.items()} if isinstance(plain, Mapping) else plain
-    )
+    if not isinstance(plain, Mapping):
+        return plain
+    return {str(key): value for key, value in plain.items()}
 
 
 def _shipped(root: Path) -> dict[str, DatasetLayout]:

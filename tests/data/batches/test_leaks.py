@@ -61,7 +61,7 @@ def test_a_folder_in_two_sources_is_told_in_training(
     def warnings(second: dict[str, Any]) -> list[str]:
         caplog.clear()
         sources = {"a": source("touches", "train", "one"), "b": second}
-        data = TouchData(Mixture(sources), frames=1, size=(8, 8), batch_size=2, seed=0)
+        data = TouchData(Mixture(sources), frames=1, size=(8, 8), batch_size=2, match=0)
         with caplog.at_level(logging.WARNING):
             data.setup()
         return [line for line in caplog.messages if "trains on what another" in line]
