@@ -13,7 +13,7 @@ import torch
 from tactileforge.contracts import Batch, Dataset, Recording
 from tactileforge.data.batches.allocate import allocate
 from tactileforge.data.batches.clips import Clips, Skipped
-from tactileforge.data.batches.leaks import leak_warning, leaks
+from tactileforge.data.batches.leaks import by_source, leak_warning, leaks
 from tactileforge.data.batches.loader import Loader
 from tactileforge.data.batches.pairs import Pairs
 from tactileforge.data.batches.say_doubts import say_doubts
@@ -157,7 +157,9 @@ class TouchData(L.LightningDataModule):
         held_out = [
             source.open(_first(source, self.window), self._note) for source in self.sources["val"]
         ]
-        self._check_leaks(opened, held_out)
+        trained, validated = by_source(self.sources, opened, held_out)
+        if found := leaks(trained, validated):
+            log.warning(leak_warning(found))
         kept = self._readable(list(chain.from_iterable(held_out)))
         self._doubts = say_doubts(self.dataset, sample, kept, self.spacing, self.frames)
         if kept:
@@ -295,23 +297,6 @@ class TouchData(L.LightningDataModule):
 
     def _clips(self, recordings: Sequence[Recording]) -> Clips:
         return self._cut(recordings, cache_mb=self.cache_mb)
-
-    def _check_leaks(
-        self, train: Sequence[list[Recording]], val: Sequence[list[Recording]]
-    ) -> None:
-        """Says where a source validates on what another one trains on."""
-        names = list(dict.fromkeys(s.name for of in self.sources.values() for s in of))
-        if len(names) < 2:
-            return
-        by_name: dict[str, dict[str, list[Recording]]] = {name: {} for name in names}
-        for split, opened in (("train", train), ("val", val)):
-            for source, recordings in zip(self.sources[split], opened, strict=True):
-                by_name[source.name].setdefault(split, []).extend(recordings)
-        found = leaks(
-            *([of.get(split, []) for of in by_name.values()] for split in ("train", "val"))
-        )
-        if found:
-            log.warning(leak_warning(found))
 
     def _readable(self, recordings: list[Recording]) -> list[Recording]:
         """Of a few recordings, those that can be read at both ends; of many, all."""

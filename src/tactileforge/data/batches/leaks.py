@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from tactileforge.contracts import Frames, Recording
+from tactileforge.data.batches.sources import Source
 from tactileforge.errors import DataError
 
 #: Recordings for validation that are looked at, and recordings for training that one is compared
@@ -14,6 +15,25 @@ from tactileforge.errors import DataError
 _LOOKED, _COMPARED = 32, 64
 #: Leaks that are named.
 _NAMED = 4
+
+
+def by_source(
+    sources: Mapping[str, Sequence[Source]],
+    train: Sequence[list[Recording]],
+    val: Sequence[list[Recording]],
+) -> tuple[list[list[Recording]], list[list[Recording]]]:
+    """Recordings for training and for validation of each source, in one order.
+
+    Args:
+        sources: Those of ``train`` and ``val``; one may be in one of them alone.
+        train: Recordings of each source for training, in that order.
+        val: The same for validation.
+    """
+    found: dict[str, tuple[list[Recording], list[Recording]]] = {}
+    for side, (split, opened) in enumerate((("train", train), ("val", val))):
+        for source, recordings in zip(sources[split], opened, strict=True):
+            found.setdefault(source.name, ([], []))[side].extend(recordings)
+    return [of[0] for of in found.values()], [of[1] for of in found.values()]
 
 
 def leaks(
@@ -28,6 +48,8 @@ def leaks(
         train: The recordings for training of each source.
         val: Those for validation, of the same sources in the same order.
     """
+    if len(train) < 2:
+        return []
     held_out = [(source, one) for source, of in enumerate(val) for one in of]
     step = max(1, -(-len(held_out) // _LOOKED))
     alike: dict[tuple[int, tuple[int, int]], list[tuple[int, Recording]]] = defaultdict(list)
