@@ -147,8 +147,9 @@ class TouchData(L.LightningDataModule):
             opened.append(recordings)
             if is_whole:
                 self._whole[number] = self._clips(recordings)
+        sample = list(chain.from_iterable(opened))
         alone = len(self.sources["train"]) == 1 and self._whole
-        self.train = self._whole[0] if alone else self._clips([*chain.from_iterable(opened)])
+        self.train = self._whole[0] if alone else self._clips(sample)
         if self.match and not Pairs(*self.train.labels()):
             raise ConfigError(
                 "matching needs two objects, one of them touched by two sensors, or two actions, "
