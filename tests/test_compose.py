@@ -2,7 +2,7 @@ import pytest
 from hydra.errors import ConfigCompositionException
 from omegaconf import MissingMandatoryValue, OmegaConf
 
-from tactileforge.compose import compose, node_of
+from tactileforge.compose import compose, composed, node_of
 from tactileforge.curriculum import from_config
 from tactileforge.errors import ConfigError
 
@@ -186,3 +186,8 @@ def test_an_option_that_is_typed_or_unknown_to_all_is_never_left_out(net):
     assert node.depth == 3, "the encoder refuses it when it is built"
     node = compose("anytouch2", ["encoder=net", "scale=demo", "+encoder.widht=3"]).encoder
     assert node.widht == 3
+
+
+def test_a_layout_that_only_the_data_defines_may_be_null() -> None:
+    words = ["data=recordings", "data.root=x", "data.layouts.cups=null"]
+    assert dict(composed("train", words).data.layouts) == {"cups": None}

@@ -132,6 +132,8 @@ def register() -> None:
     Plugins.instance().register(SearchPath)
 
 
+#: A layout that is left out: only the file of the data may define it.
+_NO_LAYOUT = re.compile(r"data\.(sources\.[^.=]+\.)?layouts\.[^.=]+=null")
 #: Groups of presets, whose keys are those of the whole configuration.
 _PRESETS = ("recipe", "scale", "ablation", "debug", "tuned", "early")
 #: What every command but `train` wants of Hydra: no folder and no log of its own; jobs of ``-m``
@@ -203,7 +205,20 @@ def composed(name: str, overrides: Sequence[str] = ()) -> DictConfig:
     if GlobalHydra.instance().is_initialized():
         GlobalHydra.instance().clear()
     with initialize_config_module("tactileforge.conf", version_base="1.3"):
-        return hydra_compose(name, list(overrides))
+        return hydra_compose(name, without_layouts(overrides))
+
+
+def without_layouts(overrides: Sequence[str]) -> list[str]:
+    """Overrides in which a layout may be null that only the file of the data defines.
+
+    Args:
+        overrides: ``key=value`` strings.
+
+    Example:
+        >>> without_layouts(["data.root=x", "data.layouts.cups=null"])
+        ['data.root=x', '++data.layouts.cups=null']
+    """
+    return [f"++{word}" if _NO_LAYOUT.fullmatch(word) else word for word in overrides]
 
 
 def option(group: str, overrides: Sequence[str]) -> dict[str, Any]:

@@ -218,7 +218,7 @@ class Recording:
         if self.no_contact is None:
             return None
         frames = self.no_contact.read(range(len(self.no_contact)))
-        median: NDArray[np.uint8] = np.median(frames, axis=0).astype(np.uint8)
+        median: NDArray[np.uint8] = np.median(frames, axis=0).astype(frames.dtype)
         return median
 
     def select(self, rows: Sequence[int]) -> Recording:

@@ -42,9 +42,9 @@ from tactileforge.data.frames.lazy import ImageFrames, VideoFrames
 from tactileforge.data.shards import description, index, shards
 from tactileforge.data.shards.fetch import ShardFolder
 from tactileforge.datasets.lerobot import LeRobot
+from tactileforge.datasets.reading.label_rows import read_labels
 from tactileforge.datasets.reading.layout import parse_layout
 from tactileforge.datasets.reading.pickles import load_pickle
-from tactileforge.datasets.reading.tables import read_labels
 from tactileforge.datasets.shards import Shards
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import DataError, SensorError, TactileForgeError

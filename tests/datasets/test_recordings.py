@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from omegaconf import OmegaConf
+from PIL import Image
 
 from tactileforge.contracts import ACTIONS, Dataset, Frames, Recording
 from tactileforge.data.frames import video
@@ -471,3 +472,74 @@ def test_conformance(tmp_path: Path, make_video: MakeFile) -> None:
     layouts = {"a": VIDEO | {"split": "time", "object": "cup"}}
     results = check("dataset", "recordings", root=str(tmp_path), layouts=layouts)
     assert {result.name: result.detail for result in results if result.status != "ran"} == {}
+
+
+SEQUENCE = IMAGES | {"images": "*/*.png", "each": "sequence", "fps": 10}
+
+
+def test_files_that_a_computer_puts_beside_pictures_are_no_frames(
+    tmp_path: Path, make_image: MakeFile, write: MakeFile
+) -> None:
+    for i in range(3):
+        make_image(f"a/{i}.png", i)
+        write(f"a/._{i}.png", "\0\5\x16\7 Mac OS X")
+    for name in ("Thumbs.db", "desktop.ini", ".DS_Store"):
+        write(f"a/{name}", "x")
+    make_image("__MACOSX/a/0.png", 9)
+    make_image(".trash/0.png", 9)
+    for pattern in ("*/*.png", "*/*", "**/*.png"):
+        (only,) = read(tmp_path, **SEQUENCE | {"images": pattern})
+        assert (only.key, levels(only.frames)) == ("a/a", [0, 1, 2])
+    (asked,) = read(tmp_path, **SEQUENCE | {"images": ".trash/*.png"})
+    assert levels(asked.frames) == [9], "a hidden folder that is named"
+
+
+def test_an_ending_counts_in_any_case(tmp_path: Path, make_image: MakeFile) -> None:
+    for i, name in enumerate(("0.png", "1.PNG", "2.Png")):
+        make_image(f"a/{name}", i)
+    assert levels(read(tmp_path, **SEQUENCE)[0].frames) == [0, 1, 2]
+    make_image("a/1.png", 1)
+    with pytest.raises(DataError, match=r"1\.(png|PNG) lies beside it, of the same name"):
+        read(tmp_path, **SEQUENCE)
+
+
+def test_files_one_folder_deeper_are_pointed_at(tmp_path: Path, make_image: MakeFile) -> None:
+    make_image("train/bolt/0.png")
+    make_image("test/bolt/0.png")
+    layout = IMAGES | {"images": "*/*.png", "object": "{folder}"}
+    with pytest.raises(DataNotFoundError, match=r"one folder deeper, in test and train, .*bolt/0"):
+        read(tmp_path, **layout)
+
+
+def test_blue_first_and_lying_on_its_side(tmp_path: Path) -> None:
+    pixels = np.zeros((4, 6, 3), np.uint8)
+    pixels[0, 0] = (10, 20, 30)
+    Image.fromarray(pixels).save(tmp_path / "0.png")
+    layout = IMAGES | {"background": {"file": "still.png"}}
+    Image.fromarray(pixels).save(tmp_path / "still.png")
+    for turn, corner in ((90, (0, 3)), (180, (3, 5)), (270, (5, 0))):
+        (one,) = read(tmp_path, **layout | {"channels": "bgr", "rotate": turn})
+        assert one.no_contact is not None
+        for frames in (one.frames, one.no_contact):
+            assert frames.shape == ((4, 6) if turn == 180 else (6, 4))
+            assert frames.read([0])[0][corner].tolist() == [30, 20, 10]
+    for wrong, words in (
+        ({"channels": "rbg"}, "unknown channels 'rbg'"),
+        ({"rotate": 45}, "rotate is 45; give the degrees, clockwise"),
+    ):
+        with pytest.raises(ConfigError, match=words):
+            read(tmp_path, **layout | wrong)
+
+
+def test_a_layout_of_the_data_is_left_out_by_null(
+    tmp_path: Path, make_image: MakeFile, write: MakeFile
+) -> None:
+    make_image("0.png")
+    one = "{images: '*.png', each: touch, sensor: digit, background: none}"
+    write("tactileforge.yaml", f"layouts:\n  a: {one}\n  b: {one}\n")
+    data = Recordings(str(tmp_path), {"a": None}, val=0)
+    assert [recording.key for recording in data.recordings("train")] == ["b/0.png"]
+    with pytest.raises(ConfigError, match=r"unknown layout in data\.layouts 'c'"):
+        list(Recordings(str(tmp_path), {"c": None}).recordings("train"))
+    with pytest.raises(ConfigError, match="every layout is null"):
+        list(Recordings(str(tmp_path), {"a": None, "b": None}).recordings("train"))

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Frames, Recording
 from tactileforge.data.frames.cut import held_clips
+from tactileforge.data.frames.pixel_contract import checked_pixels
 from tactileforge.errors import DataError, unknown
 from tactileforge.sensors.taxels import REST
 
@@ -113,7 +114,8 @@ def noise_threshold(recording: Recording) -> float:
 def chunks(frames: Frames) -> Iterator[NDArray[np.uint8]]:
     """Frames of a recording, uint8 (n, H, W, 3), a few at a time."""
     for start in range(0, len(frames), _CHUNK):
-        yield frames.read(range(start, min(start + _CHUNK, len(frames))))
+        rows = range(start, min(start + _CHUNK, len(frames)))
+        yield checked_pixels(frames.read(rows), "frames", 4)
 
 
 def _joined(parts: Iterator[dict[str, NDArray[np.float64]]]) -> dict[str, NDArray[np.float64]]:

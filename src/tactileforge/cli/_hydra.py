@@ -21,6 +21,7 @@ from tactileforge.cli._options import options, own_places, places_of
 from tactileforge.cli._quote import quoted
 from tactileforge.cli._sweep import JOB, stopped_sweep
 from tactileforge.cli._words import Words
+from tactileforge.compose import without_layouts
 from tactileforge.errors import ConfigError, TactileForgeError, nearest_name, unknown
 from tactileforge.processes import end_with_parent
 
@@ -68,7 +69,7 @@ def run(verb: str, command: Command, words: Words) -> Result:
     if command.yaml and words.sweeps and (folder := stopped_sweep(words.typed)):
         print(f"goes on with the sweep in {folder}; hydra.sweep.dir= starts another", flush=True)
         words.overrides.append(f"hydra.sweep.dir={quoted(str(folder))}")
-    sys.argv = ["tactileforge", *words.typed]
+    sys.argv = ["tactileforge", *without_layouts(words.typed)]
     try:
         with told(verb, command, words, lambda: not started):
             hydra.main(version_base="1.3", config_path="pkg://tactileforge.conf", config_name=name)(

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from tactileforge.contracts import FrameSubset, Recording
+from tactileforge.data.frames.companions import without_companions
 from tactileforge.data.frames.lazy import VideoFrames
 from tactileforge.data.frames.video_clock import video_times
 from tactileforge.datasets.reading.official import ALL, OCTOPI_OFFICIAL
@@ -51,7 +52,7 @@ class Octopi(PublishedDataset):
 
     def _items(self) -> Iterator[RecordingItem]:
         folder = self._folder("dataset", ".")
-        videos = sorted(folder.glob("*.mov"), key=_place)
+        videos = sorted(without_companions([*folder.glob("*.mov")], folder), key=_place)
         if not videos:
             raise self._missing(f"no file *.mov in {folder}")
         constants = _constants(self.root)

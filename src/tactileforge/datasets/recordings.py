@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from omegaconf import OmegaConf
 
 from tactileforge.contracts import Recording
-from tactileforge.datasets.reading.files import DamagedFileError
+from tactileforge.datasets.reading.files import DamagedFileError, read_text
 from tactileforge.datasets.reading.layout import EXAMPLE, SPLITS, DatasetLayout, parse_layout
 from tactileforge.datasets.reading.notes import Notes
 from tactileforge.datasets.reading.reader import LayoutReader
@@ -40,8 +40,8 @@ class Recordings:
 
     Args:
         root: Folder of the data.
-        layouts: Layout by name; one that is None is left out. Without any, ``tactileforge.yaml`` in
-            the root is read, whose one key is ``layouts``.
+        layouts: Layout by name. Without any, ``tactileforge.yaml`` in the root is read, whose one
+            key is ``layouts``. None leaves one out, also of that file.
         val: Share that is held out for validation, where the labels do not say what is.
 
     Raises:
@@ -62,12 +62,24 @@ class Recordings:
         self.val = val
         self.skipped: list[str] = []
         self._noted = Notes()
-        self._given = _parse_all(layouts) if layouts else None
+        given = _as_plain(layouts or {})
+        self._given = {name: layout for name, layout in given.items() if layout is not None}
+        self._left_out = sorted(given.keys() - self._given.keys())
+        self._parsed = _parse_all(self._given)
 
     @cached_property
     def layouts(self) -> list[DatasetLayout]:
         """The layouts that were given, or those of the root."""
-        return self._given if self._given is not None else _shipped(self.root)
+        if self._given:
+            return self._parsed
+        shipped = _shipped(self.root)
+        for name in self._left_out:
+            if name not in shipped:
+                raise ConfigError(unknown("layout in data.layouts", name, shipped))
+        kept = [layout for name, layout in shipped.items() if name not in self._left_out]
+        if not kept:
+            raise ConfigError(f"{self.root}: every layout is null; leave one in data.layouts")
+        return kept
 
     @property
     def provides(self) -> frozenset[str]:
@@ -162,18 +174,19 @@ def _side(layout: DatasetLayout, touch: LayoutTouch, val: float) -> str:
 
 
 def _parse_all(layouts: Mapping[str, Any]) -> list[DatasetLayout]:
-    if OmegaConf.is_config(layouts):
-        layouts = OmegaConf.to_container(layouts, resolve=True)  # type: ignore[assignment]
-    plain = {str(name): config for name, config in layouts.items() if config is not None}
-    return [parse_layout(name, _plain(config)) for name, config in plain.items()]
+    return [parse_layout(name, _as_plain(config)) for name, config in layouts.items()]
 
 
-def _plain(config: Any) -> Any:
-    return OmegaConf.to_container(config, resolve=True) if OmegaConf.is_config(config) else config
+def _as_plain(config: Any) -> Any:
+    """Plain data; a mapping's keys are names."""
+    plain = OmegaConf.to_container(config, resolve=True) if OmegaConf.is_config(config) else config
+    if not isinstance(plain, Mapping):
+        return plain
+    return {str(key): value for key, value in plain.items()}
 
 
-def _shipped(root: Path) -> list[DatasetLayout]:
-    """The layouts of the file that came with the data."""
+def _shipped(root: Path) -> dict[str, DatasetLayout]:
+    """The layouts of the file that came with the data, by name."""
     path = root / LAYOUT_FILE
     if not root.is_dir():
         raise DataNotFoundError(f"{root}: no such folder; set data.root to the folder of the data")
@@ -183,7 +196,12 @@ def _shipped(root: Path) -> list[DatasetLayout]:
             f"it, or write it, for example:\n{EXAMPLE}"
         )
     try:
-        content = load_yaml(path.read_text("utf-8"))  # never interpolated
+        content = load_yaml(read_text(path))  # never interpolated
     except ValueError as error:
         raise ConfigError(f"{path}: {error}; correct it") from error
-    return _parse_all(build(LayoutFile, str(path), content).layouts)
+    given = {
+        str(name): layout
+        for name, layout in build(LayoutFile, str(path), content).layouts.items()
+        if layout is not None
+    }
+    return {layout.name: layout for layout in _parse_all(given)}

@@ -11,8 +11,10 @@ from tactileforge.contracts import Recording
 from tactileforge.data.batches.sources import Bad, InMemory, Source
 from tactileforge.data.shards import index, shards
 from tactileforge.data.shards.fetch import ShardFolder
+from tactileforge.data.shards.foreign import ForeignShardError, check_foreign
 from tactileforge.data.shards.index import Index, IndexEntry
 from tactileforge.data.shards.summary import Summary
+from tactileforge.datasets.reading.splits import HOLD_OUT, held_out
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, command, unknown
 from tactileforge.files import cache_folder
 
@@ -34,12 +36,32 @@ class Shards:
         cache: Where shards of a URL are kept; None for the folder of the user.
         cache_gb: What they may take, GB; None for no limit. It must hold what all readers read at
             a time.
+        val: Share of the training that is held out for validation; 0 takes the shards of
+            validation as they are. All recordings are then opened at once.
+        hold_out: Unit of that share: ``take`` for whole takes, with all their sensors; ``object``
+            for all takes of an object; ``time`` for stretches of half a second.
+
+    Raises:
+        ConfigError: A share outside 0..1, or an unknown unit.
     """
 
     #: What shards may carry; what they do carry is in the index.
     provides = frozenset({"force", "action", "object", "text", "image", "surface"})
 
-    def __init__(self, root: str, cache: str | None = None, cache_gb: float | None = None) -> None:
+    def __init__(
+        self,
+        root: str,
+        cache: str | None = None,
+        cache_gb: float | None = None,
+        val: float = 0.0,
+        hold_out: str = "take",
+    ) -> None:
+        if not 0 <= val < 1:
+            raise ConfigError(f"val is {val}; give the share that is held out, 0 or more, below 1")
+        if hold_out not in HOLD_OUT:
+            raise ConfigError(unknown("hold_out", hold_out, HOLD_OUT))
+        self.val = val
+        self.hold_out = hold_out
         self.root = root
         self.cache = cache
         self.cache_gb = cache_gb
@@ -56,12 +78,15 @@ class Shards:
 
         Raises:
             DataNotFoundError: There is neither an index nor a shard.
-            DataError: The index is damaged, or cannot be fetched.
+            DataError: The index is damaged, or cannot be fetched; or the shards are of another
+                program.
         """
         folder = self.folder
         if folder.remote or (folder.path / index.NAME).exists():
             return index.parse_index(folder.text(index.NAME), f"{self.root}/{index.NAME}")
         if not any(folder.path.glob("train-*.tar")):
+            for path in sorted(folder.path.glob("*.tar"))[:1]:
+                check_foreign(path)
             pack = command("data", "pack", "data=NAME", f"out={self.root}")
             raise DataNotFoundError(
                 f"{folder.path}: neither {index.NAME} nor train-*.tar here; set data.root to a "
@@ -81,6 +106,33 @@ class Shards:
         """
         if split not in _SPLITS:
             raise ConfigError(unknown("split", split, _SPLITS))
+        if self.val:
+            return self._held_out(split)
+        return self._stored(split)
+
+    def _held_out(self, split: str) -> list[Source]:
+        """One source of the recordings that are held out, or of the others."""
+        stored = {side: self._stored(side) for side in _SPLITS}
+        content = [
+            part_of_it
+            for source in stored["train"]
+            for part in source.parts
+            for recording in part.open(self._note)
+            for part_of_it in held_out(recording, self.val, self.hold_out, split)
+        ]
+        if split == "val":
+            content += [
+                recording
+                for source in stored["val"]
+                for part in source.parts
+                for recording in part.open(self._note)
+            ]
+        summary = Summary.of(content)
+        name = next((source.name for source in stored["train"]), "")
+        return [Source(name, [InMemory(content, summary.seconds)], summary)] if content else []
+
+    def _stored(self, split: str) -> list[Source]:
+        """One source of the shards of a split."""
         index, folder = self.index, self.folder
         if index is None:
             return self._unindexed(split)
@@ -118,6 +170,8 @@ class Shards:
         for path in sorted(self.folder.path.glob(f"{split}-*.tar")):
             try:
                 content += shards.read_shard(path, lambda error: self._note(str(error), 1))
+            except ForeignShardError:
+                raise
             except DataError as error:
                 self._note(str(error), 1)
         summary = Summary.of(content)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from tactileforge.contracts import Frames, FrameSubset, Recording
 from tactileforge.data.frames.lazy import ImageFrames
+from tactileforge.data.labels.missing import stated
 from tactileforge.datasets.reading.files import read_rows
 from tactileforge.datasets.reading.published import (
     NumberedImages,
@@ -97,7 +98,7 @@ class TacQuad(PublishedDataset):
             times=frame_times(numbers, frame_rate(sensor, self.fps)),
             no_contact=ImageFrames(before) if before else None,
             object=key.rpartition("/")[0],
-            text=f"{{action}} {name}".replace("_", " "),
+            text=f"{{action}} {name}".replace("_", " ") if stated(name) else None,
             image=_views(item / f"img_{folder}", numbers, len(touch.files)),
         )
 

@@ -11,13 +11,13 @@ from torch import Tensor
 
 from tactileforge.contracts import NEUTRAL_BACKGROUND
 from tactileforge.data.batches.clips import resize_frame
+from tactileforge.data.frames.pixel_contract import channel_fix, value_fix
 from tactileforge.errors import ConfigError, DataError
 
 Images: TypeAlias = NDArray[Any] | Tensor
 
 _CLIP = "(T, H, W, 3) or (T, 3, H, W), or a batch of these"
 _STILL = "(H, W, 3) or (3, H, W), or one for each clip"
-_GREY = "; a sensor's pictures have colours: repeat grey ones three times along the last axis"
 
 
 class ClipInputs(NamedTuple):
@@ -168,7 +168,7 @@ def _pixels(what: str, images: Images) -> Tensor:
         )
     if images.dtype not in (np.uint8, torch.uint8):
         raise DataError(
-            f"{what}: expected uint8 values from 0 to 255, found {images.dtype}{_fix(images)}"
+            f"{what}: expected uint8 values from 0 to 255, found {images.dtype}{_value_fix(images)}"
         )
     if isinstance(images, Tensor):
         return images
@@ -176,18 +176,13 @@ def _pixels(what: str, images: Images) -> Tensor:
     return torch.from_numpy(np.require(images, requirements=["C", "W"]))
 
 
-def _fix(images: Images) -> str:
-    """Suggests the conversion to uint8, as part of an error."""
-    if 0 in images.shape:
-        return ""
-    low, high = float(images.min()), float(images.max())
-    span = f" from {low:.3g} to {high:.3g}"
-    if low < 0:
-        return f"{span}: give the frames as they were before normalisation"
-    scaled = "x" if high > 1 else "255 * x"
-    if isinstance(images, Tensor):
-        return f"{span}: convert with ({scaled}).round().byte()"
-    return f"{span}: convert with np.rint({scaled}).astype(np.uint8)"
+def _value_fix(images: Images) -> str:
+    """See `value_fix`; a tensor is told in the words of torch."""
+    if not isinstance(images, Tensor):
+        return value_fix(images)
+    fix = value_fix(images.detach().float().cpu().numpy())
+    fix = fix.replace("np.rint(255 * x)", "(255 * x).round()").replace("np.rint(x)", "(x).round()")
+    return fix.replace(".astype(np.uint8)", ".byte()")
 
 
 def _channels_first(what: str, images: Tensor, single: int, expected: str) -> Tensor:
@@ -203,6 +198,6 @@ def _channels_first(what: str, images: Tensor, single: int, expected: str) -> Te
         swapped = single == 4 and images.shape[1] == 3
         hint = "; the colours are before the time: swap these two axes" if swapped else ""
         if images.shape[-1] in (1, 4):
-            hint = "; leave out the alpha: [..., :3]" if images.shape[-1] == 4 else _GREY
+            hint = channel_fix(shape)
         raise DataError(f"{what}: expected {expected}; found {shape}{hint}")
     return images if first else images.movedim(-1, -3)

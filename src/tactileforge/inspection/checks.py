@@ -59,6 +59,21 @@ REASONS = {
         f"In the worst frame, more than {percent(SATURATED)} of the pixels have a channel at 0 or "
         "255, where touch leaves no trace.",
     ),
+    "colours_swapped": Reason(
+        "Red and blue look swapped",
+        "The gel at rest has the colours of the others, or of its sensor, with red and blue "
+        "exchanged: the program that recorded wrote blue first. In a layout, channels: bgr.",
+    ),
+    "on_its_side": Reason(
+        "Lying on its side",
+        "The gel at rest has its lights, or the picture its sides, where those of the sensor are "
+        "after a quarter turn. In a layout, rotate: 90 or 270.",
+    ),
+    "grey_pictures": Reason(
+        "Grey pictures",
+        "The sensor is lit in colours, which tell the slope of the gel; here the three channels "
+        "are one.",
+    ),
     "frozen": Reason(
         "Frozen",
         f"Frames do not change at all for more than {FROZEN:g} s: the camera, or the program that "

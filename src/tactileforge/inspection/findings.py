@@ -7,6 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+#: Reasons that `InspectionFindings.looks` tells, with the names.
+_IN_LOOKS = frozenset({"colours_swapped", "on_its_side", "grey_pictures"})
+
 
 @dataclass(frozen=True)
 class Reason:
@@ -91,6 +94,7 @@ class InspectionFindings:
             cannot be decoded.
         notes: One line for each kind of doubt about the set: what its reader noticed, forces that
             never change, one class alone.
+        looks: One line for each way in which resting pictures are odd; names the recordings.
     """
 
     totals: dict[tuple[str, str], Total]
@@ -102,6 +106,7 @@ class InspectionFindings:
     repeated: list[str]
     unreadable: list[str]
     notes: list[str] = field(default_factory=list)
+    looks: list[str] = field(default_factory=list)
 
     @property
     def recordings(self) -> int:
@@ -126,8 +131,11 @@ class InspectionFindings:
             f"{', '.join(sensors) or 'no sensor'}; {self.looked} looked at"
         ]
         lines += [
-            f"{count} {name.replace('_', ' ')}" for name, count in self.counts.items() if count
+            f"{count} {name.replace('_', ' ')}"
+            for name, count in self.counts.items()
+            if count and name not in _IN_LOOKS
         ]
+        lines += self.looks
         counted = (
             ("recordings cannot be read", self.unreadable),
             ("groups of recordings with the same pixels", self.duplicates),

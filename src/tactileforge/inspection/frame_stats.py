@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Frames, Recording
 from tactileforge.data.frames.crop import size_text
+from tactileforge.data.frames.pixel_contract import checked_pixels
 from tactileforge.errors import DataError
 from tactileforge.pages import images
 
@@ -53,6 +54,7 @@ class FrameStats:
         strip: uint8 (STRIP or fewer, h, w, 3), frames over time; empty if not asked for.
         strip_difference: The same minus the background; empty without background.
         strip_rows: Their frame numbers.
+        still: float32 (h, w, 3), the picture without contact, or else the median of the frames.
     """
 
     rows: NDArray[np.int64]
@@ -69,6 +71,7 @@ class FrameStats:
     strip: NDArray[np.uint8]
     strip_difference: NDArray[np.uint8]
     strip_rows: list[int]
+    still: NDArray[np.float32]
 
 
 def frame_stats(recording: Recording, strip: bool = False) -> FrameStats:
@@ -117,6 +120,7 @@ def frame_stats(recording: Recording, strip: bool = False) -> FrameStats:
         if strip and background is not None
         else _NOTHING,
         strip_rows=rows[shown].tolist(),
+        still=still,
     )
 
 
@@ -181,7 +185,7 @@ def amplified(difference: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 def _chunks(frames: Frames, rows: Sequence[int]) -> Iterator[NDArray[np.uint8]]:
     for start in range(0, len(rows), _CHUNK):
-        yield frames.read(rows[start : start + _CHUNK])
+        yield checked_pixels(frames.read(rows[start : start + _CHUNK]), "frames", 4)
 
 
 def _strongest(difference: NDArray[np.float32]) -> float:

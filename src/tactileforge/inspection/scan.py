@@ -28,6 +28,7 @@ from tactileforge.inspection.counters import (
 )
 from tactileforge.inspection.findings import InspectionFindings, Suspect
 from tactileforge.inspection.frame_stats import FrameStats, evenly, frame_stats
+from tactileforge.inspection.resting import Resting, odd_pictures
 
 SPLITS = ("train", "val")
 #: Suspicious recordings of one reason that are kept, recordings shown as strips, and recordings
@@ -142,12 +143,13 @@ def scan_dataset(dataset: Dataset, limit: int, progress: bool) -> Scan:
     chosen = [orders[order] for order in sorted(orders)]
     stripped = {sampled.order for sampled in _strips(drawn)}
     seen = _look(chosen, stripped, suspects, unreadable, progress)
+    looks = _compare(seen, suspects)
     readable = {item.of.order for item in seen}
     lags = _lags(
         [sampled for sampled in drawn if sampled.order in readable], suspects, unreadable, progress
     )
-    looks = [item.look for item in seen]
-    same, similar = duplicates.identical_groups(looks), duplicates.similar_pairs(looks)
+    images = [item.look for item in seen]
+    same, similar = duplicates.identical_groups(images), duplicates.similar_pairs(images)
     keys = [item.of.recording.key for item in seen]
     findings = InspectionFindings(
         totals=tally.totals,
@@ -157,6 +159,7 @@ def scan_dataset(dataset: Dataset, limit: int, progress: bool) -> Scan:
         duplicates=[tuple(keys[i] for i in group) for group in same],
         similar=[(keys[i], keys[j], level) for i, j, level in similar],
         repeated=[key for key, count in tally.names.top("key", _WORST) if count > 1],
+        looks=looks,
         unreadable=list(dict.fromkeys([*dataset.skipped, *unreadable])),
         notes=[*getattr(dataset, "notes", ()), *doubts.of_all()],
     )
@@ -196,6 +199,20 @@ def _look(
         for flag in check_pixels(sampled.recording, pixels):
             suspects.add(flag, sampled)
     return seen
+
+
+def _compare(seen: list[ScannedRecording], suspects: Suspects) -> list[str]:
+    """A line for each way in which resting pictures are odd; the recordings become suspects."""
+    resting = [
+        Resting(one.of.recording.key, one.of.recording.sensor, one.look.shape, one.look.still)
+        for one in seen
+    ]
+    lines = []
+    for odd in odd_pictures(resting):
+        lines.append(odd.line)
+        for row in odd.rows:
+            suspects.add(Suspicion(odd.reason, 0.0, odd.words), seen[row].of)
+    return lines
 
 
 def _lags(

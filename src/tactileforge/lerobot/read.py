@@ -12,10 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS, Frames, FrameSubset, Recording
+from tactileforge.data.frames.companions import without_companions
 from tactileforge.data.frames.crop import Crop
 from tactileforge.data.frames.encoded import EncodedFrames
 from tactileforge.data.frames.lazy import ImageFrames
 from tactileforge.data.frames.video import VideoFrames
+from tactileforge.data.labels.missing import stated
 from tactileforge.errors import DataError, DataNotFoundError, unknown
 from tactileforge.lerobot import folder
 from tactileforge.lerobot.folder import Info
@@ -66,7 +68,8 @@ class LeRobotFolder:
     def episodes(self) -> list[dict[str, Any]]:
         """Location of each episode, in order; without statistics."""
         rows: list[dict[str, Any]] = []
-        for path in sorted((self.root / "meta" / "episodes").glob("*/*.parquet")):
+        place = self.root / "meta" / "episodes"
+        for path in sorted(without_companions([*place.glob("*/*.parquet")], place)):
             names = folder.column_names(path)
             if lacks := [name for name in _NEEDED if name not in names]:
                 raise DataError(f"{path}: no column {lacks[0]}; download it again")
@@ -157,8 +160,8 @@ class LeRobotFolder:
             no_contact=self._still(about, frames, background),
             force=None if force is None else np.asarray(force, np.float32)[kept],
             action=self._action(row, device, kept),
-            object=about.get("object"),
-            text=about.get("text") or (None if about else self._task(row)),
+            object=stated(about.get("object")) or None,
+            text=stated(about.get("text") or (None if about else self._task(row))) or None,
             image=None if view is None else FrameSubset(view, kept.tolist()),
             image_times=None if view is None else times[kept],
             labels=about.get("labels")

@@ -186,7 +186,12 @@ def read_background(path: str) -> NDArray[np.uint8]:
     Raises:
         ConfigError: It is not an image.
     """
-    image = cv2.imread(path, cv2.IMREAD_COLOR)
+    image = cv2.imread(path, cv2.IMREAD_UNCHANGED)
     if image is None:
         raise ConfigError(f"background.image={path}: not a readable image")
+    if image.dtype == np.uint8 and image.shape[2:] == (4,) and (image[..., 3] == 255).all():
+        image = image[..., :3]
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
+        found = f"{image.dtype} {image.shape}"
+        raise ConfigError(f"background.image={path}: {found}; save it as RGB, 8 bits a channel")
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)

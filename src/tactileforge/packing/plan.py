@@ -72,7 +72,8 @@ def plan_pack(dataset: Dataset, out: Path, options: PackOptions) -> PackPlan:
     if not by_split["train"]:
         held_out = len(by_split["val"])
         raise DataError(
-            f"all {held_out} recordings are held out for validation: give data.val=0, or more data"
+            f"all {held_out} recordings are held out for validation: give "
+            f"{'data.val=0, or ' if hasattr(dataset, 'val') else ''}more data"
             if held_out
             else "the data set has no recording for training; check the path of its data"
         )

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tactileforge.bars import Bar
 from tactileforge.contracts import Dataset, Recording
+from tactileforge.data.frames.pixel_contract import checked_pixels
 from tactileforge.data.shards.index import sort_recordings
 from tactileforge.errors import DataError
 from tactileforge.files import write_text
@@ -137,7 +138,8 @@ def threshold_for(judged: Sequence[Judged], share: float) -> float:
 def _read(recording: Recording, rows: Sequence[int]) -> Iterator[filters.Numbered]:
     for start in range(0, len(rows), _CHUNK):
         chunk = rows[start : start + _CHUNK]
-        yield from zip(chunk, recording.frames.read(chunk), strict=True)
+        frames = checked_pixels(recording.frames.read(chunk), recording.key, 4)
+        yield from zip(chunk, frames, strict=True)
 
 
 def _spread(everything: Sequence[Recording], count: int) -> list[Recording]:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.errors import ConfigError, DataError, unknown
+from tactileforge.data.frames.pixel_contract import checked_pixels
+from tactileforge.errors import ConfigError, unknown
 from tactileforge.sensors.background import Background
 
 if TYPE_CHECKING:
@@ -62,9 +63,4 @@ def checked_image(what: str, image: Image) -> Image:
     Raises:
         DataError: It is something else; says what was found.
     """
-    if not isinstance(image, np.ndarray) or image.dtype != np.uint8:
-        dtype = getattr(image, "dtype", type(image).__name__)
-        raise DataError(f"{what}: expected a numpy array of uint8, (H, W, 3), found {dtype}")
-    if image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape:
-        raise DataError(f"{what}: expected (H, W, 3), RGB, found {image.shape}")
-    return np.array(image)
+    return np.array(checked_pixels(image, what, 3))

@@ -442,3 +442,32 @@ def test_a_video_of_too_many_pixels_is_refused_before_one_is_decoded(
 )
 def test_a_time_that_is_there_twice_changes_no_other(given: list[float], want: list[float]) -> None:
     np.testing.assert_allclose(video_index._apart(np.array(given), 30.0), want)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("%04d.png", "no such file, and patterns of images are none; open images as frames"),
+        ("", "a folder, not a video; open images as frames"),
+        ("gone.mp4", "no such file; correct the path"),
+        ("x" * 300 + ".mp4", "no such file"),
+    ],
+)
+def test_what_is_no_video_file_is_named(tmp_path: Path, name: str, words: str) -> None:
+    for i in range(10):
+        Image.fromarray(picture(i)).save(tmp_path / f"{i:04d}.png")
+    with pytest.raises(DataError, match=words):
+        VideoFrames(tmp_path / name)
+
+
+@pytest.mark.parametrize("pixel_format", ["gray16le", "rgb48le"])
+def test_a_video_of_16_bits_a_channel(tmp_path: Path, pixel_format: str) -> None:
+    av = pytest.importorskip("av")
+    path = tmp_path / "deep.mkv"
+    with av.open(str(path), "w") as out:
+        stream = out.add_stream("ffv1", rate=30)
+        stream.height, stream.width, stream.pix_fmt = 20, 32, pixel_format
+        for packet in [*stream.encode(av.VideoFrame(32, 20, pixel_format)), *stream.encode()]:
+            out.mux(packet)
+    with pytest.raises(DataError, match=r"deep\.mkv: 16 bits a channel; convert it to 8 bits"):
+        VideoFrames(path)

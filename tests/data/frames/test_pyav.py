@@ -110,3 +110,21 @@ def test_other_codecs_stay_with_opencv(tmp_path: Path) -> None:
     assert index.codec not in pyav.CODECS
     assert isinstance(video._cursor(str(path), index), video._OpenCvCursor)
     assert cv2.VideoCapture(str(path)).get(cv2.CAP_PROP_FRAME_COUNT) == COUNT
+
+
+def test_metadata_that_is_no_utf_8(tmp_path: Path) -> None:
+    encoders = [name for name in ("libsvtav1", "libaom-av1") if name in av.codecs_available]
+    if not encoders:
+        pytest.skip("this PyAV has no encoder of AV1")
+    path = tmp_path / "a.mp4"
+    with av.open(str(path), "w") as container:
+        container.metadata["comment"] = "recorded at MUENCHEN"
+        stream = container.add_stream(encoders[0], rate=RATE, options={"preset": "12"})
+        stream.width, stream.height, stream.pix_fmt = 64, 64, "yuv420p"
+        black = av.VideoFrame.from_ndarray(np.zeros((64, 64, 3), np.uint8), format="rgb24")
+        container.mux(stream.encode(black))
+        container.mux(stream.encode(None))
+    raw = path.read_bytes()
+    assert b"MUENCHEN" in raw
+    path.write_bytes(raw.replace(b"MUENCHEN", b"M\xfcNCHEN\xff"))
+    assert VideoFrames(path).read([0]).shape == (1, 64, 64, 3)

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactileforge.contracts import Dataset
+from tactileforge.contracts import Dataset, FrameSubset
+from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.datasets.reading.published import (
     NumberedImages,
     PublishedDataset,
@@ -112,3 +113,14 @@ def test_helpers(make_images: Make, tmp_path: Path, levels: Make) -> None:
     (tmp_path / "bad.png").write_bytes(b"")
     with pytest.raises(DataError, match=r"bad\.png: not a readable image"):
         still_background(tmp_path / "bad.png", frames)
+
+
+@each_reader
+@pytest.mark.parametrize("word", ["nan", "None", "N/A", ""])
+def test_a_word_for_no_value_is_no_caption(
+    name: str, reader: type[PublishedDataset], word: str
+) -> None:
+    frames = FrameSubset(ArrayFrames(np.zeros((1, 4, 4, 3), np.uint8)), [0])
+    about = {"sensor": "digit", "frames": frames, "times": np.zeros(1), "no_contact": None}
+    one = reader(".")._recording("a", object=word, text=word, **about)
+    assert (one.key, one.object, one.text) == (f"{name}/a", None, None)

@@ -1,4 +1,5 @@
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -7,7 +8,7 @@ import pytest
 
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
-from tactileforge.datasets.reading.splits import is_held_out, split_parts
+from tactileforge.datasets.reading.splits import held_out, is_held_out, split_parts, take_of
 from tactileforge.datasets.recordings import Recordings
 from tactileforge.errors import DataError
 
@@ -125,3 +126,42 @@ def test_by_time_of_a_video(tmp_path: Path, make_video: MakeFile) -> None:
     assert [recording.key for recording in val] == ["a/a.avi[24:36]"]
     assert val[0].no_contact is not None
     assert len(val[0].no_contact) == 3, "parts keep the background of the whole"
+
+
+def recorded(take: int, device: str, name: str | None) -> Recording:
+    frames = ArrayFrames(np.zeros((60, 4, 4, 3), np.uint8))
+    return Recording(
+        key=f"takes/{take:06d}/{device}/0000",
+        sensor="digit",
+        frames=frames,
+        times=np.arange(60) / 30,
+        no_contact=None,
+        object=name,
+        labels={"take": take, "device": device},
+    )
+
+
+def test_takes_are_held_out_with_all_their_sensors() -> None:
+    sides: dict[int, set[bool]] = {}
+    for take in range(100):
+        for device in ("left", "right"):
+            one = recorded(take, device, "cup")
+            in_train = list(held_out(one, 0.3, "take", "train"))
+            in_val = list(held_out(one, 0.3, "take", "val"))
+            assert len(in_train) + len(in_val) == 1
+            sides.setdefault(take, set()).add(bool(in_val))
+    assert all(len(of) == 1 for of in sides.values())
+    assert 20 <= sum(True in of for of in sides.values()) <= 40
+
+
+def test_objects_and_times_are_held_out() -> None:
+    takes = [recorded(take, "left", f"object_{take % 10}") for take in range(40)]
+    val = [one for take in takes for one in held_out(take, 0.3, "object", "val")]
+    train = [one for take in takes for one in held_out(take, 0.3, "object", "train")]
+    assert len(val) + len(train) == 40
+    assert val
+    assert not {one.object for one in val} & {one.object for one in train}
+    parts = list(held_out(takes[0], 0.2, "time", "val"))
+    assert sum(len(part.frames) for part in parts) == 12
+    tile = replace(takes[0], key="a/b.mp4#left[0:12]", labels={})
+    assert take_of(tile) == "a/b.mp4"

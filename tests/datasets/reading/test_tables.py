@@ -6,15 +6,10 @@ import numpy as np
 import pytest
 
 from tactileforge.contracts import ACTIONS
+from tactileforge.datasets.reading.label_rows import LabelRow, label_row, read_labels
 from tactileforge.datasets.reading.layout import DatasetLayout, parse_layout
 from tactileforge.datasets.reading.layout_keys import FrameTable
-from tactileforge.datasets.reading.tables import (
-    LabelRow,
-    label_row,
-    read_actions,
-    read_force,
-    read_labels,
-)
+from tactileforge.datasets.reading.tables import read_actions, read_force
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 
 Write = Callable[[str, str], Path]

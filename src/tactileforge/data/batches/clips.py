@@ -14,6 +14,7 @@ from torch.utils.data import Dataset
 
 from tactileforge.contracts import NEUTRAL_BACKGROUND, Batch, Frames, Recording, Robot
 from tactileforge.data.frames.cut import frame_period, held_clips, whole_clips
+from tactileforge.data.frames.pixel_contract import checked_pixels
 from tactileforge.data.labels import displacement
 from tactileforge.data.labels.align import nearest
 from tactileforge.data.labels.objects import object_id
@@ -195,6 +196,7 @@ class Clips(Dataset[dict[str, Any]]):
                     f"{recording.frames.shape}; give a background of the same size"
                 )
             else:
+                rest = checked_pixels(rest, f"{recording.key}, background", 3)
                 background = resize_frame(rest, self.size)
             self._cache.put(("background", number), background)
         return background
@@ -205,7 +207,8 @@ class Clips(Dataset[dict[str, Any]]):
         found = {row: self._cache.get((*key, row)) for row in rows}
         missing = [row for row, frame in found.items() if frame is None]
         if missing:
-            for row, frame in zip(missing, frames.read(missing), strict=True):
+            read = checked_pixels(frames.read(missing), f"{self.recordings[key[1]].key}, {key[0]}")
+            for row, frame in zip(missing, read, strict=True):
                 found[row] = small = resize_frame(frame, size)
                 self._cache.put((*key, row), small)
         return np.stack([found[row] for row in rows])  # type: ignore[misc]

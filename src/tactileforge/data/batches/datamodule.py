@@ -13,6 +13,7 @@ import torch
 from tactileforge.contracts import Batch, Dataset, Recording
 from tactileforge.data.batches.allocate import allocate
 from tactileforge.data.batches.clips import Clips, Skipped
+from tactileforge.data.batches.leaks import by_source, leak_warning, leaks
 from tactileforge.data.batches.loader import Loader
 from tactileforge.data.batches.pairs import Pairs
 from tactileforge.data.batches.say_doubts import say_doubts
@@ -136,15 +137,17 @@ class TouchData(L.LightningDataModule):
         self.sources = {split: sources_of(self.dataset, split) for split in ("train", "val")}
         if not self.sources["train"]:
             text = "the data set has no recording for training"
-            fix = ": all are held out for validation; give data.val=0"
+            fix = ": all are held out for validation"
+            fix += "; give data.val=0" if hasattr(self.dataset, "val") else ""
             raise DataNotFoundError(text + fix if self.sources["val"] else text)
-        sample: list[Recording] = []
+        opened: list[list[Recording]] = []
         for number, source in enumerate(self.sources["train"]):
             is_whole = len(source.parts) == 1 or source.summary.recordings <= self.window
             recordings = source.open(_first(source, None if is_whole else _SAMPLE), self._note)
-            sample += recordings
+            opened.append(recordings)
             if is_whole:
                 self._whole[number] = self._clips(recordings)
+        sample = list(chain.from_iterable(opened))
         alone = len(self.sources["train"]) == 1 and self._whole
         self.train = self._whole[0] if alone else self._clips(sample)
         if self.match and not Pairs(*self.train.labels()):
@@ -155,12 +158,16 @@ class TouchData(L.LightningDataModule):
         held_out = [
             source.open(_first(source, self.window), self._note) for source in self.sources["val"]
         ]
+        trained, validated = by_source(self.sources, opened, held_out)
+        if found := leaks(trained, validated):
+            log.warning(leak_warning(found))
         kept = self._readable(list(chain.from_iterable(held_out)))
         self._doubts = say_doubts(self.dataset, sample, kept, self.spacing, self.frames)
         if kept:
             self.val = self._clips(kept)
         else:
-            log.warning("no recording is held out: nothing is validated (data.val= is the share)")
+            share = " (data.val= is the share)" if hasattr(self.dataset, "val") else ""
+            log.warning("no recording is held out: nothing is validated%s", share)
 
     def check(self, needs: Mapping[str, frozenset[str]]) -> None:
         """Whether the training clips carry what objectives need.

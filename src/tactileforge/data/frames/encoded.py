@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.data.frames.crop import check_range, size_text
+from tactileforge.data.frames.pictures import rgb_pixels
+from tactileforge.data.frames.pixel_contract import checked_pixels
 from tactileforge.errors import DataError
 from tactileforge.untrusted import open_picture
 
@@ -101,17 +103,12 @@ class EncodedFrames:
     def _frame(self, i: int) -> NDArray[np.uint8]:
         image = self.images[i]
         if isinstance(image, np.ndarray):
-            if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
-                raise DataError(
-                    f"{self.name}, frame {i}: {image.dtype} {image.shape} is not an image; "
-                    "frames are uint8 (H, W, 3)"
-                )
-            frame = image
+            frame = checked_pixels(image, f"{self.name}, frame {i}", 3)
         else:
             raw = image.read() if isinstance(image, Blob) else image
             try:
                 with open_picture(BytesIO(raw)) as opened:
-                    frame = np.asarray(opened.convert("RGB"))
+                    frame = rgb_pixels(opened, f"{self.name}, frame {i}")
             except _UNREADABLE as error:
                 raise DataError(
                     f"{self.name}, frame {i}: not a readable image ({error}); download it again"

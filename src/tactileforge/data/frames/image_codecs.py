@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.data.frames.crop import check_range, size_text
+from tactileforge.data.frames.pixel_contract import checked_pixels
 from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.untrusted import open_picture
 
@@ -27,6 +28,7 @@ CODECS: dict[str, list[int]] = {
 GROUPS = {"background": "background.", "image": "image.", "surface": "surface.", "frames": ""}
 #: Codecs of groups that lossy compression would spoil; the others have the recording's.
 _LOSSLESS = {"surface": "png"}
+_PNG = b"\x89PNG"
 #: Bytes of a block of a tar file: a member is one with its name, and its content in whole ones.
 BLOCK = 512
 
@@ -41,7 +43,9 @@ def encode_image(image: NDArray[np.uint8], codec: str = "jpg", quality: int | No
 
     Raises:
         ConfigError: An unknown codec, or a quality that is none.
+        DataError: The image is of another type or shape.
     """
+    checked_pixels(image, "an image to store", 3)
     if codec not in CODECS:
         raise ConfigError(unknown("codec", codec, CODECS))
     options = CODECS[codec]
@@ -165,6 +169,10 @@ class PackedFrames:
             raise DataError(
                 f"{self.name}, {self.group} {i}: {size_text(shape)} pixels, where "
                 f"{size_text(self.shape)} are stated; pack it again"
+            )
+        if data.startswith(_PNG) and data[24] > 8:  # else cut to the upper byte
+            raise DataError(
+                f"{self.name}, {self.group} {i}: {data[24]} bits a channel; pack 8 bits a channel"
             )
         frame = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB)
         if frame is None:

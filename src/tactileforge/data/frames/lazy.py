@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.data.frames.crop import Crop, Cropped, check_range, size_text
+from tactileforge.data.frames.pictures import check_depth, rgb_pixels
+from tactileforge.data.frames.pixel_contract import channel_fix, value_fix
 from tactileforge.data.frames.video import VIDEO_SUFFIXES, VideoFrames
 from tactileforge.errors import DataError, DataNotFoundError
 from tactileforge.untrusted import open_picture
@@ -27,7 +29,8 @@ class ImageFrames(Cropped):
 
     Raises:
         DataNotFoundError: A file does not exist.
-        DataError: A file is no 8-bit image, or its size differs from that of the first.
+        DataError: A file is no 8-bit image, or its size differs from that of the first; or, once
+            it is read, it has transparent pixels.
     """
 
     def __init__(self, paths: Sequence[str | Path], crop: Crop | None = None) -> None:
@@ -72,7 +75,8 @@ class ArrayFrames:
 
     def __init__(self, array: NDArray[np.uint8]) -> None:
         if array.dtype != np.uint8 or array.ndim != 4 or array.shape[-1] != 3:
-            raise DataError(f"frames are uint8 (T, H, W, 3), not {array.dtype} {array.shape}")
+            fix = channel_fix(array.shape) if array.dtype == np.uint8 else value_fix(array)
+            raise DataError(f"frames are uint8 (T, H, W, 3), not {array.dtype} {array.shape}{fix}")
         self.array = array
 
     @property
@@ -93,9 +97,8 @@ def _image(path: str, decode: bool) -> tuple[tuple[int, int], NDArray[np.uint8]]
     """Height and width of an image file, and its pixels if asked for."""
     try:
         with open_picture(path) as image:
-            if image.mode[0] in "IF":
-                raise DataError(f"{path}: {image.mode} pixels; convert it to 8 bits a channel")
-            pixels = np.asarray(image.convert("RGB")) if decode else np.empty(0, np.uint8)
+            check_depth(image, path)
+            pixels = rgb_pixels(image, path) if decode else np.empty(0, np.uint8)
             return (image.height, image.width), pixels
     except FileNotFoundError:
         raise DataNotFoundError(f"{path}: no such file; correct the path") from None

@@ -52,13 +52,13 @@ class PyAvCursor:
         import av
 
         try:
-            self._container: Any = av.open(self.path)
+            self._container: Any = av.open(self.path, metadata_errors="replace")
             self._stream: Any = self._container.streams.video[0]
             # one thread, as in `open_video`
             self._stream.codec_context.thread_count = 1
             self._frames: Iterator[Any] = self._container.decode(self._stream)
             self._frame = next(self._frames)
-        except (av.FFmpegError, OSError, IndexError, StopIteration) as error:
+        except (av.FFmpegError, OSError, UnicodeError, IndexError, StopIteration) as error:
             raise self.index.damaged(self.path, 0) from error
         self.at, self._start = 0, self._seconds()
 

@@ -8,6 +8,7 @@ from typing import Any
 from tactileforge.contracts import Frames, FrameSubset
 from tactileforge.data.frames.image_codecs import PackedFrames
 from tactileforge.data.frames.lazy import ImageFrames, VideoFrames
+from tactileforge.data.frames.turned import TurnedFrames
 
 
 def stamp_of(frames: Frames | None) -> Any:
@@ -23,6 +24,8 @@ def stamp_of(frames: Frames | None) -> Any:
             return [_changed(frames.path), list(frames.box)]
         case ImageFrames():
             return [[_changed(path) for path in frames.paths], list(frames.box)]
+        case TurnedFrames():
+            return [stamp_of(frames.base), frames.bgr, frames.turns]
         case PackedFrames():
             return frames.crcs.tolist()
     return None

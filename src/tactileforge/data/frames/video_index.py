@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,14 @@ _NO_RATE = 1e6
 #: Frames of a video: 38 hours at 30 a second.
 MAX_FRAMES = 1 << 22
 
+#: Number that FFmpeg's letters of a pixel format of 16 bits begin or end with.
+_DEEP = 16
+
+#: How images are read as a video.
+_IMAGES = (
+    "open images as frames: tactileforge.data.frames.lazy.ImageFrames(sorted(Path(DIR)"
+    '.glob("*.png"))), and give their times'
+)
 #: What is done about a damaged video.
 HINT = "download it again, or convert it: ffmpeg -i IN -c:v libx264 OUT.mp4"
 
@@ -75,7 +84,13 @@ class VideoIndex:
 
 
 def open_video(path: str) -> Any:
-    """Opens a video silently: errors are raised, not printed by OpenCV."""
+    """Opens a video silently: errors are raised, not printed by OpenCV.
+
+    Raises:
+        DataNotFoundError: There is no such file.
+        DataError: It is a folder, or no video.
+    """
+    _check_file(path)
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(0)
     try:
@@ -84,10 +99,20 @@ def open_video(path: str) -> Any:
     finally:
         cv2.utils.logging.setLogLevel(level)
     if not capture.isOpened():
-        if not Path(path).is_file():
-            raise DataNotFoundError(f"{path}: no such file; correct the path")
         raise DataError(f"{path}: not a video, or truncated; {HINT}")
     return capture
+
+
+def _check_file(path: str) -> None:
+    """Raises an error where there is no file: OpenCV takes patterns of images and URLs as well."""
+    with suppress(OSError):  # a name that is too long is none
+        if Path(path).is_file():
+            return
+        if Path(path).is_dir():
+            raise DataError(f"{path}: a folder, not a video; {_IMAGES}")
+    if "%" in Path(path).name:
+        raise DataNotFoundError(f"{path}: no such file, and patterns of images are none; {_IMAGES}")
+    raise DataNotFoundError(f"{path}: no such file; correct the path")
 
 
 def read_index(path: str) -> VideoIndex:
@@ -103,6 +128,7 @@ def read_index(path: str) -> VideoIndex:
     rate = float(capture.get(cv2.CAP_PROP_FPS))
     announced = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
     _check_size(path, shape, announced)
+    _check_depth(path, int(capture.get(cv2.CAP_PROP_CODEC_PIXEL_FORMAT)))
     capture.set(cv2.CAP_PROP_FORMAT, -1)  # packets as they are, not decoded
     packets = []
     while capture.grab():
@@ -150,6 +176,16 @@ def _check_size(path: str, shape: tuple[int, int], frames: int) -> None:
         raise DataError(
             f"{path}: a video of {frames:,} frames, where {MAX_FRAMES:,} are the limit; cut it "
             "into parts: ffmpeg -i IN -f segment -segment_time 3600 -c copy OUT%03d.mp4"
+        )
+
+
+def _check_depth(path: str, pixel_format: int) -> None:
+    """Raises an error for 16 bits a channel: the codec would show the upper byte alone."""
+    letters = pixel_format.to_bytes(4, "little", signed=pixel_format < 0)
+    if _DEEP in (letters[0], letters[3]):
+        raise DataError(
+            f"{path}: 16 bits a channel; convert it to 8 bits a channel, scaled by what the camera "
+            "calls white"
         )
 
 

@@ -40,6 +40,7 @@ from tactileforge.data.shards.description import (
     describe_recording,
     parse_description,
 )
+from tactileforge.data.shards.foreign import check_foreign
 from tactileforge.errors import DataError
 from tactileforge.files import new_part
 from tactileforge.untrusted import MAX_PIXELS
@@ -142,7 +143,7 @@ def read_shard(path: Path, bad: Callable[[DataError], None] = _raise) -> Iterato
             are yielded all the same. Raises unless something else is given.
 
     Raises:
-        DataError: The file is no shard, or is of another version; names it.
+        DataError: The file is no shard, or is of another version or program; names it.
     """
     try:
         with path.open("rb") as file:
@@ -153,7 +154,7 @@ def read_shard(path: Path, bad: Callable[[DataError], None] = _raise) -> Iterato
 
 def _scan(file: BinaryIO, path: Path, bad: Callable[[DataError], None]) -> Iterator[Recording]:
     size = os.fstat(file.fileno()).st_size
-    place = pictures = 0
+    place = pictures = found = 0
     while True:
         try:
             member = _member(file, path, place)
@@ -181,11 +182,16 @@ def _scan(file: BinaryIO, path: Path, bad: Callable[[DataError], None]) -> Itera
             about = parse_description(file.read(length), f"{path}:{name}")
             recording, place = _recording(path, name.removesuffix(".json"), about, start + length)
         except DataError as error:
+            if not found:
+                check_foreign(path)
             bad(error)
             continue
         if place > size:
             break
+        found += 1
         yield recording
+    if not found:
+        check_foreign(path)
     if place + BLOCK > size:  # a whole tar ends with blocks of zeros
         bad(DataError(f"{path}: cut off at byte {size}; download or pack it again"))
 

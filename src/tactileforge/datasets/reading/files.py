@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
-from collections.abc import Sequence
+import shlex
+from collections.abc import Iterable, Sequence
 from io import StringIO
 from pathlib import Path
 
+from tactileforge.data.frames.companions import is_companion
 from tactileforge.datasets.reading.order import Natural, name_keys, natural
 from tactileforge.errors import ConfigError, DataError
+
+#: What a text of wide letters begins with, the longest first.
+_MARKS = {
+    codecs.BOM_UTF32_LE: "utf-32",
+    codecs.BOM_UTF32_BE: "utf-32",
+    codecs.BOM_UTF16_LE: "utf-16",
+    codecs.BOM_UTF16_BE: "utf-16",
+}
 
 
 class DamagedFileError(DataError):
@@ -19,18 +30,43 @@ def read_text(path: Path) -> str:
     """The text of a file, in UTF-8, without a byte order mark.
 
     Raises:
-        DataError: It cannot be read, or is not UTF-8; names it.
+        DataError: It cannot be read, or is not UTF-8; names it and what it seems to be.
     """
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            return file.read()
+        raw = path.read_bytes()
+        encoding = wide_encoding(raw)
+        if encoding is None:
+            return raw.decode("utf-8-sig")
+        raise DataError(
+            f"{path}: byte 0 is not UTF-8: it is {encoding.upper()}; save it as CSV UTF-8, or "
+            f"convert it: iconv -f {encoding} -t utf-8 {shlex.quote(path.name)} > utf8.csv"
+        )
     except UnicodeDecodeError as error:
         raise DataError(
             f"{path}: byte {error.start} is not UTF-8; download it again, save it as CSV UTF-8, or "
-            f"convert it: iconv -f latin1 -t utf-8 {path.name}"
+            f"convert it: iconv -f latin1 -t utf-8 {shlex.quote(path.name)} > utf8.csv"
         ) from error
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror}); download it again") from error
+
+
+def wide_encoding(raw: bytes) -> str | None:
+    """The encoding of a text of two or four bytes a letter, by its mark or its zeros; else None.
+
+    Args:
+        raw: The bytes of the text.
+
+    Example:
+        >>> wide_encoding("file".encode("utf-16")), wide_encoding(b"file,object")
+        ('utf-16', None)
+    """
+    for mark, name in _MARKS.items():
+        if raw.startswith(mark):
+            return name
+    even, odd = raw[:2000:2].count(0), raw[1:2000:2].count(0)
+    if even + odd <= len(raw[:2000]) // 4:
+        return None
+    return "utf-16be" if even > odd else "utf-16le"
 
 
 def read_rows(path: Path) -> list[list[str]]:
@@ -50,7 +86,9 @@ def matching_files(
 ) -> tuple[list[Path], list[Path]]:
     """Files that match any pattern, each once, in natural order; and what matches and is none.
 
-    Numbers in names count as such, 2 before 10 and 8.27 before 8.5; see `order.name_keys`.
+    Numbers in names count as such, 2 before 10 and 8.27 before 8.5; see `order.name_keys`. The
+    ending counts in any case: ``*.png`` finds ``0.PNG``. Hidden files, and those that a computer
+    puts beside pictures, are left out.
 
     Args:
         folder: Where to look.
@@ -59,12 +97,14 @@ def matching_files(
 
     Raises:
         ConfigError: One is no pattern of paths below the folder.
+        DataError: Two files differ in the case of their ending alone.
     """
     found: dict[Path, bool] = {}  # whether a pattern that names files has matched it
     for pattern in patterns:
         is_for_files = "." in pattern.rpartition("/")[2]
         for path in _matches(folder, pattern, layout):
             found[path] = found.get(path, False) or is_for_files
+    _check_endings(found)
     keys = name_keys(found)
     paths = sorted(found, key=lambda path: (*_folders(path.relative_to(folder)), *keys[path]))
     odd = [path for path in paths if not path.is_file() and (found[path] or not path.is_dir())]
@@ -73,12 +113,54 @@ def matching_files(
 
 def _matches(folder: Path, pattern: str, layout: str) -> list[Path]:
     try:
-        return list(folder.glob(pattern))
+        paths = list(folder.glob(_any_case(pattern)))
+        hidden = any(part.startswith(".") for part in Path(pattern).parts)  # asked for by name
+        return [path for path in paths if hidden or not is_companion(path.relative_to(folder))]
     except (ValueError, NotImplementedError) as error:
         raise ConfigError(
             f"layout {layout!r}: pattern {pattern!r}: {error}; give a path from {folder} on, with "
             "** alone between slashes, e.g. *.png or **/*.png"
         ) from error
+
+
+def deeper(folder: Path, patterns: Sequence[str], layout: str) -> str:
+    """A remark on files that patterns would match in the folders of a folder; "" without any.
+
+    Args:
+        folder: Where the patterns match nothing.
+        patterns: See `matching_files`.
+        layout: See `matching_files`.
+    """
+    found = [path for p in patterns for path in _matches(folder, f"*/{p}", layout)]
+    if not found:
+        return ""
+    places = sorted(path.relative_to(folder) for path in found)
+    inside = sorted({place.parts[0] for place in places})
+    listed = " and ".join(inside[:3]) + (f" and {len(inside) - 3} more" if len(inside) > 3 else "")
+    better = folder / ("train" if "train" in inside else inside[0])
+    return (
+        f", but files one folder deeper, in {listed}, do, such as {places[0].as_posix()}: give one "
+        f"of these as the folder ({better})"
+    )
+
+
+def _any_case(pattern: str) -> str:
+    """A pattern whose ending matches in any case: a camera writes .MP4, a program .mp4."""
+    start, dot, ending = pattern.rpartition(".")
+    if not dot or not ending.isalnum() or not ending.isascii():
+        return pattern
+    return start + dot + "".join(f"[{c.lower()}{c.upper()}]" if c.isalpha() else c for c in ending)
+
+
+def _check_endings(paths: Iterable[Path]) -> None:
+    """Raises an error where two files differ in the case of their ending alone."""
+    seen: dict[Path, Path] = {}
+    for path in paths:
+        other = seen.setdefault(path.with_suffix(path.suffix.lower()), path)
+        if other != path:
+            raise DataError(
+                f"{path}: {other.name} lies beside it, of the same name; remove or rename one"
+            )
 
 
 def kind_of(path: Path) -> str:

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from tactileforge.datasets.reading.frame_clock import FrameClock
 from tactileforge.datasets.reading.image_rows import ImageRows, names_images
-from tactileforge.datasets.reading.layout import DatasetLayout, template_columns
+from tactileforge.datasets.reading.layout import DatasetLayout
 from tactileforge.datasets.reading.layout_keys import FrameTable
 from tactileforge.datasets.reading.table_clock import on_frames
 from tactileforge.datasets.reading.tables import Row, read_actions, read_force
+from tactileforge.datasets.reading.templates import template_columns
 
 
 class FrameTables:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from string import Formatter
 from typing import Any
 
 from tactileforge.contracts import ACTIONS
@@ -22,11 +21,14 @@ from tactileforge.datasets.reading.layout_keys import (
     FrameTable,
     LayoutKeys,
 )
+from tactileforge.datasets.reading.templates import template_columns
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.sensors.specs import spec
 from tactileforge.strict import build, mapping
 
 SPLITS = ("recording", "object", "time", "train", "val")
+CHANNELS = ("rgb", "bgr")
+ROTATIONS = (0, 90, 180, 270)
 
 #: Columns that every file has, whatever its labels.
 FILE_COLUMNS = ("file", "stem", "folder", "parent")
@@ -67,6 +69,8 @@ class DatasetLayout:
     fps: float | None
     times: ClockKeys | str
     order: ClockKeys | str
+    bgr: bool
+    turns: int
     crops: Mapping[str, Tile]
     background: BackgroundRule | None
     labels: str | None
@@ -117,6 +121,8 @@ def parse_layout(name: str, config: Any) -> DatasetLayout:
         fps=keys.fps,
         times=parse_times(keys.times, each, where),
         order=parse_order(keys.order, each, where),
+        bgr=keys.channels == "bgr",
+        turns=(keys.rotate or 0) // 90,
         crops=crops,
         background=_background(keys.background, f"{where}: background"),
         labels=keys.labels.file,
@@ -161,35 +167,15 @@ def _check(keys: LayoutKeys, each: str, where: str) -> None:
     tables = (keys.force, keys.action)
     if each == "video" and any(getattr(table, "key", None) for table in tables):
         raise ConfigError(f"{where}: key: names images, and these are videos; give frame: or time:")
+    if keys.channels not in CHANNELS:
+        raise ConfigError(f"{where}: {unknown('channels', keys.channels, CHANNELS)}")
+    if keys.rotate not in ROTATIONS:
+        raise ConfigError(
+            f"{where}: rotate is {keys.rotate}; give the degrees, clockwise, that put the picture "
+            "upright: 0, 90, 180 or 270"
+        )
     if not 1 <= keys.tier <= 5:
         raise ConfigError(f"{where}: tier is {keys.tier}, but must be 1 to 5")
-
-
-def template_columns(template: str) -> list[str]:
-    """The columns that a template takes values from.
-
-    Raises:
-        ConfigError: A brace is not closed, or a column is to be formatted.
-    """
-    return [name for _, name in template_parts(template) if name is not None]
-
-
-def template_parts(template: str) -> list[tuple[str, str | None]]:
-    """Each text of a template, and the column that follows it; None for none.
-
-    Raises:
-        ConfigError: See `template_columns`.
-    """
-    try:
-        parts = list(Formatter().parse(template))
-    except ValueError as error:
-        raise ConfigError(f"template {template!r}: {error}; write {{column}}") from error
-    for _, name, form, conversion in parts:
-        if form or conversion:
-            raise ConfigError(
-                f"template {template!r}: columns are taken as they are; write {{{name}}}"
-            )
-    return [(text, name) for text, name, _, _ in parts]
 
 
 def _files(keys: LayoutKeys, where: str) -> tuple[tuple[str, ...], str]:

@@ -131,6 +131,8 @@ class LayoutKeys:
     fps: float | None = None
     times: str | ClockKeys | None = None
     order: str | ClockKeys | None = None
+    channels: str = "rgb"
+    rotate: int = 0
     crops: dict[str, CropKeys] = field(default_factory=dict)
     labels: LabelKeys = field(default_factory=LabelKeys)
     words: dict[Any, dict[Any, Any]] = field(default_factory=dict)

@@ -14,8 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Frames, FrameSubset, Recording
+from tactileforge.data.frames.companions import is_companion
 from tactileforge.data.frames.crop import size_text
 from tactileforge.data.frames.lazy import ImageFrames
+from tactileforge.data.labels.missing import stated
 from tactileforge.datasets.reading.official import ALL, OfficialSplit
 from tactileforge.datasets.reading.splits import is_held_out
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
@@ -163,7 +165,9 @@ class PublishedDataset(ABC):
         raise self._missing(f"no folder {self.root / names[0]}")
 
     def _recording(self, key: str, **fields: Any) -> Recording:
-        """A recording that says where it is from."""
+        """A recording that says where it is from; a word for no value is no text and no object."""
+        for name in ("object", "text"):
+            fields[name] = stated(fields.get(name)) or None
         return Recording(
             key=f"{self.name}/{key}",
             source=f"{self.citation} {self.url}",
@@ -204,7 +208,7 @@ class NumberedImages:
         """File by number, ascending; hidden files and other kinds are left out."""
         paths = {}
         for path in sorted(self.folder.iterdir()) if self.folder.is_dir() else ():
-            wanted = path.suffix.lower() in _IMAGES and not path.name.startswith(".")
+            wanted = path.suffix.lower() in _IMAGES and not is_companion(Path(path.name))
             if wanted and self.named.fullmatch(path.stem):
                 paths[int(re.findall(r"\d+", path.stem)[-1])] = path
         return dict(sorted(paths.items()))

@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 from tactileforge.contracts import ACTIONS, Frames, FrameSubset, Recording
 from tactileforge.data.frames.crop import size_text
 from tactileforge.data.frames.lazy import Crop, ImageFrames, VideoFrames
+from tactileforge.data.frames.turned import turned
 from tactileforge.data.labels.actions import label_actions
-from tactileforge.datasets.reading.files import kind_of, matching_files
+from tactileforge.datasets.reading.files import deeper, kind_of, matching_files
 from tactileforge.datasets.reading.frame_clock import Clocks, FrameClock
 from tactileforge.datasets.reading.frame_tables import FrameTables
 from tactileforge.datasets.reading.image_rows import ImageRows
+from tactileforge.datasets.reading.label_rows import LabelRow, match_labels
 from tactileforge.datasets.reading.layout import (
     DatasetLayout,
     check_action,
@@ -25,10 +27,7 @@ from tactileforge.datasets.reading.layout import (
 )
 from tactileforge.datasets.reading.layout_keys import FrameTable
 from tactileforge.datasets.reading.order import order_doubt
-from tactileforge.datasets.reading.tables import (
-    label_row,
-    read_labels,
-)
+from tactileforge.datasets.reading.templates import template_columns
 from tactileforge.datasets.reading.touch import FileFrames, LayoutTouch, open_files
 from tactileforge.errors import DataError, DataNotFoundError
 
@@ -79,26 +78,18 @@ class LayoutReader:
         self.odd += [f"{path}: no file but {kind_of(path)}; left out" for path in odd]
         if not files:
             raise DataNotFoundError(
-                f"{self.folder}: no file matches {' or '.join(self.layout.globs)!r}; set data.root "
-                f"to the folder of the data, or correct the pattern of layout {self.layout.name!r}"
+                f"{self.folder}: no file matches {' or '.join(self.layout.globs)!r}"
+                f"{deeper(self.folder, self.layout.globs, self.layout.name)}; set data.root to the "
+                f"folder of the data, or correct the pattern of layout {self.layout.name!r}"
             )
         named: dict[str, list[Path]] = {}
         for path in files:
             touch = path.parent if self.layout.each == "sequence" else path
             named.setdefault(touch.relative_to(self.folder).as_posix(), []).append(path)
         self._of(ImageRows(self.folder, files))
-        labels = read_labels(self.layout, self.folder)
-        for name, row in labels.items():
-            if name not in named and not (self.folder / name).exists():
-                raise DataError(
-                    f"{row.where}: {name!r} names no file in {self.folder} (one that there is: "
-                    f"{next(iter(named))!r}); correct the row, or remove it"
-                )
+        labels = match_labels(self.layout, self.folder, named)
         return self._without_backgrounds(
-            [
-                LayoutTouch(name, paths, label_row(name, labels, self.layout))
-                for name, paths in named.items()
-            ]
+            [LayoutTouch(name, paths, labels[name]) for name, paths in named.items()]
         )
 
     def _without_backgrounds(self, touches: list[LayoutTouch]) -> list[LayoutTouch]:
@@ -182,7 +173,7 @@ class LayoutReader:
                 whole,
                 key=whole.key + name,
                 sensor=self._sensor(sensor, touch),
-                frames=shown,
+                frames=turned(shown, layout.bgr, layout.turns),
                 no_contact=self._no_contact(shown, background, box),
             )
 
@@ -228,10 +219,10 @@ class LayoutReader:
             return self._tables.actions(action, path, len(times), touch.paths)
         actions = np.full(len(times), -1, np.int64)
         if isinstance(action, str):
-            name = touch.row.fill(action)
-            if name:
-                check_action(name, touch.row.where)
-                actions[:] = ACTIONS.index(name)
+            for frame, row in self._rows(touch, action):
+                if name := row.fill(action):
+                    check_action(name, row.where)
+                    actions[frame] = ACTIONS.index(name)
             return actions
         for part in action:
             if not 0 <= part.start < part.stop <= len(times):
@@ -241,6 +232,16 @@ class LayoutReader:
                 )
             actions[part.start : part.stop] = ACTIONS.index(part.action)
         return actions
+
+    def _rows(self, touch: LayoutTouch, template: str) -> Iterator[tuple[int | slice, LabelRow]]:
+        """Frames, and the row that fills a template for them: those of images where they differ."""
+        if not set(template_columns(template)) & set(touch.row.mixed):
+            yield slice(None), touch.row
+            return
+        for frame, path in enumerate(touch.paths):
+            row = touch.row.images.get(path.relative_to(self.folder).as_posix())
+            if row is not None:
+                yield frame, row
 
     def _background(self, touch: LayoutTouch, frames: FileFrames) -> FileFrames | None:
         """The background file, opened once, if there is one."""
@@ -273,7 +274,7 @@ class LayoutReader:
             rows = list(range(max(0, count - rule.last), count))
         else:
             rows = list(range(min(count, rule.first or count)))
-        return FrameSubset(base, rows)
+        return FrameSubset(turned(base, self.layout.bgr, self.layout.turns), rows)
 
     def _camera(self, touch: LayoutTouch) -> Frames | None:
         pattern = touch.row.fill(self.layout.image) if self.layout.image else None

@@ -7,6 +7,9 @@ from collections.abc import Iterator
 
 from tactileforge.contracts import Recording
 
+#: Units that are held out as a whole.
+HOLD_OUT = ("take", "object", "time")
+
 #: Seconds of a block that is held out of a recording.
 _BLOCK_S = 0.5
 
@@ -15,6 +18,36 @@ def is_held_out(name: str, share: float) -> bool:
     """Whether a name falls into the held-out share: by its hash, whatever other names there are."""
     digest = hashlib.sha256(name.encode("utf-8", "surrogatepass")).digest()
     return int.from_bytes(digest[:8], "big") < share * 2**64
+
+
+def held_out(recording: Recording, share: float, unit: str, split: str) -> Iterator[Recording]:
+    """Yields a recording, or its parts, if it belongs to a split.
+
+    Args:
+        recording: The whole.
+        share: Share that is held out.
+        unit: One of `HOLD_OUT`.
+        split: ``train`` or ``val``.
+    """
+    if unit == "time":
+        yield from split_parts(recording, share, split)
+        return
+    name = recording.object if unit == "object" and recording.object else take_of(recording)
+    if is_held_out(name, share) == (split == "val"):
+        yield recording
+
+
+def take_of(recording: Recording) -> str:
+    """Name of the take of a recording: its sensors, tiles and segments belong together.
+
+    Args:
+        recording: As `record` or a layout names it.
+    """
+    if "take" in recording.labels:  # FOLDER/TAKE/SENSOR/SEGMENT
+        return "/".join(recording.key.split("/")[:-2]) or recording.key
+    if "episode" in recording.labels:
+        return str(recording.labels["episode"])
+    return recording.key.partition("[")[0].partition("#")[0]
 
 
 def split_parts(recording: Recording, share: float, split: str) -> Iterator[Recording]:

@@ -1,11 +1,10 @@
-"""Labels from CSV files: rows per file, rows per frame, and templates filled from them."""
+"""Labels from CSV files with a row per frame, or on a clock of their own."""
 
 from __future__ import annotations
 
 import csv
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
 from typing import TypeAlias
@@ -15,12 +14,11 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS
 from tactileforge.data.labels.align import resampled
+from tactileforge.data.labels.missing import stated
 from tactileforge.data.labels.plausible import impossible_row, limits
 from tactileforge.datasets.reading.files import read_text
 from tactileforge.datasets.reading.layout import (
-    DatasetLayout,
     check_action,
-    template_parts,
 )
 from tactileforge.datasets.reading.layout_keys import FrameTable
 from tactileforge.datasets.reading.table_clock import on_frames
@@ -32,80 +30,6 @@ Row: TypeAlias = tuple[str, dict[str, str]]
 Fit: TypeAlias = Callable[
     [FrameTable, Path, NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]
 ]
-
-
-@dataclass(frozen=True)
-class LabelRow:
-    """Labels of one file.
-
-    Attributes:
-        where: CSV and line, or the file itself where it has no row.
-        cells: Values as the CSV has them.
-        words: The same with ranks as words; ``file``, ``stem``, ``folder`` and
-            ``parent`` are there too.
-    """
-
-    where: str
-    cells: Mapping[str, str]
-    words: Mapping[str, str]
-
-    def fill(self, template: str, spaced: bool = False) -> str | None:
-        """The template with its columns filled in; None where one of them is empty.
-
-        Args:
-            template: Text with ``{column}`` in it; ``{action}`` stays where ``spaced``.
-            spaced: It is a text to read: underscores of values become spaces.
-
-        Raises:
-            ConfigError: A column that there is not.
-        """
-        values = dict(self.words)
-        if spaced:
-            values = {name: value.replace("_", " ") for name, value in values.items()}
-            values["action"] = "{action}"
-        out = ""
-        for text, name in template_parts(template):
-            if name is None:
-                out += text
-                continue
-            if name not in values:
-                raise ConfigError(f"{self.where}: {unknown('column', name, values)}")
-            if not values[name]:
-                return None
-            out += text + values[name]
-        return out
-
-
-def read_labels(layout: DatasetLayout, folder: Path) -> dict[str, LabelRow]:
-    """Rows of the labels of a layout, by file.
-
-    Raises:
-        DataNotFoundError: There is no such CSV.
-        DataError: A file has two rows, or a value has no word.
-        ConfigError: The key column does not exist.
-    """
-    if layout.labels is None:
-        return {}
-    path = folder / layout.labels
-    rows: dict[str, LabelRow] = {}
-    for where, cells in read_cells(path, [layout.key, *layout.words]):
-        name = cells[layout.key]
-        if name in rows:
-            raise DataError(f"{where}: {name!r} has a row already ({rows[name].where})")
-        words = {
-            column: _word(layout.words.get(column), value, f"{where}, column {column!r}")
-            for column, value in cells.items()
-        }
-        rows[name] = LabelRow(where, cells, words | _names(name, layout))
-    return rows
-
-
-def label_row(name: str, labels: Mapping[str, LabelRow], layout: DatasetLayout) -> LabelRow:
-    """The row of a touch; one with the columns of the labels, all empty, where it has none."""
-    if name in labels:
-        return labels[name]
-    header = next(iter(labels.values())).words if labels else {}
-    return LabelRow(name, {}, dict.fromkeys(header, "") | _names(name, layout))
 
 
 def read_force(
@@ -187,7 +111,7 @@ def _force(
 def read_actions(
     table: FrameTable, path: Path, count: int, images: Mapping[int, Row] | None = None
 ) -> NDArray[np.int64]:
-    """Actions per frame by name; an empty cell is -1.
+    """Actions per frame by name; an empty cell, or a word for none such as NaN, is -1.
 
     Raises:
         DataNotFoundError: There is no such CSV.
@@ -196,7 +120,7 @@ def read_actions(
     """
     actions = np.full(count, -1, np.int64)
     for frame, where, cells in _per_frame(table, path, count, images):
-        (name,) = cells.values()
+        (name,) = map(stated, cells.values())
         if name:
             check_action(name, where)
             actions[frame] = ACTIONS.index(name)
@@ -286,22 +210,6 @@ def _rows(path: Path, needed: Sequence[str], whole: bool) -> list[tuple[str, dic
                 raise DataError(f"{where}: more cells than the header has; quote the commas")
             rows.append((where, {name: value.strip() for name, value in cells.items()}))
     return rows
-
-
-def _names(name: str, layout: DatasetLayout) -> dict[str, str]:
-    path = Path(name)
-    folder = path.parent
-    stem = path.name if layout.each == "sequence" else path.stem  # a folder has no ending
-    return {"file": name, "stem": stem, "folder": folder.name, "parent": folder.parent.name}
-
-
-def _word(words: Mapping[str, str] | None, value: str, where: str) -> str:
-    if words is None or (not value and "" not in words):
-        return value
-    if value not in words:
-        known = ", ".join(sorted(words))
-        raise DataError(f"{where}: {value!r} has no word (there are words for: {known}); add one")
-    return words[value]
 
 
 def _number(cell: str, where: str) -> float:

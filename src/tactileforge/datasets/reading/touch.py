@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 from tactileforge.data.frames.lazy import VIDEO_SUFFIXES, ImageFrames, VideoFrames
 from tactileforge.datasets.reading.files import DamagedFileError
-from tactileforge.datasets.reading.tables import LabelRow
+from tactileforge.datasets.reading.label_rows import LabelRow
 from tactileforge.errors import DataError, DataNotFoundError
 
 FileFrames: TypeAlias = VideoFrames | ImageFrames

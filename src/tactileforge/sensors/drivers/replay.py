@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Frame, Frames, Sensor, SensorSpec
+from tactileforge.data.frames.companions import without_companions
 from tactileforge.data.frames.lazy import ImageFrames, VideoFrames
 from tactileforge.data.frames.video_clock import video_times
 from tactileforge.data.shards import shards
@@ -112,9 +113,8 @@ class Replay(Sensor):
         if path.is_file():
             video = VideoFrames(path)
             return video, None if self.fps else video_times(video, "set sensor.replay.fps=")
-        images = sorted(
-            (file for file in path.iterdir() if file.suffix.lower() in _IMAGES), key=_by_number
-        )
+        files = (file for file in path.iterdir() if file.suffix.lower() in _IMAGES)
+        images = sorted(without_companions([*files], path), key=_by_number)
         if not images:
             raise DataNotFoundError(f"{path}: no image in this folder; correct sensor.replay.path")
         return ImageFrames(images), None

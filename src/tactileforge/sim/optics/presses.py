@@ -181,7 +181,8 @@ def read_presses(
     """
     still = read_picture(folder / background).float()
     if annotations is None:
-        shots = torch.stack([read_picture(path) for path in sorted(folder.glob(pictures))])
+        paths = [path for path in sorted(folder.glob(pictures)) if not path.name.startswith(".")]
+        shots = torch.stack([read_picture(path) for path in paths])
         circles = [list(find_circle(shot, still)) for shot in shots]
     else:
         with open(folder / annotations, newline="") as table:

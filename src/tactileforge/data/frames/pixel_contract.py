@@ -1,0 +1,88 @@
+"""Checks that an array is pictures as every reader and model takes them: uint8, 0 to 255, RGB."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.errors import DataError
+
+#: Bits a channel of cameras that give more than 8, with the upper ones unused.
+_DEPTHS = (10, 12, 14, 16)
+
+
+def checked_pixels(array: Any, where: str, axes: int | None = None) -> NDArray[np.uint8]:
+    """The same array, where it is uint8 (..., H, W, 3).
+
+    Args:
+        array: Pixels.
+        where: What they are of, for messages.
+        axes: Number of axes it must have; None takes 3 or more.
+
+    Raises:
+        DataError: It is something else; says what was found, and how it is converted.
+
+    Example:
+        >>> checked_pixels(np.zeros((2, 4, 4, 3), np.uint8), "take 1").shape
+        (2, 4, 4, 3)
+    """
+    if not isinstance(array, np.ndarray):
+        raise DataError(
+            f"{where}: expected a numpy array of uint8, (H, W, 3), found {type(array).__name__}"
+        )
+    if array.dtype != np.uint8:
+        raise DataError(
+            f"{where}: expected uint8 values from 0 to 255, found {array.dtype}{value_fix(array)}"
+        )
+    if array.ndim < 3 or array.shape[-1] != 3 or axes not in (None, array.ndim) or 0 in array.shape:
+        raise DataError(
+            f"{where}: expected (H, W, 3), RGB, found {array.shape}{channel_fix(array.shape)}"
+        )
+    return array
+
+
+def channel_fix(shape: tuple[int, ...]) -> str:
+    """The fix of a number of channels that is not 3, as part of an error; "" without one."""
+    if shape and shape[-1] == 4:
+        return "; leave out the alpha: [..., :3]"
+    if len(shape) == 2 or (shape and shape[-1] == 1):
+        return (
+            "; a sensor's pictures have colours: repeat grey ones three times along the last axis"
+        )
+    return ""
+
+
+def value_fix(array: NDArray[Any]) -> str:
+    """The span of values that are not uint8, and their conversion, as part of an error.
+
+    Args:
+        array: Pixels of another type.
+
+    Example:
+        >>> value_fix(np.array([0.0, 1.0]))
+        ' from 0 to 1: convert with np.rint(255 * x).astype(np.uint8)'
+        >>> value_fix(np.array([0, 4000], np.uint16))
+        ' from 0 to 4e+03: scale 12 bits to 8 with (x >> 4).astype(np.uint8)'
+    """
+    if array.size == 0 or array.dtype.kind not in "biuf":
+        return ""
+    bad = 0 if array.dtype.kind != "f" else int((~np.isfinite(array)).sum())
+    if bad:
+        return f", {bad} of its values NaN or infinite: no colour stands for these; leave them out"
+    low, high = float(array.min()), float(array.max())
+    span = f" from {low:.3g} to {high:.3g}"
+    if low < 0:
+        return f"{span}: give the frames as they were before normalisation"
+    whole = array.dtype.kind in "iu"
+    if high > 255:
+        if whole:
+            bits = next((bits for bits in _DEPTHS if high < 2**bits), 0)
+            if bits:
+                return f"{span}: scale {bits} bits to 8 with (x >> {bits - 8}).astype(np.uint8)"
+        return f"{span}: scale them to 0..255 by what the camera calls white"
+    if whole:
+        return f"{span}: convert with x.astype(np.uint8)"
+    scaled = "x" if high > 1 else "255 * x"
+    return f"{span}: convert with np.rint({scaled}).astype(np.uint8)"

@@ -1,0 +1,47 @@
+"""Frames whose colours are swapped, or that are turned upright."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import Frames
+
+
+@dataclass(frozen=True)
+class TurnedFrames:
+    """Frames of a file as the sensor saw them, still lazy.
+
+    Attributes:
+        base: The frames as the file has them.
+        bgr: Whether the file has blue before green and red.
+        turns: Quarter turns, clockwise, that put a frame upright.
+    """
+
+    base: Frames
+    bgr: bool
+    turns: int
+
+    def __len__(self) -> int:
+        return len(self.base)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width, upright."""
+        height, width = self.base.shape
+        return (width, height) if self.turns % 2 else (height, width)
+
+    def read(self, indices: Sequence[int]) -> NDArray[np.uint8]:
+        """Decodes; see `contracts.Frames.read`."""
+        frames = self.base.read(indices)
+        if self.bgr:
+            frames = frames[..., ::-1]
+        return np.ascontiguousarray(np.rot90(frames, -self.turns, axes=(1, 2)))
+
+
+def turned(frames: Frames, bgr: bool, turns: int) -> Frames:
+    """The frames with colours as red, green, blue, and upright; themselves where they are so."""
+    return TurnedFrames(frames, bgr, turns) if bgr or turns else frames

@@ -1,0 +1,56 @@
+"""Tar files of other programs, told from shards by the names of their members."""
+
+from __future__ import annotations
+
+import re
+import tarfile
+from pathlib import Path
+
+from tactileforge.data.frames.image_codecs import CODECS, GROUPS
+from tactileforge.errors import DataError
+
+#: Members that are looked at.
+_LOOKED = 64
+_GROUP = "|".join(re.escape(prefix) for prefix in GROUPS.values() if prefix)
+#: Names of images of a shard; those of descriptions are what others use as well.
+_OURS = re.compile(rf"\d{{6,}}\.({_GROUP})?\d{{4,}}\.({'|'.join(CODECS)})")
+
+
+class ForeignShardError(DataError):
+    """A tar file is not one of tactileforge's."""
+
+
+def check_foreign(path: Path) -> None:
+    """Raises an error where a tar file is that of another program.
+
+    Args:
+        path: A file of which no recording could be read.
+
+    Raises:
+        ForeignShardError: None of its first members is an image of a shard; says what they are.
+    """
+    names = _member_names(path)
+    endings = sorted({Path(name).suffix.removeprefix(".") for name in names})
+    if not names or any(_OURS.fullmatch(name) for name in names) or endings == ["json"]:
+        return
+    kind = "webdataset" if len(endings) > 1 or "/" not in names[0] else "tar file"
+    raise ForeignShardError(
+        f"{path}: a {kind} of another program ({', '.join(endings).strip(', ') or 'no endings'}),"
+        " not one of tactileforge's; unpack it (tar -xf), describe its files with a layout, as in "
+        "docs/data.md, and read them with data=recordings"
+    )
+
+
+def _member_names(path: Path) -> list[str]:
+    """Names of the first files of a tar file; [] where it is none."""
+    names: list[str] = []
+    try:
+        with tarfile.open(path, "r:") as tar:
+            for member in tar:
+                if member.isfile():
+                    names.append(member.name)
+                if len(names) >= _LOOKED:
+                    break
+    except (tarfile.TarError, OSError, EOFError, ValueError):
+        return names
+    return names

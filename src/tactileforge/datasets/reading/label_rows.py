@@ -1,0 +1,260 @@
+"""Labels of touches: the rows of a CSV, matched with files, and templates filled from them."""
+
+from __future__ import annotations
+
+import unicodedata
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
+from pathlib import Path
+from posixpath import normpath
+
+from tactileforge.data.labels.missing import stated
+from tactileforge.datasets.reading.layout import DatasetLayout
+from tactileforge.datasets.reading.tables import read_cells
+from tactileforge.datasets.reading.templates import template_parts
+from tactileforge.errors import ConfigError, DataError, unknown
+
+#: Names that are compared with one that is wrong.
+_COMPARED = 2000
+
+
+@dataclass(frozen=True)
+class LabelRow:
+    """Labels of one file, or of one folder of images.
+
+    Attributes:
+        where: CSV and line, or the file itself where it has no row.
+        cells: Values as the CSV has them; "" where there is none.
+        words: The same with ranks as words; ``file``, ``stem``, ``folder`` and
+            ``parent`` are there too.
+        images: Rows of the images of a folder, by file; empty where the folder has one row.
+        mixed: Columns in which rows of a folder differ, and how, for messages.
+    """
+
+    where: str
+    cells: Mapping[str, str]
+    words: Mapping[str, str]
+    images: Mapping[str, LabelRow] = field(default_factory=dict)
+    mixed: Mapping[str, str] = field(default_factory=dict)
+
+    def fill(self, template: str, spaced: bool = False) -> str | None:
+        """The template with its columns filled in; None where one of them is empty.
+
+        Args:
+            template: Text with ``{column}`` in it; ``{action}`` stays where ``spaced``.
+            spaced: It is a text to read: underscores of values become spaces.
+
+        Raises:
+            ConfigError: A column that there is not.
+            DataError: A column in which the images of one folder differ.
+        """
+        values = dict(self.words)
+        if spaced:
+            values = {name: value.replace("_", " ") for name, value in values.items()}
+            values["action"] = "{action}"
+        out = ""
+        for text, name in template_parts(template):
+            if name is None:
+                out += text
+                continue
+            if name not in values:
+                raise ConfigError(f"{self.where}: {unknown('column', name, values)}")
+            if name in self.mixed and not (spaced and name == "action"):
+                raise DataError(f"{self.mixed[name]}; a recording has one: correct the rows")
+            if not values[name]:
+                return None
+            out += text + values[name]
+        return out
+
+
+def read_labels(layout: DatasetLayout, folder: Path) -> dict[str, LabelRow]:
+    """Rows of the labels of a layout, by file as it is written there.
+
+    Raises:
+        DataNotFoundError: There is no such CSV.
+        DataError: A file has two rows, or a value has no word.
+        ConfigError: The key column does not exist.
+    """
+    if layout.labels is None:
+        return {}
+    rows: dict[str, LabelRow] = {}
+    for where, cells in read_cells(folder / layout.labels, [layout.key, *layout.words]):
+        name = cells[layout.key]
+        if name in rows:
+            raise DataError(f"{where}: {name!r} has a row already ({rows[name].where})")
+        values, words = {layout.key: name}, {layout.key: name}
+        for column, value in cells.items():
+            if column != layout.key:
+                known = layout.words.get(column)
+                is_word = known is not None and value in known  # "none" may be a rank of its own
+                values[column] = value if is_word else stated(value)
+                words[column] = _word(known, values[column], f"{where}, column {column!r}")
+        rows[name] = LabelRow(where, values, words | _names(name, layout))
+    return rows
+
+
+def label_row(name: str, rows: Mapping[str, LabelRow], layout: DatasetLayout) -> LabelRow:
+    """The row of a touch; one with the columns of the labels, all empty, where it has none."""
+    if name in rows:
+        return rows[name]
+    header = next(iter(rows.values())).words if rows else {}
+    return LabelRow(name, {}, dict.fromkeys(header, "") | _names(name, layout))
+
+
+def match_labels(
+    layout: DatasetLayout, folder: Path, files: Mapping[str, Sequence[Path]]
+) -> dict[str, LabelRow]:
+    """The row of each touch; one with the columns of the labels, all empty, where it has none.
+
+    Rows may spell a file with ``./``, with backslashes, from the root of the disk on, or in another
+    case. Where a touch is a folder, a row is of the folder, or of one of its images.
+
+    Args:
+        layout: What is read.
+        folder: The folder of the layout.
+        files: The files of each touch, by its name from that folder on.
+
+    Raises:
+        DataError: A row names no touch, or two rows name one; see also `read_labels`.
+    """
+    rows = read_labels(layout, folder)
+    if not rows:
+        return {name: label_row(name, rows, layout) for name in files}
+    images: dict[str, str] = {}
+    if layout.each == "sequence":
+        for name, paths in files.items():
+            images |= dict.fromkeys((path.relative_to(folder).as_posix() for path in paths), name)
+    names = _Names([*files, *images], folder)
+    of_touch: dict[str, dict[str, LabelRow]] = {}
+    missed = []
+    for written, row in rows.items():
+        found = names.find(written)
+        if found is None:
+            missed.append((written, row))
+            continue
+        mine = of_touch.setdefault(images.get(found, found), {})
+        if found in mine:
+            raise DataError(f"{row.where}: {found!r} has a row already ({mine[found].where})")
+        mine[found] = replace(row, words={**row.words, **_names(found, layout)})
+    _check_missed(missed, bool(of_touch), names, layout, folder)
+    merged = {name: _merged(name, mine, layout) for name, mine in of_touch.items()}
+    header = next(iter(rows.values()))
+    return {name: merged.get(name) or label_row(name, {"": header}, layout) for name in files}
+
+
+def _check_missed(
+    missed: Sequence[tuple[str, LabelRow]],
+    any_met: bool,
+    names: _Names,
+    layout: DatasetLayout,
+    folder: Path,
+) -> None:
+    """Raises an error where a row names nothing; a file of another layout is fine if others fit."""
+    for written, row in missed:
+        plain = names.plain(written)
+        is_there = (folder / plain).exists()
+        if any_met and is_there and not names.any_below(plain):
+            continue
+        what = f"no file in {folder}"
+        if is_there:
+            what = f"nothing that layout {layout.name!r} reads in {folder}"
+        raise DataError(
+            f"{row.where}: {written!r} names {what} (one that there is: {names.nearest(plain)!r}); "
+            "correct the row, or remove it"
+        )
+
+
+class _Names:
+    """Names of touches, found however a row spells them."""
+
+    def __init__(self, names: Iterable[str], folder: Path) -> None:
+        self.all = list(dict.fromkeys(names))
+        self._folders = [_forward(str(path)) for path in (folder.absolute(), folder.resolve())]
+        self._exact = {_composed(name): name for name in self.all}
+        self._folded: dict[str, str | None] = {}
+        for plain, name in self._exact.items():
+            twice = plain.casefold() in self._folded  # then only the exact case tells them apart
+            self._folded[plain.casefold()] = None if twice else name
+
+    def plain(self, written: str) -> str:
+        """The path that a row gives, from the folder of the layout on."""
+        name = written
+        for path in dict.fromkeys((written, _forward(written))):
+            name = normpath(path) if path else path
+            for folder in self._folders:
+                if name.casefold().startswith(f"{folder}/".casefold()):
+                    name = name[len(folder) + 1 :]
+            if name in self._exact:
+                break
+        return name
+
+    def find(self, written: str) -> str | None:
+        """The name that a row means; None where there is none, or more than one."""
+        plain = _composed(self.plain(written))
+        return self._exact.get(plain) or self._folded.get(plain.casefold())
+
+    def any_below(self, folder: str) -> bool:
+        """Whether a touch lies in a folder."""
+        return any(name.startswith(f"{folder}/") for name in self.all)
+
+    def nearest(self, name: str) -> str:
+        """The name that is most like another, first of all at its end."""
+        last = name.rpartition("/")[2].casefold()
+        alike = [one for one in self.all if one.rpartition("/")[2].casefold() == last]
+        return get_close_matches(name, (alike or self.all)[:_COMPARED], 1, 0.0)[0]
+
+
+def _forward(path: str) -> str:
+    return path.replace("\\", "/")
+
+
+def _composed(name: str) -> str:
+    """One spelling of letters with accents: a Mac takes them apart."""
+    return unicodedata.normalize("NFC", name)
+
+
+def _merged(name: str, rows: Mapping[str, LabelRow], layout: DatasetLayout) -> LabelRow:
+    """One row of a touch: what its rows share; columns in which they differ are noted."""
+    whole = rows.get(name)
+    if len(rows) == 1 and whole is not None:
+        return whole
+    images = {file: row for file, row in rows.items() if file != name}
+    names = _names(name, layout)
+    cells: dict[str, str] = {layout.key: name}
+    words: dict[str, str] = {layout.key: name}
+    mixed: dict[str, str] = {}
+    for column in next(iter(rows.values())).cells:
+        if column == layout.key:
+            continue
+        given = {row.cells[column]: row for row in rows.values() if row.cells[column]}
+        cells[column] = words[column] = ""
+        if not given:
+            continue
+        first, *others = given.values()
+        if others:
+            other = others[0]
+            mixed[column] = (
+                f"{other.where}: {column} is {other.cells[column]!r} here and "
+                f"{first.cells[column]!r} in {first.where}, both of {name}"
+            )
+        else:
+            cells[column], words[column] = first.cells[column], first.words[column]
+    where = next(iter(rows.values())).where
+    return LabelRow(where, cells, words | names, images, mixed)
+
+
+def _names(name: str, layout: DatasetLayout) -> dict[str, str]:
+    path = Path(name)
+    folder = path.parent
+    stem = path.name if layout.each == "sequence" else path.stem  # a folder has no ending
+    return {"file": name, "stem": stem, "folder": folder.name, "parent": folder.parent.name}
+
+
+def _word(words: Mapping[str, str] | None, value: str, where: str) -> str:
+    if words is None or (not value and "" not in words):
+        return value
+    if value not in words:
+        known = ", ".join(sorted(words))
+        raise DataError(f"{where}: {value!r} has no word (there are words for: {known}); add one")
+    return words[value]

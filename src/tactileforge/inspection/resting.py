@@ -1,0 +1,178 @@
+"""Resting pictures of the recordings of a sensor, compared: colours, and which way they lie."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.errors import ConfigError
+from tactileforge.sensors.resting_colours import (
+    COLOURED,
+    agreement,
+    colour_grid,
+    has_colours,
+    is_grey,
+    is_swapped,
+    known_colours,
+    turn_of,
+)
+from tactileforge.sensors.specs import spec
+
+#: Recordings that a set is compared with at most; keys that a line names.
+_COMPARED, _NAMED = 64, 8
+#: How far the sides of a picture may be off from those of the sensor, turned, to count as turned.
+_SIDES = 0.1
+
+
+@dataclass(frozen=True)
+class Resting:
+    """A recording as the comparison sees it.
+
+    Attributes:
+        key: Key of the recording.
+        sensor: Its sensor.
+        shape: Height and width of a frame.
+        still: float32 (h, w, 3), the picture without contact, small.
+    """
+
+    key: str
+    sensor: str
+    shape: tuple[int, int]
+    still: NDArray[np.float32]
+
+    @cached_property
+    def grid(self) -> NDArray[np.float64]:
+        """Its `colour_grid`."""
+        return colour_grid(self.still)
+
+
+@dataclass(frozen=True)
+class Odd:
+    """Recordings of a sensor that look unlike what they should.
+
+    Attributes:
+        reason: One of `checks.REASONS`.
+        rows: Which of those that were given.
+        words: What each looks like.
+        line: A line on all of them.
+    """
+
+    reason: str
+    rows: tuple[int, ...]
+    words: str
+    line: str
+
+
+def odd_pictures(seen: Sequence[Resting]) -> Iterator[Odd]:
+    """Yields what is odd about the resting pictures of each sensor.
+
+    Args:
+        seen: The recordings that were looked at.
+    """
+    for sensor in sorted({one.sensor for one in seen}):
+        rows = [i for i, one in enumerate(seen) if one.sensor == sensor]
+        yield from _of_sensor(sensor, rows, seen)
+
+
+def _of_sensor(sensor: str, rows: list[int], seen: Sequence[Resting]) -> Iterator[Odd]:
+    if sensor in COLOURED and (grey := [i for i in rows if is_grey(seen[i].still)]):
+        words = "grey, where the sensor is lit in colours"
+        yield _odd("grey_pictures", grey, rows, seen, f"are {words}", words)
+    coloured = [i for i in rows if has_colours(seen[i].grid)]
+    turns: dict[int, int | None] = {
+        i: turn for i in coloured if (turn := _turn(seen[i], sensor)) is not None
+    }
+    turns |= dict.fromkeys(_on_their_side([i for i in rows if i not in turns], seen), None)
+    for turn in sorted(set(turns.values()), key=str):
+        odd = [i for i in rows if i in turns and turns[i] == turn]
+        fix = f"rotate: {turn} in the layout" if turn else "rotate: 90 or 270 in the layout"
+        words = f"lying on its side ({fix} puts it upright)"
+        yield _odd("on_its_side", odd, rows, seen, f"look as if {words}", words)
+    reference = known_colours(sensor)
+    swapped = (
+        [i for i in coloured if _is_swapped(seen[i], reference)]
+        if reference is not None
+        else _swapped_here([i for i in coloured if i not in turns], seen)
+    )
+    if swapped:
+        words = "as if red and blue were swapped (channels: bgr in the layout puts them right)"
+        yield _odd("colours_swapped", swapped, rows, seen, f"look {words}", words)
+
+
+def _odd(
+    reason: str, odd: list[int], of: list[int], seen: Sequence[Resting], what: str, words: str
+) -> Odd:
+    names = [seen[i].key for i in odd]
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    listed = f"{', '.join(names[:_NAMED])}{more}"
+    line = f"{seen[odd[0]].sensor}: {len(odd)} of {len(of)} {what}: {listed}"
+    return Odd(reason, tuple(odd), words, line)
+
+
+def _turn(one: Resting, sensor: str) -> int | None:
+    """Degrees that put a picture upright; None where it does not lie on its side, or is unsure."""
+    reference = known_colours(sensor)
+    if reference is None:
+        return None
+    for grid in (one.grid, one.grid[..., ::-1]):
+        if (turn := turn_of(grid, reference)) is not None:
+            return turn if turn in (90, 270) else None
+    return None
+
+
+def _on_their_side(rows: list[int], seen: Sequence[Resting]) -> list[int]:
+    """Those of turned sides: against the sensor where colours are there, or against most others."""
+    shapes = [seen[i].shape for i in rows]
+    common = max(set(shapes), key=lambda shape: (shapes.count(shape), shape)) if shapes else (1, 1)
+    odd = []
+    for i in rows:
+        one = seen[i]
+        height, width = one.shape
+        is_minor = (width, height) == common != one.shape
+        is_rare = 2 * shapes.count(one.shape) < shapes.count(common)
+        if (is_minor and is_rare) or (has_colours(one.grid) and _is_transposed(one)):
+            odd.append(i)
+    return odd
+
+
+def _is_transposed(one: Resting) -> bool:
+    """Whether a picture of a known sensor has its sides exchanged, and does not look upright."""
+    try:
+        known = spec(one.sensor)
+    except ConfigError:  # a sensor that is not installed here
+        return False
+    if not known.height or known.height == known.width:
+        return False
+    reference = known_colours(one.sensor)
+    if reference is None:  # another camera may give it portrait
+        return False
+    ratio = one.shape[0] / one.shape[1] * known.height / known.width
+    return abs(ratio - 1) < _SIDES and turn_of(one.grid, reference) != 0
+
+
+def _is_swapped(one: Resting, reference: NDArray[np.float64]) -> bool:
+    """The same against the sensor's known colours, whichever way the picture lies."""
+    turns = [np.rot90(one.grid, -quarter) for quarter in range(4)]
+    as_is = max(agreement(grid, reference) for grid in turns)
+    best = max(turns, key=lambda grid: agreement(grid[..., ::-1], reference))
+    return is_swapped(best, reference) and agreement(best[..., ::-1], reference) > as_is
+
+
+def _swapped_here(rows: list[int], seen: Sequence[Resting]) -> list[int]:
+    """Those of a set whose colours fit the others' with red and blue exchanged: the fewer."""
+    sides = [
+        ([j for j in rows if is_swapped(seen[j].grid, seen[i].grid)], i) for i in rows[:_COMPARED]
+    ]
+    for swapped, i in sides:
+        same = [j for j in rows if j not in swapped and _fits(seen[i].grid, seen[j].grid)]
+        if swapped and 2 * (len(swapped) + len(same)) > len(rows):
+            return swapped if len(swapped) <= len(same) else same
+    return []
+
+
+def _fits(one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
+    return agreement(one, other) >= 0.5

@@ -1,0 +1,128 @@
+"""Colours of a gel at rest: whether red and blue are swapped, and how a picture is turned.
+
+A picture is reduced to its colours without brightness on a grid of four by four. Lights sit at
+fixed sides of a sensor, so the colours of two units agree in place though not in strength; swapped
+or turned ones agree once they are put right.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+#: Least agreement (a cosine) of colours that were put right, and by how much it exceeds that of the
+#: colours as they are. On real units the latter is lower by 0.4 or more where nothing is swapped.
+SWAPPED, SWAPPED_BY = 0.5, 0.2
+#: The same for a quarter turn: a GelSight Mini looks alike on its side (0.7 where upright is 0.9).
+TURNED, TURNED_BY = 0.7, 0.1
+#: Sensors whose gel is lit in colours.
+COLOURED = frozenset({"digit", "gelsight", "gelsight_mini", "gelslim"})
+#: Spread of the channels up to which a picture is grey, and at which it has colours; grey levels.
+_GREY, _COLOURS = 1.5, 6.0
+
+#: Means over public units (10 DIGITs, 9 GelSight Minis), upright, in hundredths: rows of red, green
+#: and blue, each less their mean.
+_KNOWN = {
+    "digit": (
+        ((-1, 21, -20), (7, 19, -26), (-10, 26, -16), (-51, 57, -6)),
+        ((183, -103, -80), (154, -52, -102), (19, 78, -97), (-94, 166, -72)),
+        ((155, -144, -11), (69, -80, 11), (-92, 94, -2), (-145, 179, -33)),
+        ((29, -86, 58), (-61, -46, 107), (-129, 46, 83), (-128, 130, -2)),
+    ),
+    "gelsight_mini": (
+        ((-209, 98, 111), (-213, 69, 145), (-215, 71, 145), (-196, 66, 130)),
+        ((-150, 48, 102), (-100, -20, 120), (-105, -12, 117), (-136, 21, 115)),
+        ((-105, 40, 65), (-5, -40, 45), (-12, -31, 43), (-87, 16, 71)),
+        ((-83, 74, 9), (-26, 31, -5), (-27, 33, -6), (-65, 48, 17)),
+    ),
+}
+
+
+def colour_grid(picture: NDArray[Any]) -> NDArray[np.float64]:
+    """Colours of a picture without brightness, float64 (4, 4, 3), 0 where it is grey.
+
+    Args:
+        picture: (H, W, 3), RGB, grey levels of 255.
+    """
+    small = cv2.resize(picture.astype(np.float32), (4, 4), interpolation=cv2.INTER_AREA)
+    levels = small.astype(np.float64)
+    out: NDArray[np.float64] = levels - levels.mean(axis=-1, keepdims=True)
+    return out
+
+
+def known_colours(sensor: str) -> NDArray[np.float64] | None:
+    """The colour grid of a type of sensor; None where it is not known.
+
+    Args:
+        sensor: Name of the type.
+    """
+    rows = _KNOWN.get(sensor)
+    return None if rows is None else np.array(rows, np.float64)
+
+
+def agreement(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+    """How well two colour grids agree: 1 the same, 0 nothing in common, -1 the opposite.
+
+    Args:
+        one: A `colour_grid`.
+        other: Another.
+    """
+    size = float(np.sqrt((one * one).sum() * (other * other).sum()))
+    return float((one * other).sum()) / size if size > 0 else 0.0
+
+
+def is_swapped(grid: NDArray[np.float64], reference: NDArray[np.float64]) -> bool:
+    """Whether colours fit a reference with red and blue exchanged, and not as they are.
+
+    Args:
+        grid: A `colour_grid`, upright.
+        reference: That of another picture, or of the type of sensor.
+
+    Example:
+        >>> digit = known_colours("digit")
+        >>> is_swapped(digit[..., ::-1], digit), is_swapped(digit, digit)
+        (True, False)
+    """
+    as_is, put_right = agreement(grid, reference), agreement(grid[..., ::-1], reference)
+    return put_right >= SWAPPED and put_right - as_is >= SWAPPED_BY
+
+
+def turn_of(grid: NDArray[np.float64], reference: NDArray[np.float64]) -> int | None:
+    """Degrees, clockwise, that put a picture upright; None where its colours do not tell.
+
+    Args:
+        grid: A `colour_grid`, its channels in the order of the reference.
+        reference: That of an upright picture.
+
+    Example:
+        >>> digit = known_colours("digit")
+        >>> turn_of(np.rot90(digit), digit)  # it lies on its left side
+        90
+    """
+    fits = [agreement(np.rot90(grid, -quarter), reference) for quarter in range(4)]
+    order = np.argsort(fits)[::-1]
+    best, second = fits[order[0]], fits[order[1]]
+    is_sure = best >= TURNED and best - second >= TURNED_BY
+    return int(90 * order[0]) if is_sure else None
+
+
+def is_grey(picture: NDArray[Any]) -> bool:
+    """Whether the three channels of a picture are one.
+
+    Args:
+        picture: (H, W, 3), grey levels of 255.
+    """
+    spread = picture.astype(np.float32)
+    return float(np.quantile(spread.max(-1) - spread.min(-1), 0.999)) <= _GREY
+
+
+def has_colours(grid: NDArray[np.float64]) -> bool:
+    """Whether a colour grid is more than the tint of a camera.
+
+    Args:
+        grid: A `colour_grid`.
+    """
+    return float(np.sqrt((grid * grid).mean())) >= _COLOURS

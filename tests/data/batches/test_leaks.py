@@ -1,0 +1,71 @@
+import logging
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from tactileforge.contracts import Recording
+from tactileforge.data.batches.datamodule import TouchData
+from tactileforge.data.batches.leaks import leak_warning, leaks
+from tactileforge.data.frames.lazy import ArrayFrames
+from tactileforge.datasets.mixture import Mixture
+
+
+def recording(key: str, seed: int, count: int = 3) -> Recording:
+    pixels = np.random.default_rng(seed).integers(0, 255, (count, 8, 8, 3)).astype(np.uint8)
+    frames = ArrayFrames(pixels if seed else np.zeros_like(pixels))
+    times = np.arange(float(count))
+    return Recording(key=key, sensor="digit", frames=frames, times=times, no_contact=None)
+
+
+def test_the_same_pictures_in_two_sources_are_named() -> None:
+    train = [[recording("a/x", 1), recording("a/y", 2)], [recording("b/z", 3)]]
+    val = [[recording("a/w", 4)], [recording("b/other", 2), recording("b/new", 5)]]
+    assert leaks(train, val) == [("a/y", "b/other")]
+    assert "a/y and b/other show the same pictures" in leak_warning(leaks(train, val))
+
+
+def test_what_is_no_leak() -> None:
+    a, b = recording("a/x", 1), recording("b/x", 2)
+    assert leaks([[a], [b]], [[], []]) == []
+    assert leaks([[a], []], [[], [b]]) == [], "one key, other pictures"
+    assert leaks([[a], []], [[a], []]) == [], "a source splits itself as it likes"
+    black, other = recording("a/x", 0), recording("b/x", 0)
+    assert leaks([[black], []], [[], [other]]) == [], "black pictures are all the same"
+    assert leaks([[a], []], [[], [recording("b/x", 1, count=2)]]) == []
+
+
+def test_many_recordings_are_found_by_their_key_first() -> None:
+    train = [[recording(f"a/{i}", i + 1) for i in range(300)], []]
+    val: list[list[Recording]] = [[], [recording("b/211", 212)]]
+    assert leaks(train, val) == [("a/211", "b/211")]
+
+
+@pytest.mark.parametrize("is_copy", [False, True])
+def test_a_folder_in_two_sources_is_told_in_training(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, is_copy: bool
+) -> None:
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        for i in range(4):
+            pixels = np.random.default_rng(i).integers(0, 255, (8, 8, 3)).astype(np.uint8)
+            Image.fromarray(pixels).save(tmp_path / name / f"{i}.png")
+
+    def source(name: str, split: str, folder: str) -> dict[str, Any]:
+        layout = {"images": "*.png", "each": "touch", "sensor": "digit", "background": "none"}
+        layouts = {name: layout | {"split": split}}
+        return {"name": "recordings", "root": str(tmp_path / folder), "layouts": layouts}
+
+    def warnings(second: dict[str, Any]) -> list[str]:
+        caplog.clear()
+        sources = {"a": source("touches", "train", "one"), "b": second}
+        data = TouchData(Mixture(sources), frames=1, size=(8, 8), batch_size=2, match=0)
+        with caplog.at_level(logging.WARNING):
+            data.setup()
+        return [line for line in caplog.messages if "trains on what another" in line]
+
+    (line,) = warnings(source("other", "val", "two" if is_copy else "one"))
+    assert "a/touches/0.png and b/other/0.png" in line
+    assert warnings(source("other", "train", "two")) == []

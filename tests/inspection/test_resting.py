@@ -1,0 +1,101 @@
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tactileforge.contracts import Recording
+from tactileforge.data.frames.lazy import ArrayFrames
+from tactileforge.inspection.resting import Resting, odd_pictures
+from tactileforge.inspection.scan import scan_dataset
+from tactileforge.sensors.resting_colours import known_colours
+
+from .conftest import Listed
+
+
+def still(sensor: str, seed: int = 0) -> NDArray[np.float32]:
+    """The resting picture of some unit, upright: float32 (64, 48, 3)."""
+    known = known_colours(sensor)
+    assert known is not None
+    rng = np.random.default_rng(seed)
+    grid = known / np.sqrt((known**2).mean()) + 0.4 * rng.normal(size=known.shape)
+    return np.kron(100 + 20 * grid, np.ones((16, 12, 1))).clip(0, 255).astype(np.float32)
+
+
+def of_layer(seed: int) -> NDArray[np.float32]:
+    """The resting picture of a sensor whose lights are not known: red above, blue below."""
+    rng = np.random.default_rng(seed)
+    rows = np.linspace(-40, 40, 32)[:, None]
+    picture = np.stack([120 - rows, 110 + 0 * rows, 115 + 0.8 * rows], -1) + np.zeros((32, 40, 1))
+    return (picture + rng.normal(0, 3, picture.shape)).astype(np.float32)
+
+
+def lines(pictures: list[Any], sensor: str) -> list[str]:
+    seen = [Resting(f"x/{i}", sensor, p.shape[:2], p) for i, p in enumerate(pictures)]
+    return [odd.line for odd in odd_pictures(seen)]
+
+
+@pytest.mark.parametrize("sensor", ["digit", "gelsight_mini"])
+def test_half_a_set_with_blue_first(sensor: str) -> None:
+    pictures = [still(sensor, i)[..., :: -1 if i % 2 else 1] for i in range(6)]
+    upright = [p if sensor == "digit" else np.ascontiguousarray(p[:48]) for p in pictures]
+    (line,) = lines(upright, sensor)
+    assert line.startswith(f"{sensor}: 3 of 6 look as if red and blue were swapped (channels: bgr")
+    assert line.endswith(": x/1, x/3, x/5")
+
+
+def test_a_whole_set_with_blue_first() -> None:
+    (line,) = lines([still("digit", i)[..., ::-1] for i in range(4)], "digit")
+    assert line.startswith("digit: 4 of 4 look as if red and blue were swapped")
+
+
+def test_a_sensor_whose_colours_are_not_known_is_compared_with_itself() -> None:
+    pictures = [of_layer(i)[..., :: -1 if i == 2 else 1] for i in range(5)]
+    (line,) = lines(pictures, "lab_finger")
+    assert line.startswith("lab_finger: 1 of 5 look as if red and blue were swapped")
+    assert line.endswith(": x/2")
+    assert lines([of_layer(i) for i in range(5)], "lab_finger") == []
+
+
+@pytest.mark.parametrize("sensor", ["digit", "gelsight_mini"])
+@pytest.mark.parametrize(("quarters", "fix"), [(1, 90), (3, 270)])
+def test_a_sensor_that_lies_on_its_side(sensor: str, quarters: int, fix: int) -> None:
+    pictures = [np.rot90(still(sensor, i)[:48], quarters * (i == 1)) for i in range(3)]
+    square = [np.ascontiguousarray(p) for p in pictures]
+    (line,) = lines(square, sensor)
+    assert line.startswith(f"{sensor}: 1 of 3 look as if lying on its side (rotate: {fix} in")
+    assert line.endswith(": x/1")
+
+
+def test_sides_that_differ_within_a_set() -> None:
+    pictures = [of_layer(i) if i else np.ascontiguousarray(np.rot90(of_layer(0))) for i in range(4)]
+    (line,) = lines(pictures, "lab_finger")
+    assert "1 of 4 look as if lying on its side (rotate: 90 or 270" in line
+
+
+def test_grey_pictures_of_a_sensor_with_colours() -> None:
+    grey = np.full((64, 48, 3), 90, np.float32)
+    (line,) = lines([still("digit"), grey], "digit")
+    assert line == "digit: 1 of 2 are grey, where the sensor is lit in colours: x/1"
+    assert lines([grey], "dm") == []
+
+
+@pytest.mark.parametrize("sensor", ["digit", "gelsight_mini"])
+def test_sane_sets_raise_nothing(sensor: str) -> None:
+    height = 64 if sensor == "digit" else 36
+    assert lines([still(sensor, i)[:height] for i in range(30)], sensor) == []
+
+
+def test_inspect_prints_and_counts_them() -> None:
+    def recording(i: int) -> Recording:
+        picture = still("digit", i)[..., :: -1 if i % 2 else 1].astype(np.uint8)
+        frames = ArrayFrames(np.stack([picture] * 3))
+        times = np.arange(3) / 30
+        return Recording(
+            key=f"x/{i}", sensor="digit", frames=frames, times=times, no_contact=frames
+        )
+
+    found = scan_dataset(Listed([recording(i) for i in range(6)]), 10, progress=False).findings
+    assert found.counts["colours_swapped"] == 3
+    assert "digit: 3 of 6 look as if red and blue were swapped" in str(found)
+    assert {suspect.key for suspect in found.worst["colours_swapped"]} == {"x/1", "x/3", "x/5"}
