@@ -7,6 +7,7 @@ import json
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from inspect import signature
 from itertools import chain, groupby
 from pathlib import Path
 
@@ -73,7 +74,7 @@ def plan_pack(dataset: Dataset, out: Path, options: PackOptions) -> PackPlan:
         held_out = len(by_split["val"])
         raise DataError(
             f"all {held_out} recordings are held out for validation: give "
-            f"{'data.val=0, or ' if hasattr(dataset, 'val') else ''}more data"
+            f"{'data.val=0, or ' if 'val' in signature(type(dataset)).parameters else ''}more data"
             if held_out
             else "the data set has no recording for training; check the path of its data"
         )

@@ -69,3 +69,28 @@ def test_a_folder_in_two_sources_is_told_in_training(
     (line,) = warnings(source("other", "val", "two" if is_copy else "one"))
     assert "a/touches/0.png and b/other/0.png" in line
     assert warnings(source("other", "train", "two")) == []
+
+
+@pytest.mark.parametrize("has_share", [True, False])
+def test_the_share_is_named_where_the_data_has_that_key(
+    caplog: pytest.LogCaptureFixture, has_share: bool
+) -> None:
+    class Fixed:
+        provides = frozenset[str]()
+
+        def __init__(self) -> None:
+            self.skipped: list[str] = []
+
+        def recordings(self, split: str) -> list[Recording]:
+            return [recording("x", 1)] if split == "train" else []
+
+    class Shared(Fixed):
+        def __init__(self, val: float = 0.0) -> None:
+            super().__init__()
+
+    kind = Shared if has_share else Fixed
+    data = TouchData(kind(), frames=1, size=(8, 8), batch_size=2, match=0)
+    with caplog.at_level(logging.WARNING):
+        data.setup()
+    (line,) = [one for one in caplog.messages if "no recording is held out" in one]
+    assert ("data.val=" in line) is has_share

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from inspect import signature
 from itertools import chain
 
 import lightning as L
@@ -85,6 +86,7 @@ class TouchData(L.LightningDataModule):
     ) -> None:
         super().__init__()
         self.dataset = dataset
+        self._has_share = "val" in signature(type(dataset)).parameters
         self.hop, self.spacing, self.frames = hop, spacing, frames
         cut: Callable[..., Clips] = getattr(dataset, "cut", Clips)
         self._cut = partial(cut, frames=frames, spacing=spacing, hop=hop, size=size)
@@ -138,7 +140,7 @@ class TouchData(L.LightningDataModule):
         if not self.sources["train"]:
             text = "the data set has no recording for training"
             fix = ": all are held out for validation"
-            fix += "; give data.val=0" if hasattr(self.dataset, "val") else ""
+            fix += "; give data.val=0" if self._has_share else ""
             raise DataNotFoundError(text + fix if self.sources["val"] else text)
         opened: list[list[Recording]] = []
         for number, source in enumerate(self.sources["train"]):
@@ -166,7 +168,7 @@ class TouchData(L.LightningDataModule):
         if kept:
             self.val = self._clips(kept)
         else:
-            share = " (data.val= is the share)" if hasattr(self.dataset, "val") else ""
+            share = " (data.val= is the share)" if self._has_share else ""
             log.warning("no recording is held out: nothing is validated%s", share)
 
     def check(self, needs: Mapping[str, frozenset[str]]) -> None:
