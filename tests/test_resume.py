@@ -155,7 +155,7 @@ def test_a_checkpoint_is_written_beside_and_renamed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "x" / "last.ckpt"
-    AtomicCheckpointIO().save_checkpoint({"state_dict": torch.ones(2)}, path)
+    AtomicCheckpointIO().save_checkpoint({"state_dict": {"a": torch.ones(2)}}, path)
 
     def crash(checkpoint: object, file: object) -> None:
         file.write(b"half")
@@ -163,8 +163,8 @@ def test_a_checkpoint_is_written_beside_and_renamed(
 
     monkeypatch.setattr(torch, "save", crash)
     with pytest.raises(TactileForgeError, match=r"disk full.*the one before it stays"):
-        AtomicCheckpointIO().save_checkpoint({"state_dict": torch.zeros(2)}, path)
-    assert read_checkpoint(path)["state_dict"].tolist() == [1, 1]
+        AtomicCheckpointIO().save_checkpoint({"state_dict": {"a": torch.zeros(2)}}, path)
+    assert read_checkpoint(path)["state_dict"]["a"].tolist() == [1, 1]
     assert not list(path.parent.glob("*.part"))
 
 
