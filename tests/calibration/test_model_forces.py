@@ -25,7 +25,7 @@ from tactileforge.hub.model import Model
 pytestmark = pytest.mark.filterwarnings("ignore:force. an estimate")
 
 NODE = {"name": "tactile_vit", "size": "tiny", "frames": 4, "image_size": 32}
-SCALE = {"digit": [2.0, 2.0, 4.0], "gelsight": [2.0, 2.0, 4.0]}
+SCALE = {"digit": [20.0, 20.0, 40.0], "gelsight": [20.0, 20.0, 40.0]}
 PUBLIC = Path(__file__).parents[2] / "conf/data/public_samples.yaml"
 
 
@@ -35,7 +35,7 @@ def model() -> Model:
     encoder = TactileViT(**{key: value for key, value in NODE.items() if key != "name"})
     head = ForceHead(encoder)
     for part in (head.force, head.delta):  # so that an untrained one says something
-        torch.nn.init.normal_(part.probe[-1].weight, std=0.5)
+        torch.nn.init.normal_(part.probe[-1].weight, std=0.05)
     heads = {"force": {"node": {"name": "force"}, "scale": SCALE}}
     header = make_header(encoder, NODE, licence="MIT", spacing=1 / 15, heads=heads)
     return Model(encoder.requires_grad_(False), header, None, "cpu", {"force": head})

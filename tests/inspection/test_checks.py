@@ -102,8 +102,7 @@ def test_each_fault_is_found_alone_and_measured(touch: Touch, reason: str) -> No
 
 def test_every_reason_has_a_fault() -> None:
     of_a_set = {"colours_swapped", "on_its_side", "grey_pictures"}  # see test_resting
-    of_labels = {"tiny_pictures", "views_elsewhere"}  # see test_doubts
-    assert set(FAULTS) == set(REASONS) - of_a_set - of_labels
+    assert set(FAULTS) == set(REASONS) - of_a_set
 
 
 @pytest.mark.parametrize(
