@@ -1,9 +1,7 @@
 import hashlib
-import json
 import os
 import subprocess
 import sys
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -199,16 +197,6 @@ def test_an_error_of_a_process_reaches_the_caller(tmp_path: Path) -> None:
     data = Sim(scenes=5, val=0, size=4, cache=str(tmp_path), processes=2)
     with pytest.raises(TactileForgeError, match="size is 4 pixels"):
         next(data.recordings("train"))
-
-
-def test_a_process_whose_parent_is_gone_stops(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    parents = iter([7, 7, 1])
-    monkeypatch.setattr(os, "getppid", lambda: next(parents))
-    given = json.dumps(asdict(Sim(sensors=["digit"], size=32).config))
-    generate._main(given, str(tmp_path), "0", "1")
-    assert [path.name for path in tmp_path.iterdir()] == ["train-000000.tar"]
 
 
 def tactileforge(*words: str) -> subprocess.CompletedProcess[str]:

@@ -211,7 +211,7 @@ def test_models_that_need_neither_sensor_nor_background(tmp_path: Path) -> None:
     encoder = PlainViT(**node)  # type: ignore[arg-type]
     header = make_header(encoder, {"name": "plain_vit", **node}, licence="MIT", spacing=0)
     model = Model(encoder, header)
-    assert (model.sensors, model.any_sensor) == ([], True)
+    assert (model.sensors, model.any_sensor) == (list(encoder.sensors), True)
     image = np.zeros((40, 48, 3), np.uint8)
     assert model.encode(image).shape == (192,)
     assert torch.equal(model.encode(image), model.encode(image[None], "none", "anything"))

@@ -15,7 +15,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tactileforge import registry
 from tactileforge.errors import ConfigError, PluginError, unknown
 
 if TYPE_CHECKING:
@@ -34,6 +33,8 @@ def verbs() -> dict[str, str]:
     A package cannot replace a built-in verb: the built-in one is listed, and
     ``tactileforge plugins list`` shows the conflict.
     """
+    from tactileforge import registry  # numpy: the verbs of the package itself need none
+
     known = builtin()
     for plugin in registry.list_plugins():
         if plugin.kind == "verbs" and plugin.name not in known:
@@ -53,6 +54,8 @@ def commands(verb: str) -> Mapping[str, Command]:
     if verb in builtin():
         found: Mapping[str, Command] = import_module(f"tactileforge.cli.{verb}").COMMANDS
         return found
+    from tactileforge import registry
+
     if verb not in registry.names("verbs"):
         if package := registry.package_of("verbs", verb):
             raise ConfigError(f"{verb} comes with {package}: pip install {package}")
