@@ -31,6 +31,15 @@ LIGHTS = {
     "one side dims": lambda rest, x, y: rest * (1 - 0.3 * np.exp(-(x**2) / 0.2))[..., None],
     "daylight at an edge": lambda rest, x, y: rest + 30 * np.exp(-x / 0.2)[..., None],
     "daylight at a corner": lambda rest, x, y: rest + 40 * np.exp(-(x**2 + y**2) / 0.15)[..., None],
+    "narrow leak": lambda rest, x, y: rest + 40 * np.exp(-x / 0.06)[..., None],
+    "leak of a straight edge": lambda rest, x, y: rest + 20 * (y > 0.9)[..., None],
+    "leak through a hole": lambda rest, x, y: (
+        rest + 60 * np.exp(-((1 - x) ** 2 / 0.005 + (y - 0.4) ** 2 / 0.05))[..., None]
+    ),
+    "leak that saturates": lambda rest, x, y: rest + 200 * np.clip(1 - y / 0.15, 0, 1)[..., None],
+    "bluish leak": lambda rest, x, y: (
+        rest + np.array([12, 20, 25]) * np.exp(-(1 - y) / 0.1)[..., None]
+    ),
     "white balance": lambda rest, x, y: rest * np.array([1.1, 1, 0.9]),
 }
 
@@ -75,6 +84,20 @@ def test_a_touch_is_not_light(depth, size):
     assert not check(shown(resting(size), 1)), "at rest"
     assert not check(shown(pressed(size, depth=depth), 1))
     assert not check(shown(pressed(size, depth=depth) * 1.03, 1)), "in slightly other light"
+
+
+@pytest.mark.parametrize("size", SIZES.values(), ids=SIZES)
+@pytest.mark.parametrize("quarter", range(4))
+def test_a_touch_at_the_border_is_no_leak(quarter, size):
+    """A long bar on the border: a slope that one colour sees as bright, and another as dark."""
+    x, y = grid(size)
+    inwards = (x, y, 1 - x, 1 - y)[quarter]
+    slope = np.exp(-(((inwards - 0.1) / 0.04) ** 2))
+    for colours in ((30, -10, -30), (30, 2, -12), (-25, -25, -25)):
+        touched = resting(size) + np.array(colours) * slope[..., None]
+        assert not LightCheck(shown(resting(size)))(shown(touched, 1)), colours
+    inner = resting(size) + 25 * np.exp(-(((inwards - 0.25) / 0.05) ** 2))[..., None]
+    assert not LightCheck(shown(resting(size)))(shown(inner, 1)), "bright, but not at the border"
 
 
 def test_a_slow_drift_is_told_before_it_is_read_as_force():

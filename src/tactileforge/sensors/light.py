@@ -4,6 +4,10 @@ Light changes slowly over the picture: brighter all over, an exposure that is ad
 dims, daylight from one side. A touch has edges. So a blur takes away little of the change that
 light makes, mostly less than a tenth of it, and more than a fifth of what real touches do (public
 recordings: tests/sensors/test_light.py).
+
+Daylight that leaks in at an edge may be narrow, with an edge of its own. It makes every colour
+brighter, most at the border, and ever less inwards; a touch makes a colour brighter on one of its
+sides and darker on the other.
 """
 
 from __future__ import annotations
@@ -26,6 +30,11 @@ _SHARE, _EDGE = 0.2, 8.0
 #: Robust fit of gain and offset: share of the cells that agree, rounds, and variance (grey levels
 #: squared) that keeps a background of one colour from having a gain.
 _AGREE, _ROUNDS, _FLAT = 60, 3, 25.0
+#: Of a leak: how far a colour may get darker, or brighter inwards, grey levels and share of the
+#: change; least of the brightest colour that the others have, and of the change at the border.
+_SLACK, _SLACK_SHARE, _WHITE, _BORDER = 2.0, 0.1, 0.3, 0.6
+#: Grey levels from which on a cell is too bright to tell how much daylight it has.
+_FULL = 250
 
 
 class LightCheck:
@@ -56,13 +65,17 @@ class LightCheck:
         Args:
             picture: uint8 (H, W, 3), of the background's size.
         """
-        change = self._small(picture) - self._still
-        strongest = np.percentile(np.abs(change).max(-1), 99)
+        small = self._small(picture)
+        change = small - self._still
+        strongest = float(np.percentile(np.abs(change).max(-1), 99))
         if strongest < _LEAST:
             return False
-        if _edges(change) >= 2 * _EDGE:  # a touch, in most cases: the fit below is not needed
-            return False
-        return bool(_edges(self._without_gain(change)) < min(_EDGE, _SHARE * strongest))
+        # with more edges than that it is no smooth light: the fit is not needed
+        if _edges(change) < 2 * _EDGE:
+            left = _edges(self._without_gain(change))
+            if left < min(_EDGE, _SHARE * strongest):
+                return True
+        return _is_leak(change, small >= _FULL)
 
     def _small(self, picture: NDArray[np.uint8]) -> NDArray[np.float32]:
         small = cv2.resize(picture, self._size, interpolation=cv2.INTER_AREA)
@@ -87,6 +100,30 @@ def _edges(change: NDArray[np.float32]) -> float:
     """What a blur takes away from a change; a hundredth of the cells may have more, grey levels."""
     blurred = cv2.GaussianBlur(change, (0, 0), _BLUR, borderType=cv2.BORDER_REFLECT_101)
     return float(np.percentile(np.abs(change - blurred).max(-1), 99))
+
+
+def _is_leak(change: NDArray[np.float32], full: NDArray[np.bool_]) -> bool:
+    """Whether a change is daylight at a border: all colours brighter, and ever less inwards.
+
+    Args:
+        change: float32 (h, w, 3), grey levels.
+        full: bool (h, w, 3), where the picture cannot get brighter.
+    """
+    strongest = float(np.percentile(change.max(-1), 99))
+    slack = max(_SLACK, _SLACK_SHARE * strongest)
+    if np.percentile(change.min(-1), 1) < -slack:  # most touches end here
+        return False
+    change = np.where(full, np.maximum(change, strongest), change)
+    most = np.percentile(change, 99, axis=(0, 1))
+    for side in range(4):
+        inwards = np.rot90(change, side)
+        border = np.percentile(inwards[:2], 90, axis=(0, 1))
+        if border.min() < _WHITE * border.max() or (border < _BORDER * most).any():
+            continue
+        rise = inwards - np.minimum.accumulate(inwards, axis=0)
+        if np.percentile(rise.max(-1), 99) <= slack:
+            return True
+    return False
 
 
 def changed_light(clips: Tensor, backgrounds: Tensor) -> NDArray[np.bool_]:
