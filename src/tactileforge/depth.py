@@ -18,6 +18,7 @@ from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unkno
 from tactileforge.sensors.health import TROUBLES
 from tactileforge.sensors.light import LightCheck
 from tactileforge.sensors.specs import spec
+from tactileforge.sensors.swapped_colours import warn_of_swapped
 from tactileforge.sim.optics.features import BLURS, POWERS, exponents
 from tactileforge.sim.optics.inverse import Surface, SurfaceReader
 from tactileforge.sim.optics.lighting import (
@@ -86,7 +87,8 @@ class DepthReader:
             background: uint8 (H, W, 3), without contact.
 
         Warns of pictures that differ from the background as light does and not as a touch
-        (`sensors.light`): they are read as flat.
+        (`sensors.light`): they are read as flat. Warns, too, of pictures with red and blue the
+        other way round than the background.
 
         Returns:
             Slopes (2, h, w) and depth (h, w) in mm, with B in front for several pictures; ``rows``
@@ -106,6 +108,7 @@ class DepthReader:
             )
         height, width = background.shape[:2]
         several = pictures if pictures.ndim == 4 else pictures[None]
+        warn_of_swapped("pictures", several, background)
         lit = list(map(LightCheck(background), several))
         if any(lit):
             warnings.warn(

@@ -136,8 +136,25 @@ def test_light_is_no_force(kind, sensor):
         force = tiny().force(clip, still, sensor)
     assert any("3 of 3 frames have none (NaN): the light" in str(one.message) for one in said)
     assert force.isnan().all()
+    with pytest.warns(UserWarning, match=r"surface: 4 of 4 frames have none \(NaN\): the light"):
+        assert tiny().surface(clip, still, sensor).isnan().all()
     vector = tiny().encode(clip, still, sensor)
     assert vector.isfinite().all()
+
+
+@pytest.mark.slow
+def test_a_touch_in_a_batch_keeps_force_and_surface_to_the_bit():
+    rest, size = resting(SIZES["digit"]), SIZES["digit"]
+    still, touch, light = shown(rest, 9), clip_of(pressed(size)), clip_of(rest + 10)
+    both = np.stack([touch, light])
+    plain = tiny().readings(both, still, "digit", check=False).force
+    checked = tiny().readings(both, still, "digit").force
+    assert torch.equal(checked[0], plain[0])
+    assert checked[1].isnan().all()
+    with pytest.warns(UserWarning, match="surface: 4 of 8 frames"):
+        surface = tiny().surface(both, still, "digit")
+    assert surface[0].isfinite().all()
+    assert surface[1].isnan().all()
 
 
 @pytest.mark.slow

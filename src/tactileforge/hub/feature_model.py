@@ -22,6 +22,7 @@ from tactileforge.hub.inputs import (
     squash_clips,
     squash_images,
     uses_background,
+    warn_of_swapped_clips,
 )
 from tactileforge.hub.packed_linear import PackedLinears
 from tactileforge.hub.sensor_rows import Policy, name_each, row_each, takes_any_sensor
@@ -238,9 +239,13 @@ class FeatureModel(nn.Module):
             )
         self._is_compiled = True
 
-    def _prepare(self, frames: Images, background: Images | str | None) -> ClipInputs:
+    def _prepare(
+        self, frames: Images, background: Images | str | None, check: bool = True
+    ) -> ClipInputs:
         """Frames and backgrounds of a batch, uint8, as in training; whether it was one clip."""
         clips = prepare_clips(frames, background, self.frames, uses_background(self.encoder))
+        if check and not (background is None or isinstance(background, str)):
+            warn_of_swapped_clips(clips)
         return squash_clips(clips, self.squashed)
 
     def _read(self, tap: str, frames: Tensor, background: Tensor, rows: Tensor) -> Tensor:

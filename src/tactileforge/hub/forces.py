@@ -61,19 +61,19 @@ def warn_of_estimates(stacklevel: int = 3) -> None:
     )
 
 
-def warn_of_missing(force: Tensor, stacklevel: int = 3) -> None:
-    """Warns of frames without a force.
+def warn_of_missing(what: str, missing: Tensor, why: str, stacklevel: int = 3) -> None:
+    """Warns of frames that get no estimate.
 
     Args:
-        force: float32 (..., 3), N; NaN where there is none.
+        what: Name of the estimate.
+        missing: bool (...), one a frame.
+        why: Reasons for which it is left out.
         stacklevel: See `warnings.warn`.
     """
-    missing = int(force.isnan().any(-1).sum())
-    if missing:
+    if count := int(missing.sum()):
         warnings.warn(
-            f"force: {missing} of {force[..., 0].numel()} frames have none (NaN): the light has "
-            "changed since the background was taken, or the force is beyond the scale of the "
-            "sensor. Keep other light away, fix the exposure, and take the background again",
+            f"{what}: {count} of {missing.numel()} frames have none (NaN): {why}. Keep other light "
+            "away, fix the exposure, and take the background again",
             stacklevel=stacklevel,
         )
 
@@ -84,16 +84,17 @@ def has_no_background(encoder: Any, background: Any) -> bool:
     return is_none or not uses_background(encoder)
 
 
-def without_light(force: Tensor, clips: Tensor, backgrounds: Tensor) -> Tensor:
-    """Forces, NaN in frames whose light has changed while nothing touches.
+def without_light(estimate: Tensor, clips: Tensor, backgrounds: Tensor) -> Tensor:
+    """Estimates, NaN in frames whose light has changed while nothing touches.
 
     Args:
-        force: float32 (B, n, 3), of the last n frames of each clip.
+        estimate: float32 (B, n, ...), of the last n frames of each clip.
         clips: uint8 (B, T, 3, H, W).
         backgrounds: uint8 (B, 3, H, W).
     """
-    changed = torch.from_numpy(changed_light(clips[:, -force.shape[1] :], backgrounds))
-    return force.masked_fill(changed.to(force.device)[..., None], math.nan)
+    count = estimate.shape[1]
+    changed = torch.from_numpy(changed_light(clips[:, -count:], backgrounds)).to(estimate.device)
+    return estimate.masked_fill(changed.reshape(-1, count, *[1] * (estimate.ndim - 2)), math.nan)
 
 
 def within_scale(force: Tensor, read: Mapping[str, Tensor], scale: Tensor) -> Tensor:

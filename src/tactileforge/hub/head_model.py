@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     from tactileforge.calibration.file import Axis, Calibration
     from tactileforge.hub.classify import Classes, ClassHead
 
+#: Why a frame gets no estimate.
+_LIGHT = "the light has changed since the background was taken"
+_BEYOND = "the force is beyond the scale of the sensor"
+
 
 def opened_calibration(given: Calibration | str | Path | None) -> Calibration | None:
     """A calibration, read where its file is given; see `load_calibration` for errors."""
@@ -78,7 +82,7 @@ class HeadModel(FeatureModel):
             raise ConfigError(f"force: say which sensor it is, one of: {', '.join(known)}")
         if calibration is None:
             forces.warn_of_estimates()
-        forces.warn_of_missing(force)
+        forces.warn_of_missing("force", force.isnan().any(-1), f"{_LIGHT}, or {_BEYOND}")
         return force
 
     def surface(
@@ -91,7 +95,8 @@ class HeadModel(FeatureModel):
     ) -> Tensor:
         """The displacement of the gel's surface in each frame of each clip, as it is estimated.
 
-        It was learned from simulated gels; see the card for how well real ones are read.
+        It was learned from simulated gels; see the card for how well real ones are read. Warns of
+        frames that get none, because the light has changed since the background was taken.
 
         Args:
             frames: See `encode`.
@@ -101,7 +106,7 @@ class HeadModel(FeatureModel):
 
         Returns:
             float32 (T, 3, 32, 32), or (B, T, 3, 32, 32) for a batch, mm along x and y of the image
-            and z into the gel; the 32 rows and columns span the frame.
+            and z into the gel; the 32 rows and columns span the frame. NaN in frames that get none.
 
         Raises:
             ConfigError: The file has no surface head; see `encode`.
@@ -117,6 +122,9 @@ class HeadModel(FeatureModel):
         with torch.no_grad():
             views = forces.views_of(self.encoder, *self._pass(x, still, rows))
             surface = displacement_mm(self.heads["surface"](views, {}).float())
+        if not forces.has_no_background(self.encoder, background):
+            surface = forces.without_light(surface, x, still)
+            forces.warn_of_missing("surface", surface.isnan().flatten(2).any(-1), _LIGHT)
         return surface[0] if single else surface
 
     def classify(
@@ -200,7 +208,7 @@ class HeadModel(FeatureModel):
         *,
         unknown_sensor: Policy = "error",
         calibration: Calibration | str | Path | None = None,
-        check_light: bool = True,
+        check: bool = True,
     ) -> ModelReadings:
         """Vectors and forces of clips, from one pass of the encoder.
 
@@ -210,13 +218,14 @@ class HeadModel(FeatureModel):
             sensor: See `encode`.
             unknown_sensor: See `encode`.
             calibration: See `force`.
-            check_light: Whether frames whose light has changed get no force; see `force`.
+            check: Whether light and colours are compared with the background; see `force`. A
+                stream does so itself, in pictures as they came.
 
         Raises:
             DataError: See `encode`.
             ConfigError: See `force`.
         """
-        x, still, single = self._prepare(frames, background)
+        x, still, single = self._prepare(frames, background, check)
         names = self._names(sensor, len(x))
         scale = self._scale(names)
         rows = self._rows(names, unknown_sensor)
@@ -230,7 +239,7 @@ class HeadModel(FeatureModel):
                 newton = self._readable(tokens, projected, scale)
                 vector, force = projected.float(), forces.to_newton(newton, axes)
                 force = forces.within_scale(force, newton, scale)
-                if check_light and not forces.has_no_background(self.encoder, background):
+                if check and not forces.has_no_background(self.encoder, background):
                     force = forces.without_light(force, x, still)
         if single:
             return ModelReadings(vector[0], None if force is None else force[0])

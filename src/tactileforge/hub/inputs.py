@@ -13,6 +13,7 @@ from tactileforge.contracts import NEUTRAL_BACKGROUND
 from tactileforge.data.batches.clips import resize_frame
 from tactileforge.data.frames.pixel_contract import channel_fix, value_fix
 from tactileforge.errors import ConfigError, DataError
+from tactileforge.sensors.swapped_colours import warn_of_swapped
 
 Images: TypeAlias = NDArray[Any] | Tensor
 
@@ -64,6 +65,19 @@ def prepare_clips(
         f"{what}: give a frame without contact of the same recording; background='first' takes "
         "the first frame of each clip, background='none' subtracts nothing"
     )
+
+
+def warn_of_swapped_clips(clips: ClipInputs, stacklevel: int = 4) -> None:
+    """Warns of clips whose newest frame has red and blue the other way round than its background.
+
+    Args:
+        clips: A batch.
+        stacklevel: See `warnings.warn`.
+    """
+    if torch.compiler.is_compiling():
+        return
+    shown, still = (x.movedim(-3, -1).cpu() for x in (clips.frames[:, -1], clips.background))
+    warn_of_swapped("clips", shown.numpy(), still.numpy(), stacklevel + 1)
 
 
 def uses_background(encoder: Any) -> bool:

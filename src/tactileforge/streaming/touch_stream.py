@@ -14,6 +14,7 @@ from tactileforge.errors import ConfigError, DataError, SensorError
 from tactileforge.sensors.background import Background, check_background, spread_frames
 from tactileforge.sensors.health import exposure_trouble
 from tactileforge.sensors.light import LightCheck
+from tactileforge.sensors.swapped_colours import warn_of_swapped
 from tactileforge.streaming.buffer import ClipBuffer, FrameWithClip, warn_of_slow_frames
 from tactileforge.streaming.contact import (
     BackgroundChange,
@@ -226,6 +227,8 @@ class TouchStream:
             return None
         if not self.done and self.model is not None:
             warn_of_slow_frames(shot.period, self.model.spacing, self.model.frames, stacklevel=4)
+        if not self.done and self._camera and shot.frame.array.shape == self.background.shape:
+            warn_of_swapped(self.sensor or "stream", shot.frame.array, self.background, 4)
         self.skipped += behind if self.done else 0
         self.done += 1
         return self._predict(shot)
@@ -271,7 +274,7 @@ class TouchStream:
             self._still,
             self.sensor,
             calibration=self.calibration,
-            check_light=False,  # looked at already, in the picture as it came
+            check=False,  # done already, in the picture as it came
         )
         vector = reading.vector.cpu().numpy() if self.embedding else None
         if reading.force is None:
