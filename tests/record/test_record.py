@@ -656,11 +656,13 @@ def test_a_wrench_sensor_that_dies_is_counted_and_an_error(scripted, options, mo
 
 def test_a_process_that_was_stopped_goes_on(scripted, options, monkeypatch):
     """As Ctrl-Z and fg do: a minute passes in which nobody waits for a driver."""
-    from tactileforge.sensors import awake
+    from tactileforge.sensors import capture, opening
+    from tactileforge.sensors.awake import AwakeClock
 
-    jump, true = [0.0], time.monotonic
-    clock = type("Time", (), {"monotonic": lambda: true() + jump[0], "sleep": time.sleep})
-    monkeypatch.setattr(awake, "time", clock)
+    jump = [0.0]
+    own = AwakeClock(lambda: time.monotonic() + jump[0])
+    for module in (capture, opening, rig):
+        monkeypatch.setattr(module, "CLOCK", own)
     watched = Capture.watch
 
     def watch(self):
