@@ -192,7 +192,10 @@ def test_a_slow_model_reads_the_newest_frame_and_skips_the_others(scripted, mode
 @pytest.mark.slow
 def test_contact_without_a_model(scripted):
     def press(frame):
-        return Frame(array=np.full_like(frame.array, 200), time=frame.time)
+        touched = frame.array.copy()
+        touched[:, : touched.shape[1] // 2] = 200
+        touched[:, : touched.shape[1] // 4] = 20  # all over, or brighter inwards alone, is light
+        return Frame(array=touched, time=frame.time)
 
     sensor = scripted(fps=50.0, limit=80, events=dict.fromkeys(range(40, 80), press))
     messages, _ = messages_of(LiveSession({"left": sensor}, None, options()))
