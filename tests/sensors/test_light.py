@@ -96,8 +96,9 @@ def test_a_touch_at_the_border_is_no_leak(quarter, size):
     for colours in ((30, -10, -30), (30, 2, -12), (-25, -25, -25)):
         touched = resting(size) + np.array(colours) * slope[..., None]
         assert not LightCheck(shown(resting(size)))(shown(touched, 1)), colours
-    inner = resting(size) + 25 * np.exp(-(((inwards - 0.25) / 0.05) ** 2))[..., None]
-    assert not LightCheck(shown(resting(size)))(shown(inner, 1)), "bright, but not at the border"
+    for place in (0.25, 0.5):
+        bar = resting(size) + 25 * np.exp(-(((inwards - place) / 0.05) ** 2))[..., None]
+        assert not LightCheck(shown(resting(size)))(shown(bar, 1)), "bright, from border to border"
 
 
 def test_a_slow_drift_is_told_before_it_is_read_as_force():
