@@ -114,7 +114,7 @@ def test_a_calibration_serves_a_sensor_of_any_name(tmp_path):
 
 
 def lying(sensor):
-    """The sensor under a name of its own: a DIGIT stands upright, and these pictures lie."""
+    """The sensor of another type: a DIGIT stands upright, and these pictures lie."""
     sensor.spec = replace(sensor.spec, area_mm=(24 * SPACING, 32 * SPACING))
     return sensor
 
@@ -156,7 +156,7 @@ def test_record_keeps_a_track_that_shards_give_back(scripted, tmp_path):
         codec="png",
         depth={"left": "digit"},
     )
-    sensor = lying(scripted(fps=50.0, events=events, type="mine"))
+    sensor = lying(scripted(fps=50.0, events=events, type="gelsight_mini"))
     record(options, {"left": sensor}, say=lambda line: None)
     (one,) = Shards(options.out).recordings("train")
     track = one.tracks["depth_um"]

@@ -2,8 +2,8 @@
 
 Light changes slowly over the picture: brighter all over, an exposure that is adjusted, an LED that
 dims, daylight from one side. A touch has edges. So a blur takes away little of the change that
-light makes, mostly less than a tenth of it. Of real touches it takes .18 or more, or 8 grey levels (public
-recordings: tests/sensors/test_light.py).
+light makes, mostly less than a tenth of it. Of real touches it takes .18 or more, or 8 grey levels
+(public recordings: tests/sensors/test_light.py).
 
 Daylight that leaks in at an edge may be narrow, with an edge of its own. It makes every colour
 brighter, most at the border, and ever less inwards; a touch makes a colour brighter on one of its
