@@ -61,6 +61,9 @@ def test_it_is_listed_by_the_command_line(site):
     assert {(row["kind"], row["name"], row["status"]) for row in rows} == {
         ("sensor", "dummy", "ok"),
         ("dataset", "dummy_presses", "ok"),
+        ("encoder", "small_cnn", "ok"),
+        ("verb", "brightness", "ok"),
+        ("conf", "example", "ok"),
         ("head", "contact_area", "ok"),
         ("objective", "contact_area", "ok"),
     }
