@@ -224,7 +224,7 @@ class Scripted(Opened):
         if self.spec.kind == "image":
             return None
         if self.spec.kind == "wrench":
-            return np.array([due - 1000.0, 0, 1, 0, 0, 0], np.float32)
+            return np.array([due % 1000.0, 0, 1, 0, 0, 0], np.float32)
         return np.full((4, 1), number, np.float32)
 
     def close(self):
