@@ -50,3 +50,12 @@ def test_a_warning_has_a_line_of_its_own(monkeypatch: pytest.MonkeyPatch) -> Non
     assert "the light has changed" in shown
     assert "a.py:7: UserWarning: odd" in shown
     assert not [part for part in shown if "train:" in part and ("light" in part or "odd" in part)]
+
+
+def test_a_line_of_a_file_is_not_cut() -> None:
+    file = io.StringIO()
+    bar = Bar(total=1, desc="train", file=file)
+    bar.set_postfix({f"objective_{i}": i for i in range(20)}, refresh=False)
+    bar.update()
+    bar.close()
+    assert file.getvalue().rstrip().endswith("objective_19=19]")

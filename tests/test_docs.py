@@ -13,11 +13,14 @@ import re
 import subprocess
 import sys
 import warnings
+from functools import cache
 from pathlib import Path
 
 import pytest
 from made_files import make_files
 from warm import Warm
+
+from tactileforge import registry
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -51,7 +54,11 @@ def run_bash(code: str, folder: Path, *commands: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_code_blocks_run(page: Path, tmp_path: Path, warm: Warm) -> None:
+def test_code_blocks_run(
+    page: Path, tmp_path: Path, warm: Warm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.setattr(registry, "_entries", cache(registry._entries.__wrapped__))  # a new reader
     blocks = BLOCK.findall(page.read_text())
     if all(mark == "no-run" for mark, *_ in blocks):
         pytest.skip("no code to run on this page")

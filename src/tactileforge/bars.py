@@ -30,9 +30,11 @@ class Bar(tqdm):  # type: ignore[type-arg]
         file = kwargs.get("file") or sys.stderr
         self._is_drawn = bool(getattr(file, "isatty", lambda: False)())
         if not self._is_drawn:
-            kwargs |= {"mininterval": PAUSE, "maxinterval": PAUSE, "miniters": 1, "ncols": 100}
+            kwargs |= {"mininterval": PAUSE, "maxinterval": PAUSE, "miniters": 1}
         self._counts = False
         super().__init__(*args, **kwargs)
+        if not self._is_drawn:
+            self.ncols = None  # a line of a file is as long as it is
         if self._is_drawn and not self.disable:
             self._counts = True
             Bar._open += 1

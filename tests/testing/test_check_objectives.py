@@ -206,7 +206,7 @@ UNLABELLED = "unlabelled samples change nothing"
         (MeanOfNothing, UNLABELLED, "with no 'force' at all it is nan"),
         (DoesNotCount, "labels are counted", "3 samples without 'force' count as 3"),
         (TakesItForATensor, "loss is a finite scalar", "no 'sqrt': write mean.map(FUNCTION)"),
-        (Powers, "loss is a finite scalar", "a Mean is no tensor: write mean.map(FUNCTION)"),
+        (Powers, "loss is a finite scalar", "returns a Mean: write mean.map(FUNCTION)"),
         (Shrugs, "missing key is named", "gives a loss without"),
         (Mumbles, "missing key is named", "ValueError: something is missing"),
     ],

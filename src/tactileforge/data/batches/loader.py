@@ -133,7 +133,8 @@ def _context(workers: int) -> BaseContext | None:
     known = get_start_method() in get_all_start_methods()
     if not known:
         set_start_method("forkserver", force=True)
-    if known and world()[1] == 1 and "ray" not in sys.modules:
+    ray = sys.modules.get("ray")
+    if known and world()[1] == 1 and not (ray and ray.is_initialized()):
         return None
     context = get_context("forkserver")
     context.set_forkserver_preload([__name__])
