@@ -24,7 +24,13 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from tactileforge.bench.fit.evaluate import SourceFeatures, evaluate_probe
-from tactileforge.bench.fit.features import PLAIN, FeatureStore, extract_features, loader, readers
+from tactileforge.bench.fit.features import (
+    PLAIN,
+    FeatureStore,
+    extract_features,
+    read_batches,
+    readers,
+)
 from tactileforge.bench.fit.frozen_encoder import FrozenEncoder
 from tactileforge.bench.fit.resolve import PreparedTask, choose_probe
 from tactileforge.bench.results.intervals import Interval, mean_interval
@@ -94,7 +100,7 @@ class Published:
         )
 
     def _tokens(self, places: Any) -> Iterator[tuple[Any, Tensor]]:
-        for number, batch in enumerate(loader(self.clips, places, self.store, BATCH)):
+        for number, batch in enumerate(read_batches(self.clips, places, self.store, BATCH)):
             some = places[number * BATCH : (number + 1) * BATCH]
             yield some, self.subject.features(batch, PLAIN, "error")["tokens"].clone()
 
@@ -195,7 +201,7 @@ def extraction_speed(
     clips = prepared.target.clips[: 4 * ENCODE]
     ((reader, _),) = readers(subject, prepared.source, clips)
     store = FeatureStore(folder, workers=2, batch=ENCODE)
-    batches = list(loader(reader, range(len(clips)), FeatureStore(folder, workers=0), ENCODE))
+    batches = list(read_batches(reader, range(len(clips)), FeatureStore(folder, workers=0), ENCODE))
     number = iter(range(1000))
 
     def whole() -> None:

@@ -15,6 +15,7 @@ from tactileforge.balance import GradNorm
 from tactileforge.callbacks.checkpoints import AtomicCheckpointIO
 from tactileforge.checkpoint_file import find_checkpoint, initialise, read_checkpoint, seal
 from tactileforge.errors import ConfigError, DataNotFoundError, TactileForgeError
+from tactileforge.signals import ENDING
 from tactileforge.sim.config import SimConfig
 from tactileforge.sim.generate import write_seconds
 
@@ -135,13 +136,16 @@ def test_a_sharded_run_goes_on_with_another_number_of_processes(tmp_path: Path, 
 
 
 @pytest.mark.slow
-def test_ctrl_c_leaves_a_checkpoint_that_resumes(tmp_path: Path, warm: Warm) -> None:
+@pytest.mark.parametrize("number", ENDING)
+def test_a_signal_to_all_leaves_a_checkpoint_that_resumes(
+    tmp_path: Path, warm: Warm, number: signal.Signals
+) -> None:
     options = [*OPTIONS, *SMALL, "trainer.max_steps=100000", f"hydra.run.dir={tmp_path}"]
     run = warm.start("train", *options)
     wait_for_checkpoint(tmp_path, run)
     before = read_checkpoint(tmp_path)["global_step"]
     time.sleep(0.5)
-    os.killpg(run.pid, signal.SIGINT)  # as a terminal does: the run and its readers
+    os.killpg(run.pid, number)  # as a terminal and Slurm do: the run and its readers
     assert run.wait(timeout=60) == 130
     assert read_checkpoint(tmp_path)["global_step"] >= before
 

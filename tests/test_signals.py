@@ -8,10 +8,16 @@ import time
 from pathlib import Path
 
 import pytest
+from signalled import read
 
 from tactileforge import cli
 from tactileforge.run_folder import LAST
-from tactileforge.signals import ENDING, interrupted_by_signals, stopped_by_signals
+from tactileforge.signals import (
+    ENDING,
+    held,
+    interrupted_by_signals,
+    stopped_by_signals,
+)
 
 
 @pytest.mark.parametrize("number", ENDING)
@@ -71,6 +77,20 @@ def test_a_forked_process_ends_by_the_signal() -> None:
         child.terminate()
         child.join(60)
     assert child.exitcode == -signal.SIGTERM
+
+
+@pytest.mark.parametrize("number", ENDING)
+@pytest.mark.parametrize("method", ["fork", "forkserver"])
+def test_a_worker_is_ended_by_its_parent_alone(number: signal.Signals, method: str) -> None:
+    context = multiprocessing.get_context(method)
+    ready = context.Event()
+    with held():
+        worker = context.Process(target=read, args=(number, ready), daemon=True)
+        worker.start()
+    assert ready.wait(60)
+    worker.terminate()
+    worker.join(60)
+    assert worker.exitcode == 0
 
 
 @pytest.mark.parametrize("kept", [False, True])

@@ -7,6 +7,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from multiprocessing import parent_process
 from types import FrameType
 from typing import Any
 
@@ -99,3 +100,41 @@ def stopped_by_signals() -> Iterator[threading.Event]:
 
     with handled(heard):
         yield stop
+
+
+@contextmanager
+def held() -> Iterator[None]:
+    """Keeps signals back in this thread, and in processes started meanwhile.
+
+    Such a process lets them through by `leave_to_parent`: those that reach it while it starts would
+    end it, and with it the run of its parent.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def leave_to_parent() -> None:
+    """Makes this process end when its parent ends it, and by no signal that reaches both.
+
+    A terminal, Slurm and systemd signal every process of a run. The parent still needs its workers
+    then, to finish a step and save.
+    """
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGINT, signal.SIGHUP))
+    if not hasattr(signal, "sigwaitinfo"):  # macOS does not tell who sent a signal
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGTERM,))
+        return
+    signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGTERM,))
+    threading.Thread(target=_end_by_parent, daemon=True, name="end by parent").start()
+
+
+def _end_by_parent() -> None:
+    parent = parent_process()
+    while parent and signal.sigwaitinfo((signal.SIGTERM,)).si_pid != parent.pid:
+        pass
+    os._exit(0)

@@ -75,7 +75,7 @@ FAULTS: dict[str, tuple[dict[str, Any], float, str]] = {
     "frozen": ({"edit": lambda a: without(a, slice(31, 75))}, 1.33, "the same image for 1."),
     "lag": ({"lag": 0.2}, 0.2, "images come 0.2 s after forces"),
     "gaps_in_time": (gapped(0.5), 15, "1 gap, up to 0.5 s (usual 0.0333 s)"),
-    "force_out_of_range": (scaled(30), 30 / 14.14, "30 N along z, 2.1 times the scale"),
+    "force_out_of_range": (scaled(60), 60 / 14.14, "60 N along z, 4.2 times the scale"),
     "pulling_force": (scaled(-2), 2, "down to -2 N along z"),
     "no_background": ({"no_contact": None}, 0, "no frame without contact"),
     "tiny_pictures": (

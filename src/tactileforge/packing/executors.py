@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import signal
 import threading
 from collections import deque
 from collections.abc import Callable, Generator, Sequence
@@ -21,6 +20,7 @@ import cv2
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.packing.work import ShardJob, ShardNote, make_shard, packed_job, run_packed
 from tactileforge.processes import process_count
+from tactileforge.signals import held, leave_to_parent
 
 #: Is told the number of a job, and how many frames of it are done.
 Tick: TypeAlias = Callable[[int, int], None]
@@ -74,7 +74,8 @@ def _local(jobs: Sequence[ShardJob], count: int, tick: Tick) -> Made:
             while waiting and idle:
                 content = packed_job(waiting[0])
                 worker, job = idle.pop(), waiting.popleft()
-                busy[worker.submit(_work, content)] = worker, job
+                with held():  # the first job of a pool starts its process
+                    busy[worker.submit(_work, content)] = worker, job
             for future in wait(busy, _LOOK, FIRST_COMPLETED).done:
                 worker, job = busy.pop(future)
                 try:
@@ -114,7 +115,7 @@ def _prepare(done: Any) -> None:
     """Prepares a process: it ends with its parent, which alone hears Ctrl-C."""
     global _done
     _done = done
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    leave_to_parent()
     cv2.setNumThreads(1)
     threading.Thread(target=_follow, daemon=True).start()
 

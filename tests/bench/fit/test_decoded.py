@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from tactileforge.bench.fit import decoded
-from tactileforge.bench.fit.features import PLAIN, FeatureStore, extract_features, loader
+from tactileforge.bench.fit.features import PLAIN, FeatureStore, extract_features, read_batches
 from tactileforge.bench.fit.models import baseline_encoder
 from tactileforge.bench.tasks.source import TaskSource
 from tactileforge.bench.tasks.suite import ClipSpec
@@ -44,7 +44,9 @@ def test_what_is_stored_is_what_was_read(tmp_path: Path) -> None:
     folder = decoded.clip_folder(tmp_path / "clips", of, some, 0.1)
     assert folder is not None
     assert decoded.stored_batches(folder, 4) is None
-    first = list(decoded.store_batches(folder, len(some), loader(some, range(len(some)), store, 4)))
+    first = list(
+        decoded.store_batches(folder, len(some), read_batches(some, range(len(some)), store, 4))
+    )
     again = decoded.stored_batches(folder, 4)
     assert again is not None
     for batch, other in zip(first, again, strict=True):
@@ -63,7 +65,7 @@ def test_a_pass_that_was_stopped_keeps_nothing(tmp_path: Path) -> None:
     some = clips(of)
     folder = tmp_path / "clips"
     passing = decoded.store_batches(
-        folder, len(some), loader(some, range(len(some)), FeatureStore(tmp_path, 0), 4)
+        folder, len(some), read_batches(some, range(len(some)), FeatureStore(tmp_path, 0), 4)
     )
     next(passing)
     passing.close()

@@ -24,6 +24,7 @@ from tactileforge.data.batches.clips import Clips, collate
 from tactileforge.data.batches.loader import start_worker
 from tactileforge.errors import DataError
 from tactileforge.files import write_text
+from tactileforge.signals import held
 
 #: Changes when the same key would give other features.
 _FORMAT = 2
@@ -204,10 +205,10 @@ class _Extraction:
             self.store.folder.parent / "clips", self.source, clips, spacing
         )
         if folder is None or rows.start:
-            return loader(clips, rows, self.store, size)
+            return read_batches(clips, rows, self.store, size)
         batches = decoded.stored_batches(folder, size)
         return batches or decoded.store_batches(
-            folder, len(rows), loader(clips, rows, self.store, size)
+            folder, len(rows), read_batches(clips, rows, self.store, size)
         )
 
     def _done(self, parts: Any) -> int:
@@ -221,20 +222,25 @@ class _Extraction:
         write_text(self.note, json.dumps({"done": done}))
 
 
-def loader(clips: Clips, rows: Sequence[int], store: FeatureStore, size: int) -> Iterator[Batch]:
+def read_batches(
+    clips: Clips, rows: Sequence[int], store: FeatureStore, size: int
+) -> Iterator[Batch]:
     """Batches of some rows of an index, in order, read by other processes.
 
     Raises:
         DataError: A clip cannot be read: training replaces it by another, a bench may not.
     """
-    for batch in DataLoader(
+    loader = DataLoader(
         Subset(clips, list(rows)),
         batch_size=size,
         num_workers=store.workers if len(rows) else 0,
         collate_fn=collate,
         worker_init_fn=start_worker,
         pin_memory=torch.cuda.is_available(),
-    ):
+    )
+    with held():
+        batches = iter(loader)
+    for batch in batches:
         for line, _ in batch["skipped"].values():
             raise DataError(f"a clip cannot be read, and the benchmark skips none: {line}")
         yield batch

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from tactileforge.bars import Bar
-from tactileforge.bench.fit.features import FLIPS, PLAIN, FeatureStore, loader, readers
+from tactileforge.bench.fit.features import FLIPS, PLAIN, FeatureStore, read_batches, readers
 from tactileforge.bench.fit.frozen_encoder import FrozenEncoder
 from tactileforge.bench.fit.probes.base import Values
 from tactileforge.bench.fit.resolve import PreparedTask, ProbeChoice
@@ -157,5 +157,5 @@ class _Run:
 
     def _batches(self, places: Any) -> Any:
         size = self.choice.training.batch
-        for number, batch in enumerate(loader(self.clips, places.tolist(), self.store, size)):
+        for number, batch in enumerate(read_batches(self.clips, places.tolist(), self.store, size)):
             yield places[number * size : (number + 1) * size], batch

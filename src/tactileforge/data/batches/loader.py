@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import signal
 import sys
 import time
 from collections.abc import Iterator, Mapping
@@ -25,6 +24,7 @@ from tactileforge.contracts import Batch
 from tactileforge.data.batches.stream import BatchIndexSampler, Stream
 from tactileforge.distributed import world
 from tactileforge.errors import ConfigError
+from tactileforge.signals import held, leave_to_parent
 
 log = logging.getLogger(__name__)
 
@@ -72,7 +72,9 @@ class Loader(DataLoader[Batch]):
 
     def __iter__(self) -> Iterator[Batch]:  # type: ignore[override]
         """Batches, in order."""
-        return self._timed(super().__iter__())  # readers start now
+        with held():  # readers start now
+            batches = super().__iter__()
+        return self._timed(batches)
 
     def _timed(self, batches: Iterator[Batch]) -> Iterator[Batch]:
         while True:
@@ -146,6 +148,6 @@ def _as_it_is(batch: T) -> T:
 
 
 def start_worker(_: int) -> None:
-    """Ignores Ctrl-C in a worker: it reaches every process of a terminal, the run handles it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Leaves signals to the run: they reach its readers, too."""
+    leave_to_parent()
     cv2.setNumThreads(0)

@@ -18,8 +18,9 @@ from tactileforge.sensors.specs import spec
 
 #: Step in time, as a multiple of the usual one, that counts as a gap: a clip across it is not cut.
 GAP = 2.5
-#: Force, as a multiple of the sensor's scale, that is out of its range: heads predict about -1..1.
-RANGE = 1.5
+#: Force, as a multiple of the sensor's scale, that is out of its range. Strong touches are within
+#: twice (simulated ones too); pounds, kilograms and grams taken for newtons are 4 times or more.
+RANGE = 3.0
 #: Share of the scale of the normal force, and of the largest one here, that counts as pulling.
 PULL = 0.05
 #: Pixels along a side below which a picture shows no contact.
