@@ -16,11 +16,12 @@ from tactileforge import moves, strict
 from tactileforge.contracts import CONTEXT
 from tactileforge.errors import ConfigError, PluginError, nearest_name, unknown
 
-KINDS = ("sensors", "datasets", "encoders", "heads", "objectives")
+KINDS = ("sensors", "datasets", "encoders", "heads", "objectives", "optimizers")
 #: Kinds whose entry points name a module: verbs of the command line.
 MODULES = ("verbs",)
-#: Kinds without a conformance suite: publishers of ``live``, and packages of YAML options.
-OTHERS = ("publishers", "conf")
+#: Kinds without a conformance suite: publishers of ``live``, schedules of the learning rate (a
+#: function each), and packages of YAML options.
+OTHERS = ("publishers", "schedules", "conf")
 
 #: Group of a configuration -> kind of plugin that its options are.
 GROUPS = {
@@ -34,6 +35,7 @@ GROUPS = {
     "objective": "objectives",
     "text_encoder": "encoders",
     "image_encoder": "encoders",
+    "optim": "optimizers",
 }
 
 

@@ -129,7 +129,7 @@ def test_ranges_are_min_max() -> None:
 
 FOLLOW = ["scale=demo", "data.camera=false", "data.horizon=4", "data.observations=1"]
 FOLLOW += ["trainer.max_epochs=80", "trainer.precision=32-true", "head.denoise.channels=[32,64]"]
-FOLLOW += ["trainer.check_val_every_n_epoch=10", "optim.schedule=constant_with_warmup"]
+FOLLOW += ["trainer.check_val_every_n_epoch=10", "optim.schedule=constant"]
 
 
 def error_of(folder: Path) -> float:
