@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +11,28 @@ import torch
 from torch import nn
 
 from tactileforge.errors import ConfigError, unknown
-from tactileforge.extras import diffusers
+
+
+def _linear(step: int, warm: int, total: int) -> float:
+    return max(0.0, min((step + 1) / warm, (total - step) / max(1, total - warm + 1)))
+
+
+def _cosine(step: int, warm: int, total: int) -> float:
+    if step < warm:
+        return step / warm
+    return max(0.0, 0.5 * (1.0 + math.cos(math.pi * (step - warm) / max(1, total - warm))))
+
+
+def _constant(step: int, warm: int, total: int) -> float:
+    return min(1.0, step / warm)
+
+
+#: Factor of the learning rate of each schedule, given the step, those of the warm-up, and all.
+_SCHEDULES: dict[str, Callable[[int, int, int], float]] = {
+    "linear": _linear,
+    "cosine": _cosine,
+    "constant": _constant,
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,9 +45,8 @@ class OptimOptions:
         betas: Of AdamW.
         warmup: Share of the run in which the learning rate rises.
         clip: Largest norm of the gradient; None for any.
-        schedule: Course of the learning rate after the warm-up: ``linear`` to 0, or a name that
-            ``diffusers.optimization.get_scheduler`` knows, such as ``cosine``; not
-            ``piecewise_constant``, whose steps it asks for.
+        schedule: Course of the learning rate after the warm-up: ``linear`` or ``cosine`` to 0, or
+            ``constant``.
     """
 
     lr: float
@@ -82,23 +102,12 @@ def optimiser(
         fused=fused,
     )
     warm = max(1, round(config["warmup"] * total))
-    schedule: Any
-    if (name := config.get("schedule", "linear")) != "linear":
-        schedule = _named(name, optimizer, warm, total)
-        return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
-    schedule = torch.optim.lr_scheduler.LambdaLR(
-        optimizer,
-        lambda step: max(0.0, min((step + 1) / warm, (total - step) / max(1, total - warm + 1))),
-    )
+    name = config.get("schedule", "linear")
+    if name not in _SCHEDULES:
+        raise ConfigError(unknown("optim.schedule", name, _SCHEDULES))
+    factor = _SCHEDULES[name]
+    schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, lambda step: factor(step, warm, total))
     return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
-
-
-def _named(name: str, optimizer: torch.optim.Optimizer, warm: int, total: int) -> Any:
-    known = diffusers("optimization")
-    names = [one.value for one in known.SchedulerType if one.value != "piecewise_constant"]
-    if name not in names:
-        raise ConfigError(unknown("optim.schedule", name, names))
-    return known.get_scheduler(name, optimizer, num_warmup_steps=warm, num_training_steps=total)
 
 
 def set_rate(schedule: torch.optim.lr_scheduler.LambdaLR) -> None:

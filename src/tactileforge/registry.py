@@ -19,8 +19,9 @@ from tactileforge.errors import ConfigError, PluginError, nearest_name, unknown
 KINDS = ("sensors", "datasets", "encoders", "heads", "objectives")
 #: Kinds whose entry points name a module: verbs of the command line.
 MODULES = ("verbs",)
-#: Kinds without a conformance suite: publishers of ``live``, and packages of YAML options.
-OTHERS = ("publishers", "conf")
+#: Kinds without a conformance suite: publishers of ``live``, runners of suites of ``bench``
+#: (functions), and packages of YAML options.
+OTHERS = ("publishers", "runners", "conf")
 
 #: Group of a configuration -> kind of plugin that its options are.
 GROUPS = {
@@ -94,6 +95,11 @@ def list_plugins() -> list[PluginInfo]:
         for name, entries in _entries(kind).items()
         for entry in entries
     ]
+
+
+def conf_packages() -> list[str]:
+    """Packages of YAML options, recipes and cards that installed distributions bring."""
+    return [entry.value for entries in _entries("conf").values() for entry in entries]
 
 
 #: Plugins of our own packages in plugins/, by the name that users type.
