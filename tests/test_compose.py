@@ -1,11 +1,16 @@
+from inspect import signature
+from pathlib import Path
+
 import pytest
 from hydra.errors import ConfigCompositionException
 from omegaconf import MissingMandatoryValue, OmegaConf
 
 from tactileforge.compose import compose, composed, node_of
 from tactileforge.curriculum import from_config
+from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import ConfigError
 
+ROOT = Path(__file__).parents[1]
 PLUGINS = """
 class Toy:
     def __init__(self, encoder, gain: float = 1.0, *, port, tags=("a", "b")):
@@ -191,3 +196,12 @@ def test_an_option_that_is_typed_or_unknown_to_all_is_never_left_out(net):
 def test_a_layout_that_only_the_data_defines_may_be_null() -> None:
     words = ["data=recordings", "data.root=x", "data.layouts.cups=null"]
     assert dict(composed("train", words).data.layouts) == {"cups": None}
+
+
+def test_defaults_of_batches_are_those_of_the_data_module() -> None:
+    config = OmegaConf.load(ROOT / "conf/batch/default.yaml")
+    defaults = {key: one.default for key, one in signature(TouchData).parameters.items()}
+    assert config.pop("size") == defaults["batch_size"]
+    assert not any(config.pop("shares").values())
+    assert defaults["shares"] is None
+    assert dict(config) == {key: defaults[key] for key in config}

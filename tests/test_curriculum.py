@@ -99,3 +99,37 @@ def test_a_row_that_is_null_is_none() -> None:
     config = {"objective": {"pixel": None}}
     assert from_config(config, {"pixel": 1.0}, total=10, epoch=1).weights(0) == {"pixel": 1.0}
     assert in_steps(config, 10, 1)["objective"] == {}
+
+
+VALUES = {"values": {"encoder": {"mask_ratio": {"end": 0.5, "low": 0.4, "high": 0.8}}}}
+
+
+def test_numbers_that_change() -> None:
+    plan = from_config(VALUES, {}, 100, 10)
+    ramp = plan.values["encoder.mask_ratio"]
+    assert [ramp(step) for step in (0, 25, 50, 99)] == pytest.approx([0.4, 0.6, 0.8, 0.8])
+
+
+def test_numbers_that_change_in_steps() -> None:
+    longer = in_steps(VALUES, 100, 10)
+    assert longer["values"] == {
+        "encoder": {"mask_ratio": {"start": 0.0, "end": 50.0, "low": 0.4, "high": 0.8}}
+    }
+    ramp = from_config(longer, {}, 1000, 10).values["encoder.mask_ratio"]
+    assert ramp(25) == pytest.approx(0.6)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"encoder": {"mask_ratio": 0.5}}, "curriculum.values.encoder.mask_ratio=0.5"),
+        (
+            {"encoder": {"mask_ratio": {"low": 0.5}}},
+            "mask_ratio.high=None",
+        ),
+        ({"encoder": {"mask_ratio": {"low": 0, "high": 1, "from": 2}}}, "unknown key in"),
+    ],
+)
+def test_mistakes_in_numbers_that_change(values: dict[str, object], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        from_config({"values": values}, {}, 100, 10)

@@ -62,6 +62,8 @@ def test_it_is_listed_by_the_command_line(site):
         ("sensor", "dummy", "ok"),
         ("dataset", "dummy_presses", "ok"),
         ("encoder", "small_cnn", "ok"),
+        ("optimizer", "muon", "ok"),
+        ("schedule", "stable_decay", "ok"),
         ("verb", "brightness", "ok"),
         ("conf", "example", "ok"),
         ("head", "contact_area", "ok"),

@@ -1,10 +1,14 @@
 """What a run says that is cut short from outside."""
 
+import re
 from pathlib import Path
 
 import pytest
 
 from tactileforge import train
+from tactileforge.compose import compose
+from tactileforge.errors import ConfigError
+from tactileforge.pages.curves import read_metrics
 from tactileforge.run_folder import LAST
 
 
@@ -27,3 +31,31 @@ def test_the_way_back_is_quoted(tmp_path: Path) -> None:
     (run / LAST).parent.mkdir(parents=True)
     (run / LAST).touch()
     assert train._kept(run).endswith(f"tactileforge train resume='{run}'")
+
+
+@pytest.mark.slow
+def test_a_number_of_the_encoder_changes_over_the_run(tmp_path: Path) -> None:
+    words = ["scale=demo", "encoder.image_size=32", "batch.size=8", "batch.workers=0"]
+    words += ["data.scenes=3", "data.val=1", "data.size=32", "objective=[pixel]"]
+    words += ["trainer.max_steps=4", "trainer.log_every_n_steps=1", "logger=csv"]
+    words += ["+curriculum.values.encoder.mask_ratio={end: 0.5, low: 0.25, high: 0.75}"]
+    module = train.train(compose("anytouch2", words), tmp_path)
+    assert module.encoder.mask_ratio == 0.75
+    curve = read_metrics(tmp_path)["encoder.mask_ratio"]
+    assert curve.values.tolist() == pytest.approx([0.25, 0.5, 0.75, 0.75])
+
+
+@pytest.mark.parametrize(
+    ("word", "message"),
+    [
+        ("encoder.mask_ratoi", "'mask_ratoi'"),
+        ("encoders.mask_ratio", "part in curriculum.values 'encoders'"),
+        ("encoder.mask_ratio", "mask_ratio is 1.5"),
+    ],
+)
+def test_a_number_that_cannot_change_so_is_named(word: str, message: str, tmp_path: Path) -> None:
+    words = ["scale=demo", "encoder.image_size=32", "batch.size=8", "batch.workers=0"]
+    words += ["data.scenes=3", "data.val=1", "data.size=32", "objective=[pixel]"]
+    words += ["trainer.max_steps=4", f"+curriculum.values.{word}={{low: 0.25, high: 1.5}}"]
+    with pytest.raises(ConfigError, match=re.escape(message)):
+        train.train(compose("anytouch2", words), tmp_path)

@@ -117,10 +117,14 @@ def _places_of_job() -> list[str]:
 def node_of(group: str, name: str) -> dict[str, Any]:
     """The configuration node of an installed plugin in a group: name, weight, defaults."""
     defaults = registry.parameters(registry.get(GROUPS[group], name))
-    weight = {"weight": 1.0} if group == "objective" else {}
+    shared: dict[str, Any] = {"weight": 1.0} if group == "objective" else {}
+    if group == "optim":
+        from tactileforge.optim import COMMON  # torch
+
+        shared = COMMON
     return (
         {"name": name}
-        | weight
+        | shared
         | {key: MISSING if value is Parameter.empty else value for key, value in defaults.items()}
     )
 

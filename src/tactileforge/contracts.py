@@ -64,8 +64,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    import torch
     from matplotlib.figure import Figure
-    from torch import Tensor
+    from torch import Tensor, nn
 
     from tactileforge.means import Mean
 
@@ -637,5 +638,27 @@ class Objective(Protocol):
         A `means.Mean`, as `distributed.masked_mean` returns it, counts by its labels in validation,
         and is absent where there are none. A tensor is a scalar, and counts by the clips of the
         batch.
+        """
+        ...
+
+
+class OptimizerPlugin(Protocol):
+    """Options of an optimiser, and what builds it.
+
+    The constructor's parameters are the keys of ``optim``, beside ``warmup``, ``schedule`` and
+    ``clip``, which every optimiser has.
+    """
+
+    def build(
+        self, parameters: Sequence[tuple[str, nn.Parameter]], fused: bool
+    ) -> torch.optim.Optimizer:
+        """Builds the optimiser of a run.
+
+        Args:
+            parameters: Names and parameters that are trained, in a fixed order.
+            fused: Whether a step may be one kernel; not with a scaler of gradients.
+
+        Returns:
+            A single optimiser. Its learning rate is scaled by the schedule, in each group alike.
         """
         ...

@@ -50,6 +50,8 @@ class Curriculum:
     Attributes:
         ramps: One for each objective; ``high`` is its largest weight.
         universal: Chance that a sample takes the universal sensor tokens.
+        values: Further numbers that change, such as ``encoder.mask_ratio``, by their place in the
+            configuration.
 
     Example:
         >>> plan = Curriculum({"pixel": Ramp(), "force": Ramp(start=50, end=100, high=0.1)})
@@ -59,6 +61,7 @@ class Curriculum:
 
     ramps: Mapping[str, Ramp]
     universal: Ramp = field(default_factory=lambda: Ramp(high=0.0))
+    values: Mapping[str, Ramp] = field(default_factory=dict)
 
     def weights(self, step: int) -> dict[str, float]:
         """Weight of each objective at an optimiser step; 0 means it is not computed."""
@@ -74,7 +77,8 @@ def from_config(
         config: ``unit`` (``fraction`` of the run, ``epoch`` or ``step``), ``objective`` (for each
             objective ``start`` and ``end``; None as end is the end of the run; an objective without
             a row has its weight from the first step), ``universal`` (``start``, ``end``, ``low``,
-            ``high``).
+            ``high``), ``values`` (such rows for numbers of the encoder, a head or an objective, at
+            their place: ``values.encoder.mask_ratio``).
         weights: Largest weight of each objective.
         total: Steps of the run.
         epoch: Steps of an epoch.
@@ -109,16 +113,51 @@ def from_config(
         else Ramp(low=weight, high=weight)
         for name, weight in weights.items()
     }
-    row = config.get("universal") or {"high": 0.0}
+    row = _universal(config)
     low, high = float(row.get("low", 0.0)), float(row.get("high", 0.0))
     if not (0 <= low <= 1 and 0 <= high <= 1):
         raise ConfigError(f"curriculum.universal: low={low}, high={high}; give chances, 0 to 1")
-    return Curriculum(ramps, ramp("curriculum.universal", row, low, high))
+    chances = low, high
+    values = {}
+    for place, row in value_rows(config).items():
+        where = f"curriculum.values.{place}"
+        low, high = (_number(where, row, key) for key in ("low", "high"))
+        values[place] = ramp(where, row, low, high)
+    return Curriculum(ramps, ramp("curriculum.universal", _universal(config), *chances), values)
+
+
+def _number(where: str, row: Mapping[str, Any], key: str) -> float:
+    value = row.get(key)
+    if not isinstance(value, int | float) or not math.isfinite(value):
+        raise ConfigError(f"{where}.{key}={value}: give a finite number, low and high")
+    return float(value)
+
+
+def value_rows(config: Mapping[str, Any]) -> dict[str, Any]:
+    """Rows of numbers that change, by their place in the configuration."""
+    rows: dict[str, Any] = {}
+    waiting = [("", config.get("values") or {})]
+    while waiting:
+        place, node = waiting.pop()
+        for key, value in node.items():
+            at = f"{place}.{key}".removeprefix(".")
+            if not isinstance(value, Mapping):
+                raise ConfigError(f"curriculum.values.{at}={value}: give {{low: A, high: B}}")
+            if {"low", "high"} & value.keys():
+                rows[at] = value
+            else:
+                waiting.append((at, value))
+    return rows
 
 
 def _rows(config: Mapping[str, Any]) -> dict[str, Any]:
     """Rows of objectives; null is none."""
     return {key: row for key, row in (config.get("objective") or {}).items() if row is not None}
+
+
+def _universal(config: Mapping[str, Any]) -> Mapping[str, Any]:
+    row: Mapping[str, Any] = config.get("universal") or {"high": 0.0}
+    return row
 
 
 def _check_keys(where: str, row: Mapping[str, Any]) -> None:
@@ -154,5 +193,13 @@ def in_steps(config: Mapping[str, Any], total: int, epoch: int) -> dict[str, Any
         return {**row, "start": float(row.get("start") or 0) * unit, "end": float(last)}
 
     rows = {name: row(node) for name, node in _rows(config).items()}
-    universal = {"universal": row(config["universal"])} if config.get("universal") else {}
-    return {**config, "unit": "step", "objective": rows, **universal}
+    more = {"universal": row(config["universal"])} if config.get("universal") else {}
+    if values := value_rows(config):
+        more["values"] = {}
+        for place, node in values.items():
+            *parents, key = place.split(".")
+            inner = more["values"]
+            for name in parents:
+                inner = inner.setdefault(name, {})
+            inner[key] = row(node)
+    return {**config, "unit": "step", "objective": rows, **more}

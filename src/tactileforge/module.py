@@ -21,8 +21,8 @@ from tactileforge.encoders.given import views_of
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.finite import FiniteWatch, NotFiniteError
 from tactileforge.means import Mean
-from tactileforge.optim import optimiser, set_rate
-from tactileforge.parts import Term, build_parts, logs_of, term_of
+from tactileforge.optim import build_optimizer, set_rate
+from tactileforge.parts import Term, build_parts, changing, logs_of, term_of
 from tactileforge.strategies import shard
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ class TouchModule(L.LightningModule):
         objectives: By name.
         weights: Largest weight of each objective.
         curriculum: See `curriculum.from_config`.
-        optim: See `optim.optimiser`.
+        optim: See `optim.parse_optim`.
         augment: Changes a batch on the device, or None.
         seed: Seed of the run.
         balance: See `balance.build_balance`; None leaves weights as they are.
@@ -84,6 +84,8 @@ class TouchModule(L.LightningModule):
         #: Objectives that met no label in the last step that was logged.
         self.unlabelled: list[str] = []
         self._sharded = False
+        #: Parts, and the names of their numbers that the curriculum changes.
+        self._changing: dict[str, tuple[Any, str]] = {}
         self.finite = FiniteWatch(list(objectives))
 
     @classmethod
@@ -143,6 +145,14 @@ class TouchModule(L.LightningModule):
         batches = _epoch_batches(self.trainer) / self.trainer.accumulate_grad_batches
         self.epoch_steps = max(1, math.ceil(batches)) if math.isfinite(batches) else total
         self.plan = from_config(self.curriculum_config, self.weights, total, self.epoch_steps)
+        self._changing = {place: changing(place, self._parts()) for place in self.plan.values}
+
+    def _parts(self) -> dict[str, Any]:
+        """Parts by their place in the configuration."""
+        heads = {f"head.{key}": head for key, head in self.heads.items()}
+        return {"encoder": self.encoder, **heads} | {
+            f"objective.{key}": objective for key, objective in self.objectives.items()
+        }
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Keeps the length of the run and of its epochs in steps, processes, and scores.
@@ -208,6 +218,8 @@ class TouchModule(L.LightningModule):
             batch = self.augment(batch)
         seed_step(self.seed, self.trainer.fit_loop.total_batch_idx, 0)
         assert self.plan is not None
+        for place, (part, name) in self._changing.items():
+            setattr(part, name, self.plan.values[place](self.global_step))
         weights = self.current_weights()
         universal = self.plan.universal(self.global_step)
         terms = self.terms(batch, weights, universal)
@@ -234,7 +246,8 @@ class TouchModule(L.LightningModule):
         self.finite.start(self)
         optimizer: Any = self.optimizers()
         for group in optimizer.param_groups:
-            group["fused"] = self._is_fused()  # a resumed run may have other numbers
+            if "fused" in group:
+                group["fused"] = self._is_fused()  # a resumed run may have another precision
         schedule: Any = self.lr_schedulers()
         set_rate(schedule)  # a resumed run may have another length
 
@@ -290,9 +303,9 @@ class TouchModule(L.LightningModule):
         self._sums = {}
 
     def configure_optimizers(self) -> Any:
-        """See `optim.optimiser`."""
+        """See `optim.build_optimizer`."""
         total = int(self.trainer.estimated_stepping_batches)
-        return optimiser(self.parameters(), self.optim, total, self._is_fused())
+        return build_optimizer(self.named_parameters(), self.optim, total, self._is_fused())
 
     def _is_fused(self) -> bool:
         return self.trainer.precision not in ("16", "16-mixed", "16-true")
@@ -328,6 +341,7 @@ class TouchModule(L.LightningModule):
                 del kept[name]
         self.log_dict(row)
         self.log_dict(self.balance.logs(weights))
+        self.log_dict({place: getattr(*owner) for place, owner in self._changing.items()})
         self.log_dict({"universal": universal, "lr": float(optimizer.param_groups[0]["lr"])})
 
     def _shared(self, means: Mapping[str, Mean], total: Tensor) -> tuple[dict[str, Tensor], Tensor]:

@@ -1,120 +1,158 @@
-"""The optimiser and its schedule."""
+"""Optimisers and schedules of the learning rate: plugins, and those that come with the package."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, TypeAlias
 
 import torch
 from torch import nn
 
+from tactileforge import registry, strict
+from tactileforge.contracts import OptimizerPlugin
 from tactileforge.errors import ConfigError, unknown
 
-
-def _linear(step: int, warm: int, total: int) -> float:
-    return max(0.0, min((step + 1) / warm, (total - step) / max(1, total - warm + 1)))
-
-
-def _cosine(step: int, warm: int, total: int) -> float:
-    if step < warm:
-        return step / warm
-    return max(0.0, 0.5 * (1.0 + math.cos(math.pi * (step - warm) / max(1, total - warm))))
-
-
-def _constant(step: int, warm: int, total: int) -> float:
-    return min(1.0, step / warm)
-
-
-#: Factor of the learning rate of each schedule, given the step, those of the warm-up, and all.
-_SCHEDULES: dict[str, Callable[[int, int, int], float]] = {
-    "linear": _linear,
-    "cosine": _cosine,
-    "constant": _constant,
-}
+#: Factor of the learning rate, given the step, the steps of the warm-up, and those of the run.
+Schedule: TypeAlias = Callable[[int, int, int], float]
 
 
 @dataclass(frozen=True, kw_only=True)
 class OptimOptions:
-    """The keys of ``optim``.
+    """The keys of ``optim`` that every optimiser has; the others are its constructor's.
 
     Attributes:
-        lr: Learning rate, after the warm-up.
-        weight_decay: Of matrices.
-        betas: Of AdamW.
-        warmup: Share of the run in which the learning rate rises.
+        warmup: Share of the run in which the learning rate rises, 0 to 1.
+        schedule: Name of a `Schedule`.
         clip: Largest norm of the gradient; None for any.
-        schedule: Course of the learning rate after the warm-up: ``linear`` or ``cosine`` to 0, or
-            ``constant``.
     """
 
-    lr: float
-    weight_decay: float
-    betas: tuple[float, float]
-    warmup: float
-    clip: float | None = None
+    warmup: float = 0.025
     schedule: str = "linear"
+    clip: float | None = 1.0
 
     def __post_init__(self) -> None:
-        rates = (self.lr, self.weight_decay)
-        if not all(0 <= rate < math.inf for rate in rates) or not 0 <= self.warmup <= 1:
-            raise ConfigError(
-                f"optim.lr={self.lr}, optim.weight_decay={self.weight_decay}, "
-                f"optim.warmup={self.warmup}: none may be below 0, nor a share above 1"
-            )
-        if not all(0 <= beta < 1 for beta in self.betas):
-            raise ConfigError(f"optim.betas={list(self.betas)}: give 0 or more, below 1")
+        if not 0 <= self.warmup <= 1:
+            raise ConfigError(f"optim.warmup={self.warmup}: give a share of the run, 0 to 1")
         if self.clip is not None and not self.clip > 0:
             raise ConfigError(f"optim.clip={self.clip}: give a norm above 0, or null to clip none")
+        if self.schedule not in registry.names("schedules"):
+            raise ConfigError(unknown("optim.schedule", self.schedule, registry.names("schedules")))
 
 
-def optimiser(
-    parameters: Iterable[nn.Parameter],
+COMMON = {field.name: field.default for field in fields(OptimOptions)}
+
+
+def parse_optim(config: Mapping[str, Any]) -> tuple[OptimizerPlugin, OptimOptions]:
+    """Builds the optimiser plugin of a configuration.
+
+    Args:
+        config: ``name`` (``adamw`` where there is none), the keys of `OptimOptions`, and the
+            options of the plugin.
+
+    Raises:
+        ConfigError: An unknown key, or a value out of range.
+        PluginError: The optimiser or schedule is not installed.
+    """
+    own = {key: value for key, value in config.items() if key not in COMMON}
+    common = {key: value for key, value in config.items() if key in COMMON}
+    plugin = registry.build("optimizers", {"name": "adamw", **own})
+    return plugin, strict.build(OptimOptions, "optim", common)
+
+
+def build_optimizer(
+    parameters: Iterable[tuple[str, nn.Parameter]],
     config: Mapping[str, Any],
     total: int,
     fused: bool = True,
 ) -> dict[str, Any]:
-    """AdamW without decay of vectors; linear warm-up, then a decay of the learning rate.
+    """An optimiser and its schedule, as ``LightningModule.configure_optimizers`` returns them.
 
     Args:
-        parameters: Those that need no gradient are left out.
-        config: See `OptimOptions`.
+        parameters: Names and parameters; those that need no gradient are left out.
+        config: See `parse_optim`.
         total: Steps of the run.
-        fused: Whether all of a step is one kernel; not with a scaler of gradients, which hides from
+        fused: Whether a step may be one kernel; not with a scaler of gradients, which hides from
             clipping how large they are.
-
-    Returns:
-        What `LightningModule.configure_optimizers` gives.
     """
-    matrices: list[nn.Parameter] = []
-    vectors: list[nn.Parameter] = []
-    for parameter in parameters:
-        if parameter.requires_grad:
-            (matrices if parameter.ndim > 1 else vectors).append(parameter)
-    optimizer = torch.optim.AdamW(
-        [
-            {"params": matrices, "weight_decay": config["weight_decay"]},
-            {"params": vectors, "weight_decay": 0.0},
-        ],
-        lr=config["lr"],
-        betas=tuple(config["betas"]),
-        fused=fused,
-    )
-    warm = max(1, round(config["warmup"] * total))
-    name = config.get("schedule", "linear")
-    if name not in _SCHEDULES:
-        raise ConfigError(unknown("optim.schedule", name, _SCHEDULES))
-    factor = _SCHEDULES[name]
+    plugin, options = parse_optim(config)
+    optimizer = plugin.build([(n, p) for n, p in parameters if p.requires_grad], fused)
+    warm = max(1, round(options.warmup * total))
+    factor: Schedule = registry.load("schedules", options.schedule)
     schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, lambda step: factor(step, warm, total))
     return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+
+
+def split_by_decay(
+    parameters: Sequence[tuple[str, nn.Parameter]], weight_decay: float
+) -> list[dict[str, Any]]:
+    """Parameter groups: matrices, which decay, and vectors, which do not.
+
+    Args:
+        parameters: Names and parameters.
+        weight_decay: Decay of matrices, per step and learning rate.
+    """
+    matrices = [p for _, p in parameters if p.ndim > 1]
+    vectors = [p for _, p in parameters if p.ndim <= 1]
+    return [
+        {"params": matrices, "weight_decay": weight_decay},
+        {"params": vectors, "weight_decay": 0.0},
+    ]
+
+
+class AdamW:
+    """AdamW without decay of vectors (Loshchilov and Hutter, 2019).
+
+    Args:
+        lr: Learning rate after the warm-up.
+        weight_decay: Decay of matrices.
+        betas: Shares of the old averages of the gradient and of its square, at each step.
+    """
+
+    def __init__(
+        self,
+        lr: float = 3e-4,
+        weight_decay: float = 0.05,
+        betas: tuple[float, float] = (0.9, 0.95),
+    ) -> None:
+        if not all(0 <= rate < math.inf for rate in (lr, weight_decay)):
+            raise ConfigError(f"optim.lr={lr}, optim.weight_decay={weight_decay}: give 0 or more")
+        if len(betas) != 2 or not all(0 <= beta < 1 for beta in betas):
+            raise ConfigError(f"optim.betas={list(betas)}: give two of 0 or more, below 1")
+        self.lr, self.weight_decay, self.betas = lr, weight_decay, (betas[0], betas[1])
+
+    def build(
+        self, parameters: Sequence[tuple[str, nn.Parameter]], fused: bool
+    ) -> torch.optim.Optimizer:
+        """See `contracts.OptimizerPlugin`."""
+        groups = split_by_decay(parameters, self.weight_decay)
+        return torch.optim.AdamW(groups, lr=self.lr, betas=self.betas, fused=fused)
+
+
+def linear(step: int, warm: int, total: int) -> float:
+    """Linear warm-up, then a linear decay to 0 at the end of the run."""
+    return max(0.0, min((step + 1) / warm, (total - step) / max(1, total - warm + 1)))
+
+
+def cosine(step: int, warm: int, total: int) -> float:
+    """Linear warm-up from 0, then half a cosine to 0 (Loshchilov and Hutter, 2017)."""
+    if step < warm:
+        return step / warm
+    share = min(1.0, (step - warm) / max(1, total - warm))
+    return 0.5 * (1.0 + math.cos(math.pi * share))
+
+
+def constant(step: int, warm: int, total: int) -> float:
+    """Linear warm-up from 0, then the full learning rate."""
+    return min(1.0, step / warm)
 
 
 def set_rate(schedule: torch.optim.lr_scheduler.LambdaLR) -> None:
     """Sets the learning rate to that of the schedule's step, which a checkpoint may not have had.
 
     Args:
-        schedule: Of `optimiser`.
+        schedule: The one that `build_optimizer` made.
     """
     groups = zip(
         schedule.optimizer.param_groups, schedule.base_lrs, schedule.lr_lambdas, strict=True

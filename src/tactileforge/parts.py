@@ -10,9 +10,9 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from tactileforge import registry, strict
+from tactileforge import curriculum, registry, strict
 from tactileforge.contracts import Batch, Robot
-from tactileforge.errors import ConfigError, PluginError
+from tactileforge.errors import ConfigError, PluginError, unknown
 from tactileforge.means import FIX, Mean, NotATensorError
 
 #: Largest number among the options of an encoder, most blocks, and most weights of one.
@@ -100,6 +100,52 @@ def build_parts(
         objectives[key] = registry.build("objectives", options)
         heads[key] = _head(key, config, provides, encoder)
     return encoder, heads, objectives
+
+
+def changing(place: str, parts: Mapping[str, Any]) -> tuple[Any, str]:
+    """Finds a number that the curriculum changes.
+
+    Args:
+        place: Such as ``encoder.mask_ratio``, or ``objective.pixel.KEY``.
+        parts: By their place.
+
+    Returns:
+        The part, and the name of its attribute.
+
+    Raises:
+        ConfigError: There is no such part, or it keeps no such number.
+    """
+    owner, _, name = place.rpartition(".")
+    if owner not in parts:
+        raise ConfigError(unknown("part in curriculum.values", owner, parts))
+    value = getattr(parts[owner], name, None)
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        numbers = {k for k, v in vars(parts[owner]).items() if isinstance(v, float)}
+        raise ConfigError(unknown(f"number of {owner} in curriculum.values", name, numbers))
+    return parts[owner], name
+
+
+def check_values(config: Mapping[str, Any]) -> None:
+    """Builds the encoder and the objectives with both ends of what the curriculum changes.
+
+    Args:
+        config: Finished; see `compose.finish`.
+
+    Raises:
+        ConfigError: Their constructors refuse one.
+    """
+    for place, row in curriculum.value_rows(config["curriculum"]).items():
+        group, _, rest = place.partition(".")
+        key, _, name = rest.rpartition(".")
+        node = config.get(group) or {}
+        node = node.get(key) if key else node
+        if group not in ("encoder", "objective") or not node or name not in node:
+            continue  # a head is built with its encoder
+        ends = [row.get(key) for key in ("low", "high")]
+        for end in (end for end in ends if isinstance(end, int | float)):
+            options = {k: v for k, v in node.items() if k != "weight"} | {name: end}
+            with torch.device("meta"), torch.random.fork_rng(devices=[]):
+                registry.build(f"{group}s", options)
 
 
 def check_size(node: Mapping[str, Any]) -> None:

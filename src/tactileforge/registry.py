@@ -16,12 +16,12 @@ from tactileforge import moves, strict
 from tactileforge.contracts import CONTEXT
 from tactileforge.errors import ConfigError, PluginError, nearest_name, unknown
 
-KINDS = ("sensors", "datasets", "encoders", "heads", "objectives")
+KINDS = ("sensors", "datasets", "encoders", "heads", "objectives", "optimizers")
 #: Kinds whose entry points name a module: verbs of the command line.
 MODULES = ("verbs",)
-#: Kinds without a conformance suite: publishers of ``live``, runners of suites of ``bench``
-#: (functions), and packages of YAML options.
-OTHERS = ("publishers", "runners", "conf")
+#: Kinds without a conformance suite: publishers of ``live``, schedules of the learning rate and
+#: runners of suites of ``bench`` (a function each), and packages of YAML options.
+OTHERS = ("publishers", "schedules", "runners", "conf")
 
 #: Group of a configuration -> kind of plugin that its options are.
 GROUPS = {
@@ -35,6 +35,7 @@ GROUPS = {
     "objective": "objectives",
     "text_encoder": "encoders",
     "image_encoder": "encoders",
+    "optim": "optimizers",
 }
 
 
@@ -102,18 +103,23 @@ def conf_packages() -> list[str]:
     return [entry.value for entries in _entries("conf").values() for entry in entries]
 
 
-#: Plugins of our own packages in plugins/, by the name that users type.
-_OURS = {
-    "anyskin": "tactileforge-anyskin",
-    "ati_netft": "tactileforge-ft",
-    "digit": "tactileforge-digit",
-    "dmtac": "tactileforge-dmtac",
-    "dmtac_sdk": "tactileforge-dmtac",
-    "flexitac": "tactileforge-flexitac",
-    "gelsight_mini": "tactileforge-gelsight",
-    "gelsight_mini_markers": "tactileforge-gelsight",
-    "reskin": "tactileforge-anyskin",
-    "robotiq": "tactileforge-ft",
+#: Packages of our own in plugins/: what they provide, by kind of plugin, or group of options.
+_OURS: dict[str, dict[str, tuple[str, ...]]] = {
+    "tactileforge-anyskin": {"sensors": ("anyskin", "reskin")},
+    "tactileforge-digit": {"sensors": ("digit",)},
+    "tactileforge-dmtac": {"sensors": ("dmtac", "dmtac_sdk")},
+    "tactileforge-flexitac": {"sensors": ("flexitac",)},
+    "tactileforge-ft": {"sensors": ("ati_netft", "robotiq")},
+    "tactileforge-gelsight": {"sensors": ("gelsight_mini", "gelsight_mini_markers")},
+    "tactileforge-policies": {
+        "datasets": ("demonstrations",),
+        "heads": ("act", "diffusion_policy", "regression"),
+        "objectives": ("denoise", "imitate"),
+        "recipe": ("diffusion_policy", "imitation"),
+        "runners": ("manipulation",),
+        "suite": ("manipulation",),
+        "verbs": ("demos", "rollout"),
+    },
 }
 
 
@@ -123,8 +129,15 @@ def _describe(kind: str, entry: EntryPoint) -> str:
 
 
 def package_of(kind: str, name: str) -> str:
-    """The package of ours that provides a plugin; "" for none."""
-    return _OURS.get(name, "") if kind in ("sensors", "verbs") else ""
+    """The package of ours that provides a plugin or option; "" for none.
+
+    Args:
+        kind: Of the plugin, or a group of options such as ``recipe``.
+        name: As users type it.
+    """
+    kind = GROUPS.get(kind, kind)
+    found = (package for package, kinds in _OURS.items() if name in kinds.get(kind, ()))
+    return next(found, "")
 
 
 def get(kind: str, name: str) -> type[Any]:

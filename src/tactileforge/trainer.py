@@ -13,7 +13,6 @@ import torch
 from lightning.fabric.utilities.exceptions import MisconfigurationException
 from lightning.pytorch.callbacks import Callback, Timer
 
-from tactileforge import strict
 from tactileforge.callbacks import checkpoints
 from tactileforge.callbacks.progress import Progress
 from tactileforge.callbacks.speed import Speed
@@ -21,8 +20,8 @@ from tactileforge.callbacks.validation import LastValidation
 from tactileforge.distributed import count_processes
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.loggers import build_loggers
-from tactileforge.optim import OptimOptions
-from tactileforge.parts import check_size
+from tactileforge.optim import parse_optim
+from tactileforge.parts import check_size, check_values
 from tactileforge.strategies import check_started, choose_strategy
 
 #: Packages that a logger needs one of.
@@ -43,8 +42,9 @@ def check_options(config: Mapping[str, Any]) -> None:
     Raises:
         ConfigError: See there.
     """
-    strict.build(OptimOptions, "optim", config["optim"])
+    parse_optim(config["optim"])
     check_size(config["encoder"])
+    check_values(config)
     check_started(config["trainer"]["devices"])
     known = {*signature(L.Trainer).parameters, "save_every", "keep_best"}
     for key, value in config["trainer"].items():

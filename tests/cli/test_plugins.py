@@ -161,6 +161,7 @@ FILES = {
     "dataset": {"dataset.py", "synthetic.py", "test_dataset.py"},
     "encoder": {"encoder.py", "test_encoder.py"},
     "objective": {"objective.py", "head.py", "test_objective.py"},
+    "optimizer": {"optimizer.py", "test_optimizer.py"},
     "verb": {"verb.py", "test_verb.py"},
     "suite": {"shiny_thing.yaml", "test_suite.py"},
 }
@@ -189,7 +190,8 @@ def test_new_package_passes_its_own_tests_once_installed(kind, tmp_path, capsys)
     for old in (*words, "small_cnn"):
         assert old not in text
     groups = tomllib.loads((folder / "pyproject.toml").read_text())["project"]["entry-points"]
-    expected = {"objective": {"heads", "objectives"}, "suite": {"conf"}}.get(kind, {f"{kind}s"})
+    several = {"objective": {"heads", "objectives"}, "optimizer": {"optimizers", "schedules"}}
+    expected = (several | {"suite": {"conf"}}).get(kind, {f"{kind}s"})
     assert set(groups) == {f"tactileforge.{group}" for group in expected}
 
     site = tmp_path / "site"

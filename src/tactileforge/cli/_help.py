@@ -8,7 +8,7 @@ from inspect import Parameter
 
 from tactileforge import registry, strict
 from tactileforge.cli._command import Command
-from tactileforge.cli._options import options, yaml_groups, yaml_text
+from tactileforge.cli._options import options, yaml_groups, yaml_options, yaml_text
 from tactileforge.cli._verbs import builtin, commands
 
 _FLAGS = """\
@@ -55,7 +55,7 @@ def _group(group: str, option: str | None) -> list[str]:
 
 def option_keys(group: str, chosen: str | None) -> list[str]:
     """The keys of the options of a group that are chosen: what each means, and its default."""
-    if group in _WHOLE and chosen:
+    if group in _WHOLE and chosen in yaml_options(group):
         rows = [f"  {line}" for line in yaml_text(f"{group}/{chosen}").rstrip().splitlines()]
         return [f"{group}:", *rows, ""]
     if group not in registry.GROUPS or chosen in (None, "???"):
@@ -82,6 +82,8 @@ def keys_page() -> str:
         lines += [f"### {group}={option}", "", *_block("\n".join(option_keys(group, option)))]
     ours = [one for one in registry.list_plugins() if one.distribution == "tactileforge"]
     for kind in registry.KINDS:
+        if kind == "optimizers":
+            continue  # above, with the keys that all of them have
         group = next(key for key, value in registry.GROUPS.items() if value == kind)
         lines += [f"## {kind.capitalize()}", "", f"`{group}=NAME`, and `{_place(group)}.KEY=`.", ""]
         for plugin in ours:

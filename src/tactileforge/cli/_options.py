@@ -76,6 +76,12 @@ def _folder(place: str, group: str) -> Traversable | None:
         return None
 
 
+def yaml_options(group: str) -> set[str]:
+    """The options of a group that have a YAML in conf/."""
+    names = [item.name for item in (files("tactileforge.conf") / group).iterdir()]
+    return {name.removesuffix(".yaml") for name in names if name.endswith(".yaml")}
+
+
 def yaml_text(name: str) -> str:
     """Text of a YAML in conf/."""
     return (files("tactileforge.conf") / f"{name}.yaml").read_text("utf-8")

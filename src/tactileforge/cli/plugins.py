@@ -38,7 +38,7 @@ class _Check:
 
     Attributes:
         names: Plugins; none for all.
-        kind: Only this kind: sensor, dataset, encoder, head, objective or verb.
+        kind: Only this kind: sensor, dataset, encoder, head, objective, optimizer or verb.
         attached: Whether each sensor that is attached is checked.
         options: Other keys are options of the one plugin that is named.
     """
@@ -71,7 +71,7 @@ class _New:
     """Keys of ``plugins new``.
 
     Attributes:
-        kind: sensor, dataset, encoder, objective, verb or suite.
+        kind: sensor, dataset, encoder, objective, optimizer, verb or suite.
         name: The word users will type, snake_case.
         out: Folder to write it in.
     """
@@ -169,6 +169,7 @@ _FILES = {
     "dataset": ("dataset.py", "synthetic.py"),
     "encoder": ("encoder.py",),
     "objective": ("objective.py", "head.py"),
+    "optimizer": ("optimizer.py",),
     "verb": ("verb.py",),
     "suite": ("conf/__init__.py", "conf/suite/forces_at_a_glance.yaml"),
 }
@@ -178,6 +179,7 @@ _NAMES = {
     "dataset": "dummy_presses",
     "encoder": "small_cnn",
     "objective": "contact_area",
+    "optimizer": "muon",
     "verb": "brightness",
     "suite": "forces_at_a_glance",
 }
@@ -222,6 +224,7 @@ def _new(keys: _New, _: dict[str, Any]) -> None:
         "tactileforge_example": package,
         own: name,
         _camel(own): class_name,
+        "stable_decay": f"{name}_decay",  # the schedule beside the optimiser
     }
     longest_first = sorted(words, key=len, reverse=True)
     pattern = re.compile("|".join(map(re.escape, longest_first)))
@@ -258,6 +261,7 @@ def _sections_of(kind: str, text: str) -> str:
     sections = re.split(r"^(?=## |\[)", text, flags=re.MULTILINE)
     foreign = {*_KINDS, "suite"} - {kind} - ({"head"} if kind == "objective" else set())
     groups = {other: _GROUPS.get(other, f"{other}s") for other in foreign}
+    groups |= {"schedule": "schedules"} if "optimizer" in foreign else {}
     heads = [
         rf"## The {other}$|\[project\.entry-points\.\"tactileforge\.{group}"
         for other, group in groups.items()

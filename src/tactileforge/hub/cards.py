@@ -218,6 +218,8 @@ def read_card(name: str) -> Card:
         ConfigError: There is none, or it is not complete.
     """
     if name not in card_names():
+        if package := registry.package_of("recipe", name):
+            raise ConfigError(f"{name} comes with {package}: pip install {package}")
         raise ConfigError(unknown("model", name, card_names(), "See them: tactileforge zoo list"))
     folder = next(one for one in _recipe_folders() if (one / f"{name}.md").is_file())
     text = (folder / f"{name}.md").read_text("utf-8")

@@ -36,8 +36,8 @@ def check(
     """Checks one plugin against the contract of its kind.
 
     Args:
-        kind: ``sensor``, ``dataset``, ``encoder``, ``head``, ``objective`` or ``verb``, or its
-            plural.
+        kind: ``sensor``, ``dataset``, ``encoder``, ``head``, ``objective``, ``optimizer`` or
+            ``verb``, or its plural.
         plugin: An installed name, or a class; of a sensor or data set also an instance; of a verb
             a module.
         head: Class of the head that feeds an objective; None takes the installed head that the

@@ -72,7 +72,7 @@ class TouchData(L.LightningDataModule):
         frames: int,
         size: tuple[int, int],
         batch_size: int = 64,
-        spacing: float = 1 / 15,
+        spacing: float = 0.0667,
         hop: float = 0.2,
         match: float = 0.25,
         shares: Mapping[str, float] | None = None,
