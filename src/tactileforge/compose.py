@@ -28,6 +28,7 @@ from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import InterpolationToMissingValueError
 
 from tactileforge import registry
+from tactileforge.distributions import conf_packages
 from tactileforge.errors import ConfigError, PluginError, unknown
 from tactileforge.registry import GROUPS
 
@@ -95,7 +96,7 @@ class SearchPath(SearchPathPlugin):
         for place in dict.fromkeys([*SearchPath.also, *_places_of_job()]):
             search_path.append("command-line", place)
         search_path.append("tactileforge-zoo", "pkg://tactileforge.zoo")
-        for package in registry.conf_packages():
+        for package in conf_packages():
             search_path.append(package, f"pkg://{package}")
         search_path.append("tactileforge-plugins", f"{PluginSource.scheme()}://")
 

@@ -14,6 +14,7 @@ from typing import Any, get_type_hints
 
 from tactileforge import moves, strict
 from tactileforge.contracts import CONTEXT
+from tactileforge.distributions import package_of
 from tactileforge.errors import ConfigError, PluginError, nearest_name, unknown
 
 KINDS = ("sensors", "datasets", "encoders", "heads", "objectives", "optimizers")
@@ -98,46 +99,9 @@ def list_plugins() -> list[PluginInfo]:
     ]
 
 
-def conf_packages() -> list[str]:
-    """Packages of YAML options, recipes and cards that installed distributions bring."""
-    return [entry.value for entries in _entries("conf").values() for entry in entries]
-
-
-#: Packages of our own in plugins/: what they provide, by kind of plugin, or group of options.
-_OURS: dict[str, dict[str, tuple[str, ...]]] = {
-    "tactileforge-anyskin": {"sensors": ("anyskin", "reskin")},
-    "tactileforge-digit": {"sensors": ("digit",)},
-    "tactileforge-dmtac": {"sensors": ("dmtac", "dmtac_sdk")},
-    "tactileforge-flexitac": {"sensors": ("flexitac",)},
-    "tactileforge-ft": {"sensors": ("ati_netft", "robotiq")},
-    "tactileforge-gelsight": {"sensors": ("gelsight_mini", "gelsight_mini_markers")},
-    "tactileforge-policies": {
-        "datasets": ("demonstrations",),
-        "heads": ("act", "diffusion_policy", "regression"),
-        "objectives": ("denoise", "imitate"),
-        "recipe": ("diffusion_policy", "imitation"),
-        "runners": ("manipulation",),
-        "suite": ("manipulation",),
-        "verbs": ("demos", "rollout"),
-    },
-}
-
-
 def _describe(kind: str, entry: EntryPoint) -> str:
     dist = f", from {entry.dist.name} {entry.dist.version}" if entry.dist else ""
     return f"{kind.removesuffix('s')} {entry.name!r} ({entry.value}{dist})"
-
-
-def package_of(kind: str, name: str) -> str:
-    """The package of ours that provides a plugin or option; "" for none.
-
-    Args:
-        kind: Of the plugin, or a group of options such as ``recipe``.
-        name: As users type it.
-    """
-    kind = GROUPS.get(kind, kind)
-    found = (package for package, kinds in _OURS.items() if name in kinds.get(kind, ()))
-    return next(found, "")
 
 
 def get(kind: str, name: str) -> type[Any]:

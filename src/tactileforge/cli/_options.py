@@ -9,6 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from tactileforge import registry
+from tactileforge.distributions import conf_packages
 
 #: Flags of Hydra that name a folder of options.
 _FOLDER = ("--config-dir", "-cd")
@@ -56,7 +57,7 @@ def options(group: str, own: Sequence[str] = ()) -> list[str]:
     """
     names = set(registry.names(registry.GROUPS[group])) if group in registry.GROUPS else set()
     places = ["tactileforge.conf", "tactileforge.zoo"]
-    places += registry.conf_packages()
+    places += conf_packages()
     for place in [*places, *own]:
         folder = _folder(place, group)
         if folder is not None and folder.is_dir():

@@ -21,7 +21,8 @@ from typing import Any
 
 import yaml
 
-from tactileforge import registry, strict
+from tactileforge import strict
+from tactileforge.distributions import conf_packages, package_of
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.hub.gates import TOKENS, Gate, gate_passes
 
@@ -197,7 +198,7 @@ def zoo_folder() -> Traversable:
 def _recipe_folders() -> Iterator[Traversable]:
     """Folders of recipes and cards: the zoo's, and those of installed packages."""
     yield zoo_folder() / "recipe"
-    for name in registry.conf_packages():
+    for name in conf_packages():
         with suppress(ModuleNotFoundError):
             if (folder := files(name) / "recipe").is_dir():
                 yield folder
@@ -218,7 +219,7 @@ def read_card(name: str) -> Card:
         ConfigError: There is none, or it is not complete.
     """
     if name not in card_names():
-        if package := registry.package_of("recipe", name):
+        if package := package_of("recipe", name):
             raise ConfigError(f"{name} comes with {package}: pip install {package}")
         raise ConfigError(unknown("model", name, card_names(), "See them: tactileforge zoo list"))
     folder = next(one for one in _recipe_folders() if (one / f"{name}.md").is_file())

@@ -37,3 +37,16 @@ def test_demonstrations_training_and_rollouts_of_the_chip(tmp_path, monkeypatch,
     # a sensor that the policy was not trained on is named
     assert cli.run(["rollout", *words, "policy=touch", "sensor=gelsight_mini", "out=x"]) == 1
     assert "give sensor=digit, or cross_sensor=true" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["demos", "task=chip"], ["rollout", "task=chip", "policy=expert"]],
+    ids=["demos", "rollout"],
+)
+def test_a_verb_looks_at_its_place_before_it_works(words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").touch()
+    assert cli.run([*words, "out=file/a"]) == 1
+    assert "is a file, not a folder); give another out=" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.rglob("*")] == ["file"]
