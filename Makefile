@@ -55,11 +55,11 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 	touch $@
 
 $(VENV)/.installed-policies: $(VENV)/.installed
-	$(PIP) --editable '.[policies]'
+	$(PIP) --editable plugins/tactileforge-policies
 	touch $@
 
 $(VENV)/.installed-dev: $(VENV)/.installed
-	$(PIP) --editable '.[dev]'
+	$(PIP) --editable '.[dev]' --editable plugins/tactileforge-policies
 	touch $@
 
 clean:

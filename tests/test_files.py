@@ -108,8 +108,6 @@ WRITERS = [
     (["data", "pack", "data=sim"], "out"),
     (["data", "lerobot", "data=sim"], "out"),
     (["data", "embed", "data=sim", "model=anytouch2.tiny"], "out"),
-    (["demos", "task=chip"], "out"),
-    (["rollout", "task=chip", "policy=expert"], "out"),
     (["sim"], "out"),
     (["bench", "suite=sim", "model=[pixels]"], "out"),
     (["record", "sensor=sim"], "out"),

@@ -75,3 +75,16 @@ def test_the_map_goes_from_the_ground_up() -> None:
     places = list(page())
     for name, names in page().items():
         assert all(places.index(other) < places.index(name) for other in names), name
+
+
+#: Libraries of packages of `plugins/`, which the core does without.
+OTHERS = {"diffusers", "gymnasium", "tactileforge_policies"}
+
+
+@pytest.mark.parametrize(
+    "path", sorted(SOURCE.rglob("*.py")), ids=lambda path: str(path.relative_to(SOURCE))
+)
+def test_the_core_imports_no_library_of_a_plugin(path: Path) -> None:
+    """Not within a function either."""
+    names = {name.partition(".")[0] for name in imports(ast.parse(path.read_text()))}
+    assert not names & OTHERS

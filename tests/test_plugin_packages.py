@@ -5,13 +5,15 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from importlib.metadata import entry_points
 from pathlib import Path
 
 import cv2
 import pytest
 
-from tactileforge import registry
+from tactileforge import cli, distributions, parts, registry
 from tactileforge.errors import PluginError
+from tactileforge.hub import cards
 from tactileforge.sensors.specs import spec
 
 ROOT = Path(__file__).parents[1]
@@ -37,6 +39,55 @@ def test_without_it_the_package_of_a_sensor_is_named(path: Path) -> None:
     for name in project["entry-points"]["tactileforge.sensors"]:
         with pytest.raises(PluginError, match=f"pip install {project['name']}$"):
             registry.get("sensors", name)
+
+
+@pytest.fixture
+def alone(monkeypatch):
+    """As if no package but the core were installed."""
+
+    def found(group):
+        entries = entry_points(group=group)
+        return [entry for entry in entries if entry.dist and entry.dist.name == "tactileforge"]
+
+    for module in (registry, distributions):
+        monkeypatch.setattr(module, "entry_points", found)
+    registry._entries.cache_clear()
+    cards.card_names.cache_clear()
+    yield
+    registry._entries.cache_clear()
+    cards.card_names.cache_clear()
+
+
+@pytest.mark.usefixtures("alone")
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["rollout", "task=chip", "policy=expert"],
+        ["demos", "task=chip", "out=x"],
+        ["train", "recipe=imitation"],
+        ["train", "data=demonstrations", "data.root=x"],
+        ["train", "data=sim", "objective=[imitate]"],
+        ["train", "data=sim", "objective=[pixel]", "+head@head.pixel=act"],
+        ["bench", "suite=manipulation"],
+        ["zoo", "show", "imitation"],
+    ],
+    ids=" ".join,
+)
+def test_without_the_package_of_policies_it_is_named(words, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert cli.run(words) == 1
+    said = capsys.readouterr().err
+    assert said.rstrip().endswith("pip install tactileforge-policies")
+    assert said.count("\n") == 1
+
+
+@pytest.mark.usefixtures("alone")
+def test_a_run_whose_package_is_gone_names_it(tmp_path):
+    row = {"name": "imitate", "weight": 1.0}
+    with pytest.raises(PluginError, match=r"pip install tactileforge-policies$"):
+        parts.build_parts(
+            {"encoder": {"name": "pixels"}, "objective": {"imitate": row}, "head": {}}, frozenset()
+        )
 
 
 @pytest.fixture(scope="module")

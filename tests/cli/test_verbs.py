@@ -125,7 +125,9 @@ def test_a_built_in_verb_is_not_replaced(installed, capsys):
     assert "anytouch2.tiny" in capsys.readouterr().out
     assert run(["plugins", "list", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
-    assert [row["status"] for row in rows if row["kind"] == "verb"] == ["conflict"]
+    assert [row["status"] for row in rows if (row["kind"], row["name"]) == ("verb", "zoo")] == [
+        "conflict"
+    ]
 
 
 def test_a_module_without_source_has_no_line():

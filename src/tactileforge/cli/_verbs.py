@@ -15,6 +15,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tactileforge.distributions import package_of
 from tactileforge.errors import ConfigError, PluginError, unknown
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ def commands(verb: str) -> Mapping[str, Command]:
     from tactileforge import registry
 
     if verb not in registry.names("verbs"):
-        if package := registry.package_of("verbs", verb):
+        if package := package_of("verbs", verb):
             raise ConfigError(f"{verb} comes with {package}: pip install {package}")
         fix = "tactileforge --help says what each does"
         raise ConfigError(unknown("verb", verb, verbs(), fix))
