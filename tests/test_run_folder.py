@@ -20,7 +20,7 @@ from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards.shards import Packed, describe_recording, encode_image, write_shard
 from tactileforge.errors import ConfigError, DataError, TactileForgeError
 from tactileforge.module import TouchModule
-from tactileforge.optim import optimiser
+from tactileforge.optim import build_optimizer
 from tactileforge.pages.curves import read_metrics
 from tactileforge.run_folder import LAST
 from tactileforge.run_length import change_run
@@ -312,25 +312,17 @@ def test_a_run_goes_on_with_other_processes() -> None:
 
 def test_a_rate_is_never_below_0() -> None:
     config = {"lr": 1.0, "weight_decay": 0.0, "betas": (0.9, 0.95), "warmup": 0.1}
-    made = optimiser([torch.nn.Parameter(torch.zeros(2))], config, 10, False)
+    made = build_optimizer([("a", torch.nn.Parameter(torch.zeros(2)))], config, 10, False)
     (_, factor) = made["lr_scheduler"]["scheduler"].lr_lambdas
     assert [factor(step) for step in (9, 10, 11, 50)] == [0.1, 0.0, 0.0, 0.0]
 
 
 @pytest.mark.slow
-def test_a_longer_run_goes_on_where_it_ended(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_longer_run_goes_on_where_it_ended(tmp_path: Path) -> None:
     """At a constant rate, 5 and then 4 steps have the bits of 9 steps."""
-
-    def constant(*given: Any, **options: Any) -> Any:
-        made = optimiser(*given, **options)
-        made["lr_scheduler"]["scheduler"].lr_lambdas = [lambda step: 1.0] * 2
-        return made
-
-    monkeypatch.setattr("tactileforge.module.optimiser", constant)
     one, two = tmp_path / "one", tmp_path / "two"
     words = [*SMALL, "curriculum=constant", "trainer.precision=32", "trainer.max_epochs=-1"]
+    words += ["optim.schedule=constant", "optim.warmup=0"]
     assert cli.run([*words, "trainer.max_steps=9", f"hydra.run.dir={one}"]) == 0
     assert cli.run([*words, "trainer.max_steps=5", f"hydra.run.dir={two}"]) == 0
     assert cli.run(["train", f"resume={two}", "trainer.max_steps=9"]) == 0

@@ -68,6 +68,7 @@ if TYPE_CHECKING:
     from torch import Tensor, nn
 
     from tactileforge.means import Mean
+    from tactileforge.sensors.simulation import Simulation
 
 Batch: TypeAlias = dict[str, Any]
 
@@ -124,6 +125,7 @@ class SensorSpec:
             and their values; ``wrench`` forces and torques alone; ``robot`` its state and action.
         states: Values of a robot that are its state; they come first.
         actions: Values of a robot that are the command after that state.
+        simulation: How it is simulated, see `sensors.simulation.Simulation`; None if it is not.
     """
 
     name: str
@@ -137,6 +139,7 @@ class SensorSpec:
     kind: Literal["image", "array", "wrench", "robot"] = "image"
     states: int = 0
     actions: int = 0
+    simulation: Simulation | None = None
 
 
 class Frames(Protocol):

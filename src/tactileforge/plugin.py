@@ -62,6 +62,7 @@ from tactileforge.sensors.drivers.serial_robot import SerialRobot
 from tactileforge.sensors.framing import Parser
 from tactileforge.sensors.links import Link, SerialLink
 from tactileforge.sensors.opening import close_sensor, open_sensor
+from tactileforge.sensors.simulation import Lamp, MarkerPattern, Simulation
 from tactileforge.sensors.specs import SPECS, spec
 from tactileforge.sensors.taxels import TaxelLayout
 
@@ -98,7 +99,9 @@ __all__ = [
     "Frames",
     "Head",
     "ImageFrames",
+    "Lamp",
     "Link",
+    "MarkerPattern",
     "MaskedFeatures",
     "Mean",
     "Objective",
@@ -115,6 +118,7 @@ __all__ = [
     "SerialArray",
     "SerialLink",
     "SerialRobot",
+    "Simulation",
     "TactileForgeError",
     "TaxelLayout",
     "TrainingClips",

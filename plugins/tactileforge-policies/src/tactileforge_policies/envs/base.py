@@ -39,7 +39,7 @@ class TouchEnv(gymnasium.Env[Any, Any]):
     """A task of two fingers that hold one object.
 
     Args:
-        sensor: Type of both fingers' sensors, see `sensor_gels.DEVICES`.
+        sensor: Type of both fingers' sensors, see `sensors.specs.SIMULATED`.
         size: Pixels a side of their frames.
         unit: Draws the pair of sensors; another unit is a swap of the gel pads.
         randomise: Differences between units, see `randomise.draw.randomised_rows`.

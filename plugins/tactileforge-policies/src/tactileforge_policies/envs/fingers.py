@@ -29,7 +29,7 @@ class Fingers:
     """Two units of one type of sensor, face to face.
 
     Args:
-        sensor: Type of the sensor, see `sensor_gels.DEVICES`.
+        sensor: Type of the sensor, see `sensors.specs.SIMULATED`.
         unit: Draws the pair; another unit is another pair of gel pads and cameras.
         size: Pixels a side of the frames; the whole gel is squeezed into them.
         randomise: Differences between units, see `randomise.draw.randomised_rows`.
