@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from tactileforge.contracts import Recording
+from tactileforge.data.batches.columns import CutColumns
 from tactileforge.datasets.shards import Shards
 from tactileforge.errors import ConfigError, unknown
 from tactileforge_policies.data.episodes import Episode, check_alike, episodes_of
@@ -109,9 +110,10 @@ class Demonstrations:
         hop: float,
         size: tuple[int, int],
         cache_mb: float = 512,
+        columns: CutColumns | None = None,
     ) -> EpisodeClips:
         """Cuts recordings into samples; ``hop`` is not used: each step is one."""
-        return EpisodeClips(recordings, frames, spacing, size, self.cutting, cache_mb)
+        return EpisodeClips(recordings, frames, spacing, size, self.cutting, cache_mb, columns)
 
     def plot(self, recording: Recording) -> Figure:
         """A figure of a recording."""
