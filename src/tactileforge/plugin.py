@@ -36,9 +36,16 @@ from tactileforge.contracts import (
     TrainingClips,
     Views,
 )
+from tactileforge.data.frames.companions import without_companions
+from tactileforge.data.frames.cut import held_clips
+from tactileforge.data.frames.encoded import EncodedFrames
+from tactileforge.data.frames.image_codecs import encode_image
 from tactileforge.data.frames.lazy import ArrayFrames, ImageFrames, VideoFrames
 from tactileforge.data.labels.actions import label_actions
 from tactileforge.data.labels.align import estimate_lag, nearest
+from tactileforge.data.labels.missing import stated
+from tactileforge.data.shards.shards import describe_recording
+from tactileforge.datasets.reading.splits import is_held_out
 from tactileforge.errors import (
     ConfigError,
     DataError,
@@ -46,7 +53,9 @@ from tactileforge.errors import (
     PluginError,
     SensorError,
     TactileForgeError,
+    unknown,
 )
+from tactileforge.files import new_part, write_text
 from tactileforge.live.publish import to_json
 from tactileforge.moves import VERSION
 from tactileforge.registry import build, names
@@ -64,11 +73,15 @@ from tactileforge.sensors.links import Link, SerialLink
 from tactileforge.sensors.opening import close_sensor, open_sensor
 from tactileforge.sensors.specs import SPECS, spec
 from tactileforge.sensors.taxels import TaxelLayout
+from tactileforge.streaming.buffer import warn_of_slow_frames
+from tactileforge.untrusted import load_json
 
 if TYPE_CHECKING:
+    from tactileforge.datasets.reading.figure import plot as plot_recording
     from tactileforge.distributed import masked_mean
     from tactileforge.encoders.backbone import Backbone, patches_at
     from tactileforge.encoders.preprocess import ANYTOUCH2
+    from tactileforge.hub.model import Model
     from tactileforge.means import Mean
 
 __all__ = [
@@ -90,6 +103,7 @@ __all__ = [
     "DataError",
     "DataNotFoundError",
     "Dataset",
+    "EncodedFrames",
     "Encoder",
     "Features",
     "ForceTorque",
@@ -101,6 +115,7 @@ __all__ = [
     "Link",
     "MaskedFeatures",
     "Mean",
+    "Model",
     "Objective",
     "OptimizerPlugin",
     "Parser",
@@ -122,30 +137,45 @@ __all__ = [
     "Views",
     "build",
     "close_sensor",
+    "describe_recording",
+    "encode_image",
     "estimate_lag",
+    "held_clips",
+    "is_held_out",
     "label_actions",
+    "load_json",
     "masked_mean",
     "names",
     "nearest",
+    "new_part",
     "open_sensor",
     "patches_at",
+    "plot_recording",
     "spec",
+    "stated",
     "to_json",
+    "unknown",
     "v4l2",
+    "warn_of_slow_frames",
+    "without_companions",
+    "write_text",
 ]
 
 
-#: Module of what needs torch, and is imported on first use: the module of a sensor costs none.
+#: Needs torch or matplotlib, and is imported on first use: the module of a sensor costs neither.
 _HEAVY = {
-    "ANYTOUCH2": "encoders.preprocess",
-    "Backbone": "encoders.backbone",
-    "Mean": "means",
-    "masked_mean": "distributed",
-    "patches_at": "encoders.backbone",
+    "ANYTOUCH2": "encoders.preprocess:ANYTOUCH2",
+    "Backbone": "encoders.backbone:Backbone",
+    "Mean": "means:Mean",
+    "Model": "hub.model:Model",
+    "masked_mean": "distributed:masked_mean",
+    "patches_at": "encoders.backbone:patches_at",
+    "plot_recording": "datasets.reading.figure:plot",
 }
 
 
 def __getattr__(name: str) -> Any:
     if name not in _HEAVY:
         raise AttributeError(f"module 'tactileforge.plugin' has no attribute {name!r}")
-    return getattr(import_module(f"tactileforge.{_HEAVY[name]}"), name)
+    module, _, inside = _HEAVY[name].partition(":")
+    return getattr(import_module(f"tactileforge.{module}"), inside)
