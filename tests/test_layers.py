@@ -75,3 +75,34 @@ def test_the_map_goes_from_the_ground_up() -> None:
     places = list(page())
     for name, names in page().items():
         assert all(places.index(other) < places.index(name) for other in names), name
+
+
+@cache
+def imported() -> frozenset[str]:
+    """Top-level packages that any file of the core imports, wherever it does so."""
+    found = set()
+    for path in (SOURCE / "tactileforge").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                found.add(node.module)
+            elif isinstance(node, ast.Import):
+                found |= {name.name for name in node.names}
+            elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module"):
+                found |= {text for text in map(_text, node.args) if text}
+    return frozenset(name.partition(".")[0] for name in found)
+
+
+def _text(node: ast.expr) -> str:
+    """A text, or how one with values in it begins."""
+    first = node.values[0] if isinstance(node, ast.JoinedStr) and node.values else node
+    return str(first.value) if isinstance(first, ast.Constant) else ""
+
+
+#: Packages that belong to a package of plugins/: the core imports none of them, at any depth.
+ABSENT = ["pyarrow", "tactileforge_lerobot"]
+
+
+@pytest.mark.parametrize("name", ABSENT)
+def test_the_core_does_not_import(name: str) -> None:
+    assert {"numpy", "av", "torch"} <= imported()  # what is imported is found
+    assert name not in imported()

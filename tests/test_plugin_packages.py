@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import pytest
 
-from tactileforge import registry
+from tactileforge import cli, registry
 from tactileforge.errors import PluginError
 from tactileforge.sensors.specs import spec
 
@@ -37,6 +37,52 @@ def test_without_it_the_package_of_a_sensor_is_named(path: Path) -> None:
     for name in project["entry-points"]["tactileforge.sensors"]:
         with pytest.raises(PluginError, match=f"pip install {project['name']}$"):
             registry.get("sensors", name)
+
+
+@pytest.fixture
+def alone(monkeypatch):
+    """The core as it is without any of our packages."""
+    of_core = {}
+    for kind in (*registry.KINDS, *registry.MODULES, *registry.OTHERS):
+        of_core[kind] = {
+            name: ours
+            for name, found in registry._entries(kind).items()
+            if (ours := [one for one in found if one.dist and one.dist.name == "tactileforge"])
+        }
+    monkeypatch.setattr(registry, "_entries", of_core.__getitem__)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("data lerobot data=sim out=set", "data lerobot comes with tactileforge-lerobot"),
+        ("data embed data=sim out=set", "data embed comes with tactileforge-lerobot"),
+        ("train data=lerobot data.root=set", "data=lerobot comes with tactileforge-lerobot"),
+        ("data pack data=lerobot out=set", "data=lerobot comes with tactileforge-lerobot"),
+    ],
+)
+def test_without_a_package_what_it_brings_is_named_in_a_line(words, said, alone, capsys):
+    assert cli.run(words.split()) == 1
+    assert capsys.readouterr().err == f"error: {said}: pip install {said.split()[-1]}\n"
+
+
+@pytest.mark.parametrize(("kind", "name"), [("datasets", "lerobot")])
+def test_without_a_package_a_configuration_that_needs_it_names_it(kind, name, alone):
+    with pytest.raises(PluginError, match=r"pip install tactileforge-lerobot$"):
+        registry.build(kind, {"name": name})
+
+
+def test_our_packages_are_named_as_they_name_themselves():
+    """A package of plugins/ provides what `registry` says that it does, and is in its folder."""
+    for kind, names in registry._OURS.items():
+        for name, package in names.items():
+            entries = project(ROOT / "plugins" / package)["entry-points"]
+            if kind == "conf":
+                (place,) = entries["tactileforge.conf"].values()
+                folder = ROOT / "plugins" / package / "src" / place.replace(".", "/")
+                assert (folder / f"{name}.yaml").is_file()
+            else:
+                assert name in entries[f"tactileforge.{kind}"]
 
 
 @pytest.fixture(scope="module")

@@ -98,18 +98,24 @@ def list_plugins() -> list[PluginInfo]:
     ]
 
 
-#: Plugins of our own packages in plugins/, by the name that users type.
-_OURS = {
-    "anyskin": "tactileforge-anyskin",
-    "ati_netft": "tactileforge-ft",
-    "digit": "tactileforge-digit",
-    "dmtac": "tactileforge-dmtac",
-    "dmtac_sdk": "tactileforge-dmtac",
-    "flexitac": "tactileforge-flexitac",
-    "gelsight_mini": "tactileforge-gelsight",
-    "gelsight_mini_markers": "tactileforge-gelsight",
-    "reskin": "tactileforge-anyskin",
-    "robotiq": "tactileforge-ft",
+#: Plugins of our own packages in plugins/, by kind and the name that users type; ``conf`` has
+#: options of groups, as GROUP/NAME.
+_OURS: dict[str, dict[str, str]] = {
+    "sensors": {
+        "anyskin": "tactileforge-anyskin",
+        "ati_netft": "tactileforge-ft",
+        "digit": "tactileforge-digit",
+        "dmtac": "tactileforge-dmtac",
+        "dmtac_sdk": "tactileforge-dmtac",
+        "flexitac": "tactileforge-flexitac",
+        "gelsight_mini": "tactileforge-gelsight",
+        "gelsight_mini_markers": "tactileforge-gelsight",
+        "reskin": "tactileforge-anyskin",
+        "robotiq": "tactileforge-ft",
+    },
+    "datasets": {"lerobot": "tactileforge-lerobot"},
+    "verbs": {"data.embed": "tactileforge-lerobot", "data.lerobot": "tactileforge-lerobot"},
+    "conf": {"data/trex": "tactileforge-lerobot"},
 }
 
 
@@ -119,8 +125,19 @@ def _describe(kind: str, entry: EntryPoint) -> str:
 
 
 def package_of(kind: str, name: str) -> str:
-    """The package of ours that provides a plugin; "" for none."""
-    return _OURS.get(name, "") if kind in ("sensors", "verbs") else ""
+    """The package of ours that provides a plugin, or an option (``conf``); "" for none."""
+    return _OURS.get(kind, {}).get(name, "")
+
+
+def option_comes_with(group: str, name: str) -> str:
+    """Says which package of ours provides an option of a group, and how to get it; "" for none.
+
+    Example:
+        >>> option_comes_with("data", "trex")
+        'data=trex comes with tactileforge-lerobot: pip install tactileforge-lerobot'
+    """
+    package = package_of(GROUPS.get(group, ""), name) or package_of("conf", f"{group}/{name}")
+    return f"{group}={name} comes with {package}: pip install {package}" if package else ""
 
 
 def get(kind: str, name: str) -> type[Any]:

@@ -11,11 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.contracts import Frames, FrameSubset, Recording
-from tactileforge.data.labels.align import nearest
-from tactileforge.errors import DataError
-from tactileforge.lerobot import folder
-from tactileforge.sensors.specs import spec
+from tactileforge.plugin import DataError, Frames, FrameSubset, Recording, nearest, spec
+from tactileforge_lerobot import folder
 
 
 @dataclass(frozen=True)

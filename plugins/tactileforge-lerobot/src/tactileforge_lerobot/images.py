@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, overload
 
-from tactileforge.errors import DataError
-from tactileforge.lerobot import folder
+from tactileforge.plugin import DataError
+from tactileforge_lerobot import folder
 
 
 class ColumnImages(Sequence[bytes]):

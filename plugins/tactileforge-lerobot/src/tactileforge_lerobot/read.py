@@ -11,18 +11,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.contracts import ACTIONS, Frames, FrameSubset, Recording
-from tactileforge.data.frames.companions import without_companions
-from tactileforge.data.frames.crop import Crop
-from tactileforge.data.frames.encoded import EncodedFrames
-from tactileforge.data.frames.lazy import ImageFrames
-from tactileforge.data.frames.video import VideoFrames
-from tactileforge.data.labels.missing import stated
-from tactileforge.errors import DataError, DataNotFoundError, unknown
-from tactileforge.lerobot import folder
-from tactileforge.lerobot.folder import Info
-from tactileforge.lerobot.images import ColumnImages
-from tactileforge.lerobot.touch import read_touch
+from tactileforge.plugin import (
+    ACTIONS,
+    DataError,
+    DataNotFoundError,
+    EncodedFrames,
+    Frames,
+    FrameSubset,
+    ImageFrames,
+    Recording,
+    VideoFrames,
+    stated,
+    unknown,
+    without_companions,
+)
+from tactileforge_lerobot import folder
+from tactileforge_lerobot.folder import Info
+from tactileforge_lerobot.images import ColumnImages
+from tactileforge_lerobot.touch import read_touch
 
 #: Columns that each file of episodes has.
 _NEEDED = ("episode_index", "length", "data/chunk_index", "data/file_index")
@@ -57,7 +63,7 @@ class LeRobotFolder:
 
     def __init__(self, root: Path) -> None:
         self.root = root
-        self._videos: dict[tuple[Path, Crop | None], VideoFrames] = {}
+        self._videos: dict[tuple[Path, tuple[int, int, int, int] | None], VideoFrames] = {}
 
     @cached_property
     def info(self) -> Info:

@@ -9,12 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.contracts import Recording
-from tactileforge.data.frames.image_codecs import encode_image
-from tactileforge.errors import DataError
-from tactileforge.files import write_text
-from tactileforge.lerobot import folder
-from tactileforge.lerobot.episode import (
+from tactileforge.plugin import DataError, Recording, encode_image, write_text
+from tactileforge_lerobot import folder
+from tactileforge_lerobot.episode import (
     Episode,
     episode,
     episode_features,
@@ -22,11 +19,11 @@ from tactileforge.lerobot.episode import (
     image_rows,
     number_rows,
 )
-from tactileforge.lerobot.options import LeRobotOptions, LeRobotSummary, Vectors
-from tactileforge.lerobot.statistics import image_statistics, number_statistics, sample_frames
-from tactileforge.lerobot.tables import column, common, tasks
-from tactileforge.lerobot.touch import describe_touch
-from tactileforge.lerobot.videos import Videos, read_parts
+from tactileforge_lerobot.options import LeRobotOptions, LeRobotSummary, Vectors
+from tactileforge_lerobot.statistics import image_statistics, number_statistics, sample_frames
+from tactileforge_lerobot.tables import column, common, tasks
+from tactileforge_lerobot.touch import describe_touch
+from tactileforge_lerobot.videos import Videos, read_parts
 
 
 class Writer:

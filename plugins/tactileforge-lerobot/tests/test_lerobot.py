@@ -8,25 +8,29 @@ from typing import Any
 
 import cv2
 import numpy as np
+import pyarrow as pa
 import pytest
 from bent import bent
 from lerobot_recordings import PSNR, all_of, psnr, touch
 from numpy.typing import NDArray
 from omegaconf import OmegaConf
+from pyarrow import parquet
+from tactileforge_lerobot import folder
+from tactileforge_lerobot.dataset import LeRobot
+from tactileforge_lerobot.options import LeRobotOptions
+from tactileforge_lerobot.statistics import image_statistics, number_statistics
+from tactileforge_lerobot.write import write_dataset
 
 from tactileforge import cli, registry
 from tactileforge.compose import compose
-from tactileforge.data.frames.lazy import ArrayFrames
-from tactileforge.datasets.lerobot import LeRobot
-from tactileforge.errors import ConfigError, DataError, DataNotFoundError, TactileForgeError
-from tactileforge.lerobot import folder
-from tactileforge.lerobot.options import LeRobotOptions
-from tactileforge.lerobot.statistics import image_statistics, number_statistics
-from tactileforge.lerobot.write import write_dataset
+from tactileforge.plugin import (
+    ArrayFrames,
+    ConfigError,
+    DataError,
+    DataNotFoundError,
+    TactileForgeError,
+)
 from tactileforge.testing import check
-
-pa = pytest.importorskip("pyarrow")
-parquet = pytest.importorskip("pyarrow.parquet")
 
 
 def test_a_round_trip_keeps_everything(tmp_path: Path) -> None:

@@ -8,9 +8,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.errors import ConfigError
-from tactileforge.lerobot import folder
-from tactileforge.lerobot.episode import Episode
+from tactileforge.plugin import ConfigError
+from tactileforge_lerobot import folder
+from tactileforge_lerobot.episode import Episode
 
 _IMAGES = ("auto", "video", "png", "camera")
 
@@ -30,7 +30,7 @@ class Vectors(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class LeRobotOptions:
-    """The keys of conf/lerobot.yaml, but those that name data and folder.
+    """How a data set is written.
 
     Attributes:
         fps: Rows per second, a whole number; None for the rate of the fastest sensor of the first

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.errors import ConfigError, DataError, DataNotFoundError
-from tactileforge.untrusted import load_json
+from tactileforge.plugin import DataError, DataNotFoundError, load_json
 
 VERSION = "v3.0"
 DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
@@ -56,17 +55,9 @@ COMMON: dict[str, dict[str, Any]] = {
 
 
 def import_arrow() -> ModuleType:
-    """The package pyarrow, with ``parquet``.
+    """The package pyarrow, with ``parquet``; half a second, which no ``--help`` has to wait for."""
+    import pyarrow.parquet
 
-    Raises:
-        ConfigError: It is not installed.
-    """
-    try:
-        import pyarrow.parquet
-    except ImportError as error:
-        raise ConfigError(
-            "LeRobot data sets are parquet files: pip install 'tactileforge[lerobot]'"
-        ) from error
     module: ModuleType = pyarrow
     return module
 

@@ -8,18 +8,16 @@ import numpy as np
 import pytest
 import torch
 from lerobot_recordings import all_of, demonstration, touch
+from tactileforge_lerobot import folder
+from tactileforge_lerobot.embed import EmbedOptions, TouchVectors, held_clips
+from tactileforge_lerobot.episode import episode
+from tactileforge_lerobot.options import LeRobotOptions
+from tactileforge_lerobot.write import write_dataset
 
 import tactileforge
 from tactileforge import cli
 from tactileforge.data.frames.cut import clip_rows
-from tactileforge.embed import EmbedOptions, TouchVectors, held_clips
-from tactileforge.errors import ConfigError, DataError
-from tactileforge.lerobot import folder
-from tactileforge.lerobot.episode import episode
-from tactileforge.lerobot.options import LeRobotOptions
-from tactileforge.lerobot.write import write_dataset
-
-pytest.importorskip("pyarrow.parquet")
+from tactileforge.plugin import ConfigError, DataError
 
 
 @pytest.mark.parametrize("rate", [6.0, 15.0, 18.0, 30.0, 60.0])

@@ -8,14 +8,12 @@ import cv2
 import numpy as np
 import pytest
 from lerobot_recordings import PSNR, all_of, demonstration, psnr, touch
+from tactileforge_lerobot import folder
+from tactileforge_lerobot.options import LeRobotOptions
+from tactileforge_lerobot.write import write_dataset
 
 from tactileforge import cli
-from tactileforge.errors import DataError
-from tactileforge.lerobot import folder
-from tactileforge.lerobot.options import LeRobotOptions
-from tactileforge.lerobot.write import write_dataset
-
-pytest.importorskip("pyarrow.parquet")
+from tactileforge.plugin import DataError
 
 
 def test_fingers_of_an_episode_are_one_with_state_and_action_once(tmp_path: Path) -> None:

@@ -6,11 +6,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from tactileforge.contracts import Recording
-from tactileforge.data.frames.image_codecs import encode_image
-from tactileforge.data.shards.shards import describe_recording
-from tactileforge.errors import DataError
-from tactileforge.untrusted import load_json
+from tactileforge.plugin import DataError, Recording, describe_recording, encode_image, load_json
 
 #: What stands in columns of the tables.
 _COLUMNS = ("version", "times", "force", "action", "tracks", "image_times")

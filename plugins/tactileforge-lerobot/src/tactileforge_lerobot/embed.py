@@ -8,14 +8,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.contracts import Recording
-from tactileforge.data.frames.cut import held_clips
-from tactileforge.errors import ConfigError, DataError, unknown
-from tactileforge.streaming.buffer import warn_of_slow_frames
+from tactileforge.plugin import (
+    ConfigError,
+    DataError,
+    Recording,
+    held_clips,
+    unknown,
+    warn_of_slow_frames,
+)
 
 if TYPE_CHECKING:
-    from tactileforge.hub.model import Model
-    from tactileforge.lerobot.episode import Episode
+    from tactileforge.plugin import Model
+    from tactileforge_lerobot.episode import Episode
 
 _VECTORS = ("pooled", "cls", "projected")
 

@@ -7,14 +7,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tactileforge.contracts import Recording
-from tactileforge.datasets.reading.splits import is_held_out
-from tactileforge.errors import ConfigError, DataError, unknown
+from tactileforge.plugin import ConfigError, DataError, Recording, is_held_out, unknown
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from tactileforge.lerobot.read import LeRobotFolder, TouchFeature
+    from tactileforge_lerobot.read import LeRobotFolder, TouchFeature
 
 _BACKGROUNDS = ("first", "none")
 
@@ -78,7 +76,7 @@ class LeRobot:
     @cached_property
     def folder(self) -> LeRobotFolder:
         """The data set on disk."""
-        from tactileforge.lerobot.read import LeRobotFolder
+        from tactileforge_lerobot.read import LeRobotFolder
 
         return LeRobotFolder(self.root)
 
@@ -110,7 +108,7 @@ class LeRobot:
         Raises:
             DataNotFoundError: There is no data set.
             DataError: It is of another version, or lacks a feature.
-            ConfigError: An unknown split, pyarrow is not installed, or ``touch`` is not given.
+            ConfigError: An unknown split, or ``touch`` is not given.
         """
         if split not in ("train", "val"):
             raise ConfigError(unknown("split", split, ("train", "val")))
@@ -138,12 +136,12 @@ class LeRobot:
 
     def plot(self, recording: Recording) -> Figure:
         """A figure of a recording."""
-        from tactileforge.datasets.reading.figure import plot
+        from tactileforge.plugin import plot_recording
 
-        return plot(recording)
+        return plot_recording(recording)
 
     def _touch(self) -> list[TouchFeature]:
-        from tactileforge.lerobot.read import TouchFeature
+        from tactileforge_lerobot.read import TouchFeature
 
         folder = self.folder
         if self.given is not None:

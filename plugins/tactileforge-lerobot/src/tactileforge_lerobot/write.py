@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from tactileforge.contracts import Recording
-from tactileforge.errors import ConfigError
-from tactileforge.files import new_part
-from tactileforge.lerobot import folder
-from tactileforge.lerobot.episode import device_word, group_takes
-from tactileforge.lerobot.options import LeRobotOptions, LeRobotSummary, Vectors
-from tactileforge.lerobot.writer import Writer
+from tactileforge.plugin import ConfigError, Recording, new_part
+from tactileforge_lerobot.episode import device_word, group_takes
+from tactileforge_lerobot.options import LeRobotOptions, LeRobotSummary, Vectors
+from tactileforge_lerobot.writer import Writer
 
 
 def write_dataset(
@@ -29,10 +26,9 @@ def write_dataset(
         vectors: Gives what is written as ``observation.environment_state``; None for nothing.
 
     Raises:
-        ConfigError: The folder exists, or pyarrow is not installed.
+        ConfigError: The folder exists.
         DataError: There are no recordings, or episodes differ in their features.
     """
-    folder.import_arrow()
     if out.exists():
         raise ConfigError(f"{out} exists: give another out=, or remove it")
     with new_part(out) as part:

@@ -6,10 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from tactileforge_lerobot.dataset import LeRobot
 
-from tactileforge.contracts import Recording
-from tactileforge.data.frames.lazy import ArrayFrames
-from tactileforge.datasets.lerobot import LeRobot
+from tactileforge.plugin import ArrayFrames, Recording
 
 #: What the video may lose on these pictures, dB.
 PSNR = 36.0
