@@ -59,7 +59,7 @@ $(VENV)/.installed-policies: $(VENV)/.installed
 	touch $@
 
 $(VENV)/.installed-dev: $(VENV)/.installed
-	$(PIP) --editable '.[dev]' --editable plugins/tactileforge-lerobot
+	$(PIP) --editable '.[dev]' --editable plugins/tactileforge-arrays --editable plugins/tactileforge-lerobot
 	touch $@
 
 clean:

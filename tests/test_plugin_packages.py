@@ -16,6 +16,7 @@ from tactileforge.sensors.specs import spec
 
 ROOT = Path(__file__).parents[1]
 NAMES = ("anyskin", "digit", "dmtac", "flexitac", "ft", "gelsight")
+OURS = ("tactileforge-arrays",)  # installed beside the core, and what others build on
 PACKAGES = [ROOT / f"plugins/tactileforge-{name}" for name in NAMES]
 SENSORS = {
     "anyskin": ("array", (3, 3)),
@@ -59,6 +60,7 @@ def alone(monkeypatch):
         ("data embed data=sim out=set", "data embed comes with tactileforge-lerobot"),
         ("train data=lerobot data.root=set", "data=lerobot comes with tactileforge-lerobot"),
         ("data pack data=lerobot out=set", "data=lerobot comes with tactileforge-lerobot"),
+        ("train data=sim_array", "data=sim_array comes with tactileforge-arrays"),
     ],
 )
 def test_without_a_package_what_it_brings_is_named_in_a_line(words, said, alone, capsys):
@@ -66,10 +68,23 @@ def test_without_a_package_what_it_brings_is_named_in_a_line(words, said, alone,
     assert capsys.readouterr().err == f"error: {said}: pip install {said.split()[-1]}\n"
 
 
-@pytest.mark.parametrize(("kind", "name"), [("datasets", "lerobot")])
-def test_without_a_package_a_configuration_that_needs_it_names_it(kind, name, alone):
-    with pytest.raises(PluginError, match=r"pip install tactileforge-lerobot$"):
+@pytest.mark.parametrize(
+    ("kind", "name", "package"),
+    [
+        ("datasets", "lerobot", "tactileforge-lerobot"),
+        ("datasets", "sim_array", "tactileforge-arrays"),
+        ("sensors", "serial_array", "tactileforge-arrays"),
+    ],
+)
+def test_without_a_package_a_configuration_that_needs_it_names_it(kind, name, package, alone):
+    with pytest.raises(PluginError, match=rf"pip install {package}$"):
         registry.build(kind, {"name": name})
+
+
+def test_without_a_package_its_recipe_is_named():
+    said = "recipe=anytouch2_array comes with tactileforge-arrays: pip install tactileforge-arrays"
+    assert registry.option_comes_with("recipe", "anytouch2_array") == said
+    assert registry.option_comes_with("recipe", "anytouch2") == ""
 
 
 def test_our_packages_are_named_as_they_name_themselves():
@@ -128,7 +143,8 @@ def test_each_package_has_what_a_package_needs():
         facts = project(folder)
         assert facts["name"] == folder.name
         assert facts["license"] == "Apache-2.0"
-        assert facts["dependencies"] == ["tactileforge>=0.1"]
+        assert facts["dependencies"][0] == "tactileforge>=0.1"
+        assert {one.split(">")[0] for one in facts["dependencies"]} <= {"tactileforge", *OURS}
         readme = (folder / "README.md").read_text()
         for name in facts["entry-points"]["tactileforge.sensors"]:
             assert f"`{name}`" in readme or f"sensor={name}`" in readme

@@ -44,7 +44,7 @@ from tactileforge.data.frames.lazy import ArrayFrames, ImageFrames, VideoFrames
 from tactileforge.data.labels.actions import label_actions
 from tactileforge.data.labels.align import estimate_lag, nearest
 from tactileforge.data.labels.missing import stated
-from tactileforge.data.shards.shards import describe_recording
+from tactileforge.data.shards.shards import describe_recording, read_shard, write_shard
 from tactileforge.datasets.reading.splits import is_held_out
 from tactileforge.errors import (
     ConfigError,
@@ -55,23 +55,23 @@ from tactileforge.errors import (
     TactileForgeError,
     unknown,
 )
-from tactileforge.files import new_part, write_text
+from tactileforge.files import cache_folder, new_part, write_text
 from tactileforge.live.publish import to_json
 from tactileforge.moves import VERSION
 from tactileforge.registry import build, names
 from tactileforge.sensors.capture import Capture
 from tactileforge.sensors.checksums import CHECKSUMS
-from tactileforge.sensors.continuity import Arrival
+from tactileforge.sensors.continuity import Arrival, changes_by_at_most
 from tactileforge.sensors.drivers import v4l2
 from tactileforge.sensors.drivers.camera import Camera
 from tactileforge.sensors.drivers.force_torque import ForceTorque
 from tactileforge.sensors.drivers.replay import Replay
-from tactileforge.sensors.drivers.serial_array import SerialArray
 from tactileforge.sensors.drivers.serial_robot import SerialRobot
-from tactileforge.sensors.framing import Parser
-from tactileforge.sensors.links import Link, SerialLink
+from tactileforge.sensors.framing import Framing, PacketParser, Parser, hex_bytes, payload_size
+from tactileforge.sensors.links import Link, SerialLink, attached_ports
 from tactileforge.sensors.opening import close_sensor, open_sensor
 from tactileforge.sensors.specs import SPECS, spec
+from tactileforge.sensors.stream import StreamSensor
 from tactileforge.sensors.taxels import TaxelLayout
 from tactileforge.streaming.buffer import warn_of_slow_frames
 from tactileforge.untrusted import load_json
@@ -110,6 +110,7 @@ __all__ = [
     "Frame",
     "FrameSubset",
     "Frames",
+    "Framing",
     "Head",
     "ImageFrames",
     "Link",
@@ -118,6 +119,7 @@ __all__ = [
     "Model",
     "Objective",
     "OptimizerPlugin",
+    "PacketParser",
     "Parser",
     "PluginError",
     "Prepared",
@@ -127,20 +129,24 @@ __all__ = [
     "Sensor",
     "SensorError",
     "SensorSpec",
-    "SerialArray",
     "SerialLink",
     "SerialRobot",
+    "StreamSensor",
     "TactileForgeError",
     "TaxelLayout",
     "TrainingClips",
     "VideoFrames",
     "Views",
+    "attached_ports",
     "build",
+    "cache_folder",
+    "changes_by_at_most",
     "close_sensor",
     "describe_recording",
     "encode_image",
     "estimate_lag",
     "held_clips",
+    "hex_bytes",
     "is_held_out",
     "label_actions",
     "load_json",
@@ -150,7 +156,9 @@ __all__ = [
     "new_part",
     "open_sensor",
     "patches_at",
+    "payload_size",
     "plot_recording",
+    "read_shard",
     "spec",
     "stated",
     "to_json",
@@ -158,6 +166,7 @@ __all__ = [
     "v4l2",
     "warn_of_slow_frames",
     "without_companions",
+    "write_shard",
     "write_text",
 ]
 

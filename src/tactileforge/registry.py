@@ -112,10 +112,14 @@ _OURS: dict[str, dict[str, str]] = {
         "gelsight_mini_markers": "tactileforge-gelsight",
         "reskin": "tactileforge-anyskin",
         "robotiq": "tactileforge-ft",
+        "serial_array": "tactileforge-arrays",
     },
-    "datasets": {"lerobot": "tactileforge-lerobot"},
+    "datasets": {"lerobot": "tactileforge-lerobot", "sim_array": "tactileforge-arrays"},
     "verbs": {"data.embed": "tactileforge-lerobot", "data.lerobot": "tactileforge-lerobot"},
-    "conf": {"data/trex": "tactileforge-lerobot"},
+    "conf": {
+        "data/trex": "tactileforge-lerobot",
+        "recipe/anytouch2_array": "tactileforge-arrays",
+    },
 }
 
 

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tactileforge_arrays.dataset import SimArray
 
 from tactileforge import registry
 from tactileforge.contracts import ACTIONS, Dataset, Recording
 from tactileforge.datasets.recordings import Recordings
 from tactileforge.datasets.shards import Shards
 from tactileforge.datasets.sim import Sim
-from tactileforge.datasets.sim_array import SimArray
 from tactileforge.datasets.sparsh_force import SparshForce
 from tactileforge.datasets.sparsh_slip import SparshSlip
 from tactileforge.datasets.touchd_force import TouchdForce
@@ -126,7 +126,7 @@ def test_no_reader_of_forces_is_left_out(force_readers: dict[str, Dataset]) -> N
         name
         for name, made in classes.items()
         if name != "recordings"
-        and made.__module__.startswith("tactileforge.")
+        and made.__module__.startswith(("tactileforge.", "tactileforge_arrays."))
         and "force" in made(**_root(made)).provides
     }
     assert providing | {"recordings"} == set(force_readers)

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from tactileforge_arrays.dataset import SimArray
+from tactileforge_arrays.scenes import Array, taxel_forces
 
 from tactileforge.compose import compose
 from tactileforge.contracts import ACTIONS
-from tactileforge.datasets.sim_array import SimArray
 from tactileforge.errors import ConfigError
 from tactileforge.pages.curves import read_metrics
 from tactileforge.sensors.taxels import REST
-from tactileforge.sim.array_scenes import Array, taxel_forces
 from tactileforge.sim.mechanics.touch import ContactState
 from tactileforge.sim.scene import POINTS, SPACING
 from tactileforge.testing import check
@@ -126,7 +126,7 @@ def test_processes_write_what_one_does(cache: str, tmp_path: Path) -> None:
     """From a script without a guard, too: each process is a command of its own."""
     script = tmp_path / "script.py"
     script.write_text(
-        "from tactileforge.datasets.sim_array import SimArray\n"
+        "from tactileforge_arrays.dataset import SimArray\n"
         f"options = {QUICK | {'processes': 2}}\n"
         f"data = SimArray(scenes=4, val=0, cache={str(tmp_path)!r}, **options)\n"
         "print(len(list(data.recordings('train'))))\n"

@@ -15,12 +15,18 @@ from numpy.typing import NDArray
 
 from tactileforge import strict
 from tactileforge.bars import Bar
-from tactileforge.contracts import Recording
-from tactileforge.data.frames.lazy import ArrayFrames
-from tactileforge.data.shards import shards
-from tactileforge.errors import ConfigError, TactileForgeError
+from tactileforge.data.shards.shards import Packed
+from tactileforge.plugin import (
+    ArrayFrames,
+    ConfigError,
+    Recording,
+    TactileForgeError,
+    TaxelLayout,
+    describe_recording,
+    encode_image,
+    write_shard,
+)
 from tactileforge.processes import end_with_parent, process_count, spread
-from tactileforge.sensors.taxels import TaxelLayout
 from tactileforge.sim.config import SimConfig
 from tactileforge.sim.generate import path_of
 from tactileforge.sim.mechanics.gel import Gel
@@ -163,7 +169,7 @@ def play_on_array(scene: Scene, array: Array) -> NDArray[np.float64]:
     return np.stack([taxel_forces(moment, array.shape, array.pitch) for moment in moments])
 
 
-def recording(config: SimConfig, array: Array, number: int) -> shards.Packed:
+def recording(config: SimConfig, array: Array, number: int) -> Packed:
     """One scene on the array, encoded without loss; the forces on taxels are a track.
 
     The label is their sum without noise: what presses beside the array is not in it.
@@ -176,7 +182,7 @@ def recording(config: SimConfig, array: Array, number: int) -> shards.Packed:
     still = np.zeros((_REST, *forces.shape[1:]))
     values = array.measured(np.concatenate([still, forces]), chance)
     layout, rest = array.layout(), np.zeros(forces.shape[1:], np.float32)
-    pictures = [shards.encode_image(layout.draw(frame, rest), "png") for frame in values]
+    pictures = [encode_image(layout.draw(frame, rest), "png") for frame in values]
     times = scene.times(FPS)
     kind = "surface" if scene.shape.index is None else "indenter"
     about = Recording(
@@ -195,12 +201,8 @@ def recording(config: SimConfig, array: Array, number: int) -> shards.Packed:
         tier=3,
         licence="CC0-1.0",
     )
-    photo = shards.encode_image(
-        render_scene_image(scene.shape, max(config.size, 16), scene.seed), "png"
-    )
-    return shards.Packed(
-        shards.describe_recording(about), "png", pictures[_REST:], pictures[:_REST], [photo]
-    )
+    photo = encode_image(render_scene_image(scene.shape, max(config.size, 16), scene.seed), "png")
+    return Packed(describe_recording(about), "png", pictures[_REST:], pictures[:_REST], [photo])
 
 
 def folder_name(config: SimConfig, array: Array) -> str:
@@ -238,7 +240,7 @@ def write_array_scenes(
 
 def _write(config: SimConfig, array: Array, folder: Path, number: int) -> None:
     with one_thread():
-        shards.write_shard(path_of(folder, number), [recording(config, array, number)])
+        write_shard(path_of(folder, number), [recording(config, array, number)])
 
 
 def _main(config: str, array: str, folder: str, *numbers: str) -> None:

@@ -10,14 +10,24 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.contracts import SensorSpec
-from tactileforge.errors import ConfigError, SensorError
-from tactileforge.sensors.continuity import Arrival, changes_by_at_most
-from tactileforge.sensors.framing import Framing, PacketParser, Parser, hex_bytes, measured
-from tactileforge.sensors.links import Link, SerialLink, attached_ports
-from tactileforge.sensors.specs import spec
-from tactileforge.sensors.stream import StreamSensor
-from tactileforge.sensors.taxels import TaxelLayout
+from tactileforge.plugin import (
+    Arrival,
+    ConfigError,
+    Framing,
+    Link,
+    PacketParser,
+    Parser,
+    SensorError,
+    SensorSpec,
+    SerialLink,
+    StreamSensor,
+    TaxelLayout,
+    attached_ports,
+    changes_by_at_most,
+    hex_bytes,
+    payload_size,
+    spec,
+)
 
 #: Seconds that the frames of a baseline may take.
 _PATIENCE = 5.0
@@ -208,7 +218,7 @@ def _ordered(limits: Sequence[float] | None) -> tuple[float, float] | None:
 
 def _checked(payload: str, taxels: int, values: int, channels: Sequence[int]) -> int:
     """Size of the payload in bytes, checked against the number of taxels."""
-    size, count = measured(payload)
+    size, count = payload_size(payload)
     if count != taxels * values:
         raise ConfigError(
             f"payload={payload!r} carries {count} values, but {taxels} taxels of {values} are "

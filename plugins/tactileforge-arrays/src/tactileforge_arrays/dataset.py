@@ -6,16 +6,19 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tactileforge.contracts import Recording
-from tactileforge.data.shards import shards
-from tactileforge.errors import ConfigError, unknown
-from tactileforge.files import cache_folder
+from tactileforge.plugin import (
+    ConfigError,
+    Recording,
+    cache_folder,
+    read_shard,
+    unknown,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from tactileforge.sim.array_scenes import Array
     from tactileforge.sim.config import SimConfig
+    from tactileforge_arrays.scenes import Array
 
 
 class SimArray:
@@ -90,7 +93,7 @@ class SimArray:
         Raises:
             ConfigError: A number makes no sense.
         """
-        from tactileforge.sim.array_scenes import Array
+        from tactileforge_arrays.scenes import Array
 
         if len(self.shape) != 2:
             raise ConfigError(f"sim_array: shape={list(self.shape)}; give rows and columns")
@@ -134,7 +137,7 @@ class SimArray:
     @property
     def folder(self) -> Path:
         """Folder in which the touches of this configuration are kept."""
-        from tactileforge.sim.array_scenes import folder_name
+        from tactileforge_arrays.scenes import folder_name
 
         return cache_folder(self.cache) / "sim_array" / folder_name(self.config, self.array)
 
@@ -147,9 +150,9 @@ class SimArray:
         Raises:
             ConfigError: An unknown split, indenter or motion, or an array that makes no sense.
         """
-        from tactileforge.sim.array_scenes import write_array_scenes
         from tactileforge.sim.config import FIRST_VAL
         from tactileforge.sim.generate import path_of
+        from tactileforge_arrays.scenes import write_array_scenes
 
         numbers = {"train": range(self.scenes), "val": range(FIRST_VAL, FIRST_VAL + self.val)}
         if split not in numbers:
@@ -157,10 +160,10 @@ class SimArray:
         folder = self.folder
         write_array_scenes(self.config, self.array, folder, numbers[split], self.processes)
         for number in numbers[split]:
-            yield from shards.read_shard(path_of(folder, number))
+            yield from read_shard(path_of(folder, number))
 
     def plot(self, recording: Recording) -> Figure:
         """A figure of a recording."""
-        from tactileforge.datasets.reading.figure import plot
+        from tactileforge.plugin import plot_recording
 
-        return plot(recording)
+        return plot_recording(recording)
