@@ -55,11 +55,12 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 	touch $@
 
 $(VENV)/.installed-policies: $(VENV)/.installed
-	$(PIP) --editable '.[policies]'
+	$(PIP) --editable plugins/tactileforge-policies
 	touch $@
 
 $(VENV)/.installed-dev: $(VENV)/.installed
-	$(PIP) --editable '.[dev]' --editable plugins/tactileforge-arrays --editable plugins/tactileforge-lerobot
+	$(PIP) --editable '.[dev]' --editable plugins/tactileforge-arrays --editable plugins/tactileforge-lerobot \
+	  --editable plugins/tactileforge-policies
 	touch $@
 
 clean:

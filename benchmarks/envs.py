@@ -19,8 +19,7 @@ import numpy as np
 import torch
 from common import save
 from numpy.typing import NDArray
-
-from tactileforge import envs
+from tactileforge_policies import envs
 
 SENSORS = ("digit", "gelsight_mini", "duragel")
 

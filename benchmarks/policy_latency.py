@@ -15,12 +15,12 @@ import numpy as np
 import torch
 from common import save
 from omegaconf import OmegaConf
+from tactileforge_policies.policy import Policy
 
 import tactileforge
 from tactileforge import registry
 from tactileforge.compose import compose
 from tactileforge.contracts import Robot
-from tactileforge.policy import Policy
 
 ROBOT = Robot(
     fingers=("left", "right"),

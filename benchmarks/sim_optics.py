@@ -30,12 +30,13 @@ import torch
 from common import save
 from torch import Tensor
 
+from tactileforge.sensors.specs import SIMULATED
 from tactileforge.sim.optics import fit, lighting
 from tactileforge.sim.optics.features import places
 from tactileforge.sim.optics.lighting import OpticalCalibration
 from tactileforge.sim.optics.presses import KNOWN, Presses, read_known, read_picture, read_presses
 from tactileforge.sim.optics.render import Optics
-from tactileforge.sim.optics.sensor_instances import STYLES, SensorInstance, draw_instance
+from tactileforge.sim.optics.sensor_instances import SensorInstance, draw_instance
 
 ROOT = Path(__file__).parents[1]
 DATA = Path(os.environ.get("TACTILEFORGE_REALDATA", ROOT.parent / "shared" / "realdata"))
@@ -138,7 +139,7 @@ def run_taxim(python: str, name: str, presses: Presses) -> dict[str, Any]:
 def speed() -> dict[str, float]:
     """Frames a second of our optics on one core, 320 x 240, 8 frames at a time."""
     found = {}
-    for sensor in STYLES:
+    for sensor in SIMULATED:
         rig = Optics(draw_instance(sensor, 0, (240, 320)))
         dent = 0.2 * torch.rand(8, 240, 320)
         times = []

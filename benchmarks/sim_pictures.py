@@ -17,9 +17,9 @@ from PIL import Image
 
 from tactileforge.contracts import ACTIONS
 from tactileforge.data.frames.video import VideoFrames
+from tactileforge.sensors.specs import SIMULATED
 from tactileforge.sim.geometry.shapes import shape
 from tactileforge.sim.mechanics.motions import MOTIONS, Speeds
-from tactileforge.sim.mechanics.sensor_gels import DEVICES
 from tactileforge.sim.play import play_scenes
 from tactileforge.sim.scene import Scene, simulated_rate
 
@@ -53,7 +53,7 @@ def films(
 
 def gallery() -> None:
     """Rows: sensors; columns: actions, each at the end of its phase; indenters in turn."""
-    sensors, cell = list(DEVICES), 120
+    sensors, cell = list(SIMULATED), 120
     rows: list[list[NDArray[np.uint8]]] = [[] for _ in sensors]
     for number, action in enumerate(ACTIONS):
         touch = scene(SHAPES[number % len(SHAPES)], action, 0.6)

@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from tactileforge.datasets.sim import Sim
+from tactileforge.sensors.specs import simulation
 from tactileforge.sim.geometry.shapes import INDENTERS
-from tactileforge.sim.mechanics.sensor_gels import DEVICES
 
 #: Every fifth indenter is kept for the test.
 NAMES = [name for name, known in INDENTERS.items() if known.split == "pretrain"]
@@ -50,7 +50,7 @@ def clips(args: argparse.Namespace, names: list[str], count: int, seed: int) -> 
         randomise=args.randomise,
         seed=seed,
     )
-    low, high = DEVICES[args.sensor].friction
+    low, high = simulation(args.sensor).friction
     for recording in data.recordings("train"):
         frames = recording.frames.read(range(len(recording.frames)))
         still = frames[0].astype(np.int16)

@@ -106,8 +106,6 @@ WRITERS = [
     (["data", "inspect", "data=sim"], "out"),
     (["data", "filter", "data=sim"], "out"),
     (["data", "pack", "data=sim"], "out"),
-    (["demos", "task=chip"], "out"),
-    (["rollout", "task=chip", "policy=expert"], "out"),
     (["sim"], "out"),
     (["bench", "suite=sim", "model=[pixels]"], "out"),
     (["record", "sensor=sim"], "out"),

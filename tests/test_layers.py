@@ -99,7 +99,14 @@ def _text(node: ast.expr) -> str:
 
 
 #: Packages that belong to a package of plugins/: the core imports none of them, at any depth.
-ABSENT = ["pyarrow", "tactileforge_arrays", "tactileforge_lerobot"]
+ABSENT = [
+    "diffusers",
+    "gymnasium",
+    "pyarrow",
+    "tactileforge_arrays",
+    "tactileforge_lerobot",
+    "tactileforge_policies",
+]
 
 
 @pytest.mark.parametrize("name", ABSENT)

@@ -49,7 +49,11 @@ def test_the_docs_for_authors_import_from_the_door_alone(page):
 
 @pytest.mark.parametrize(
     "path",
-    sorted((ROOT / "plugins").glob("tactileforge-*/src/**/*.py")),
+    sorted(
+        path
+        for path in (ROOT / "plugins").glob("tactileforge-*/src/**/*.py")
+        if "tactileforge_policies" not in path.parts  # its README names what it imports beside
+    ),
     ids=lambda p: f"{p.parent.name}/{p.stem}",
 )
 def test_our_packages_import_what_a_third_party_could(path):

@@ -5,13 +5,15 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from importlib.metadata import entry_points
 from pathlib import Path
 
 import cv2
 import pytest
 
-from tactileforge import cli, registry
+from tactileforge import cli, distributions, parts, registry
 from tactileforge.errors import PluginError
+from tactileforge.hub import cards
 from tactileforge.sensors.specs import spec
 
 ROOT = Path(__file__).parents[1]
@@ -42,15 +44,51 @@ def test_without_it_the_package_of_a_sensor_is_named(path: Path) -> None:
 
 @pytest.fixture
 def alone(monkeypatch):
-    """The core as it is without any of our packages."""
-    of_core = {}
-    for kind in (*registry.KINDS, *registry.MODULES, *registry.OTHERS):
-        of_core[kind] = {
-            name: ours
-            for name, found in registry._entries(kind).items()
-            if (ours := [one for one in found if one.dist and one.dist.name == "tactileforge"])
-        }
-    monkeypatch.setattr(registry, "_entries", of_core.__getitem__)
+    """As if no package but the core were installed."""
+
+    def found(group):
+        entries = entry_points(group=group)
+        return [entry for entry in entries if entry.dist and entry.dist.name == "tactileforge"]
+
+    for module in (registry, distributions):
+        monkeypatch.setattr(module, "entry_points", found)
+    registry._entries.cache_clear()
+    cards.card_names.cache_clear()
+    yield
+    registry._entries.cache_clear()
+    cards.card_names.cache_clear()
+
+
+@pytest.mark.usefixtures("alone")
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["rollout", "task=chip", "policy=expert"],
+        ["demos", "task=chip", "out=x"],
+        ["train", "recipe=imitation"],
+        ["train", "data=demonstrations", "data.root=x"],
+        ["train", "data=sim", "objective=[imitate]"],
+        ["train", "data=sim", "objective=[pixel]", "+head@head.pixel=act"],
+        ["bench", "suite=manipulation"],
+        ["zoo", "show", "imitation"],
+    ],
+    ids=" ".join,
+)
+def test_without_the_package_of_policies_it_is_named(words, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert cli.run(words) == 1
+    said = capsys.readouterr().err
+    assert said.rstrip().endswith("pip install tactileforge-policies")
+    assert said.count("\n") == 1
+
+
+@pytest.mark.usefixtures("alone")
+def test_a_run_whose_package_is_gone_names_it(tmp_path):
+    row = {"name": "imitate", "weight": 1.0}
+    with pytest.raises(PluginError, match=r"pip install tactileforge-policies$"):
+        parts.build_parts(
+            {"encoder": {"name": "pixels"}, "objective": {"imitate": row}, "head": {}}, frozenset()
+        )
 
 
 @pytest.mark.parametrize(
@@ -61,6 +99,8 @@ def alone(monkeypatch):
         ("train data=lerobot data.root=set", "data=lerobot comes with tactileforge-lerobot"),
         ("data pack data=lerobot out=set", "data=lerobot comes with tactileforge-lerobot"),
         ("train data=sim_array", "data=sim_array comes with tactileforge-arrays"),
+        ("train recipe=anytouch2_array", "recipe=anytouch2_array comes with tactileforge-arrays"),
+        ("zoo show anytouch2_array", "anytouch2_array comes with tactileforge-arrays"),
     ],
 )
 def test_without_a_package_what_it_brings_is_named_in_a_line(words, said, alone, capsys):
@@ -81,23 +121,20 @@ def test_without_a_package_a_configuration_that_needs_it_names_it(kind, name, pa
         registry.build(kind, {"name": name})
 
 
-def test_without_a_package_its_recipe_is_named():
-    said = "recipe=anytouch2_array comes with tactileforge-arrays: pip install tactileforge-arrays"
-    assert registry.option_comes_with("recipe", "anytouch2_array") == said
-    assert registry.option_comes_with("recipe", "anytouch2") == ""
-
-
-def test_our_packages_are_named_as_they_name_themselves():
-    """A package of plugins/ provides what `registry` says that it does, and is in its folder."""
-    for kind, names in registry._OURS.items():
-        for name, package in names.items():
-            entries = project(ROOT / "plugins" / package)["entry-points"]
-            if kind == "conf":
-                (place,) = entries["tactileforge.conf"].values()
-                folder = ROOT / "plugins" / package / "src" / place.replace(".", "/")
-                assert (folder / f"{name}.yaml").is_file()
-            else:
-                assert name in entries[f"tactileforge.{kind}"]
+def test_our_packages_bring_what_is_said_of_them():
+    for package, kinds in distributions._OURS.items():
+        folder = ROOT / "plugins" / package
+        entries = project(folder)["entry-points"]
+        places = list(entries.get("tactileforge.conf", {}).values())
+        yamls = {
+            f"{path.parent.name}/{path.stem}"
+            for place in places
+            for path in (folder / "src" / place.replace(".", "/")).glob("*/*.yaml")
+        }
+        for kind, names in kinds.items():
+            group = "data" if kind == "datasets" else kind
+            known = {*entries.get(f"tactileforge.{kind}", ())}
+            assert {name for name in names if f"{group}/{name}" not in yamls} <= known, package
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 import torch
-from demonstrated import demonstrations
 from omegaconf import OmegaConf
 
 from tactileforge.compose import compose
@@ -24,11 +23,7 @@ RECIPES = sorted(path.stem for path in ZOO.glob("*.yaml"))
 @pytest.mark.parametrize("recipe", RECIPES)
 def test_two_steps(recipe: str, tmp_path: Path) -> None:
     overrides = ["scale=demo", "debug=steps", "encoder.image_size=32", "batch.size=8"]
-    if recipe in ("diffusion_policy", "imitation"):
-        root = demonstrations(tmp_path / "data", 4, steps=6)
-        overrides += ["data=demonstrations", f"data.root={root}", "init=null"]
-    else:
-        overrides += ["data.scenes=3", "data.val=1", "data.size=32"]
+    overrides += ["data.scenes=3", "data.val=1", "data.size=32"]
     module = train(compose(recipe, overrides), tmp_path / "run")
     assert module.global_step == 2
     assert (tmp_path / "run" / "report.html").exists()
@@ -138,31 +133,3 @@ def test_what_follows_the_encoder_starts_with_it_and_goes_along(
     slow = module.heads["jepa"].target.network.norm_out.bias
     torch.testing.assert_close(slow, 0.75 * biases[0] + 0.25 * biases[1])  # the last keeps all
     assert (biases[0] - biases[1]).abs().max() > 1e-3
-
-
-def test_diffusion_policy_is_the_papers() -> None:
-    """Appendix Real-world task setup."""
-    config = compose("diffusion_policy", ["data=demonstrations", "data.root=DIR"])
-    head = config.head.denoise
-    assert (list(head.channels), head.step_width, head.kernel, head.groups) == (
-        [128, 256, 512],
-        256,
-        5,
-        8,
-    )
-    assert (head.pooler.queries, head.execute, config.data.horizon) == (30, 2, 8)
-    assert (config.freeze, config.init) == (True, "anytouch2.tiny")
-    assert (config.optim.lr, config.batch.size, config.trainer.max_epochs) == (1e-4, 64, 100)
-    assert round(config.data.val * 50) == 8
-    small = compose(
-        "diffusion_policy",
-        [
-            "scale=tiny",
-            "init=null",
-            "data.val=0.5",
-            "seed=3",
-            "data=demonstrations",
-            "data.root=DIR",
-        ],
-    )
-    assert (small.init, small.seed, small.trainer.max_steps) == (None, 3, -1)

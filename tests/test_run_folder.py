@@ -6,18 +6,21 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
-from demonstrated import episode, write
 
 from tactileforge import cli, run_folder
 from tactileforge.callbacks import checkpoints
 from tactileforge.callbacks.checkpoints import AtomicCheckpointIO
 from tactileforge.checkpoint_file import read_checkpoint, read_own, seal
 from tactileforge.compose import compose
+from tactileforge.contracts import Recording
+from tactileforge.data.frames.lazy import ArrayFrames
+from tactileforge.data.shards.shards import Packed, describe_recording, encode_image, write_shard
 from tactileforge.errors import ConfigError, DataError, TactileForgeError
 from tactileforge.module import TouchModule
-from tactileforge.optim import optimiser
+from tactileforge.optim import build_optimizer
 from tactileforge.pages.curves import read_metrics
 from tactileforge.run_folder import LAST
 from tactileforge.run_length import change_run
@@ -309,25 +312,17 @@ def test_a_run_goes_on_with_other_processes() -> None:
 
 def test_a_rate_is_never_below_0() -> None:
     config = {"lr": 1.0, "weight_decay": 0.0, "betas": (0.9, 0.95), "warmup": 0.1}
-    made = optimiser([torch.nn.Parameter(torch.zeros(2))], config, 10, False)
+    made = build_optimizer([("a", torch.nn.Parameter(torch.zeros(2)))], config, 10, False)
     (_, factor) = made["lr_scheduler"]["scheduler"].lr_lambdas
     assert [factor(step) for step in (9, 10, 11, 50)] == [0.1, 0.0, 0.0, 0.0]
 
 
 @pytest.mark.slow
-def test_a_longer_run_goes_on_where_it_ended(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_longer_run_goes_on_where_it_ended(tmp_path: Path) -> None:
     """At a constant rate, 5 and then 4 steps have the bits of 9 steps."""
-
-    def constant(*given: Any, **options: Any) -> Any:
-        made = optimiser(*given, **options)
-        made["lr_scheduler"]["scheduler"].lr_lambdas = [lambda step: 1.0] * 2
-        return made
-
-    monkeypatch.setattr("tactileforge.module.optimiser", constant)
     one, two = tmp_path / "one", tmp_path / "two"
     words = [*SMALL, "curriculum=constant", "trainer.precision=32", "trainer.max_epochs=-1"]
+    words += ["optim.schedule=constant", "optim.warmup=0"]
     assert cli.run([*words, "trainer.max_steps=9", f"hydra.run.dir={one}"]) == 0
     assert cli.run([*words, "trainer.max_steps=5", f"hydra.run.dir={two}"]) == 0
     assert cli.run(["train", f"resume={two}", "trainer.max_steps=9"]) == 0
@@ -390,17 +385,30 @@ def test_an_epoch_of_half_a_step_is_named(capsys: pytest.CaptureFixture[str]) ->
     assert "give a multiple of 2" in capsys.readouterr().err
 
 
+def noise(sensor: str, number: int) -> Packed:
+    """A recording of a second that shows nothing."""
+    frames = np.random.default_rng(number).integers(0, 255, (12, 32, 32, 3)).astype(np.uint8)
+    recording = Recording(
+        key=f"{sensor}-{number}",
+        sensor=sensor,
+        frames=ArrayFrames(frames),
+        times=np.arange(12) / 12,
+        no_contact=None,
+    )
+    pictures = [encode_image(one, "png") for one in frames]
+    return Packed(describe_recording(recording), "png", pictures, [], [])
+
+
 @pytest.mark.slow
 def test_sensors_keep_their_rows_in_a_run_that_starts_from_another(tmp_path: Path) -> None:
     """The second run has a sensor that comes before the first run's by name."""
     words = ["scale=demo", "encoder.depth=1", "encoder.image_size=32", "objective=[pixel]"]
     words += ["data=shards", "batch.size=4", "batch.workers=0", "trainer.max_steps=1"]
     words += ["trainer.limit_val_batches=0"]
-    first = [touch for n in range(3) for touch in episode(n, sensor="serial_array", image=False)]
-    other = [touch for n in range(3) for touch in episode(9 + n, sensor="camera", image=False)]
     runs = []
-    for name, touches in (("a", first), ("b", first + other)):
-        root = write(tmp_path / f"shards_{name}", touches)
+    for name, sensors in (("a", ["serial_array"]), ("b", ["serial_array", "camera"])):
+        root = tmp_path / f"shards_{name}"
+        write_shard(root / "train-000000.tar", [noise(one, n) for one in sensors for n in range(6)])
         init = [f"init={runs[0]}"] if runs else []
         runs.append(tmp_path / name)
         train(compose("anytouch2", [*words, f"data.root={root}", *init]), runs[-1])

@@ -40,7 +40,7 @@ def test_a_command_that_listens_to_nothing_says_what_stopped_it(
         return 0
 
     monkeypatch.setattr(cli, "dispatch", dispatch)
-    assert cli.run(["demos", "task=wipe"]) == 130
+    assert cli.run(["sim", "n=2"]) == 130
     said = capsys.readouterr().err
     assert said == f"stopped by {number.name}; go on with: the same command again\n"
 

@@ -12,7 +12,7 @@ from tactileforge.bars import Bar
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.inspection.frame_stats import evenly
-from tactileforge.sim.mechanics.sensor_gels import DEVICES
+from tactileforge.sensors import specs
 
 #: Sources of one sensor that are told apart by the folder of their keys; more go by `source`.
 _SOURCES = 8
@@ -53,8 +53,8 @@ class CompareOptions:
                 "or more, 1 or more, 0 or more"
             )
         for sensor in self.sensors or ():
-            if sensor not in DEVICES:
-                raise ConfigError(unknown("simulated sensor", sensor, DEVICES))
+            if sensor not in specs.SIMULATED:
+                raise ConfigError(unknown("simulated sensor", sensor, specs.SIMULATED))
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ def compare_reality(
         DataError: Not one touch of a sensor can be measured.
     """
     by_sensor = _by_sensor(dataset)
-    wanted = options.sensors or tuple(name for name in DEVICES if name in by_sensor)
+    wanted = options.sensors or tuple(name for name in specs.SIMULATED if name in by_sensor)
     for sensor in wanted:
         if sensor not in by_sensor:
             raise ConfigError(
@@ -121,7 +121,7 @@ def compare_reality(
         raise ConfigError(
             "the simulator knows none of the data's sensors "
             f"({', '.join(sorted(by_sensor)) or 'none'}), only "
-            f"{', '.join(DEVICES)}; give recordings of one of these"
+            f"{', '.join(specs.SIMULATED)}; give recordings of one of these"
         )
     return {sensor: _side(sensor, by_sensor[sensor], options, progress) for sensor in wanted}
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 import logging
 import re
 from collections.abc import Mapping, Sequence
-from importlib.metadata import entry_points
 from inspect import Parameter
 from typing import Any, ClassVar
 
@@ -29,6 +28,7 @@ from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import InterpolationToMissingValueError
 
 from tactileforge import registry
+from tactileforge.distributions import conf_packages
 from tactileforge.errors import ConfigError, PluginError, unknown
 from tactileforge.registry import GROUPS
 
@@ -96,8 +96,8 @@ class SearchPath(SearchPathPlugin):
         for place in dict.fromkeys([*SearchPath.also, *_places_of_job()]):
             search_path.append("command-line", place)
         search_path.append("tactileforge-zoo", "pkg://tactileforge.zoo")
-        for entry in entry_points(group="tactileforge.conf"):
-            search_path.append(entry.name, f"pkg://{entry.value}")
+        for package in conf_packages():
+            search_path.append(package, f"pkg://{package}")
         search_path.append("tactileforge-plugins", f"{PluginSource.scheme()}://")
 
 

@@ -47,7 +47,7 @@ actions) holds all fingers of a sample one after another in ``frames``, ``backgr
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import (
     TYPE_CHECKING,
@@ -69,6 +69,7 @@ if TYPE_CHECKING:
     from torch import Tensor, nn
 
     from tactileforge.means import Mean
+    from tactileforge.sensors.simulation import Simulation
 
 Batch: TypeAlias = dict[str, Any]
 
@@ -118,6 +119,7 @@ class SensorSpec:
             and their values; ``wrench`` forces and torques alone; ``robot`` its state and action.
         states: Values of a robot that are its state; they come first.
         actions: Values of a robot that are the command after that state.
+        simulation: How it is simulated, see `sensors.simulation.Simulation`; None if it is not.
     """
 
     name: str
@@ -131,6 +133,7 @@ class SensorSpec:
     kind: Literal["image", "array", "wrench", "robot"] = "image"
     states: int = 0
     actions: int = 0
+    simulation: Simulation | None = None
 
 
 class Frames(Protocol):
@@ -564,6 +567,25 @@ class TrainingClips(Protocol):
     def __len__(self) -> int: ...
 
     def __getitem__(self, clip: int, /) -> dict[str, Any]: ...
+
+
+@runtime_checkable
+class Remembering(Protocol):
+    """Clips that hold the tokens of a frozen encoder in place of frames (`Dataset`'s ``cut``).
+
+    Having the method is enough.
+    """
+
+    def remember(self, encode: Callable[[Tensor, Tensor, Sequence[str]], Tensor]) -> None:
+        """Computes the tokens of every clip once; called before the first step where ``freeze``.
+
+        Args:
+            encode: Tokens (n, L, width) of frames uint8 (n, T, 3, H, W), backgrounds
+                (n, 3, H, W) and names of sensors.
+        """
+        ...
+
+    def __len__(self) -> int: ...
 
 
 @runtime_checkable

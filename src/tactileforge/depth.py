@@ -17,7 +17,7 @@ from tactileforge.contracts import Sensor, SensorSpec
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
 from tactileforge.sensors.health import TROUBLES
 from tactileforge.sensors.light import LightCheck
-from tactileforge.sensors.specs import spec
+from tactileforge.sensors.specs import SIMULATED, simulation, spec
 from tactileforge.sensors.swapped_colours import warn_of_swapped
 from tactileforge.sim.optics.features import BLURS, POWERS, exponents
 from tactileforge.sim.optics.inverse import Surface, SurfaceReader
@@ -28,7 +28,7 @@ from tactileforge.sim.optics.lighting import (
     optics_names,
     parse_optics,
 )
-from tactileforge.sim.optics.sensor_instances import STYLES, pixel_spacing
+from tactileforge.sim.optics.sensor_instances import pixel_spacing
 
 #: Largest depth in micrometres that is kept.
 _FAR = 32_000
@@ -170,9 +170,11 @@ def _shrunk(picture: NDArray[np.uint8], size: tuple[int, int]) -> Tensor:
 
 
 def _calibration(sensor: str, calibration: str | Path | None) -> OpticalCalibration:
-    names = STYLES[sensor].calibrations if sensor in STYLES else ()
+    names: tuple[str, ...] = ()
+    with suppress(ConfigError):
+        names = simulation(sensor).calibrations
     if calibration is None and not names:
-        have = ", ".join(name for name, style in STYLES.items() if style.calibrations)
+        have = ", ".join(name for name in SIMULATED if simulation(name).calibrations)
         raise ConfigError(
             f"no optical calibration of {sensor} comes with the package (there are those of {have})"
             ": fit one to presses of a ball, docs/depth.md"
@@ -185,7 +187,7 @@ def _calibration(sensor: str, calibration: str | Path | None) -> OpticalCalibrat
 def _height_mm(sensor: str | SensorSpec) -> float:
     """Height of what the pictures of a sensor show, mm."""
     name = sensor if isinstance(sensor, str) else sensor.name
-    if name in STYLES:
+    with suppress(ConfigError):
         return pixel_spacing(name, 1)
     area = None if isinstance(sensor, str) else sensor.area_mm
     with suppress(ConfigError):

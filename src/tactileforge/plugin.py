@@ -70,6 +70,7 @@ from tactileforge.sensors.drivers.serial_robot import SerialRobot
 from tactileforge.sensors.framing import Framing, PacketParser, Parser, hex_bytes, payload_size
 from tactileforge.sensors.links import Link, SerialLink, attached_ports
 from tactileforge.sensors.opening import close_sensor, open_sensor
+from tactileforge.sensors.simulation import Lamp, MarkerPattern, Simulation
 from tactileforge.sensors.specs import SPECS, spec
 from tactileforge.sensors.stream import StreamSensor
 from tactileforge.sensors.taxels import TaxelLayout
@@ -113,7 +114,9 @@ __all__ = [
     "Framing",
     "Head",
     "ImageFrames",
+    "Lamp",
     "Link",
+    "MarkerPattern",
     "MaskedFeatures",
     "Mean",
     "Model",
@@ -131,6 +134,7 @@ __all__ = [
     "SensorSpec",
     "SerialLink",
     "SerialRobot",
+    "Simulation",
     "StreamSensor",
     "TactileForgeError",
     "TaxelLayout",

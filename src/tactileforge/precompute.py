@@ -9,15 +9,15 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from tactileforge.contracts import Remembering
 from tactileforge.data.batches.datamodule import TouchData
-from tactileforge.data.batches.episodes import EpisodeClips
 from tactileforge.hub.packed_linear import PackedLinears
 
 log = logging.getLogger(__name__)
 
 
 def remember_features(encoder: Any, data: TouchData) -> None:
-    """Has demonstrations remember the tokens of every touch; other data is read as ever.
+    """Has clips that can (`contracts.Remembering`) remember their tokens; others are read as ever.
 
     They are kept in memory, as float16, and are the same when a run is resumed.
 
@@ -37,7 +37,7 @@ def remember_features(encoder: Any, data: TouchData) -> None:
     mode = encoder.training
     encoder.to(device).eval()
     for clips in (data.train, data.val):
-        if isinstance(clips, EpisodeClips):
-            log.info("tokens of %d steps are computed once", len(clips))
+        if isinstance(clips, Remembering):
+            log.info("tokens of %d clips are computed once", len(clips))
             clips.remember(encode)
     encoder.cpu().train(mode)

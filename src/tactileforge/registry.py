@@ -14,14 +14,15 @@ from typing import Any, get_type_hints
 
 from tactileforge import moves, strict
 from tactileforge.contracts import CONTEXT
+from tactileforge.distributions import package_of
 from tactileforge.errors import ConfigError, PluginError, nearest_name, unknown
 
 KINDS = ("sensors", "datasets", "encoders", "heads", "objectives", "optimizers")
 #: Kinds whose entry points name a module: verbs of the command line.
 MODULES = ("verbs",)
-#: Kinds without a conformance suite: publishers of ``live``, schedules of the learning rate (a
-#: function each), and packages of YAML options.
-OTHERS = ("publishers", "schedules", "conf")
+#: Kinds without a conformance suite: publishers of ``live``, schedules of the learning rate and
+#: runners of suites of ``bench`` (a function each), and packages of YAML options.
+OTHERS = ("publishers", "schedules", "runners", "conf")
 
 #: Group of a configuration -> kind of plugin that its options are.
 GROUPS = {
@@ -98,50 +99,9 @@ def list_plugins() -> list[PluginInfo]:
     ]
 
 
-#: Plugins of our own packages in plugins/, by kind and the name that users type; ``conf`` has
-#: options of groups, as GROUP/NAME.
-_OURS: dict[str, dict[str, str]] = {
-    "sensors": {
-        "anyskin": "tactileforge-anyskin",
-        "ati_netft": "tactileforge-ft",
-        "digit": "tactileforge-digit",
-        "dmtac": "tactileforge-dmtac",
-        "dmtac_sdk": "tactileforge-dmtac",
-        "flexitac": "tactileforge-flexitac",
-        "gelsight_mini": "tactileforge-gelsight",
-        "gelsight_mini_markers": "tactileforge-gelsight",
-        "reskin": "tactileforge-anyskin",
-        "robotiq": "tactileforge-ft",
-        "serial_array": "tactileforge-arrays",
-    },
-    "datasets": {"lerobot": "tactileforge-lerobot", "sim_array": "tactileforge-arrays"},
-    "verbs": {"data.embed": "tactileforge-lerobot", "data.lerobot": "tactileforge-lerobot"},
-    "conf": {
-        "data/trex": "tactileforge-lerobot",
-        "recipe/anytouch2_array": "tactileforge-arrays",
-    },
-}
-
-
 def _describe(kind: str, entry: EntryPoint) -> str:
     dist = f", from {entry.dist.name} {entry.dist.version}" if entry.dist else ""
     return f"{kind.removesuffix('s')} {entry.name!r} ({entry.value}{dist})"
-
-
-def package_of(kind: str, name: str) -> str:
-    """The package of ours that provides a plugin, or an option (``conf``); "" for none."""
-    return _OURS.get(kind, {}).get(name, "")
-
-
-def option_comes_with(group: str, name: str) -> str:
-    """Says which package of ours provides an option of a group, and how to get it; "" for none.
-
-    Example:
-        >>> option_comes_with("data", "trex")
-        'data=trex comes with tactileforge-lerobot: pip install tactileforge-lerobot'
-    """
-    package = package_of(GROUPS.get(group, ""), name) or package_of("conf", f"{group}/{name}")
-    return f"{group}={name} comes with {package}: pip install {package}" if package else ""
 
 
 def get(kind: str, name: str) -> type[Any]:

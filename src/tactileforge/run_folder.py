@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
-import os
 import secrets
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -19,6 +17,7 @@ from tactileforge.files import (
     unsealed_yaml,
     write_text,
 )
+from tactileforge.locks import is_locked, locked
 
 #: File that is locked while a process writes into the folder.
 LOCK = ".lock"
@@ -112,15 +111,8 @@ def read_versions(folder: Path) -> dict[str, Any]:
 
 
 def is_claimed(folder: Path) -> bool:
-    """Whether another process writes into the folder of a run."""
-    try:
-        with (folder / LOCK).open("r+") as file:
-            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except FileNotFoundError:
-        return False
-    except OSError:
-        return True
-    return False
+    """Whether a process writes into the folder of a run."""
+    return is_locked(folder / LOCK)
 
 
 @contextmanager
@@ -141,17 +133,8 @@ def claimed(folder: Path, resumes: bool) -> Iterator[None]:
     if getattr(rank_zero.rank_zero_only, "rank", 0) != 0:
         yield
         return
-    folder.mkdir(parents=True, exist_ok=True)
-    # The lock is the process's own: readers that outlive a killed run for a moment do not hold it.
-    with (folder / LOCK).open("a+") as file:
-        try:
-            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            file.seek(0)
-            raise ConfigError(
-                f"{folder}: another run writes here (process {file.read().strip() or 'unknown'}); "
-                "give another hydra.run.dir="
-            ) from error
+    taken = f"{folder}: another run writes here (process {{holder}}); give another hydra.run.dir="
+    with locked(folder / LOCK, taken):
         if not resumes and (folder / LAST).exists():
             raise ConfigError(
                 f"{folder} holds a run: go on with it (resume={folder}), start from its weights "
@@ -159,7 +142,4 @@ def claimed(folder: Path, resumes: bool) -> Iterator[None]:
             )
         places = (folder, (folder / LAST).parent)
         say_swept(folder, sum(sweep_parts(place, alone=True) for place in places))
-        file.truncate(0)
-        file.write(f"{os.getpid()} on {os.uname().nodename}")
-        file.flush()
         yield

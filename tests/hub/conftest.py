@@ -73,6 +73,7 @@ def add_card(
     folder = tmp_path / "zoo"
     (folder / "recipe").mkdir(parents=True)
     monkeypatch.setattr(cards, "zoo_folder", lambda: folder)
+    monkeypatch.setattr(cards, "conf_packages", list)
     monkeypatch.setenv("TACTILEFORGE_CACHE", str(tmp_path / "cache"))
 
     def clear() -> None:

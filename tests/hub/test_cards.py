@@ -39,7 +39,7 @@ def test_the_published_force_errors_are_the_sums_of_their_axes() -> None:
         assert results[task].unit == "mN"
 
 
-@pytest.mark.parametrize("name", cards.card_names())
+@pytest.mark.parametrize("name", sorted(path.stem for path in (ROOT / "zoo/recipe").glob("*.md")))
 def test_cards_are_complete(name: str) -> None:
     card = cards.read_card(name)
     assert re.search(r"arXiv \d{4}\.\d{5}", card.paper)

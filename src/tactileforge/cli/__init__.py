@@ -129,9 +129,9 @@ def dispatch(verb: str, rest: Sequence[str]) -> int:
 
 
 def _unknown_action(verb: str, action: str, known: Actions) -> str:
-    from tactileforge import registry
+    from tactileforge.distributions import package_of
 
-    if package := registry.package_of("verbs", f"{verb}.{action}"):
+    if package := package_of("verbs", f"{verb}.{action}"):
         return f"{verb} {action} comes with {package}: pip install {package}"
     return unknown(f"action of tactileforge {verb}", action, known)
 

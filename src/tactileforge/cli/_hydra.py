@@ -16,15 +16,16 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from tactileforge import registry
 from tactileforge.cli._command import Command, Result
 from tactileforge.cli._options import options, own_places, places_of
 from tactileforge.cli._quote import quoted
 from tactileforge.cli._sweep import JOB, stopped_sweep
 from tactileforge.cli._words import Words
 from tactileforge.compose import without_layouts
+from tactileforge.distributions import package_of
 from tactileforge.errors import ConfigError, TactileForgeError, nearest_name, unknown
 from tactileforge.processes import end_with_parent
+from tactileforge.registry import GROUPS
 
 
 def run(verb: str, command: Command, words: Words) -> Result:
@@ -215,8 +216,9 @@ def _told(name: str, said: str, words: Words) -> str:
             kind = match[1].partition("/")[2]
             fix = f"Those of others are packages: pip install hydra-{match[2]}-{kind}"
             return unknown(match[1], match[2], _of_hydra(match[1]), fix)
-        comes = registry.option_comes_with(match[1], match[2])
-        return comes or unknown(match[1], match[2], options(match[1], own))
+        if package := package_of(GROUPS.get(match[1], match[1]), match[2]):
+            return f"{match[1]}={match[2]} comes with {package}: pip install {package}"
+        return unknown(match[1], match[2], options(match[1], own))
     if match := re.search(r"You must specify '(\w+)'", said):
         return f"give {match[1]}=NAME; Known: {', '.join(options(match[1], own))}"
     if match := re.search(r"LexerNoViableAltException: (.*)|(mismatched input .*?)[;\n]", said):

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from importlib.metadata import entry_points
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from itertools import pairwise
 from pathlib import Path
 
 from tactileforge import registry
+from tactileforge.distributions import conf_packages
 
 #: Flags of Hydra that name a folder of options.
 _FOLDER = ("--config-dir", "-cd")
@@ -57,7 +57,7 @@ def options(group: str, own: Sequence[str] = ()) -> list[str]:
     """
     names = set(registry.names(registry.GROUPS[group])) if group in registry.GROUPS else set()
     places = ["tactileforge.conf", "tactileforge.zoo"]
-    places += [entry.value for entry in entry_points(group="tactileforge.conf")]
+    places += conf_packages()
     for place in [*places, *own]:
         folder = _folder(place, group)
         if folder is not None and folder.is_dir():

@@ -6,14 +6,12 @@ A job is known by its words. The same command, given again, finds its folders, w
 from __future__ import annotations
 
 import csv
-import fcntl
 import json
 import math
-import os
 import re
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import ExitStack
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -22,14 +20,16 @@ from hydra.core.utils import JobReturn, JobStatus
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig, OmegaConf
 
-from tactileforge.errors import ConfigError
 from tactileforge.files import write_text
+from tactileforge.locks import locked
 from tactileforge.run_folder import LOCK, is_claimed
 
 #: Of a job, in its folder; and of all jobs, in that of the sweep.
 JOB, TABLE = "sweep.json", "sweep.csv"
 #: Of the sweep: the words that it was given, and whether all its jobs have ended.
 _SWEEP = ".sweep.json"
+#: Lock of the moment in which a job chooses its folder.
+_CHOOSING = ".choosing"
 #: Where sweeps lie that were given no folder (conf/train.yaml).
 _HERE = Path("runs") / "sweeps"
 #: Words that say how jobs are run, and not which.
@@ -45,7 +45,8 @@ def job_folder(sweep: str, number: int, words: Sequence[str]) -> str:
         words: What the job is given.
     """
     own = _of_job(words)
-    with _alone(Path(sweep)) as folder:
+    folder = Path(sweep)
+    with locked(folder / _CHOOSING):  # jobs of other processes choose theirs
         records = {path.parent.name: record for path, record in _records(folder)}
         for name, record in records.items():
             if _of_job(record["words"]) == own:
@@ -58,18 +59,6 @@ def job_folder(sweep: str, number: int, words: Sequence[str]) -> str:
 
 def _of_job(words: Sequence[str]) -> list[str]:
     return sorted(word for word in words if not word.startswith("hydra"))
-
-
-@contextmanager
-def _alone(folder: Path) -> Iterator[Path]:
-    """Holds the folder of a sweep, for the moment in which a job chooses its own."""
-    folder.mkdir(parents=True, exist_ok=True)
-    place = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(place, fcntl.LOCK_EX)
-        yield folder
-    finally:
-        os.close(place)
 
 
 def _records(folder: Path) -> list[tuple[Path, dict[str, Any]]]:
@@ -113,7 +102,7 @@ class SweepTable(Callback):
     """
 
     _words: Sequence[str] = ()
-    _held: int | None = None
+    _held = ExitStack()  # until the process ends
 
     def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
         """Holds the folder of the sweep, and notes what it is.
@@ -122,14 +111,8 @@ class SweepTable(Callback):
             ConfigError: Another process runs this sweep.
         """
         folder = Path(config.hydra.sweep.dir)
-        folder.mkdir(parents=True, exist_ok=True)
-        self._held = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT)  # until the process ends
-        try:
-            fcntl.lockf(self._held, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise ConfigError(
-                f"{folder}: another process runs this sweep; give another hydra.sweep.dir="
-            ) from error
+        taken = f"{folder}: another process runs this sweep; give another hydra.sweep.dir="
+        self._held.enter_context(locked(folder / LOCK, taken))
         self._words = _of_sweep(sys.argv[1:])  # jobs have words of their own
         write_text(folder / _SWEEP, json.dumps({"words": self._words, "ended": False}))
 
@@ -153,8 +136,7 @@ class SweepTable(Callback):
         """Gathers the rows of all jobs, and shows them."""
         folder = Path(config.hydra.sweep.dir)
         write_text(folder / _SWEEP, json.dumps({"words": self._words, "ended": True}))
-        if self._held:
-            os.close(self._held)
+        self._held.close()
         if not (table := _gather(config, folder)):
             return
         widths = [max(map(len, column)) for column in zip(*table, strict=True)]

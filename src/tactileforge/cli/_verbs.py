@@ -15,6 +15,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tactileforge.distributions import package_of
 from tactileforge.errors import ConfigError, PluginError, unknown
 
 if TYPE_CHECKING:
@@ -74,14 +75,12 @@ class Actions(Mapping[str, "Command"]):
         """Summaries of the actions that packages add, by action."""
         from tactileforge import registry  # numpy, which most commands here do without
 
-        prefix = f"{self.verb}."
-        found = [one for one in registry.list_plugins() if one.kind == "verbs"]
-        lines = {
-            one.name.removeprefix(prefix): _line(one)
-            for one in found
-            if one.name.startswith(prefix)
-        }
-        return {action: line for action, line in lines.items() if action not in self.own}
+        found = {}
+        for plugin in registry.list_plugins():
+            verb, _, action = plugin.name.partition(".")
+            if plugin.kind == "verbs" and verb == self.verb and action and action not in self.own:
+                found[action] = _line(plugin)
+        return found
 
     def __iter__(self) -> Iterator[str]:
         return iter([*self.own, *self.added])
@@ -127,7 +126,7 @@ def _of_package(verb: str) -> Mapping[str, Command]:
     from tactileforge import registry
 
     if verb not in registry.names("verbs"):
-        if package := registry.package_of("verbs", verb):
+        if package := package_of("verbs", verb):
             raise ConfigError(f"{verb} comes with {package}: pip install {package}")
         fix = "tactileforge --help says what each does"
         raise ConfigError(unknown("verb", verb, verbs(), fix))

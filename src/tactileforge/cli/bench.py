@@ -65,9 +65,8 @@ class _Bench:
             does (suites real and real_held_out).
         suites: Titles of the suites, by name; suite=NAME gives them.
         tasks: Of the suites; suite=NAME gives them.
-        manipulation: Policies that are trained and rolled out in simulated tasks
-            (suite=manipulation; docs/manipulation.md); there, model= chooses policies, and seeds=
-            are trainings of each.
+        runner: What runs the suite in place of probes, of a package; suite=NAME gives it, with
+            options of its own.
     """
 
     model: list[str] | str = field(default_factory=list)
@@ -86,15 +85,15 @@ class _Bench:
     baselines: list[str] = field(default_factory=list)
     suites: dict[str, str] = field(default_factory=dict)
     tasks: dict[str, Any] = field(default_factory=dict)
-    manipulation: dict[str, Any] = field(default_factory=dict)
+    runner: str | None = None
 
 
 def _bench(_: _Bench, config: dict[str, Any]) -> int:
     """Compares encoders; suites say on what (docs/bench.md)."""
     for key in ("model", "task"):
         config[key] = [config[key]] if isinstance(config[key], str) else config[key]
-    if config["manipulation"]:
-        return _manipulation(config)
+    if config["runner"]:
+        return _run_by(config["runner"], config)
     from tactileforge.bench.fit import models, pretrain
     from tactileforge.bench.run import write_outputs
 
@@ -127,23 +126,12 @@ def _bench(_: _Bench, config: dict[str, Any]) -> int:
     return _report(bench.writer)
 
 
-def _manipulation(config: dict[str, Any]) -> int:
-    """Trains policies, rolls them out and compares them; gives the exit status."""
-    from tactileforge import strict
-    from tactileforge.bench.manipulation.output import write_outputs
-    from tactileforge.bench.manipulation.plan import ManipulationOptions, make_plan
-    from tactileforge.bench.manipulation.run import run_plan
+def _run_by(runner: str, config: dict[str, Any]) -> int:
+    """Has a runner of a package run its suite; gives the exit status."""
+    from tactileforge import registry
 
-    options = strict.build(ManipulationOptions, "manipulation", config["manipulation"])
-    folder = Path(config["out"] or "runs/bench/manipulation")
-    plan = make_plan(options, folder, config["seeds"], config["model"], config["task"])
-    print(plan.told(), flush=True)
-    results = run_plan(plan)
-    _, table, report = write_outputs(plan, results)
-    print(table.read_text("utf-8"))
-    print(f"report: {report}")
-    failed = {f"{r.cell.rollouts.folder.name}: {r.reason}" for r in results if r.reason}
-    for line in sorted(failed):
+    failed: list[str] = registry.load("runners", runner)(config)
+    for line in failed:
         print(f"not run: {line}")
     return NOT_RUN if failed else 0
 

@@ -26,7 +26,7 @@ class Sim:
     Args:
         scenes: Number of touches for training; each is one recording a sensor.
         val: Number of touches for validation.
-        sensors: Types of sensors, of `sim.mechanics.sensor_gels.DEVICES`.
+        sensors: Types of sensors, see `sensors.specs.SIMULATED`.
         indenters: ``few`` (twelve for pretraining), ``pretrain`` (all 61), ``bench`` (validation
             has indenters of its own), ``textures``, ``all``, or names of shapes.
         motions: ``atomic``, ``force_trial``, ``manipulation``, ``all``, or names of motions.

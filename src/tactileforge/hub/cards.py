@@ -1,13 +1,16 @@
 """Model cards of the zoo, readable without torch.
 
-A card is ``zoo/recipe/NAME.md``: YAML front matter, then text. A model is named ``NAME.TAG``, one
-of the weights on the card; ``NAME`` alone means the first of them.
+A card is ``recipe/NAME.md`` of the zoo, or of an installed package of options: YAML front matter,
+then text. A model is named ``NAME.TAG``, one of the weights on the card; ``NAME`` alone means the
+first of them.
 """
 
 from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from functools import cache
@@ -19,6 +22,7 @@ from typing import Any
 import yaml
 
 from tactileforge import strict
+from tactileforge.distributions import conf_packages, package_of
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.hub.gates import TOKENS, Gate, gate_passes
 
@@ -191,23 +195,34 @@ def zoo_folder() -> Traversable:
     return files("tactileforge.zoo")
 
 
+def _recipe_folders() -> Iterator[Traversable]:
+    """Folders of recipes and cards: the zoo's, and those of installed packages."""
+    yield zoo_folder() / "recipe"
+    for name in conf_packages():
+        with suppress(ModuleNotFoundError):
+            if (folder := files(name) / "recipe").is_dir():
+                yield folder
+
+
 @cache
 def card_names() -> tuple[str, ...]:
     """Names of all cards, sorted."""
-    folder = zoo_folder() / "recipe"
-    return tuple(sorted(p.name[:-3] for p in folder.iterdir() if p.name.endswith(".md")))
+    found = (item.name for folder in _recipe_folders() for item in folder.iterdir())
+    return tuple(sorted({name[:-3] for name in found if name.endswith(".md")}))
 
 
 @cache
 def read_card(name: str) -> Card:
-    """The card of that name.
+    """The card of that name; of two, the zoo's own.
 
     Raises:
         ConfigError: There is none, or it is not complete.
     """
     if name not in card_names():
+        if package := package_of("recipe", name):
+            raise ConfigError(f"{name} comes with {package}: pip install {package}")
         raise ConfigError(unknown("model", name, card_names(), "See them: tactileforge zoo list"))
-    folder = zoo_folder() / "recipe"
+    folder = next(one for one in _recipe_folders() if (one / f"{name}.md").is_file())
     text = (folder / f"{name}.md").read_text("utf-8")
     return parse_card(name, text, (folder / f"{name}.yaml").is_file())
 

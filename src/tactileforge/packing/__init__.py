@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import sys
 from collections import Counter
-from collections.abc import Iterator, Mapping
-from contextlib import closing, contextmanager
+from collections.abc import Mapping
+from contextlib import closing
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from tactileforge.contracts import Dataset
 from tactileforge.data.shards.index import NAME, Index
 from tactileforge.errors import ConfigError, DataError, TactileForgeError
 from tactileforge.files import say_swept, sealed, sweep_parts, unsealed, write_text
+from tactileforge.locks import locked
 from tactileforge.packing.executors import execute
 from tactileforge.packing.options import Filter, PackOptions
 from tactileforge.packing.plan import SPLITS, PackPlan, plan_pack
@@ -63,7 +63,8 @@ def pack(
     made = _made(name, data or {}, planned, options)
     try:
         _claim(out, made)
-        with _alone(out):
+        taken = f"{out}: another program packs into it; give another out="
+        with locked(out / NOTES / "lock", taken):
             say_swept(out, _sweep(out))
             try:
                 notes = _notes(planned, options, out)
@@ -78,18 +79,6 @@ def pack(
             "shards are whole and stay: make room, and run the same command again"
         ) from error
     return index
-
-
-@contextmanager
-def _alone(out: Path) -> Iterator[None]:
-    """Holds the folder, until it is left or the process ends."""
-    (out / NOTES).mkdir(parents=True, exist_ok=True)
-    with (out / NOTES / "lock").open("w") as file:
-        try:
-            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise ConfigError(f"{out}: another program packs into it; give another out=") from error
-        yield
 
 
 def _notes(planned: PackPlan, options: PackOptions, out: Path) -> dict[int, ShardNote]:

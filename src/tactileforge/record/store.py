@@ -7,18 +7,19 @@ killed run has left is put in order when the folder is opened again.
 
 from __future__ import annotations
 
-import fcntl
 import os
 import re
 import shutil
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
-from typing import IO, Self
+from typing import Self
 
 from tactileforge.data.shards import index, shards
 from tactileforge.data.shards.index import Index, IndexEntry
-from tactileforge.errors import ConfigError, DataError
+from tactileforge.errors import DataError
 from tactileforge.files import refuse_shards
+from tactileforge.locks import locked
 from tactileforge.record.merge_segments import merge_segments
 from tactileforge.record.raw import Raw, append_raw, merge_raw
 
@@ -45,7 +46,7 @@ class TakeStore:
         self.out, self.split = out, split
         self.notes: list[str] = []
         self._entries: dict[str, IndexEntry] = {}
-        self._lock: IO[str] | None = None
+        self._open = ExitStack()
 
     def __enter__(self) -> Self:
         """Opens the folder.
@@ -55,15 +56,8 @@ class TakeStore:
             OSError: It cannot be written.
         """
         ours = (self.out / NOTES).is_dir()
-        (self.out / NOTES).mkdir(parents=True, exist_ok=True)
-        self._lock = (self.out / NOTES / "lock").open("w")
-        try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            self._lock.close()
-            raise ConfigError(
-                f"{self.out}: another program records into it; give another out="
-            ) from error
+        taken = f"{self.out}: another program records into it; give another out="
+        self._open.enter_context(locked(self.out / NOTES / "lock", taken))
         try:
             self._load(ours)
             self._recover()
@@ -73,8 +67,7 @@ class TakeStore:
         return self
 
     def __exit__(self, *error: object) -> None:
-        if self._lock is not None:
-            self._lock.close()
+        self._open.close()
 
     def _load(self, ours: bool) -> None:
         path = self.out / index.NAME

@@ -4,10 +4,8 @@ Sizes, rates and areas are those of the frames in public data sets, None where n
 Force scales of ``digit``, ``gelsight_mini`` and ``duragel`` are those of ToucHD's benchmark
 (AnyTouch 2, its ``max_abs``); for the others none is published, and they take the Mini's.
 
-More of a sensor, by the same name, where it applies: its gel, to simulate it
-(`sim.mechanics.sensor_gels.DEVICES`), its light (`sim.optics.sensor_instances.STYLES`), its markers
-(`sim.optics.markers.GRIDS`), and its row in published weights
-(`encoders.tactile_vit.PUBLISHED_SENSORS`).
+How each is simulated is in `simulation.PUBLISHED`; the row that some have in published weights is
+in `encoders.tactile_vit.PUBLISHED_SENSORS`.
 """
 
 from __future__ import annotations
@@ -15,6 +13,7 @@ from __future__ import annotations
 from tactileforge import registry
 from tactileforge.contracts import SensorSpec
 from tactileforge.errors import ConfigError, unknown
+from tactileforge.sensors.simulation import PUBLISHED, Simulation
 
 _MINI_FORCE = (6.84, 9.87, 8.52)
 
@@ -28,6 +27,7 @@ SPECS: dict[str, SensorSpec] = {
             fps=30.0,
             area_mm=(14.2, 18.9),
             force_scale=_MINI_FORCE,
+            simulation=PUBLISHED["gelsight"],
         ),
         SensorSpec(
             name="digit",
@@ -36,6 +36,7 @@ SPECS: dict[str, SensorSpec] = {
             fps=30.0,
             area_mm=(16.3, 12.3),
             force_scale=(5.25, 10.61, 14.14),
+            simulation=PUBLISHED["digit"],
         ),
         SensorSpec(
             name="gelslim",
@@ -44,6 +45,7 @@ SPECS: dict[str, SensorSpec] = {
             fps=90.0,
             area_mm=None,
             force_scale=_MINI_FORCE,
+            simulation=PUBLISHED["gelslim"],
         ),
         SensorSpec(
             name="gelsight_mini",
@@ -53,6 +55,7 @@ SPECS: dict[str, SensorSpec] = {
             area_mm=(15.2, 20.3),
             force_scale=_MINI_FORCE,
             dome=True,
+            simulation=PUBLISHED["gelsight_mini"],
         ),
         SensorSpec(
             name="duragel",
@@ -62,6 +65,7 @@ SPECS: dict[str, SensorSpec] = {
             area_mm=None,
             force_scale=(3.92, 3.64, 7.89),
             markers=True,
+            simulation=PUBLISHED["duragel"],
         ),
         SensorSpec(
             name="dm",
@@ -71,6 +75,7 @@ SPECS: dict[str, SensorSpec] = {
             area_mm=None,
             force_scale=_MINI_FORCE,
             markers=True,
+            simulation=PUBLISHED["dm"],
         ),
     )
 }
@@ -96,3 +101,23 @@ def spec(name: str) -> SensorSpec:
             "Correct the name, or install the sensor's plugin.",
         )
     )
+
+
+def simulation(name: str) -> Simulation:
+    """How a sensor type is simulated.
+
+    Raises:
+        ConfigError: Nothing is known by that name, or its spec has no simulation.
+    """
+    try:
+        known = spec(name).simulation
+    except ConfigError:
+        known = None
+    if known is None:
+        also = "A sensor plugin can be simulated where its SensorSpec has a simulation."
+        raise ConfigError(unknown("simulated sensor", name, SIMULATED, also))
+    return known
+
+
+#: Sensors of this package that can be simulated.
+SIMULATED = tuple(name for name, known in SPECS.items() if known.simulation)

@@ -14,10 +14,11 @@ import numpy as np
 
 from tactileforge.data.shards import shards
 from tactileforge.errors import ConfigError, unknown
+from tactileforge.sensors.specs import SIMULATED
 from tactileforge.sim.geometry.shapes import INDENTERS, Shape, shape
 from tactileforge.sim.geometry.textures import TEXTURES
 from tactileforge.sim.mechanics.motions import MOTIONS
-from tactileforge.sim.mechanics.sensor_gels import DEVICES, sensor_gel
+from tactileforge.sim.mechanics.sensor_gels import sensor_gel
 from tactileforge.sim.randomise.draw import randomised_rows
 from tactileforge.sim.scene import Scene, draw_scene
 
@@ -84,7 +85,7 @@ class SimConfig:
 
     def __post_init__(self) -> None:
         if not self.sensors:
-            raise ConfigError(f"sim: sensors=[] is empty; give some of {', '.join(DEVICES)}")
+            raise ConfigError(f"sim: sensors=[] is empty; give some of {', '.join(SIMULATED)}")
         for sensor in self.sensors:
             sensor_gel(sensor)
         if not self.shapes("train") or not self.moves(False):

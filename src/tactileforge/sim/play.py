@@ -63,7 +63,7 @@ def play_scenes(
 
     Args:
         scenes: The touches.
-        sensors: Types of sensors, see `sensor_gels.DEVICES`.
+        sensors: Types of sensors, see `sensors.specs.SIMULATED`.
         size: Rows or columns of the images, whichever are fewer.
         markers: Whether the gels have markers; None as their types have.
         viscosity: Relaxation time of the gels, s; their forces then lead their images. Scenes

@@ -11,13 +11,13 @@ import torch
 from numpy.typing import NDArray
 
 from tactileforge.errors import ConfigError, unknown
-from tactileforge.sensors.specs import spec
+from tactileforge.sensors.specs import SIMULATED, simulation, spec
 from tactileforge.sim.geometry.heightfields import bumps
 from tactileforge.sim.geometry.indenter_geometry import DEEP, printed
 from tactileforge.sim.geometry.shapes import Shape
 from tactileforge.sim.mechanics.gel import Gel
 from tactileforge.sim.mechanics.motions import CLEAR, MOTIONS, Path, Speeds, Sway
-from tactileforge.sim.mechanics.sensor_gels import DEVICES, FPS
+from tactileforge.sim.mechanics.sensor_gels import FPS
 from tactileforge.sim.mechanics.touch import contacts, window
 from tactileforge.sim.randomise.draw import Choice, RandomDraw
 from tactileforge.sim.randomise.table import TABLE
@@ -31,14 +31,15 @@ _DEPTHS = (0.05, 0.1, 0.2, 0.35, 0.55, 0.8, 1.1, 1.5)
 _WAVES, _HERTZ, _SWAY = 4, (0.4, 4.0), (0.25, 0.25, 0.02, 0.5, 0.015, 0.015)
 #: Of printed lines, depth over distance.
 _PRINT = 0.03
-#: Radii (mm) of domes that a gel may have; None is flat.
+#: Radii (mm) of curvature of the published gels and of their most domed units; None is flat. They
+#: include the most domed gel of any sensor, `sensor_gels.MOST_DOMED`.
 _DOMES = (
     None,
     *sorted(
         {
-            d.gel.dome * factor
-            for d in DEVICES.values()
-            if d.gel.dome
+            dome * factor
+            for dome in (simulation(name).dome for name in SIMULATED)
+            if dome
             for factor in (TABLE["dome"].low, 1.0)
         }
     ),

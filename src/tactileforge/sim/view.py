@@ -28,7 +28,7 @@ class SensorView:
     """View of touches by one unit of a sensor.
 
     Args:
-        sensor: Type of the sensor, see `sensor_gels.DEVICES`.
+        sensor: Type of the sensor, see `sensors.specs.SIMULATED`.
         unit: Draws the unit.
         size: Rows or columns of the images, whichever are fewer.
         randomise: Its differences from others, see `randomise.draw.randomised_rows`.

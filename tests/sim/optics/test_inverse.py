@@ -6,8 +6,9 @@ import pytest
 import torch
 
 from tactileforge.errors import ConfigError
+from tactileforge.sensors.simulation import Lamp
 from tactileforge.sim.optics.inverse import Poisson, SurfaceReader
-from tactileforge.sim.optics.lighting import Lamp, lamp_calibration, load_optics
+from tactileforge.sim.optics.lighting import lamp_calibration, load_optics
 from tactileforge.sim.optics.render import Optics
 from tactileforge.sim.optics.sensor_instances import SensorInstance
 

@@ -4,7 +4,11 @@ import pytest
 import torch
 
 from tactileforge.errors import ConfigError
-from tactileforge.sim.optics.markers import GRIDS, Markers, coverage, marker_pattern
+from tactileforge.sensors.simulation import PUBLISHED
+from tactileforge.sim.optics.markers import Markers, coverage, print_markers
+from tactileforge.sim.optics.sensor_instances import draw_instance
+
+PATTERNS = {name: known.pattern for name, known in PUBLISHED.items() if known.pattern}
 
 SIZE = (60, 80)
 SPACING = 0.2
@@ -66,17 +70,17 @@ def test_markers_that_leave_the_picture_are_gone():
 
 
 def test_grid_of_the_mini_has_its_published_pitch():
-    markers = marker_pattern("gelsight_mini").markers(torch.Generator().manual_seed(0))
+    markers = print_markers(PATTERNS["gelsight_mini"], torch.Generator().manual_seed(0))
     rows = markers.places.view(7, 9, 2)
     assert float((rows[:, 1:, 0] - rows[:, :-1, 0]).mean()) == pytest.approx(2.4, abs=0.01)
     assert float((rows[1:, :, 1] - rows[:-1, :, 1]).mean()) == pytest.approx(2.4, abs=0.02)
     assert float(2 * markers.radii.mean()) == pytest.approx(1.0, abs=0.03)
-    assert marker_pattern("gelsight").columns * marker_pattern("gelsight").rows == 99
+    assert PATTERNS["gelsight"].columns * PATTERNS["gelsight"].rows == 99
 
 
-@pytest.mark.parametrize("sensor", GRIDS)
+@pytest.mark.parametrize("sensor", PATTERNS)
 def test_grids_leave_most_of_the_gel_clear(sensor):
-    markers = marker_pattern(sensor).markers(torch.Generator().manual_seed(1))
+    markers = print_markers(PATTERNS[sensor], torch.Generator().manual_seed(1))
     extent = markers.places.amax(0) - markers.places.amin(0)
     share = float((math.pi * markers.radii**2).sum() / extent.prod())
     assert 0.01 < share < 0.3
@@ -89,4 +93,4 @@ def test_wrong_motion_is_said():
 
 def test_sensor_without_markers():
     with pytest.raises(ConfigError, match="unknown marker gel 'digit'"):
-        marker_pattern("digit")
+        draw_instance("digit", 0, (32, 24), markers=True)

@@ -6,11 +6,13 @@ import torch
 import torch.nn.functional as F
 
 from tactileforge.errors import ConfigError
+from tactileforge.sensors.simulation import Lamp
+from tactileforge.sensors.specs import SIMULATED
 from tactileforge.sim.optics import lighting
 from tactileforge.sim.optics.features import BLURS, POWERS, exponents, normals, places
-from tactileforge.sim.optics.lighting import Lamp, lamp_calibration
+from tactileforge.sim.optics.lighting import lamp_calibration
 from tactileforge.sim.optics.render import Optics
-from tactileforge.sim.optics.sensor_instances import STYLES, SensorInstance, draw_instance
+from tactileforge.sim.optics.sensor_instances import SensorInstance, draw_instance
 
 SIZE = (60, 80)
 
@@ -26,7 +28,7 @@ def plain(calibration, size=SIZE, grey=120.0, spacing=0.2):
     return SensorInstance("", 1, torch.full((3, *size), grey), calibration, spacing, 0.0)
 
 
-@pytest.mark.parametrize("sensor", STYLES)
+@pytest.mark.parametrize("sensor", SIMULATED)
 def test_no_contact_shows_the_background(sensor):
     unit = draw_instance(sensor, 5, SIZE, markers=False, randomise="none")
     picture = Optics(unit).render(torch.zeros(1, *SIZE))[0]
@@ -138,7 +140,7 @@ def test_a_picture_twice_as_large_shows_the_same():
     assert (small.float() - 120).abs().max() > 20
 
 
-@pytest.mark.parametrize("sensor", STYLES)
+@pytest.mark.parametrize("sensor", SIMULATED)
 def test_cliffs_and_depths_stay_tame(sensor):
     optics = Optics(draw_instance(sensor, 0, SIZE, markers=False))
     dent = torch.zeros(1, *SIZE)

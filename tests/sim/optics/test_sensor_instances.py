@@ -2,13 +2,13 @@ import pytest
 import torch
 
 from tactileforge.errors import ConfigError
-from tactileforge.sensors.specs import SPECS
-from tactileforge.sim.optics.sensor_instances import STYLES, draw_instance
+from tactileforge.sensors.specs import SIMULATED, SPECS
+from tactileforge.sim.optics.sensor_instances import draw_instance
 
 SIZE = (60, 80)
 
 
-@pytest.mark.parametrize("sensor", STYLES)
+@pytest.mark.parametrize("sensor", SIMULATED)
 def test_seed_draws_the_unit(sensor):
     first, again, other = (draw_instance(sensor, seed, SIZE) for seed in (7, 7, 8))
     assert torch.equal(first.background, again.background)
@@ -18,7 +18,7 @@ def test_seed_draws_the_unit(sensor):
     assert not torch.equal(first.calibration.fine, other.calibration.fine)
 
 
-@pytest.mark.parametrize("sensor", STYLES)
+@pytest.mark.parametrize("sensor", SIMULATED)
 def test_units_have_the_size_and_scale_of_their_sensor(sensor):
     unit, spec = draw_instance(sensor, 0, randomise="none"), SPECS[sensor]
     assert unit.background.shape == (3, spec.height, spec.width)
@@ -29,7 +29,7 @@ def test_units_have_the_size_and_scale_of_their_sensor(sensor):
     )
 
 
-@pytest.mark.parametrize("sensor", STYLES)
+@pytest.mark.parametrize("sensor", SIMULATED)
 def test_backgrounds_are_lit_and_smooth(sensor):
     for seed in range(6):
         ground = draw_instance(sensor, seed, (120, 160)).background

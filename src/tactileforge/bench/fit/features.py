@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -24,6 +23,7 @@ from tactileforge.data.batches.clips import Clips, collate
 from tactileforge.data.batches.loader import start_worker
 from tactileforge.errors import DataError
 from tactileforge.files import write_text
+from tactileforge.locks import locked
 from tactileforge.signals import held
 
 #: Changes when the same key would give other features.
@@ -95,10 +95,8 @@ def extract_features(
 
     if absent():
         locks = store.folder.parent / "locks"
-        for folder in (store.folder / key, locks):
-            folder.mkdir(parents=True, exist_ok=True)
-        with (locks / key).open("a") as lock:
-            fcntl.lockf(lock, fcntl.LOCK_EX)  # another bench may be at it: it is waited for
+        (store.folder / key).mkdir(parents=True, exist_ok=True)
+        with locked(locks / key):  # another bench may be at it: it is waited for
             if missing := absent():
                 _Extraction(store, subject, source, clips, missing, policy).run()
                 _remove_partial(store.folder / key)

@@ -11,7 +11,7 @@ from io import BytesIO
 from pathlib import Path
 from urllib.parse import unquote, urlparse
 
-from tactileforge import downloads
+from tactileforge import downloads, files
 from tactileforge.errors import DataError
 from tactileforge.files import new_part, sweep_parts
 
@@ -111,7 +111,7 @@ class ShardFolder:
         try:
             state = _state(path, sha256)
             if state not in _CHECKED:
-                if _digest(path) != sha256:
+                if files.sha256(path) != sha256:
                     return False
                 _CHECKED.add(state)
         except FileNotFoundError:
@@ -129,7 +129,7 @@ class ShardFolder:
             with new_part(path) as part:
                 with part.open("wb") as out:
                     downloads.copy(url, size, out, lambda: out.tell() == size)
-                found = _digest(part)
+                found = files.sha256(part)
                 if found != sha256:
                     raise DataError(
                         f"{url}: {part.stat().st_size} bytes with SHA-256 {found[:12]}..., but the "
@@ -156,11 +156,6 @@ class ShardFolder:
                 break
             total -= taken
             path.unlink(missing_ok=True)
-
-
-def _digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _state(path: Path, sha256: str) -> tuple[str, int, int, int, str]:

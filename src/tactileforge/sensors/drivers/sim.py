@@ -34,7 +34,7 @@ class SimSensor(Sensor):
     are simulated, with the times they would have had.
 
     Args:
-        type: Type of the sensor, of `sim.mechanics.sensor_gels.DEVICES`.
+        type: Type of the sensor, see `sensors.specs.SIMULATED`.
         indenters: What touches: ``pretrain``, ``bench``, ``textures``, ``all``, or the name of a
             shape.
         motions: How: ``atomic``, ``force_trial``, ``manipulation``, ``all``, or a motion.

@@ -1,16 +1,11 @@
-"""The gels of the sensors.
-
-Published are thickness, stiffness and curvature of the GelSight Mini's gel (FEATS), a curvature of
-DIGIT's (TACTO) and the thickness of a lab GelSight's. Of the other gels nothing is: they take the
-Mini's thickness and stiffness. Ranges of friction are our choice; ToucHD's demonstrations show at
-least 1.2 on a Mini and 0.55 on a DIGIT.
-"""
+"""The gel of a type of sensor, as objects meet it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from tactileforge.errors import ConfigError, unknown
+from tactileforge.errors import ConfigError
+from tactileforge.sensors.specs import simulation
 from tactileforge.sim.mechanics.gel import Gel
 
 #: Frames per second are those of the sensor, but not more.
@@ -35,22 +30,18 @@ class SensorGel:
         return replace(self.gel, friction=low + grip * (high - low))
 
 
-DEVICES = {
-    "gelsight": SensorGel(Gel()),
-    "digit": SensorGel(Gel(dome=100.0), (0.4, 1.1)),
-    "gelsight_mini": SensorGel(Gel(dome=106.6), (0.8, 1.4)),
-    "gelslim": SensorGel(Gel()),
-    "duragel": SensorGel(Gel()),
-    "dm": SensorGel(Gel()),
-}
+#: Radius of curvature (mm) of the most domed gel: scenes start and end off such a gel.
+MOST_DOMED = 100.0
 
 
 def sensor_gel(name: str) -> SensorGel:
-    """The device of a sensor type.
+    """The gel of a sensor type.
 
     Raises:
-        ConfigError: Its gel is not known; lists those that are.
+        ConfigError: The type is not simulated, or its gel is more domed than a scene allows for.
     """
-    if name not in DEVICES:
-        raise ConfigError(unknown("simulated sensor", name, DEVICES))
-    return DEVICES[name]
+    known = simulation(name)
+    if known.dome is not None and known.dome < MOST_DOMED:
+        raise ConfigError(f"{name}: dome is {known.dome} mm; give {MOST_DOMED:g} mm or more")
+    gel = Gel(dome=known.dome, thickness=known.thickness, modulus=known.modulus)
+    return SensorGel(gel, known.friction)

@@ -17,6 +17,7 @@ import torch
 from torch import Tensor
 
 from tactileforge.errors import ConfigError, unknown
+from tactileforge.sensors.simulation import Lamp
 from tactileforge.sim.optics.features import BLURS, POWERS, exponents, fine, places
 
 #: Degree of the polynomials of the place that the weights are.
@@ -158,25 +159,6 @@ def parse_optics(text: str) -> OpticalCalibration:
         backgrounds=torch.tensor(data["backgrounds"]),
         noise=data["noise"],
     )
-
-
-@dataclass(frozen=True)
-class Lamp:
-    """A light at the side of the gel.
-
-    Attributes:
-        azimuth: Direction, rad, clockwise from the right of the image.
-        elevation: Angle of its light to the gel at rest, rad.
-        colour: Grey levels it adds to R, G, B of a surface that faces it.
-        fall: Share by which it is weaker at the centre than at its edge of the image.
-        shadow: Share of its light that is missing in its shadow.
-    """
-
-    azimuth: float
-    elevation: float
-    colour: tuple[float, float, float]
-    fall: float = 0.3
-    shadow: float = 0.3
 
 
 def lamp_calibration(

@@ -9,7 +9,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from tactileforge.errors import ConfigError, unknown
+from tactileforge.errors import ConfigError
+from tactileforge.sensors.simulation import MarkerPattern
 
 
 @dataclass(frozen=True)
@@ -96,50 +97,16 @@ def coverage(centres: Tensor, radii: Tensor, height: int, width: int) -> Tensor:
     return out[:, :-1].view(-1, height, width).clamp_(max=1)
 
 
-@dataclass(frozen=True)
-class MarkerPattern:
-    """A pattern of markers: rows and columns of dots, or dots anywhere (speckle).
+def print_markers(pattern: MarkerPattern, generator: torch.Generator) -> Markers:
+    """The markers of one gel: places and radii vary a little.
 
-    Attributes:
-        columns: Number of dots from left to right.
-        rows: Number of dots from top to bottom.
-        pitch: mm between dots, right and down.
-        radius: mm.
-        jitter: Standard deviation of the dots' places, mm.
+    Args:
+        pattern: Of the type.
+        generator: Draws the differences.
     """
-
-    columns: int
-    rows: int
-    pitch: tuple[float, float]
-    radius: float
-    jitter: float = 0.02
-
-    def markers(self, generator: torch.Generator) -> Markers:
-        """The markers of one gel: places and radii vary a little."""
-        x = (torch.arange(self.columns) - (self.columns - 1) / 2) * self.pitch[0]
-        y = (torch.arange(self.rows) - (self.rows - 1) / 2) * self.pitch[1]
-        places = torch.stack(torch.meshgrid(x, y, indexing="xy"), -1).flatten(0, 1)
-        places = places + self.jitter * torch.randn(places.shape, generator=generator)
-        spread = 1 + 0.06 * torch.randn(len(places), generator=generator).clamp(-2, 2)
-        return Markers(places, self.radius * spread)
-
-
-#: GelSight: 11 x 9 dots. Mini: dots of 1 mm, 2.4 mm apart. DM-Tac: dense speckle.
-GRIDS = {
-    "gelsight": MarkerPattern(11, 9, (1.7, 1.55), 0.25),
-    "gelsight_mini": MarkerPattern(9, 7, (2.4, 2.4), 0.5),
-    "gelslim": MarkerPattern(16, 12, (1.4, 1.4), 0.14, 0.03),
-    "duragel": MarkerPattern(14, 11, (1.45, 1.45), 0.2),
-    "dm": MarkerPattern(34, 26, (0.6, 0.6), 0.13, 0.13),
-}
-
-
-def marker_pattern(sensor: str) -> MarkerPattern:
-    """The pattern of a sensor's marker gel.
-
-    Raises:
-        ConfigError: The sensor has no gel with markers; lists those that have.
-    """
-    if sensor not in GRIDS:
-        raise ConfigError(unknown("marker gel", sensor, GRIDS, "Draw the unit with markers=False."))
-    return GRIDS[sensor]
+    x = (torch.arange(pattern.columns) - (pattern.columns - 1) / 2) * pattern.pitch[0]
+    y = (torch.arange(pattern.rows) - (pattern.rows - 1) / 2) * pattern.pitch[1]
+    places = torch.stack(torch.meshgrid(x, y, indexing="xy"), -1).flatten(0, 1)
+    places = places + pattern.jitter * torch.randn(places.shape, generator=generator)
+    spread = 1 + 0.06 * torch.randn(len(places), generator=generator).clamp(-2, 2)
+    return Markers(places, pattern.radius * spread)

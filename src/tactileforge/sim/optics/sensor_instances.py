@@ -1,6 +1,7 @@
 """Units of a sensor: no two look alike. A seed draws one.
 
-How units differ is the table of `randomise`; what all units of a type share is in `STYLES`.
+How units differ is the table of `randomise`; what all units of a type share is its
+`sensors.simulation.Simulation`.
 """
 
 from __future__ import annotations
@@ -13,12 +14,13 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from tactileforge.errors import ConfigError, unknown
-from tactileforge.sensors.specs import SPECS
+from tactileforge.sensors.simulation import Simulation
+from tactileforge.sensors.specs import SIMULATED, simulation, spec
 from tactileforge.sim.mechanics.gel import Gel
 from tactileforge.sim.optics import lighting
 from tactileforge.sim.optics.camera import CameraModel
-from tactileforge.sim.optics.lighting import Lamp, OpticalCalibration, polynomial_background
-from tactileforge.sim.optics.markers import MarkerPattern, Markers, coverage, marker_pattern
+from tactileforge.sim.optics.lighting import OpticalCalibration, polynomial_background
+from tactileforge.sim.optics.markers import Markers, coverage, print_markers
 from tactileforge.sim.randomise.draw import Choice, RandomDraw
 
 
@@ -47,74 +49,6 @@ class SensorInstance:
     camera: CameraModel = field(default_factory=CameraModel)
 
 
-@dataclass(frozen=True)
-class InstanceStyle:
-    """Properties that the units of a sensor type share.
-
-    Attributes:
-        calibrations: Names of those that ship; a unit has one of them.
-        lamps: The lights of a type that has no calibration.
-        base: Its light from everywhere, R, G, B.
-        dim: See `lighting.lamp_calibration`.
-        markers: Whether its gel has markers, unless told otherwise.
-        height_mm: Height of the field of view; None takes it from the spec.
-        level: Mean R, G, B of a background where the camera balances colours itself; None leaves
-            them to the lights.
-        clouds: Unevenness of the light, grey levels.
-        wear: Mean number of scratches, and of specks of dust.
-    """
-
-    calibrations: tuple[str, ...] = ()
-    lamps: tuple[Lamp, ...] = ()
-    base: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    dim: float = 0.0
-    markers: bool = False
-    height_mm: float | None = None
-    level: tuple[float, float, float] | None = None
-    clouds: float = 2.0
-    wear: tuple[float, float] = (3.0, 6.0)
-
-
-def _lamp(degrees: float, colour: tuple[float, float, float], fall: float = 0.5) -> Lamp:
-    return Lamp(math.radians(degrees), math.radians(35), colour, fall)
-
-
-#: DuraGel, GelSlim and DM-Tac: no calibration may be shipped, so their lamps are our choice.
-STYLES = {
-    "gelsight": InstanceStyle(("gelsight", "gelsight_fots")),
-    "gelsight_mini": InstanceStyle(("gelsight_mini",)),
-    # Mean levels of eight real units: their cameras balance colours, and differ by 4 grey levels.
-    "digit": InstanceStyle(("digit",), level=(98.0, 104.0, 97.0), clouds=5.0, wear=(2.0, 3.0)),
-    "gelslim": InstanceStyle(
-        lamps=(
-            _lamp(180, (10, 130, 80), 0.8),
-            _lamp(-90, (25, 40, 135), 0.8),
-            _lamp(40, (160, 40, 55), 0.8),
-        ),
-        base=(10, 15, 10),
-        dim=0.25,
-        markers=True,
-        height_mm=16.0,
-    ),
-    "duragel": InstanceStyle(
-        lamps=(
-            _lamp(0, (150, 45, 45)),
-            _lamp(120, (35, 130, 60)),
-            _lamp(-120, (40, 60, 150)),
-        ),
-        base=(45, 45, 50),
-        markers=True,
-        height_mm=15.2,
-    ),
-    "dm": InstanceStyle(
-        lamps=tuple(_lamp(a, (60, 60, 62), 0.25) for a in (0, 90, 180, 270)),
-        base=(40, 42, 45),
-        markers=True,
-        height_mm=15.0,
-    ),
-}
-
-
 def draw_instance(
     sensor: str,
     seed: int,
@@ -125,19 +59,17 @@ def draw_instance(
     """A unit of a sensor; the same seed gives the same unit.
 
     Args:
-        sensor: One of `STYLES`.
+        sensor: Type of the sensor.
         seed: Not negative.
         size: Height and width of its images; None for those of the sensor.
         markers: Whether its gel has markers; None as the type has.
         randomise: Its differences from others, see `randomise.draw.randomised_rows`.
 
     Raises:
-        ConfigError: The sensor is unknown, or has no gel with markers.
+        ConfigError: The sensor is not simulated, or has no gel with markers.
     """
-    if sensor not in STYLES:
-        raise ConfigError(unknown("simulated sensor", sensor, STYLES))
-    style, spec = STYLES[sensor], SPECS[sensor]
-    height, width = size or (spec.height, spec.width)
+    style, known = simulation(sensor), spec(sensor)
+    height, width = size or (known.height, known.width)
     row = RandomDraw(randomise, seed, sensor)
     scale = pixel_spacing(sensor, height) * row["scale"]
     how = _calibration(style, row)
@@ -157,15 +89,19 @@ def draw_instance(
         calibration=how.coloured(mixing),
         spacing=scale,
         noise=how.noise * row["noise"],
-        markers=_markers(marker_pattern(sensor), row) if has_markers else None,
+        markers=_markers(sensor, style, row) if has_markers else None,
         camera=CameraModel(**{name: row[name] for name in CameraModel.__dataclass_fields__}),
     )
 
 
 def pixel_spacing(sensor: str, height: int) -> float:
     """Width of a pixel, mm, of an image with so many rows, of the sensor's type."""
-    known = STYLES[sensor].height_mm or (SPECS[sensor].area_mm or (0.0,))[0]
-    return known / height
+    shown = simulation(sensor).height_mm or (spec(sensor).area_mm or (0.0,))[0]
+    if not shown:
+        raise ConfigError(
+            f"{sensor}: give area_mm in its SensorSpec, or height_mm in its simulation"
+        )
+    return shown / height
 
 
 def instance_gel(base: Gel, sensor: str, seed: int, randomise: Choice) -> Gel:
@@ -191,8 +127,10 @@ def _between(low: float, high: float, chance: torch.Generator) -> float:
     return low + (high - low) * float(torch.rand((), generator=chance))
 
 
-def _calibration(style: InstanceStyle, row: RandomDraw) -> OpticalCalibration:
+def _calibration(style: Simulation, row: RandomDraw) -> OpticalCalibration:
     if not style.calibrations:
+        if not style.lamps:
+            raise ConfigError("a simulation has lamps, or the names of calibrations: it is dark")
         how = lighting.lamp_calibration(style.lamps, style.base, style.dim)
     else:
         which = row.rng("calibration").integers(len(style.calibrations)) if row["specimen"] else 0
@@ -216,7 +154,7 @@ def _gradient(height: int, width: int, row: RandomDraw) -> Tensor:
     return slope[0] * x + slope[1] * y + 1
 
 
-def _levelled(still: Tensor, style: InstanceStyle, row: RandomDraw) -> Tensor:
+def _levelled(still: Tensor, style: Simulation, row: RandomDraw) -> Tensor:
     """The background of a camera that balances colours, (3, H, W)."""
     if style.level is None:
         return still
@@ -236,8 +174,13 @@ def _clouds(strength: float, height: int, width: int, row: RandomDraw) -> Tensor
     return row["unevenness"] * total[0]
 
 
-def _markers(pattern: MarkerPattern, row: RandomDraw) -> Markers:
+def _markers(sensor: str, style: Simulation, row: RandomDraw) -> Markers:
     """The markers of one gel, of which some are missing."""
+    if (pattern := style.pattern) is None:
+        having = [name for name in SIMULATED if simulation(name).pattern]
+        raise ConfigError(
+            unknown("marker gel", sensor, having, "Draw the unit with markers=False.")
+        )
     pitch = row["marker_pitch"]
     near = replace(
         pattern,
@@ -246,13 +189,13 @@ def _markers(pattern: MarkerPattern, row: RandomDraw) -> Markers:
         columns=round(pattern.columns / min(1.0, pitch)),
         rows=round(pattern.rows / min(1.0, pitch)),
     )
-    made = near.markers(_chance(row, "markers"))
+    made = print_markers(near, _chance(row, "markers"))
     kept = torch.from_numpy(row.rng("marker_loss").random(len(made.places))) >= row["marker_loss"]
     opacity = min(1.0, made.opacity * row["marker_contrast"])
     return replace(made, places=made.places[kept], radii=made.radii[kept], opacity=opacity)
 
 
-def _worn(style: InstanceStyle, height: int, width: int, spacing: float, row: RandomDraw) -> Tensor:
+def _worn(style: Simulation, height: int, width: int, spacing: float, row: RandomDraw) -> Tensor:
     """Scratches and specks of dust, grey levels, (1, H, W)."""
     chance = _chance(row, "wear")
     scratches, specks = (

@@ -1,0 +1,1 @@
+"""Recipes, a suite and presets of scale, as options of the command line."""

@@ -1,0 +1,1 @@
+"""Demonstrations: read, grouped into episodes, and cut into samples."""

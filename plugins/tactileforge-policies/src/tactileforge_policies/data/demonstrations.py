@@ -1,0 +1,118 @@
+"""The data set ``demonstrations``: shards of what a robot felt and did."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from functools import cached_property
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from tactileforge.contracts import Recording
+from tactileforge.datasets.shards import Shards
+from tactileforge.errors import ConfigError, unknown
+from tactileforge_policies.data.episodes import Episode, check_alike, episodes_of
+from tactileforge_policies.data.samples import Cutting, EpisodeClips
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+class Demonstrations:
+    """Demonstrations in shards, one recording a finger (`docs/policies.md`).
+
+    Episodes of both splits of the shards are taken together, and some are drawn for validation.
+    One that failed (its label ``success`` is 0) is left out.
+
+    Args:
+        root: Folder of the shards, or its URL.
+        val: Share of the episodes that is held out; at least one where there are two. The paper
+            holds out 8 of 50.
+        seed: Which episodes are held out.
+        horizon: Commands of a chunk.
+        observations: Steps whose state and camera image a policy is given.
+        touch: ``frames``, the pictures of the fingers; ``force``, their forces (N, privileged:
+            no sensor gives them so well); or ``none``.
+        camera: Whether the camera image is used.
+        image_size: Height and width that it is resized to.
+
+    Raises:
+        ConfigError: A share, or a number of steps, that is none.
+    """
+
+    provides = frozenset({"force", "text", "image", "action_chunk"})
+
+    def __init__(
+        self,
+        root: str,
+        val: float = 0.16,
+        seed: int = 0,
+        horizon: int = 8,
+        observations: int = 2,
+        touch: Literal["frames", "force", "none"] = "frames",
+        camera: bool = True,
+        image_size: int = 48,
+    ) -> None:
+        if not 0 <= val < 1 or horizon < 1 or observations < 1:
+            raise ConfigError(
+                f"data.val={val}, data.horizon={horizon}, data.observations={observations}: give a "
+                "share below 1, and at least one step each"
+            )
+        self.shards = Shards(root)
+        self.val = val
+        self.seed = seed
+        self.cutting = Cutting(
+            horizon=horizon,
+            observations=observations,
+            touch=touch,
+            camera=camera,
+            image_size=image_size,
+        )
+
+    @property
+    def skipped(self) -> list[str]:
+        """Recordings that cannot be read, a line each."""
+        return self.shards.skipped
+
+    @cached_property
+    def _episodes(self) -> dict[str, list[Episode]]:
+        both = [one for split in ("train", "val") for one in self.shards.recordings(split)]
+        episodes = [one for one in episodes_of(both) if one.first.labels.get("success") != 0]
+        if episodes:
+            check_alike(episodes, self.cutting.camera)
+        held = max(1, round(self.val * len(episodes))) if self.val and len(episodes) > 1 else 0
+        drawn = set(np.random.default_rng(self.seed).permutation(len(episodes))[:held].tolist())
+        split = ["val" if i in drawn else "train" for i in range(len(episodes))]
+        return {
+            name: [one for one, its in zip(episodes, split, strict=True) if its == name]
+            for name in ("train", "val")
+        }
+
+    def recordings(self, split: str) -> Iterator[Recording]:
+        """Yields the recordings of a split, episode by episode; see `contracts.Dataset`.
+
+        Raises:
+            DataNotFoundError: There are no shards.
+            DataError: Recordings that cannot train one policy; see `check_alike`.
+            ConfigError: An unknown split.
+        """
+        if split not in ("train", "val"):
+            raise ConfigError(unknown("split", split, ("train", "val")))
+        for episode in self._episodes[split]:
+            yield from episode.fingers.values()
+
+    def cut(
+        self,
+        recordings: Iterable[Recording],
+        frames: int,
+        spacing: float,
+        hop: float,
+        size: tuple[int, int],
+        cache_mb: float = 512,
+    ) -> EpisodeClips:
+        """Cuts recordings into samples; ``hop`` is not used: each step is one."""
+        return EpisodeClips(recordings, frames, spacing, size, self.cutting, cache_mb)
+
+    def plot(self, recording: Recording) -> Figure:
+        """A figure of a recording."""
+        return self.shards.plot(recording)

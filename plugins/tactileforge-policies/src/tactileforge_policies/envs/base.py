@@ -1,0 +1,277 @@
+"""The frame of all tasks: a gripper with two touch sensors moves in a plane, step by step.
+
+Quasi-static: after every step the held object lies where gels, weight and world balance. Places are
+mm, x to the right and z up; forces are N. Nothing of the observation says a force.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, ClassVar, TypeAlias
+
+import cv2
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from tactileforge.errors import ConfigError
+from tactileforge.sim.mechanics.contact import NotConverged
+from tactileforge.sim.mechanics.gel import Gel
+from tactileforge.sim.randomise.draw import Choice
+from tactileforge_policies.envs.fingers import FINGERS, Fingers, mirrored
+from tactileforge_policies.envs.grip import Body, Grip, Held
+from tactileforge_policies.envs.outer import Array, Outer, Solid, placed
+from tactileforge_policies.envs.picture import SIZE, Picture
+
+Observation: TypeAlias = dict[str, NDArray[Any]]
+Action: TypeAlias = NDArray[np.float32]
+#: Change of x, z and opening, mm.
+Advice: TypeAlias = tuple[float, float, float]
+
+#: Fall that any object survives, mm.
+_DROP = 0.6
+
+
+class TouchEnv(gymnasium.Env[Any, Any]):
+    """A task of two fingers that hold one object.
+
+    Args:
+        sensor: Type of both fingers' sensors, see `sensors.specs.SIMULATED`.
+        size: Pixels a side of their frames.
+        unit: Draws the pair of sensors; another unit is a swap of the gel pads.
+        randomise: Differences between units, see `randomise.draw.randomised_rows`.
+        steps: After so many without success the failure is ``timeout``; gymnasium's `TimeLimit`
+            then ends the episode.
+        render_mode: ``rgb_array`` or None.
+
+    Attributes:
+        drawn: Numbers that the seed drew for this episode, by name; hidden from policies.
+
+    Raises:
+        ConfigError: The sensor is unknown, or the size too small.
+    """
+
+    task: ClassVar[str]
+    instruction: ClassVar[str]
+    fingers: ClassVar[tuple[str, ...]] = FINGERS
+    action_names: ClassVar[tuple[str, ...]] = ("dx", "dz", "dopening")
+    state_names: ClassVar[tuple[str, ...]] = ("x", "z", "opening")
+    metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
+        "render_modes": ["rgb_array"],
+        "render_fps": 6,
+        "units": {"state": "mm", "action": "mm per step"},
+    }
+    #: Largest motion of a step, mm.
+    reach: ClassVar[tuple[float, float, float]] = (1.5, 1.5, 0.3)
+    #: Lowest and highest x, z and opening, mm.
+    room: ClassVar[tuple[tuple[float, float], ...]] = ((-20.0, 50.0), (0.0, 40.0), (0.0, 30.0))
+
+    def __init__(
+        self,
+        sensor: str = "digit",
+        size: int = 64,
+        unit: int = 0,
+        randomise: Choice = "unit",
+        steps: int = 120,
+        render_mode: str | None = None,
+    ) -> None:
+        if size < 16:
+            raise ConfigError(f"envs: size is {size} pixels; give 16 or more")
+        self.sensor, self.size, self.unit, self.control_rate = sensor, size, unit, 6.0
+        self.render_mode, self.steps = render_mode, steps
+        self._fingers = Fingers(sensor, unit, size, randomise)
+        frame = spaces.Box(0, 255, (size, size, 3), np.uint8)
+        low, high = (np.array(side, np.float32) for side in zip(*self.room, strict=True))
+        seen: dict[str, spaces.Space[Any]] = {name: frame for name in FINGERS}
+        seen["image"] = spaces.Box(0, 255, (SIZE, SIZE, 3), np.uint8)
+        seen["state"] = spaces.Box(low, high, dtype=np.float32)
+        self.observation_space = spaces.Dict(seen)
+        reach = np.array(self.reach, np.float32)
+        self._bounds = (-reach, reach)
+        self.action_space = spaces.Box(*self._bounds, dtype=np.float32)
+        self.drawn: dict[str, float] = {}
+        self.outer: list[Outer] = []
+
+    # What a task is.
+
+    @abstractmethod
+    def _draw(self, rng: np.random.Generator) -> tuple[Body, Array, Array]:
+        """Draws an episode: the object, where it is (x, y down, angle), and x, z, opening."""
+
+    @abstractmethod
+    def _judge(self) -> None:
+        """Sets `score`, `success` and `failure` by what has happened."""
+
+    @abstractmethod
+    def _sketch(self, picture: Picture) -> None:
+        """Draws the scene, without the gripper's arm."""
+
+    @abstractmethod
+    def _advise(self) -> Advice:
+        """The expert's action now: a function of everything there is, of nothing that was."""
+
+    def _survives(self, drop: float) -> bool:
+        """Whether the object survives a fall (mm) from where it is."""
+        return drop <= _DROP
+
+    def _view(self) -> Picture:
+        return Picture(-20.0, -6.0, 60.0)
+
+    # The environment.
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begins an episode; the same seed begins the same one, to the byte."""
+        super().reset(seed=seed, options=options)
+        self.elapsed, self.score, self.success, self.failure = 0, 0.0, False, ""
+        body, self.object, start = self._draw(self.np_random)
+        self.tool, self.opening = np.array([start[0], -start[1]]), float(start[2])
+        self.grip = Grip(body, self._gel(body), self.control_rate)
+        self._fingers.meet(body.shape, int(self.np_random.integers(1 << 20)))
+        for one in self.outer:
+            one.settle(placed(one.points, self.object))
+        self.grip.place(self._seen(), self.opening)
+        self.free = self.held.normal == 0
+        return self._observation(), self._info()
+
+    def step(self, action: NDArray[Any]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Moves the gripper; the reward is what the score gained.
+
+        Raises:
+            ConfigError: The action is not of finite numbers, one for each that the task takes.
+        """
+        wanted = np.asarray(action, np.float64)
+        if wanted.shape != self.action_space.shape or not np.isfinite(wanted).all():
+            raise ConfigError(f"action={action}: give {self.action_space.shape} finite numbers")
+        limited = np.clip(wanted, *self._bounds)
+        before = self.score
+        self.elapsed += 1
+        self._move(limited)
+        if not self.failure:
+            self._judge()
+        if self.elapsed >= self.steps and not (self.success or self.failure):
+            self.failure = "timeout"
+        done = bool(self.success or self.failure not in ("", "timeout"))
+        return self._observation(), float(self.score - before), done, False, self._info()
+
+    def render(self) -> NDArray[np.uint8]:
+        """Left finger, third-person view, right finger, side by side: uint8 (192, 576, 3)."""
+        shown = self._shown
+        tiles = [shown["left"], shown["image"], shown["right"]]
+        return np.concatenate([_enlarged(tile, 192) for tile in tiles], 1)
+
+    def background(self) -> dict[str, NDArray[np.uint8]]:
+        """Frames of the gels with nothing on them, uint8 (size, size, 3), by finger."""
+        return {name: frame.copy() for name, frame in self._still.items()}
+
+    def wrench(self) -> dict[str, NDArray[np.float32]]:
+        """Force on each gel, N (3,): x and y of its picture, z into the gel; privileged."""
+        moments = (self.held.moment, mirrored(self.held.moment))
+        return {
+            name: moment.force[0].numpy().copy()
+            for name, moment in zip(FINGERS, moments, strict=True)
+        }
+
+    def expert(self) -> Callable[[Observation | None], Action]:
+        """A scripted expert for the episode that has begun; it knows what policies do not."""
+
+        def act(observation: Observation | None = None) -> Action:
+            return np.clip(np.array(self._advise(), np.float32), *self._bounds)
+
+        return act
+
+    # What tasks use.
+
+    @property
+    def held(self) -> Held:
+        """The last moment of the grip."""
+        return self.grip.held
+
+    @property
+    def x(self) -> float:
+        """Of the gripper, mm."""
+        return float(self.tool[0])
+
+    @property
+    def z(self) -> float:
+        """Of the gripper, mm."""
+        return -float(self.tool[1])
+
+    def load(self, solid: Solid) -> float:
+        """Normal force of a solid on the object, N; 0 where the object has nothing to push it."""
+        return solid.load(placed(solid.points, self.object))
+
+    def gap(self, solid: Solid) -> float:
+        """Height of the object above a solid, mm."""
+        return float(-solid.inside(placed(solid.points, self.object))[0].max())
+
+    def squeeze(self, newton: float, gain: float, least: float, most: float) -> float:
+        """The expert's change of opening towards a normal force: ``gain`` mm/N, within bounds."""
+        return -float(np.clip(gain * (newton - self.held.normal), least, most))
+
+    def _gel(self, body: Body) -> Gel:
+        return replace(self._fingers.gel, friction=body.friction)
+
+    def _seen(self) -> Array:
+        """The object's pose in the frame of the gripper."""
+        return np.asarray(self.object - np.array([*self.tool, 0.0]))
+
+    def _move(self, action: Array) -> None:
+        goal = np.array([self.x, self.z, self.opening]) + action
+        low, high = np.array(self.room).T
+        x, z, opening = np.clip(goal, low, high)
+        self.tool = np.array([x, -z])
+        if self.free:
+            self.grip.place(self._seen(), self.opening)
+        self.opening = max(float(opening), self.grip.narrowest())
+        try:
+            held = self.grip.close(self.opening, self.tool, self.outer)
+        except NotConverged:  # one episode of many is lost, and says so
+            self.failure = "unsolved"
+            return
+        if self.free and held.normal == 0:
+            return
+        self.object = held.pose + np.array([*self.tool, 0.0])
+        # What nothing balances falls, whether the fingers still touch it or not.
+        self.free = held.normal == 0 or not held.balanced
+        if self.free:
+            self._fall()
+
+    def _fall(self) -> None:
+        """The object falls onto what is below it."""
+        drop = min(self.gap(one) for one in self.outer if isinstance(one, Solid))
+        if not self._survives(drop):
+            self.failure = "dropped"
+            return
+        self.object = self.object + np.array([0.0, drop, 0.0])
+        for one in self.outer:
+            one.settle(placed(one.points, self.object))
+
+    def _observation(self) -> Observation:
+        if self.elapsed == 0:
+            self._still = self._fingers.pictures(self.grip.away().moment)
+        view = self._view()
+        self._sketch(view)
+        state = np.array([self.x, self.z, self.opening], np.float32)
+        self._shown: Observation = {
+            **self._fingers.pictures(self.held.moment),
+            "image": view.taken(),
+            "state": state,
+        }
+        return dict(self._shown)
+
+    def _info(self) -> dict[str, Any]:
+        return {
+            "success": bool(self.success),
+            "score": float(self.score),
+            "failure": self.failure,
+            "force": self.wrench(),
+        }
+
+
+def _enlarged(tile: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
+    return np.asarray(cv2.resize(tile, (size, size), interpolation=cv2.INTER_NEAREST), np.uint8)

@@ -1,0 +1,254 @@
+"""``tactileforge_policies.load_policy``: a trained policy, step by step on a robot."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import ArrayLike, NDArray
+from torch import Tensor
+
+from tactileforge import run_folder
+from tactileforge.checkpoint_file import read_checkpoint
+from tactileforge.contracts import NEUTRAL_BACKGROUND, Batch, Robot
+from tactileforge.data.batches.clips import resize_frame
+from tactileforge.encoders.given import GivenViews
+from tactileforge.errors import ConfigError, DataError
+from tactileforge.hub.packed_linear import PackedLinears
+from tactileforge.parts import build_parts
+from tactileforge_policies.heads.base import PolicyHead
+
+Image = NDArray[np.uint8]
+
+
+class Policy:
+    """A policy in evaluation mode, with its own clips, queue of commands and backgrounds.
+
+    Args:
+        encoder: The touch encoder.
+        head: What acts.
+
+    Attributes:
+        fingers: Names of the fingers it feels with.
+        sensor: Sensor of each.
+        state_size: Numbers of the proprioception.
+        action_size: Numbers of a command.
+        rate: Commands a second that it was trained at, Hz.
+        tasks: That it learned, by the label ``task`` of its demonstrations; may be empty.
+        uses_touch: Whether it reads pictures of touch.
+        uses_image: Whether it reads the camera.
+        uses_force: Whether it reads forces, N.
+    """
+
+    def __init__(self, encoder: Any, head: PolicyHead) -> None:
+        self.robot: Robot = head.robot
+        self.fingers = self.robot.fingers
+        self.sensor = list(self.robot.sensors)
+        self.state_size, self.action_size = self.robot.state_size, self.robot.action_size
+        self.rate = self.robot.rate
+        self.tasks = self.robot.tasks
+        self.uses_touch = self.robot.touch == "frames"
+        self.uses_force = self.robot.touch == "force"
+        self.uses_image = bool(self.robot.image_size)
+        self._encoder = encoder.requires_grad_(False).eval()
+        self._head = head.requires_grad_(False).eval()
+        self._packed = PackedLinears()
+        self._span = (encoder.frames - 1) * self.robot.stride + 1
+        self.reset()
+
+    def reset(self, background: Mapping[str, Image] | None = None, seed: int = 0) -> None:
+        """Starts an episode: forgets all frames and commands.
+
+        Args:
+            background: Of each finger, the frame without contact, uint8 (H, W, 3); None subtracts
+                nothing.
+            seed: Of the noise that commands start from.
+
+        Raises:
+            ConfigError: It is of other fingers than the policy's, or no such frame.
+        """
+        if background is not None and self.uses_touch:
+            self._check_fingers("background", background)
+            for name in self.fingers:
+                _check_picture(f"background of {name}", background[name])
+        self._background = background
+        self._generator = torch.Generator().manual_seed(seed)
+        self._queue: deque[NDArray[np.float32]] = deque()
+        self._touch: deque[Mapping[str, Image]] = deque(maxlen=self._span)
+        self._seen: deque[dict[str, NDArray[Any]]] = deque(maxlen=self.robot.observations)
+
+    def step(
+        self,
+        frames: Mapping[str, Image],
+        state: ArrayLike,
+        image: Image | None = None,
+        force: Mapping[str, ArrayLike] | None = None,
+    ) -> NDArray[np.float32]:
+        """The command for this step, to be called `rate` times a second.
+
+        A chunk is predicted when the commands of the last one are used up; the others come at once.
+
+        Args:
+            frames: Of each finger, uint8 (H, W, 3), of the size of its background.
+            state: Proprioception, (S,).
+            image: Camera image, uint8 (h, w, 3), where the policy uses one.
+            force: Of each finger, N, (3,), where the policy uses them.
+
+        Returns:
+            float32 (A,), in the units of the demonstrations.
+
+        Raises:
+            ConfigError: Other fingers, another size or type, or no image or forces where they are
+                used; the step is then not seen, and may be made again.
+            DataError: A number that is not finite; the same.
+        """
+        perceived = self._perceived(state, image, force)
+        if self.uses_touch:
+            self._touch.append(self._felt(frames))
+        self._seen.append(perceived)
+        if not self._queue:
+            with torch.no_grad():
+                chunk = self._head.act(self._views(), self._batch(), self._generator)
+            self._queue.extend(chunk[0, : self._head.execute].float().cpu().numpy())
+        return self._queue.popleft()
+
+    def _felt(self, frames: Mapping[str, Image]) -> dict[str, Image]:
+        self._check_fingers("frames", frames)
+        for name in self.fingers:
+            _check_picture(f"frame of {name}", frames[name])
+            shape = frames[name].shape
+            if self._background is not None and shape != self._background[name].shape:
+                raise ConfigError(
+                    f"frame of {name}: {shape}, and its background is "
+                    f"{self._background[name].shape}; give both as the sensor takes them"
+                )
+        return {name: self._resized(frames[name]) for name in self.fingers}
+
+    def _perceived(
+        self, state: ArrayLike, image: Image | None, force: Mapping[str, ArrayLike] | None
+    ) -> dict[str, NDArray[Any]]:
+        seen: dict[str, NDArray[Any]] = {"state": np.asarray(state, np.float32)}
+        if seen["state"].shape != (self.state_size,):
+            raise ConfigError(
+                f"state: {seen['state'].shape}, and the policy was trained on ({self.state_size},)"
+                "; give the same numbers in the same order"
+            )
+        if self.uses_image:
+            if image is None:
+                raise ConfigError("the policy uses a camera: give image=, uint8 (h, w, 3)")
+            _check_picture("image", image)
+            seen["images"] = resize_frame(image, (self.robot.image_size, self.robot.image_size))
+        if self.uses_force:
+            if force is None:
+                raise ConfigError("the policy was trained on forces: give force= of each finger, N")
+            self._check_fingers("force", force)
+            rows = [np.asarray(force[name], np.float32) for name in self.fingers]
+            seen["forces"] = np.concatenate(rows)
+        if not all(np.isfinite(values).all() for values in seen.values()):
+            raise DataError("state or force: a number that is not finite; check the robot's driver")
+        return seen
+
+    def _batch(self) -> Batch:
+        """One sample: the last observations, the first of them repeated where there are few."""
+        missing = self.robot.observations - len(self._seen)
+        rows = [self._seen[0]] * missing + list(self._seen)
+        batch: Batch = {
+            key: torch.from_numpy(np.stack([row[key] for row in rows]))[None] for key in rows[0]
+        }
+        if self.uses_image:
+            batch["images"] = batch["images"].movedim(-1, -3)
+        return batch
+
+    def _views(self) -> GivenViews:
+        if not self.uses_touch:
+            return GivenViews(self._encoder, None)
+        held = [self._touch[0]] * (self._span - len(self._touch)) + list(self._touch)
+        held = held[:: self.robot.stride]
+        clips = [np.stack([one[name] for one in held]) for name in self.fingers]
+        frames = torch.from_numpy(np.stack(clips)).movedim(-1, -3)
+        rest = torch.from_numpy(np.stack([self._rest(name) for name in self.fingers]))
+        sensor = self._encoder.sensor_ids(self.sensor)
+        with self._packed:  # not the head: its layers are too many and too small to gain
+            tokens: Tensor = self._encoder(frames, rest.movedim(-1, -3), sensor)[0]
+        # as in training, where tokens are kept as float16
+        return GivenViews(self._encoder, tokens.half().float()[None])
+
+    def _resized(self, frame: Image) -> Image:
+        return resize_frame(frame, self._encoder.image_size)
+
+    def _rest(self, name: str) -> Image:
+        if self._background is None:
+            return np.full((*self._encoder.image_size, 3), NEUTRAL_BACKGROUND, np.uint8)
+        return self._resized(self._background[name])
+
+    def _check_fingers(self, what: str, given: Mapping[str, Any]) -> None:
+        if set(given) != set(self.fingers):
+            raise ConfigError(
+                f"{what} of {', '.join(sorted(given)) or 'no finger'}, and the policy feels with "
+                f"{', '.join(self.fingers)}; give one of each"
+            )
+
+    def check_sensors(self, sensors: Mapping[str, str] | str) -> None:
+        """Raises a ConfigError where a robot's fingers or sensors are others than the policy's.
+
+        Args:
+            sensors: Name of the sensor of each finger, or one for all.
+        """
+        if isinstance(sensors, str):
+            sensors = dict.fromkeys(self.fingers, sensors)
+        self._check_fingers("sensors", sensors)
+        for name, mine in zip(self.fingers, self.sensor, strict=True):
+            if self.uses_touch and sensors[name] != mine:
+                raise ConfigError(
+                    f"finger {name!r} has a {sensors[name]}, and the policy was trained with a "
+                    f"{mine}; use that sensor, or train on demonstrations of the other"
+                )
+
+
+def load_policy(run: str | Path) -> Policy:
+    """Loads the policy of a run: its best weights where they were kept, else its last.
+
+    Nothing in the files is executed; they name plugins, and only installed ones are built.
+
+    Args:
+        run: Folder of a run of ``tactileforge train``, or a checkpoint in it.
+
+    Raises:
+        DataNotFoundError: There is no run.
+        ConfigError: The run trained no policy, or the checkpoint does not fit it.
+
+    Example:
+        >>> policy = load_policy("runs/chip")  # doctest: +SKIP
+        >>> policy.reset(background)
+        >>> action = policy.step({"left": left, "right": right}, state, image)
+    """
+    path = Path(run)
+    folder = path.parent.parent if path.is_file() else path
+    config = run_folder.read_config(folder)
+    if not config.get("robot"):
+        raise ConfigError(f"{folder}: its run trained no policy; train recipe=diffusion_policy")
+    best = folder / run_folder.BEST
+    state = read_checkpoint(path if path.is_file() or not best.is_file() else best)["state_dict"]
+    encoder, heads, _ = build_parts(config, frozenset({"action_chunk"}))
+    found = {key: head for key, head in heads.items() if isinstance(head, PolicyHead)}
+    if len(found) != 1:
+        raise ConfigError(f"{folder}: {len(found)} heads that act; one is needed")
+    ((key, head),) = found.items()
+    for module, prefix in ((encoder, "encoder."), (head, f"heads.{key}.")):
+        own = {k.removeprefix(prefix): v for k, v in state.items() if k.startswith(prefix)}
+        try:
+            module.load_state_dict(own)
+        except RuntimeError as error:
+            raise ConfigError(f"{path}: the weights do not fit config.yaml: {error}") from error
+    return Policy(encoder, head)
+
+
+def _check_picture(what: str, picture: Any) -> None:
+    """Raises a ConfigError for what is no picture of bytes."""
+    shape, kind = np.shape(picture), getattr(picture, "dtype", type(picture).__name__)
+    if kind != np.uint8 or len(shape) != 3 or shape[-1] != 3:
+        raise ConfigError(f"{what}: {kind} {shape}; give RGB, uint8 (H, W, 3)")

@@ -1,0 +1,143 @@
+"""Actors of an episode: a trained policy, the scripted expert, or none that moves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.errors import ConfigError
+from tactileforge.files import sha256
+from tactileforge_policies.rollouts.episode import Actor, Forces, Observation
+
+#: Words for an actor that is not trained.
+SCRIPTED = ("expert", "still")
+
+
+class Expert:
+    """The scripted expert of the task, which reads its hidden state."""
+
+    def reset(self, env: Any, seed: int) -> None:
+        """Asks the environment for its expert."""
+        self._act: Callable[[Observation], NDArray[np.float32]] = env.unwrapped.expert()
+
+    def act(self, observation: Observation, force: Forces) -> NDArray[np.float32]:
+        """The expert's action."""
+        return self._act(observation)
+
+
+class Still:
+    """Nobody: no action, so nothing moves."""
+
+    def reset(self, env: Any, seed: int) -> None:
+        """Finds the size of an action."""
+        self._still = np.zeros(env.action_space.shape, np.float32)
+
+    def act(self, observation: Observation, force: Forces) -> NDArray[np.float32]:
+        """Zeros."""
+        return self._still
+
+
+class PolicyActor:
+    """A trained policy; what it draws is a function of the episode's seed.
+
+    Args:
+        policy: See `tactileforge_policies.load_policy`.
+    """
+
+    def __init__(self, policy: Any) -> None:
+        self.policy = policy
+
+    def reset(self, env: Any, seed: int) -> None:
+        """Gives the policy the pictures of the untouched fingers."""
+        self.policy.reset(background=env.unwrapped.background(), seed=seed)
+
+    def act(self, observation: Observation, force: Forces) -> NDArray[np.float32]:
+        """The policy's action."""
+        touch = self.policy.fingers if self.policy.uses_touch else ()
+        frames = {finger: observation[finger] for finger in touch}
+        image = observation["image"] if self.policy.uses_image else None
+        felt = dict(force) if self.policy.uses_force else None
+        action: NDArray[np.float32] = self.policy.step(frames, observation["state"], image, felt)
+        return action
+
+
+def make_actor(word: str, env: Any, cross_sensor: bool = False) -> Actor:
+    """The actor of a word.
+
+    Args:
+        word: ``expert``, ``still``, the folder of a run, or a file.
+        env: Which it acts in.
+        cross_sensor: Whether a policy may be of another sensor.
+
+    Raises:
+        ConfigError: The policy is for another task, sensor, rate, or number of fingers, or
+            another size of state or action.
+    """
+    if word == "expert":
+        return Expert()
+    if word == "still":
+        return Still()
+    from tactileforge_policies.policy import load_policy
+
+    policy = load_policy(word)
+    check_policy(word, policy, env, cross_sensor)
+    return PolicyActor(policy)
+
+
+def check_policy(word: str, policy: Any, env: Any, cross_sensor: bool) -> None:
+    """Compares a policy with an environment, before anything is simulated.
+
+    Raises:
+        ConfigError: They do not fit; says how, and the fix.
+    """
+    plain = env.unwrapped
+    wanted = {
+        "fingers": (sorted(policy.fingers), sorted(plain.fingers)),
+        "numbers of the state": (policy.state_size, env.observation_space["state"].shape[0]),
+        "numbers of an action": (policy.action_size, env.action_space.shape[0]),
+        "steps of a second": (round(float(policy.rate), 3), round(float(plain.control_rate), 3)),
+    }
+    for name, (ours, theirs) in wanted.items():
+        if ours != theirs:
+            raise ConfigError(
+                f"policy={word} has {name}: {ours}, but task {plain.task} has {theirs}; train it "
+                f"on demonstrations of this task (tactileforge demos task={plain.task} out=DIR)"
+            )
+    if policy.tasks and plain.task not in policy.tasks:
+        raise ConfigError(
+            f"policy={word} learned {', '.join(policy.tasks)}: give task={policy.tasks[0]}, or "
+            f"train it on {plain.task} too (tactileforge demos task={plain.task} out=DIR)"
+        )
+    sensors = [policy.sensor] if isinstance(policy.sensor, str) else list(policy.sensor)
+    if policy.uses_touch and set(sensors) != {plain.sensor} and not cross_sensor:
+        raise ConfigError(
+            f"policy={word} was trained on {', '.join(dict.fromkeys(sensors))}; give sensor="
+            f"{sensors[0]}, or cross_sensor=true to try it on {plain.sensor}"
+        )
+
+
+def fingerprint(word: str) -> str:
+    """Hash of an actor's weights, so that results of other weights are not kept.
+
+    Raises:
+        ConfigError: There is no such policy.
+    """
+    if word in SCRIPTED:
+        return word
+    path = Path(word)
+    if not path.exists():
+        raise ConfigError(
+            f"policy={word}: neither {' nor '.join(SCRIPTED)}, nor the folder of a run or a file"
+        )
+    from tactileforge.run_folder import BEST, LAST
+
+    # those that `load_policy` takes
+    files = [path] if path.is_file() else [path / BEST, path / LAST]
+    found = next((file for file in files if file.is_file()), None)
+    if found is None:
+        raise ConfigError(f"policy={word}: no weights there; train it first, to its end")
+    return sha256(found)

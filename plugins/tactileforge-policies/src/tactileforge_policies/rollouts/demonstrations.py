@@ -1,0 +1,224 @@
+"""Demonstrations: episodes of the scripted expert as shards, one file an episode."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactileforge.bars import Bar
+from tactileforge.contracts import Recording
+from tactileforge.data.frames.lazy import ArrayFrames
+from tactileforge.data.shards import shards
+from tactileforge.data.shards.index import Index, IndexEntry
+from tactileforge.errors import TactileForgeError
+from tactileforge.files import claim, sealed, unsealed, write_text
+from tactileforge.processes import process_count, run_share, spread
+from tactileforge.threads import one_thread
+from tactileforge_policies.rollouts.actors import Expert
+from tactileforge_policies.rollouts.episode import Episode, play_episode
+from tactileforge_policies.rollouts.options import DemonstrationOptions, make_environment
+
+#: What the folder was made with.
+MADE = "demonstrations.json"
+#: Tiers of the tactile dynamic pyramid that the tasks stand for.
+_TIERS = {"grasp": 5, "wipe": 4, "insert": 2, "chip": 1}
+#: From here on episodes are worth the start of more processes.
+_MANY = 4
+_NONE = ArrayFrames(np.zeros((1, 1, 1, 3), np.uint8))
+
+
+@dataclass(frozen=True)
+class Demonstrations:
+    """The outcome of `write_demonstrations`.
+
+    Attributes:
+        episodes: How many there are.
+        failed: Kind of failure of the episodes that were left out, by seed.
+    """
+
+    episodes: int
+    failed: dict[int, str]
+
+
+def write_demonstrations(options: DemonstrationOptions) -> Demonstrations:
+    """Writes episodes until there are enough; a killed command goes on where it was.
+
+    Args:
+        options: Task, number and folder.
+
+    Raises:
+        ConfigError: The folder holds other demonstrations.
+        TactileForgeError: The expert fails more often than it succeeds.
+    """
+    make_environment(options.of_unit(0)).close()  # mistakes are named before processes start
+    folder = Path(options.out)
+    claim(folder / MADE, _made(options), "demonstrations")
+    shards.keep_whole(sorted(folder.glob("episode-*.tar")))
+    _forget_damaged(folder)
+    tried = 0
+    with Bar(total=options.n, desc="demonstrations", unit="episode") as bar:
+        while (kept := len(_kept(folder, tried))) < options.n:
+            if tried > 2 * options.n + 10:
+                raise TactileForgeError(
+                    f"task={options.task}: the expert failed in {tried - kept} of {tried} episodes "
+                    f"({_kinds(_failed(folder, options, tried))}); change env= or limit="
+                )
+            numbers = range(tried, tried + options.n - kept)
+            _play(options, folder, [n for n in numbers if not _done(folder, n)], bar)
+            tried = numbers.stop
+        bar.update(options.n - int(bar.n))
+    return _index(options, folder, tried)
+
+
+def _forget_damaged(folder: Path) -> None:
+    """Removes notes of failures that are damaged, so that these episodes are played anew."""
+    for path in folder.glob("failed/*.json"):
+        try:
+            unsealed(path.read_bytes())["failure"]
+        except (ValueError, KeyError):
+            path.unlink()
+
+
+def _play(options: DemonstrationOptions, folder: Path, numbers: Sequence[int], bar: Any) -> None:
+    count = process_count(len(numbers), options.processes)
+    if count > 1 and len(numbers) >= _MANY:
+        spread(
+            [__name__, json.dumps(asdict(options))],
+            numbers,
+            count,
+            lambda n: _path(folder, n).exists(),
+            bar,
+        )
+        return
+    _write(options, numbers, lambda: bar.update())
+
+
+def _write(
+    options: DemonstrationOptions, numbers: Iterable[int], told: Callable[[], object]
+) -> None:
+    """Plays episodes and writes each: a shard, or how it failed."""
+    folder, expert = Path(options.out), Expert()
+    envs: dict[Any, Any] = {}
+    with one_thread():  # the bytes are those of any machine
+        for number in numbers:
+            played = options.of_unit(number)
+            unit = played.env.get("unit")
+            if unit not in envs:
+                envs[unit] = make_environment(played)
+            env = envs[unit]
+            episode = play_episode(env, expert, options.episode_seed(number), options.noise)
+            if episode.success:
+                packed = pack_episode(episode, env, f"{options.word}_{number:05d}", options)
+                shards.write_shard(_path(folder, number), packed)
+                told()
+            else:
+                write_text(_failure(folder, number), sealed({"failure": episode.failure}))
+    for env in envs.values():
+        env.close()
+
+
+def pack_episode(
+    episode: Episode, env: Any, name: str, options: DemonstrationOptions
+) -> list[shards.Packed]:
+    """One recording a finger; the camera is on the first, state and actions are on all.
+
+    Args:
+        episode: Of T steps: T frames, each before the action of its step.
+        env: Which it was played in.
+        name: Of the episode.
+        options: Their sensor and codec.
+    """
+    plain = env.unwrapped
+    steps = len(episode.actions)
+    times = episode.times[:steps]
+    tracks = {
+        "state": episode.seen("state")[:steps].astype(np.float32),
+        "robot_action": np.stack(episode.actions).astype(np.float32),
+    }
+    labels = {"episode": name, "task": plain.task}
+    numbers = {"seed": float(episode.seed), "success": float(episode.success)}
+    out = []
+    for place, finger in enumerate(episode.fingers):
+        about = Recording(
+            key=f"{name}/{finger}",
+            sensor=plain.sensor,
+            frames=_NONE,
+            times=times,
+            no_contact=None,
+            force=episode.force_of(finger)[:steps],
+            text=plain.instruction,
+            image_times=times if place == 0 else None,
+            labels={**labels, "finger": finger, **numbers},
+            tracks=tracks,
+            source="simulated by tactileforge",
+            tier=_TIERS.get(options.word, 5),
+            licence="CC0-1.0",
+        )
+        views = [*episode.seen("image")[:steps]] if place == 0 else []
+        out.append(
+            shards.Packed(
+                shards.describe_recording(about),
+                options.codec,
+                _encoded(episode.seen(finger)[:steps], options.codec),
+                _encoded([episode.background[finger]], options.codec),
+                _encoded(views, options.codec),
+            )
+        )
+    return out
+
+
+def _encoded(pictures: Any, codec: str) -> list[bytes]:
+    return [shards.encode_image(picture, codec) for picture in pictures]
+
+
+def _index(options: DemonstrationOptions, folder: Path, tried: int) -> Demonstrations:
+    """Writes the index; ``data=demonstrations`` draws which of them are for validation."""
+    entries = [IndexEntry.of(_path(folder, n)) for n in _kept(folder, tried)]
+    failed = _failed(folder, options, tried)
+    made = {**_made(options), "failed": {str(seed): kind for seed, kind in failed.items()}}
+    Index(f"{options.word}_demonstrations", {"train": entries, "val": []}, made=made).save(folder)
+    return Demonstrations(len(entries), failed)
+
+
+def _path(folder: Path, number: int) -> Path:
+    return folder / f"episode-{number:05d}.tar"
+
+
+def _failure(folder: Path, number: int) -> Path:
+    return folder / "failed" / f"{number:05d}.json"
+
+
+def _done(folder: Path, number: int) -> bool:
+    return _path(folder, number).exists() or _failure(folder, number).exists()
+
+
+def _kept(folder: Path, tried: int) -> list[int]:
+    return [n for n in range(tried) if _path(folder, n).exists()]
+
+
+def _failed(folder: Path, options: DemonstrationOptions, tried: int) -> dict[int, str]:
+    paths = {options.episode_seed(n): _failure(folder, n) for n in range(tried)}
+    return {
+        seed: unsealed(path.read_bytes())["failure"]
+        for seed, path in paths.items()
+        if path.exists()
+    }
+
+
+def _kinds(failed: dict[int, str]) -> str:
+    kinds = list(failed.values())
+    return ", ".join(f"{kind} {kinds.count(kind)}" for kind in sorted(set(kinds)))
+
+
+def _made(options: DemonstrationOptions) -> dict[str, Any]:
+    """Options that decide the bytes: neither the folder nor the number of processes."""
+    return {k: v for k, v in asdict(options).items() if k not in ("out", "processes")}
+
+
+if __name__ == "__main__":
+    run_share(DemonstrationOptions, _write)

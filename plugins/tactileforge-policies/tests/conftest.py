@@ -1,0 +1,22 @@
+import os
+from collections.abc import Iterator
+
+import pytest
+import torch
+
+from tactileforge import processes
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _alone(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """What tests keep is thrown away after them; those that run side by side start no others."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TACTILEFORGE_CACHE", str(tmp_path_factory.mktemp("cache")))
+        if "PYTEST_XDIST_WORKER" in os.environ:
+            patch.setattr(processes, "cpus", lambda: 1)
+        yield
+
+
+@pytest.fixture(autouse=True)
+def _seeded() -> None:
+    torch.manual_seed(0)

@@ -1,0 +1,53 @@
+"""What distributions bring beside plugins, and what those of `plugins/` would; imports nothing."""
+
+from __future__ import annotations
+
+from importlib.metadata import entry_points
+
+#: Packages of our own in plugins/: what they provide, by kind of plugin, or group of options.
+_OURS: dict[str, dict[str, tuple[str, ...]]] = {
+    "tactileforge-anyskin": {"sensors": ("anyskin", "reskin")},
+    "tactileforge-arrays": {
+        "datasets": ("sim_array",),
+        "recipe": ("anytouch2_array",),
+        "sensors": ("serial_array",),
+    },
+    "tactileforge-digit": {"sensors": ("digit",)},
+    "tactileforge-dmtac": {"sensors": ("dmtac", "dmtac_sdk")},
+    "tactileforge-flexitac": {"sensors": ("flexitac",)},
+    "tactileforge-ft": {"sensors": ("ati_netft", "robotiq")},
+    "tactileforge-gelsight": {"sensors": ("gelsight_mini", "gelsight_mini_markers")},
+    "tactileforge-lerobot": {
+        "datasets": ("lerobot", "trex"),
+        "verbs": ("data.embed", "data.lerobot"),
+    },
+    "tactileforge-policies": {
+        "datasets": ("demonstrations",),
+        "heads": ("act", "diffusion_policy", "regression"),
+        "objectives": ("denoise", "imitate"),
+        "recipe": ("diffusion_policy", "imitation"),
+        "runners": ("manipulation",),
+        "suite": ("manipulation",),
+        "verbs": ("demos", "rollout"),
+    },
+}
+
+
+def package_of(kind: str, name: str) -> str:
+    """The package of ours that provides a plugin or option; "" for none.
+
+    Args:
+        kind: Of the plugin, or a group of options such as ``recipe``.
+        name: As users type it.
+
+    Example:
+        >>> package_of("recipe", "imitation")
+        'tactileforge-policies'
+    """
+    found = (package for package, kinds in _OURS.items() if name in kinds.get(kind, ()))
+    return next(found, "")
+
+
+def conf_packages() -> list[str]:
+    """Packages of YAML options, recipes and cards that installed distributions bring."""
+    return [entry.value for entry in entry_points(group="tactileforge.conf")]

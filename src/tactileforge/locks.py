@@ -1,0 +1,67 @@
+"""Locks of folders and files, which end with the process that holds them."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO
+
+from tactileforge.errors import ConfigError
+
+#: Lock files that this process holds: the system lets a process lock a file twice, and forgets the
+#: lock as soon as the process closes any of its handles of that file.
+_HELD: set[tuple[int, Path]] = set()
+
+
+@contextmanager
+def locked(path: Path, taken: str | None = None) -> Iterator[IO[str]]:
+    """Holds a lock file until the context is left or the process ends.
+
+    It is a POSIX record lock, which forked workers do not hold: the readers of a killed run outlive
+    it for a moment, and the run can be resumed all the same. (``flock``, and with it ``filelock``,
+    is inherited by a fork.)
+
+    Args:
+        path: The file; it and its folder are made.
+        taken: What to say where another holds it, ``{holder}`` for what it wrote into the file;
+            None waits for it.
+
+    Raises:
+        ConfigError: Another process, or this one, holds it.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    mine = os.getpid(), path.absolute()
+    if mine in _HELD:  # before it is opened: closing it again would free it
+        raise ConfigError(str(taken).replace("{holder}", f"{mine[0]}, this one"))
+    with path.open("a+") as file:
+        try:
+            fcntl.lockf(file, fcntl.LOCK_EX | (fcntl.LOCK_NB if taken else 0))
+        except BlockingIOError as error:
+            file.seek(0)
+            holder = file.read().strip() or "unknown"
+            raise ConfigError(str(taken).replace("{holder}", holder)) from error
+        _HELD.add(mine)
+        try:
+            file.truncate(0)
+            file.write(f"{os.getpid()} on {os.uname().nodename}")
+            file.flush()
+            yield file
+        finally:
+            _HELD.discard(mine)
+
+
+def is_locked(path: Path) -> bool:
+    """Whether a process holds a lock file."""
+    if (os.getpid(), path.absolute()) in _HELD:
+        return True
+    try:
+        with path.open("r+") as file:
+            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except FileNotFoundError:
+        return False
+    except OSError:
+        return True
+    return False

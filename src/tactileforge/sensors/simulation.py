@@ -1,0 +1,146 @@
+"""How a type of sensor is simulated: its gel, its light and its markers, as data."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Lamp:
+    """A light at the side of the gel.
+
+    Attributes:
+        azimuth: Direction, rad, clockwise from the right of the image.
+        elevation: Angle of its light to the gel at rest, rad.
+        colour: Grey levels it adds to R, G, B of a surface that faces it.
+        fall: Share by which it is weaker at the centre than at its edge of the image.
+        shadow: Share of its light that is missing in its shadow.
+    """
+
+    azimuth: float
+    elevation: float
+    colour: tuple[float, float, float]
+    fall: float = 0.3
+    shadow: float = 0.3
+
+
+@dataclass(frozen=True)
+class MarkerPattern:
+    """Printed markers: rows and columns of dots, or dots anywhere (speckle).
+
+    Attributes:
+        columns: Number of dots from left to right.
+        rows: Number of dots from top to bottom.
+        pitch: mm between dots, right and down.
+        radius: mm.
+        jitter: Standard deviation of the dots' places, mm.
+    """
+
+    columns: int
+    rows: int
+    pitch: tuple[float, float]
+    radius: float
+    jitter: float = 0.02
+
+
+@dataclass(frozen=True, kw_only=True)
+class Simulation:
+    """How a type of sensor is simulated. Without lamps or calibration, nothing lights its gel.
+
+    Attributes:
+        dome: Radius of curvature of the gel at rest, mm; None for a flat gel.
+        thickness: Of the gel, mm.
+        modulus: Young's modulus of the gel, MPa.
+        friction: Least and largest coefficient between gel and objects.
+        calibrations: Names of optical calibrations that ship; a unit has one of them.
+        lamps: Lights of a type that has no calibration.
+        base: Its light from everywhere, R, G, B in grey levels.
+        dim: Share by which light falls off towards the border, see
+            `sim.optics.lighting.lamp_calibration`.
+        height_mm: Height of the field of view, mm; None takes it from the sensing area.
+        level: Mean R, G, B of a background where the camera balances colours itself; None leaves
+            them to the lights.
+        clouds: Unevenness of the light, grey levels.
+        wear: Mean number of scratches, and of specks of dust.
+        pattern: Printed markers of its marker gel; None where there is no such gel.
+        markers: Whether units have the marker gel, unless they are asked for with or without.
+    """
+
+    dome: float | None = None
+    thickness: float = 4.0
+    modulus: float = 0.435
+    friction: tuple[float, float] = (0.5, 1.2)
+    calibrations: tuple[str, ...] = ()
+    lamps: tuple[Lamp, ...] = ()
+    base: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    dim: float = 0.0
+    height_mm: float | None = None
+    level: tuple[float, float, float] | None = None
+    clouds: float = 2.0
+    wear: tuple[float, float] = (3.0, 6.0)
+    pattern: MarkerPattern | None = None
+    markers: bool = False
+
+
+def _lamp(degrees: float, colour: tuple[float, float, float], fall: float = 0.5) -> Lamp:
+    return Lamp(math.radians(degrees), math.radians(35), colour, fall)
+
+
+#: Of the published sensors. Published are thickness, stiffness and curvature of the GelSight Mini's
+#: gel (FEATS), a curvature of DIGIT's (TACTO), and the thickness of a lab GelSight's; other gels
+#: take the Mini's thickness and stiffness. Ranges of friction are our choice; ToucHD's
+#: demonstrations show at least 1.2 on a Mini and 0.55 on a DIGIT. No calibration of DuraGel,
+#: GelSlim and DM-Tac may be shipped, so their lamps are our choice. GelSight's marker gel has
+#: 11 x 9 dots, the Mini's dots of 1 mm, 2.4 mm apart, DM-Tac's a dense speckle.
+PUBLISHED = {
+    "gelsight": Simulation(
+        calibrations=("gelsight", "gelsight_fots"),
+        pattern=MarkerPattern(11, 9, (1.7, 1.55), 0.25),
+    ),
+    # Mean levels of eight real units: their cameras balance colours, and differ by 4 grey levels.
+    "digit": Simulation(
+        dome=100.0,
+        friction=(0.4, 1.1),
+        calibrations=("digit",),
+        level=(98.0, 104.0, 97.0),
+        clouds=5.0,
+        wear=(2.0, 3.0),
+    ),
+    "gelsight_mini": Simulation(
+        dome=106.6,
+        friction=(0.8, 1.4),
+        calibrations=("gelsight_mini",),
+        pattern=MarkerPattern(9, 7, (2.4, 2.4), 0.5),
+    ),
+    "gelslim": Simulation(
+        lamps=(
+            _lamp(180, (10, 130, 80), 0.8),
+            _lamp(-90, (25, 40, 135), 0.8),
+            _lamp(40, (160, 40, 55), 0.8),
+        ),
+        base=(10, 15, 10),
+        dim=0.25,
+        height_mm=16.0,
+        pattern=MarkerPattern(16, 12, (1.4, 1.4), 0.14, 0.03),
+        markers=True,
+    ),
+    "duragel": Simulation(
+        lamps=(
+            _lamp(0, (150, 45, 45)),
+            _lamp(120, (35, 130, 60)),
+            _lamp(-120, (40, 60, 150)),
+        ),
+        base=(45, 45, 50),
+        height_mm=15.2,
+        pattern=MarkerPattern(14, 11, (1.45, 1.45), 0.2),
+        markers=True,
+    ),
+    "dm": Simulation(
+        lamps=tuple(_lamp(a, (60, 60, 62), 0.25) for a in (0, 90, 180, 270)),
+        base=(40, 42, 45),
+        height_mm=15.0,
+        pattern=MarkerPattern(34, 26, (0.6, 0.6), 0.13, 0.13),
+        markers=True,
+    ),
+}
