@@ -49,6 +49,7 @@ from tactileforge.errors import (
     PluginError,
     SensorError,
     TactileForgeError,
+    unknown,
 )
 from tactileforge.live.publish import to_json
 from tactileforge.moves import VERSION
@@ -70,29 +71,37 @@ from tactileforge.sensors.specs import SPECS, spec
 from tactileforge.sensors.taxels import TaxelLayout
 
 if TYPE_CHECKING:
-    from tactileforge.distributed import masked_mean
+    from tactileforge.data.batches.clips import Clips, resize_frame, view_of
+    from tactileforge.data.batches.columns import CutColumns, take_steps
+    from tactileforge.distributed import masked_mean, rand_rows
     from tactileforge.encoders.backbone import Backbone, patches_at
     from tactileforge.encoders.preprocess import ANYTOUCH2
+    from tactileforge.encoders.transformer import AttentivePooler, Transformer
+    from tactileforge.heads.ema import EMA
     from tactileforge.means import Mean
 
 __all__ = [
     "ACTIONS",
     "ANYTOUCH2",
     "CHECKSUMS",
+    "EMA",
     "NEUTRAL_BACKGROUND",
     "SPECS",
     "VERSION",
     "AfterStep",
     "ArrayFrames",
     "Arrival",
+    "AttentivePooler",
     "Backbone",
     "Batch",
     "Camera",
     "Capture",
+    "Clips",
     "Column",
     "ColumnSize",
     "Command",
     "ConfigError",
+    "CutColumns",
     "DataError",
     "DataNotFoundError",
     "Dataset",
@@ -128,6 +137,7 @@ __all__ = [
     "TactileForgeError",
     "TaxelLayout",
     "TrainingClips",
+    "Transformer",
     "VideoFrames",
     "Views",
     "build",
@@ -139,19 +149,33 @@ __all__ = [
     "nearest",
     "open_sensor",
     "patches_at",
+    "rand_rows",
+    "resize_frame",
     "spec",
+    "take_steps",
     "to_json",
+    "unknown",
     "v4l2",
+    "view_of",
 ]
 
 
 #: Module of what needs torch, and is imported on first use: the module of a sensor costs none.
 _HEAVY = {
     "ANYTOUCH2": "encoders.preprocess",
+    "AttentivePooler": "encoders.transformer",
     "Backbone": "encoders.backbone",
+    "Clips": "data.batches.clips",
+    "CutColumns": "data.batches.columns",
+    "EMA": "heads.ema",
     "Mean": "means",
+    "Transformer": "encoders.transformer",
     "masked_mean": "distributed",
     "patches_at": "encoders.backbone",
+    "rand_rows": "distributed",
+    "resize_frame": "data.batches.clips",
+    "take_steps": "data.batches.columns",
+    "view_of": "data.batches.clips",
 }
 
 
