@@ -14,12 +14,10 @@ from torch import Tensor
 
 from tactileforge import run_folder
 from tactileforge.checkpoint_file import read_checkpoint
-from tactileforge.contracts import NEUTRAL_BACKGROUND, Batch
-from tactileforge.data.batches.clips import resize_frame
 from tactileforge.encoders.given import GivenViews
-from tactileforge.errors import ConfigError, DataError
 from tactileforge.hub.packed_linear import PackedLinears
 from tactileforge.parts import build_parts
+from tactileforge.plugin import NEUTRAL_BACKGROUND, Batch, ConfigError, DataError, resize_frame
 from tactileforge_policies.heads.base import PolicyHead
 from tactileforge_policies.robot import Robot
 

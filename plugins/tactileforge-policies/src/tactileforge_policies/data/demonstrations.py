@@ -8,10 +8,8 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from tactileforge.contracts import Recording
-from tactileforge.data.batches.columns import CutColumns
 from tactileforge.datasets.shards import Shards
-from tactileforge.errors import ConfigError, unknown
+from tactileforge.plugin import ConfigError, CutColumns, Recording, unknown
 from tactileforge_policies.data.episodes import Episode, check_alike, episodes_of
 from tactileforge_policies.data.samples import Cutting, EpisodeClips
 

@@ -14,10 +14,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from tactileforge.contracts import Recording
-from tactileforge.data.batches.clips import Clips, view_of
-from tactileforge.data.batches.columns import CutColumns, take_steps
-from tactileforge.sensors.specs import spec
+from tactileforge.plugin import Clips, CutColumns, Recording, spec, take_steps, view_of
 from tactileforge_policies.data.episodes import Episode, check_alike, episodes_of
 from tactileforge_policies.robot import Robot
 

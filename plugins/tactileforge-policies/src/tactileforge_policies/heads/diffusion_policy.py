@@ -9,10 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import torch
 from torch import Tensor, nn
 
-from tactileforge.contracts import Batch, Encoder, Views
-from tactileforge.distributed import rand_rows
-from tactileforge.errors import ConfigError
-from tactileforge.heads.ema import EMA
+from tactileforge.plugin import EMA, Batch, ConfigError, Encoder, Views, rand_rows
 from tactileforge_policies.heads.base import ChunkPrediction, PolicyHead
 from tactileforge_policies.heads.observation import POOLER, Observation, flat
 from tactileforge_policies.heads.unet import UNet
