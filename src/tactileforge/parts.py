@@ -148,30 +148,36 @@ def check_values(config: Mapping[str, Any]) -> None:
                 registry.build(f"{group}s", options)
 
 
-def check_size(node: Mapping[str, Any]) -> None:
-    """Refuses an encoder that would take minutes to build, or all memory.
+def outline(node: Mapping[str, Any]) -> Any:
+    """Encoder on the meta device: it knows its sizes and sensors, but has no weights.
+
+    Random numbers that come after it are what they would be without it. An encoder whose
+    constructor computes with its tensors is built with its weights.
 
     Args:
-        node: Of the encoder.
+        node: Plugin and constructor arguments.
 
     Raises:
-        ConfigError: An option, or the number of weights, is larger than that of any model.
+        ConfigError: An option, or the number of weights, is larger than that of any model: it would
+            take minutes to build, or all memory.
     """
     for key, value in node.items():
         most = _DEEPEST if key == "depth" else _LARGEST
         if max(_numbers(value), default=0) > most:
             raise ConfigError(f"encoder.{key}={value}: at most {most} for an encoder")
-    try:
-        with torch.device("meta"), torch.random.fork_rng(devices=[]):
-            shell = registry.build("encoders", node)
-    except (NotImplementedError, RuntimeError):  # a plugin that needs its numbers where it is built
-        return
+    with torch.random.fork_rng(devices=[]):
+        try:
+            with torch.device("meta"):
+                shell = registry.build("encoders", node)
+        except (NotImplementedError, RuntimeError, TypeError):  # numbers of a meta tensor are asked
+            return registry.build("encoders", node)
     needs = sum(x.numel() for x in shell.state_dict().values())
     if needs > _MOST:
         raise ConfigError(
             f"encoder={node['name']} would have {needs:,} weights, and at most {_MOST:,} are "
             "built; make encoder.size or encoder.depth smaller"
         )
+    return shell
 
 
 def _numbers(value: Any) -> list[float]:
