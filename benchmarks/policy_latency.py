@@ -16,11 +16,11 @@ import torch
 from common import save
 from omegaconf import OmegaConf
 from tactileforge_policies.policy import Policy
+from tactileforge_policies.robot import Robot
 
 import tactileforge
 from tactileforge import registry
 from tactileforge.compose import compose
-from tactileforge.contracts import Robot
 
 ROBOT = Robot(
     fingers=("left", "right"),
@@ -39,7 +39,7 @@ def build(size: str) -> Policy:
         compose("diffusion_policy", words).head.denoise, resolve=True
     )
     encoder = tactileforge.load("anytouch2.tiny").encoder
-    return Policy(encoder, registry.build("heads", node, encoder=encoder, robot=ROBOT))
+    return Policy(encoder, registry.build("heads", node, encoder=encoder, facts=ROBOT.facts))
 
 
 def run(policy: Policy, count: int) -> dict[str, dict[str, float]]:

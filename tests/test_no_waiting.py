@@ -18,9 +18,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from tactileforge.compose import compose
 from tactileforge.data.labels.augment import Augment
 from tactileforge.module import TouchModule
-from tactileforge.parts import plain_robot
 from tactileforge.testing import batch as make_batch
-from tactileforge.testing.batches import robot as make_robot
 
 RECIPES = sorted(
     path.stem for path in (Path(__file__).parents[1] / "zoo" / "recipe").glob("*.yaml")
@@ -82,7 +80,6 @@ def on_device(recipe: str, *overrides: str) -> tuple[TouchModule, dict[str, Any]
     """A module and a batch, where the accelerator would be."""
     words = ["scale=demo", "encoder.image_size=32", *overrides]
     config: Any = OmegaConf.to_container(compose(recipe, words), resolve=True)
-    config["robot"] = plain_robot(make_robot())
     augment = Augment(**config["augment"]) if config.get("augment") else None
     module = TouchModule.from_config(config, {"text", "image"}, augment).to("meta")
     made = make_batch(size=4, frames=module.encoder.frames, image=32)

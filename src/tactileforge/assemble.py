@@ -11,6 +11,8 @@ from typing import Any
 import torch
 
 from tactileforge import registry
+from tactileforge.contracts import Column
+from tactileforge.data.batches.columns import declared_columns
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.data.labels.augment import Augment
 from tactileforge.errors import ConfigError, unknown
@@ -19,7 +21,7 @@ from tactileforge.sensors.specs import spec
 log = logging.getLogger(__name__)
 
 #: Arguments of the data that are no keys of ``batch``.
-_NOT_BATCH = {"dataset", "frames", "batch_size", "max_bad", "seed", "augment", "limit"}
+_NOT_BATCH = {"dataset", "frames", "batch_size", "max_bad", "seed", "augment", "limit", "columns"}
 #: The least of its whole numbers.
 _LEAST = {"size": 1, "window": 1, "workers": 0}
 
@@ -57,6 +59,7 @@ def build_data(config: Mapping[str, Any]) -> tuple[TouchData, dict[str, Any]]:
         max_bad=max_bad,
         augment=Augment(**config["augment"]) if config.get("augment") else None,
         limit=limit_of(config["trainer"]),
+        columns=_columns(config),
         **batch,
     )
     needs = {key: plugin.needs for key, plugin in objectives.items()}
@@ -67,6 +70,19 @@ def build_data(config: Mapping[str, Any]) -> tuple[TouchData, dict[str, Any]]:
     if "sensors" not in registry.parameters(registry.get("encoders", config["encoder"]["name"])):
         return data, dict(config["encoder"])
     return data, {**config["encoder"], "sensors": _rows(dict(encoder.sensors), names)}
+
+
+def _columns(config: Mapping[str, Any]) -> tuple[Column, ...]:
+    """Extra columns of the batch that heads and objectives of a run declare."""
+    nodes = [
+        (f"{kind} {key!r}", registry.get(f"{kind}s", node["name"]), node)
+        for kind in ("head", "objective")
+        for key, node in config[kind].items()
+    ]
+    return declared_columns(
+        (what, plugin, {k: v for k, v in node.items() if k not in ("name", "weight")})
+        for what, plugin, node in nodes
+    )
 
 
 def limit_of(trainer: Mapping[str, Any]) -> float:

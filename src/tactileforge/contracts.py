@@ -31,18 +31,17 @@ A batch is a plain dict:
 
 A sample without a label stays out of that objective's loss, and changes nothing in it.
 
-A batch of demonstrations (`Robot` says their sizes: F fingers, O observation steps, a chunk of H
-actions) holds all fingers of a sample one after another in ``frames``, ``background`` and
-``sensor``, which then have B F rows, and besides:
+Heads and objectives may declare extra columns (`Column`), which are cut from tracks of the
+recordings:
 
 | key | type and shape | meaning |
 |---|---|---|
-| `state` | float32 (B, O, S) | proprioception, oldest first |
-| `action_chunk` | float32 (B, H, A) | commands from this step on |
-| `action_chunk_valid` | bool (B, H) | False after the last step of the episode |
-| `images` | uint8 (B, O, 3, h, w) | camera images, where there is a camera |
-| `forces` | float32 (B, O, 3 F) | newton, x, y, z of each finger, where a policy is given them |
-| `tokens` | float16 (B, F, L, width) | in place of frames: those of a frozen encoder |
+| NAME | float32 or int64 (B, steps, ...) | the track at the clip's frames, or in a window |
+| NAME `_valid` | bool (B, steps) | False without the track, at NaN, outside of the recording |
+
+A data set that cuts its recordings in a way of its own may give further keys, as its `provides`
+says, and ``tokens``, float16 (B, touches of a sample, L, width), of a frozen encoder in place of
+frames (`Remembering`).
 """
 
 from __future__ import annotations
@@ -86,11 +85,16 @@ ACTIONS = (
 )
 
 #: Labels of a batch: what a data set may provide, and an objective may need.
-LABELS = ("force", "action", "object", "text", "image", "surface", "action_chunk")
+LABELS = ("force", "action", "object", "text", "image", "surface")
 
-#: Tracks of a demonstration, float32 (T, S) and (T, A): what the robot knows of itself before each
-#: command, and the command.
-STATE_TRACK, ACTIONS_TRACK = "state", "robot_action"
+#: Keys of every batch, which no column may have.
+BATCH_KEYS = frozenset(
+    {
+        *("frames", "background", "sensor", "group", "clip", "skipped", "paired", "tokens"),
+        *("force", "force_valid", "force_scale", "action", "object", "text"),
+        *("image", "image_valid", "surface", "surface_valid", "flip", "coded"),
+    }
+)
 
 #: Axes of a force, in the order of its columns.
 AXES = ("x", "y", "z")
@@ -99,7 +103,9 @@ AXES = ("x", "y", "z")
 NEUTRAL_BACKGROUND = 130
 
 #: Constructor parameters that the framework fills in; they never appear in a configuration.
-CONTEXT = frozenset({"encoder", "text_encoder", "image_encoder", "teacher", "robot"})
+CONTEXT = frozenset(
+    {"encoder", "text_encoder", "image_encoder", "teacher", "column_sizes", "facts"}
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -253,34 +259,42 @@ class Recording:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Robot:
-    """Sizes of demonstrations, which a policy is built for.
+class Column:
+    """An extra column of the batch, which a head or objective declares.
+
+    Its class attribute ``columns`` is a tuple of them, or a function of its options (a static
+    method) that gives one. Flips of a clip do not change it.
 
     Attributes:
-        fingers: Names, in the order in which a batch holds them.
-        sensors: Sensor of each finger.
-        state_size: Numbers of the proprioception, S.
-        action_size: Numbers of a command, A.
-        rate: Commands a second, Hz.
-        horizon: Commands of a chunk, H.
-        observations: Steps whose state (camera image, forces) a policy is given, O.
-        stride: Steps from one frame of a clip to the next.
-        touch: Input of touch: ``frames``, ``force`` (N, privileged) or ``none``.
-        image_size: Height and width of a camera image; 0 without a camera.
-        tasks: Names of the tasks, from the label ``task``; empty where no demonstration has one.
+        name: Key of the batch; ``NAME_valid``, bool (B, steps), says which steps are labelled.
+        track: Of `Recording.tracks`; "" for the one of this name.
+        window: Steps of the recording, from the first to the one after the last, counted from the
+            last frame of the clip: ``(0, 8)`` is a chunk of that frame and the seven after it,
+            ``(-1, 1)`` the one before it and itself. None takes the frames of the clip.
+        dtype: Of the batch.
+        statistics: Whether mean and deviation over the training data are measured.
     """
 
-    fingers: tuple[str, ...]
-    sensors: tuple[str, ...]
-    state_size: int
-    action_size: int
-    rate: float
-    horizon: int = 8
-    observations: int = 2
-    stride: int = 1
-    touch: Literal["frames", "force", "none"] = "frames"
-    image_size: int = 0
-    tasks: tuple[str, ...] = ()
+    name: str
+    track: str = ""
+    window: tuple[int, int] | None = None
+    dtype: Literal["float32", "int64"] = "float32"
+    statistics: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class ColumnSize:
+    """What a head is told of a column, in its parameter ``column_sizes``: a mapping by name.
+
+    Attributes:
+        shape: Of one step.
+        mean: Over all steps of the training data, flat; None where it was not asked for.
+        deviation: Alike.
+    """
+
+    shape: tuple[int, ...]
+    mean: tuple[float, ...] | None = None
+    deviation: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -387,7 +401,9 @@ class Dataset(Protocol):
     """A reader: yields recordings, and declares their labels.
 
     ``provides`` holds batch keys, of `LABELS`. One that cuts its recordings in a way of its own has
-    ``cut``, which is called like `data.batches.clips.Clips`.
+    ``cut``, which is called like `data.batches.clips.Clips`; what it returns may have ``provides``,
+    further keys of its samples, and ``facts``, plain data by name that heads are given as ``facts``
+    and a run keeps in its configuration.
     ``skipped`` grows as `recordings` meets files it cannot read: one line each, which names the
     file. ``notes``, where there is one, likewise grows by lines on recordings that are read, and
     may be read wrongly.
@@ -520,7 +536,12 @@ class Encoder(Protocol):
 
 
 class Head(Protocol):
-    """Features to a prediction (a ``torch.nn.Module``); ``head.K`` feeds ``objective.K``."""
+    """Features to a prediction (a ``torch.nn.Module``); ``head.K`` feeds ``objective.K``.
+
+    It may declare ``columns``, see `Column`, and is given their sizes where its constructor has the
+    parameter ``column_sizes``. One that asks for ``facts`` of a data set may name in
+    ``fixed_facts`` those that have to be the same in a run that it starts from.
+    """
 
     def __call__(self, views: Views, batch: Batch) -> Any:
         """The prediction: whatever the objective of the same name understands."""
@@ -626,7 +647,8 @@ class Objective(Protocol):
 
     ``head`` names the head it is used with unless the configuration says otherwise. ``needs`` lists
     labels among `Dataset.provides`; ``"text|image"`` asks for at least one of the two. The
-    framework checks them against the data before the first step. An objective with ``pairs = True``
+    framework checks them against the data before the first step. It may declare ``columns``, see
+    `Column`. An objective with ``pairs = True``
     asks for a share of each batch to be drawn in pairs of one ``group``.
     """
 

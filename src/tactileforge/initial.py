@@ -8,7 +8,7 @@ from typing import Any
 
 from torch import Tensor
 
-from tactileforge import run_folder
+from tactileforge import registry, run_folder
 from tactileforge.checkpoint_file import find_checkpoint, read_checkpoint
 from tactileforge.errors import ConfigError
 from tactileforge.hub.starting_point import (
@@ -16,7 +16,6 @@ from tactileforge.hub.starting_point import (
     starting_heads,
     starting_weights,
 )
-from tactileforge.parts import robot_of
 
 log = logging.getLogger(__name__)
 
@@ -162,21 +161,22 @@ def _changed(key: str, before: Mapping[str, Any], plain: Mapping[str, Any]) -> l
     return found
 
 
-def check_robot(config: Mapping[str, Any]) -> None:
-    """Names a policy that a run starts from and that is of another robot.
+def check_facts(config: Mapping[str, Any]) -> None:
+    """Names a run that this one starts from, and whose heads were built for other data.
 
     Raises:
-        ConfigError: See there.
+        ConfigError: A fact that a head keeps (`contracts.Head`) is another one.
     """
     init, _ = run_folder.with_photographs(str(config["init"] or ""))
-    if not config["robot"] or not init or not run_folder.is_run(init):
+    if not config["facts"] or not init or not run_folder.is_run(init):
         return
-    found = _config_of(init)
-    now, before = robot_of(config), robot_of(found) if found else None
-    for key in ("state_size", "action_size", "fingers", "sensors"):
-        if before is not None and getattr(before, key) != getattr(now, key):
-            raise ConfigError(
-                f"init={init}: a policy whose {key} is {getattr(before, key)}, and that of the "
-                f"demonstrations is {getattr(now, key)}; give demonstrations of its robot, or "
-                "leave init= out"
-            )
+    before = (_config_of(init) or {}).get("facts") or {}
+    for key, node in config["head"].items():
+        fixed: Sequence[str] = getattr(registry.get("heads", node["name"]), "fixed_facts", ())
+        for name in fixed:
+            old, new = before.get(name), config["facts"].get(name)
+            if name in before and old != new:
+                raise ConfigError(
+                    f"init={init}: head {key!r} was trained on data whose {name} is {old}, and "
+                    f"that of this data is {new}; give data like it, or leave init= out"
+                )

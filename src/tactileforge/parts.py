@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from collections.abc import Set as AbstractSet
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor, nn
 
 from tactileforge import curriculum, registry, strict
-from tactileforge.contracts import Batch, Robot
+from tactileforge.contracts import Batch, ColumnSize
 from tactileforge.errors import ConfigError, PluginError, unknown
 from tactileforge.means import FIX, Mean, NotATensorError
 
@@ -196,7 +196,8 @@ def _head(
             f"{', '.join(sorted(provides)) or 'frames only'}; choose text_encoder= or "
             "image_encoder= for what it has"
         )
-    given = {"encoder": encoder, "robot": robot_of(config), **towers}
+    given = {"encoder": encoder, "facts": config.get("facts") or {}, **towers}
+    given["column_sizes"] = sizes_of(config)
     if "teacher" in wanted:
         given["teacher"] = _teacher(key, config)
     built: nn.Module = registry.build("heads", config["head"][key], **given)
@@ -215,10 +216,10 @@ def _teacher(key: str, config: Mapping[str, Any]) -> nn.Module:
     )
 
 
-def robot_of(config: Mapping[str, Any]) -> Robot | None:
-    """Sizes of the demonstrations of a run; None where it has none."""
-    found = config.get("robot")
-    return strict.build(Robot, "robot", found) if found else None
+def sizes_of(config: Mapping[str, Any]) -> dict[str, ColumnSize]:
+    """Sizes of the extra columns of a run's batches, as heads are given them."""
+    rows: Mapping[str, Any] = config.get("columns") or {}
+    return {name: strict.build(ColumnSize, f"columns.{name}", row) for name, row in rows.items()}
 
 
 def tower(config: Mapping[str, Any], kind: str) -> nn.Module:
@@ -233,10 +234,3 @@ def tower(config: Mapping[str, Any], kind: str) -> nn.Module:
     if modality != kind:
         raise ConfigError(f"{kind}_encoder={node['name']} encodes {modality}, not {kind}")
     return built
-
-
-def plain_robot(robot: Robot | None) -> dict[str, Any] | None:
-    """The configuration that `robot_of` reads."""
-    if robot is None:
-        return None
-    return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(robot).items()}

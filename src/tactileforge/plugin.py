@@ -18,6 +18,8 @@ from tactileforge.contracts import (
     NEUTRAL_BACKGROUND,
     AfterStep,
     Batch,
+    Column,
+    ColumnSize,
     Dataset,
     Encoder,
     Features,
@@ -30,6 +32,7 @@ from tactileforge.contracts import (
     OptimizerPlugin,
     Prepared,
     Recording,
+    Remembering,
     Scored,
     Sensor,
     SensorSpec,
@@ -78,10 +81,14 @@ from tactileforge.streaming.buffer import warn_of_slow_frames
 from tactileforge.untrusted import load_json
 
 if TYPE_CHECKING:
+    from tactileforge.data.batches.clips import Clips, resize_frame, view_of
+    from tactileforge.data.batches.columns import CutColumns, take_steps
     from tactileforge.datasets.reading.figure import plot as plot_recording
-    from tactileforge.distributed import masked_mean
+    from tactileforge.distributed import masked_mean, rand_rows
     from tactileforge.encoders.backbone import Backbone, patches_at
     from tactileforge.encoders.preprocess import ANYTOUCH2
+    from tactileforge.encoders.transformer import AttentivePooler, Transformer
+    from tactileforge.heads.ema import EMA
     from tactileforge.hub.model import Model
     from tactileforge.means import Mean
 
@@ -89,18 +96,24 @@ __all__ = [
     "ACTIONS",
     "ANYTOUCH2",
     "CHECKSUMS",
+    "EMA",
     "NEUTRAL_BACKGROUND",
     "SPECS",
     "VERSION",
     "AfterStep",
     "ArrayFrames",
     "Arrival",
+    "AttentivePooler",
     "Backbone",
     "Batch",
     "Camera",
     "Capture",
+    "Clips",
+    "Column",
+    "ColumnSize",
     "Command",
     "ConfigError",
+    "CutColumns",
     "DataError",
     "DataNotFoundError",
     "Dataset",
@@ -127,6 +140,7 @@ __all__ = [
     "PluginError",
     "Prepared",
     "Recording",
+    "Remembering",
     "Replay",
     "Scored",
     "Sensor",
@@ -139,6 +153,7 @@ __all__ = [
     "TactileForgeError",
     "TaxelLayout",
     "TrainingClips",
+    "Transformer",
     "VideoFrames",
     "Views",
     "attached_ports",
@@ -162,12 +177,16 @@ __all__ = [
     "patches_at",
     "payload_size",
     "plot_recording",
+    "rand_rows",
     "read_shard",
+    "resize_frame",
     "spec",
     "stated",
+    "take_steps",
     "to_json",
     "unknown",
     "v4l2",
+    "view_of",
     "warn_of_slow_frames",
     "without_companions",
     "write_shard",
@@ -178,12 +197,21 @@ __all__ = [
 #: Needs torch or matplotlib, and is imported on first use: the module of a sensor costs neither.
 _HEAVY = {
     "ANYTOUCH2": "encoders.preprocess:ANYTOUCH2",
+    "AttentivePooler": "encoders.transformer:AttentivePooler",
     "Backbone": "encoders.backbone:Backbone",
+    "Clips": "data.batches.clips:Clips",
+    "CutColumns": "data.batches.columns:CutColumns",
+    "EMA": "heads.ema:EMA",
     "Mean": "means:Mean",
     "Model": "hub.model:Model",
+    "Transformer": "encoders.transformer:Transformer",
     "masked_mean": "distributed:masked_mean",
     "patches_at": "encoders.backbone:patches_at",
     "plot_recording": "datasets.reading.figure:plot",
+    "rand_rows": "distributed:rand_rows",
+    "resize_frame": "data.batches.clips:resize_frame",
+    "take_steps": "data.batches.columns:take_steps",
+    "view_of": "data.batches.clips:view_of",
 }
 
 

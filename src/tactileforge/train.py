@@ -32,15 +32,15 @@ from tactileforge.checkpoint_file import (
     read_own,
 )
 from tactileforge.compiled import compile_blocks
+from tactileforge.data.batches.columns import plain_sizes
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import ConfigError, TactileForgeError, unknown
 from tactileforge.files import sealed, write_text
 from tactileforge.finite import NotFiniteError
-from tactileforge.initial import check_robot, new_in, start_from, warn_of_dropped
+from tactileforge.initial import check_facts, new_in, start_from, warn_of_dropped
 from tactileforge.loggers import log_config, log_report
 from tactileforge.module import TouchModule
 from tactileforge.pages.drawings import collected_drawings
-from tactileforge.parts import plain_robot
 from tactileforge.precompute import remember_features
 from tactileforge.provenance import commit
 from tactileforge.run_length import change_run
@@ -116,8 +116,8 @@ def _train(
     curriculum.from_config(plain["curriculum"], weights, total=sys.maxsize, epoch=1)
     data, plain["encoder"] = build_data(plain)
     assert data.train is not None  # set up by `build_data`
-    plain["robot"] = plain_robot(data.train.robot)
-    check_robot(plain)
+    plain["facts"], plain["columns"] = dict(data.train.facts), plain_sizes(data.columns)
+    check_facts(plain)
     module = TouchModule.from_config(plain, data.summary("train").labels, data.augment)
     lost, met = SkippedRecordings(data.allowed), MetLabels(module)
     lost.skip(data.skipped)

@@ -20,10 +20,6 @@ def test_batch_has_every_key_of_the_contract():
         "image_valid": (6,),
         "surface": (6, 2, 3, 32, 32),
         "surface_valid": (6,),
-        "state": (6, 2, 3),
-        "action_chunk": (6, 4, 2),
-        "action_chunk_valid": (6, 4),
-        "images": (6, 2, 3, 24, 24),
         "group": (6,),
     }
     assert made["sensor"] == ["gelsight", "digit"] * 3

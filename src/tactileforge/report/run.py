@@ -9,6 +9,7 @@ from typing import Any
 from tactileforge import run_folder
 from tactileforge.checkpoint_file import read_checkpoint, read_own
 from tactileforge.data.batches.clips import Skipped
+from tactileforge.data.batches.columns import plain_sizes
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import ConfigError
 from tactileforge.files import write_text
@@ -39,6 +40,8 @@ def report_of_run(folder: Path) -> Path:
     config = _config(folder)
     state = read_own(folder, config.get("run"), ("skipped", "labels"))
     data, _ = build_data(config)
+    assert data.train is not None  # set up by `build_data`
+    config["facts"], config["columns"] = dict(data.train.facts), plain_sizes(data.columns)
     module = TouchModule.from_config(config, data.summary("train").labels)
     try:
         module.load_state_dict(state["state_dict"])
@@ -69,9 +72,10 @@ def write_report(
     curves = read_metrics(folder)
     steps, seconds = _progress(folder, curves)
     weights = {key: float(node["weight"]) for key, node in config["objective"].items()}
-    is_policy = bool(config.get("robot"))
+    assert data.train is not None
+    facts = data.train.facts
     learned = max(1, steps) * config["batch"]["size"]
-    findings = None if is_policy else run_findings(module, data, skipped, learned)
+    findings = run_findings(module, data, skipped, learned) if data.train.is_touch else None
     lines = [line for line, _ in (data.skipped | dict(skipped)).values()]
     lines = lines if findings is None else findings.skipped
     kept = sections.kept_versions(folder)
@@ -82,12 +86,12 @@ def write_report(
         sections.losses(curves, list(weights), steps),
         *sections.balance(curves, list(weights), steps),
         *_of_clips(findings, data, curves, steps),
-        *([sections.robot(config["robot"])] if is_policy else []),
+        *([sections.facts(facts)] if facts else []),
         sections.data_section(data, lines),
         sections.recipe(folder),
     ]
     report = folder / "report.html"
-    what = "Policy" if is_policy else "Touch encoder"
+    what = "Heads on a frozen touch encoder" if config.get("freeze") else "Touch encoder"
     title = f"{what}, trained with {', '.join(weights)}"
     write_text(report, page(title, top, parts))
     return report

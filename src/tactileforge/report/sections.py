@@ -181,10 +181,10 @@ def data_section(data: TouchData, skipped: Sequence[str]) -> Section:
     return Section("data", "Data", body)
 
 
-def robot(sizes: Mapping[str, Any]) -> Section:
-    """Sizes of the demonstrations, which the policy is built for."""
-    rows = [(key.replace("_", " "), f"text|{_listed(value)}") for key, value in sizes.items()]
-    return Section("robot", "Robot", table("robot", ("Of the demonstrations", "text|is"), rows))
+def facts(known: Mapping[str, Any]) -> Section:
+    """What the data set says of its samples, which heads are built for."""
+    rows = [(key.replace("_", " "), f"text|{_listed(value)}") for key, value in known.items()]
+    return Section("facts", "Samples", table("facts", ("Of the samples", "text|is"), rows))
 
 
 def _listed(value: Any) -> str:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from typing import Any
+
 import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from tactileforge.contracts import ACTIONS, Batch, Robot
+from tactileforge import registry
+from tactileforge.contracts import ACTIONS, LABELS, Batch, Column, ColumnSize
+from tactileforge.data.batches.columns import declared_columns
 from tactileforge.data.labels import displacement
 from tactileforge.sensors.specs import spec
 
@@ -61,7 +66,6 @@ def batch(size: int = 8, frames: int = 4, image: int = 32, seed: int = 0) -> Bat
         "surface": _as_read(_surface(dent, rise)),
         "surface_valid": torch.ones(size, dtype=torch.bool),
         "group": pair.clone(),
-        **_demonstrated(rise, image, draw),
     }
 
 
@@ -70,30 +74,47 @@ def _as_read(pixels: Tensor) -> Tensor:
     return pixels.movedim(-3, -1).contiguous().movedim(-1, -3)
 
 
-def robot(image: int = 32) -> Robot:
-    """Sizes of the demonstrations that `batch` holds: one finger, chunks of four commands."""
-    return Robot(
-        fingers=("left",),
-        sensors=("digit",),
-        state_size=3,
-        action_size=2,
-        rate=6.0,
-        horizon=4,
-        image_size=image,
-    )
+#: Numbers of a step of an extra column.
+_STEP = 2
 
 
-def _demonstrated(rise: Tensor, image: int, draw: torch.Generator) -> dict[str, Tensor]:
-    """State, commands and camera images: the gripper opens as the force (B, T, 3) was high."""
-    made, size = robot(image), len(rise)
-    change = torch.stack([-rise[:, -1, 2], rise[:, -1, 0]], dim=-1)
-    steps = (made.observations, 3, image, image)
-    return {
-        "state": torch.rand(size, made.observations, made.state_size, generator=draw) * 2 - 1,
-        "action_chunk": change[:, None] * torch.linspace(1, 0.4, made.horizon)[:, None],
-        "action_chunk_valid": torch.ones(size, made.horizon, dtype=torch.bool),
-        "images": torch.randint(256, (size, *steps), generator=draw).to(torch.uint8),
+def with_columns(made: Batch, plugins: Iterable[type[Any]]) -> Batch:
+    """The batch with the columns that heads and objectives declare with their default options.
+
+    Floats go along with the normal force at the end of the clip, whole numbers are 0 and 1.
+
+    Args:
+        made: See `batch`.
+        plugins: Classes. The static method ``example(batch)`` of one gives ``facts``, and further
+            keys that its data set gives by itself.
+    """
+    size, frames = made["frames"].shape[:2]
+    pressed = made["force"][:, -1, 2] / made["force_scale"][:, 2]
+    found: Batch = {}
+    for column in _declared(plugins):
+        steps = frames if column.window is None else column.window[1] - column.window[0]
+        values = pressed.view(-1, 1, 1).expand(size, steps, _STEP).clone()
+        is_whole = column.dtype == "int64"
+        found[column.name] = (values > values.median()).long() if is_whole else values
+        found[f"{column.name}_valid"] = torch.ones(size, steps, dtype=torch.bool)
+    for plugin in plugins:
+        found |= plugin.example(made)[1] if hasattr(plugin, "example") else {}
+    return {**made, **found}
+
+
+def context_of(plugins: Iterable[type[Any]]) -> dict[str, Any]:
+    """Sizes of the columns and facts that `with_columns` goes with."""
+    sizes = {
+        one.name: ColumnSize(shape=(_STEP,), mean=(0.5,) * _STEP, deviation=(0.25,) * _STEP)
+        for one in _declared(plugins)
     }
+    made = batch(2)
+    facts = [one.example(made)[0] for one in plugins if hasattr(one, "example")]
+    return {"column_sizes": sizes, "facts": {k: v for known in facts for k, v in known.items()}}
+
+
+def _declared(plugins: Iterable[type[Any]]) -> tuple[Column, ...]:
+    return declared_columns((one.__name__, one, registry.parameters(one)) for one in plugins)
 
 
 def _surface(dent: Tensor, rise: Tensor) -> Tensor:
@@ -109,16 +130,18 @@ def rows_of(batch: Batch, rows: slice) -> Batch:
     return {key: value[rows] for key, value in batch.items()}
 
 
-def half_labelled(need: str) -> Batch:
+def half_labelled(need: str, plugins: Iterable[type[Any]] = ()) -> Batch:
     """Six samples of which the last three lack a label; garbage stands where it would be.
 
     The labelled three leave nothing to chance for a loss that draws partners: two samples of one
     object and action by two sensors, and one other, all in one group.
 
     Args:
-        need: An entry of `contracts.Objective.needs`: one label, or several joined by ``|``.
+        need: An entry of `contracts.Objective.needs`: one label, or several joined by ``|``; or the
+            name of a column.
+        plugins: See `with_columns`.
     """
-    made = batch(size=6)
+    made = with_columns(batch(size=6), plugins)
     labels = need.split("|")
     made["group"][:3] = 0
     made["group"][3:] = 1
@@ -129,9 +152,9 @@ def half_labelled(need: str) -> Batch:
         made["image_valid"][3:] = False
     if "text" in labels:
         made["text"][3:] = [""] * 3
-    if "action_chunk" in labels:
-        made["action_chunk"][3:] = 1e4
-        made["action_chunk_valid"][3:] = False
+    for label in set(labels) - set(LABELS):
+        made[label][3:] = 99
+        made[f"{label}_valid"][3:] = False
     for label in {"action", "object"} & set(labels):
         made[label][3:] = -1
         made["group"][3:] = -1

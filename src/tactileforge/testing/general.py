@@ -21,6 +21,7 @@ from torch import nn
 
 from tactileforge import registry
 from tactileforge.contracts import Sensor
+from tactileforge.testing.batches import context_of
 from tactileforge.testing.modules import small_context
 from tactileforge.testing.results import Check, CheckSubject, Skip, require
 
@@ -60,7 +61,8 @@ def _plain(value: Any) -> bool:
 
 def constructing_does_no_io(subject: CheckSubject) -> None:
     """Files, devices, processes and threads wait until they are asked for."""
-    context = small_context() if subject.kind in ("heads", "objectives") else {}
+    is_part = subject.kind in ("heads", "objectives")
+    context = small_context() | context_of([subject.plugin]) if is_part else {}
     if subject.instance is not None:
         raise Skip("an instance was given; give the class and its options to check this")
     handles, threads = _handles(), threading.active_count()

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from tactileforge.contracts import Batch
-from tactileforge.testing.batches import batch, rows_of
+from tactileforge.testing.batches import batch, context_of, rows_of, with_columns
 from tactileforge.testing.modules import (
     FrozenViews,
     finite,
@@ -32,16 +32,17 @@ def _predict(head: Any, views: FrozenViews, made: Batch) -> list[Tensor]:
 def _parts(subject: CheckSubject, seed: int = 0) -> tuple[Any, FrozenViews, Batch]:
     """A head in eval mode, and four samples for it."""
     context = small_context()
-    made = batch(4)
+    made = with_columns(batch(4), [subject.plugin])
     views = views_of(context["encoder"], made)
-    return subject.build(**small_context(seed)).eval(), views, made
+    given = small_context(seed) | context_of([subject.plugin])
+    return subject.build(**given).eval(), views, made
 
 
 def sizes_follow_the_encoder(subject: CheckSubject) -> None:
     """A head takes its sizes from the encoder: it works with more frames and a finer grid."""
     for frames, image in ((4, 32), (6, 48)):
-        context = small_context(frames=frames, image=image)
-        made = batch(4, frames, image)
+        context = small_context(frames=frames, image=image) | context_of([subject.plugin])
+        made = with_columns(batch(4, frames, image), [subject.plugin])
         out = _predict(subject.build(**context).eval(), views_of(context["encoder"], made), made)
         require(bool(out), "the prediction has no tensor")
         require(finite(out), f"the prediction of {frames} frames of {image} pixels is not finite")

@@ -11,12 +11,11 @@ from torch import Tensor, nn
 
 from tactileforge import registry
 from tactileforge.contracts import Batch, Features, MaskedFeatures, Views
-from tactileforge.testing.batches import robot
 from tactileforge.testing.results import require
 
 
 def small_context(seed: int = 0, frames: int = 4, image: int = 32) -> dict[str, Any]:
-    """A small touch encoder, the small towers and a robot, as the framework would give them."""
+    """A small touch encoder and the small towers, as the framework would give them."""
     torch.manual_seed(seed)
     touch = {"name": "tactile_vit", "size": "tiny", "frames": frames, "image_size": image}
     return {
@@ -24,7 +23,6 @@ def small_context(seed: int = 0, frames: int = 4, image: int = 32) -> dict[str, 
         "text_encoder": registry.build("encoders", {"name": "byte"}),
         "image_encoder": registry.build("encoders", {"name": "vit"}),
         "teacher": registry.build("encoders", {"name": "vit", "frozen": True}),
-        "robot": robot(image),
     }
 
 

@@ -11,7 +11,14 @@ from torch import Tensor, nn
 from tactileforge import registry
 from tactileforge.contracts import LABELS, Batch, Views
 from tactileforge.parts import Term, term_of
-from tactileforge.testing.batches import batch, half_labelled, rows_of, without
+from tactileforge.testing.batches import (
+    batch,
+    context_of,
+    half_labelled,
+    rows_of,
+    with_columns,
+    without,
+)
 from tactileforge.testing.modules import small_context, views_of
 from tactileforge.testing.results import Check, CheckSubject, Skip, Violation, construct, require
 
@@ -39,12 +46,37 @@ class _Parts:
 
 
 def _parts(subject: CheckSubject) -> _Parts:
-    context = small_context()
+    plugins = _plugins(subject)
+    context = small_context() | context_of(plugins)
     if subject.head is None:
         head = registry.build("heads", {"name": subject.plugin.head}, **context)
     else:
         head = construct(subject.head, {}, context)
     return _Parts(context["encoder"], head, subject.build(**context))
+
+
+def _plugins(subject: CheckSubject) -> list[type[Any]]:
+    """Classes of the head and of the objective."""
+    return [subject.head or registry.get("heads", subject.plugin.head), subject.plugin]
+
+
+def _batch(subject: CheckSubject) -> Batch:
+    return with_columns(batch(), _plugins(subject))
+
+
+def _needs(subject: CheckSubject) -> list[str]:
+    """Labels and columns of the objective.
+
+    Raises:
+        Skip: There are none.
+    """
+    columns = getattr(subject.plugin, "columns", ())
+    if callable(columns):
+        columns = columns(registry.parameters(subject.plugin))
+    needs = sorted({*subject.plugin.needs, *(column.name for column in columns)})
+    if not needs:
+        raise Skip("it needs no labels")
+    return needs
 
 
 def head_and_needs_are_declared(subject: CheckSubject) -> None:
@@ -57,12 +89,13 @@ def head_and_needs_are_declared(subject: CheckSubject) -> None:
     require(isinstance(needs, frozenset), "the class attribute 'needs' is not a frozenset")
     for need in needs or ():
         odd = set(need.split("|")) - set(LABELS)
+        odd = set() if hasattr(_plugins(subject)[0], "example") else odd  # a data set of its own
         require(not odd, f"needs lists {sorted(odd)}; labels are {sorted(LABELS)}")
 
 
 def loss_is_a_finite_scalar(subject: CheckSubject) -> None:
     """So are the logs."""
-    term = _parts(subject).term(batch())
+    term = _parts(subject).term(_batch(subject))
     means = {"loss": term.loss, **term.extra}
     for name, value in {name: mean.value for name, mean in means.items()}.items():
         require(value.ndim == 0, f"{name} has shape {tuple(value.shape)}: it must be a scalar")
@@ -83,7 +116,7 @@ def every_own_parameter_gets_gradient(subject: CheckSubject) -> None:
     optimizer = torch.optim.SGD(parts.modules.parameters(), lr=1e-2)
     for _ in range(3):
         optimizer.zero_grad()
-        torch.autograd.backward(parts(batch()))
+        torch.autograd.backward(parts(_batch(subject)))
         reached |= {n for n, p in parameters.items() if p.grad is not None and bool(p.grad.any())}
         optimizer.step()
     idle = sorted(set(parameters) - reached)
@@ -108,7 +141,7 @@ def _twenty_steps(subject: CheckSubject, rate: float) -> tuple[float, float]:
     losses = []
     for _ in range(21):
         optimizer.zero_grad()
-        loss = parts(batch())
+        loss = parts(_batch(subject))
         losses.append(float(loss.detach()))
         torch.autograd.backward(loss)
         optimizer.step()
@@ -117,16 +150,16 @@ def _twenty_steps(subject: CheckSubject, rate: float) -> tuple[float, float]:
 
 def same_seed_same_loss(subject: CheckSubject) -> None:
     """Built twice, computed twice."""
-    first, second = (float(_parts(subject)(batch()).detach()) for _ in range(2))
+    first, second = (float(_parts(subject)(_batch(subject)).detach()) for _ in range(2))
     require(first == second, f"{first!r}, then {second!r}")
 
 
 def bf16_autocast_works(subject: CheckSubject) -> None:
     """The loss is within 10 % of that in fp32, gradients are finite."""
     parts = _parts(subject)
-    full = float(parts(batch()).detach())
+    full = float(parts(_batch(subject)).detach())
     with torch.autocast("cpu", torch.bfloat16):
-        loss = parts(batch())
+        loss = parts(_batch(subject))
     torch.autograd.backward(loss)
     gap = abs(float(loss.detach()) - full)
     require(gap <= 0.1 * abs(full) + 0.02, f"the loss is {loss.item():.4g}, in fp32 {full:.4g}")
@@ -136,12 +169,10 @@ def bf16_autocast_works(subject: CheckSubject) -> None:
 
 def unlabelled_samples_change_nothing(subject: CheckSubject) -> None:
     """The loss of a half labelled batch is that of its labelled half; none labelled is fine too."""
-    needs = sorted(subject.plugin.needs)
-    if not needs:
-        raise Skip("it needs no labels")
+    needs = _needs(subject)
     parts = _parts(subject)
     for need in needs:
-        made = half_labelled(need)
+        made = half_labelled(need, _plugins(subject))
         views = views_of(parts.encoder, made)
         losses = []
         for rows in (slice(3), slice(6), slice(3, 6)):
@@ -160,12 +191,10 @@ def unlabelled_samples_change_nothing(subject: CheckSubject) -> None:
 
 def labels_are_counted(subject: CheckSubject) -> None:
     """A loss over labels is a `means.Mean`, whose count is 0 where there is none."""
-    needs = sorted(subject.plugin.needs)
-    if not needs:
-        raise Skip("it needs no labels")
+    needs = _needs(subject)
     parts = _parts(subject)
     for need in needs:
-        made = half_labelled(need)
+        made = half_labelled(need, _plugins(subject))
         views = views_of(parts.encoder, made).rows(slice(3, 6))
         with torch.no_grad():
             count = parts.of_views(views, rows_of(made, slice(3, 6))).loss.count.item()
@@ -178,13 +207,11 @@ def labels_are_counted(subject: CheckSubject) -> None:
 
 def missing_key_is_named(subject: CheckSubject) -> None:
     """A batch without what the objective needs is an error that says what is missing."""
-    needs = sorted(subject.plugin.needs)
-    if not needs:
-        raise Skip("it needs no labels")
+    needs = _needs(subject)
     parts = _parts(subject)
     for need in needs:
         try:
-            parts(without(batch(), need))
+            parts(without(_batch(subject), need))
         except Exception as error:
             named = any(key in str(error) for key in need.split("|"))
             require(named, f"without {need!r} it raises {type(error).__name__}: {error}")

@@ -14,13 +14,12 @@ from torch import Tensor
 
 from tactileforge import run_folder
 from tactileforge.checkpoint_file import read_checkpoint
-from tactileforge.contracts import NEUTRAL_BACKGROUND, Batch, Robot
-from tactileforge.data.batches.clips import resize_frame
 from tactileforge.encoders.given import GivenViews
-from tactileforge.errors import ConfigError, DataError
 from tactileforge.hub.packed_linear import PackedLinears
 from tactileforge.parts import build_parts
+from tactileforge.plugin import NEUTRAL_BACKGROUND, Batch, ConfigError, DataError, resize_frame
 from tactileforge_policies.heads.base import PolicyHead
+from tactileforge_policies.robot import Robot
 
 Image = NDArray[np.uint8]
 
@@ -229,7 +228,8 @@ def load_policy(run: str | Path) -> Policy:
     path = Path(run)
     folder = path.parent.parent if path.is_file() else path
     config = run_folder.read_config(folder)
-    if not config.get("robot"):
+    config["facts"] = config.get("facts") or config.get("robot")  # as older runs call them
+    if not config["facts"]:
         raise ConfigError(f"{folder}: its run trained no policy; train recipe=diffusion_policy")
     best = folder / run_folder.BEST
     state = read_checkpoint(path if path.is_file() or not best.is_file() else best)["state_dict"]

@@ -10,11 +10,11 @@ from diffusers.training_utils import EMAModel
 from tactileforge_policies import load_policy
 from tactileforge_policies.heads.diffusion_policy import DiffusionPolicy, PowerEMA
 from tactileforge_policies.heads.ranges import Ranges
+from tactileforge_policies.robot import Robot
 
 from tactileforge.callbacks.checkpoints import Checkpoints
 from tactileforge.checkpoint_file import read_checkpoint
 from tactileforge.compose import compose
-from tactileforge.contracts import Robot
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.module import TouchModule
 from tactileforge.run_folder import LAST, read_config
@@ -32,7 +32,7 @@ def small(**options) -> DiffusionPolicy:
         touch="none",
     )
     encoder = TactileViT("tiny", image_size=32, depth=1)
-    return DiffusionPolicy(encoder, robot, (16, 32), 16, **options)
+    return DiffusionPolicy(encoder, robot.facts, (16, 32), 16, **options)
 
 
 @pytest.mark.parametrize("power", [0.75, 2 / 3])

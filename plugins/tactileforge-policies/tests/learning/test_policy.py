@@ -118,7 +118,7 @@ def test_wrong_robots_are_named(folder: Path, words: list[str], tmp_path: Path) 
 
     wide = write(tmp_path / "wide", [one for n in range(2) for one in episode(n, actions=3)])
     asked = [*words, *NARROW, f"data.root={wide}", f"init={folder}"]
-    with pytest.raises(ConfigError, match="a policy whose action_size is 2, and that of the demon"):
+    with pytest.raises(ConfigError, match="data whose action_size is 2, and that of this"):
         train(compose("diffusion_policy", asked), tmp_path / "next")
 
 
@@ -142,7 +142,7 @@ def test_data_of_no_robot_is_named(tmp_path: Path) -> None:
 
 
 def test_a_run_without_a_policy_is_named(tmp_path: Path) -> None:
-    run_folder.write_config(tmp_path, {"robot": None})
+    run_folder.write_config(tmp_path, {"facts": {}})
     with pytest.raises(ConfigError, match="its run trained no policy"):
         load_policy(tmp_path)
     with pytest.raises(DataNotFoundError, match="give the folder of a run"):

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterable, Sequence
-from typing import Any, TypeAlias
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, ClassVar, TypeAlias
 
 import cv2
 import numpy as np
@@ -12,7 +12,8 @@ import torch
 from numpy.typing import NDArray
 from torch.utils.data import Dataset
 
-from tactileforge.contracts import NEUTRAL_BACKGROUND, Batch, Frames, Recording, Robot
+from tactileforge.contracts import NEUTRAL_BACKGROUND, Batch, Frames, Recording
+from tactileforge.data.batches.columns import CutColumns
 from tactileforge.data.frames.cut import frame_period, held_clips, whole_clips
 from tactileforge.data.frames.pixel_contract import checked_pixels
 from tactileforge.data.labels import displacement
@@ -49,19 +50,24 @@ class Clips(Dataset[dict[str, Any]]):
         size: Height and width the frames are resized to.
         image_size: Height and width the camera image is resized to.
         cache_mb: Megabytes of resized frames kept in each process.
+        columns: Extra columns of the rows; None for none.
 
     Attributes:
         recordings: What is cut.
         scales: Newton along x, y and z that count as 1, by sensor.
         strides: int32, of each recording: its frames from one frame of a clip to the next.
-        robot: Sizes of demonstrations; None of other recordings.
+        provides: Keys of a row beside those of every batch, where a data set cuts by itself.
+        facts: Plain data by name that heads are given.
+        is_touch: Whether a row is one touch, as the report shows them.
 
     Raises:
         ConfigError: A recording names an unknown sensor.
         DataError: There is nothing to cut.
     """
 
-    robot: Robot | None = None
+    provides: frozenset[str] = frozenset()
+    facts: Mapping[str, Any] = {}
+    is_touch: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -72,7 +78,9 @@ class Clips(Dataset[dict[str, Any]]):
         size: tuple[int, int],
         image_size: int = 96,
         cache_mb: float = 512,
+        columns: CutColumns | None = None,
     ) -> None:
+        self.columns = columns
         self.recordings = list(recordings)
         self.frames = frames
         self.size = size
@@ -181,6 +189,7 @@ class Clips(Dataset[dict[str, Any]]):
             "surface_valid": recording.surface is not None,
             "group": group,
             "clip": clip,
+            **(self.columns.cut(recording, rows) if self.columns else {}),
         }
 
     def _background(self, number: int) -> NDArray[np.uint8]:
@@ -295,7 +304,7 @@ def _tensor(array: NDArray[np.uint8]) -> torch.Tensor:
 def collate(rows: Sequence[dict[str, Any]]) -> Batch:
     """Collates rows of `Clips`: tensors are stacked, numbers become tensors, names stay lists.
 
-    A tuple holds several rows of the batch, one for each finger of a robot.
+    A tuple holds several rows of the batch, one for each touch of a sample.
     """
     batch: Batch = {}
     for key, first in rows[0].items():

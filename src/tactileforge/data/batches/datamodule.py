@@ -11,9 +11,10 @@ from itertools import chain
 import lightning as L
 import torch
 
-from tactileforge.contracts import Batch, Dataset, Recording
+from tactileforge.contracts import Batch, Column, Dataset, Recording
 from tactileforge.data.batches.allocate import allocate
 from tactileforge.data.batches.clips import Clips, Skipped
+from tactileforge.data.batches.columns import CutColumns, measure_columns
 from tactileforge.data.batches.leaks import by_source, leak_warning, leaks
 from tactileforge.data.batches.loader import Loader
 from tactileforge.data.batches.pairs import Pairs
@@ -61,8 +62,10 @@ class TouchData(L.LightningDataModule):
         seed: Seed of the run.
         augment: Changes clips and their labels, or None.
         limit: Batches of an epoch, at most (a whole number), or the share of them (a fraction).
+        columns: Extra columns of the batch.
 
     Attributes:
+        columns: Those, with their sizes; None without any, and before `setup`.
         observers: Called with each batch on the host, and whether it is one of training.
     """
 
@@ -83,8 +86,11 @@ class TouchData(L.LightningDataModule):
         seed: int = 0,
         augment: Augment | None = None,
         limit: float = 1.0,
+        columns: Sequence[Column] = (),
     ) -> None:
         super().__init__()
+        self._declared = columns
+        self.columns: CutColumns | None = None
         self.dataset = dataset
         self._has_share = "val" in signature(type(dataset)).parameters
         self.hop, self.spacing, self.frames = hop, spacing, frames
@@ -132,7 +138,8 @@ class TouchData(L.LightningDataModule):
 
         Raises:
             DataError: No training clip can be cut; see also `contracts.Dataset.recordings`.
-            ConfigError: Pairs are asked for, and the data has none.
+            ConfigError: Pairs are asked for, and the data has none; or no recording has the track
+                of a column.
         """
         if self.train is not None:
             return
@@ -143,13 +150,17 @@ class TouchData(L.LightningDataModule):
             fix += "; give data.val=0" if self._has_share else ""
             raise DataNotFoundError(text + fix if self.sources["val"] else text)
         opened: list[list[Recording]] = []
+        whole: list[int] = []
         for number, source in enumerate(self.sources["train"]):
             is_whole = len(source.parts) == 1 or source.summary.recordings <= self.window
             recordings = source.open(_first(source, None if is_whole else _SAMPLE), self._note)
             opened.append(recordings)
-            if is_whole:
-                self._whole[number] = self._clips(recordings)
+            whole += [number] if is_whole else []
         sample = list(chain.from_iterable(opened))
+        if self._declared:
+            self.columns = measure_columns(self._declared, sample)
+            self._cut = partial(self._cut, columns=self.columns)
+        self._whole = {number: self._clips(opened[number]) for number in whole}
         alone = len(self.sources["train"]) == 1 and self._whole
         self.train = self._whole[0] if alone else self._clips(sample)
         if self.match and not Pairs(*self.train.labels()):
@@ -182,6 +193,7 @@ class TouchData(L.LightningDataModule):
             DataNotFoundError: It is missing because the data is.
         """
         provides = self.summary("train").labels if self.sources else self.dataset.provides
+        provides |= self.train.provides if self.train is not None else frozenset()
         missing = {
             key: [need for need in sorted(wanted) if not provides & set(need.split("|"))]
             for key, wanted in needs.items()

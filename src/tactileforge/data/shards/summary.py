@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tactileforge.contracts import ACTIONS_TRACK, AXES, LABELS, Recording
+from tactileforge.contracts import AXES, LABELS, Recording
 
 #: Labels that are fields of a recording, less force, which may lack axes.
 _FIELDS = frozenset({"action", "object", "text", "image", "surface"})
@@ -26,8 +26,6 @@ def labels_of(recording: Recording) -> list[str]:
     there = [key for key in LABELS if key in _FIELDS and getattr(recording, key) is not None]
     acted = recording.action is not None and (recording.action >= 0).any()
     labels = [key for key in there if key != "action" or acted]
-    if ACTIONS_TRACK in recording.tracks:
-        labels.append("action_chunk")
     if recording.force is None:
         return labels
     axes = [

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from tactileforge.contracts import Recording
 from tactileforge.datasets.shards import Shards
-from tactileforge.errors import ConfigError, unknown
+from tactileforge.plugin import ConfigError, CutColumns, Recording, unknown
 from tactileforge_policies.data.episodes import Episode, check_alike, episodes_of
 from tactileforge_policies.data.samples import Cutting, EpisodeClips
 
@@ -109,9 +108,10 @@ class Demonstrations:
         hop: float,
         size: tuple[int, int],
         cache_mb: float = 512,
+        columns: CutColumns | None = None,
     ) -> EpisodeClips:
         """Cuts recordings into samples; ``hop`` is not used: each step is one."""
-        return EpisodeClips(recordings, frames, spacing, size, self.cutting, cache_mb)
+        return EpisodeClips(recordings, frames, spacing, size, self.cutting, cache_mb, columns)
 
     def plot(self, recording: Recording) -> Figure:
         """A figure of a recording."""

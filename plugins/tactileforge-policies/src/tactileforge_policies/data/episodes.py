@@ -9,9 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.contracts import ACTIONS_TRACK, STATE_TRACK, Recording
-from tactileforge.errors import DataError
-from tactileforge.sensors.specs import spec
+from tactileforge.plugin import DataError, Recording, spec
+from tactileforge_policies.robot import ACTIONS_TRACK, STATE_TRACK
 
 #: Relative difference of two rates that is jitter.
 _JITTER = 0.05

@@ -7,17 +7,16 @@ import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from tactileforge.contracts import Recording, Robot
-from tactileforge.data.batches.clips import Clips, view_of
-from tactileforge.sensors.specs import spec
+from tactileforge.plugin import Clips, CutColumns, Recording, spec, take_steps, view_of
 from tactileforge_policies.data.episodes import Episode, check_alike, episodes_of
+from tactileforge_policies.robot import Robot
 
 Touch: TypeAlias = Literal["frames", "force", "none"]
 #: Tokens (n, L, width) of frames uint8 (n, T, 3, H, W), backgrounds (n, 3, H, W) and sensors.
@@ -35,7 +34,7 @@ class Cutting:
     Attributes:
         horizon: Commands of a chunk.
         observations: Steps whose state and camera image a sample holds.
-        touch: See `contracts.Robot`.
+        touch: See `robot.Robot`.
         camera: Whether the camera image is read.
         image_size: Height and width it is resized to.
     """
@@ -61,6 +60,7 @@ class EpisodeClips(Clips):
         size: Height and width the frames are resized to.
         cutting: How they are cut.
         cache_mb: Megabytes of resized frames kept in each process.
+        columns: Further columns of the rows, of the first finger.
 
     Attributes:
         robot: Sizes of the demonstrations.
@@ -70,7 +70,8 @@ class EpisodeClips(Clips):
         DataError: See `episodes_of`, `check_alike`.
     """
 
-    robot: Robot
+    provides = frozenset({"action_chunk"})
+    is_touch: ClassVar[bool] = False
 
     def __init__(
         self,
@@ -80,14 +81,16 @@ class EpisodeClips(Clips):
         size: tuple[int, int],
         cutting: Cutting,
         cache_mb: float = 512,
+        columns: CutColumns | None = None,
     ) -> None:
         self.episodes = episodes_of(recordings)
         first = check_alike(self.episodes, cutting.camera)
         kept = [each.fingers[name] for each in self.episodes for name in first.fingers]
-        super().__init__(kept, frames, spacing, 0.0, size, cutting.image_size, cache_mb)
+        super().__init__(kept, frames, spacing, 0.0, size, cutting.image_size, cache_mb, columns)
         self.cutting = cutting
         tasks = {str(each.labels["task"]) for each in kept if "task" in each.labels}
         self.robot = _robot(first, cutting, max(1, round(spacing / first.period)), tasks)
+        self.facts = self.robot.facts
         self.strides[:] = self.robot.stride
         steps = [len(each.times) for each in self.episodes]
         fingers = len(first.fingers)
@@ -141,15 +144,16 @@ class EpisodeClips(Clips):
         episode = self.episodes[number // len(self.robot.fingers)]
         seen = np.maximum(np.arange(step + 1 - self.cutting.observations, step + 1), 0)
         ahead = np.arange(step, step + self.cutting.horizon)
-        last = len(episode.times) - 1
+        chunk, valid = take_steps(episode.action, ahead)
         row: dict[str, Any] = {
             "state": torch.from_numpy(episode.state[seen]),
-            "action_chunk": torch.from_numpy(episode.action[np.minimum(ahead, last)]),
-            "action_chunk_valid": torch.from_numpy(ahead <= last),
+            "action_chunk": torch.from_numpy(chunk),
+            "action_chunk_valid": torch.from_numpy(valid),
             "action": -1,
             "text": self.recordings[number].text or "",
             "group": group,
             "clip": clip,
+            **(self.columns.cut(self.recordings[number], self.rows(clip)) if self.columns else {}),
         }
         if self.robot.image_size:
             row["images"] = self._images(number, seen)

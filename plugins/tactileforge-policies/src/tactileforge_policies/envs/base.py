@@ -17,7 +17,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from tactileforge.errors import ConfigError
+from tactileforge.plugin import ConfigError
 from tactileforge.sim.mechanics.contact import NotConverged
 from tactileforge.sim.mechanics.gel import Gel
 from tactileforge.sim.randomise.draw import Choice

@@ -8,8 +8,8 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from tactileforge.contracts import Batch, Encoder, Robot, Views
-from tactileforge.encoders.transformer import AttentivePooler, Transformer, init_weights
+from tactileforge.encoders.transformer import init_weights
+from tactileforge.plugin import AttentivePooler, Batch, Encoder, Transformer, Views
 from tactileforge_policies.heads.base import DirectHead
 from tactileforge_policies.heads.observation import POOLER
 
@@ -22,7 +22,7 @@ class ActHead(DirectHead):
 
     Args:
         encoder: The touch encoder (given by the framework).
-        robot: Sizes of the demonstrations (given by the framework).
+        facts: Of the demonstrations (given by the framework), see `robot.Robot`.
         width: Size of a token.
         depth: Blocks over what is perceived.
         heads: Attention heads.
@@ -33,14 +33,14 @@ class ActHead(DirectHead):
     def __init__(
         self,
         encoder: Encoder,
-        robot: Robot | None,
+        facts: Mapping[str, Any],
         width: int = 128,
         depth: int = 2,
         heads: int = 4,
         execute: int = 2,
         pooler: Mapping[str, Any] = POOLER,
     ) -> None:
-        super().__init__(encoder, robot, execute, pooler)
+        super().__init__(encoder, facts, execute, pooler)
         self.of_touch = nn.Linear(self.observe.width, width) if self.observe.touches else None
         self.of_rest = nn.Linear(self.observe.rest, width)
         self.place = nn.Parameter(0.02 * torch.randn(self.observe.touches + 1, width))

@@ -5,13 +5,13 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import torch
 from torch import Tensor, nn
 
-from tactileforge.contracts import Batch, Encoder, Robot, Views
-from tactileforge.errors import ConfigError
+from tactileforge.plugin import Batch, ConfigError, Encoder, Views
+from tactileforge_policies.heads.example import example
 from tactileforge_policies.heads.observation import Observation
 from tactileforge_policies.heads.ranges import Ranges
 
@@ -39,27 +39,30 @@ class PolicyHead(nn.Module):
 
     Args:
         encoder: The touch encoder.
-        robot: Sizes of the demonstrations.
+        facts: Of the demonstrations, see `robot.Robot`.
         execute: Commands of a chunk that are carried out before the next is predicted.
         pooler: See `observation.PoolerSize`.
 
     Attributes:
-        robot: See the arguments.
+        robot: Sizes of the demonstrations.
         execute: See the arguments.
 
     Raises:
         ConfigError: More commands are to be executed than are predicted; see `Observation`.
     """
 
+    #: A run that starts from another has to have these of its data.
+    fixed_facts: ClassVar[tuple[str, ...]] = ("state_size", "action_size", "fingers", "sensors")
+
     def __init__(
         self,
         encoder: Encoder,
-        robot: Robot | None,
+        facts: Mapping[str, Any],
         execute: int,
         pooler: Mapping[str, Any],
     ) -> None:
         super().__init__()
-        self.observe = Observation(encoder, robot, pooler)
+        self.observe = Observation(encoder, facts, pooler)
         self.robot = self.observe.robot
         if not 1 <= execute <= self.robot.horizon:
             raise ConfigError(
@@ -76,6 +79,11 @@ class PolicyHead(nn.Module):
         self.observe.state.fit(*ranges["state"])
         if self.observe.force is not None:
             self.observe.force.fit(*ranges["force"])
+
+    @staticmethod
+    def example(batch: Batch) -> tuple[dict[str, Any], Batch]:
+        """Facts and columns of one finger for the conformance suite; see `testing.batches`."""
+        return example(batch)
 
     @abstractmethod
     def forward(self, views: Views, batch: Batch) -> ChunkPrediction:

@@ -9,10 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import torch
 from torch import Tensor, nn
 
-from tactileforge.contracts import Batch, Encoder, Robot, Views
-from tactileforge.distributed import rand_rows
-from tactileforge.errors import ConfigError
-from tactileforge.heads.ema import EMA
+from tactileforge.plugin import EMA, Batch, ConfigError, Encoder, Views, rand_rows
 from tactileforge_policies.heads.base import ChunkPrediction, PolicyHead
 from tactileforge_policies.heads.observation import POOLER, Observation, flat
 from tactileforge_policies.heads.unet import UNet
@@ -53,7 +50,7 @@ class DiffusionPolicy(PolicyHead):
 
     Args:
         encoder: The touch encoder (given by the framework).
-        robot: Sizes of the demonstrations (given by the framework).
+        facts: Of the demonstrations (given by the framework), see `robot.Robot`.
         channels: Of each stage of the U-Net.
         step_width: Size of the embedding of the step.
         kernel: Of the convolutions.
@@ -78,7 +75,7 @@ class DiffusionPolicy(PolicyHead):
     def __init__(
         self,
         encoder: Encoder,
-        robot: Robot | None,
+        facts: Mapping[str, Any],
         channels: Sequence[int] = (128, 256, 512),
         step_width: int = 256,
         kernel: int = 5,
@@ -92,7 +89,7 @@ class DiffusionPolicy(PolicyHead):
         execute: int = 2,
         pooler: Mapping[str, Any] = POOLER,
     ) -> None:
-        super().__init__(encoder, robot, execute, pooler)
+        super().__init__(encoder, facts, execute, pooler)
         horizon, size = self.robot.horizon, self.robot.action_size
         if horizon % 2 ** (len(channels) - 1):
             raise ConfigError(

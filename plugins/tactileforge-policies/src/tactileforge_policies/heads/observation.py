@@ -9,11 +9,10 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from tactileforge.contracts import Batch, Encoder, Robot, Views
-from tactileforge.encoders.transformer import AttentivePooler, Transformer
-from tactileforge.errors import ConfigError
+from tactileforge.plugin import AttentivePooler, Batch, ConfigError, Encoder, Transformer, Views
 from tactileforge_policies.heads.camera import CameraNet
 from tactileforge_policies.heads.ranges import Ranges
+from tactileforge_policies.robot import Robot
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,7 +71,7 @@ class Observation(nn.Module):
 
     Args:
         encoder: The touch encoder.
-        robot: Sizes of the demonstrations.
+        facts: Of the demonstrations, see `robot.Robot`.
         pooler: Options of `PoolerSize`.
 
     Attributes:
@@ -84,10 +83,11 @@ class Observation(nn.Module):
         ConfigError: The demonstrations are not known, or the heads do not divide the width.
     """
 
-    def __init__(self, encoder: Encoder, robot: Robot | None, pooler: Mapping[str, Any]) -> None:
+    def __init__(
+        self, encoder: Encoder, facts: Mapping[str, Any], pooler: Mapping[str, Any]
+    ) -> None:
         super().__init__()
-        if robot is None:
-            raise ConfigError("a policy learns from demonstrations: give data=demonstrations")
+        robot = Robot.of(facts)
         size = PoolerSize(**pooler)
         if size.width % size.heads:
             raise ConfigError(

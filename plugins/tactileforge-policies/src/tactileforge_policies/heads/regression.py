@@ -7,7 +7,7 @@ from typing import Any
 
 from torch import Tensor, nn
 
-from tactileforge.contracts import Batch, Encoder, Robot, Views
+from tactileforge.plugin import Batch, Encoder, Views
 from tactileforge_policies.heads.base import DirectHead
 from tactileforge_policies.heads.observation import POOLER, flat
 
@@ -19,7 +19,7 @@ class RegressionHead(DirectHead):
 
     Args:
         encoder: The touch encoder (given by the framework).
-        robot: Sizes of the demonstrations (given by the framework).
+        facts: Of the demonstrations (given by the framework), see `robot.Robot`.
         hidden: Width of the hidden layers.
         execute: See `base.PolicyHead`.
         pooler: See `observation.PoolerSize`.
@@ -28,12 +28,12 @@ class RegressionHead(DirectHead):
     def __init__(
         self,
         encoder: Encoder,
-        robot: Robot | None,
+        facts: Mapping[str, Any],
         hidden: int = 256,
         execute: int = 2,
         pooler: Mapping[str, Any] = POOLER,
     ) -> None:
-        super().__init__(encoder, robot, execute, pooler)
+        super().__init__(encoder, facts, execute, pooler)
         out = self.robot.horizon * self.robot.action_size
         self.layers = nn.Sequential(
             nn.Linear(self.observe.flat, hidden),

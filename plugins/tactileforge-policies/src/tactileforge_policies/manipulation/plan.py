@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from tactileforge.bench.fit.pretrain import PretrainJob
-from tactileforge.errors import ConfigError, unknown
+from tactileforge.plugin import ConfigError, unknown
 from tactileforge_policies.rollouts.actors import SCRIPTED
 from tactileforge_policies.rollouts.options import DemonstrationOptions, RolloutOptions, TaskOptions
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tactileforge.bench.fit.pretrain import pretrain
-from tactileforge.errors import TactileForgeError
 from tactileforge.files import write_text
+from tactileforge.plugin import TactileForgeError
 from tactileforge_policies.manipulation.plan import Cell, Plan
 from tactileforge_policies.rollouts.demonstrations import write_demonstrations
 from tactileforge_policies.rollouts.page import rollout_page

@@ -6,9 +6,7 @@ from typing import ClassVar
 
 from torch import nn
 
-from tactileforge.contracts import Batch
-from tactileforge.distributed import masked_mean
-from tactileforge.means import Mean
+from tactileforge.plugin import Batch, Mean, masked_mean
 from tactileforge_policies.heads.base import ChunkPrediction
 
 

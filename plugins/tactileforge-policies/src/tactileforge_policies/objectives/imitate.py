@@ -7,10 +7,7 @@ from typing import ClassVar, Literal
 from torch import nn
 from torch.nn import functional as F
 
-from tactileforge.contracts import Batch
-from tactileforge.distributed import masked_mean
-from tactileforge.errors import ConfigError
-from tactileforge.means import Mean
+from tactileforge.plugin import Batch, ConfigError, Mean, masked_mean
 from tactileforge_policies.heads.base import ChunkPrediction
 
 _LOSSES = {"l1": F.l1_loss, "huber": F.smooth_l1_loss}

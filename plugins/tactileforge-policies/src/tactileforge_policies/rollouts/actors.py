@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.errors import ConfigError
 from tactileforge.files import sha256
+from tactileforge.plugin import ConfigError
 from tactileforge_policies.rollouts.episode import Actor, Forces, Observation
 
 #: Words for an actor that is not trained.

@@ -11,12 +11,10 @@ from typing import Any
 import numpy as np
 
 from tactileforge.bars import Bar
-from tactileforge.contracts import Recording
-from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards import shards
 from tactileforge.data.shards.index import Index, IndexEntry
-from tactileforge.errors import TactileForgeError
 from tactileforge.files import claim, sealed, unsealed, write_text
+from tactileforge.plugin import ArrayFrames, Recording, TactileForgeError
 from tactileforge.processes import process_count, run_share, spread
 from tactileforge.threads import one_thread
 from tactileforge_policies.rollouts.actors import Expert

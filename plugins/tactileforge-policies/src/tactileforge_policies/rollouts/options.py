@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from tactileforge.data.frames.image_codecs import CODECS
-from tactileforge.errors import ConfigError, unknown
+from tactileforge.plugin import ConfigError, unknown
 
 #: Namespace of the environments that come with the package.
 NAMESPACE = "tactileforge"

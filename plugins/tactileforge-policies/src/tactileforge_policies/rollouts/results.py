@@ -12,8 +12,8 @@ from statistics import NormalDist, fmean
 from typing import Any
 
 from tactileforge import strict
-from tactileforge.errors import DataError
 from tactileforge.files import sealed, unsealed, write_text
+from tactileforge.plugin import DataError
 
 #: Two-sided 95 % quantile of the normal distribution.
 _Z = NormalDist().inv_cdf(0.975)

@@ -1,0 +1,61 @@
+"""Sizes of demonstrations, which a policy is built for, and which a run keeps as facts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+from tactileforge import strict
+from tactileforge.plugin import ConfigError
+
+#: Tracks of a demonstration, float32 (T, S) and (T, A): what the robot knows of itself before each
+#: command, and the command.
+STATE_TRACK, ACTIONS_TRACK = "state", "robot_action"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Robot:
+    """Sizes of demonstrations, which a policy is built for.
+
+    Attributes:
+        fingers: Names, in the order in which a batch holds them.
+        sensors: Sensor of each finger.
+        state_size: Numbers of the proprioception, S.
+        action_size: Numbers of a command, A.
+        rate: Commands a second, Hz.
+        horizon: Commands of a chunk, H.
+        observations: Steps whose state (camera image, forces) a policy is given, O.
+        stride: Steps from one frame of a clip to the next.
+        touch: Input of touch: ``frames``, ``force`` (N, privileged) or ``none``.
+        image_size: Height and width of a camera image; 0 without a camera.
+        tasks: Names of the tasks, from the label ``task``; empty where no demonstration has one.
+    """
+
+    fingers: tuple[str, ...]
+    sensors: tuple[str, ...]
+    state_size: int
+    action_size: int
+    rate: float
+    horizon: int = 8
+    observations: int = 2
+    stride: int = 1
+    touch: Literal["frames", "force", "none"] = "frames"
+    image_size: int = 0
+    tasks: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, facts: Mapping[str, Any]) -> Robot:
+        """Reads the facts that `facts` gives.
+
+        Raises:
+            ConfigError: They are of other data.
+        """
+        if "action_size" not in facts:
+            raise ConfigError("a policy learns from demonstrations: give data=demonstrations")
+        return strict.build(cls, "facts", facts)
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """As plain data."""
+        return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}

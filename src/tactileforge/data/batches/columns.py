@@ -1,0 +1,172 @@
+"""Extra columns of the batch, which heads and objectives declare and tracks of recordings hold."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from tactileforge.contracts import BATCH_KEYS, Column, ColumnSize, Recording
+from tactileforge.errors import ConfigError, DataError, PluginError
+
+
+@dataclass(frozen=True)
+class CutColumns:
+    """Columns with the size of a step each, and how they are cut.
+
+    Attributes:
+        columns: As they were declared.
+        sizes: By the name of the column.
+    """
+
+    columns: tuple[Column, ...]
+    sizes: Mapping[str, ColumnSize]
+
+    def cut(self, recording: Recording, rows: Sequence[int] | NDArray[np.int64]) -> dict[str, Any]:
+        """The columns of one clip, and ``NAME_valid`` of each, bool (steps,).
+
+        Args:
+            recording: Which it is cut from; without the track, nothing is labelled.
+            rows: Frame numbers of the clip, oldest first.
+
+        Raises:
+            DataError: The track is not of the size of the others.
+        """
+        found: dict[str, Tensor] = {}
+        for column in self.columns:
+            values, valid = self._of(column, recording, steps_of(column, rows))
+            found[column.name] = torch.from_numpy(values)
+            found[f"{column.name}_valid"] = torch.from_numpy(valid)
+        return found
+
+    def _of(
+        self, column: Column, recording: Recording, steps: NDArray[np.int64]
+    ) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+        shape = self.sizes[column.name].shape
+        track = recording.tracks.get(column.track or column.name)
+        if track is None:
+            return np.zeros((len(steps), *shape), column.dtype), np.zeros(len(steps), bool)
+        if track.shape[1:] != shape:
+            raise DataError(
+                f"{recording.key}: a step of the track {column.track or column.name!r} is "
+                f"{track.shape[1:]}, and of others {shape}; give all the same"
+            )
+        values, inside = take_steps(track, steps)
+        if np.issubdtype(values.dtype, np.floating):
+            inside = inside & np.isfinite(values).reshape(len(values), -1).all(1)
+            values = np.nan_to_num(values, posinf=0.0, neginf=0.0)
+        return values.astype(column.dtype), inside
+
+
+def steps_of(column: Column, rows: Sequence[int] | NDArray[np.int64]) -> NDArray[np.int64]:
+    """Frame numbers that a column holds, before or after the recording too.
+
+    Args:
+        column: As it was declared.
+        rows: Frame numbers of the clip.
+    """
+    if column.window is None:
+        return np.asarray(rows, np.int64)
+    return int(rows[-1]) + np.arange(*column.window, dtype=np.int64)
+
+
+def take_steps(
+    track: NDArray[Any], steps: NDArray[np.int64]
+) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    """Values at frames, the nearest where the recording has not begun or is over, and where not.
+
+    Args:
+        track: (T, ...).
+        steps: Frame numbers, also below 0 and above T - 1.
+
+    Example:
+        >>> values, inside = take_steps(np.array([5, 6, 7]), np.arange(1, 5))
+        >>> values.tolist(), inside.tolist()
+        ([6, 7, 7, 7], [True, True, False, False])
+    """
+    held = np.clip(steps, 0, len(track) - 1)
+    return track[held], held == steps
+
+
+def declared_columns(
+    parts: Iterable[tuple[str, type[Any], Mapping[str, Any]]],
+) -> tuple[Column, ...]:
+    """Columns that heads and objectives declare, each once.
+
+    Args:
+        parts: In words, such as ``head 'grip'``; its class; its options.
+
+    Raises:
+        PluginError: A column has the name of a key that every batch has, or two parts declare
+            others by one name.
+    """
+    found: dict[str, tuple[str, Column]] = {}
+    for what, plugin, options in parts:
+        declared = getattr(plugin, "columns", ())
+        for column in declared(options) if callable(declared) else declared:
+            if column.name in BATCH_KEYS:
+                raise PluginError(
+                    f"{what} declares the column {column.name!r}, which every batch has; give it "
+                    "another name"
+                )
+            owner, before = found.setdefault(column.name, (what, column))
+            if before != column:
+                raise PluginError(
+                    f"{owner} and {what} declare other columns by the name {column.name!r}; give "
+                    "one of them another name"
+                )
+    return tuple(column for _, column in found.values())
+
+
+def measure_columns(columns: Sequence[Column], recordings: Sequence[Recording]) -> CutColumns:
+    """Finds the size of a step of each column, and its statistics where they are asked for.
+
+    Args:
+        columns: As they were declared.
+        recordings: For training.
+
+    Raises:
+        ConfigError: No recording has the track; names those that there are.
+        DataError: Steps of other sizes.
+    """
+    return CutColumns(tuple(columns), {one.name: _size(one, recordings) for one in columns})
+
+
+def _size(column: Column, recordings: Sequence[Recording]) -> ColumnSize:
+    name = column.track or column.name
+    tracks = {one.key: one.tracks[name] for one in recordings if name in one.tracks}
+    if not tracks:
+        known = sorted({track for one in recordings for track in one.tracks})
+        raise ConfigError(
+            f"the column {column.name!r} is cut from the track {name!r}, which the data does not "
+            f"have (it has: {', '.join(known) or 'no tracks'}); use data that has it"
+        )
+    first, shape = next((key, track.shape[1:]) for key, track in tracks.items())
+    for key, track in tracks.items():
+        if track.shape[1:] != shape:
+            raise DataError(
+                f"{key}: a step of the track {name!r} is {track.shape[1:]}, and of {first} "
+                f"{shape}; give all the same"
+            )
+    if not column.statistics:
+        return ColumnSize(shape=tuple(shape))
+    values = np.concatenate([*tracks.values()]).astype(np.float64).reshape(-1, *shape)
+    values = values[np.isfinite(values).reshape(len(values), -1).all(1)]
+    if not len(values):
+        raise DataError(f"the track {name!r} has no finite value; leave out what needs it")
+    mean, deviation = values.mean(0).ravel().tolist(), values.std(0).ravel().tolist()
+    return ColumnSize(shape=tuple(shape), mean=tuple(mean), deviation=tuple(deviation))
+
+
+def plain_sizes(columns: CutColumns | None) -> dict[str, dict[str, Any]]:
+    """Sizes as a run keeps them in its configuration."""
+    sizes = columns.sizes if columns else {}
+    return {
+        name: {k: v if v is None else list(v) for k, v in asdict(size).items()}
+        for name, size in sizes.items()
+    }
