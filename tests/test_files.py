@@ -106,8 +106,6 @@ WRITERS = [
     (["data", "inspect", "data=sim"], "out"),
     (["data", "filter", "data=sim"], "out"),
     (["data", "pack", "data=sim"], "out"),
-    (["data", "lerobot", "data=sim"], "out"),
-    (["data", "embed", "data=sim", "model=anytouch2.tiny"], "out"),
     (["sim"], "out"),
     (["bench", "suite=sim", "model=[pixels]"], "out"),
     (["record", "sensor=sim"], "out"),

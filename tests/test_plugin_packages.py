@@ -18,6 +18,7 @@ from tactileforge.sensors.specs import spec
 
 ROOT = Path(__file__).parents[1]
 NAMES = ("anyskin", "digit", "dmtac", "flexitac", "ft", "gelsight")
+OURS = ("tactileforge-arrays",)  # installed beside the core, and what others build on
 PACKAGES = [ROOT / f"plugins/tactileforge-{name}" for name in NAMES]
 SENSORS = {
     "anyskin": ("array", (3, 3)),
@@ -90,6 +91,52 @@ def test_a_run_whose_package_is_gone_names_it(tmp_path):
         )
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("data lerobot data=sim out=set", "data lerobot comes with tactileforge-lerobot"),
+        ("data embed data=sim out=set", "data embed comes with tactileforge-lerobot"),
+        ("train data=lerobot data.root=set", "data=lerobot comes with tactileforge-lerobot"),
+        ("data pack data=lerobot out=set", "data=lerobot comes with tactileforge-lerobot"),
+        ("train data=sim_array", "data=sim_array comes with tactileforge-arrays"),
+        ("train recipe=anytouch2_array", "recipe=anytouch2_array comes with tactileforge-arrays"),
+        ("zoo show anytouch2_array", "anytouch2_array comes with tactileforge-arrays"),
+    ],
+)
+def test_without_a_package_what_it_brings_is_named_in_a_line(words, said, alone, capsys):
+    assert cli.run(words.split()) == 1
+    assert capsys.readouterr().err == f"error: {said}: pip install {said.split()[-1]}\n"
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "package"),
+    [
+        ("datasets", "lerobot", "tactileforge-lerobot"),
+        ("datasets", "sim_array", "tactileforge-arrays"),
+        ("sensors", "serial_array", "tactileforge-arrays"),
+    ],
+)
+def test_without_a_package_a_configuration_that_needs_it_names_it(kind, name, package, alone):
+    with pytest.raises(PluginError, match=rf"pip install {package}$"):
+        registry.build(kind, {"name": name})
+
+
+def test_our_packages_bring_what_is_said_of_them():
+    for package, kinds in distributions._OURS.items():
+        folder = ROOT / "plugins" / package
+        entries = project(folder)["entry-points"]
+        places = list(entries.get("tactileforge.conf", {}).values())
+        yamls = {
+            f"{path.parent.name}/{path.stem}"
+            for place in places
+            for path in (folder / "src" / place.replace(".", "/")).glob("*/*.yaml")
+        }
+        for kind, names in kinds.items():
+            group = "data" if kind == "datasets" else kind
+            known = {*entries.get(f"tactileforge.{kind}", ())}
+            assert {name for name in names if f"{group}/{name}" not in yamls} <= known, package
+
+
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     """The folder that pip installed all of them into, beside the sources they were built from."""
@@ -133,7 +180,8 @@ def test_each_package_has_what_a_package_needs():
         facts = project(folder)
         assert facts["name"] == folder.name
         assert facts["license"] == "Apache-2.0"
-        assert facts["dependencies"] == ["tactileforge>=0.1"]
+        assert facts["dependencies"][0] == "tactileforge>=0.1"
+        assert {one.split(">")[0] for one in facts["dependencies"]} <= {"tactileforge", *OURS}
         readme = (folder / "README.md").read_text()
         for name in facts["entry-points"]["tactileforge.sensors"]:
             assert f"`{name}`" in readme or f"sensor={name}`" in readme

@@ -7,11 +7,20 @@ from importlib.metadata import entry_points
 #: Packages of our own in plugins/: what they provide, by kind of plugin, or group of options.
 _OURS: dict[str, dict[str, tuple[str, ...]]] = {
     "tactileforge-anyskin": {"sensors": ("anyskin", "reskin")},
+    "tactileforge-arrays": {
+        "datasets": ("sim_array",),
+        "recipe": ("anytouch2_array",),
+        "sensors": ("serial_array",),
+    },
     "tactileforge-digit": {"sensors": ("digit",)},
     "tactileforge-dmtac": {"sensors": ("dmtac", "dmtac_sdk")},
     "tactileforge-flexitac": {"sensors": ("flexitac",)},
     "tactileforge-ft": {"sensors": ("ati_netft", "robotiq")},
     "tactileforge-gelsight": {"sensors": ("gelsight_mini", "gelsight_mini_markers")},
+    "tactileforge-lerobot": {
+        "datasets": ("lerobot", "trex"),
+        "verbs": ("data.embed", "data.lerobot"),
+    },
     "tactileforge-policies": {
         "datasets": ("demonstrations",),
         "heads": ("act", "diffusion_policy", "regression"),

@@ -14,12 +14,18 @@ from typing import Any
 from tactileforge.errors import PluginError, TactileForgeError
 
 #: Changes so far that authors of plugins have to follow; `tactileforge.plugin` is the contract.
-VERSION = 2
+VERSION = 3
 
 #: Changed in meaning, not in place: what code of an older package mentions, and how to mend it.
 CHANGES = {
     "force_valid": "force_valid of a batch is (B, 3) since contract 2, a value for each axis: "
     'batch["force_valid"][:, 2] says whether normal force is known',
+}
+
+
+#: Names that were public here and now come with a package: what to write, and what to install.
+PACKAGES = {
+    "SerialArray": "from tactileforge_arrays import SerialArray (pip install tactileforge-arrays)"
 }
 
 
@@ -44,6 +50,8 @@ def import_hint(error: BaseException) -> str:
         return ""
     wanted = re.findall(r"\w+", _line(error).partition(" import ")[2])
     wanted += re.findall(r"cannot import name '(\w+)'", str(error))
+    if moved := [said for name, said in PACKAGES.items() if name in wanted]:
+        return f"use: {moved[0]}"
     last = (error.name or "").rpartition(".")[2].replace("_", "")
     alike = [name for name in public_names() if name.lower() == last]
     found = sorted(public_names() & set(wanted)) or alike

@@ -39,9 +39,16 @@ from tactileforge.contracts import (
     TrainingClips,
     Views,
 )
+from tactileforge.data.frames.companions import without_companions
+from tactileforge.data.frames.cut import held_clips
+from tactileforge.data.frames.encoded import EncodedFrames
+from tactileforge.data.frames.image_codecs import encode_image
 from tactileforge.data.frames.lazy import ArrayFrames, ImageFrames, VideoFrames
 from tactileforge.data.labels.actions import label_actions
 from tactileforge.data.labels.align import estimate_lag, nearest
+from tactileforge.data.labels.missing import stated
+from tactileforge.data.shards.shards import describe_recording, read_shard, write_shard
+from tactileforge.datasets.reading.splits import is_held_out
 from tactileforge.errors import (
     ConfigError,
     DataError,
@@ -51,33 +58,38 @@ from tactileforge.errors import (
     TactileForgeError,
     unknown,
 )
+from tactileforge.files import cache_folder, new_part, write_text
 from tactileforge.live.publish import to_json
 from tactileforge.moves import VERSION
 from tactileforge.registry import build, names
 from tactileforge.sensors.capture import Capture
 from tactileforge.sensors.checksums import CHECKSUMS
-from tactileforge.sensors.continuity import Arrival
+from tactileforge.sensors.continuity import Arrival, changes_by_at_most
 from tactileforge.sensors.drivers import v4l2
 from tactileforge.sensors.drivers.camera import Camera
 from tactileforge.sensors.drivers.force_torque import ForceTorque
 from tactileforge.sensors.drivers.replay import Replay
-from tactileforge.sensors.drivers.serial_array import SerialArray
 from tactileforge.sensors.drivers.serial_robot import SerialRobot
-from tactileforge.sensors.framing import Parser
-from tactileforge.sensors.links import Link, SerialLink
+from tactileforge.sensors.framing import Framing, PacketParser, Parser, hex_bytes, payload_size
+from tactileforge.sensors.links import Link, SerialLink, attached_ports
 from tactileforge.sensors.opening import close_sensor, open_sensor
 from tactileforge.sensors.simulation import Lamp, MarkerPattern, Simulation
 from tactileforge.sensors.specs import SPECS, spec
+from tactileforge.sensors.stream import StreamSensor
 from tactileforge.sensors.taxels import TaxelLayout
+from tactileforge.streaming.buffer import warn_of_slow_frames
+from tactileforge.untrusted import load_json
 
 if TYPE_CHECKING:
     from tactileforge.data.batches.clips import Clips, resize_frame, view_of
     from tactileforge.data.batches.columns import CutColumns, take_steps
+    from tactileforge.datasets.reading.figure import plot as plot_recording
     from tactileforge.distributed import masked_mean, rand_rows
     from tactileforge.encoders.backbone import Backbone, patches_at
     from tactileforge.encoders.preprocess import ANYTOUCH2
     from tactileforge.encoders.transformer import AttentivePooler, Transformer
     from tactileforge.heads.ema import EMA
+    from tactileforge.hub.model import Model
     from tactileforge.means import Mean
 
 __all__ = [
@@ -105,12 +117,14 @@ __all__ = [
     "DataError",
     "DataNotFoundError",
     "Dataset",
+    "EncodedFrames",
     "Encoder",
     "Features",
     "ForceTorque",
     "Frame",
     "FrameSubset",
     "Frames",
+    "Framing",
     "Head",
     "ImageFrames",
     "Lamp",
@@ -118,8 +132,10 @@ __all__ = [
     "MarkerPattern",
     "MaskedFeatures",
     "Mean",
+    "Model",
     "Objective",
     "OptimizerPlugin",
+    "PacketParser",
     "Parser",
     "PluginError",
     "Prepared",
@@ -130,56 +146,77 @@ __all__ = [
     "Sensor",
     "SensorError",
     "SensorSpec",
-    "SerialArray",
     "SerialLink",
     "SerialRobot",
     "Simulation",
+    "StreamSensor",
     "TactileForgeError",
     "TaxelLayout",
     "TrainingClips",
     "Transformer",
     "VideoFrames",
     "Views",
+    "attached_ports",
     "build",
+    "cache_folder",
+    "changes_by_at_most",
     "close_sensor",
+    "describe_recording",
+    "encode_image",
     "estimate_lag",
+    "held_clips",
+    "hex_bytes",
+    "is_held_out",
     "label_actions",
+    "load_json",
     "masked_mean",
     "names",
     "nearest",
+    "new_part",
     "open_sensor",
     "patches_at",
+    "payload_size",
+    "plot_recording",
     "rand_rows",
+    "read_shard",
     "resize_frame",
     "spec",
+    "stated",
     "take_steps",
     "to_json",
     "unknown",
     "v4l2",
     "view_of",
+    "warn_of_slow_frames",
+    "without_companions",
+    "write_shard",
+    "write_text",
 ]
 
 
-#: Module of what needs torch, and is imported on first use: the module of a sensor costs none.
+#: Needs torch or matplotlib, and is imported on first use: the module of a sensor costs neither.
 _HEAVY = {
-    "ANYTOUCH2": "encoders.preprocess",
-    "AttentivePooler": "encoders.transformer",
-    "Backbone": "encoders.backbone",
-    "Clips": "data.batches.clips",
-    "CutColumns": "data.batches.columns",
-    "EMA": "heads.ema",
-    "Mean": "means",
-    "Transformer": "encoders.transformer",
-    "masked_mean": "distributed",
-    "patches_at": "encoders.backbone",
-    "rand_rows": "distributed",
-    "resize_frame": "data.batches.clips",
-    "take_steps": "data.batches.columns",
-    "view_of": "data.batches.clips",
+    "ANYTOUCH2": "encoders.preprocess:ANYTOUCH2",
+    "AttentivePooler": "encoders.transformer:AttentivePooler",
+    "Backbone": "encoders.backbone:Backbone",
+    "Clips": "data.batches.clips:Clips",
+    "CutColumns": "data.batches.columns:CutColumns",
+    "EMA": "heads.ema:EMA",
+    "Mean": "means:Mean",
+    "Model": "hub.model:Model",
+    "Transformer": "encoders.transformer:Transformer",
+    "masked_mean": "distributed:masked_mean",
+    "patches_at": "encoders.backbone:patches_at",
+    "plot_recording": "datasets.reading.figure:plot",
+    "rand_rows": "distributed:rand_rows",
+    "resize_frame": "data.batches.clips:resize_frame",
+    "take_steps": "data.batches.columns:take_steps",
+    "view_of": "data.batches.clips:view_of",
 }
 
 
 def __getattr__(name: str) -> Any:
     if name not in _HEAVY:
         raise AttributeError(f"module 'tactileforge.plugin' has no attribute {name!r}")
-    return getattr(import_module(f"tactileforge.{_HEAVY[name]}"), name)
+    module, _, inside = _HEAVY[name].partition(":")
+    return getattr(import_module(f"tactileforge.{module}"), inside)

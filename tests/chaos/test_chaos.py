@@ -29,6 +29,10 @@ import pytest
 import torch
 from bent import bent
 from lerobot_recordings import touch
+from tactileforge_lerobot import folder as lerobot_folder
+from tactileforge_lerobot.dataset import LeRobot
+from tactileforge_lerobot.options import LeRobotOptions
+from tactileforge_lerobot.write import write_dataset
 from tqdm import tqdm
 from waiting import wait_until
 
@@ -41,7 +45,6 @@ from tactileforge.data.frames.image_codecs import encode_image
 from tactileforge.data.frames.lazy import ImageFrames, VideoFrames
 from tactileforge.data.shards import description, index, shards
 from tactileforge.data.shards.fetch import ShardFolder
-from tactileforge.datasets.lerobot import LeRobot
 from tactileforge.datasets.reading.label_rows import read_labels
 from tactileforge.datasets.reading.layout import parse_layout
 from tactileforge.datasets.reading.pickles import load_pickle
@@ -50,9 +53,6 @@ from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import DataError, SensorError, TactileForgeError
 from tactileforge.hub.files import make_header, open_encoder, save_checkpoint
 from tactileforge.hub.header import read_header
-from tactileforge.lerobot import folder as lerobot_folder
-from tactileforge.lerobot.options import LeRobotOptions
-from tactileforge.lerobot.write import write_dataset
 from tactileforge.packing import PackOptions, pack
 from tactileforge.record.options import RecordOptions
 from tactileforge.record.raw import read_raw

@@ -227,7 +227,7 @@ def test_a_plugin_that_exits_ends_neither_the_check_nor_the_others(installed, ca
     assert ", " in toy.splitlines()[-1], "the sum"
 
 
-@pytest.mark.parametrize("name", ["ycb_slide", "recordings", "shards", "cloth", "lerobot"])
+@pytest.mark.parametrize("name", ["ycb_slide", "recordings", "shards", "cloth"])
 def test_a_data_set_that_needs_a_folder_is_skipped_with_that_word(name, capsys):
     assert main(["check", name, "--kind", "dataset"]) == 0
     out = capsys.readouterr().out

@@ -124,12 +124,58 @@ def test_a_built_in_verb_is_not_replaced(installed, capsys):
     assert run(["zoo", "list"]) == 0
     assert "anytouch2.tiny" in capsys.readouterr().out
     assert run(["plugins", "list", "--json"]) == 0
-    rows = json.loads(capsys.readouterr().out)
-    assert [row["status"] for row in rows if (row["kind"], row["name"]) == ("verb", "zoo")] == [
-        "conflict"
-    ]
+    rows = [row for row in json.loads(capsys.readouterr().out) if row["name"] == "zoo"]
+    assert [row["status"] for row in rows] == ["conflict"]
 
 
 def test_a_module_without_source_has_no_line():
     assert summary("no_such_package.verb") == ""
     assert summary("sys") == ""
+
+
+#: An action of ``data``, by a name with a dot.
+ACTION = "[tactileforge.verbs]\ndata.count = counting.verb"
+
+
+def test_an_action_of_a_verb_is_listed_without_importing_it(installed, capsys):
+    installed("counting", ACTION, FILES)
+    assert run(["data", "--help"]) == 0
+    assert "\n  tactileforge data count      Counts to a number.\n" in capsys.readouterr().out
+    assert complete("tactileforge data cou") == ["count "]
+    assert run(["--help"]) == 0
+    assert "Counts to a number" not in capsys.readouterr().out
+
+
+def test_an_action_of_a_verb_runs_and_its_slips_are_named(installed, capsys):
+    installed("counting", ACTION, {**FILES, "counting/__init__.py": ""})
+    assert run(["data", "count", "to=2"]) == 0
+    assert run(["data", "count", "-m", "to=1,2"]) == 0
+    assert run(["data", "count", "--cfg", "job"]) == 0
+    assert capsys.readouterr().out.splitlines() == ["1 2", "1", "1 2", "to: 3"]
+    assert complete("tactileforge data count t") == ["to="]
+    assert run(["data", "cuont"]) == 1
+    assert run(["data", "count", "too=3"]) == 1
+    said = capsys.readouterr().err
+    assert "unknown action of tactileforge data 'cuont'; did you mean 'count'?" in said
+    assert "did you mean 'to'?" in said
+    assert {result.status for result in check("verb", "data.count")} == {"ran"}
+
+
+def test_an_action_that_is_broken_is_named_and_the_others_work(installed, capsys):
+    installed("counting", ACTION, {"counting/__init__.py": "", "counting/verb.py": "1 / 0"})
+    assert run(["data", "count"]) == 1
+    said = capsys.readouterr().err
+    assert "'data.count' (counting.verb, from counting 1.0) cannot be loaded: ZeroDivision" in said
+    assert run(["data", "inspect", "--help"]) == 0
+    assert run(["data", "--help"]) == 0
+
+
+def test_an_action_that_is_there_already_is_not_replaced(installed, capsys):
+    installed("counting", ACTION.replace("count =", "pack ="), FILES)
+    assert run(["data", "--help"]) == 0
+    assert "data pack       Packs recordings into shards" in capsys.readouterr().out
+    assert run(["data", "pack", "--help"]) == 0
+    assert "Counts" not in capsys.readouterr().out
+    assert run(["plugins", "list", "--json"]) == 0
+    rows = [row for row in json.loads(capsys.readouterr().out) if row["name"] == "data.pack"]
+    assert [row["status"] for row in rows] == ["conflict"]

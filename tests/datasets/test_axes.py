@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tactileforge_arrays.dataset import SimArray
 
 from tactileforge import registry
 from tactileforge.contracts import ACTIONS, Dataset, Recording
 from tactileforge.datasets.recordings import Recordings
 from tactileforge.datasets.shards import Shards
 from tactileforge.datasets.sim import Sim
-from tactileforge.datasets.sim_array import SimArray
 from tactileforge.datasets.sparsh_force import SparshForce
 from tactileforge.datasets.sparsh_slip import SparshSlip
 from tactileforge.datasets.touchd_force import TouchdForce
@@ -119,15 +119,16 @@ def _root(made: type[Dataset]) -> dict[str, str]:
 
 def test_no_reader_of_forces_is_left_out(force_readers: dict[str, Dataset]) -> None:
     """A reader that is added has to be tested here, and named on the page."""
-    passing_on = {"lerobot", "mixture"}  # give what others gave
+    passing_on = {"mixture"}  # gives what others gave
     plugins = [one for one in registry.list_plugins() if one.kind == "datasets"]
-    names = {one.name for one in plugins if one.distribution == "tactileforge"} - passing_on
+    ours = ("tactileforge", "tactileforge-arrays")
+    names = {one.name for one in plugins if one.distribution in ours} - passing_on
     classes = {name: registry.get("datasets", name) for name in names}
     providing = {
         name
         for name, made in classes.items()
         if name != "recordings"
-        and made.__module__.startswith("tactileforge.")
+        and made.__module__.startswith(("tactileforge.", "tactileforge_arrays."))
         and "force" in made(**_root(made)).provides
     }
     assert providing | {"recordings"} == set(force_readers)

@@ -19,6 +19,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from tactileforge_arrays import SerialArray
 from waiting import wait_until
 
 from tactileforge.calibration import file as calibration
@@ -33,7 +34,6 @@ from tactileforge.record.status import RecordStatus
 from tactileforge.sensors import opening
 from tactileforge.sensors.background import Background
 from tactileforge.sensors.capture import Capture
-from tactileforge.sensors.drivers.serial_array import SerialArray
 from tactileforge.sensors.drivers.sim import SimSensor
 from tactileforge.sensors.drivers.sim_wrench import SimWrench
 from tactileforge.sensors.status import of_drops

@@ -2,14 +2,11 @@
 
 import socket
 import struct
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tactileforge import cli
 from tactileforge.datasets.shards import Shards
 from tactileforge.errors import ConfigError
 from tactileforge.record.raw import read_raw
@@ -160,21 +157,3 @@ def test_what_is_no_robot_is_named(scripted, options, sensors, robot, message):
 @pytest.mark.parametrize("name", ["sim_robot", "serial_robot"])
 def test_it_conforms(name):
     assert not [one for one in check("sensor", name) if one.status == "failed"]
-
-
-@pytest.mark.slow
-def test_what_is_recorded_is_a_demonstration_in_lerobots_format(tmp_path, capsys):
-    pytest.importorskip("pyarrow")
-    out = tmp_path / "demos"
-    words = ["sensor=sim", "sensor.sim.size=32", "sensor.sim.type=digit", "robot=sim_robot"]
-    words += ["robot.joints=2", "seconds=1.5", "background.seconds=0", "text=press", f"out={out}"]
-    done = subprocess.run(
-        [sys.executable, "-m", "tactileforge", "record", *words], capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stderr
-    data = ["data=shards", f"data.root={out}"]
-    assert cli.run(["data", "lerobot", *data, f"out={tmp_path / 'set'}", "lerobot.fps=10"]) == 0
-    said = capsys.readouterr().out
-    assert "1 episodes" in said
-    assert "features: observation.state, action" in said
-    assert "trains no policy" not in said

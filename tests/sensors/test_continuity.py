@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tactileforge_arrays import SerialArray
 
 from tactileforge.errors import ConfigError
 from tactileforge.sensors.drivers.force_torque import ForceTorque
-from tactileforge.sensors.drivers.serial_array import SerialArray
 from tactileforge.sensors.framing import CHECKSUMS
 from tactileforge.sensors.stream import StreamSensor
 from tactileforge.testing.clock import FakeTime

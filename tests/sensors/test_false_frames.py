@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tactileforge_arrays import SerialArray
 
 from tactileforge.sensors.drivers.force_torque import ForceTorque
-from tactileforge.sensors.drivers.serial_array import SerialArray
 from tactileforge.sensors.framing import Datagrams, PacketParser
 from tactileforge.sensors.stream import StreamSensor
 

@@ -43,11 +43,11 @@ def test_it_is_simulated_with_markers_or_without(own, tmp_path):
         (first, *_) = recordings(tmp_path, markers=markers)
         assert first.sensor == "own"
         assert np.nanmax(first.force[:, 2]) > 0.3
-        middle = len(first.frames) // 2
         still = first.no_contact.read([0])[0].astype(int)
-        assert np.abs(first.frames.read([middle])[0] - still).max() > 15
+        hardest = first.frames.read([int(np.nanargmax(first.force[:, 2]))])[0]
+        assert np.abs(hardest - still).max() > 2 * np.abs(first.frames.read([0])[0] - still).max()
         shown[markers] = still
-    assert (shown[True].mean(2) < 60).mean() > (shown[False].mean(2) < 60).mean() + 0.02
+    assert shown[True].mean(2).min() < shown[False].mean(2).min() - 10  # dark dots
 
 
 @pytest.mark.parametrize(

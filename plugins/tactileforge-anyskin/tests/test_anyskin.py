@@ -51,8 +51,8 @@ def read_until_silent(sensor, board=None, silence=0.8):
 def timed(monkeypatch, packets, fps, delay=0.0):
     """An AnySkin whose packets come on a clock of their own."""
     clock = FakeTime()
-    for module in ("stream", "drivers.serial_array"):
-        monkeypatch.setattr(f"tactileforge.sensors.{module}.time", clock)
+    for module in ("tactileforge.sensors.stream", "tactileforge_arrays.serial_array"):
+        monkeypatch.setattr(f"{module}.time", clock)
     link = TimedLink(clock, packets, fps, delay)
     monkeypatch.setattr(AnySkin, "connect", lambda self: link)
     return clock
@@ -180,7 +180,7 @@ def test_unplugged_and_back(board):
 
 
 def test_a_board_that_is_silent(board, monkeypatch):
-    monkeypatch.setattr("tactileforge.sensors.drivers.serial_array._PATIENCE", 0.1)
+    monkeypatch.setattr("tactileforge_arrays.serial_array._PATIENCE", 0.1)
     with pytest.raises(SensorError, match="needs 30 packets, 0 came"):
         AnySkin(port=board.port).open()
 

@@ -113,8 +113,8 @@ def test_random_bytes_are_hardly_ever_a_packet():
 
 def test_baseline_and_rate(monkeypatch):
     clock = FakeTime()
-    for module in ("stream", "drivers.serial_array"):
-        monkeypatch.setattr(f"tactileforge.sensors.{module}.time", clock)
+    for module in ("tactileforge.sensors.stream", "tactileforge_arrays.serial_array"):
+        monkeypatch.setattr(f"{module}.time", clock)
     packets = itertools.chain([packet(20)] * 60, itertools.repeat(packet(70)))
     link = TimedLink(clock, packets, fps=40)
     monkeypatch.setattr(FlexiTac, "connect", lambda self: link)

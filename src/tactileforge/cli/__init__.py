@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
@@ -19,7 +19,7 @@ from tactileforge.errors import ConfigError, TactileForgeError, unknown
 from tactileforge.signals import interrupted_by_signals
 
 if TYPE_CHECKING:
-    from tactileforge.cli._command import Command
+    from tactileforge.cli._verbs import Actions
 
 _EXAMPLES = """\
   tactileforge train scale=demo                                   a small model on simulated touch
@@ -122,15 +122,23 @@ def dispatch(verb: str, rest: Sequence[str]) -> int:
             print(actions(verb, known))
             return 0
         if action not in known:
-            raise ConfigError(unknown(f"action of tactileforge {verb}", action, known))
+            raise ConfigError(_unknown_action(verb, action, known))
     elif rest[:1] and rest[0] in known:
         action, *rest = rest
     return _run.run(f"{verb} {action}".strip(), known[action], rest)
 
 
-def actions(verb: str, known: Mapping[str, Command]) -> str:
+def _unknown_action(verb: str, action: str, known: Actions) -> str:
+    from tactileforge.distributions import package_of
+
+    if package := package_of("verbs", f"{verb}.{action}"):
+        return f"{verb} {action} comes with {package}: pip install {package}"
+    return unknown(f"action of tactileforge {verb}", action, known)
+
+
+def actions(verb: str, known: Actions) -> str:
     """A line for each action of a verb."""
-    rows = [f"  tactileforge {verb} {name:<10} {command.about}" for name, command in known.items()]
+    rows = [f"  tactileforge {verb} {name:<10} {line}" for name, line in known.summaries().items()]
     return "\n".join([verbs()[verb], "", *rows, "", f"tactileforge {verb} ACTION --help: its keys"])
 
 

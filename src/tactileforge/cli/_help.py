@@ -9,7 +9,7 @@ from inspect import Parameter
 from tactileforge import registry, strict
 from tactileforge.cli._command import Command
 from tactileforge.cli._options import options, yaml_groups, yaml_options, yaml_text
-from tactileforge.cli._verbs import builtin, commands
+from tactileforge.cli._verbs import builtin, own_commands
 
 _FLAGS = """\
 --cfg job  what would be used   --explain KEY  where a value comes from   -m key=1,2  once for each
@@ -72,7 +72,7 @@ def keys_page() -> str:
     """The page docs/keys.md: every key of every verb, and of every plugin of this package."""
     lines = [_HEAD]
     for verb in builtin():
-        for action, command in commands(verb).items():
+        for action, command in own_commands(verb).items():
             if command.keys is not None and (rows := strict.describe(command.keys)):
                 lines += [f"### {f'{verb} {action}'.strip()}", "", *_block(rows)]
     lines += ["## Training", "", "`tactileforge train` has these in groups.", ""]

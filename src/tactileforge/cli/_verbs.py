@@ -1,15 +1,15 @@
 """The verbs: a file of this folder each, and modules of installed packages.
 
 A package brings a verb by an entry point in ``tactileforge.verbs``: its name, and a module with the
-contract of a file of this folder. Listing reads source text and metadata; only a verb that is used
-is imported.
+contract of a file of this folder. A name with a dot, as ``data.lerobot``, is an action of a verb.
+Listing reads source text and metadata; only a verb that is used is imported.
 """
 
 from __future__ import annotations
 
 import ast
-from collections.abc import Mapping
-from functools import cache
+from collections.abc import Iterator, Mapping
+from functools import cache, cached_property
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -20,6 +20,7 @@ from tactileforge.errors import ConfigError, PluginError, unknown
 
 if TYPE_CHECKING:
     from tactileforge.cli._command import Command
+    from tactileforge.registry import PluginInfo
 
 
 def builtin() -> dict[str, str]:
@@ -38,23 +39,90 @@ def verbs() -> dict[str, str]:
 
     known = builtin()
     for plugin in registry.list_plugins():
-        if plugin.kind == "verbs" and plugin.name not in known:
-            conflict = plugin.status == "conflict"
-            claim = "claimed by several packages: see tactileforge plugins list"
-            known[plugin.name] = claim if conflict else summary(plugin.target)
+        if plugin.kind == "verbs" and plugin.name not in known and "." not in plugin.name:
+            known[plugin.name] = _line(plugin)
     return known
 
 
-def commands(verb: str) -> Mapping[str, Command]:
+def is_taken(name: str) -> bool:
+    """Whether a name of a package's verb, or of its action, is one of the package itself."""
+    verb, _, action = name.partition(".")
+    return verb in builtin() and (not action or action in _actions(verb))
+
+
+def _actions(verb: str) -> set[str]:
+    """Actions of a built-in verb, from its source."""
+    tree = ast.parse(Path(__file__).with_name(f"{verb}.py").read_text("utf-8"))
+    made = [node for node in tree.body if isinstance(node, ast.Assign)]
+    rows = [node.value for node in made if ast.unparse(node.targets[0]) == "COMMANDS"]
+    keys = [key for row in rows if isinstance(row, ast.Dict) for key in row.keys]
+    return {str(key.value) for key in keys if isinstance(key, ast.Constant)}
+
+
+class Actions(Mapping[str, "Command"]):
+    """Commands of a verb by action; those that packages add are imported when they are asked for.
+
+    Args:
+        verb: Whose they are.
+        own: Those of its own module, which no package replaces.
+    """
+
+    def __init__(self, verb: str, own: Mapping[str, Command]) -> None:
+        self.verb, self.own = verb, own
+
+    @cached_property
+    def added(self) -> dict[str, str]:
+        """Summaries of the actions that packages add, by action."""
+        from tactileforge import registry  # numpy, which most commands here do without
+
+        found = {}
+        for plugin in registry.list_plugins():
+            verb, _, action = plugin.name.partition(".")
+            if plugin.kind == "verbs" and verb == self.verb and action and action not in self.own:
+                found[action] = _line(plugin)
+        return found
+
+    def __iter__(self) -> Iterator[str]:
+        return iter([*self.own, *self.added])
+
+    def __len__(self) -> int:
+        return len(self.own) + len(self.added)
+
+    def __contains__(self, action: object) -> bool:
+        is_word = isinstance(action, str) and action.isidentifier()
+        return action in self.own or (is_word and action in self.added)
+
+    def __getitem__(self, action: str) -> Command:
+        if action in self.own or action not in self:
+            return self.own[action]
+        found = _of_package(f"{self.verb}.{action}")
+        if list(found) != [""]:
+            name = f"{self.verb}.{action}"
+            raise PluginError(f"verb {name!r}: an action has one command, COMMANDS = {{'': ...}}")
+        return found[""]
+
+    def summaries(self) -> dict[str, str]:
+        """A line for each action; imports none that a package adds."""
+        return {name: command.about for name, command in self.own.items()} | self.added
+
+
+def commands(verb: str) -> Actions:
     """The commands of a verb, by action.
 
     Raises:
         ConfigError: The verb is unknown; names the nearest, or the package to install.
         PluginError: The verb comes with a package, and cannot be imported or is claimed twice.
     """
-    if verb in builtin():
-        found: Mapping[str, Command] = import_module(f"tactileforge.cli.{verb}").COMMANDS
-        return found
+    return Actions(verb, own_commands(verb) if verb in builtin() else _of_package(verb))
+
+
+def own_commands(verb: str) -> Mapping[str, Command]:
+    """The commands of a built-in verb, by action, without those that packages add."""
+    found: Mapping[str, Command] = import_module(f"tactileforge.cli.{verb}").COMMANDS
+    return found
+
+
+def _of_package(verb: str) -> Mapping[str, Command]:
     from tactileforge import registry
 
     if verb not in registry.names("verbs"):
@@ -63,12 +131,19 @@ def commands(verb: str) -> Mapping[str, Command]:
         fix = "tactileforge --help says what each does"
         raise ConfigError(unknown("verb", verb, verbs(), fix))
     module = registry.load("verbs", verb)
-    found = getattr(module, "COMMANDS", None) or {}
+    found: Mapping[str, Command] = getattr(module, "COMMANDS", None) or {}
     if not isinstance(found, Mapping):
         raise PluginError(f"verb {verb!r} ({module.__name__}): COMMANDS is not a dict of commands")
     if not found:
         raise PluginError(f"verb {verb!r} ({module.__name__}): the module has no COMMANDS")
     return found
+
+
+def _line(plugin: PluginInfo) -> str:
+    """Line of a package's verb, or action, in ``--help``."""
+    if plugin.status == "conflict":
+        return "claimed by several packages: see tactileforge plugins list"
+    return summary(plugin.target)
 
 
 @cache

@@ -1,4 +1,4 @@
-"""Inspects, filters and packs a data set; writes it in LeRobot's format, and with vectors."""
+"""Inspects, filters and packs a data set."""
 
 from __future__ import annotations
 
@@ -9,10 +9,7 @@ from typing import Any
 from tactileforge import packing, registry
 from tactileforge.cli._command import Command
 from tactileforge.contracts import Dataset
-from tactileforge.embed import EmbedOptions as EmbedOptions
 from tactileforge.errors import command
-from tactileforge.lerobot.options import LeRobotOptions as LeRobotOptions
-from tactileforge.lerobot.options import LeRobotSummary, Vectors
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,46 +55,6 @@ class _Inspect:
     recordings: int = 400
 
 
-@dataclass(frozen=True, kw_only=True)
-class _LeRobot:
-    """Touch as a LeRobot data set.
-
-    Attributes:
-        out: Folder of the data set; it must not exist.
-        lerobot: How.
-    """
-
-    out: str
-    lerobot: LeRobotOptions = field(default_factory=LeRobotOptions)
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Tables(LeRobotOptions):
-    __doc__ = LeRobotOptions.__doc__
-    images: str = "camera"
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Embed:
-    """Keys of ``data embed``.
-
-    Attributes:
-        model: NAME.TAG of the zoo or file:PATH; its weights stay as they are.
-        out: Folder of the data set; it must not exist.
-        embed: How touch becomes vectors.
-        device: Where the model computes.
-        threads: How many threads it may take; None for torch's choice.
-        lerobot: How the data set is written.
-    """
-
-    model: str
-    out: str
-    embed: EmbedOptions = field(default_factory=EmbedOptions)
-    device: str = "cpu"
-    threads: int | None = None
-    lerobot: _Tables = field(default_factory=_Tables)
-
-
 def _data(config: dict[str, Any]) -> tuple[Dataset, str]:
     node = config["data"]
     return registry.build("datasets", node), node["name"]
@@ -128,58 +85,9 @@ def _inspect(keys: _Inspect, config: dict[str, Any]) -> None:
     print(f"page: {keys.out}")
 
 
-def _lerobot(keys: _LeRobot, config: dict[str, Any]) -> None:
-    """Writes touch as a LeRobot data set, format v3; data=lerobot reads one (docs/lerobot.md)."""
-    _write(keys.out, keys.lerobot, config)
-
-
-def _embed(keys: _Embed, config: dict[str, Any]) -> None:
-    """Writes a LeRobot data set with an encoder's vectors, for LeRobot's policies.
-
-    They are observation.environment_state (docs/lerobot.md#policies).
-    """
-    from tactileforge.embed import TouchVectors
-    from tactileforge.hub.loading import load
-
-    if keys.threads:
-        import torch
-
-        torch.set_num_threads(keys.threads)
-    vectors = TouchVectors(load(keys.model, device=keys.device), keys.model, keys.embed)
-    written = _write(keys.out, keys.lerobot, config, vectors)
-    print(
-        f"observation.environment_state: {written.vectors} numbers a row "
-        f"({' + '.join(vectors.devices)}), {written.vectors * written.rows * 4 / 1e6:.2f} MB"
-    )
-
-
-def _write(
-    out: str, options: LeRobotOptions, config: dict[str, Any], vectors: Vectors | None = None
-) -> LeRobotSummary:
-    from tactileforge.lerobot.write import write_dataset
-
-    dataset, _ = _data(config)
-    splits = ("train", "val")
-    recordings = (recording for split in splits for recording in dataset.recordings(split))
-    written = write_dataset(recordings, Path(out), options, vectors)
-    lost = ", ".join(f"{device} {count}" for device, count in written.dropped.items() if count)
-    print(
-        f"{written.episodes} episodes, {written.rows} rows at {written.fps} per second; frames "
-        f"that no row shows: {lost or 'none'}"
-    )
-    print(f"features: {', '.join(written.features)}")
-    if written.lacks:
-        lacks = " and ".join(f"no {feature}" for feature in written.lacks)
-        print(f"{lacks}: LeRobot trains no policy on it (docs/lerobot.md#policies)")
-    print(f"LeRobot reads it: LeRobotDataset('local/touch', root={out!r})")
-    return written
-
-
 _DATA = {"data": "???"}
 COMMANDS = {
     "inspect": Command(run=_inspect, keys=_Inspect, groups=_DATA),
     "filter": Command(run=_filter, keys=_Filter, groups=_DATA),
     "pack": Command(run=_pack, keys=_Pack, groups=_DATA, into=True),
-    "lerobot": Command(run=_lerobot, keys=_LeRobot, groups=_DATA, into=True),
-    "embed": Command(run=_embed, keys=_Embed, groups=_DATA, into=True),
 }

@@ -92,7 +92,7 @@ def _list(keys: _List, _: dict[str, Any]) -> None:
 
     rows = [asdict(plugin) for plugin in registry.list_plugins()]
     for row in rows:
-        if row["kind"] == "verbs" and row["name"] in _verbs.builtin():
+        if row["kind"] == "verbs" and _verbs.is_taken(row["name"]):
             row["status"] = "conflict"  # with a verb of the package itself, which wins
         row["kind"] = row["kind"].removesuffix("s")
     if keys.json:

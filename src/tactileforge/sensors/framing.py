@@ -83,7 +83,7 @@ class Framing:
 _PARTS = ("packet", "payload")
 
 
-def measured(payload: str) -> tuple[int, int]:
+def payload_size(payload: str) -> tuple[int, int]:
     """Number of bytes and of values of a payload.
 
     Args:

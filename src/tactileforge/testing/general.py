@@ -27,10 +27,11 @@ from tactileforge.testing.results import Check, CheckSubject, Skip, require
 
 
 def name_is_snake_case(subject: CheckSubject) -> None:
-    """The word users type: lower case, digits, single underscores."""
+    """The word users type: lower case, digits, single underscores; an action is VERB.ACTION."""
     if not subject.name:
         raise Skip("the class is not installed as a plugin, so it has no name")
-    good = re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", subject.name)
+    word = r"[a-z][a-z0-9]*(_[a-z0-9]+)*"
+    good = re.fullmatch(rf"{word}(\.{word})?" if subject.kind == "verbs" else word, subject.name)
     require(good is not None, f"{subject.name!r} is not snake_case")
 
 

@@ -7,12 +7,12 @@ import struct
 
 import numpy as np
 import pytest
+from tactileforge_arrays import SerialArray
 from waiting import wait_until
 
 from tactileforge.errors import ConfigError, SensorError, TactileForgeError
 from tactileforge.sensors.checksums import CHECKSUMS
 from tactileforge.sensors.drivers.force_torque import ForceTorque
-from tactileforge.sensors.drivers.serial_array import SerialArray
 from tactileforge.sensors.drivers.sim_wrench import SimWrench
 from tactileforge.sensors.links import TcpLink, serial_ports
 from tactileforge.sensors.stream import Stamper
@@ -202,7 +202,7 @@ def test_magnetometers_without_header_or_checksum_keep_all_their_values(pty):
 
 
 def test_an_array_without_packets_says_so_when_it_is_opened(pty, monkeypatch):
-    monkeypatch.setattr("tactileforge.sensors.drivers.serial_array._PATIENCE", 0.1)
+    monkeypatch.setattr("tactileforge_arrays.serial_array._PATIENCE", 0.1)
     with pytest.raises(SensorError, match="needs 30 packets, 0 came"):
         SerialArray(port=pty.port).open()
 

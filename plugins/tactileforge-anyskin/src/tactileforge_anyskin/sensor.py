@@ -11,8 +11,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from tactileforge_arrays import SerialArray
 
-from tactileforge.plugin import Link, SensorSpec, SerialArray, SerialLink
+from tactileforge.plugin import Link, SensorSpec, SerialLink
 
 #: Temperatures that can be true, degrees Celsius.
 COLDEST, HOTTEST = -20.0, 100.0

@@ -6,7 +6,9 @@ counter, and the header may stand among the taxels as well: see `parser.GridPars
 
 from __future__ import annotations
 
-from tactileforge.plugin import ConfigError, Parser, SensorSpec, SerialArray
+from tactileforge_arrays import SerialArray
+
+from tactileforge.plugin import ConfigError, Parser, SensorSpec
 from tactileforge_flexitac.parser import GridParser
 
 

@@ -1,4 +1,4 @@
-"""Videos that OpenCV cannot decode, read by PyAV: AV1 is LeRobot's default."""
+"""Videos that OpenCV cannot decode, read by PyAV: AV1, among others."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def missing(path: str, codec: str) -> ConfigError:
     """Error of a video that only PyAV could decode."""
     return ConfigError(
         f"{path}: its codec is {codec}, which this OpenCV does not decode: "
-        "pip install 'tactileforge[lerobot]' brings PyAV, which does"
+        "pip install 'tactileforge[av]' brings PyAV, which does"
     )
 
 

@@ -32,7 +32,7 @@ class VideoFrames(Cropped):
     forward inside the codec, and seeks where that saves work; a seek counts only if the time of the
     frame that it lands on proves its number, else the video is read from its start.
 
-    PyAV decodes what OpenCV cannot (the extra ``lerobot``): AV1 in most builds.
+    PyAV decodes what OpenCV cannot (the extra ``av``): AV1 in most builds.
 
     An mp4 that was trimmed without coding it anew hides some frames and still counts them: reading
     the last ones is then an error.

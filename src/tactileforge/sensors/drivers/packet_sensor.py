@@ -17,7 +17,7 @@ from tactileforge.sensors.framing import (
     PacketParser,
     Parser,
     hex_bytes,
-    measured,
+    payload_size,
 )
 from tactileforge.sensors.links import Link, SerialLink, TcpLink, UdpLink, attached_ports
 from tactileforge.sensors.stream import StreamSensor
@@ -98,7 +98,7 @@ class PacketSensor(StreamSensor):
         self.request = hex_bytes("request", marks.request)
         self.farewell = hex_bytes("farewell", marks.farewell)
         self.spec = replace(self.spec, fps=fps)
-        size, self.count = measured(payload)
+        size, self.count = payload_size(payload)
         if self.count < least:
             what = self.spec.kind
             raise ConfigError(

@@ -1,0 +1,1 @@
+"""LeRobot's folder format, version 3, read and written, for tactileforge (`docs/lerobot.md`)."""

@@ -1,0 +1,60 @@
+"""Writes a LeRobot data set with an encoder's vectors, for LeRobot's policies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from tactileforge.plugin import Command
+from tactileforge_lerobot.data_lerobot import write
+from tactileforge_lerobot.embed import EmbedOptions, TouchVectors
+from tactileforge_lerobot.options import LeRobotOptions
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Tables(LeRobotOptions):
+    __doc__ = LeRobotOptions.__doc__
+    images: str = "camera"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Embed:
+    """Keys of ``data embed``.
+
+    Attributes:
+        model: NAME.TAG of the zoo or file:PATH; its weights stay as they are.
+        out: Folder of the data set; it must not exist.
+        embed: How touch becomes vectors.
+        device: Where the model computes.
+        threads: How many threads it may take; None for torch's choice.
+        lerobot: How the data set is written.
+    """
+
+    model: str
+    out: str
+    embed: EmbedOptions = field(default_factory=EmbedOptions)
+    device: str = "cpu"
+    threads: int | None = None
+    lerobot: _Tables = field(default_factory=_Tables)
+
+
+def embed(keys: Embed, config: dict[str, Any]) -> None:
+    """Writes a LeRobot data set with an encoder's vectors, for LeRobot's policies.
+
+    They are observation.environment_state (docs/lerobot.md#policies).
+    """
+    from tactileforge import load  # torch, which no --help has to wait for
+
+    if keys.threads:
+        import torch
+
+        torch.set_num_threads(keys.threads)
+    vectors = TouchVectors(load(keys.model, device=keys.device), keys.model, keys.embed)
+    written = write(keys.out, keys.lerobot, config, vectors)
+    print(
+        f"observation.environment_state: {written.vectors} numbers a row "
+        f"({' + '.join(vectors.devices)}), {written.vectors * written.rows * 4 / 1e6:.2f} MB"
+    )
+
+
+COMMANDS = {"": Command(run=embed, keys=Embed, groups={"data": "???"}, into=True)}

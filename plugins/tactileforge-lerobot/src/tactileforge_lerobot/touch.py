@@ -1,0 +1,88 @@
+"""Touch metadata that LeRobot's format has no place for: backgrounds, labels, licence."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+from tactileforge.plugin import DataError, Recording, describe_recording, encode_image, load_json
+
+#: What stands in columns of the tables.
+_COLUMNS = ("version", "times", "force", "action", "tracks", "image_times")
+#: Frames without contact that are kept.
+_STILLS = 9
+#: Types of what is read of a recording; all but the sensor may be missing.
+_KINDS: dict[str, type] = {
+    **dict.fromkeys(("key", "sensor", "object", "text", "source", "licence"), str),
+    **{"tier": int, "labels": dict, "tracks": dict, "background": list, "shape": list},
+}
+
+
+def read_touch(path: Path) -> tuple[Any, list[dict[str, dict[str, Any]]]]:
+    """Version of a file of touch metadata; and that of each device, by episode.
+
+    Raises:
+        DataError: The file is damaged.
+    """
+    try:
+        stored = load_json(path.read_text(encoding="utf-8"))
+        episodes = [
+            {str(name): _checked(about) for name, about in parts.items()}
+            for parts in stored["episodes"]
+        ]
+        return stored["version"], episodes
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise DataError(f"{path}: damaged ({error!r}); remove it, or write it again") from error
+
+
+def _checked(about: dict[str, Any]) -> dict[str, Any]:
+    """Metadata of a recording, without nulls; a label that is null is no number.
+
+    Raises:
+        ValueError: A value is missing, or of another type.
+    """
+    given = {key: value for key, value in about.items() if value is not None}
+    for name, kind in _KINDS.items():
+        if (name in given or name == "sensor") and not isinstance(given.get(name), kind):
+            raise ValueError(f"{name} is {given.get(name)!r}, not of type {kind.__name__}")
+    files, tails = given.get("background", []), given.get("tracks", {}).values()
+    if not all(isinstance(name, str) for name in files):
+        raise ValueError(f"background is {files!r}, not a list of paths")
+    for sizes in (given.get("shape", [1, 1]), *tails):
+        if not isinstance(sizes, list) or not all(type(n) is int and n >= 0 for n in sizes):
+            raise ValueError(f"{sizes!r} is no shape")
+    if len(given.get("shape", [1, 1])) != 2:
+        raise ValueError(f"shape is {given['shape']!r}, not height and width")
+    labels = given.get("labels", {})
+    given["labels"] = {name: math.nan if x is None else x for name, x in labels.items()}
+    return given
+
+
+def describe_touch(root: Path, number: int, name: str, part: Recording) -> dict[str, Any]:
+    """Describes what the tables of a recording leave out, and writes its background.
+
+    Args:
+        root: The data set.
+        number: Of the episode.
+        name: Of the device.
+        part: The recording.
+    """
+    about = {key: value for key, value in describe_recording(part).items() if key not in _COLUMNS}
+    return about | {
+        "background": _write_stills(root, f"meta/tactileforge/{number:06d}.{name}", part),
+        "shape": list(part.frames.shape),
+        "tracks": {track: list(values.shape[1:]) for track, values in part.tracks.items()},
+        "image": part.image is not None,
+    }
+
+
+def _write_stills(root: Path, prefix: str, part: Recording) -> list[str]:
+    if part.no_contact is None:
+        return []
+    (root / prefix).parent.mkdir(exist_ok=True)
+    files = []
+    for i in range(min(len(part.no_contact), _STILLS)):
+        files.append(f"{prefix}.{i}.png")
+        (root / files[-1]).write_bytes(encode_image(part.no_contact.read([i])[0], "png"))
+    return files

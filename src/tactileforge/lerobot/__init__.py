@@ -1,1 +1,0 @@
-"""LeRobot's folder format, version 3, read and written (`docs/lerobot.md`)."""
