@@ -167,9 +167,9 @@ class Writer:
         if part.kind == "classes" and truth.shape[1] == 1:
             arrays |= {key: arrays[key][:, 0] for key in ("truth", "predicted")}
             _write_table(path.with_suffix(".csv"), clips, arrays)
-        with new_part(path, path.suffix) as part:  # without the suffix, numpy adds its own
-            np.savez_compressed(part, **arrays)
-            part.replace(path)
+        with new_part(path, path.suffix) as file:  # without the suffix, numpy adds its own
+            np.savez_compressed(file, **arrays)
+            file.replace(path)
         return replace(cell, predictions=_predictions(cell))
 
 
