@@ -313,3 +313,28 @@ def test_what_a_model_says_of_itself(model: Model) -> None:
     assert (model.frames, model.projected, str(model.device)) == (4, 512, "cpu")
     with pytest.raises(ConfigError, match="did you mean 'tokens'"):
         model.features(np.zeros(1), tap="token")  # type: ignore[arg-type]
+
+
+def test_groups_are_those_of_the_encoder(model: Model, frames: np.ndarray) -> None:
+    groups = model.groups(frames, "first", "digit")
+    assert {name: values.shape[1] for name, values in groups.items()} == model.group_sizes
+    summary = model.features(frames, "first", "digit", tap="summary")
+    torch.testing.assert_close(groups["summary"], summary)
+    change = frames[:, -1].astype(float) - frames[:, 0]  # (B, 40, 48, 3)
+    cells = change.reshape(2, 8, 5, 8, 6, 3).mean((2, 4)).transpose(0, 3, 1, 2)
+    found = groups["difference"].view(2, 2, 3, 8, 8)
+    for half in (0, 1):
+        np.testing.assert_allclose(found[:, half], cells, atol=1e-4)
+    one = model.groups(frames[1], "first", "digit", names=["difference"], batch_size=1)
+    assert list(one) == ["difference"]
+    torch.testing.assert_close(one["difference"], groups["difference"][1])
+
+
+def test_no_network_runs_for_free_groups(
+    model: Model, frames: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(type(model.encoder), "forward", lambda *_: pytest.fail("it ran"))
+    groups = model.groups(frames, "first", "digit", names=["statistics", "difference"])
+    assert list(groups) == ["difference", "statistics"]
+    with pytest.raises(ConfigError, match="photographs"):
+        model.groups(frames, "first", "digit", names=["photographs"])

@@ -1,0 +1,82 @@
+"""Features in named groups, which probes weigh: what was trained, and what is free."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from tactileforge.encoders.feature_groups import check_groups, encode_groups, group_sizes
+from tactileforge.hub.feature_model import FeatureModel, check_batch_size
+from tactileforge.hub.inputs import Images
+from tactileforge.hub.sensor_rows import Policy
+
+
+class GroupedModel(FeatureModel):
+    """The part of `hub.model.Model` that gives groups; see there for arguments and attributes."""
+
+    @property
+    def group_sizes(self) -> dict[str, int]:
+        """Numbers of each group that `groups` gives, by name, in their order."""
+        return group_sizes(self.encoder)
+
+    def groups(
+        self,
+        frames: Images,
+        background: Images | str | None = None,
+        sensor: str | Sequence[str] | None = None,
+        *,
+        names: Sequence[str] | None = None,
+        unknown_sensor: Policy = "error",
+        batch_size: int = 32,
+    ) -> dict[str, Tensor]:
+        """Features of clips in groups, each computed once from the uint8 frames.
+
+        They differ in what they know and in how many they are, so a probe does best that weighs
+        them: see the probes ``ridge`` and ``logistic`` of ``tactileforge bench``.
+
+        - ``summary``: of the encoder, as `features` gives it with ``tap="summary"``. No unit.
+        - ``photographs``, (2360,), where the encoder has a network of photographs
+          (``anytouch2.tiny-real``): the network's own maps, as means of the quarters of the image
+          and deviations over it. No unit.
+        - ``difference``, (384,): grey levels, un-normalised. Means over 8 x 8 cells of the last
+          frame less the background, (3, 8, 8), then of the last frame less the first, (3, 8, 8).
+          With ``background="none"`` the first half is the picture itself, less a grey.
+        - ``statistics``, (69,): of the last frame less its background at 128 x 128: moments,
+          slopes and quantiles in shares of the range of grey levels, logarithms of the power in
+          rings of the spectrum, and correlations of the channels.
+
+        Args:
+            frames: See `encode`.
+            background: See `encode`.
+            sensor: See `encode`.
+            names: Groups that are wanted; None takes all. What is not named costs nothing: without
+                ``summary`` no transformer runs, without ``photographs`` beside it no network.
+            unknown_sensor: See `encode`.
+            batch_size: See `encode`.
+
+        Returns:
+            By name, float32 (n,), or (B, n) for a batch, on the model's device; sizes as in
+            `group_sizes`.
+
+        Raises:
+            DataError: See `encode`.
+            ConfigError: See `encode`; or the model has no such group.
+
+        Example:
+            >>> groups = model.groups(clip, rest, "digit", names=["difference"])  # doctest: +SKIP
+            >>> groups["difference"].view(2, 3, 8, 8)[0].mean((1, 2))  # red, green, blue
+        """
+        wanted = check_groups(self.encoder, names)
+        check_batch_size(batch_size)
+        x, still, single = self._prepare(frames, background)
+        rows = self._rows(self._names(sensor, len(x)), unknown_sensor)
+        parts = zip(*(torch.split(part, batch_size) for part in (x, still, rows)), strict=True)
+        with torch.no_grad(), self._faster():
+            done = [
+                encode_groups(self.encoder, *(x.to(self.device) for x in part), wanted)
+                for part in parts
+            ]
+        joint = {name: torch.cat([part[name] for part in done]) for name in wanted}
+        return {name: values[0] if single else values for name, values in joint.items()}
