@@ -72,11 +72,14 @@ class GroupedModel(FeatureModel):
         check_batch_size(batch_size)
         x, still, single = self._prepare(frames, background)
         rows = self._rows(self._names(sensor, len(x)), unknown_sensor)
-        parts = zip(*(torch.split(part, batch_size) for part in (x, still, rows)), strict=True)
+        inputs = zip(*(torch.split(part, batch_size) for part in (x, still, rows)), strict=True)
         with torch.no_grad(), self._faster():
-            done = [
-                encode_groups(self.encoder, *(x.to(self.device) for x in part), wanted)
-                for part in parts
-            ]
+            done = [self._groups(wanted, *part) for part in inputs]
         joint = {name: torch.cat([part[name] for part in done]) for name in wanted}
         return {name: values[0] if single else values for name, values in joint.items()}
+
+    def _groups(
+        self, names: Sequence[str], frames: Tensor, background: Tensor, rows: Tensor
+    ) -> dict[str, Tensor]:
+        frames, background, rows = (x.to(self.device) for x in (frames, background, rows))
+        return encode_groups(self.encoder, frames, background, rows, names)
