@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any, Literal, get_args
 
@@ -26,6 +26,9 @@ _QUANTILES = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
 _RINGS = (0.0, 0.015, 0.03, 0.06, 0.12, 0.2, 0.3, 0.5)
 #: Statistics of a picture: moments, slopes, quantiles and rings of three channels, correlations.
 _STATISTICS = 3 * (4 + 4 + len(_QUANTILES) + len(_RINGS) - 1) + 3
+
+#: Factor of each group in the vector that joins them: see `joint_vector`.
+SCALES = {"summary": 0.0, "photographs": 0.0, "difference": 0.0, "statistics": 0.0}
 
 
 def group_sizes(encoder: Any) -> dict[str, int]:
@@ -118,6 +121,19 @@ def free_groups(frames: Tensor, background: Tensor, names: Sequence[str]) -> dic
     """The groups that need no network, those of them that are named; see `encode_groups`."""
     free = {"difference": low_pass_difference, "statistics": picture_statistics}
     return {name: read(frames, background) for name, read in free.items() if name in names}
+
+
+def joint_vector(groups: Mapping[str, Tensor]) -> Tensor:
+    """Groups side by side, each times its fixed factor, float32 (..., n).
+
+    Factors are constants, so a vector depends on its clip alone and keeps how strong a touch is.
+    They give each group the same variance in a task, but the difference a tenth of it: medians over
+    the tasks of ``suite=real`` without losing the grip (``benchmarks/feature_groups.py``).
+
+    Args:
+        groups: float (..., n) by name, see `encode_groups`.
+    """
+    return torch.cat([SCALES[name] * values for name, values in groups.items()], -1)
 
 
 def low_pass_difference(frames: Tensor, background: Tensor) -> Tensor:

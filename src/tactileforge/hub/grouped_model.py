@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Literal
 
 import torch
 from torch import Tensor
 
-from tactileforge.encoders.feature_groups import check_groups, encode_groups, group_sizes
+from tactileforge.encoders.feature_groups import (
+    check_groups,
+    encode_groups,
+    group_sizes,
+    joint_vector,
+)
 from tactileforge.hub.feature_model import FeatureModel, check_batch_size
 from tactileforge.hub.inputs import Images
 from tactileforge.hub.sensor_rows import Policy
@@ -20,6 +26,61 @@ class GroupedModel(FeatureModel):
     def group_sizes(self) -> dict[str, int]:
         """Numbers of each group that `groups` gives, by name, in their order."""
         return group_sizes(self.encoder)
+
+    def encode(
+        self,
+        frames: Images,
+        background: Images | str | None = None,
+        sensor: str | Sequence[str] | None = None,
+        *,
+        groups: Sequence[str] | Literal["all"] | None = None,
+        unknown_sensor: Policy = "error",
+        batch_size: int = 32,
+    ) -> Tensor:
+        """Encodes each clip as one vector.
+
+        Args:
+            frames: uint8, RGB, oldest first, of any size: one clip (T, H, W, 3) or (T, 3, H, W), or
+                a batch with B in front. numpy or torch. One image, (H, W, 3), (3, H, W) or a batch
+                with one frame a clip, is shown in all T places, as the authors do.
+            background: A frame without contact of the same recording, of the frames' size: one,
+                or one a clip. ``"first"`` takes the first frame of each clip, ``"none"`` subtracts
+                nothing. May be left out only where the model uses none.
+            sensor: Name of the sensor, or one name a clip; ``"universal"`` takes the universal
+                tokens. May be left out where the model knows one sensor, or none.
+            groups: Names of groups, or ``all``, that are put side by side, each times a fixed
+                factor with which a plain linear probe does well: see `groups` and
+                `feature_groups.joint_vector`. None gives the network's own projected vector, which
+                streams, exports and heads of classes read.
+            unknown_sensor: ``error``, or ``universal`` to take the universal tokens, and warn.
+            batch_size: Clips that are computed at once.
+
+        Returns:
+            float32 (projected,), or (B, projected) for a batch, on the model's device; of groups
+            as many numbers as `group_sizes` tells for them together.
+
+        Raises:
+            DataError: Frames or background are not what the model takes; says both.
+            ConfigError: No background, no such sensor or group, or a batch size below 1.
+        """
+        if groups is None:
+            return self.features(
+                frames,
+                background,
+                sensor,
+                tap="projected",
+                unknown_sensor=unknown_sensor,
+                batch_size=batch_size,
+            )
+        joined = self.groups(
+            frames,
+            background,
+            sensor,
+            names=None if groups == "all" else groups,
+            unknown_sensor=unknown_sensor,
+            batch_size=batch_size,
+        )
+        return joint_vector(joined)
 
     def groups(
         self,
