@@ -103,7 +103,7 @@ def _vectors(
     taps = ("groups", "projected", "summary")
     policy = tasks[0].task.unknown_sensor
     arrays = extract_features(store, subject, tasks[0].source, clips, taps, policy=policy)
-    found = {tap: torch.from_numpy(np.asarray(arrays[tap, PLAIN])).float() for tap in taps}
+    found = {tap: torch.from_numpy(np.array(arrays[tap, PLAIN])).float() for tap in taps}
     parts = torch.split(found.pop("groups"), list(subject.group_sizes.values()), 1)
     groups = dict(zip(subject.group_sizes, parts, strict=True))
     return {"groups, joined": joint_vector(groups), **found}, clips
