@@ -12,8 +12,8 @@ from torch import Tensor
 from tactileforge.data.labels.displacement import displacement_mm
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.hub import forces
-from tactileforge.hub.feature_model import FeatureModel
 from tactileforge.hub.forces import ModelReadings
+from tactileforge.hub.grouped_model import GroupedModel
 from tactileforge.hub.inputs import Images
 from tactileforge.hub.sensor_rows import Policy
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from tactileforge.hub.classify import Classes, ClassHead
 
 
-class HeadModel(FeatureModel):
+class HeadModel(GroupedModel):
     """The part of `hub.model.Model` that reads heads; see there for arguments and attributes."""
 
     _fingerprint = _encoder_hash = ""
