@@ -1,4 +1,4 @@
-"""The public door for authors of plugins: everything that a package may import.
+"""The public interface for authors of plugins: all names for import by other packages.
 
     from tactileforge.plugin import Frame, Sensor, SensorError, SensorSpec
 
@@ -194,7 +194,7 @@ __all__ = [
 ]
 
 
-#: Needs torch or matplotlib, and is imported on first use: the module of a sensor costs neither.
+#: Names that need torch or matplotlib, imported on first use: sensor modules need neither.
 _HEAVY = {
     "ANYTOUCH2": "encoders.preprocess:ANYTOUCH2",
     "AttentivePooler": "encoders.transformer:AttentivePooler",

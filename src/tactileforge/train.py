@@ -50,21 +50,21 @@ from tactileforge.trainer import build_trainer, check_options
 
 log = logging.getLogger(__name__)
 
-#: Packages whose versions a run keeps.
+#: Packages with their versions recorded in a run.
 _PACKAGES = ("tactileforge", "torch", "lightning", "hydra-core", "kornia", "numpy")
 
-#: What torch says where a process of the group is gone.
+#: Messages of torch after the loss of a process of the group.
 _LOST = re.compile(r"closed by peer|reset by peer|Connection refused|NCCL|Broken pipe", re.I)
 
-#: What Lightning warns of although it is meant to be so.
+#: Warnings of Lightning about intended behaviour.
 _EXPECTED = (
     r".*isinstance\(treespec, LeafSpec\).*",
     r"Found \d+ module\(s\) in eval mode at the start of training.*",  # frozen towers, EMA copies
     r"The number of training batches .* is smaller than the logging interval.*",
     r"The '\w+_dataloader' does not have many workers.*",
-    r"Total length of `list` across ranks is zero.*",  # nothing is held out, which is said
+    r"Total length of `list` across ranks is zero.*",  # nothing is held out: the run itself says so
     r"It is recommended to use `self.log\('val/.*",  # values are those of all processes already
-    r"Checkpoint directory .* exists and is not empty.*",  # a run that goes on
+    r"Checkpoint directory .* exists and is not empty.*",  # a resumed run
 )
 
 
@@ -75,16 +75,17 @@ def train(config: DictConfig | dict[str, Any], folder: Path) -> TouchModule:
     ``checkpoints/last.ckpt`` and ``report.html``.
 
     Args:
-        config: Finished; see `compose.finish`. With ``resume``, that of the run in ``folder``,
-            which goes on; see `run_folder.read_config`.
+        config: Finished configuration; see `compose.finish`. With ``resume``, the configuration of
+            the run in ``folder``; see `run_folder.read_config`.
         folder: Folder of the run.
 
     Returns:
         The trained module.
 
     Raises:
-        TactileForgeError: Something is wrong that could be known beforehand; says what and the fix.
-        KeyboardInterrupt: The run was stopped and saved; ``resume=`` goes on with it.
+        TactileForgeError: Configuration, data or weights are invalid, training has left the finite
+            numbers, or another process has died; states the fix.
+        KeyboardInterrupt: The run was stopped and saved; ``resume=`` continues it.
     """
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
     plain: dict[str, Any] = config if isinstance(config, dict) else _plain(config)
@@ -125,10 +126,10 @@ def _train(
     if state is not None:
         log.info(initialise(module, state, new_in(str(plain["init"]))))
         warn_of_dropped(plain, left_out(module, state))
-    if not resume:
+    if not resume:  # a resumed run has the measurements in its checkpoint
         module.prepare(data.train)
     if plain["freeze"]:
-        if resume:  # Lightning loads the other weights later
+        if resume:  # needed for the tokens now; Lightning loads the other weights in fit
             kept = read_checkpoint(resume)["state_dict"].items()
             own = {k.removeprefix("encoder."): v for k, v in kept if k.startswith("encoder.")}
             module.encoder.load_state_dict(own)
@@ -159,12 +160,12 @@ def _train(
             raise TactileForgeError(
                 f"another process of the run has died ({_first_line(error)}). {_kept(folder)}"
             ) from error
-        except SystemExit as stop:  # what Lightning makes of Ctrl-C
+        except SystemExit as stop:  # Lightning turns Ctrl-C into it
             done = trainer.global_step
             when = f"in the step after {done}" if done > step else "before the first step"
             raise KeyboardInterrupt(f"{stop.__context__ or 'stopped'} {when}") from stop
         except ValueError as error:
-            if "val_check_interval" not in str(error):
+            if "val_check_interval" not in str(error):  # Lightning's check against the data
                 raise
             raise ConfigError(f"trainer.val_check_interval: {error}") from error
     if saver.interrupted:
@@ -185,14 +186,14 @@ def _first_line(error: Exception) -> str:
 
 
 def _kept(folder: Path) -> str:
-    """What goes on with a run that was cut short."""
+    """Advice on how to continue an interrupted run."""
     if not (folder / run_folder.LAST).is_file():
         return "Nothing was saved before: give the same command again"
     return f"Go on from its checkpoint: tactileforge train resume={shlex.quote(str(folder))}"
 
 
 def _way_back(folder: Path, numbers: str) -> str:
-    """What is kept of a run whose numbers are not finite, and the commands that go back to it."""
+    """Advice on the last checkpoint of a run with non-finite numbers, with its commands."""
     exact = "" if numbers.startswith("32") else " trainer.precision=32"
     if not (folder / run_folder.LAST).is_file():
         also = f" or{exact}" if exact else ""
@@ -207,7 +208,7 @@ def _way_back(folder: Path, numbers: str) -> str:
 
 @contextmanager
 def _resumed_from(resume: Path | None, saver: Checkpoints) -> Iterator[None]:
-    """Names the checkpoint where a run cannot go on with what it holds."""
+    """Names the checkpoint in errors about its content, before the first resumed step."""
     try:
         yield
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, RuntimeError) as error:
@@ -222,7 +223,7 @@ def _resumed_from(resume: Path | None, saver: Checkpoints) -> Iterator[None]:
 def _whole(
     plain: dict[str, Any], module: TouchModule, folder: Path, labels: AbstractSet[str]
 ) -> TouchModule:
-    """The module with all its weights on this process, which may hold a share of them alone."""
+    """The module with all its weights on this process, from the checkpoint of a sharded run."""
     if not isinstance(module.trainer.strategy, Sharded):
         return module
     whole = TouchModule.from_config(plain, labels)
@@ -231,7 +232,7 @@ def _whole(
 
 
 def _settle_precision(plain: dict[str, Any], module: TouchModule, data: TouchData) -> str:
-    """Puts the precision into the configuration, which a resumed run reads; returns why it is."""
+    """Puts the precision into the configuration, for resumed runs too; returns the reason."""
     assert data.train is not None
     measure = partial(precision.step_times, module, data.train)
     chosen = precision.choose_precision(plain["trainer"], measure)
@@ -241,15 +242,15 @@ def _settle_precision(plain: dict[str, Any], module: TouchModule, data: TouchDat
 
 
 def metric(module: TouchModule, name: str | None = None) -> float:
-    """The number that a sweep makes small, as it was at the last validation.
+    """The metric minimised by a sweep, at the last validation.
 
     Args:
-        module: After its training.
-        name: As in the metrics, for example ``val/force``; None for the sum of the losses of all
-            objectives that were validated, or trained where nothing is held out.
+        module: Module after its training.
+        name: Name in the metrics, for example ``val/force``; None for the sum of all validation
+            losses, or of all training losses if nothing is held out.
 
     Raises:
-        ConfigError: Nothing of that name was logged.
+        ConfigError: No metric of that name was logged.
     """
     logged = module.trainer.callback_metrics
     if name and name not in logged:
@@ -286,8 +287,8 @@ def _keep(
         "versions": versions,
         "plugins": plugins,
         "licences": list(licences),  # of the recordings
-        "sensors": list(sensors),  # that it is trained on
-        "precision": why,  # it is what it is
+        "sensors": list(sensors),  # of the training data
+        "precision": why,  # reason for the choice; the precision is in the configuration
         "commit": commit(),
     }
     write_text(folder / run_folder.VERSIONS, sealed(kept))
