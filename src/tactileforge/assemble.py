@@ -48,7 +48,7 @@ def build_data(config: Mapping[str, Any]) -> tuple[TouchData, dict[str, Any]]:
         key: registry.get("objectives", node["name"]) for key, node in config["objective"].items()
     }
     if not any(getattr(plugin, "pairs", False) for plugin in objectives.values()):
-        batch["match"] = 0.0
+        batch["match"] = 0.0  # no objective learns from pairs
     data = TouchData(
         dataset,
         frames=encoder.frames,
@@ -62,6 +62,8 @@ def build_data(config: Mapping[str, Any]) -> tuple[TouchData, dict[str, Any]]:
         **batch,
     )
     needs = {key: plugin.needs for key, plugin in objectives.items()}
+    # checked by the labels that the data set declares, before its files are read; then by those
+    # that its training clips have
     data.check(needs)
     data.setup()
     data.check(needs)

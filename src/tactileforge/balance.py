@@ -18,7 +18,7 @@ from tactileforge.errors import ConfigError, unknown
 
 
 class FixedWeights(nn.Module):
-    """Keeps the weights of the curriculum unchanged.
+    """Keeps the weights of the curriculum unchanged; the base of all balances.
 
     Args:
         keys: Names of the objectives.

@@ -57,6 +57,7 @@ class Bar(tqdm):  # type: ignore[type-arg]
     def close(self) -> None:
         """Closes the bar, after its last line."""
         if not self._is_drawn and not self.disable:
+            # tqdm's own close would add an empty line, because each line here has its line break
             self.sp(str(self))
             self.disable = True
             type(self)._instances.discard(self)  # type: ignore[attr-defined]

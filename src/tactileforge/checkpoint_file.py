@@ -186,6 +186,7 @@ def initialise(
     if wrong:
         some = "; ".join(wrong[:5])
         raise ConfigError(f"init: the encoder does not fit: {some} ({len(wrong)} in all)")
+    # not strict: heads and objectives may differ, and the encoder is checked above
     module.load_state_dict(fits, strict=False)
     fresh, left = (_parts(keys - fits.keys()) for keys in (current.keys(), state.keys()))
     return f"init: {len(fits)} tensors taken; new: {fresh}; not used: {left}"

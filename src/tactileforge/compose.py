@@ -124,7 +124,7 @@ def node_of(group: str, name: str) -> dict[str, Any]:
     defaults = registry.parameters(registry.get(GROUPS[group], name))
     shared: dict[str, Any] = {"weight": 1.0} if group == "objective" else {}
     if group == "optim":
-        from tactileforge.optim import COMMON  # torch
+        from tactileforge.optim import COMMON  # imports torch
 
         shared = COMMON
     return (
@@ -303,6 +303,7 @@ def finish(config: DictConfig, typed: Sequence[str] = ()) -> DictConfig:
     if not config.get("curriculum"):
         config.curriculum = OmegaConf.create({}, flags={"struct": False})
     rows: Mapping[str, Any] = config.curriculum.get("objective") or {}
+    # checked before rows are left out below, where a misspelt one would vanish without a word
     for key in rows:
         if key not in chosen and key not in registry.names("objectives"):
             known = {*chosen, *registry.names("objectives")}

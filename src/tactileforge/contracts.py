@@ -21,7 +21,7 @@ A batch is a plain dict:
 | `background` | uint8 (B, 3, H, W) | no-contact frame of the same recording |
 | `sensor` | list of B names | the encoder maps names to its own rows |
 | `force` | float32 (B, T, 3), `force_valid` bool (B, 3) | newton; which axes are labelled |
-| `force_scale` | float32 (B, 3) | newton that count as 1, from the `SensorSpec` |
+| `force_scale` | float32 (B, 3) | divisor of forces, newton, from the `SensorSpec` |
 | `action` | int64 (B,) | index into `ACTIONS`; -1 unknown |
 | `object` | int64 (B,) | identity across sensors; -1 unknown |
 | `text` | list of B strings | "" where there is none |
@@ -118,7 +118,7 @@ class SensorSpec:
         width: Columns of a frame; 0 for a wrench or robot.
         fps: Frames, or samples, received per second.
         area_mm: Height and width of the sensing area, mm; None where it is not public.
-        force_scale: Newton along each axis (x, y, z) that normalise to 1.
+        force_scale: Divisor of forces along x, y and z, newton.
         markers: Whether the gel carries markers.
         dome: Whether the gel is domed (else flat).
         kind: Content of a `Frame`: ``image`` pixels of a camera; ``array`` taxels, drawn as pixels,
@@ -583,7 +583,7 @@ class TrainingClips(Protocol):
 
     @property
     def scales(self) -> Mapping[str, tuple[float, float, float]]:
-        """Force scale of each sensor: newton along x, y and z, normalised to 1."""
+        """Divisor of forces along x, y and z, newton, by name of the sensor."""
 
     def __len__(self) -> int: ...
 
@@ -601,8 +601,8 @@ class Remembering(Protocol):
         """Computes the tokens of every clip once, before the first step of a run with ``freeze``.
 
         Args:
-            encode: Function to tokens (n, L, width) from frames uint8 (n, T, 3, H, W), backgrounds
-                (n, 3, H, W) and names of sensors.
+            encode: Function from frames uint8 (n, T, 3, H, W), backgrounds uint8 (n, 3, H, W) and
+                names of sensors to tokens (n, L, width).
         """
         ...
 

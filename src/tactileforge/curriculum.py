@@ -97,7 +97,7 @@ def from_config(
         start = float(row.get("start") or 0) * units[unit]
         end = row.get("end")
         stop = total if end is None else float(end) * units[unit]
-        if not math.isfinite(start + stop):
+        if not math.isfinite(start + stop):  # first, because NaN passes the comparison below
             raise ConfigError(f"{where}: start={row.get('start')}, end={end}; give finite numbers")
         if stop < start:
             raise ConfigError(f"{where}: ends at step {stop:g}, before it starts ({start:g})")

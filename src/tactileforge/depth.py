@@ -117,6 +117,7 @@ class DepthReader:
                 f"background was taken, and their depth is 0: {TROUBLES['light']}",
                 stacklevel=2,
             )
+            # a change of light would be read as depth; the background itself is read as flat
             several = np.where(np.array(lit)[:, None, None, None], background, several)
         reader = self._reader(height, width)
         shown = torch.stack([_shrunk(picture, reader.size) for picture in several])

@@ -23,7 +23,8 @@ _RATE, _START = 16_384, 600.0
 _ATTEMPTS, _PAUSE = 4, 0.5
 #: Longest pause between two attempts that a server may ask for, s.
 _LONGEST = 60.0
-#: Status codes below 500 after which another attempt may succeed.
+#: Status codes below 500 after which another attempt may succeed: timeout, too early, too many
+#: requests.
 _BUSY = frozenset({408, 425, 429})
 _sleep = time.sleep
 _now = time.monotonic
@@ -121,6 +122,7 @@ def copy(
                     out.write(chunk)
                     count += len(chunk)
                     moved(count)
+            # without a stated length a connection that ends early looks like the end of the body
             if stated or whole() or attempt == _ATTEMPTS:
                 return
             raise Dropped(f"the connection ended after {count} bytes, and not all came")

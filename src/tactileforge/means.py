@@ -46,7 +46,7 @@ class Mean:
         """Changes the value; the count stays.
 
         Args:
-            function: From the value to another scalar, for example ``torch.sqrt``.
+            function: Function from the value to another scalar, for example ``torch.sqrt``.
         """
         return Mean(function(self.value), self.count)
 

@@ -107,8 +107,8 @@ class AdamW:
     Args:
         lr: Learning rate after the warm-up.
         weight_decay: Decay of matrices, per step and learning rate.
-        betas: Share of its old value that each step keeps of the average gradient, and of the
-            average squared gradient; 0 or more, below 1.
+        betas: Shares kept at each step of the average gradient and of the average squared gradient,
+            0 or more, below 1.
     """
 
     def __init__(

@@ -132,7 +132,7 @@ def load(kind: str, name: str) -> Any:
         raise PluginError(f"{claims} claim one name: uninstall one of the two packages")
     try:
         return entries[0].load()
-    except (Exception, SystemExit) as error:  # a plugin that exits must not end us
+    except (Exception, SystemExit) as error:  # a plugin that exits must not end this process
         why = f"{type(error).__name__}: {error}"
         hint = moves.import_hint(error)
         raise PluginError(
