@@ -1,8 +1,8 @@
 """Plugins as Hydra options, and `compose` for the API and for tests.
 
-Every entry point *is* an option: ``tactileforge train objective=[pixel,diff]`` works for whatever
-is installed. Listing options reads metadata; choosing one imports that one class, whose
-constructor's defaults become the node of the configuration.
+Every entry point is an option: ``tactileforge train objective=[pixel,diff]`` works for all
+installed plugins. Listing options reads metadata; choosing one imports its class, and the defaults
+of its constructor become the node of the configuration.
 """
 
 from __future__ import annotations
@@ -57,7 +57,8 @@ class PluginSource(ConfigSource):
     def is_config(self, config_path: str) -> bool:
         """Whether a path is a plugin.
 
-        A group of several options accepts any name, so that the error on an unknown one is ours.
+        A group of several options accepts any name, so that an unknown one gets an error of ours,
+        with the nearest name.
         """
         group, _, name = config_path.removesuffix(".yaml").rpartition("/")
         return group in MULTI or (group in GROUPS and name in registry.names(GROUPS[group]))
@@ -207,7 +208,7 @@ def composed(name: str, overrides: Sequence[str] = ()) -> DictConfig:
         overrides: ``key=value`` strings.
 
     Raises:
-        HydraException: An override that does not fit.
+        HydraException: An override does not fit.
     """
     register()
     if GlobalHydra.instance().is_initialized():
@@ -240,8 +241,8 @@ def option(group: str, overrides: Sequence[str]) -> dict[str, Any]:
         overrides: ``key=value`` strings, one of which chooses the option.
 
     Raises:
-        ConfigError: A key without a value.
-        HydraException: An override that does not fit.
+        ConfigError: A required key has no value.
+        HydraException: An override does not fit.
     """
     declare(f"option_{group}", {group: "???"})
     options: dict[str, Any] = plain(composed(f"option_{group}", overrides))[group]
@@ -252,7 +253,7 @@ def plain(config: DictConfig) -> dict[str, Any]:
     """A configuration as plain data.
 
     Raises:
-        ConfigError: A key without a value.
+        ConfigError: A required key has no value.
     """
     try:
         missing = sorted(map(str, OmegaConf.missing_keys(config)))
@@ -281,17 +282,17 @@ def check_presets(config: DictConfig) -> None:
 def finish(config: DictConfig, typed: Sequence[str] = ()) -> DictConfig:
     """Completes a composed configuration: one head for each objective, no more, no fewer.
 
-    Rows that a recipe writes for objectives that are not chosen are left out, and so are heads that
-    no objective uses. An objective that is null (``objective.diff=null``) is not chosen. An
-    objective without a head is given the one its class names, with the options that are written for
-    it. Options of the encoder that a recipe or scale wrote for another one are left out.
+    An objective set to null (``objective.diff=null``) is not chosen. Curriculum rows of objectives
+    that are not chosen are left out, and so are heads without an objective. An objective without a
+    head gets the one named by its class, with the options given for it. Options of the encoder that
+    a recipe or scale set for another encoder are left out.
 
     Args:
         config: Composed configuration; it is changed.
         typed: Overrides typed by the user, ``key=value``; the options they set are never left out.
 
     Raises:
-        ConfigError: No objective, or a row for something that is not one.
+        ConfigError: No objective is chosen, or a curriculum row does not belong to an objective.
         PluginError: A plugin is not installed.
     """
     check_presets(config)

@@ -68,7 +68,7 @@ def rand_rows(rows: int, *columns: int, device: torch.device) -> Tensor:
     """Uniform numbers (rows, *columns) for this rank's rows of the joint batch.
 
     Every rank draws for the joint batch from a generator in the same state and keeps its own rows,
-    so a sample is treated alike whether it is alone or shared out.
+    so a sample gets the same numbers with any number of ranks.
     """
     rank, size = world()
     return torch.rand(size * rows, *columns, device=device)[rank * rows : (rank + 1) * rows]
@@ -120,8 +120,8 @@ def masked_mean(losses: Tensor, valid: Tensor) -> Mean:
     """Mean of the valid losses over all ranks, and how many there are.
 
     DDP averages gradients over ranks that may hold different numbers of labelled samples. Each
-    rank's sum is divided by the joint count and multiplied by the number of ranks, so that average
-    is the joint mean.
+    rank's sum is divided by the joint count and multiplied by the number of ranks, so that the
+    average is the joint mean.
 
     Args:
         losses: float (B,), one per sample, or of any other shape.

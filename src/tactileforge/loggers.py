@@ -28,7 +28,7 @@ class MetricsFile(Logger):
 
     Args:
         folder: Folder of the run.
-        step: Step from which the run goes on.
+        step: Optimiser steps taken before; 0 for a new run.
     """
 
     def __init__(self, folder: Path, step: int = 0) -> None:
@@ -83,7 +83,7 @@ def build_loggers(
         config: Options of the logger: ``name`` (csv, tensorboard, wandb, mlflow) and ``project``.
         folder: Folder of the run.
         run: Identity of the run; see `run_folder.identity`.
-        step: Step from which the run goes on.
+        step: Optimiser steps taken before; 0 for a new run.
     """
     loggers: list[Logger] = [MetricsFile(folder, step)]
     name, project = config["name"], config.get("project", "tactileforge")

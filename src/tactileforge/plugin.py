@@ -2,7 +2,7 @@
 
     from tactileforge.plugin import Frame, Sensor, SensorError, SensorSpec
 
-These names, those of `tactileforge` itself and of `tactileforge.testing` stay where they are. Every
+These names, those of `tactileforge` itself and of `tactileforge.testing` keep their places. Every
 other module is private, and may change with any release. `VERSION` counts the changes that authors
 have to follow; the changelog has a line for each.
 """

@@ -36,7 +36,7 @@ BEST = Path("checkpoints") / "best.ckpt"
 
 
 def with_photographs(init: str) -> tuple[str, bool]:
-    """Splits ``init=`` into its model or run, and whether a photo stream lies beside it.
+    """Splits ``init=`` into its model or run, and whether a photo stream is added to it.
 
     Example:
         >>> with_photographs("anytouch2.tiny+imagenet")
@@ -98,7 +98,7 @@ def read_config(folder: Path) -> dict[str, Any]:
 
 
 def read_versions(folder: Path) -> dict[str, Any]:
-    """Reads ``versions.json`` of a run; empty where it is absent.
+    """Reads ``versions.json`` of a run; empty if the file is absent.
 
     Raises:
         DataError: The file is damaged.

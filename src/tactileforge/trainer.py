@@ -122,7 +122,7 @@ def build_trainer(
         config: Finished configuration.
         folder: Folder of the run.
         callbacks: Further callbacks.
-        step: Step from which the run goes on.
+        step: Optimiser steps taken before; 0 for a new run.
         static: Whether the encoder uses the same parameters for every batch.
     """
     options = dict(config["trainer"])
