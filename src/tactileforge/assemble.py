@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from inspect import signature
 from typing import Any
-
-import torch
 
 from tactileforge import registry
 from tactileforge.contracts import Column
@@ -16,6 +13,7 @@ from tactileforge.data.batches.columns import declared_columns
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.data.labels.augment import Augment
 from tactileforge.errors import ConfigError, unknown
+from tactileforge.parts import outline
 from tactileforge.sensors.specs import spec
 
 log = logging.getLogger(__name__)
@@ -26,8 +24,12 @@ _NOT_BATCH = {"dataset", "frames", "batch_size", "max_bad", "seed", "augment", "
 _LEAST = {"size": 1, "window": 1, "workers": 0}
 
 
-def build_data(config: Mapping[str, Any]) -> tuple[TouchData, dict[str, Any]]:
+def build_data(config: Mapping[str, Any], encoder: Any = None) -> tuple[TouchData, dict[str, Any]]:
     """Builds the data of a run: indexed, and checked against the needs of the objectives.
+
+    Args:
+        config: Finished configuration; see `compose.finish`.
+        encoder: Outline of its encoder, see `parts.outline`; None builds one.
 
     Returns:
         The data, and the configuration of the encoder. An encoder with the option ``sensors``
@@ -42,7 +44,7 @@ def build_data(config: Mapping[str, Any]) -> tuple[TouchData, dict[str, Any]]:
     node = dict(config["data"])
     max_bad = node.pop("max_bad")
     dataset = registry.build("datasets", node)
-    encoder = outline(config["encoder"])
+    encoder = encoder or outline(config["encoder"])
     batch = dict(config["batch"])
     objectives = {
         key: registry.get("objectives", node["name"]) for key, node in config["objective"].items()
@@ -62,11 +64,9 @@ def build_data(config: Mapping[str, Any]) -> tuple[TouchData, dict[str, Any]]:
         **batch,
     )
     needs = {key: plugin.needs for key, plugin in objectives.items()}
-    # checked by the labels that the data set declares, before its files are read; then by those
-    # that its training clips have
-    data.check(needs)
+    data.check(needs)  # by what the data set declares, before hours of reading
     data.setup()
-    data.check(needs)
+    data.check(needs)  # by what its recordings have
     names = data.summary("train").sensors
     if "sensors" not in registry.parameters(registry.get("encoders", config["encoder"]["name"])):
         return data, dict(config["encoder"])
@@ -119,21 +119,6 @@ def _check(batch: Mapping[str, Any], augment: Mapping[str, Any]) -> None:
         value = batch.get(key, least)
         if not isinstance(value, int) or isinstance(value, bool) or value < least:
             raise ConfigError(f"batch.{key}={value}: give a whole number, {least} or more")
-
-
-def outline(node: Mapping[str, Any]) -> Any:
-    """Builds an encoder on the meta device: with its sizes and sensors, without weights.
-
-    The state of the random numbers is left as it was. An encoder whose constructor computes with
-    its tensors cannot be built without weights, and is built with them.
-
-    Args:
-        node: ``name`` of the plugin, and the arguments of its constructor.
-    """
-    with torch.random.fork_rng(devices=[]):
-        with suppress(Exception), torch.device("meta"):
-            return registry.build("encoders", node)
-        return registry.build("encoders", node)
 
 
 def _rows(table: dict[str, int], names: Sequence[str]) -> dict[str, int]:

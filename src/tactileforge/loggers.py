@@ -118,7 +118,7 @@ def log_config(loggers: Iterable[Logger], config: Mapping[str, Any], folder: Pat
             text = "".join(f"    {line}\n" for line in dump_yaml(dict(config)).splitlines())
             logger.experiment.add_text("config", text)
         elif isinstance(logger, MLFlowLogger):
-            (folder / MLFLOW_RUN).write_text(str(logger.run_id), "utf-8")
+            write_text(folder / MLFLOW_RUN, str(logger.run_id))
             logger.experiment.log_dict(logger.run_id, dict(config), "config.yaml")
 
 

@@ -150,30 +150,36 @@ def check_values(config: Mapping[str, Any]) -> None:
                 registry.build(f"{group}s", options)
 
 
-def check_size(node: Mapping[str, Any]) -> None:
-    """Refuses an encoder too large to build in seconds, or for the memory.
+def outline(node: Mapping[str, Any]) -> Any:
+    """Builds an encoder on the meta device: with its sizes and sensors, without weights.
+
+    The state of the random numbers is left as it was. An encoder whose constructor computes with
+    its tensors is built with its weights.
 
     Args:
-        node: Configuration of the encoder.
+        node: ``name`` of the plugin, and the arguments of its constructor.
 
     Raises:
-        ConfigError: An option, or the number of weights, is larger than that of any model.
+        ConfigError: An option, or the number of weights, is larger than that of any model: the
+            encoder would take minutes to build, or all memory.
     """
     for key, value in node.items():
         most = _DEEPEST if key == "depth" else _LARGEST
         if max(_numbers(value), default=0) > most:
             raise ConfigError(f"encoder.{key}={value}: at most {most} for an encoder")
-    try:
-        with torch.device("meta"), torch.random.fork_rng(devices=[]):
-            shell = registry.build("encoders", node)
-    except (NotImplementedError, RuntimeError):  # its constructor computes with its tensors
-        return
+    with torch.random.fork_rng(devices=[]):
+        try:
+            with torch.device("meta"):
+                shell = registry.build("encoders", node)
+        except (NotImplementedError, RuntimeError, TypeError):  # needs numbers of a meta tensor
+            return registry.build("encoders", node)
     needs = sum(x.numel() for x in shell.state_dict().values())
     if needs > _MOST:
         raise ConfigError(
             f"encoder={node['name']} would have {needs:,} weights, and at most {_MOST:,} are "
             "built; make encoder.size or encoder.depth smaller"
         )
+    return shell
 
 
 def _numbers(value: Any) -> list[float]:

@@ -21,7 +21,7 @@ from tactileforge.distributed import count_processes
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.loggers import build_loggers
 from tactileforge.optim import parse_optim
-from tactileforge.parts import check_size, check_values
+from tactileforge.parts import check_values
 from tactileforge.strategies import check_started, choose_strategy
 
 #: Packages of each logger; it needs one of them.
@@ -43,7 +43,6 @@ def check_options(config: Mapping[str, Any]) -> None:
         ConfigError: A key or value is invalid, or the package of the logger is not installed.
     """
     parse_optim(config["optim"])
-    check_size(config["encoder"])
     check_values(config)
     check_started(config["trainer"]["devices"])
     known = {*signature(L.Trainer).parameters, "save_every", "keep_best"}

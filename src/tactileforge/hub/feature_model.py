@@ -14,6 +14,7 @@ from torch import Tensor, nn
 
 from tactileforge.errors import ConfigError
 from tactileforge.hub.cards import Card
+from tactileforge.hub.forces import warn_of_light
 from tactileforge.hub.header import Header
 from tactileforge.hub.inputs import (
     ClipInputs,
@@ -144,7 +145,7 @@ class FeatureModel(nn.Module):
         unknown_sensor: Policy = "error",
         batch_size: int = 32,
     ) -> Tensor:
-        """Encodes each clip as one vector.
+        """Encodes each clip as one vector; warns of light that has changed while nothing touches.
 
         Args:
             frames: uint8, RGB, oldest first, of any size: one clip (T, H, W, 3) or (T, 3, H, W), or
@@ -211,7 +212,8 @@ class FeatureModel(nn.Module):
         """
         check_tap(self.encoder, tap)
         check_batch_size(batch_size)
-        x, still, single = self._prepare(frames, background)
+        x, still, single = clips = self._prepare(frames, background)
+        warn_of_light("clips", clips, self.encoder, background)
         rows = self._rows(self._names(sensor, len(x)), unknown_sensor)
         parts = zip(*(torch.split(part, batch_size) for part in (x, still, rows)), strict=True)
         with torch.no_grad():

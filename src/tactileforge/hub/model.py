@@ -15,7 +15,7 @@ from torch import Tensor
 from tactileforge.contracts import Frames
 from tactileforge.hub import forces
 from tactileforge.hub.feature_model import check_batch_size
-from tactileforge.hub.head_model import HeadModel, opened_calibration
+from tactileforge.hub.head_model import HeadModel
 from tactileforge.hub.inputs import Images
 from tactileforge.hub.sensor_rows import Policy
 from tactileforge.hub.video import Times, cut_clips, open_video
@@ -156,7 +156,7 @@ class Model(HeadModel):
             >>> prediction.contact, prediction.force
             (True, (0.02, -0.31, 1.24))
         """
-        calibration = opened_calibration(calibration)
+        calibration = forces.opened_calibration(calibration)
         stream = TouchStream(
             self,
             sensor,

@@ -15,6 +15,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from tactileforge.files import write_text
 from tactileforge.sim.optics.features import POWERS, Coarse, fine, normals, places
 from tactileforge.sim.optics.lighting import DEGREE, OpticalCalibration
 from tactileforge.sim.optics.presses import Presses
@@ -126,7 +127,7 @@ def save_optics(calibration: OpticalCalibration, path: Path, source: str) -> Non
         "coarse": _short(calibration.coarse),
         "backgrounds": _short(calibration.backgrounds),
     }
-    path.write_text(json.dumps(fields, indent=1).replace(",\n      ", ", ") + "\n")
+    write_text(path, json.dumps(fields, indent=1).replace(",\n      ", ", ") + "\n")
 
 
 def _short(values: Tensor) -> object:
